@@ -1,0 +1,22 @@
+"""What the data should look like: priors, simulators, likelihoods, effects.
+
+`prior.py` and `marginals.py` hold the one prior object; `protocol.py` says what a simulator is;
+`effects.py` how reality may differ from one. The exact toys have a file each; `xray/` is the reference case.
+"""
+
+from gaugeblock.simulators.effects import Effect
+from gaugeblock.simulators.marginals import LogUniform, Marginal, Normal, Uniform
+from gaugeblock.simulators.prior import Prior
+from gaugeblock.simulators.protocol import Simulator, can, poisson_log_likelihood
+
+__all__ = [
+    "Effect",
+    "LogUniform",
+    "Marginal",
+    "Normal",
+    "Prior",
+    "Simulator",
+    "Uniform",
+    "can",
+    "poisson_log_likelihood",
+]
