@@ -12,7 +12,7 @@ from gaugeblock.errors import InputError
 from gaugeblock.simulators.marginals import Array, LogUniform, Marginal, Normal, Uniform, namespace
 from gaugeblock.streams import Rng
 
-_DISTRIBUTIONS = {"uniform": Uniform, "log_uniform": LogUniform, "normal": Normal}
+_DISTRIBUTIONS: dict[str, Any] = {"uniform": Uniform, "log_uniform": LogUniform, "normal": Normal}
 
 
 class Prior:
@@ -155,7 +155,10 @@ class Prior:
     def contains(self, theta: ArrayLike) -> NDArray[np.bool_]:
         """Whether each theta lies in the support, shape ``theta.shape[:-1]``."""
         theta = np.asarray(theta, dtype=float)
-        return np.all((theta >= self.bounds[:, 0]) & (theta <= self.bounds[:, 1]), axis=-1)
+        inside: NDArray[np.bool_] = np.all(
+            (theta >= self.bounds[:, 0]) & (theta <= self.bounds[:, 1]), axis=-1
+        )
+        return inside
 
     def to_unit_cube(self, theta: ArrayLike) -> NDArray[np.float64]:
         """Bijection to the unit cube under which the prior becomes uniform."""

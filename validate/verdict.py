@@ -1,0 +1,107 @@
+"""PASS, FAIL or INCONCLUSIVE: per gate and over all, with reasons."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+from gaugeblock.validate.finding import NotChecked
+
+
+class Outcome(StrEnum):
+    """The three things a gate can say; the value is the word people and machines read."""
+
+    PASS = "PASS"
+    FAIL = "FAIL"
+    INCONCLUSIVE = "INCONCLUSIVE"
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code of the command line: 0 PASS, 1 FAIL, 3 INCONCLUSIVE."""
+        return {"PASS": 0, "FAIL": 1, "INCONCLUSIVE": 3}[self.value]
+
+
+def combine(outcomes: Iterable[Outcome]) -> Outcome:
+    """Verdict over gates: any FAIL fails; all PASS passes; anything else is INCONCLUSIVE.
+
+    >>> combine([Outcome.PASS, Outcome.INCONCLUSIVE]).value
+    'INCONCLUSIVE'
+    """
+    seen = list(outcomes)
+    if Outcome.FAIL in seen:
+        return Outcome.FAIL
+    if seen and all(outcome is Outcome.PASS for outcome in seen):
+        return Outcome.PASS
+    return Outcome.INCONCLUSIVE
+
+
+def _plain(number: float | None) -> float | None:
+    return None if number is None or not math.isfinite(number) else float(number)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gate:
+    """One finding held against one tolerance.
+
+    `statistic` is the worst component's estimate; `interval` its simultaneous interval at the policy's error
+    budget (outside the tolerance means FAIL); `pass_interval` the one-sided 95% bounds that must lie inside
+    the tolerance for PASS; `smallest_detectable` the size of a true fault beyond which this gate FAILs with
+    the policy's planning power at this number of trials; `trials_to_settle` how many trials would decide an
+    INCONCLUSIVE gate if the estimate stayed where it is.
+    """
+
+    id: str
+    outcome: Outcome
+    statistic: float
+    interval: tuple[float, float]
+    pass_interval: tuple[float, float]
+    tolerance: float
+    p_value: float | None
+    p_adjusted: float | None
+    n_trials: int
+    smallest_detectable: float | None
+    trials_to_settle: int | None
+    component: str
+    message: str
+    required: bool = True
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data with the contract's keys; JSON null, never NaN."""
+        return {
+            "id": self.id,
+            "verdict": self.outcome.value,
+            "statistic": _plain(self.statistic),
+            "interval": [_plain(bound) for bound in self.interval],
+            "pass_interval": [_plain(bound) for bound in self.pass_interval],
+            "tolerance": _plain(self.tolerance),
+            "p_value": _plain(self.p_value),
+            "p_adjusted": _plain(self.p_adjusted),
+            "n_trials": self.n_trials,
+            "smallest_detectable": _plain(self.smallest_detectable),
+            "trials_to_settle": self.trials_to_settle,
+            "component": self.component,
+            "required": self.required,
+            "message": self.message,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """Outcome over all gates, the gates, what could not be checked, and where it all came from."""
+
+    outcome: Outcome
+    gates: tuple[Gate, ...]
+    not_checked: tuple[NotChecked, ...] = ()
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data with the contract's keys."""
+        return {
+            "verdict": self.outcome.value,
+            "gates": [gate.to_json() for gate in self.gates],
+            "not_checked": [{"id": item.id, "why": item.why} for item in self.not_checked],
+            "provenance": self.provenance,
+        }
