@@ -1,0 +1,140 @@
+"""An X-ray spectrum as a simulator: prior, expected counts, Poisson noise, likelihood, effects."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gaugeblock.errors import InputError
+from gaugeblock.simulators.effects import Effect
+from gaugeblock.simulators.prior import Prior
+from gaugeblock.simulators.xray.effects import Assembly
+from gaugeblock.simulators.xray.expression import parameter_names, parse
+from gaugeblock.simulators.xray.forward import ForwardModel
+from gaugeblock.simulators.xray.response import Response
+from gaugeblock.streams import Rng
+
+
+class XraySpectrum:
+    """Poisson counts of an XSPEC-style model seen through a response.
+
+    Implements `gaugeblock.simulators.Simulator` with every capability that has a likelihood but no
+    closed-form posterior. Shapes: theta ``(..., parameter)`` in physical units, counts ``(..., channel)``.
+
+    Parameters
+    ----------
+    model : str
+        Model expression, such as ``tbabs*(powerlaw+bbodyrad)``.
+    response : Response
+    prior : Prior
+        Over the model's parameters, by their dotted names, in any order; kept in that order.
+    effects : tuple of Effect
+        Ways in which this spectrum differs from the plain model, applied in order.
+
+    Raises
+    ------
+    InputError
+        If prior and model do not have the same parameters, or an effect cannot be applied.
+    """
+
+    def __init__(self, model: str, response: Response, prior: Prior, *, effects: tuple[Effect, ...] = ()):
+        tree = parse(model)
+        needed, given = set(parameter_names(tree)), set(prior.names)
+        if needed - given:
+            raise InputError(f"model {model!r}: no prior for {', '.join(sorted(needed - given))}")
+        if given - needed:
+            raise InputError(
+                f"model {model!r}: prior for {', '.join(sorted(given - needed))}, which it does not have; "
+                f"it has {', '.join(parameter_names(tree))}"
+            )
+        self.model = model
+        self.response = response
+        self.effects = tuple(effects)
+        self._plain_prior = prior
+        self._assembly = Assembly(tree, prior).extend(self.effects)
+
+    @property
+    def prior(self) -> Prior:
+        """Prior over the model's parameters, then over the free parameters of the effects."""
+        return self._assembly.prior
+
+    @property
+    def exposure(self) -> float:
+        """Exposure in seconds."""
+        return self.response.exposure
+
+    @property
+    def channels(self) -> NDArray[np.float64]:
+        """Lower and upper edge of every channel in keV, shape ``(channel, 2)``."""
+        return self.response.channels
+
+    @property
+    def data_shape(self) -> tuple[int, ...]:
+        """Shape of one spectrum."""
+        return (len(self.response.channels),)
+
+    @cached_property
+    def forward(self) -> ForwardModel:
+        """The compiled forward model; also holds its pure, traceable functions."""
+        return self._assembly.forward(self.response)
+
+    def expected(self, theta: ArrayLike) -> NDArray[np.float64]:
+        """Expected counts ``(..., channel)``, float64, at least 1e-6 per channel."""
+        return self.forward.expected(theta)
+
+    def observe(self, expected: ArrayLike, rng: Rng) -> NDArray[np.int64]:
+        """Poisson counts of the given means; with `TrialStreams`, trials along the first axis."""
+        return np.asarray(rng.poisson(np.asarray(expected, dtype=float)))
+
+    def simulate(self, theta: ArrayLike, rng: Rng) -> NDArray[np.int64]:
+        """Counts ``(n, channel)`` for theta ``(n, parameter)``."""
+        return self.observe(self.expected(theta), rng)
+
+    def log_likelihood(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
+        """Log probability of counts x given theta, with the ``-log x!`` term, shape ``(...)``.
+
+        Leading axes broadcast: theta ``(batch, n, parameter)`` goes with x ``(batch, 1, channel)``.
+        """
+        return self.forward.log_likelihood(theta, x)
+
+    def jacobian(self, theta: ArrayLike) -> NDArray[np.float64]:
+        """Derivative of the expected counts by the parameters, ``(..., channel, parameter)``."""
+        return self.forward.jacobian(theta)
+
+    def expected_jax(self, theta: Any) -> Any:
+        """Expected counts of one theta, traceable by JAX: jit, vmap and differentiate it in `double_precision`."""
+        return self.forward.expected_jax(theta)
+
+    def log_likelihood_jax(self, theta: Any, x: Any) -> Any:
+        """Log likelihood of one theta and one spectrum, traceable by JAX, as `expected_jax` is."""
+        return self.forward.log_likelihood_jax(theta, x)
+
+    def with_effect(self, effect: Effect) -> XraySpectrum:
+        """The same spectrum with one more effect."""
+        return XraySpectrum(self.model, self.response, self._plain_prior, effects=(*self.effects, effect))
+
+    def with_exposure(self, seconds: float) -> XraySpectrum:
+        """The same spectrum, observed for another time."""
+        return XraySpectrum(
+            self.model, self.response.with_exposure(seconds), self._plain_prior, effects=self.effects
+        )
+
+    def describe(self) -> dict[str, Any]:
+        """Plain data that identifies this simulator: model, response by sha256, prior, effects."""
+        return {
+            "simulator": "xray",
+            "model": self.model,
+            "response": self.response.describe(),
+            "prior": self.prior.describe(),
+            "effects": [
+                {
+                    "name": effect.name,
+                    "fixed": effect.fixed,
+                    "free": {name: marginal.describe() for name, marginal in effect.free.items()},
+                }
+                for effect in self.effects
+            ],
+        }
