@@ -1,15 +1,18 @@
 """What the data should look like: priors, simulators, likelihoods, effects.
 
 `prior.py` and `marginals.py` hold the one prior object; `protocol.py` says what a simulator is;
-`effects.py` how reality may differ from one. The exact toys have a file each; `xray/` is the reference case.
+`effects.py` how reality may differ from one; `registry.py` makes them by name. The exact toys have a file each;
+`xray/` is the reference case.
 """
 
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.marginals import LogUniform, Marginal, Normal, Uniform
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.protocol import Simulator, can, poisson_log_likelihood
+from gaugeblock.simulators.registry import SIMULATORS, build_simulator
 
 __all__ = [
+    "SIMULATORS",
     "Effect",
     "LogUniform",
     "Marginal",
@@ -17,6 +20,7 @@ __all__ = [
     "Prior",
     "Simulator",
     "Uniform",
+    "build_simulator",
     "can",
     "poisson_log_likelihood",
 ]
