@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import difflib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from gaugeblock.errors import InputError, require
@@ -13,14 +13,10 @@ from gaugeblock.simulators.xray.components import COMPONENTS, REFUSED
 
 @dataclass(frozen=True)
 class Leaf:
-    """One component. `bindings` says where each of its parameters comes from: a name in theta, or a number."""
+    """One component; `bindings` says where each parameter comes from: a name in theta, or a number."""
 
     component: str
     bindings: tuple[tuple[str, str | float], ...]
-
-    def bind(self, **changes: str | float) -> Leaf:
-        """Copy with some parameters bound otherwise."""
-        return replace(self, bindings=tuple({**dict(self.bindings), **changes}.items()))
 
 
 @dataclass(frozen=True)
@@ -138,14 +134,12 @@ def build(node: Node) -> tuple[Any, tuple[tuple[str, str | float], ...]]:
     additive_models = require("jaxspec.model.additive", "xray")
     multiplicative_models = require("jaxspec.model.multiplicative", "xray")
     made: dict[int, Leaf] = {}
-    keep: list[Any] = []
 
     def make(node: Node) -> Any:
         if isinstance(node, Leaf):
             module = additive_models if hasattr(additive_models, node.component) else multiplicative_models
             component = getattr(module, node.component)()
             made[id(component)] = node
-            keep.append(component)
             return component
         left, right = make(node.left), make(node.right)
         return left + right if isinstance(node, Sum) else left * right

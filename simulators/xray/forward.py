@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -17,129 +18,141 @@ FLOOR = 1e-6
 CHUNK = 1024
 """Most spectra evaluated at once: bounds memory, whatever the batch."""
 
+SMALLEST = 32
+"""Smallest batch ever evaluated. Below it, matrix products take other paths and round differently; from
+here on a spectrum's expected counts have the same bits whatever batch it comes in."""
+
 
 class Compiled:
     """A pure function of rows, jitted over batches that are padded to powers of two and cut into chunks.
 
-    `function` maps one row of each argument to an array. Padding repeats the last row, so no value is
-    ever computed that a caller did not ask about; at most ``log2(CHUNK) + 1`` shapes are ever compiled.
+    `function` maps one row of each argument, and one scalar that all rows share, to an array. Padding
+    repeats the last row, so nothing is evaluated that nobody asked about; only the few powers of two
+    between `SMALLEST` and `chunk` are ever compiled.
     """
 
-    def __init__(self, function: Callable[..., Any], *, chunk: int = CHUNK):
+    def __init__(self, function: Callable[..., Any], rows: int, *, chunk: int = CHUNK):
         import jax
 
         self._chunk = chunk
-        self._compiled = jax.jit(jax.vmap(function))
+        self._compiled = jax.jit(jax.vmap(function, in_axes=(*(0,) * rows, None)))
 
     @property
     def compilations(self) -> int:
         """How many batch shapes have been compiled so far."""
         return int(self._compiled._cache_size())
 
-    def __call__(self, *rows: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Values for each row, stacked."""
+    def __call__(self, shared: float, *rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values for each row, stacked; at least one row."""
         pieces = []
         with double_precision():
-            for start in range(0, max(len(rows[0]), 1), self._chunk):
+            for start in range(0, len(rows[0]), self._chunk):
                 part = [row[start : start + self._chunk] for row in rows]
                 size = len(part[0])
-                padded = 1 << max(size - 1, 0).bit_length()
+                padded = max(SMALLEST, 1 << (size - 1).bit_length())
                 part = [np.concatenate([p, np.repeat(p[-1:], padded - size, axis=0)]) for p in part]
-                pieces.append(np.asarray(self._compiled(*part))[:size])
+                pieces.append(np.asarray(self._compiled(*part, np.float64(shared)))[:size])
         return np.concatenate(pieces)
 
 
 class ForwardModel:
-    """Expected counts of a photon-flux function folded through a response.
+    """Expected counts, their derivative and the Poisson log likelihood, on batches.
 
     Parameters
     ----------
     parameters : sequence of str
         Names in theta, in order.
-    channel : int
+    channels : int
         Number of channels.
-    expected : callable
-        Pure JAX function, theta ``(parameter,)`` to expected counts ``(channel,)``.
+    rate : callable
+        Pure JAX function, theta ``(parameter,)`` to counts per second ``(channel,)``.
+    exposure : float
+        Seconds.
     """
 
-    def __init__(
-        self, parameters: Sequence[str], channels: int, expected: Callable[[Any], Any], *, chunk: int = CHUNK
-    ):
+    def __init__(self, parameters: Sequence[str], channels: int, rate: Callable[[Any], Any], exposure: float):
         import jax
 
         self.parameters = tuple(parameters)
         self.channels = channels
-        self.expected_jax = expected
-        with double_precision():
-            self._expected = Compiled(expected, chunk=chunk)
-            self._jacobian = Compiled(jax.jacfwd(expected), chunk=min(chunk, 128))
-            self._log_likelihood = Compiled(self.log_likelihood_jax, chunk=chunk)
+        self.exposure = exposure
+        self._rate = rate
+        self._expected = Compiled(self._mean, 1)
+        self._jacobian = Compiled(jax.jacfwd(self._mean), 1, chunk=128)
+        self._log_likelihood = Compiled(self._log_probability, 2)
 
-    def log_likelihood_jax(self, theta: Any, x: Any) -> Any:
-        """Poisson log likelihood of counts ``(channel,)`` given theta ``(parameter,)``; pure JAX."""
+    def _mean(self, theta: Any, exposure: Any) -> Any:
+        import jax.numpy as jnp
+
+        return jnp.maximum(self._rate(theta) * exposure, FLOOR)
+
+    def _log_probability(self, theta: Any, x: Any, exposure: Any) -> Any:
         import jax.numpy as jnp
         from jax.scipy.special import gammaln
 
-        mean = self.expected_jax(theta)
+        mean = self._mean(theta, exposure)
         return jnp.sum(x * jnp.log(mean) - mean - gammaln(x + 1.0))
+
+    def with_exposure(self, seconds: float) -> ForwardModel:
+        """The same model at another exposure, sharing what has been compiled."""
+        other = copy.copy(self)
+        other.exposure = seconds
+        return other
+
+    def expected_jax(self, theta: Any) -> Any:
+        """Expected counts ``(channel,)`` of one theta ``(parameter,)``; pure, for use under JAX transforms."""
+        return self._mean(theta, self.exposure)
+
+    def log_likelihood_jax(self, theta: Any, x: Any) -> Any:
+        """Poisson log likelihood of counts ``(channel,)`` given theta ``(parameter,)``; pure."""
+        return self._log_probability(theta, x, self.exposure)
 
     @property
     def compilations(self) -> int:
         """How many batch shapes have been compiled so far, over all functions."""
-        return (
-            self._expected.compilations + self._jacobian.compilations + self._log_likelihood.compilations
-        )
+        return sum(f.compilations for f in (self._expected, self._jacobian, self._log_likelihood))
 
-    def _rows(self, theta: ArrayLike) -> tuple[NDArray[np.float64], tuple[int, ...]]:
+    def _theta(self, theta: ArrayLike) -> NDArray[np.float64]:
         array = np.asarray(theta, dtype=float)
         if array.shape[-1:] != (len(self.parameters),):
             raise InputError(
                 f"expected {len(self.parameters)} parameters ({', '.join(self.parameters)}) along the last "
                 f"axis, got shape {array.shape}"
             )
-        return array.reshape(-1, len(self.parameters)), array.shape[:-1]
+        return array
 
     def expected(self, theta: ArrayLike) -> NDArray[np.float64]:
         """Expected counts ``(..., channel)`` for theta ``(..., parameter)``."""
-        rows, shape = self._rows(theta)
-        if not len(rows):
-            return np.empty((*shape, self.channels))
-        return self._expected(rows).reshape(*shape, self.channels)
+        array = self._theta(theta)
+        shape = (*array.shape[:-1], self.channels)
+        if not array.size:
+            return np.empty(shape)
+        return self._expected(self.exposure, array.reshape(-1, array.shape[-1])).reshape(shape)
 
     def jacobian(self, theta: ArrayLike) -> NDArray[np.float64]:
         """Derivative of the expected counts, ``(..., channel, parameter)``."""
-        rows, shape = self._rows(theta)
-        if not len(rows):
-            return np.empty((*shape, self.channels, len(self.parameters)))
-        return self._jacobian(rows).reshape(*shape, self.channels, len(self.parameters))
+        array = self._theta(theta)
+        shape = (*array.shape[:-1], self.channels, array.shape[-1])
+        if not array.size:
+            return np.empty(shape)
+        return self._jacobian(self.exposure, array.reshape(-1, array.shape[-1])).reshape(shape)
 
     def log_likelihood(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
         """Log likelihood, broadcast over the leading axes of theta and x."""
-        array, counts = np.asarray(theta, dtype=float), np.asarray(x, dtype=float)
+        array, counts = self._theta(theta), np.asarray(x, dtype=float)
         if counts.shape[-1:] != (self.channels,):
             raise InputError(
                 f"expected {self.channels} channels along the last axis of the data, got shape {counts.shape}"
             )
-        self._rows(array)
-        shape = np.broadcast_shapes(array.shape[:-1], counts.shape[:-1])
-        array = np.broadcast_to(array, (*shape, array.shape[-1])).reshape(-1, array.shape[-1])
-        if not len(array):
+        try:
+            shape = np.broadcast_shapes(array.shape[:-1], counts.shape[:-1])
+        except ValueError:
+            raise InputError(
+                f"theta of shape {array.shape} and data of shape {counts.shape}: their leading axes do not "
+                "broadcast; give theta (batch, n, parameter) data (batch, 1, channel)"
+            ) from None
+        if 0 in shape:
             return np.empty(shape)
+        array = np.broadcast_to(array, (*shape, array.shape[-1])).reshape(-1, array.shape[-1])
         counts = np.broadcast_to(counts, (*shape, self.channels)).reshape(-1, self.channels)
-        return self._log_likelihood(array, counts).reshape(shape)
-
-
-def photon_flux(tree: Any, parameters: Sequence[str]) -> Callable[[Any, Any, Any], Any]:
-    """Pure JAX function ``(theta, e_low, e_high)`` to photons/cm2/s per bin. Call inside `double_precision()`."""
-    from gaugeblock.simulators.xray.expression import build
-
-    model, sources = build(tree)
-    position = {name: i for i, name in enumerate(parameters)}
-
-    def flux(theta: Any, e_low: Any, e_high: Any) -> Any:
-        values = {
-            path: theta[position[source]] if isinstance(source, str) else source for path, source in sources
-        }
-        return model.photon_flux(e_low, e_high, params=values)
-
-    return flux
+        return self._log_likelihood(self.exposure, array, counts).reshape(shape)

@@ -47,5 +47,9 @@ def epic_pn() -> Response:
     folder = Path(require("jaxspec.util.online_storage", "xray").table_manager.path)
     folder = folder / "example_data" / "NGC7793_ULX4"
     return Response.from_ogip(
-        folder / "PN.rmf", folder / "PN.arf", folder / "PN_spectrum_grp20.fits", band=(0.5, 8.0), name="epic-pn"
+        folder / "PN.rmf",
+        folder / "PN.arf",
+        folder / "PN_spectrum_grp20.fits",
+        band=(0.5, 8.0),
+        name="epic-pn",
     )

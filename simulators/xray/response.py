@@ -121,6 +121,4 @@ class Response:
         """
         from gaugeblock.simulators.xray.ogip import read_response
 
-        return read_response(
-            rmf, arf, pha, band=band, grouping=grouping, exposure=exposure, name=name
-        )
+        return read_response(rmf, arf, pha, band=band, grouping=grouping, exposure=exposure, name=name)

@@ -13,6 +13,7 @@ from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray.effects import Assembly
 from gaugeblock.simulators.xray.expression import parameter_names, parse
+from gaugeblock.simulators.xray.folding import forward
 from gaugeblock.simulators.xray.forward import ForwardModel
 from gaugeblock.simulators.xray.response import Response
 from gaugeblock.streams import Rng
@@ -79,7 +80,7 @@ class XraySpectrum:
     @cached_property
     def forward(self) -> ForwardModel:
         """The compiled forward model; also holds its pure, traceable functions."""
-        return self._assembly.forward(self.response)
+        return forward(self._assembly, self.response)
 
     def expected(self, theta: ArrayLike) -> NDArray[np.float64]:
         """Expected counts ``(..., channel)``, float64, at least 1e-6 per channel."""
@@ -105,7 +106,10 @@ class XraySpectrum:
         return self.forward.jacobian(theta)
 
     def expected_jax(self, theta: Any) -> Any:
-        """Expected counts of one theta, traceable by JAX: jit, vmap and differentiate it in `double_precision`."""
+        """Expected counts of one theta, traceable by JAX.
+
+        Transform and call it inside `double_precision()`.
+        """
         return self.forward.expected_jax(theta)
 
     def log_likelihood_jax(self, theta: Any, x: Any) -> Any:
@@ -117,10 +121,21 @@ class XraySpectrum:
         return XraySpectrum(self.model, self.response, self._plain_prior, effects=(*self.effects, effect))
 
     def with_exposure(self, seconds: float) -> XraySpectrum:
-        """The same spectrum, observed for another time."""
-        return XraySpectrum(
-            self.model, self.response.with_exposure(seconds), self._plain_prior, effects=self.effects
-        )
+        """The same spectrum, observed for another time; nothing is compiled again.
+
+        Raises
+        ------
+        InputError
+            Unless the exposure is a positive finite number.
+        """
+        response = self.response.with_exposure(seconds)
+        other = XraySpectrum(self.model, response, self._plain_prior, effects=self.effects)
+        other.__dict__["forward"] = self.forward.with_exposure(response.exposure)
+        return other
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Compiled functions stay in their process; another one compiles its own.
+        return {name: value for name, value in self.__dict__.items() if name != "forward"}
 
     def describe(self) -> dict[str, Any]:
         """Plain data that identifies this simulator: model, response by sha256, prior, effects."""
