@@ -54,7 +54,7 @@ class TrialStreams:
         return self._generators[index]
 
     def _rows(self, size: Any) -> tuple[int, ...]:
-        shape = (int(size),) if np.isscalar(size) else tuple(int(s) for s in size)
+        shape = (int(size),) if np.ndim(size) == 0 else tuple(int(s) for s in size)
         if not shape or shape[0] != len(self):
             raise InputError(
                 f"TrialStreams holds {len(self)} trials and was asked for shape {shape}; "
