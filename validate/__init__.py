@@ -3,7 +3,30 @@
 Nothing here imports an estimator or a simulator: validators see arrays and Trials only.
 """
 
+from gaugeblock.validate.check import check_trials
 from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.trials import (
+    importance_trials,
+    main_trials,
+    make_trials,
+    read_trials,
+    trials_tree,
+    write_trials,
+)
 from gaugeblock.validate.verdict import Gate, Outcome, Verdict, combine
 
-__all__ = ["Finding", "Gate", "NotChecked", "Outcome", "Verdict", "combine"]
+__all__ = [
+    "Finding",
+    "Gate",
+    "NotChecked",
+    "Outcome",
+    "Verdict",
+    "check_trials",
+    "combine",
+    "importance_trials",
+    "main_trials",
+    "make_trials",
+    "read_trials",
+    "trials_tree",
+    "write_trials",
+]

@@ -1,0 +1,161 @@
+"""Trials: simulated truths, their data and an estimator's draws, as one Dataset that any tool can write.
+
+Schema (dims ``trial, draw, parameter``): ``theta_true(trial, parameter)`` and ``draws(trial, draw,
+parameter)``, with parameter names as coordinate; optional ``x(trial, ...)``, ``log_q``, ``log_likelihood``,
+``log_prior``, ``weight`` ``(trial, draw)``, and ``log_q_true``, ``log_likelihood_true``, ``log_prior_true``
+``(trial,)``. Natural logs, normalised, in physical theta; weights linear.
+
+A Trials *tree* is the main Dataset at its root and, where importance sampling had fewer trials with more
+draws, a second one of the same schema under ``importance``. (In memory the second one's dims carry the
+prefix ``importance_``, because a DataTree wants dims of one name to have one size; on disk they do not.)
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from gaugeblock.errors import InputError
+from gaugeblock.validate.check import PER_DRAW, check_trials
+from gaugeblock.validate.storage import SCHEMA_VERSION, read_groups, schema_version, write_groups
+
+IMPORTANCE = "importance"
+
+
+def make_trials(
+    theta_true: ArrayLike,
+    draws: ArrayLike,
+    parameters: Sequence[str],
+    *,
+    x: ArrayLike | None = None,
+    log_q: ArrayLike | None = None,
+    log_likelihood: ArrayLike | None = None,
+    log_prior: ArrayLike | None = None,
+    log_q_true: ArrayLike | None = None,
+    log_likelihood_true: ArrayLike | None = None,
+    log_prior_true: ArrayLike | None = None,
+    weight: ArrayLike | None = None,
+    circular: Sequence[str] = (),
+    autocorrelated: bool = False,
+    attrs: Mapping[str, Any] | None = None,
+) -> xr.Dataset:
+    """Trials from plain arrays: truths ``(trial, parameter)`` and draws ``(trial, draw, parameter)``.
+
+    Raises
+    ------
+    InputError
+        If shapes or names do not fit together; see `check_trials`.
+
+    >>> import numpy as np
+    >>> trials = make_trials(np.zeros((3, 2)), np.ones((3, 10, 2)), ["a", "b"])
+    >>> dict(trials.sizes)
+    {'trial': 3, 'parameter': 2, 'draw': 10}
+    """
+    data: dict[str, Any] = {}
+    theta, sampled = np.asarray(theta_true), np.asarray(draws)
+    _put(data, "theta_true", theta, ("trial", "parameter"))
+    _put(data, "draws", sampled, ("trial", "draw", "parameter"))
+    optional = {
+        "log_q": log_q, "log_likelihood": log_likelihood, "log_prior": log_prior, "weight": weight,
+        "log_q_true": log_q_true, "log_likelihood_true": log_likelihood_true, "log_prior_true": log_prior_true,
+    }  # fmt: skip
+    for name, values in optional.items():
+        if values is not None:
+            _put(data, name, np.asarray(values), ("trial", "draw") if name in PER_DRAW else ("trial",))
+    if x is not None:
+        observed = np.asarray(x)
+        inner = ("channel",) if observed.ndim == 2 else tuple(f"x_{i}" for i in range(observed.ndim - 1))
+        _put(data, "x", observed, ("trial", *inner))
+    names = [str(name) for name in parameters]
+    if theta.shape[1] != len(names):
+        raise InputError(
+            f"theta_true has {theta.shape[1]} columns but {len(names)} parameter names were given: {names}"
+        )
+    attributes: dict[str, Any] = {"schema_version": SCHEMA_VERSION, **(attrs or {})}
+    if len(circular):
+        attributes["circular"] = json.dumps(list(circular))
+    if autocorrelated:
+        attributes["autocorrelated"] = 1
+    try:
+        dataset = xr.Dataset(
+            data, coords={"trial": np.arange(theta.shape[0]), "parameter": names}, attrs=attributes
+        )
+    except ValueError as error:
+        raise InputError(
+            f"the arrays of trials do not fit together: {' '.join(str(error).split())}"
+        ) from None
+    return check_trials(dataset, source="trials")
+
+
+def _put(data: dict[str, Any], name: str, values: np.ndarray[Any, Any], dims: tuple[str, ...]) -> None:
+    if values.ndim != len(dims):
+        raise InputError(f"{name} has shape {values.shape}; it needs the axes ({', '.join(dims)})")
+    data[name] = (dims, values)
+
+
+def trials_tree(main: xr.Dataset, importance: xr.Dataset | None = None) -> xr.DataTree:
+    """The main Trials at the root and, where there are any, the importance-sampling Trials under it."""
+    tree = xr.DataTree(main)
+    if importance is not None:
+        dims = {name: f"{IMPORTANCE}_{name}" for name in importance.dims if name != "parameter"}
+        tree[IMPORTANCE] = xr.DataTree(importance.rename(dims))
+    return tree
+
+
+def main_trials(tree: xr.DataTree) -> xr.Dataset:
+    """The main Trials of a tree."""
+    return tree.to_dataset()
+
+
+def importance_trials(tree: xr.DataTree) -> xr.Dataset | None:
+    """The importance-sampling Trials of a tree, or None where it has none."""
+    if IMPORTANCE not in tree.children:
+        return None
+    dataset = tree[IMPORTANCE].to_dataset(inherit=False)
+    if "parameter" in tree.coords:
+        dataset = dataset.assign_coords(parameter=tree.coords["parameter"])
+    prefix = f"{IMPORTANCE}_"
+    return dataset.rename(
+        {name: str(name).removeprefix(prefix) for name in dataset.dims if str(name).startswith(prefix)}
+    )
+
+
+def write_trials(tree: xr.DataTree | xr.Dataset, path: str | os.PathLike[str]) -> Path:
+    """Write Trials as NetCDF, atomically and compressed without loss.
+
+    Raises
+    ------
+    InputError
+        If the path cannot be written.
+    """
+    whole = trials_tree(tree) if isinstance(tree, xr.Dataset) else tree
+    groups = {"": main_trials(whole)}
+    importance = importance_trials(whole)
+    if importance is not None:
+        groups[IMPORTANCE] = importance
+    return write_groups(groups, path)
+
+
+def read_trials(path: str | os.PathLike[str], *, parameters: Sequence[str] | None = None) -> xr.DataTree:
+    """Read and check a Trials file; `parameters` are the names it should have, where that is known.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, unreadable, truncated, of a newer schema, or breaks the schema.
+    """
+    groups = read_groups(path, what="Trials")
+    schema_version(groups[""], source=str(path))
+    main = check_trials(groups[""], source=str(path), parameters=parameters)
+    if IMPORTANCE not in groups or not groups[IMPORTANCE].variables:
+        return trials_tree(main)
+    names = [str(name) for name in main["parameter"].values]
+    where = f"{path}, group {IMPORTANCE}"
+    return trials_tree(main, check_trials(groups[IMPORTANCE], source=where, parameters=names))
