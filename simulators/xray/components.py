@@ -58,3 +58,12 @@ REFUSED = {
     "nsatmos": "the table of jaxspec's own site cannot be verified here",
 }
 """Components that jaxspec has under a name that means something else in XSPEC, or that it lacks."""
+
+TABLES = {
+    "Phabs": "xsect_phabs_aspl.fits",
+    "Tbabs": "xsect_tbabs_wilm.fits",
+    "Tbpcf": "xsect_tbabs_wilm.fits",
+    "Wabs": "xsect_wabs_angr.fits",
+    "zTbabs": "xsect_tbabs_wilm.fits",
+}
+"""The cross-section table that a jaxspec class reads when it is made."""

@@ -2,12 +2,12 @@
 
 | effect | parameters | what it does |
 |---|---|---|
-| `emission_line` | energy (keV), sigma (keV), norm (photons/cm2/s) | adds a Gaussian line inside the absorber |
+| `emission_line` | energy (keV), sigma (keV), norm (photons/cm2/s) | adds a Gaussian, inside the absorber |
 | `partial_covering` | fraction | the absorber covers only this fraction of the source |
 | `thermal_continuum` | kT (keV) | the power law becomes ``norm * exp(-E / kT) / E``; its index is ignored |
 | `gain_slope` | slope | recorded = slope * true: lines move to higher channel energy for slope > 1 |
 | `gain_offset` | offset (keV) | recorded = true + offset |
-| `published_gain` | factor | the response's photon energies times factor: lines move to *lower* channel energy |
+| `published_gain` | factor | the response's photon energies times factor: lines move to *lower* channels |
 
 XSPEC's ``gain fit`` says E' = E / slope - intercept, E being the energy of the channel. A physical gain of
 (slope, offset) here is XSPEC's (slope, intercept = offset / slope); a published gain of `factor` is XSPEC's
@@ -33,8 +33,8 @@ Source = str | float
 class Assembly:
     """A model tree and its prior with effects worked in; `folding.forward` compiles it for a response.
 
-    `photon_gain` holds factors on the response's photon energies; `gains` holds the (slope, offset) pairs that
-    act one after the other on the recorded energy.
+    `photon_gain` holds factors on the response's photon energies; `gains` holds (slope, offset) pairs that act
+    one after the other on the recorded energy.
     """
 
     tree: Node
@@ -58,8 +58,7 @@ class Assembly:
             label = f"{effect.name}_{counts[effect.name]}"
             kind = _kind(effect)
             sources: dict[str, Source] = {
-                name: effect.fixed[name] if name in effect.fixed else f"{label}.{name}"
-                for name in kind.parameters
+                name: effect.fixed.get(name, f"{label}.{name}") for name in kind.parameters
             }
             assembly = kind.apply(assembly, sources)
             free = effect.prior(label)

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from gaugeblock.errors import InputError, require
-from gaugeblock.simulators.xray.components import COMPONENTS, REFUSED
+from gaugeblock.simulators.xray.components import COMPONENTS, REFUSED, TABLES
+from gaugeblock.simulators.xray.data import path as data_path
 
 
 @dataclass(frozen=True)
@@ -137,6 +138,9 @@ def build(node: Node) -> tuple[Any, tuple[tuple[str, str | float], ...]]:
 
     def make(node: Node) -> Any:
         if isinstance(node, Leaf):
+            if node.component in TABLES:
+                # Before jaxspec asks its own site for it, at length and in silence.
+                data_path(TABLES[node.component])
             module = additive_models if hasattr(additive_models, node.component) else multiplicative_models
             component = getattr(module, node.component)()
             made[id(component)] = node

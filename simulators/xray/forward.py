@@ -100,7 +100,7 @@ class ForwardModel:
         return other
 
     def expected_jax(self, theta: Any) -> Any:
-        """Expected counts ``(channel,)`` of one theta ``(parameter,)``; pure, for use under JAX transforms."""
+        """Expected counts ``(channel,)`` of one theta ``(parameter,)``; pure, to be transformed by JAX."""
         return self._mean(theta, self.exposure)
 
     def log_likelihood_jax(self, theta: Any, x: Any) -> Any:

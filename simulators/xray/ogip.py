@@ -1,11 +1,7 @@
-"""OGIP files from disk: RMF, ARF and PHA, plain or gzipped, or one line that says what is wrong."""
+"""OGIP responses from disk: RMF, ARF and the spectrum they belong to, plain or gzipped."""
 
 from __future__ import annotations
 
-import hashlib
-import warnings
-from collections.abc import Callable
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -13,48 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.errors import InputError, require
+from gaugeblock.simulators.xray.files import FilePath, load, sha256
+from gaugeblock.simulators.xray.pha import Pha, read_pha
 from gaugeblock.simulators.xray.response import Response
 
-Source = str | PathLike[str]
-
-
-def sha256(path: Source) -> str:
-    """Hash of a file's bytes, in hexadecimal."""
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def load(role: str, path: Source, read: Callable[[Path], Any]) -> Any:
-    """Read one file, turning whatever goes wrong into one line that names it.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, truncated, not FITS, or not of this role.
-    """
-    file = Path(path)
-    if not file.is_file():
-        raise InputError(f"{role} {file}: no such file; check the path")
-    try:
-        with warnings.catch_warnings():
-            # Unit strings that astropy does not know and FITS trivia concern nobody; truncation does.
-            warnings.simplefilter("ignore")
-            warnings.filterwarnings("error", message=".*truncated.*")
-            return read(file)
-    except InputError:
-        raise
-    except (OSError, EOFError, ValueError, KeyError, TypeError, IndexError, Warning) as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(
-            f"{role} {file}: cannot be read as an OGIP {role} file ({reason}); "
-            "check that it is complete and of the right kind"
-        ) from None
+Array = NDArray[np.float64]
 
 
 def read_response(
-    rmf: Source,
-    arf: Source | None,
-    pha: Source | None,
+    rmf: FilePath,
+    arf: FilePath | None,
+    pha: FilePath | None,
     *,
     band: tuple[float, float] | None,
     grouping: ArrayLike | None,
@@ -62,34 +27,28 @@ def read_response(
     name: str | None,
 ) -> Response:
     """See `Response.from_ogip`."""
-    ogip = require("jaxspec.data.ogip", "xray")
-    matrix = load("RMF", rmf, ogip.DataRMF.from_file)
+    matrix = load("RMF", rmf, require("jaxspec.data.ogip", "xray").DataRMF.from_file)
     redistribution = matrix.sparse_matrix.to_scipy_sparse().tocsr().astype(float)
-    area = _effective_area(rmf, arf, matrix, ogip)
-    files = {"rmf": sha256(rmf)}
-    if arf is not None:
-        files["arf"] = sha256(arf)
     fine = np.stack([matrix.e_min, matrix.e_max], axis=1)
     energies = np.stack([matrix.energ_lo, matrix.energ_hi], axis=1)
-    flags = None if grouping is None else np.asarray(grouping)
+    area, redistribution, notes = _effective_area(rmf, arf, matrix, redistribution)
+    files = {
+        role: sha256(path) for role, path in (("rmf", rmf), ("arf", arf), ("pha", pha)) if path is not None
+    }
+
     usable = np.ones(len(fine), dtype=bool)
-    seconds = exposure
+    flags = None if grouping is None else np.asarray(grouping)
     if pha is not None:
-        spectrum = load("PHA", pha, ogip.DataPHA.from_file)
-        files["pha"] = sha256(pha)
-        rows = np.searchsorted(matrix.channel, spectrum.channel)
-        redistribution = redistribution[rows]
-        fine = fine[rows]
-        usable = np.asarray(spectrum.quality) == 0
-        groups = spectrum.grouping.to_scipy_sparse().tocsr().astype(float)
-        seconds = spectrum.exposure if seconds is None else seconds
-    else:
-        groups = group_matrix(flags, len(fine))
-    groups = groups.multiply(usable[None, :]).tocsr()
+        spectrum = load("PHA", pha, read_pha)
+        rows = match_channels(spectrum, matrix.channel, f"PHA {pha}", f"RMF {rmf}")
+        redistribution = redistribution[rows].multiply(spectrum.areascal[:, None]).tocsr()
+        fine, usable = fine[rows], spectrum.quality == 0
+        exposure = spectrum.exposure if exposure is None else exposure
+        flags = spectrum.grouping if flags is None else flags
+    groups = group_matrix(flags, len(fine)).multiply(usable[None, :]).tocsr()
     groups.eliminate_zeros()
-    channels = group_edges(groups, fine)
-    low, high = (-np.inf, np.inf) if band is None else band
-    keep = (channels[:, 0] >= low) & (channels[:, 1] <= high) & (np.diff(groups.indptr) > 0)
+
+    channels, keep = _selected(groups, fine, band, rmf)
     bins = (energies[:, 0] > 0) & (np.asarray(redistribution.sum(axis=0)).ravel() > 0)
     return Response(
         name=name or Path(rmf).name,
@@ -99,28 +58,100 @@ def read_response(
         area=area[bins],
         redistribution=redistribution[:, bins],
         grouping=groups[keep],
-        exposure=float(1.0 if seconds is None else seconds),
+        exposure=1.0,
         files=files,
-    )
+        notes=notes,
+    ).with_exposure(1.0 if exposure is None else exposure)
 
 
-def _effective_area(rmf: Source, arf: Source | None, matrix: Any, ogip: Any) -> NDArray[np.float64]:
-    data = load("ARF", arf, ogip.DataARF.from_file)
-    return np.asarray(data.specresp, dtype=float)
+def _effective_area(
+    rmf: FilePath, arf: FilePath | None, matrix: Any, redistribution: Any
+) -> tuple[Array, Any, tuple[str, ...]]:
+    """Area in cm2 per bin, the redistribution without it, and what was repaired."""
+    sums = np.asarray(redistribution.sum(axis=0)).ravel()
+    if arf is None:
+        # Probabilities add up to one at most; areas in cm2 to more.
+        if not matrix.includes_effective_area and sums.max(initial=0.0) <= 1.5:
+            raise InputError(f"RMF {rmf}: holds no effective area; give the ARF that belongs to it")
+        safe = np.where(sums > 0, sums, 1.0)
+        return sums, redistribution.multiply(1.0 / safe[None, :]).tocsr(), ()
+    if matrix.includes_effective_area:
+        raise InputError(f"RMF {rmf}: already includes the effective area; leave out the ARF {arf}")
+    data = load("ARF", arf, require("jaxspec.data.ogip", "xray").DataARF.from_file)
+    ours = np.stack([matrix.energ_lo, matrix.energ_hi])
+    theirs = np.stack([data.energ_lo, data.energ_hi])
+    if ours.shape != theirs.shape:
+        raise InputError(
+            f"ARF {arf} has {theirs.shape[1]} energy bins and RMF {rmf} has {ours.shape[1]}; "
+            "they do not belong together"
+        )
+    difference = float(np.max(np.abs(ours - theirs) / (ours[1] - ours[0])))
+    if difference > 0.05:
+        raise InputError(
+            f"ARF {arf} and RMF {rmf}: their energy bins differ by up to {difference:.3g} of a bin; "
+            "make both on the same energy grid"
+        )
+    note = f"ARF edges differ from the RMF's by up to {difference:.1e} of a bin; the RMF's are used"
+    return np.asarray(data.specresp, dtype=float), redistribution, (note,) if difference > 0 else ()
+
+
+def match_channels(
+    spectrum: Pha, known: NDArray[np.int64], spectrum_name: str, response_name: str
+) -> NDArray[np.int64]:
+    """Row of every channel of a spectrum in a response.
+
+    Raises
+    ------
+    InputError
+        If the response lacks one of them, or the two detectors have different numbers of channels.
+    """
+    channels = spectrum.channel
+    rows = np.minimum(np.searchsorted(known, channels), len(known) - 1)
+    if spectrum.detector_channels != len(known) or not np.array_equal(known[rows], channels):
+        raise InputError(
+            f"{spectrum_name} has channels {channels[0]} to {channels[-1]} of {spectrum.detector_channels}, "
+            f"{response_name} has {known[0]} to {known[-1]} of {len(known)}; "
+            "give the response that was made for this spectrum"
+        )
+    return np.asarray(rows)
 
 
 def group_matrix(flags: NDArray[Any] | None, size: int) -> Any:
-    """Grouping matrix ``(group, channel)`` of OGIP flags: 1 or 0 starts a group, -1 continues one."""
+    """Grouping matrix ``(group, channel)`` of OGIP flags: 1 or 0 starts a group, -1 continues one.
+
+    >>> group_matrix(np.array([1, -1, 0]), 3).toarray()
+    array([[1., 1., 0.],
+           [0., 0., 1.]])
+    """
     from scipy.sparse import csr_array
 
-    rows = np.arange(size) if flags is None else np.cumsum(flags != -1) - 1
+    if flags is None:
+        flags = np.zeros(size, dtype=int)
+    if flags.shape != (size,) or not np.isin(flags, (-1, 0, 1)).all() or flags[0] == -1:
+        raise InputError(
+            f"grouping: needs one flag per detector channel ({size}), each 1 (starts a group), -1 (continues "
+            "it) or 0 (stands alone), the first not -1"
+        )
+    rows = np.cumsum(flags != -1) - 1
     return csr_array((np.ones(size), (rows, np.arange(size))), shape=(int(rows[-1]) + 1, size))
 
 
-def group_edges(groups: Any, fine: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Lowest and highest energy of the channels in each group, shape ``(group, 2)``; nan where empty."""
+def _selected(
+    groups: Any, fine: Array, band: tuple[float, float] | None, rmf: FilePath
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Lowest and highest energy of every group ``(group, 2)``, and which lie wholly in the band."""
     rows, columns = groups.nonzero()
     edges = np.stack([np.full(groups.shape[0], np.inf), np.full(groups.shape[0], -np.inf)], axis=1)
     np.minimum.at(edges[:, 0], rows, fine[columns, 0])
     np.maximum.at(edges[:, 1], rows, fine[columns, 1])
-    return edges
+    low, high = (0.0, np.inf) if band is None else band
+    if not low < high:
+        raise InputError(f"band: needs low < high in keV, got {low} to {high}")
+    # A group without a usable channel has no edges: its lower one is above its upper one.
+    keep = (edges[:, 0] >= low) & (edges[:, 1] <= high) & (edges[:, 0] < edges[:, 1])
+    if not keep.any():
+        raise InputError(
+            f"RMF {rmf}: no usable channel lies wholly between {low} and {high} keV; "
+            f"it covers {fine.min():.3g} to {fine.max():.3g} keV"
+        )
+    return edges, np.asarray(keep)

