@@ -23,7 +23,7 @@ def hint(
     """
 
     def difference(at: Any, given: Any) -> NDArray[np.float64]:
-        return np.asarray(a(at, given), dtype=float) - np.asarray(b(at, given), dtype=float)
+        return np.subtract(a(at, given), b(at, given), dtype=np.float64)
 
     here = float(difference(theta[worst], x[worst]))
     if not np.isfinite(here):

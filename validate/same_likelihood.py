@@ -104,12 +104,11 @@ def assert_same_likelihood(
     x = _data_sets(data, theta, seed)
     rows = max(len(theta), len(x))
     theta, x = _cycle(theta, rows), _cycle(x, rows)
-    pair = {"the first": _density(a), "the second": _density(b)}
-    for who, given in zip(pair, (a, b), strict=True):
-        _check_prior(who, given, prior, theta, rtol)
-    values = {who: _evaluate(who, density, theta, x, rtol) for who, density in pair.items()}
-
-    first, second = values.values()
+    density_a, density_b = _density(a), _density(b)
+    _check_prior("the first", a, prior, theta, rtol)
+    _check_prior("the second", b, prior, theta, rtol)
+    first = _evaluate("the first", density_a, theta, x, rtol)
+    second = _evaluate("the second", density_b, theta, x, rtol)
     size = np.maximum(1.0, np.maximum(np.abs(first), np.abs(second)))
     if magnitude is not None:
         size = np.maximum(size, np.asarray(magnitude(theta, x), dtype=float))
@@ -124,7 +123,7 @@ def assert_same_likelihood(
             f"the two log likelihoods differ by {found.relative:.3g} (relative; tolerated {rtol:g}) at "
             f"{int(np.sum(excess > 1.0))} of {rows} places. Worst: {place}; the first gives "
             f"{found.first!r}, the second {found.second!r}. Hint: "
-            + hint(*pair.values(), theta, x, worst, tolerance=rtol * float(size[worst]))
+            + hint(density_a, density_b, theta, x, worst, tolerance=rtol * float(size[worst]))
         )
     return found
 

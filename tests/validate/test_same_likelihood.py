@@ -58,7 +58,10 @@ FAULTS = {
         lambda theta, x: by_hand(theta, x) + gammaln(np.asarray(x) + 1.0).sum(-1),
         "a term of the data alone",
     ),
-    "a constant": (lambda theta, x: by_hand(theta, x) + 0.5 * np.log(2.0 * np.pi), "the same -0.918939 everywhere"),
+    "a constant": (
+        lambda theta, x: by_hand(theta, x) + 0.5 * np.log(2.0 * np.pi),
+        "the same -0.918939 everywhere",
+    ),
     "the prior added": (
         lambda theta, x: by_hand(theta, x) + PRIOR.log_prob(theta),
         "does not depend on the data",
