@@ -1,8 +1,8 @@
 """What the data should look like: priors, simulators, likelihoods, effects.
 
 `prior.py` and `marginals.py` hold the one prior object; `protocol.py` says what a simulator is;
-`effects.py` how reality may differ from one; `registry.py` makes them by name. The exact toys have a file each;
-`xray/` is the reference case.
+`effects.py` how reality may differ from one; `registry.py` makes them by name. The exact toys have
+a file each; `xray/` is the reference case.
 """
 
 from gaugeblock.simulators.effects import Effect

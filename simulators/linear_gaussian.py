@@ -18,7 +18,8 @@ class LinearGaussian:
     """x = matrix theta + noise, theta standard normal times `prior_sd`, noise normal with sd `noise`.
 
     By default `matrix` holds the powers 1, t, t^2, ... at equally spaced t in [-1, 1]: the fit of a
-    polynomial, whose posterior is correlated. Posterior, evidence and likelihood are exact, for any dimensions.
+    polynomial, whose posterior is correlated. Posterior, evidence and likelihood are exact, for any
+    dimensions.
 
     >>> simulator = LinearGaussian(parameters=2, data=4)
     >>> x = simulator.simulate([[1.0, -0.5]], np.random.default_rng(3))
@@ -57,7 +58,7 @@ class LinearGaussian:
         self._matrix = np.asarray(matrix, dtype=float)
         if self._matrix.ndim != 2 or not np.all(np.isfinite(self._matrix)):
             raise InputError(
-                f"linear_gaussian: matrix must be a finite (data, parameter) table, got shape {self._matrix.shape}"
+                f"linear_gaussian: matrix must be finite, (data, parameter), got {self._matrix.shape}"
             )
         self._noise, self._prior_sd = float(noise), float(prior_sd)
         size = self._matrix.shape[1]

@@ -1,0 +1,202 @@
+"""Nested sampling with UltraNest: posterior draws and evidence from a likelihood alone."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gaugeblock.errors import InputError, require
+from gaugeblock.estimators._rows import resample, row_seeds
+from gaugeblock.simulators.protocol import can
+from gaugeblock.streams import Rng
+
+LOWEST = -1e100
+"""Stands for a log likelihood of -inf, which UltraNest refuses."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NestedRun:
+    """One finished run on one row of data.
+
+    `theta` and `unit_cube` are ``(point, parameter)``; `log_weight` ``(point,)`` holds normalised log
+    posterior weights; `log_likelihood` what was evaluated there; `log_evidence_error` UltraNest's bootstrap
+    error; `calls` likelihood evaluations; `insertion_order_converged` its own Mann-Whitney check.
+    """
+
+    theta: NDArray[np.float64]
+    unit_cube: NDArray[np.float64]
+    log_weight: NDArray[np.float64]
+    log_likelihood: NDArray[np.float64]
+    log_evidence: float
+    log_evidence_error: float
+    calls: int
+    insertion_order_converged: bool
+
+    def resample(self, n: int, rng: np.random.Generator) -> NDArray[np.float64]:
+        """Equal-weight posterior draws ``(n, parameter)``, with replacement."""
+        return self.theta[resample(self.log_weight[None], rng.random((1, n)))[0]]
+
+
+class NestedSampling:
+    """UltraNest's reactive nested sampler on the simulator's prior and likelihood, one run a row of data.
+
+    Each run is atomic. UltraNest draws from NumPy's global state; a run seeds that from the row's stream and
+    gives the host's state back afterwards. Nothing is printed or written. Not safe to run in two threads of
+    one process, for the same reason: use processes.
+
+    Parameters
+    ----------
+    simulator
+        With `log_likelihood`, batched over theta.
+    live_points
+        Smallest number of live points.
+    dlogz
+        Target error of the log evidence.
+    fraction_remaining
+        Stop integrating when this fraction of the evidence is left in the live points.
+    min_effective_draws
+        Effective sample size the weighted points must reach.
+
+    Raises
+    ------
+    InputError
+        If the simulator has no `log_likelihood`, or it returns NaN or +inf inside the prior.
+    MissingExtraError
+        If UltraNest is not installed.
+
+    References
+    ----------
+    Skilling (2004), AIP Conf. Proc. 735, 395; Buchner (2021), JOSS 6(60), 3001.
+    """
+
+    def __init__(
+        self,
+        simulator: Any,
+        *,
+        live_points: int = 400,
+        dlogz: float = 0.5,
+        fraction_remaining: float = 0.01,
+        min_effective_draws: int = 400,
+    ):
+        require("ultranest", "ultranest")
+        if not can(simulator, "log_likelihood"):
+            raise InputError(f"nested_sampling: {type(simulator).__name__} has no log_likelihood(theta, x)")
+        if live_points < 40 or dlogz <= 0:
+            raise InputError(
+                f"nested_sampling: needs live_points >= 40 and dlogz > 0, got {live_points} and {dlogz}"
+            )
+        self._simulator = simulator
+        self._settings = {
+            "live_points": int(live_points),
+            "dlogz": float(dlogz),
+            "fraction_remaining": float(fraction_remaining),
+            "min_effective_draws": int(min_effective_draws),
+        }
+
+    def evaluated_log_likelihood(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
+        """The function UltraNest evaluates: log likelihood ``(n,)`` of theta ``(n, parameter)`` for one x.
+
+        Batches are padded to a power of two with copies of their last row, so that a jitted likelihood is
+        compiled for a few shapes only.
+        """
+        points = np.asarray(theta, dtype=float)
+        size = len(points)
+        padded = np.concatenate(
+            [points, np.repeat(points[-1:], (1 << (size - 1).bit_length()) - size, axis=0)]
+        )
+        value = np.asarray(self._simulator.log_likelihood(padded, np.asarray(x)), dtype=float)[:size]
+        bad = np.isnan(value) | np.isposinf(value)
+        if bad.any():
+            first = int(np.argmax(bad))
+            raise InputError(
+                f"nested_sampling: log_likelihood is {value[first]} at theta = {points[first].tolist()}; "
+                "it must be a finite number, or -inf, everywhere inside the prior"
+            )
+        return np.maximum(value, LOWEST)
+
+    def run(self, x_row: ArrayLike, rng: np.random.Generator) -> NestedRun:
+        """One run on one row of data, shape ``data_shape``."""
+        prior, settings = self._simulator.prior, self._settings
+        seed = [int(word) for word in rng.integers(0, 2**32, size=8)]
+        with _silent_ultranest(), _global_numpy_seeded(seed):
+            import ultranest
+
+            sampler = ultranest.ReactiveNestedSampler(
+                list(prior.names),
+                lambda theta: self.evaluated_log_likelihood(theta, x_row),
+                prior.from_unit_cube,
+                vectorized=True,
+            )
+            result = sampler.run(
+                show_status=False,
+                viz_callback=False,
+                min_num_live_points=settings["live_points"],
+                dlogz=settings["dlogz"],
+                frac_remain=settings["fraction_remaining"],
+                min_ess=settings["min_effective_draws"],
+            )
+        points = result["weighted_samples"]
+        with np.errstate(divide="ignore"):  # a weight that underflows to zero has log weight -inf
+            log_weight = np.log(np.asarray(points["weights"], dtype=float))
+        return NestedRun(
+            theta=np.asarray(points["points"], dtype=float),
+            unit_cube=np.asarray(points["upoints"], dtype=float),
+            log_weight=log_weight,
+            log_likelihood=np.asarray(points["logl"], dtype=float),
+            log_evidence=float(result["logz"]),
+            log_evidence_error=float(result["logzerr"]),
+            calls=int(result["ncall"]),
+            insertion_order_converged=bool(result["insertion_order_MWW_test"]["converged"]),
+        )
+
+    def _runs(self, x: ArrayLike, rng: Rng) -> Iterator[tuple[NestedRun, np.random.Generator]]:
+        rows = np.asarray(x)
+        for row, seed in zip(rows, row_seeds(rng, len(rows)), strict=True):
+            generator = np.random.default_rng(int(seed))
+            yield self.run(row, generator), generator
+
+    def sample(self, x: ArrayLike, n: int, rng: Rng) -> NDArray[np.float64]:
+        """Posterior draws ``(batch, n, parameter)``, resampled with replacement from each run's points."""
+        draws = [run.resample(n, generator) for run, generator in self._runs(x, rng)]
+        return np.stack(draws) if draws else np.empty((0, n, self._simulator.prior.size))
+
+    def log_evidence(self, x: ArrayLike, rng: Rng) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Log evidence and its standard error, each ``(batch,)``; the same rng gives the runs of `sample`."""
+        pairs = [(run.log_evidence, run.log_evidence_error) for run, _ in self._runs(x, rng)]
+        table = np.array(pairs, dtype=float).reshape(-1, 2)
+        return table[:, 0], table[:, 1]
+
+    def describe(self) -> dict[str, Any]:
+        """Plain data that identifies it."""
+        return {"estimator": "nested_sampling", **self._settings}
+
+
+@contextmanager
+def _global_numpy_seeded(seed: list[int]) -> Iterator[None]:
+    """Seed NumPy's global state for a library that draws from it; hand the host's state back."""
+    before = np.random.get_state(legacy=False)  # noqa: NPY002
+    np.random.seed(seed)  # noqa: NPY002
+    try:
+        yield
+    finally:
+        np.random.set_state(before)  # noqa: NPY002
+
+
+@contextmanager
+def _silent_ultranest() -> Iterator[None]:
+    """Keep UltraNest's logger from writing, and leave the host's logging as it was."""
+    logger = logging.getLogger("ultranest")
+    handlers, level, disabled = list(logger.handlers), logger.level, logger.disabled
+    logger.handlers = [logging.NullHandler()]  # with a handler in place UltraNest adds none of its own
+    logger.disabled = True
+    try:
+        yield
+    finally:
+        logger.handlers, logger.disabled = handlers, disabled
+        logger.setLevel(level)
