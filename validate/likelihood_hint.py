@@ -23,7 +23,8 @@ def hint(
     """
 
     def difference(at: Any, given: Any) -> NDArray[np.float64]:
-        return np.subtract(a(at, given), b(at, given), dtype=np.float64)
+        found: NDArray[np.float64] = np.subtract(a(at, given), b(at, given), dtype=np.float64)
+        return found
 
     here = float(difference(theta[worst], x[worst]))
     if not np.isfinite(here):
