@@ -1,0 +1,59 @@
+"""What all tests share: threads, data files that are fetched or lie elsewhere, and how a missing one is treated."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+# Before anything imports NumPy or torch: every pytest-xdist worker gets its share of the machine.
+_WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, str(max(1, (os.cpu_count() or 1) // _WORKERS)))
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+
+def _missing(reason: str) -> None:
+    """Skip, or fail where everything that can be had was promised to be there (`.ci/run`)."""
+    if os.environ.get("GAUGEBLOCK_REQUIRE_ALL") == "1":
+        pytest.fail(f"GAUGEBLOCK_REQUIRE_ALL=1, but {reason}")
+    pytest.skip(reason)
+
+
+@pytest.fixture(scope="session")
+def missing() -> Callable[[str], None]:
+    """Say that something a test needs is not on this machine: ``missing("no Chromium found")``."""
+    return _missing
+
+
+@pytest.fixture(scope="session")
+def xray_data() -> Any:
+    """The responses, spectra and tables of the reference cases, in the cache; fetched where they are not."""
+    pytest.importorskip("jaxspec")
+    from gaugeblock.errors import InputError
+    from gaugeblock.simulators.xray.data import fetch
+
+    try:
+        return fetch()
+    except InputError as error:
+        return _missing(str(error))
+
+
+@pytest.fixture(scope="session")
+def shared_file() -> Callable[[str], Path]:
+    """Path of a file that is too large or too foreign to be in the repository; its test skips without it.
+
+    They lie in $GAUGEBLOCK_SHARED, or in a folder `shared` beside the checkout.
+    """
+    beside = Path(__file__).parent.parent / "shared"
+    folder = Path(os.environ.get("GAUGEBLOCK_SHARED", beside))
+
+    def find(name: str) -> Path:
+        if not (folder / name).exists():
+            pytest.skip(f"{name} is not in {folder}; set GAUGEBLOCK_SHARED to a folder that holds it")
+        return folder / name
+
+    return find
