@@ -33,7 +33,7 @@ NOT_NEEDED = ("apec_cie_v3.1.3.npz", "nsatmosdata.fits")
 
 @dataclass(frozen=True)
 class DataFile:
-    """A file that belongs in the cache: its name, where it goes, its sha256, and its address if it has one."""
+    """A file that belongs in the cache: where it goes, its sha256, and its address if it has one."""
 
     name: str
     path: Path

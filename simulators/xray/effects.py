@@ -33,8 +33,8 @@ Source = str | float
 class Assembly:
     """A model tree and its prior with effects worked in; `folding.forward` compiles it for a response.
 
-    `photon_gain` holds factors on the response's photon energies; `gains` holds (slope, offset) pairs that act
-    one after the other on the recorded energy.
+    `photon_gain` holds factors on the response's photon energies; `gains` holds (slope, offset) pairs that
+    act one after the other on the recorded energy.
     """
 
     tree: Node

@@ -1,0 +1,153 @@
+"""An X-ray simulator from plain options, as a configuration file or the command line gives them."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from gaugeblock.errors import InputError
+from gaugeblock.simulators.effects import Effect
+from gaugeblock.simulators.marginals import Marginal
+from gaugeblock.simulators.prior import Prior
+from gaugeblock.simulators.xray.files import FilePath
+from gaugeblock.simulators.xray.published import MODEL, PRIORS
+from gaugeblock.simulators.xray.reference import epic_pn, level_exposure, nicer
+from gaugeblock.simulators.xray.response import Response
+from gaugeblock.simulators.xray.simulator import XraySpectrum
+
+Description = Mapping[str, Any]
+
+
+def build(
+    *,
+    response: str | None = None,
+    level: str | None = None,
+    model: str = MODEL,
+    priors: str | FilePath | Description | Prior = "reference",
+    exposure: float | None = None,
+    pha: FilePath | None = None,
+    rmf: FilePath | None = None,
+    arf: FilePath | None = None,
+    band: Sequence[float] | None = None,
+    effects: Sequence[Effect | Description] = (),
+) -> XraySpectrum:
+    """An X-ray simulator from options; without any, the reference case.
+
+    Parameters
+    ----------
+    response, level : str, optional
+        A built-in response (``epic-pn``, ``nicer``) and count level (``faint``, ``medium``, ``bright``).
+    model : str
+        XSPEC-style expression.
+    priors : name, path or table
+        ``reference``, ``published_linear_norm``, a TOML file, or a table: parameter name to
+        ``{distribution, low, high}`` or ``{distribution, mean, sd}``.
+    exposure : float, optional
+        Seconds, in place of the level's or the spectrum's.
+    pha, rmf, arf : path, optional
+        OGIP files in place of a built-in response; the spectrum gives its grouping, quality and exposure.
+    band : two floats, optional
+        Energies in keV; needs `rmf`.
+    effects : list of tables
+        ``{name = "emission_line", energy = 6.4, sigma = 0.05, norm = {distribution = ...}}``: numbers are
+        fixed, tables are priors of free parameters.
+
+    Raises
+    ------
+    InputError
+        In one line: for files that cannot be read, options that exclude each other, or unknown names.
+    """
+    instrument = _response(response, level, exposure, pha, rmf, arf, band)
+    return XraySpectrum(model, instrument, read_prior(priors), effects=tuple(map(read_effect, effects)))
+
+
+def _response(
+    response: str | None,
+    level: str | None,
+    exposure: float | None,
+    pha: FilePath | None,
+    rmf: FilePath | None,
+    arf: FilePath | None,
+    band: Sequence[float] | None,
+) -> Response:
+    if rmf is None or response == "nicer":
+        if pha is not None or band is not None or (rmf is None and arf is not None):
+            raise InputError("simulator xray: pha, arf and band need the rmf that they belong to")
+        response, level = response or "epic-pn", level or "medium"
+        seconds = level_exposure(response, level) if exposure is None else exposure
+        made = epic_pn() if response == "epic-pn" else nicer(rmf, arf)
+        return made.with_exposure(seconds)
+    if response is not None or level is not None:
+        raise InputError("simulator xray: response and level choose a built-in case; leave them out with rmf")
+    if pha is None and exposure is None:
+        raise InputError("simulator xray: rmf without pha needs exposure, in seconds")
+    if band is not None and len(band) != 2:
+        raise InputError(f"simulator xray: band needs two energies in keV, got {list(band)}")
+    limits = None if band is None else (float(band[0]), float(band[1]))
+    return Response.from_ogip(rmf, arf, pha, band=limits, exposure=exposure)
+
+
+def read_prior(priors: str | FilePath | Description | Prior) -> Prior:
+    """A prior from its name, its TOML file or its table.
+
+    Raises
+    ------
+    InputError
+        If it is neither a name nor a readable file, or a distribution is wrong.
+    """
+    if isinstance(priors, Prior):
+        return priors
+    if isinstance(priors, Mapping):
+        return Prior.from_description(_flat(priors))
+    if priors in PRIORS:
+        return PRIORS[str(priors)]
+    file = Path(priors)
+    if not file.is_file():
+        raise InputError(f"priors {priors}: neither one of {', '.join(PRIORS)} nor a file")
+    try:
+        return Prior.from_description(_flat(tomllib.loads(file.read_text(encoding="utf-8"))))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+        raise InputError(f"priors {file}: not a TOML file that can be read ({error})") from None
+    except InputError as error:
+        raise InputError(f"priors {file}: {error}") from None
+
+
+def _flat(table: Description) -> dict[str, Any]:
+    """TOML reads an unquoted ``[tbabs_1.nh]`` as a table in a table: put the dots back."""
+    flat: dict[str, Any] = {}
+    for name, value in table.items():
+        if isinstance(value, Mapping) and "distribution" not in value:
+            flat |= {f"{name}.{inner}": entry for inner, entry in _flat(value).items()}
+        elif isinstance(value, Mapping):
+            flat[name] = value
+        else:
+            raise InputError(f"prior of {name}: needs a table with a distribution, got {value!r}")
+    return flat
+
+
+def read_effect(effect: Effect | Description) -> Effect:
+    """An effect from its table.
+
+    Raises
+    ------
+    InputError
+        If it has no name, or a parameter is neither a number nor a distribution.
+    """
+    if isinstance(effect, Effect):
+        return effect
+    if not isinstance(effect, Mapping) or not isinstance(effect.get("name"), str):
+        raise InputError(f"effects: each needs a name and its parameters, got {effect!r}")
+    name = effect["name"]
+    parameters: dict[str, float | Marginal] = {}
+    for key, value in effect.items():
+        if key == "name":
+            continue
+        if isinstance(value, Mapping):
+            parameters[key] = Prior.from_description({key: value}).marginals[key]
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            parameters[key] = float(value)
+        else:
+            raise InputError(f"effect {name}: {key} must be a number or a distribution, got {value!r}")
+    return Effect(name, parameters)
