@@ -1,0 +1,200 @@
+"""The report's figures, each from plain arrays: curve with band, histogram, scatter, and a gate's bar."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import ArrayLike, NDArray
+
+from gaugeblock.reports.svg import Frame, drawing, tag
+from gaugeblock.reports.words import count, number, short
+from gaugeblock.validate.finding import Sense
+
+_POINTS = 400  # more than this on one line cannot be seen at the size it is drawn
+
+
+def curve_with_band(
+    x: ArrayLike,
+    y: ArrayLike,
+    low: ArrayLike,
+    high: ArrayLike,
+    *,
+    key: str,
+    name: str,
+    x_label: str,
+    y_label: str,
+    half_height: float | None = None,
+    points: bool = False,
+) -> Markup:
+    """A curve around zero with its band, all of shape ``(n,)``; `half_height` makes panels comparable.
+
+    `points` marks the places where the curve was computed, where these are few.
+    """
+    across, curve, lower, upper = (_thinned(values) for values in (x, y, low, high))
+    half = half_height or half_height_of(curve, lower, upper)
+    frame = Frame(x=(0.0, 1.0), y=(-half, half))
+    outside = int(np.sum((curve < lower) | (curve > upper)))
+    farthest = across[int(np.argmax(np.abs(curve)))]
+    description = (
+        f"{y_label} against {x_label}. Largest deviation {number(float(curve[np.argmax(np.abs(curve))]), 3)} "
+        f"at {number(float(farthest), 2)}; "
+        + ("inside its band everywhere." if not outside else f"outside its band at {count(outside, 'point')}.")
+    )
+    marks = [
+        frame.band(across, lower, upper),
+        frame.axes(x_label, y_label),
+        frame.line([0.0, 1.0], [0.0, 0.0], "zero"),
+        frame.line(across, curve, "line" if not outside else "line astray"),
+    ]
+    if points:
+        marks.append(frame.dots(across, curve, "points" if not outside else "points astray"))
+    return _figure(marks, frame, key=key, title=name, description=description)
+
+
+def half_height_of(*curves: ArrayLike) -> float:
+    """Half the height of a frame that holds these curves around zero, with a little room."""
+    largest = max(float(np.nanmax(np.abs(np.asarray(curve, dtype=float)))) for curve in curves)
+    return 1.12 * largest if largest > 0 else 1.0
+
+
+def histogram(
+    values: ArrayLike, marks: Mapping[str, float], *, key: str, name: str, x_label: str, x: tuple[float, float]
+) -> Markup:
+    """A histogram of finite `values` over the range `x`, with labelled upright `marks`."""
+    finite = np.asarray(values, dtype=float)
+    finite = finite[np.isfinite(finite)]
+    heights, edges = np.histogram(np.clip(finite, *x), bins=max(10, min(40, int(2 * len(finite) ** 0.5))), range=x)
+    frame = Frame(x=x, y=(0.0, 1.15 * max(int(heights.max()), 1)), width=480.0, height=230.0)
+    middle = float(np.median(finite)) if len(finite) else math.nan
+    uprights = [
+        frame.upright(min(max(value, x[0]), x[1]), f"{text} {short(value)}", f"mark mark-{index}", row=index)
+        for index, (text, value) in enumerate(marks.items())
+    ]
+    picture = [frame.axes(x_label, "trials"), frame.bars(edges, heights), *uprights]
+    return _figure(
+        picture,
+        frame,
+        key=key,
+        title=name,
+        description=f"Histogram of {x_label} over {count(len(finite), 'trial')}; median {short(middle)}.",
+    )
+
+
+def scatter(
+    x: ArrayLike,
+    y: ArrayLike,
+    *,
+    key: str,
+    name: str,
+    x_label: str,
+    y_label: str,
+    x_ticks: Mapping[float, str],
+    half_height: float = 4.5,
+    limit: int = 800,
+) -> Markup:
+    """Standardised errors `y` over `x` in [0, 1], with the two-sigma band and the running 16, 50, 84 per cent.
+
+    At most `limit` points are drawn, evenly chosen; the running lines use all of them.
+    """
+    across, error = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    order = np.argsort(across, kind="stable")
+    across, error = across[order], error[order]
+    frame = Frame(x=(0.0, 1.0), y=(-half_height, half_height))
+    shown = np.unique(np.linspace(0, len(across) - 1, min(limit, len(across))).astype(int))
+    marks = [
+        frame.band([0.0, 1.0], [-2.0, -2.0], [2.0, 2.0]),
+        frame.axes(x_label, y_label, x_ticks=x_ticks),
+        frame.dots(across[shown], error[shown]),
+    ]
+    groups = [part for part in np.array_split(np.arange(len(across)), min(12, len(across) // 25)) if len(part)] \
+        if len(across) >= 75 else []
+    if groups:
+        centres = np.array([across[part].mean() for part in groups])
+        running = np.array([np.quantile(error[part], (0.16, 0.5, 0.84)) for part in groups])
+        marks += [frame.line(centres, running[:, 0], "quantile"), frame.line(centres, running[:, 2], "quantile")]
+        marks.append(frame.line(centres, running[:, 1], "line"))
+    beyond = float(np.mean(np.abs(error) > 2)) if len(error) else 0.0
+    description = f"{y_label} against {x_label} for {count(len(error), 'trial')}; {100 * beyond:.1f}% beyond two."
+    return _figure(marks, frame, key=key, title=name, description=description)
+
+
+def gate_bar(
+    statistic: float,
+    interval: tuple[float, float],
+    pass_interval: tuple[float, float],
+    tolerance: float,
+    sense: Sense,
+    *,
+    key: str,
+    name: str,
+) -> Markup | None:
+    """One row of the forest plot: tolerated range shaded, interval thin, 95% bounds thick, estimate a dot.
+
+    Two-sided gates are drawn in units of their tolerance, so that rows compare. None where there is nothing to
+    draw: no tolerance to scale by, or no estimate.
+    """
+    if not (math.isfinite(statistic) and math.isfinite(tolerance)) or tolerance <= 0:
+        return None
+    if sense == "two-sided":
+        shown, tolerated = (-2.5 * tolerance, 2.5 * tolerance), (-tolerance, tolerance)
+    else:
+        top = max([1.0 if max(statistic, tolerance) <= 1 else 0.0, 1.4 * tolerance, 1.1 * statistic])
+        shown, tolerated = (0.0, top), (tolerance, top) if sense == "at-least" else (0.0, tolerance)
+    frame = Frame(x=shown, y=(0.0, 1.0), width=230, height=26, left=7, right=7, top=0, bottom=0)
+
+    def between(low: float, high: float, thickness: float, class_: str) -> Markup:
+        start, end = (float(frame.across(min(max(v, shown[0]), shown[1]))) for v in (low, high))
+        return tag("rect", x=f"{start:.1f}", y=f"{13 - thickness / 2:g}", width=f"{max(end - start, 0.5):.1f}",
+                   height=f"{thickness:g}", class_=class_)  # fmt: skip
+
+    marks = [
+        between(*shown, 1, "axis-line"),
+        between(*tolerated, 22, "tolerated"),
+        *(_edge(frame, edge) for edge in tolerated if shown[0] < edge < shown[1]),
+    ]
+    if sense == "two-sided":
+        marks.append(tag("path", d=f"M{float(frame.across(0.0)):.1f} 2V24", class_="zero"))
+    marks.append(between(*_closed(interval, shown), 2, "whisker"))
+    marks.append(between(*_closed(pass_interval, shown), 7, "box"))
+    marks.append(_estimate(frame, statistic, shown))
+    description = (
+        f"Estimate {short(statistic)}, interval {short(interval[0])} to {short(interval[1])}, "
+        f"tolerance {short(tolerance)} ({sense})."
+    )
+    return drawing(
+        marks, width=frame.width, height=frame.height, key=key, title=name, description=description, class_="bar-row"
+    )
+
+
+def _edge(frame: Frame, value: float) -> Markup:
+    return tag("path", d=f"M{float(frame.across(value)):.1f} 2V24", class_="limit")
+
+
+def _estimate(frame: Frame, value: float, shown: tuple[float, float]) -> Markup:
+    """A dot, or an arrow head where the estimate lies beyond what is shown."""
+    if shown[0] <= value <= shown[1]:
+        return tag("circle", cx=f"{float(frame.across(value)):.1f}", cy="13", r="4.2", class_="dot")
+    tip, back = (1.0, 9.0) if value < shown[0] else (frame.width - 1, frame.width - 9)
+    return tag("path", d=f"M{tip:g} 13L{back:g} 7V19Z", class_="dot")
+
+
+def _closed(bounds: tuple[float, float], shown: tuple[float, float]) -> tuple[float, float]:
+    """Open or unknown ends reach to the end of what is shown."""
+    low, high = bounds
+    return (low if math.isfinite(low) else shown[0]), (high if math.isfinite(high) else shown[1])
+
+
+def _thinned(values: ArrayLike) -> NDArray[np.float64]:
+    array = np.asarray(values, dtype=float)
+    if len(array) <= _POINTS:
+        return array
+    return array[np.linspace(0, len(array) - 1, _POINTS).astype(int)]
+
+
+def _figure(marks: list[Markup], frame: Frame, *, key: str, title: str, description: str) -> Markup:
+    return drawing(
+        marks, width=frame.width, height=frame.height, key=key, title=title, description=description, class_="chart"
+    )

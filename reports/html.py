@@ -1,0 +1,90 @@
+"""report.html: one page that a person reads, with nothing to load from anywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+
+import jinja2
+import xarray as xr
+
+from gaugeblock.reports.errors_of_trials import trial_errors
+from gaugeblock.reports.figures import sections
+from gaugeblock.reports.rows import gate_rows, reported_rows
+from gaugeblock.reports.verdict_json import plain
+from gaugeblock.reports.words import count, reason
+from gaugeblock.reports.worst import largest_errors, lowest_shares
+from gaugeblock.validate import Finding, Outcome, Verdict
+from gaugeblock.validate.trials import importance_trials, main_trials
+
+_HEADLINES = {
+    Outcome.PASS: "The estimator is calibrated within the tolerances.",
+    Outcome.FAIL: "The estimator is out of tolerance.",
+    Outcome.INCONCLUSIVE: "The audit could not decide.",
+}
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    # Names and messages come from strangers: everything is escaped, and an unset variable is an error.
+    return jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def report_html(verdict: Verdict, findings: Sequence[Finding], trials: xr.DataTree, *, title: str) -> str:
+    """The whole page as text; what the findings and trials do not hold leaves no trace on it."""
+    main, importance = main_trials(trials), importance_trials(trials)
+    has_draws = "theta_true" in main and "draws" in main
+    errors = trial_errors(trials) if has_draws else None
+    share = next((finding for finding in findings if finding.id == "importance.ess"), None)
+    weighed_on = importance if importance is not None else main if has_draws else None
+    worst = [
+        table
+        for table in (
+            largest_errors(errors) if errors is not None else None,
+            lowest_shares(share, weighed_on),
+        )
+        if table is not None
+    ]
+    return _environment().get_template("report.html").render(
+        title=title,
+        outcome=verdict.outcome.value,
+        headline=_HEADLINES[verdict.outcome],
+        reason=reason(verdict),
+        facts=_facts(main, importance) if has_draws else [],
+        gates=gate_rows(verdict, findings),
+        tally=_tally(verdict),
+        not_checked=verdict.not_checked,
+        reported=reported_rows(verdict, findings),
+        sections=sections(verdict, findings, errors),
+        worst=worst,
+        provenance=plain(verdict.provenance),
+    ) + "\n"  # fmt: skip
+
+
+def _facts(main: xr.Dataset, importance: xr.Dataset | None) -> list[str]:
+    facts = [
+        count(main.sizes["trial"], "trial"),
+        f"{count(main.sizes['draw'], 'draw')} each",
+        count(main.sizes["parameter"], "parameter"),
+    ]
+    if importance is not None:
+        facts.append(
+            f"importance on {count(importance.sizes['trial'], 'trial')} of {importance.sizes['draw']:,} draws"
+        )
+    return facts
+
+
+def _tally(verdict: Verdict) -> str:
+    amounts = {outcome: sum(gate.outcome is outcome for gate in verdict.gates) for outcome in Outcome}
+    words = {Outcome.PASS: "passed", Outcome.FAIL: "failed", Outcome.INCONCLUSIVE: "undecided"}
+    said = [f"{amount:,} {words[outcome]}" for outcome, amount in amounts.items() if amount]
+    if verdict.not_checked:
+        said.append(f"{len(verdict.not_checked):,} not checked")
+    return ", ".join(said)

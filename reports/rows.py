@@ -1,0 +1,136 @@
+"""Rows of the report's tables: gates, and what is reported without being judged."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+
+from gaugeblock.reports.charts import gate_bar
+from gaugeblock.reports.verdict_json import unjudged
+from gaugeblock.reports.words import (
+    NOTHING,
+    decimals_for,
+    interval,
+    number,
+    parameter_of,
+    probability,
+    question,
+    short,
+    unit,
+)
+from gaugeblock.validate import Finding, Gate, Outcome, Verdict
+
+_MARKS = {Outcome.PASS: "✓", Outcome.FAIL: "✕", Outcome.INCONCLUSIVE: "?"}
+
+
+@dataclass(frozen=True)
+class GateRow:
+    """One gate, ready to be read."""
+
+    key: str
+    id: str
+    outcome: str
+    mark: str
+    question: str
+    parameter: str
+    estimate: str
+    unit: str
+    aside: str
+    interval: str
+    tolerance: str
+    detectable: str
+    bar: Markup | None
+    component: str
+    message: str
+    required: bool
+
+
+@dataclass(frozen=True)
+class ReportedRow:
+    """One finding that no gate judges."""
+
+    id: str
+    claim: str
+    null: str
+    estimate: str
+    p_value: str
+    trials: str
+    caveats: tuple[str, ...]
+
+
+def gate_rows(verdict: Verdict, findings: Sequence[Finding]) -> list[GateRow]:
+    """Rows in the verdict's own order."""
+    by_id = {finding.id: finding for finding in findings}
+    return [_gate_row(index, gate, by_id.get(gate.id)) for index, gate in enumerate(verdict.gates)]
+
+
+def _gate_row(index: int, gate: Gate, finding: Finding | None) -> GateRow:
+    sense = finding.sense if finding is not None else "two-sided"
+    quantity = finding.quantity if finding is not None else ""
+    decimals = _decimals(gate)
+    tolerance = number(gate.tolerance, max(decimals_for(gate.tolerance), 1) if gate.tolerance else 0)
+    before = {"two-sided": "±", "at-least": "at least ", "at-most": "at most "}[sense]
+    limit = f"{before}{tolerance}" if math.isfinite(gate.tolerance) else NOTHING
+    ratio = quantity == "log_width" and math.isfinite(gate.statistic)
+    return GateRow(
+        key=f"gate-{index}",
+        id=gate.id,
+        outcome=gate.outcome.value,
+        mark=_MARKS[gate.outcome],
+        question=question(gate, finding),
+        parameter=parameter_of(gate.id),
+        estimate=number(gate.statistic, decimals, sign=sense == "two-sided"),
+        unit=unit(quantity),
+        aside=f"{math.exp(gate.statistic):.2f} times as wide as exact" if ratio else "",
+        interval=interval(gate.interval, decimals),
+        tolerance=limit,
+        detectable=number(gate.smallest_detectable, decimals),
+        bar=gate_bar(
+            gate.statistic, gate.interval, gate.pass_interval, gate.tolerance, sense,
+            key=f"gate-bar-{index}", name=f"{gate.id}: {gate.outcome.value}",
+        ),
+        component=gate.component,
+        message=gate.message,
+        required=gate.required,
+    )  # fmt: skip
+
+
+def _decimals(gate: Gate) -> int:
+    finite = [bound for bound in (*gate.interval, *gate.pass_interval, gate.statistic) if math.isfinite(bound)]
+    return decimals_for((max(finite) - min(finite)) / 2) if len(finite) > 1 and max(finite) > min(finite) else 3
+
+
+def reported_rows(verdict: Verdict, findings: Sequence[Finding]) -> list[ReportedRow]:
+    """Findings without a gate, and the p-values of findings with one."""
+    return [
+        ReportedRow(
+            id=finding.id,
+            claim=finding.claim,
+            null=finding.null,
+            estimate=_estimates(finding),
+            p_value=probability(finding.p_value),
+            trials=f"{finding.n_trials:,}",
+            caveats=finding.caveats,
+        )
+        for finding in unjudged(verdict, findings)
+    ]
+
+
+def _estimates(finding: Finding) -> str:
+    """Estimate plus or minus its standard error; of many components, the largest."""
+    estimate, error = np.atleast_1d(finding.estimate), np.atleast_1d(finding.standard_error)
+    known = np.flatnonzero(np.isfinite(estimate))
+    if not len(known):
+        return NOTHING
+    largest = int(known[np.argmax(np.abs(estimate[known]))])
+    value, spread = float(estimate[largest]), float(error[largest]) if len(error) > largest else math.nan
+    if math.isfinite(spread) and spread > 0:
+        text = f"{number(value, decimals_for(spread))} ± {number(spread, decimals_for(spread))}"
+    else:
+        text = short(value)
+    name = finding.components[largest] if len(finding.components) > largest else ""
+    return f"{text} ({name}, the largest of {len(estimate)})" if len(estimate) > 1 else text

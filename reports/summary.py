@@ -1,0 +1,89 @@
+"""summary.md: what a person reads under the CI job, within the size a job summary may have."""
+
+from __future__ import annotations
+
+import re
+
+from gaugeblock.reports.words import (
+    count,
+    decimals_for,
+    interval,
+    number,
+    probability,
+    reason,
+)
+from gaugeblock.validate import Gate, Outcome, Verdict
+
+MAXIMUM_BYTES = 1_000_000  # a GitHub step summary may hold 1 MiB
+
+_MARKS = {Outcome.PASS: "✅", Outcome.FAIL: "❌", Outcome.INCONCLUSIVE: "❔"}
+_WORST_FIRST = {Outcome.FAIL: 0, Outcome.INCONCLUSIVE: 1, Outcome.PASS: 2}
+_LONGEST = 600  # characters of one message
+
+
+def summary_markdown(verdict: Verdict, *, title: str) -> str:
+    """The verdict, a table of gates (the worst first) and what was not checked, as GitHub's Markdown."""
+    head = [f"## {_MARKS[verdict.outcome]} {verdict.outcome.value}: {_text(title)}", "", _text(reason(verdict)), ""]
+    if verdict.gates:
+        head += [
+            "| | gate | estimate | interval | tolerance | would FAIL from | trials | |",
+            "|---|---|---:|---|---:|---:|---:|---|",
+        ]
+    rows = [_row(gate) for gate in sorted(verdict.gates, key=lambda gate: _WORST_FIRST[gate.outcome])]
+    missing = [f"- `{_code(item.id)}`: {_text(item.why)}" for item in verdict.not_checked]
+    if missing:
+        missing = ["", "**Not checked**", "", *missing]
+    foot = ["", "Everything in full is in `report.html`; for machines, in `verdict.json`."]
+    room = MAXIMUM_BYTES - _size(head) - _size(foot) - 500
+    rows, rows_left_out = _fitting(rows, room - min(_size(missing), room // 4))
+    missing, missing_left_out = _fitting(missing, room - _size(rows))
+    if rows_left_out:
+        rows += ["", f"… and {count(rows_left_out, 'more gate')}, left out to keep this short."]
+    if missing_left_out:
+        missing += ["", f"… and {missing_left_out:,} more not checked."]
+    return "\n".join([*head, *rows, *missing, *foot]) + "\n"
+
+
+def _row(gate: Gate) -> str:
+    decimals = decimals_for((gate.interval[1] - gate.interval[0]) / 2)
+    worst = f" ({_text(gate.component)})" if gate.component else ""
+    cells = [
+        _MARKS[gate.outcome] + ("" if gate.required else " not required"),
+        f"`{_code(gate.id)}`",
+        number(gate.statistic, decimals) + worst,
+        interval(gate.interval, decimals),
+        number(gate.tolerance, decimals_for(gate.tolerance)),
+        number(gate.smallest_detectable, decimals),
+        f"{gate.n_trials:,}",
+        _text(gate.message) + (f" (p = {probability(gate.p_value)})" if gate.p_value is not None else ""),
+    ]
+    return f"| {' | '.join(cells)} |"
+
+
+def _text(text: str) -> str:
+    """A stranger's text on one line, in which nothing is Markdown or HTML."""
+    one_line = " ".join(text.split())
+    if len(one_line) > _LONGEST:
+        one_line = one_line[: _LONGEST - 1] + "…"
+    escaped = one_line.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    # Also @ and #: they would notify people and link issues. A zero-width joiner is invisible and stops that.
+    return re.sub(r"([\\`*_\[\]|~!])", r"\\\1", escaped).replace("@", "@\u2060").replace("#", "#\u2060")
+
+
+def _code(text: str) -> str:
+    """Text for inside backticks, which in a table still must not hold a bar."""
+    return " ".join(text.split()).replace("`", "'").replace("|", "/")[:_LONGEST]
+
+
+def _size(lines: list[str]) -> int:
+    return sum(len(line.encode()) + 1 for line in lines)
+
+
+def _fitting(lines: list[str], room: int) -> tuple[list[str], int]:
+    kept: list[str] = []
+    for index, line in enumerate(lines):
+        room -= len(line.encode()) + 1
+        if room < 0:
+            return kept, len(lines) - index
+        kept.append(line)
+    return kept, 0

@@ -1,0 +1,184 @@
+"""Numbers and sentences as people read them; shared by the HTML page and the step summary."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from gaugeblock.validate import Finding, Gate, Outcome, Verdict
+
+MINUS = "\N{MINUS SIGN}"
+NOTHING = "\N{EN DASH}"
+
+_QUESTIONS = {
+    "draws.finite": "Is every draw a finite number?",
+    "sbc.bias": "Is the posterior centred on the truth?",
+    "sbc.log_width": "Is the posterior as wide as its errors are large?",
+    "coverage.central": "Do credible intervals hold the truth as often as they claim?",
+    "importance.ess": "How much of each posterior survives reweighting to the exact one?",
+}
+_UNITS = {
+    "bias": "posterior sd",
+    "log_width": "log of the width ratio",
+    "coverage": "of trials",
+    "joint": "of trials",
+    "local": "of trials",
+    "ess": "of the draws",
+}
+
+
+def parameter_of(identifier: str) -> str:
+    """Parameter named in a gate's id, or an empty string.
+
+    >>> parameter_of("sbc.bias[tbabs_1.nh]"), parameter_of("coverage.central")
+    ('tbabs_1.nh', '')
+    """
+    head, bracket, rest = identifier.partition("[")
+    return rest.removesuffix("]") if bracket and head else ""
+
+
+def question(gate: Gate, finding: Finding | None) -> str:
+    """What a gate asked, as a question; for a validator unknown here, what its finding claims to measure."""
+    known = _QUESTIONS.get(gate.id.partition("[")[0])
+    return known or (finding.claim if finding is not None else gate.id)
+
+
+def unit(quantity: str) -> str:
+    """Unit of a tolerance, as a person says it; empty where the number is bare."""
+    return _UNITS.get(quantity, "")
+
+
+def decimals_for(spread: float) -> int:
+    """Decimals that show two significant digits of an uncertainty of this size.
+
+    >>> decimals_for(0.062), decimals_for(3.1), decimals_for(420.0)
+    (3, 1, 0)
+    """
+    if not math.isfinite(spread) or spread <= 0:
+        return 3
+    return min(max(1 - math.floor(math.log10(spread)), 0), 8)
+
+
+def number(value: float | None, decimals: int = 3, *, sign: bool = False) -> str:
+    """Fixed decimals, a true minus sign, thousands apart; an en dash for what is not a number.
+
+    >>> number(-0.01234), number(0.5, 2, sign=True), number(None), number(-0.0001)
+    ('−0.012', '+0.50', '–', '0.000')
+    """
+    if value is None or math.isnan(value):
+        return NOTHING
+    if math.isinf(value):
+        return "∞" if value > 0 else MINUS + "∞"
+    rounded = round(float(value), decimals) + 0.0
+    rounded = 0.0 if rounded == 0 else rounded
+    text = f"{abs(rounded):,.{decimals}f}"
+    return (MINUS if rounded < 0 else "+" if sign and rounded > 0 else "") + text
+
+
+def short(value: float | None, digits: int = 3) -> str:
+    """Significant digits, without an exponent where a person would not want one.
+
+    >>> short(0.00012345), short(1234567.0), short(0.5), short(-12.0), short(4000)
+    ('1.23e−4', '1.23e6', '0.5', '−12', '4,000')
+    """
+    if value is None or not math.isfinite(value):
+        return number(value)
+    if value == int(value) and abs(value) < 1e6:
+        return f"{int(value):,}".replace("-", MINUS)
+    mantissa, letter, exponent = f"{value:.{digits}g}".partition("e")
+    if not letter and 1e-3 <= abs(value) < 10**digits:
+        return mantissa.replace("-", MINUS)
+    if letter or abs(value) < 1e-3:
+        mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
+        return f"{float(mantissa):g}e{int(exponent)}".replace("-", MINUS)
+    return f"{float(mantissa):,.0f}".replace("-", MINUS)
+
+
+def probability(p: float | None) -> str:
+    """A p-value: two significant digits, never a string of zeros.
+
+    >>> probability(0.0421), probability(1e-7), probability(0.5), probability(None)
+    ('0.042', '< 0.001', '0.50', '–')
+    """
+    if p is None or not math.isfinite(p):
+        return NOTHING
+    if p < 0.001:
+        return "< 0.001"
+    return f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
+
+
+def interval(bounds: tuple[float, float], decimals: int) -> str:
+    """`lo to hi`, with "at least" or "at most" where one side is open.
+
+    >>> interval((-0.1, 0.2), 2), interval((0.3, float("inf")), 1), interval((float("nan"),) * 2, 1)
+    ('−0.10 to 0.20', 'at least 0.3', '–')
+    """
+    low, high = bounds
+    open_below, open_above = not math.isfinite(low), not math.isfinite(high)
+    if open_below and open_above:
+        return NOTHING
+    if open_above:
+        return f"at least {number(low, decimals)}"
+    if open_below:
+        return f"at most {number(high, decimals)}"
+    return f"{number(low, decimals)} to {number(high, decimals)}"
+
+
+def listed(names: Sequence[str], limit: int = 4) -> str:
+    """Names in a sentence: `a, b and c`, or `a, b, c, d and 7 more`.
+
+    >>> listed(["a", "b", "c"]), listed(list("abcdefg"))
+    ('a, b and c', 'a, b, c, d and 3 more')
+    """
+    shown = list(names[:limit])
+    if len(names) > limit:
+        shown.append(f"{len(names) - limit} more")
+    return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}" if shown else ""
+
+
+def count(amount: int, noun: str) -> str:
+    """`1 gate`, `4,000 trials`."""
+    return f"{amount:,} {noun}{'' if amount == 1 else 's'}"
+
+
+def reason(verdict: Verdict) -> str:
+    """One sentence (two at most) that says why the verdict is what it is."""
+    required = [gate for gate in verdict.gates if gate.required]
+    by_outcome = {o: [gate.id for gate in required if gate.outcome is o] for o in Outcome}
+    if verdict.outcome is Outcome.FAIL:
+        failed = by_outcome[Outcome.FAIL] or [g.id for g in verdict.gates if g.outcome is Outcome.FAIL]
+        verb = "lies" if len(failed) == 1 else "lie"
+        return (
+            f"{len(failed):,} of {count(len(verdict.gates), 'gate')} {verb} outside the tolerance by more than "
+            f"chance explains: {listed(failed)}."
+        )
+    if verdict.outcome is Outcome.PASS:
+        return (
+            f"All {count(len(required), 'required gate')} passed: each lies inside its tolerance "
+            "with 95% confidence."
+        )
+    unsettled = [gate for gate in required if gate.outcome is Outcome.INCONCLUSIVE]
+    if not unsettled:
+        missing = [item.id for item in verdict.not_checked]
+        if not verdict.gates:
+            return "No gate could be computed, so nothing is known about this estimator."
+        return f"No gate failed, but a required check could not be made: {listed(missing)}."
+    sentence = (
+        f"{len(unsettled):,} of {count(len(required), 'required gate')} could not be decided: "
+        f"{listed([gate.id for gate in unsettled])}."
+    )
+    wanted = [gate.trials_to_settle for gate in unsettled]
+    known = [trials for trials in wanted if trials is not None]
+    if known and len(known) == len(wanted):
+        sentence += f" About {count(round_up(max(known)), 'trial')} would settle it, if the estimates hold."
+    return sentence
+
+
+def round_up(amount: int) -> int:
+    """Up to two significant digits: nobody plans 1,637 trials.
+
+    >>> round_up(1637), round_up(95), round_up(4000)
+    (1700, 95, 4000)
+    """
+    step = 10 ** max(len(str(amount)) - 2, 0)
+    return -(-amount // step) * step

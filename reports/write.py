@@ -1,0 +1,44 @@
+"""All reports of one audit, each wholly written or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import xarray as xr
+
+from gaugeblock.atomic import write_atomically
+from gaugeblock.errors import InputError
+from gaugeblock.reports.html import report_html
+from gaugeblock.reports.junit import junit_xml
+from gaugeblock.reports.summary import summary_markdown
+from gaugeblock.reports.verdict_json import verdict_json
+from gaugeblock.validate import Finding, Verdict
+
+
+def write_reports(
+    verdict: Verdict, findings: Sequence[Finding], trials: xr.DataTree, folder: Path, *, title: str = "Audit"
+) -> None:
+    """Write verdict.json, junit.xml, summary.md and report.html into `folder`, made where missing.
+
+    The same inputs give the same bytes: the only times in the reports are those in `verdict.provenance`.
+    Everything is rendered before anything is written.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be made or written to.
+    """
+    contents = {
+        "junit.xml": junit_xml(verdict, title=title),
+        "summary.md": summary_markdown(verdict, title=title),
+        "report.html": report_html(verdict, findings, trials, title=title),
+        # Last, so that a verdict never stands beside an older report.
+        "verdict.json": verdict_json(verdict, findings),
+    }
+    try:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot make the folder {folder}: {error.strerror}") from error
+    for name, content in contents.items():
+        write_atomically(Path(folder) / name, content)
