@@ -20,8 +20,8 @@ PER_TRIAL = ("log_q_true", "log_likelihood_true", "log_prior_true")
 AXES: dict[str, tuple[str, ...]] = {
     "theta_true": ("trial", "parameter"),
     "draws": ("trial", "draw", "parameter"),
-    **{name: ("trial", "draw") for name in PER_DRAW},
-    **{name: ("trial",) for name in PER_TRIAL},
+    **dict.fromkeys(PER_DRAW, ("trial", "draw")),
+    **dict.fromkeys(PER_TRIAL, ("trial",)),
 }
 
 
@@ -119,7 +119,7 @@ def _sizes(dataset: xr.Dataset, *, source: str) -> None:
         raise InputError(f"{source}: there are no parameters; at least one is needed")
     if dataset.sizes["draw"] < 2:
         raise InputError(
-            f"{source}: {dataset.sizes['draw']} draw(s) per trial; at least 2 are needed, and 100 or more advised"
+            f"{source}: {dataset.sizes['draw']} draw(s) per trial; at least 2 are needed, 250 are usual"
         )
 
 

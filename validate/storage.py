@@ -16,7 +16,7 @@ SCHEMA_VERSION = 1
 
 
 def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
-    """Lossless compression for numeric arrays; no fill value, so that NaN and every integer stay as they are."""
+    """Lossless compression of numeric arrays; no fill value: NaN and every integer stay as they are."""
     return {
         str(name): {"zlib": True, "complevel": 1, "shuffle": True, "_FillValue": None}
         if variable.ndim and np.issubdtype(variable.dtype, np.number)

@@ -64,7 +64,8 @@ def make_trials(
     _put(data, "draws", sampled, ("trial", "draw", "parameter"))
     optional = {
         "log_q": log_q, "log_likelihood": log_likelihood, "log_prior": log_prior, "weight": weight,
-        "log_q_true": log_q_true, "log_likelihood_true": log_likelihood_true, "log_prior_true": log_prior_true,
+        "log_q_true": log_q_true, "log_likelihood_true": log_likelihood_true,
+        "log_prior_true": log_prior_true,
     }  # fmt: skip
     for name, values in optional.items():
         if values is not None:
@@ -118,7 +119,7 @@ def importance_trials(tree: xr.DataTree) -> xr.Dataset | None:
     """The importance-sampling Trials of a tree, or None where it has none."""
     if IMPORTANCE not in tree.children:
         return None
-    dataset = tree[IMPORTANCE].to_dataset(inherit=False)
+    dataset = tree.children[IMPORTANCE].to_dataset(inherit=False)
     if "parameter" in tree.coords:
         dataset = dataset.assign_coords(parameter=tree.coords["parameter"])
     prefix = f"{IMPORTANCE}_"

@@ -1,0 +1,147 @@
+"""Central intervals: how often they contain the truth, at twelve levels, for every parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.prepared import Prepared
+
+Array = NDArray[np.float64]
+
+LEVELS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.68, 0.7, 0.8, 0.9, 0.95)
+REFERENCE = "Hermans et al. 2022, arXiv:2110.06581; coverage of the randomised PIT"
+LEAST_TRIALS = 2
+# Agresti & Coull 1998: two successes and two failures more keep the error of an extreme proportion above 0.
+STEADYING = 2.0
+REPLICATES = 4000
+
+
+def inside_central(pit: ArrayLike, levels: Sequence[float] = LEVELS) -> NDArray[np.bool_]:
+    """Whether each truth is in its central interval: ``(parameter, level, trial)``, PIT ``(trial, parameter)``.
+
+    |u - 1/2| <= level / 2 on the randomised PIT: of probability `level` exactly for an exact posterior with
+    any number of draws, where interpolated sample quantiles are not.
+    """
+    folded = 2 * np.abs(np.asarray(pit) - 0.5)
+    return np.asarray(folded.T[:, None, :] <= np.asarray(levels)[:, None])
+
+
+@lru_cache(maxsize=32)
+def perfect_estimator(
+    n: int, parameters: int, levels: tuple[float, ...] = LEVELS
+) -> tuple[tuple[float, float, float], float]:
+    """What a perfect estimator shows at n trials, by simulation with a seed fixed by the arguments.
+
+    Returns the coverage deviation's mean and 2.5% and 97.5% quantiles for independent parameters, and the
+    multiple of the binomial standard error within which one parameter's whole curve stays with 95%.
+
+    >>> floor, _ = perfect_estimator(400, 5)
+    >>> tuple(round(value, 3) for value in floor)
+    (0.016, 0.011, 0.023)
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(n, parameters, len(levels))))
+    nominal = np.array(levels)
+    cells = np.diff(np.concatenate([[0.0], nominal, [1.0]]))
+    counts = rng.multinomial(n, cells, size=(REPLICATES, parameters))
+    gap = np.cumsum(counts[..., :-1], axis=-1) / n - nominal
+    deviation = np.abs(gap).mean(axis=(1, 2))
+    low, high = np.quantile(deviation, [0.025, 0.975])
+    largest = (np.abs(gap) / np.sqrt(nominal * (1 - nominal) / n)).max(axis=-1)
+    return (float(deviation.mean()), float(low), float(high)), float(np.quantile(largest, 0.95))
+
+
+def coverage(prepared: Prepared) -> list[Finding | NotChecked]:
+    """Central coverage of every parameter and level, and their mean absolute deviation."""
+    n = len(prepared.trial)
+    if n < LEAST_TRIALS:
+        why = f"{n} trial(s) with finite draws; at least {LEAST_TRIALS} are needed"
+        return [NotChecked("coverage.central", why), NotChecked("coverage.deviation", why)]
+    return [
+        central_finding(prepared.pit, prepared.parameters, caveats=prepared.caveats),
+        deviation_finding(prepared.pit, prepared.parameters, seed=prepared.seed, caveats=prepared.caveats),
+    ]
+
+
+def central_finding(
+    pit: ArrayLike,
+    parameters: Sequence[str],
+    *,
+    levels: Sequence[float] = LEVELS,
+    caveats: tuple[str, ...] = (),
+) -> Finding:
+    """Coverage minus level, per parameter and level, from randomised PIT ``(trial, parameter)``."""
+    inside = inside_central(pit, levels)
+    n = inside.shape[-1]
+    hits = inside.sum(axis=-1)
+    nominal = np.array(levels)
+    covered = hits / n
+    steadied = (hits + STEADYING) / (n + 2 * STEADYING)
+    (floor, floor_low, floor_high), multiple = perfect_estimator(n, len(parameters), tuple(levels))
+    half = multiple * np.sqrt(nominal * (1 - nominal) / n)
+    details = xr.Dataset(
+        {
+            "coverage": (("parameter", "level"), covered),
+            "band_low": ("level", np.clip(nominal - half, 0, 1)),
+            "band_high": ("level", np.clip(nominal + half, 0, 1)),
+            "deviation": ((), np.abs(covered - nominal).mean()),
+            "deviation_floor": ((), floor),
+            "deviation_floor_low": ((), floor_low),
+            "deviation_floor_high": ((), floor_high),
+        },
+        coords={"parameter": list(parameters), "level": nominal},
+    )
+    return Finding(
+        id="coverage.central",
+        quantity="coverage",
+        claim="coverage minus level of central intervals; negative: too narrow or displaced",
+        null="coverage equal to the nominal level, exactly, for an exact posterior",
+        reference=REFERENCE,
+        kind="mean",
+        n_trials=n,
+        components=tuple(f"{name} @ {level:g}" for name in parameters for level in levels),
+        estimate=(covered - nominal).ravel(),
+        standard_error=np.sqrt(steadied * (1 - steadied) / n).ravel(),
+        influence=(inside - covered[..., None]).reshape(-1, n),
+        details=details,
+        caveats=caveats,
+    )
+
+
+def deviation_finding(
+    pit: ArrayLike, parameters: Sequence[str], *, seed: int, caveats: tuple[str, ...] = ()
+) -> Finding:
+    """Mean absolute coverage gap over parameters and levels, beside what a perfect estimator shows.
+
+    The p-value is against an exact posterior, with the trials' own correlations between parameters; the floor
+    in the details is for independent parameters.
+    """
+    inside = inside_central(pit)
+    n = inside.shape[-1]
+    nominal = np.array(LEVELS)
+    deviation = float(np.abs(inside.mean(axis=-1) - nominal).mean())
+    (floor, low, high), _ = perfect_estimator(n, len(parameters))
+    flat = inside.reshape(-1, n).astype(float)
+    values, vectors = np.linalg.eigh(np.atleast_2d(np.cov(flat)) / n)
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(n, len(parameters))))
+    normal = rng.standard_normal((REPLICATES, len(flat)))
+    null = np.abs((normal * np.sqrt(np.maximum(values, 0))) @ vectors.T).mean(axis=1)
+    return Finding(
+        id="coverage.deviation",
+        quantity="",
+        claim="mean absolute gap between empirical and nominal central coverage, over parameters and levels",
+        null=f"a perfect estimator shows {floor:.4f} on average at {n} trials (95%: {low:.4f} to {high:.4f})",
+        reference=REFERENCE,
+        kind="test",
+        n_trials=n,
+        estimate=np.array([deviation]),
+        standard_error=np.array([null.std()]),
+        p_value=float((1 + np.count_nonzero(null >= deviation)) / (1 + REPLICATES)),
+        details=xr.Dataset({"floor": ((), floor), "floor_low": ((), low), "floor_high": ((), high)}),
+        caveats=caveats,
+    )
