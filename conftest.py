@@ -1,4 +1,4 @@
-"""What all tests share: threads, data files that are fetched or lie elsewhere, and how a missing one is treated."""
+"""What all tests share: threads, data that are fetched or lie elsewhere, how a missing file is treated."""
 
 from __future__ import annotations
 
