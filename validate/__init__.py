@@ -5,6 +5,9 @@ Nothing here imports an estimator or a simulator: validators see arrays and Tria
 
 from gaugeblock.validate.check import check_trials
 from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.findings_file import findings_tree, read_findings, write_findings
+from gaugeblock.validate.judge import judge
+from gaugeblock.validate.policy import Policy, make_policy, read_policy
 from gaugeblock.validate.same_likelihood import LikelihoodComparison, assert_same_likelihood
 from gaugeblock.validate.trials import (
     importance_trials,
@@ -14,22 +17,32 @@ from gaugeblock.validate.trials import (
     trials_tree,
     write_trials,
 )
+from gaugeblock.validate.validators import VALIDATORS, run_validators
 from gaugeblock.validate.verdict import Gate, Outcome, Verdict, combine
 
 __all__ = [
+    "VALIDATORS",
     "Finding",
     "Gate",
     "LikelihoodComparison",
     "NotChecked",
     "Outcome",
+    "Policy",
     "Verdict",
     "assert_same_likelihood",
     "check_trials",
     "combine",
+    "findings_tree",
     "importance_trials",
+    "judge",
     "main_trials",
+    "make_policy",
     "make_trials",
+    "read_findings",
+    "read_policy",
     "read_trials",
+    "run_validators",
     "trials_tree",
+    "write_findings",
     "write_trials",
 ]

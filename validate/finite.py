@@ -15,17 +15,10 @@ def finite(prepared: Prepared) -> list[Finding | NotChecked]:
     trials, population = prepared.importance
     if population != "trials":
         counts[population] = _counted(trials)
-    names = tuple(f"{population} {what}" for population in counts for what in ("draws", "log_q"))
+    prefix = {name: "" if name == "trials" else f"{name} " for name in counts}
+    names = tuple(f"{prefix[name]}{what}" for name in counts for what in ("draws", "log_q"))
     numbers = [float(part.sum()) for count in counts.values() for part in (count["draws"], count["log_q"])]
-    affected = {
-        name: [number for number, bad in zip(count["trial"].values, count["any"].values, strict=True) if bad]
-        for name, count in counts.items()
-    }
-    caveats = tuple(
-        f"{name}: {len(numbers_)} affected, first: {', '.join(map(str, numbers_[:5]))}"
-        for name, numbers_ in affected.items()
-        if numbers_
-    )
+    caveats = tuple(_where(count, prefix[name]) for name, count in counts.items() if count["any"].any())
     main = counts["trials"]
     return [
         Finding(
@@ -60,3 +53,9 @@ def _counted(trials: xr.Dataset) -> xr.Dataset:
         {"draws": ("trial", draws), "log_q": ("trial", log_q), "any": ("trial", (draws + log_q) > 0)},
         coords={"trial": trial_numbers(trials)},
     )
+
+
+def _where(count: xr.Dataset, prefix: str) -> str:
+    affected = count["trial"].values[count["any"].values]
+    first = ", ".join(map(str, affected[:5])) + (", ..." if len(affected) > 5 else "")
+    return f"in {len(affected)} of {len(count['trial'])} {prefix}trials: {first}"

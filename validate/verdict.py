@@ -50,7 +50,7 @@ class Gate:
     budget (outside the tolerance means FAIL); `pass_interval` the one-sided 95% bounds that must lie inside
     the tolerance for PASS; `smallest_detectable` the size of a true fault beyond which this gate FAILs with
     the policy's planning power at this number of trials; `trials_to_settle` how many trials would decide an
-    INCONCLUSIVE gate if the estimate stayed where it is.
+    INCONCLUSIVE gate with that power, if the true faults are the estimates, shrunk for their noise.
     """
 
     id: str

@@ -1,0 +1,192 @@
+"""From findings and a policy to a verdict.
+
+PASS is an intersection-union test: of every required gate, every component's one-sided 95% bounds lie inside
+the tolerance; that needs no correction for multiplicity. FAIL: some component's simultaneous interval lies
+wholly outside, which happens to an estimator within all tolerances with at most the policy's error budget.
+Everything else is INCONCLUSIVE, with the number of trials that would settle it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import special
+
+from gaugeblock.validate.family import PASS_LEVEL, Bounds, Judgeable, bounds, exact_bounds, families
+from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.messages import gate_message
+from gaugeblock.validate.policy import Policy, covers
+from gaugeblock.validate.verdict import Gate, Outcome, Verdict, combine
+
+
+def judge(
+    findings: Sequence[Finding], not_checked: Sequence[NotChecked], policy: Policy, *, seed: int
+) -> Verdict:
+    """Hold every finding that the policy has a tolerance for against it.
+
+    A gate that is not required blocks when it FAILs, but need not PASS. A required gate without a finding
+    makes the verdict INCONCLUSIVE. `seed` is of the bootstrap: the same findings, policy and seed give the
+    same verdict.
+    """
+    judged = [item for finding in findings if (item := _judgeable(finding, policy)) is not None]
+    grouped = families(judged)
+    known: dict[str, Bounds] = {item.finding.id: exact_bounds(item) for item in judged}
+    for family in grouped:
+        found = bounds(family, budget=policy.error_budget, number=len(grouped), seed=seed)
+        known |= {item.finding.id: bound for item, bound in zip(family, found, strict=True)}
+    gates = [_gate(item, known[item.finding.id], policy) for item in judged]
+    gates += _missing(gates, not_checked, policy)
+    required = [gate.outcome for gate in gates if gate.required]
+    failed = any(gate.outcome is Outcome.FAIL for gate in gates)
+    return Verdict(
+        outcome=Outcome.FAIL if failed else combine(required),
+        gates=tuple(gates),
+        not_checked=tuple(not_checked),
+    )
+
+
+def _judgeable(finding: Finding, policy: Policy) -> Judgeable | None:
+    """The finding and its tolerated region, or None where the policy has no say or there is no interval."""
+    if finding.kind == "test":
+        return None
+    tolerance = 0.0 if finding.kind == "count" else policy.tolerated(finding.quantity)
+    if tolerance is None:
+        return None
+    low = (
+        tolerance
+        if finding.sense == "at-least"
+        else -tolerance
+        if finding.sense == "two-sided"
+        else -math.inf
+    )
+    high = math.inf if finding.sense == "at-least" else tolerance
+    return Judgeable(finding=finding, low=low, high=high)
+
+
+def _gate(item: Judgeable, bound: Bounds, policy: Policy) -> Gate:
+    finding = item.finding
+    fails = (bound.high < item.low) | (bound.low > item.high)
+    passes = (bound.pass_low >= item.low) & (bound.pass_high <= item.high)
+    outcome = Outcome.FAIL if fails.any() else Outcome.PASS if passes.all() else Outcome.INCONCLUSIVE
+    worst = _worst(item, bound, fails)
+    tolerance = item.low if finding.sense == "at-least" else item.high
+    detectable = smallest_detectable(item, bound, policy.planning.power)
+    settle = trials_to_settle(item, bound, policy.planning.power) if outcome is Outcome.INCONCLUSIVE else None
+    return Gate(
+        id=finding.id,
+        outcome=outcome,
+        statistic=float(finding.estimate[worst]),
+        interval=(float(bound.low[worst]), float(bound.high[worst])),
+        pass_interval=(float(bound.pass_low[worst]), float(bound.pass_high[worst])),
+        tolerance=float(tolerance),
+        p_value=_known(bound.p_value[worst]),
+        p_adjusted=_known(bound.p_adjusted[worst]),
+        n_trials=finding.n_trials,
+        smallest_detectable=detectable,
+        trials_to_settle=settle,
+        component=finding.components[worst],
+        message=gate_message(
+            item, bound, fails, outcome, worst, policy=policy, smallest_detectable=detectable, settle=settle
+        ),
+        required=policy.requires(finding.id),
+    )
+
+
+def _known(p_value: float) -> float | None:
+    return None if math.isnan(p_value) else float(p_value)
+
+
+def _worst(item: Judgeable, bound: Bounds, fails: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> int:
+    """The component farthest outside among those that FAIL, else the one with the least margin to PASS."""
+    estimate = item.finding.estimate
+    if fails.any():
+        outside = np.maximum(item.low - estimate, estimate - item.high)
+        return int(np.argmax(np.where(fails, outside, -np.inf)))
+    return int(np.argmax(np.maximum(item.low - bound.pass_low, bound.pass_high - item.high)))
+
+
+def smallest_detectable(item: Judgeable, bound: Bounds, power: float) -> float | None:
+    """Size of a fault that FAILs with probability `power` at this number of trials, in the tolerance's unit.
+
+    For a quantile: its value if all trials changed in proportion. None where no fault would.
+    """
+    finding = item.finding
+    z = float(special.ndtri(power))
+    if finding.kind == "count":
+        return 1.0
+    if finding.kind == "mean":
+        reach = (bound.critical + z) * float(finding.standard_error.max())
+        return item.low - reach if finding.sense == "at-least" else item.high + reach
+    assert finding.values is not None
+    n, q = len(finding.values), finding.quantile
+    shift = (bound.critical + z) * math.sqrt(n * q * (1 - q))
+    rank = n * q + shift if finding.sense == "at-least" else n * q - shift
+    value = np.sort(finding.values)[int(np.clip(rank, 0, n - 1))]
+    edge = item.low if finding.sense == "at-least" else item.high
+    if not (0 <= rank < n and value > 0 and np.isfinite(value)):
+        return None
+    return float(edge * finding.estimate[0] / value)
+
+
+def trials_to_settle(item: Judgeable, bound: Bounds, power: float) -> int | None:
+    """Number of trials at which the gate would PASS or FAIL with probability `power`.
+
+    The true faults are taken to be the estimates, shrunk together by the share of them that noise explains
+    (James & Stein 1961): the worst of sixty noisy gaps is not a forecast. None where a fault is as large as
+    what is tolerated, which no number of trials settles.
+    """
+    finding = item.finding
+    n = finding.n_trials
+    spare = float(special.ndtri(power))
+    pass_reach, fail_reach = float(special.ndtri(PASS_LEVEL)) + spare, bound.critical + spare
+    if finding.kind == "quantile":
+        assert finding.values is not None
+        at_least, q = finding.sense == "at-least", finding.quantile
+        share = float(np.mean(finding.values < item.low if at_least else finding.values <= item.high))
+        reach = pass_reach if (share < q) == at_least else fail_reach
+        needed = q * (1 - q) * (reach / abs(q - share)) ** 2 if share != q else math.inf
+    else:
+        error = np.maximum(finding.standard_error, np.finfo(float).tiny)
+        square = float(np.sum((finding.estimate / error) ** 2))
+        fault = finding.estimate * max(0.0, 1 - len(error) / max(square, len(error)))
+        margin = np.minimum(fault - item.low, item.high - fault)
+        with np.errstate(divide="ignore"):
+            inside = float(n * ((pass_reach * error / margin) ** 2).max())
+            outside = n * (fail_reach * error / margin) ** 2
+        needed = inside if (margin >= 0).all() else float(outside[margin < 0].min())
+    return max(n + 1, math.ceil(needed)) if needed < 1e12 else None
+
+
+def _missing(gates: Sequence[Gate], not_checked: Sequence[NotChecked], policy: Policy) -> list[Gate]:
+    """An INCONCLUSIVE gate for each required entry that was not, or not wholly, computed."""
+    found = []
+    for entry in policy.required:
+        unchecked = [item for item in not_checked if covers(entry, item.id) or covers(item.id, entry)]
+        if not unchecked and any(covers(entry, gate.id) for gate in gates):
+            continue
+        computed = {gate.id for gate in gates}
+        unchecked = [item for item in unchecked if item.id not in computed]
+        why = "; ".join(dict.fromkeys(item.why for item in unchecked)) or "no validator computed it"
+        found.append(_not_computed(entry, why))
+    return found
+
+
+def _not_computed(entry: str, why: str) -> Gate:
+    nothing = (math.nan, math.nan)
+    return Gate(
+        id=entry,
+        outcome=Outcome.INCONCLUSIVE,
+        statistic=math.nan,
+        interval=nothing,
+        pass_interval=nothing,
+        tolerance=math.nan,
+        p_value=None,
+        p_adjusted=None,
+        n_trials=0,
+        smallest_detectable=None,
+        trials_to_settle=None,
+        component="",
+        message=f"{entry} is required by the policy but could not be checked: {why}",
+    )

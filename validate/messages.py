@@ -1,0 +1,169 @@
+"""What a gate says to people: what was seen, what is tolerated, what to do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.validate.family import Bounds, Judgeable
+from gaugeblock.validate.policy import Policy
+from gaugeblock.validate.verdict import Outcome
+
+# What the coverage gate calls a component: "parameter @ level".
+SEPARATOR = " @ "
+
+
+def gate_message(
+    item: Judgeable,
+    bound: Bounds,
+    fails: NDArray[np.bool_],
+    outcome: Outcome,
+    worst: int,
+    *,
+    policy: Policy,
+    smallest_detectable: float | None,
+    settle: int | None,
+) -> str:
+    """One line for one gate."""
+    quantity = item.finding.quantity
+    level = f"{100 * (1 - policy.error_budget):g}% simultaneous"
+    if item.finding.kind == "count":
+        return _count(item)
+    described = _DESCRIBE.get(quantity, _plain)(item, bound, _shown(item, fails, worst), level)
+    if outcome is Outcome.FAIL:
+        return f"{described}. {_advice(item, fails)}"
+    if outcome is Outcome.INCONCLUSIVE:
+        more = f"about {settle:,} would" if settle else "the fault is as large as what is tolerated"
+        return f"{described}: {item.finding.n_trials:,} trials do not settle it; {more}"
+    if smallest_detectable is None or not math.isfinite(smallest_detectable):
+        return described
+    fault = _DETECTABLE.get(quantity, _detectable)(smallest_detectable)
+    return f"{described}; {fault} would FAIL with {policy.planning.power:.0%} power"
+
+
+def _shown(item: Judgeable, fails: NDArray[np.bool_], worst: int) -> list[int]:
+    """Components to name: each parameter that FAILs, at its worst, the worst first; else the worst."""
+    if not fails.any():
+        return [worst]
+    outside = np.maximum(item.low - item.finding.estimate, item.finding.estimate - item.high)
+    seen: dict[str, int] = {}
+    for index in sorted(np.flatnonzero(fails).tolist(), key=lambda index: -float(outside[index])):
+        seen.setdefault(item.finding.components[index].rpartition(SEPARATOR)[0], index)
+    return list(seen.values())
+
+
+def _range(bound: Bounds, index: int, form: Callable[[float], str]) -> str:
+    return f"{form(float(bound.low[index]))} .. {form(float(bound.high[index]))}"
+
+
+def _bias(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> str:
+    index = shown[0]
+    value = float(item.finding.estimate[index])
+    side = "high" if value > 0 else "low"
+    spread = _range(bound, index, "{:+.3f}".format)
+    return (
+        f"{item.finding.components[index]}: posteriors lie {abs(value):.3f} sd too {side} "
+        f"({value:+.3f} sd, {level} {spread}; tolerated {item.high:g})"
+    )
+
+
+def _log_width(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> str:
+    index = shown[0]
+    ratio = math.exp(float(item.finding.estimate[index]))
+    spread = _range(bound, index, lambda value: f"{math.exp(value):.3f}")
+    return (
+        f"{item.finding.components[index]}: posteriors are {ratio:.3f} times as wide as they should be "
+        f"({level} {spread}; tolerated {math.exp(item.low):.3f} .. {math.exp(item.high):.3f})"
+    )
+
+
+def _coverage(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> str:
+    said = []
+    for index in shown:
+        name, _, nominal = item.finding.components[index].rpartition(SEPARATOR)
+        gap = float(item.finding.estimate[index])
+        said.append(
+            f"{name}: central {float(nominal):.0%} intervals cover {float(nominal) + gap:.3f} "
+            f"(gap {gap:+.3f}, {level} {_range(bound, index, '{:+.3f}'.format)}; tolerated {item.high:g})"
+        )
+    return "; ".join(said)
+
+
+def _ess(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> str:
+    index = shown[0]
+    return (
+        f"median importance-sampling efficiency is {float(item.finding.estimate[index]):.1%} of draws "
+        f"({level} {_range(bound, index, '{:.1%}'.format)}; at least {item.low:.0%} wanted)"
+    )
+
+
+def _plain(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> str:
+    said = []
+    for index in shown:
+        name = item.finding.components[index]
+        said.append(
+            f"{name + ': ' if name else ''}{item.finding.claim}: {float(item.finding.estimate[index]):.4g} "
+            f"({level} {_range(bound, index, '{:.4g}'.format)})"
+        )
+    edge = f"at least {item.low:g}" if item.finding.sense == "at-least" else f"tolerated {item.high:g}"
+    return "; ".join(said) + f"; {edge}"
+
+
+def _count(item: Judgeable) -> str:
+    counts = [
+        f"{int(number):,} {name}"
+        for number, name in zip(item.finding.estimate, item.finding.components, strict=True)
+        if number > item.high
+    ]
+    if not counts:
+        return f"no draw or log density is NaN or infinite in {item.finding.n_trials:,} trials"
+    where = f" ({'; '.join(item.finding.caveats)})" if item.finding.caveats else ""
+    return (
+        f"NaN or infinite: {', '.join(counts)}{where}. Look for data outside the training range, overflow "
+        "in a transform, or a parameter on the edge of its prior"
+    )
+
+
+def _advice(item: Judgeable, fails: NDArray[np.bool_]) -> str:
+    estimate = item.finding.estimate[fails]
+    quantity = item.finding.quantity
+    retrain = "train longer or on more simulations, with a larger network"
+    if quantity == "bias":
+        return f"Check that trials and training share one prior and simulator, then {retrain}"
+    if quantity in ("log_width", "coverage"):
+        if (estimate < 0).all():
+            fault = "too narrow" if quantity == "log_width" else "too narrow or displaced"
+            return (
+                f"Intervals are {fault}: {retrain}, stop before it overfits, or refine by importance weights"
+            )
+        if (estimate > 0).all():
+            return f"Posteriors are too wide: information in the data is lost; {retrain}"
+        return f"Wrong in both directions: {retrain}"
+    if quantity == "ess":
+        return (
+            "The density does not match the posterior: check that log q is normalised in physical theta and "
+            f"that the likelihood and prior are the simulator's, then {retrain}"
+        )
+    return f"To mend it: {retrain}"
+
+
+def _detectable(size: float) -> str:
+    return f"a fault of {size:.3g}"
+
+
+_DETECTABLE: dict[str, Callable[[float], str]] = {
+    "bias": lambda size: f"a bias of {size:.3f} sd",
+    "log_width": lambda size: f"a width ratio of {math.exp(-size):.3f} or {math.exp(size):.3f}",
+    "coverage": lambda size: f"a gap of {size:.3f}",
+    "ess": lambda size: f"an efficiency of {size:.1%}",
+}
+
+_DESCRIBE: dict[str, Callable[[Judgeable, Bounds, list[int], str], str]] = {
+    "bias": _bias,
+    "log_width": _log_width,
+    "coverage": _coverage,
+    "ess": _ess,
+}

@@ -1,0 +1,142 @@
+"""Policy: what is tolerated, what is required, and how often a sound estimator may be blocked."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from gaugeblock.errors import InputError
+
+SHIPPED = ("default", "strict")
+
+Probability = Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)]
+Gap = Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)]
+Size = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Tolerance(_Table):
+    """The largest fault that is tolerated, per quantity; for `ess` the least fraction.
+
+    bias: posterior sd. log_width: natural log of the width ratio. coverage, joint, local: probability.
+    """
+
+    bias: Size
+    log_width: Size
+    coverage: Gap
+    joint: Gap
+    local: Gap
+    ess: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
+
+
+class Planning(_Table):
+    """Power at which smallest detectable faults are stated."""
+
+    power: Annotated[float, Field(gt=0.5, lt=1, allow_inf_nan=False)]
+
+
+class Policy(_Table):
+    """Tolerances, familywise error budget, and which gates must PASS.
+
+    `required` holds validators' names or beginnings of gate ids: ``sbc`` means all its gates, ``sbc.bias``
+    the bias of every parameter, ``sbc.bias[tbabs_1.nh]`` one.
+    """
+
+    error_budget: Annotated[float, Field(gt=0, le=0.5, allow_inf_nan=False)]
+    required: Annotated[tuple[Annotated[str, Field(min_length=1)], ...], Field(min_length=1)]
+    tolerance: Tolerance
+    planning: Planning
+
+    def requires(self, gate: str) -> bool:
+        """Whether the gate of this id must PASS."""
+        return any(covers(entry, gate) for entry in self.required)
+
+    def tolerated(self, quantity: str) -> float | None:
+        """Tolerance of a quantity; None for one that is not judged."""
+        return getattr(self.tolerance, quantity) if quantity in Tolerance.model_fields else None
+
+
+def covers(entry: str, gate: str) -> bool:
+    """Whether an entry of `required` names the gate, or the validator or group that it belongs to.
+
+    >>> covers("sbc", "sbc.bias[a]"), covers("sbc.bias", "sbc.bias[a]"), covers("sbc.bias[a]", "sbc.bias[ab]")
+    (True, True, False)
+    """
+    return gate == entry or gate.startswith((f"{entry}.", f"{entry}["))
+
+
+def make_policy(table: Mapping[str, Any], *, source: str) -> Policy:
+    """A Policy from plain data; what the table leaves out is as in the default policy.
+
+    Raises
+    ------
+    InputError
+        For an unknown key or an impossible value; one line that names the key and `source`.
+    """
+    merged = dict(_shipped_table("default"))
+    for key, value in table.items():
+        inner = merged.get(key)
+        merged[key] = {**inner, **value} if isinstance(inner, dict) and isinstance(value, Mapping) else value
+    try:
+        return Policy.model_validate(merged)
+    except ValidationError as error:
+        raise InputError(f"{source}: {_first(error)}") from None
+
+
+def read_policy(path_or_name: str | os.PathLike[str]) -> Policy:
+    """A shipped policy by name (default, strict), or one from a TOML file.
+
+    Raises
+    ------
+    InputError
+        If there is no such policy or file, it is not TOML, or a key or value in it cannot be.
+
+    >>> read_policy("default").tolerance.bias
+    0.1
+    """
+    if str(path_or_name) in SHIPPED:
+        return make_policy(_shipped_table(str(path_or_name)), source=f"policy {path_or_name}")
+    path = Path(path_or_name)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is not TOML (not UTF-8 text)") from None
+    except OSError as error:
+        names = " or ".join(SHIPPED)
+        raise InputError(
+            f"{path}: cannot be read ({error.strerror or error}); give a TOML file, or the name {names}"
+        ) from None
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: is not TOML: {error}") from None
+    return make_policy(table, source=str(path))
+
+
+def _shipped_table(name: str) -> dict[str, Any]:
+    text = (
+        resources.files("gaugeblock.validate")
+        .joinpath("policies", f"{name}.toml")
+        .read_text(encoding="utf-8")
+    )
+    return tomllib.loads(text)
+
+
+def _first(error: ValidationError) -> str:
+    problem = error.errors()[0]
+    key = ".".join(str(part) for part in problem["loc"])
+    if problem["type"] == "extra_forbidden":
+        tables: dict[str, type[BaseModel]] = {"tolerance": Tolerance, "planning": Planning}
+        table = tables.get(str(problem["loc"][0]), Policy) if len(problem["loc"]) > 1 else Policy
+        return f"unknown key {key}; the keys there are {', '.join(table.model_fields)}"
+    said = problem["msg"][:1].lower() + problem["msg"][1:]
+    return f"{key} = {problem['input']!r} cannot be: {said}"
