@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -63,6 +64,12 @@ class Response:
         """Dense transfer matrix in cm2 s, shape ``(channel, bin)``: counts = transfer @ photon flux."""
         return self.fold(self.grouping)
 
+    @cached_property
+    def _grouping_digest(self) -> str:
+        # The files' hashes say nothing about a band or a grouping that the caller chose.
+        rows, columns = self.grouping.nonzero()
+        return hashlib.sha256(np.stack([rows, columns]).astype("<i8").tobytes()).hexdigest()
+
     def fold(self, grouping: Any) -> Array:
         """Transfer matrix for another weighting ``(channel, fine)`` of the detector channels."""
         weights = (self.area * self.exposure)[None, :]
@@ -85,6 +92,7 @@ class Response:
         return {
             "name": self.name,
             "files": dict(self.files),
+            "grouping": self._grouping_digest,
             "channels": len(self.channels),
             "band_kev": [float(self.channels[:, 0].min()), float(self.channels[:, 1].max())],
             "exposure_s": self.exposure,
