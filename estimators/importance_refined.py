@@ -37,11 +37,11 @@ class WeightedDraws:
     @property
     def collapsed(self) -> NDArray[np.bool_]:
         """Rows ``(batch,)`` that rest on fewer than `COLLAPSED` effective draws: do not trust them."""
-        return ~(self.effective_draws >= COLLAPSED)
+        return np.asarray(~(self.effective_draws >= COLLAPSED))
 
     def resample(self, n: int, rng: Rng) -> NDArray[np.float64]:
         """Equal-weight draws ``(batch, n, parameter)`` with replacement; a row with NaN weights gives NaN."""
-        invalid = np.isnan(self.log_weight).any(axis=-1)
+        invalid = np.asarray(np.isnan(self.log_weight).any(axis=-1))
         log_weight = np.where(invalid[:, None], 0.0, self.log_weight)
         index = resample(log_weight, rng.random((len(self.draws), n)))
         chosen = np.take_along_axis(self.draws, index[..., None], axis=1)

@@ -40,7 +40,8 @@ class NestedRun:
 
     def resample(self, n: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Equal-weight posterior draws ``(n, parameter)``, with replacement."""
-        return self.theta[resample(self.log_weight[None], rng.random((1, n)))[0]]
+        index = resample(self.log_weight[None], rng.random((1, n)))[0]
+        return np.asarray(self.theta[index])
 
 
 class NestedSampling:
@@ -118,7 +119,7 @@ class NestedSampling:
                 f"nested_sampling: log_likelihood is {value[first]} at theta = {points[first].tolist()}; "
                 "it must be a finite number, or -inf, everywhere inside the prior"
             )
-        return np.maximum(value, LOWEST)
+        return np.asarray(np.maximum(value, LOWEST))
 
     def run(self, x_row: ArrayLike, rng: np.random.Generator) -> NestedRun:
         """One run on one row of data, shape ``data_shape``."""

@@ -19,6 +19,9 @@ Table = Mapping[str, tuple[str, str, str | None]]
 SIMULATORS: Table = {
     "xray": ("gaugeblock.simulators.xray", "build", "xray"),
     "linear_gaussian": ("gaugeblock.simulators.linear_gaussian", "LinearGaussian", None),
+    "two_moons": ("gaugeblock.simulators.two_moons", "TwoMoons", None),
+    "gaussian_mixture": ("gaugeblock.simulators.gaussian_mixture", "GaussianMixture", None),
+    "epidemic": ("gaugeblock.simulators.epidemic", "Epidemic", None),
 }
 
 
