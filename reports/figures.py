@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from gaugeblock.reports.charts import curve_with_band, half_height_of, histogram, scatter
 from gaugeblock.reports.errors_of_trials import TrialErrors
-from gaugeblock.reports.words import parameter_of, probability, short
+from gaugeblock.reports.words import p_equals, parameter_of, short
 from gaugeblock.validate import Finding, Verdict
 
 
@@ -48,24 +48,24 @@ def sections(verdict: Verdict, findings: Sequence[Finding], errors: TrialErrors 
 
 
 def _ranks(findings: Sequence[Finding]) -> Section | None:
-    found = [
-        finding for finding in findings
-        if finding.id.startswith("sbc.uniform") and {"difference", "lower", "upper"} <= set(finding.details)
-    ]  # fmt: skip
+    names = ("ecdf_difference", "band_low", "band_high")
+    found = [f for f in findings if f.id.startswith("sbc.uniform") and set(names) <= set(f.details)]
     if not found:
         return None
-    curves = [[np.asarray(f.details[n].values) for n in ("difference", "lower", "upper")] for f in found]
+    # At 0 and 1 the ECDF is exact: curve and band close there.
+    curves = [[np.pad(f.details[name].values, 1) for name in names] for f in found]
     half = half_height_of(*(curve for three in curves for curve in three))
     panels = []
     for index, (finding, (difference, low, high)) in enumerate(zip(found, curves, strict=True)):
         name = parameter_of(finding.id) or finding.id
+        point = np.pad(finding.details["evaluation_point"].values, 1, constant_values=(0.0, 1.0))
         panels.append(
             Panel(
                 name,
-                f"p = {probability(finding.p_value)}" if finding.p_value is not None else "",
+                p_equals(finding.p_value),
                 curve_with_band(
-                    _grid(finding), difference, low, high, key=f"rank-{index}", name=f"Ranks of {name}",
-                    x_label="rank of the truth among the draws", y_label="ECDF minus uniform", half_height=half,
+                    point, difference, low, high, key=f"rank-{index}", name=f"Ranks of {name}",
+                    x_label="rank of the truth / draws", y_label="ECDF minus uniform", half_height=half,
                 ),
             )
         )  # fmt: skip
@@ -80,30 +80,23 @@ def _ranks(findings: Sequence[Finding]) -> Section | None:
     )
 
 
-def _grid(finding: Finding) -> np.ndarray:
-    if "u" in finding.details.variables and finding.details["u"].shape == finding.details["difference"].shape:
-        return np.asarray(finding.details["u"].values, dtype=float)
-    return np.linspace(0, 1, finding.details["difference"].size)
-
-
 def _coverage(finding: Finding | None) -> Section | None:
     if finding is None or "coverage" not in finding.details:
         return None
     coverage = finding.details["coverage"].transpose("parameter", "level")
     level = np.asarray(coverage["level"].values, dtype=float)
     gap = coverage.values - level
-    low, high = (finding.details[n].transpose("parameter", "level").values - level for n in ("lower", "upper"))
+    low, high = (finding.details[name].values - level for name in ("band_low", "band_high"))
     half = half_height_of(gap, low, high)
     panels = []
     for index, name in enumerate(str(n) for n in coverage["parameter"].values):
         worst = int(np.argmax(np.abs(gap[index])))
-        curve = [values[index] for values in (gap, low, high)]
         panels.append(
             Panel(
                 name,
                 f"the {short(100 * level[worst])}% intervals hold {short(100 * coverage.values[index, worst])}%",
                 curve_with_band(
-                    level, *curve, key=f"coverage-{index}", name=f"Coverage of {name}", points=True,
+                    level, gap[index], low, high, key=f"coverage-{index}", name=f"Coverage of {name}", points=True,
                     x_label="level claimed", y_label="coverage minus level", half_height=half,
                 ),
             )
@@ -134,8 +127,10 @@ def _weights(by_id: dict[str, Finding], tolerance: float | None) -> Section | No
                           x_label="effective sample size / draws", x=(0.0, 1.0)),
             )
         )  # fmt: skip
-    if shape is not None and shape.values is not None and np.isfinite(shape.values).any():
-        finite = shape.values[np.isfinite(shape.values)]
+    if shape is not None and "khat" in shape.details:
+        finite = shape.details["khat"].values
+        finite = finite[np.isfinite(finite)]
+    if shape is not None and "khat" in shape.details and len(finite):
         span = (min(-0.5, float(np.quantile(finite, 0.01))), max(1.2, float(np.quantile(finite, 0.99))))
         panels.append(
             Panel(

@@ -11,7 +11,7 @@ import xarray as xr
 
 from gaugeblock.reports.errors_of_trials import trial_errors
 from gaugeblock.reports.figures import sections
-from gaugeblock.reports.rows import gate_rows, reported_rows
+from gaugeblock.reports.rows import gate_groups, reported_rows
 from gaugeblock.reports.verdict_json import plain
 from gaugeblock.reports.words import count, reason
 from gaugeblock.reports.worst import largest_errors, lowest_shares
@@ -40,10 +40,9 @@ def _environment() -> jinja2.Environment:
 def report_html(verdict: Verdict, findings: Sequence[Finding], trials: xr.DataTree, *, title: str) -> str:
     """The whole page as text; what the findings and trials do not hold leaves no trace on it."""
     main, importance = main_trials(trials), importance_trials(trials)
-    has_draws = "theta_true" in main and "draws" in main
-    errors = trial_errors(trials) if has_draws else None
+    errors = trial_errors(trials)
     share = next((finding for finding in findings if finding.id == "importance.ess"), None)
-    weighed_on = importance if importance is not None else main if has_draws else None
+    weighed_on = main if importance is None else importance
     worst = [
         table
         for table in (
@@ -57,8 +56,8 @@ def report_html(verdict: Verdict, findings: Sequence[Finding], trials: xr.DataTr
         outcome=verdict.outcome.value,
         headline=_HEADLINES[verdict.outcome],
         reason=reason(verdict),
-        facts=_facts(main, importance) if has_draws else [],
-        gates=gate_rows(verdict, findings),
+        facts=_facts(main, importance),
+        groups=gate_groups(verdict, findings),
         tally=_tally(verdict),
         not_checked=verdict.not_checked,
         reported=reported_rows(verdict, findings),

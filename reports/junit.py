@@ -39,7 +39,8 @@ def junit_xml(verdict: Verdict, *, title: str) -> str:
         for name, value in _figures(gate).items():
             _child(properties, "property", name=f"{gate.id}.{name}", value=value)
     cases = [_gate_case(suite, gate) for gate in verdict.gates]
-    cases += [_skipped_case(suite, item) for item in verdict.not_checked]
+    judged = {gate.id for gate in verdict.gates}
+    cases += [_skipped_case(suite, item) for item in verdict.not_checked if item.id not in judged]
     if verdict.outcome is not Outcome.PASS and not any(case.find(k) is not None for case in cases for k in _RED):
         # A required check that could not be made must not look green to a server that reads this file alone.
         case = _child(suite, "testcase", classname="gaugeblock", name="verdict", time="0")
@@ -63,8 +64,8 @@ def _gate_case(suite: tree.Element, gate: Gate) -> tree.Element:
     text = _legal("\n".join(lines))
     if gate.outcome is Outcome.PASS:
         return case
-    if not gate.required:
-        # It is stated, but it does not decide: neither red nor silently green.
+    if not gate.required and gate.outcome is Outcome.INCONCLUSIVE:
+        # It does not decide the verdict: neither red nor silently green.
         skipped = _child(case, "skipped", message=f"{gate.outcome.value}, but not required: {gate.message}")
         skipped.text = text
         return case

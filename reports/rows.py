@@ -24,7 +24,7 @@ from gaugeblock.reports.words import (
 )
 from gaugeblock.validate import Finding, Gate, Outcome, Verdict
 
-_MARKS = {Outcome.PASS: "✓", Outcome.FAIL: "✕", Outcome.INCONCLUSIVE: "?"}
+MARKS = {Outcome.PASS: "✓", Outcome.FAIL: "✕", Outcome.INCONCLUSIVE: "?"}
 
 
 @dataclass(frozen=True)
@@ -35,18 +35,25 @@ class GateRow:
     id: str
     outcome: str
     mark: str
-    question: str
     parameter: str
     estimate: str
-    unit: str
-    aside: str
     interval: str
     tolerance: str
     detectable: str
     bar: Markup | None
-    component: str
     message: str
     required: bool
+
+
+@dataclass(frozen=True)
+class GateGroup:
+    """Gates that ask the same question, of one parameter each."""
+
+    stem: str
+    question: str
+    unit: str
+    caveats: tuple[str, ...]
+    rows: tuple[GateRow, ...]
 
 
 @dataclass(frozen=True)
@@ -62,38 +69,47 @@ class ReportedRow:
     caveats: tuple[str, ...]
 
 
-def gate_rows(verdict: Verdict, findings: Sequence[Finding]) -> list[GateRow]:
-    """Rows in the verdict's own order."""
+def gate_groups(verdict: Verdict, findings: Sequence[Finding]) -> list[GateGroup]:
+    """Gates by the question they ask, in the order in which the questions first come."""
     by_id = {finding.id: finding for finding in findings}
-    return [_gate_row(index, gate, by_id.get(gate.id)) for index, gate in enumerate(verdict.gates)]
+    together: dict[str, list[tuple[int, Gate]]] = {}
+    for index, gate in enumerate(verdict.gates):
+        together.setdefault(gate.id.partition("[")[0], []).append((index, gate))
+    groups = []
+    for stem, members in together.items():
+        found = [by_id[gate.id] for _, gate in members if gate.id in by_id]
+        groups.append(
+            GateGroup(
+                stem=stem,
+                question=question(members[0][1], found[0] if found else None),
+                unit=unit(found[0].quantity) if found else "",
+                caveats=tuple(dict.fromkeys(caveat for finding in found for caveat in finding.caveats)),
+                rows=tuple(_gate_row(index, gate, by_id.get(gate.id)) for index, gate in members),
+            )
+        )
+    return groups
 
 
 def _gate_row(index: int, gate: Gate, finding: Finding | None) -> GateRow:
     sense = finding.sense if finding is not None else "two-sided"
-    quantity = finding.quantity if finding is not None else ""
-    decimals = _decimals(gate)
-    tolerance = number(gate.tolerance, max(decimals_for(gate.tolerance), 1) if gate.tolerance else 0)
+    counted = finding is not None and finding.kind == "count"
+    decimals = 0 if counted else _decimals(gate)
+    tolerance = number(gate.tolerance, 0 if counted else min(max(decimals_for(gate.tolerance), 1), 3))
     before = {"two-sided": "±", "at-least": "at least ", "at-most": "at most "}[sense]
-    limit = f"{before}{tolerance}" if math.isfinite(gate.tolerance) else NOTHING
-    ratio = quantity == "log_width" and math.isfinite(gate.statistic)
     return GateRow(
         key=f"gate-{index}",
         id=gate.id,
         outcome=gate.outcome.value,
-        mark=_MARKS[gate.outcome],
-        question=question(gate, finding),
+        mark=MARKS[gate.outcome],
         parameter=parameter_of(gate.id),
         estimate=number(gate.statistic, decimals, sign=sense == "two-sided"),
-        unit=unit(quantity),
-        aside=f"{math.exp(gate.statistic):.2f} times as wide as exact" if ratio else "",
-        interval=interval(gate.interval, decimals),
-        tolerance=limit,
+        interval="counted exactly" if counted else interval(gate.interval, decimals),
+        tolerance=f"{before}{tolerance}" if math.isfinite(gate.tolerance) else NOTHING,
         detectable=number(gate.smallest_detectable, decimals),
         bar=gate_bar(
             gate.statistic, gate.interval, gate.pass_interval, gate.tolerance, sense,
             key=f"gate-bar-{index}", name=f"{gate.id}: {gate.outcome.value}",
         ),
-        component=gate.component,
         message=gate.message,
         required=gate.required,
     )  # fmt: skip
@@ -105,7 +121,7 @@ def _decimals(gate: Gate) -> int:
 
 
 def reported_rows(verdict: Verdict, findings: Sequence[Finding]) -> list[ReportedRow]:
-    """Findings without a gate, and the p-values of findings with one."""
+    """Findings without a gate, in the order they came."""
     return [
         ReportedRow(
             id=finding.id,

@@ -9,7 +9,6 @@ from gaugeblock.reports.words import (
     decimals_for,
     interval,
     number,
-    probability,
     reason,
 )
 from gaugeblock.validate import Gate, Outcome, Verdict
@@ -46,16 +45,15 @@ def summary_markdown(verdict: Verdict, *, title: str) -> str:
 
 def _row(gate: Gate) -> str:
     decimals = decimals_for((gate.interval[1] - gate.interval[0]) / 2)
-    worst = f" ({_text(gate.component)})" if gate.component else ""
     cells = [
         _MARKS[gate.outcome] + ("" if gate.required else " not required"),
         f"`{_code(gate.id)}`",
-        number(gate.statistic, decimals) + worst,
+        number(gate.statistic, decimals),
         interval(gate.interval, decimals),
         number(gate.tolerance, decimals_for(gate.tolerance)),
         number(gate.smallest_detectable, decimals),
         f"{gate.n_trials:,}",
-        _text(gate.message) + (f" (p = {probability(gate.p_value)})" if gate.p_value is not None else ""),
+        _text(gate.message),
     ]
     return f"| {' | '.join(cells)} |"
 

@@ -19,7 +19,7 @@ _QUESTIONS = {
 }
 _UNITS = {
     "bias": "posterior sd",
-    "log_width": "log of the width ratio",
+    "log_width": "natural log of the width ratio",
     "coverage": "of trials",
     "joint": "of trials",
     "local": "of trials",
@@ -107,6 +107,16 @@ def probability(p: float | None) -> str:
     return f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
 
 
+def p_equals(p: float | None) -> str:
+    """`p = 0.042`, `p < 0.001`, or nothing where there is no p-value.
+
+    >>> p_equals(0.5), p_equals(1e-9), p_equals(None)
+    ('p = 0.50', 'p < 0.001', '')
+    """
+    text = probability(p)
+    return "" if text == NOTHING else f"p {text}" if text.startswith("<") else f"p = {text}"
+
+
 def interval(bounds: tuple[float, float], decimals: int) -> str:
     """`lo to hi`, with "at least" or "at most" where one side is open.
 
@@ -142,36 +152,42 @@ def count(amount: int, noun: str) -> str:
 
 
 def reason(verdict: Verdict) -> str:
-    """One sentence (two at most) that says why the verdict is what it is."""
-    required = [gate for gate in verdict.gates if gate.required]
-    by_outcome = {o: [gate.id for gate in required if gate.outcome is o] for o in Outcome}
+    """One or two sentences that say why the verdict is what it is."""
     if verdict.outcome is Outcome.FAIL:
-        failed = by_outcome[Outcome.FAIL] or [g.id for g in verdict.gates if g.outcome is Outcome.FAIL]
+        failed = [gate.id for gate in verdict.gates if gate.outcome is Outcome.FAIL]
         verb = "lies" if len(failed) == 1 else "lie"
         return (
             f"{len(failed):,} of {count(len(verdict.gates), 'gate')} {verb} outside the tolerance by more than "
             f"chance explains: {listed(failed)}."
         )
+    required = [gate for gate in verdict.gates if gate.required]
     if verdict.outcome is Outcome.PASS:
-        return (
-            f"All {count(len(required), 'required gate')} passed: each lies inside its tolerance "
-            "with 95% confidence."
-        )
+        optional = [gate.id for gate in verdict.gates if gate.outcome is not Outcome.PASS]
+        sentence = f"All {count(len(required), 'required gate')} passed: inside the tolerance with 95% confidence."
+        return sentence + (f" Not required, and not decided: {listed(optional)}." if optional else "")
     unsettled = [gate for gate in required if gate.outcome is Outcome.INCONCLUSIVE]
-    if not unsettled:
-        missing = [item.id for item in verdict.not_checked]
-        if not verdict.gates:
-            return "No gate could be computed, so nothing is known about this estimator."
-        return f"No gate failed, but a required check could not be made: {listed(missing)}."
-    sentence = (
-        f"{len(unsettled):,} of {count(len(required), 'required gate')} could not be decided: "
-        f"{listed([gate.id for gate in unsettled])}."
-    )
-    wanted = [gate.trials_to_settle for gate in unsettled]
-    known = [trials for trials in wanted if trials is not None]
-    if known and len(known) == len(wanted):
-        sentence += f" About {count(round_up(max(known)), 'trial')} would settle it, if the estimates hold."
-    return sentence
+    missing = [gate.id for gate in unsettled if not is_computed(gate)]
+    unsettled = [gate for gate in unsettled if is_computed(gate)]
+    said = []
+    if missing or not unsettled:
+        names = listed(missing or [item.id for item in verdict.not_checked])
+        said.append(f"What the policy requires could not all be checked{': ' + names if names else ''}.")
+    if unsettled:
+        said.append(
+            f"{len(unsettled):,} of {count(len(required), 'required gate')} could not be decided: "
+            f"{listed([gate.id for gate in unsettled])}."
+        )
+        wanted = [gate.trials_to_settle for gate in unsettled]
+        known = [trials for trials in wanted if trials is not None]
+        if len(known) == len(wanted):
+            trials = count(round_up(max(known)), "trial")
+            said.append(f"About {trials} would settle it, if the estimates hold.")
+    return " ".join(said)
+
+
+def is_computed(gate: Gate) -> bool:
+    """Whether there is an estimate behind the gate; a required check that could not be made has none."""
+    return math.isfinite(gate.statistic)
 
 
 def round_up(amount: int) -> int:

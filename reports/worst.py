@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from gaugeblock.reports.errors_of_trials import TrialErrors
 from gaugeblock.reports.words import number, short
 from gaugeblock.validate import Finding
+from gaugeblock.validate.prepared import trial_numbers
 
 
 @dataclass(frozen=True)
@@ -47,20 +48,21 @@ def largest_errors(errors: TrialErrors, *, how_many: int = 8) -> WorstTrials | N
     )
 
 
-def lowest_shares(finding: Finding | None, trials: xr.Dataset | None, *, how_many: int = 8) -> WorstTrials | None:
+def lowest_shares(finding: Finding | None, trials: xr.Dataset, *, how_many: int = 8) -> WorstTrials | None:
     """Trials of which importance reweighting leaves the least."""
-    if finding is None or finding.values is None or trials is None:
+    if finding is None or "ess" not in finding.details:
         return None
-    if len(finding.values) != trials.sizes["trial"]:
-        return None
+    share, number_of = finding.details["ess"].values, finding.details["trial"].values
+    row_of = {int(trial): row for row, trial in enumerate(trial_numbers(trials))}
     truth = np.asarray(trials["theta_true"].transpose("trial", "parameter").values, dtype=float)
-    numbers = trials["trial"].values if "trial" in trials.coords else np.arange(len(truth))
-    worst = np.argsort(np.nan_to_num(finding.values, nan=-1.0), kind="stable")[:how_many]
-    rows = [(str(numbers[i]), short(float(finding.values[i])), _texts(truth[i])) for i in worst]
+    worst = np.argsort(share, kind="stable")[:how_many]
+    rows = [
+        (str(number_of[i]), short(float(share[i])), _texts(truth[row_of[int(number_of[i])]])) for i in worst
+    ]
     names = tuple(str(name) for name in trials["parameter"].values)
     return WorstTrials(
         "Lowest effective share",
-        f"Of {len(truth):,} importance trials; the median share is {short(float(np.nanmedian(finding.values)))}.",
+        f"Of {len(share):,} trials that were reweighted; the median share is {short(float(np.median(share)))}.",
         "effective sample size / draws",
         names,
         tuple(rows),
