@@ -80,8 +80,6 @@ def test_an_editable_install_shows_every_room_and_nothing_beside(clean_tree, tmp
         [
             "import importlib.util, site, sys",
             f"site.addsitedir({str(site)!r})",
-            # An editable install of the checkout itself must not answer in place of this one.
-            f"sys.path[:] = [p for p in sys.path if p != {str(ROOT / 'src')!r}]",
             f"for room in {rooms!r}:",
             "    spec = importlib.util.find_spec('gaugeblock.' + room)",
             f"    assert spec.origin.startswith({str(clean_tree)!r}), spec",
@@ -91,6 +89,11 @@ def test_an_editable_install_shows_every_room_and_nothing_beside(clean_tree, tmp
         ]
     )
     done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+        # -S: no installed gaugeblock may answer in place of this one.
+        [sys.executable, "-S", "-c", code],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
