@@ -1,0 +1,130 @@
+"""The bank of simulations a network is trained on: made once, in chunks that survive an interruption."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.atomic import atomic_path, write_atomically
+from gaugeblock.errors import InputError
+from gaugeblock.estimators.npe.coordinates import to_scores
+from gaugeblock.simulators.prior import Prior
+from gaugeblock.simulators.protocol import Simulator, can
+
+CHUNK = 8192
+Progress = Callable[[str, int, int], None]
+"""Called as ``progress(stage, done, total)``."""
+
+
+def stream(seed: int, purpose: str, number: int = 0) -> np.random.Generator:
+    """The generator of one purpose and number: no state to store, so a resumed run draws the same."""
+    words = [int(b) for b in purpose.encode()]
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(*words, number)))
+
+
+def describe_simulator(simulator: Simulator) -> dict[str, Any]:
+    """Plain data that identifies a simulator; its prior alone where it does not describe itself."""
+    if can(simulator, "describe"):
+        description: dict[str, Any] = json.loads(json.dumps(simulator.describe()))  # type: ignore[attr-defined]
+        return description
+    return {"simulator": type(simulator).__name__, "prior": simulator.prior.describe()}
+
+
+@dataclass(frozen=True)
+class Bank:
+    """Simulations: `scores` ``(n, parameter)`` float32, and either data or their noise-free mean.
+
+    With `fresh` the data are means, and `observe` draws new noise at each call: no network can learn the
+    noise of a bank by heart.
+    """
+
+    scores: NDArray[np.float32]
+    data: NDArray[Any]
+    fresh: bool
+    simulator: Any
+
+    def __len__(self) -> int:
+        return len(self.scores)
+
+    def observe(self, rows: NDArray[np.int64] | slice, rng: np.random.Generator) -> NDArray[Any]:
+        """Data of the given rows."""
+        return np.asarray(self.simulator.observe(self.data[rows], rng)) if self.fresh else self.data[rows]
+
+    @classmethod
+    def simulate(
+        cls, simulator: Simulator, n: int, *, seed: int, folder: Path, progress: Progress | None = None
+    ) -> Bank:
+        """Simulate n rows, reading back what an interrupted run of the same simulator and seed has left.
+
+        Raises
+        ------
+        InputError
+            If the simulator gives data that are not finite, or the wrong number of rows.
+        """
+        fresh = can(simulator, "expected") and can(simulator, "observe")
+        key = json.dumps(
+            {"simulator": describe_simulator(simulator), "seed": seed, "chunk": CHUNK, "fresh": fresh},
+            sort_keys=True,
+        )
+        place = folder / "bank"
+        if place.is_dir() and _read_key(place) != key:
+            shutil.rmtree(place)
+        place.mkdir(parents=True, exist_ok=True)
+        write_atomically(place / "key.json", key)
+        chunks = []
+        for number, start in enumerate(range(0, n, CHUNK)):
+            rows = min(CHUNK, n - start)
+            path = place / f"{number:06d}-{rows}.npz"
+            chunk = _load(path)
+            if chunk is None:
+                chunk = _simulate_chunk(simulator, rows, fresh, stream(seed, "bank", number))
+                with atomic_path(path) as temporary:
+                    np.savez(temporary, theta=chunk[0], data=chunk[1])
+            chunks.append(chunk)
+            if progress is not None:
+                progress("simulations", start + rows, n)
+        theta, data = (np.concatenate(parts) for parts in zip(*chunks, strict=True))
+        return cls(to_scores(simulator.prior, theta).astype(np.float32), data, fresh, simulator)
+
+
+def fingerprint(prior: Prior, values: Any) -> str:
+    """Short sha256 of plain data and a prior, for resume keys."""
+    text = json.dumps({"prior": prior.describe(), "values": values}, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _simulate_chunk(
+    simulator: Any, rows: int, fresh: bool, rng: np.random.Generator
+) -> tuple[NDArray[np.float64], NDArray[Any]]:
+    theta = simulator.prior.sample(rows, rng)
+    data = np.asarray(simulator.expected(theta) if fresh else simulator.simulate(theta, rng))
+    if data.shape[:1] != (rows,):
+        raise InputError(f"the simulator gave data of shape {data.shape} for {rows} parameter vectors")
+    if not np.all(np.isfinite(data)):
+        bad = int(np.flatnonzero(~np.isfinite(data.reshape(rows, -1)).all(axis=1))[0])
+        values = ", ".join(f"{k}={v:.6g}" for k, v in zip(simulator.prior.names, theta[bad], strict=True))
+        raise InputError(f"the simulator gave data that are not finite at {values}; a flow cannot train on them")
+    return theta, data.astype(np.float32) if fresh else data
+
+
+def _load(path: Path) -> tuple[NDArray[np.float64], NDArray[Any]] | None:
+    try:
+        with np.load(path) as stored:
+            return stored["theta"], stored["data"]
+    except (OSError, ValueError, KeyError):
+        return None
+
+
+def _read_key(place: Path) -> str | None:
+    try:
+        return (place / "key.json").read_text()
+    except OSError:
+        return None

@@ -1,0 +1,155 @@
+"""The configuration of a training run, as in the TOML of ``gaugeblock train``."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from gaugeblock.errors import InputError
+
+Count = Annotated[int, Field(gt=0)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class SimulatorTable(BaseModel):
+    """Which simulator to train for: its registered name (or ``module:object``) and that one's options."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+    name: str
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Everything but the name."""
+        return dict(self.model_extra or {})
+
+
+class NetworkTable(_Table):
+    """The network; the sizes belong to the default kind, the published one is fixed."""
+
+    kind: Literal["default", "published"] = "default"
+    features: Literal["auto", "counts", "standard"] = "auto"
+    embedding: tuple[Count, ...] = (256, 256)
+    embedding_output: Count = 32
+    transforms: Count = 3
+    hidden: tuple[Count, ...] = (128, 128)
+    bins: Annotated[int, Field(ge=2)] = 10
+
+
+class TrainingTable(_Table):
+    """How to train. `steps` belongs to the default network, `epochs` and `patience` to the published one."""
+
+    simulations: Annotated[int, Field(ge=20)] = 50_000
+    validation: Annotated[float, Field(gt=0.0, lt=0.5)] = 0.05
+    batch: Count = 1024
+    learning_rate: Annotated[float, Field(gt=0.0, le=1.0)] = 2e-3
+    steps: Count = 4000
+    epochs: Count = 150
+    patience: Count = 20
+    weight_decay: Annotated[float, Field(ge=0.0)] = 1e-5
+    clip: Annotated[float, Field(gt=0.0)] = 5.0
+    average: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.99
+    checkpoint: Count = 500
+    seed: Annotated[int, Field(ge=0)] = 0
+
+    @model_validator(mode="after")
+    def _batch_fits(self) -> TrainingTable:
+        if self.batch > self.simulations:
+            raise ValueError(f"batch {self.batch} is larger than simulations {self.simulations}")
+        return self
+
+
+class TrainingConfig(_Table):
+    """A whole training run: ``[simulator] [network] [training]`` and where the model folder goes.
+
+    >>> TrainingConfig.build({"simulator": {"name": "linear_gaussian", "data": 4}}).simulator.options
+    {'data': 4}
+    """
+
+    simulator: SimulatorTable
+    network: NetworkTable = NetworkTable()
+    training: TrainingTable = TrainingTable()
+    output: str | None = None
+
+    @classmethod
+    def build(cls, values: Mapping[str, Any], *, where: str = "training configuration") -> TrainingConfig:
+        """Check plain data, as TOML gives it.
+
+        Raises
+        ------
+        InputError
+            One line that names the first key that is unknown or whose value cannot be used.
+        """
+        try:
+            return cls.model_validate(dict(values))
+        except ValidationError as error:
+            raise InputError(f"{where}: {_first_complaint(error, cls)}") from None
+
+    def replace(self, overrides: Mapping[str, Any], *, where: str = "training configuration") -> TrainingConfig:
+        """Copy with some keys exchanged, given as ``{"training.steps": 100}``.
+
+        Raises
+        ------
+        InputError
+            If a key or its value cannot be used.
+        """
+        values = self.model_dump(mode="json", exclude_unset=True)
+        for key, value in overrides.items():
+            *tables, last = key.split(".")
+            table = values
+            for name in tables:
+                table = table.setdefault(name, {})
+                if not isinstance(table, dict):
+                    raise InputError(f"{where}: {key}: {name} is a value, not a table")
+            table[last] = value
+        return type(self).build(values, where=where)
+
+
+def read_config(
+    path: str | os.PathLike[str], *, overrides: Mapping[str, Any] | None = None
+) -> TrainingConfig:
+    """Read the TOML of a training run; `overrides` are keys such as ``training.steps``.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is no TOML, or holds an unknown key or an impossible value.
+    """
+    try:
+        values = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} is not valid TOML: {error}") from None
+    config = TrainingConfig.build(values, where=str(path))
+    return config.replace(overrides, where=str(path)) if overrides else config
+
+
+def _first_complaint(error: ValidationError, model: type[BaseModel]) -> str:
+    problem = error.errors()[0]
+    location = ".".join(str(part) for part in problem["loc"])
+    if problem["type"] == "extra_forbidden":
+        known = _known_keys(model, [str(part) for part in problem["loc"][:-1]])
+        return f"unknown key {location}; there are {', '.join(known)}"
+    if problem["type"] == "missing":
+        return f"{location} is missing"
+    message = str(problem["msg"]).removeprefix("Value error, ")
+    given = problem["input"]
+    shown = "" if isinstance(given, dict) else f", got {given!r}"
+    return f"{location or 'top level'}: {message[0].lower()}{message[1:]}{shown}"
+
+
+def _known_keys(model: type[BaseModel], tables: list[str]) -> list[str]:
+    for name in tables:
+        inner = model.model_fields[name].annotation
+        if not (isinstance(inner, type) and issubclass(inner, BaseModel)):
+            break
+        model = inner
+    return list(model.model_fields)

@@ -1,0 +1,175 @@
+"""Neural posterior estimation: a trained conditional flow as an estimator."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike, NDArray
+
+from gaugeblock.errors import InputError
+from gaugeblock.estimators.npe.coordinates import from_scores, physical_log_density, to_scores
+from gaugeblock.estimators.npe.flows import as_flow
+from gaugeblock.simulators.prior import Prior
+from gaugeblock.streams import Rng
+
+DRAWS_AT_ONCE = 65_536
+Array = NDArray[np.float64]
+
+
+class NPE:
+    """Posterior draws and densities from a trained flow.
+
+    Made by `train` or `load`. Draws are ``(batch, n, parameter)`` in physical units and never leave the
+    prior, so the density needs no correction for leakage. All randomness comes from the given `rng`; torch's
+    global state is neither read nor changed.
+
+    Parameters
+    ----------
+    network
+        sbi density estimator over the prior's normal scores (see `coordinates.py`).
+    prior
+        The prior it was trained for.
+    data_shape
+        Shape of one data set.
+    counts
+        Whether data must not be negative.
+    record
+        What identifies it: plain data, as stored in ``model.json``.
+
+    References
+    ----------
+    Papamakarios & Murray (2016); Greenberg et al. (2019), Automatic posterior transformation.
+    """
+
+    autocorrelated = False
+
+    def __init__(
+        self,
+        network: Any,
+        prior: Prior,
+        *,
+        data_shape: tuple[int, ...],
+        counts: bool = False,
+        record: Mapping[str, Any] | None = None,
+    ):
+        self._network = network.eval()
+        self._flow = as_flow(network)
+        self._prior = prior
+        self._data_shape = tuple(data_shape)
+        self._counts = counts
+        self._record = dict(record or {})
+
+    @property
+    def prior(self) -> Prior:
+        """The prior it was trained for."""
+        return self._prior
+
+    @property
+    def data_shape(self) -> tuple[int, ...]:
+        """Shape of one data set."""
+        return self._data_shape
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """Everything ``model.json`` says: network, training, losses, versions, sha256 of the weights."""
+        return dict(self._record)
+
+    @property
+    def network(self) -> Any:
+        """The sbi density estimator."""
+        return self._network
+
+    def sample(self, x: ArrayLike, n: int, rng: Rng) -> Array:
+        """Posterior draws ``(batch, n, parameter)``.
+
+        Raises
+        ------
+        InputError
+            If the data have the wrong shape or are not finite (for counts: are negative).
+        """
+        data, noise = self._data(x), self._noise(x, n, rng)
+        draws = np.empty(noise.shape)
+        with torch.inference_mode():
+            for rows in self._chunks(len(data), n):
+                scores = self._flow.draw(noise[rows], self._flow.context(data[rows]))
+                draws[rows] = from_scores(self._prior, scores.double().numpy())
+        return draws
+
+    def sample_and_log_prob(self, x: ArrayLike, n: int, rng: Rng) -> tuple[Array, Array]:
+        """Draws as `sample` gives them, and their log density ``(batch, n)`` in physical theta."""
+        data, noise = self._data(x), self._noise(x, n, rng)
+        draws, log_q = np.empty(noise.shape), np.empty(noise.shape[:2])
+        with torch.inference_mode():
+            for rows in self._chunks(len(data), n):
+                context = self._flow.context(data[rows])
+                scores = self._flow.draw(noise[rows], context)
+                density = self._flow.log_prob(scores, context).double().numpy()
+                wide = scores.double().numpy()
+                draws[rows] = from_scores(self._prior, wide)
+                log_q[rows] = physical_log_density(self._prior, density, wide, draws[rows])
+        return draws, log_q
+
+    def log_prob(self, theta: ArrayLike, x: ArrayLike) -> Array:
+        """Normalised natural log density ``(batch, n)`` of theta ``(batch, n, parameter)``; -inf outside the prior.
+
+        Raises
+        ------
+        InputError
+            If theta or the data have the wrong shape, or the data are not finite.
+        """
+        data, theta = self._data(x), np.asarray(theta, dtype=float)
+        if theta.ndim != 3 or theta.shape[::2] != (len(data), self._prior.size):
+            raise InputError(
+                f"log_prob: theta must be ({len(data)}, n, {self._prior.size}) for {len(data)} data sets, "
+                f"got shape {theta.shape}"
+            )
+        scores = to_scores(self._prior, theta)
+        usable = torch.from_numpy(np.where(np.isfinite(scores), scores, 0.0).astype(np.float32))
+        density = np.empty(theta.shape[:2])
+        with torch.inference_mode():
+            for rows in self._chunks(len(data), theta.shape[1]):
+                density[rows] = self._flow.log_prob(usable[rows], self._flow.context(data[rows])).double().numpy()
+        return physical_log_density(self._prior, density, scores, theta)
+
+    def embed(self, x: ArrayLike) -> Array:
+        """Learned summaries of the data, ``(batch, feature)``."""
+        data = self._data(x)
+        with torch.inference_mode():
+            return np.asarray(self._flow.context(data).double().numpy())
+
+    def describe(self) -> dict[str, Any]:
+        """Plain data that identifies it: sha256 of the weights, network, training, simulator."""
+        keys = ("sha256", "network", "training", "simulator")
+        return {"estimator": "npe", **{key: self._record.get(key) for key in keys}}
+
+    def _noise(self, x: ArrayLike, n: int, rng: Rng) -> torch.Tensor:
+        noise = rng.standard_normal((len(np.asarray(x)), int(n), self._prior.size))
+        return torch.from_numpy(noise.astype(np.float32))
+
+    def _chunks(self, batch: int, n: int) -> Iterator[slice]:
+        step = max(1, DRAWS_AT_ONCE // max(1, n))
+        return (slice(start, start + step) for start in range(0, batch, step))
+
+    def _data(self, x: ArrayLike) -> torch.Tensor:
+        try:
+            data = np.asarray(x, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputError(f"data must be an array of numbers, got {type(x).__name__}") from None
+        if data.shape[1:] != self._data_shape or data.ndim != 1 + len(self._data_shape):
+            raise InputError(
+                f"this flow was trained on data of shape {self._data_shape}, so x must be "
+                f"(batch, {', '.join(map(str, self._data_shape))}), got {data.shape}"
+            )
+        flat = data.reshape(len(data), -1)
+        wrong = ~np.isfinite(flat).all(axis=1)
+        if wrong.any():
+            raise InputError(
+                f"data set {int(np.argmax(wrong))} of {len(data)} holds NaN or infinite values "
+                f"({int(wrong.sum())} do); mask or drop them before estimating"
+            )
+        if self._counts and (flat < 0).any():
+            raise InputError("this flow was trained on counts and the data hold negative values")
+        return torch.from_numpy(data)

@@ -1,0 +1,70 @@
+"""One way to push noise through either kind of flow that sbi builds, and to ask for its density.
+
+sbi draws base noise from torch's global generator and embeds the data anew for every draw; here the noise is
+given and each data set is embedded once. This file alone knows sbi's attributes.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import torch
+from torch import Tensor
+
+
+class Flow(Protocol):
+    """A conditional flow. Shapes: context ``(row, feature)``, values ``(row, draw, parameter)``."""
+
+    def context(self, x: Tensor) -> Tensor:
+        """Learned summaries of the data."""
+
+    def draw(self, noise: Tensor, context: Tensor) -> Tensor:
+        """Base noise to values."""
+
+    def log_prob(self, values: Tensor, context: Tensor) -> Tensor:
+        """Log density of values, ``(row, draw)``."""
+
+
+class ZukoFlow:
+    """The default network's autoregressive spline flow."""
+
+    def __init__(self, network: Any):
+        self._network = network
+
+    def context(self, x: Tensor) -> Tensor:
+        return self._network.embedding_net(x)
+
+    def _distribution(self, draws: int, context: Tensor) -> Any:
+        return self._network.net(context[:, None, :].expand(-1, draws, -1))
+
+    def draw(self, noise: Tensor, context: Tensor) -> Tensor:
+        return self._distribution(noise.shape[1], context).transform.inv(noise)
+
+    def log_prob(self, values: Tensor, context: Tensor) -> Tensor:
+        return self._distribution(values.shape[1], context).log_prob(values)
+
+
+class NflowsFlow:
+    """The published network's coupling spline flow."""
+
+    def __init__(self, network: Any):
+        self._network = network
+
+    def context(self, x: Tensor) -> Tensor:
+        return self._network.embedding_net(x)
+
+    def draw(self, noise: Tensor, context: Tensor) -> Tensor:
+        flat, repeated = noise.flatten(end_dim=1), context.repeat_interleave(noise.shape[1], dim=0)
+        values, _ = self._network.net._transform.inverse(flat, context=repeated)
+        return values.reshape(noise.shape)
+
+    def log_prob(self, values: Tensor, context: Tensor) -> Tensor:
+        flat, repeated = values.flatten(end_dim=1), context.repeat_interleave(values.shape[1], dim=0)
+        noise, log_determinant = self._network.net._transform(flat, context=repeated)
+        base = -0.5 * torch.sum(noise**2 + torch.log(torch.tensor(2.0 * torch.pi)), dim=-1)
+        return (base + log_determinant).reshape(values.shape[:-1])
+
+
+def as_flow(network: Any) -> Flow:
+    """The flow inside an sbi density estimator."""
+    return NflowsFlow(network) if hasattr(network.net, "_transform") else ZukoFlow(network)

@@ -1,0 +1,143 @@
+"""The training loop of the default network: AdamW, one-cycle learning rate, fresh noise, averaged weights."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from gaugeblock.errors import InputError
+from gaugeblock.estimators.npe.bank import Bank, Progress, stream
+from gaugeblock.estimators.npe.checkpoint import load_checkpoint, save_checkpoint
+from gaugeblock.estimators.npe.config import TrainingTable
+
+WARM_UP = 0.2
+VALIDATE_EVERY = 250
+
+
+def one_cycle(step: int, steps: int, peak: float) -> float:
+    """Learning rate of a step: cosine up from peak/25 over the first fifth, cosine down to nearly zero.
+
+    >>> one_cycle(0, 100, 1.0), one_cycle(20, 100, 1.0)
+    (0.04, 1.0)
+
+    References
+    ----------
+    Smith & Topin (2019), Super-convergence.
+    """
+    turn = WARM_UP * steps
+    if step < turn:
+        low, high, place = peak / 25.0, peak, step / turn
+    else:
+        low, high, place = peak, peak * 1e-4, (step - turn) / max(steps - turn, 1.0)
+    return low + (high - low) * 0.5 * (1.0 - math.cos(math.pi * min(place, 1.0)))
+
+
+def train_default(
+    network: Any,
+    bank: Bank,
+    options: TrainingTable,
+    *,
+    checkpoint: Path,
+    key: str,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Train in place; returns the training curve. Interrupted and called again, ends at the same weights.
+
+    The last rows of the bank, with noise of their own, are the validation set; the weights kept are the
+    running average with the smallest validation loss.
+
+    Raises
+    ------
+    InputError
+        If no validation loss was finite.
+    """
+    held_out = max(1, round(options.validation * len(bank)))
+    size = len(bank) - held_out
+    validation = _tensors(bank, slice(size, None), stream(options.seed, "validation"))
+    parameters = [p for p in network.parameters() if p.requires_grad]
+    optimizer = torch.optim.AdamW(
+        parameters, lr=options.learning_rate, betas=(0.9, 0.99), weight_decay=options.weight_decay
+    )
+    average = {name: value.detach().clone() for name, value in network.named_parameters()}
+    best = {name: value.clone() for name, value in average.items()}
+    curve: dict[str, Any] = {"step": [], "training": [], "validation": [], "best": None}
+    start = 0
+    restored = load_checkpoint(checkpoint, key=key, network=network, optimizer=optimizer)
+    if restored is not None:
+        start, average, best, curve = restored
+    recent: list[float] = []
+    # Only where the running mean of the loss starts anew, so that a resumed curve is the same one too.
+    interval = VALIDATE_EVERY * max(1, round(options.checkpoint / VALIDATE_EVERY))
+    for step in range(start, options.steps):
+        rng = stream(options.seed, "step", step)
+        score, x = _tensors(bank, rng.integers(0, size, options.batch), rng)
+        for group in optimizer.param_groups:
+            group["lr"] = one_cycle(step, options.steps, options.learning_rate)
+        loss = network.loss(score, condition=x).mean()
+        optimizer.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(parameters, options.clip)
+        optimizer.step()
+        _blend(average, network, max(1.0 - options.average, 1.0 / (step + 1)))
+        recent.append(float(loss.detach()))
+        done = step + 1
+        if done % VALIDATE_EVERY == 0 or done == options.steps:
+            value = _validation_loss(network, average, validation, options.batch)
+            curve["step"].append(done)
+            curve["training"].append(float(np.mean(recent)))
+            curve["validation"].append(value)
+            recent = []
+            if math.isfinite(value) and (curve["best"] is None or value < curve["best"]):
+                curve["best"] = value
+                best = {name: tensor.clone() for name, tensor in average.items()}
+        if done % interval == 0:
+            save_checkpoint(
+                checkpoint, key=key, step=done, network=network, average=average, best=best,
+                optimizer=optimizer, curve=curve,
+            )  # fmt: skip
+        if progress is not None:
+            progress("steps", done, options.steps)
+    if curve["best"] is None:
+        raise InputError(
+            f"training diverged: no finite loss in {options.steps} steps; lower training.learning_rate"
+        )
+    _place(network, best)
+    return curve
+
+
+def _tensors(
+    bank: Bank, rows: Any, rng: np.random.Generator
+) -> tuple[torch.Tensor, torch.Tensor]:
+    x = np.asarray(bank.observe(rows, rng))
+    return torch.from_numpy(bank.scores[rows]), torch.from_numpy(x.astype(np.float64))
+
+
+def _blend(average: dict[str, torch.Tensor], network: Any, weight: float) -> None:
+    with torch.no_grad():
+        for name, value in network.named_parameters():
+            average[name].lerp_(value, weight)
+
+
+def _place(network: Any, values: dict[str, torch.Tensor]) -> None:
+    with torch.no_grad():
+        for name, parameter in network.named_parameters():
+            parameter.copy_(values[name])
+
+
+def _validation_loss(
+    network: Any, average: dict[str, torch.Tensor], data: tuple[torch.Tensor, torch.Tensor], batch: int
+) -> float:
+    """Mean loss of the averaged weights; the network's own are put back."""
+    own = {name: value.detach().clone() for name, value in network.named_parameters()}
+    _place(network, average)
+    with torch.no_grad():
+        parts = [
+            network.loss(score, condition=x).double().sum()
+            for score, x in zip(data[0].split(batch), data[1].split(batch), strict=True)
+        ]
+    _place(network, own)
+    return float(torch.stack(parts).sum() / len(data[0]))

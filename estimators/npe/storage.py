@@ -1,0 +1,133 @@
+"""The model folder: ``model.safetensors`` and ``model.json``. Weights are never a pickle."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from safetensors import SafetensorError
+from safetensors.torch import load as load_tensors
+from safetensors.torch import save as save_tensors
+
+from gaugeblock.atomic import write_atomically
+from gaugeblock.errors import InputError
+from gaugeblock.estimators.npe.config import NetworkTable
+from gaugeblock.estimators.npe.estimator import NPE
+from gaugeblock.estimators.npe.networks import NetworkShape, build_network
+from gaugeblock.simulators.prior import Prior
+from gaugeblock.simulators.protocol import Simulator
+
+FORMAT = 1
+WEIGHTS, DESCRIPTION = "model.safetensors", "model.json"
+
+
+def weights_of(network: Any) -> bytes:
+    """The network's tensors, feature statistics included, as safetensors."""
+    tensors = {name: value.detach().clone().contiguous() for name, value in network.state_dict().items()}
+    return bytes(save_tensors(tensors))
+
+
+def save(
+    folder: str | os.PathLike[str], network: Any, shape: NetworkShape, prior: Prior, record: dict[str, Any]
+) -> None:
+    """Write the model folder; `record` is what else ``model.json`` should say.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written.
+    """
+    place, weights = Path(folder), weights_of(network)
+    place.mkdir(parents=True, exist_ok=True)
+    description = {
+        "format": FORMAT,
+        "estimator": "npe",
+        "sha256": hashlib.sha256(weights).hexdigest(),
+        "parameters": list(prior.names),
+        "prior": prior.describe(),
+        "data_shape": list(shape.data_shape),
+        "features": shape.features,
+        **record,
+    }
+    write_atomically(place / WEIGHTS, weights)
+    # Last, because it holds the checksum: a folder cut off in between is refused by `load`.
+    write_atomically(place / DESCRIPTION, json.dumps(description, indent=1, allow_nan=False) + "\n")
+
+
+def load(path: str | os.PathLike[str], simulator: Simulator | None = None) -> NPE:
+    """Read a model folder; with a simulator, insist that the flow was trained for its prior and data.
+
+    Raises
+    ------
+    InputError
+        If a file is missing, truncated or edited, or the simulator is not the one it was trained for.
+    """
+    folder = Path(path)
+    description = _read_description(folder / DESCRIPTION)
+    weights = _read(folder / WEIGHTS)
+    if hashlib.sha256(weights).hexdigest() != description["sha256"]:
+        raise InputError(
+            f"{folder / WEIGHTS} is not the file {DESCRIPTION} describes (sha256 differs): truncated, "
+            "edited, or of another training; copy the folder again or train anew"
+        )
+    try:
+        prior = Prior.from_description(description["prior"])
+        shape = NetworkShape(prior.size, tuple(description["data_shape"]), str(description["features"]))
+        network = build_network(NetworkTable.model_validate(description["network"]), shape)
+        network.load_state_dict(load_tensors(weights))
+    except (SafetensorError, RuntimeError, KeyError, TypeError, ValueError) as error:
+        first = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+        raise InputError(f"{folder}: {DESCRIPTION} and {WEIGHTS} do not fit together: {first}") from None
+    estimator = NPE(
+        network, prior, data_shape=shape.data_shape, counts=shape.features == "counts", record=description
+    )
+    if simulator is not None:
+        check_simulator(estimator, simulator, where=str(folder))
+    return estimator
+
+
+def check_simulator(estimator: NPE, simulator: Simulator, *, where: str) -> None:
+    """Raise InputError unless prior and data shape are those the flow was trained for."""
+    trained, asked = estimator.prior, simulator.prior
+    if trained.names != asked.names:
+        raise InputError(
+            f"{where}: trained for the parameters {', '.join(trained.names)}, but the simulator has "
+            f"{', '.join(asked.names)}; give the simulator it was trained for"
+        )
+    for name, marginal in trained.marginals.items():
+        if marginal.describe() != asked.marginals[name].describe():
+            raise InputError(
+                f"{where}: trained under the prior {marginal} of {name}, but the simulator has "
+                f"{asked.marginals[name]}; give the simulator it was trained for, or train anew"
+            )
+    shape = getattr(simulator, "data_shape", None)
+    if shape is not None and tuple(shape) != estimator.data_shape:
+        raise InputError(
+            f"{where}: trained on data of shape {estimator.data_shape}, but the simulator makes {tuple(shape)}"
+        )
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(
+            f"cannot read {path}: {error.strerror or error}; a model folder holds {WEIGHTS} and {DESCRIPTION}"
+        ) from None
+
+
+def _read_description(path: Path) -> dict[str, Any]:
+    try:
+        description = json.loads(_read(path).decode())
+    except ValueError as error:
+        raise InputError(f"{path} is not valid JSON: {error}") from None
+    needed = ("format", "sha256", "prior", "data_shape", "features", "network")
+    missing = [key for key in needed if not isinstance(description, dict) or key not in description]
+    if missing:
+        raise InputError(f"{path} is no description of a trained flow: it lacks {', '.join(missing)}")
+    if description["format"] != FORMAT:
+        raise InputError(f"{path}: format {description['format']}, but this version reads format {FORMAT}")
+    return dict(description)

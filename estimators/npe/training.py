@@ -1,0 +1,162 @@
+"""Train a flow for a simulator: simulate, fit features, optimise, write the model folder."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import time
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gaugeblock.errors import InputError
+from gaugeblock.estimators.npe.bank import Bank, Progress, describe_simulator, fingerprint, stream
+from gaugeblock.estimators.npe.config import TrainingConfig, read_config
+from gaugeblock.estimators.npe.estimator import NPE
+from gaugeblock.estimators.npe.features import StandardFeatures, choose_kind
+from gaugeblock.estimators.npe.loop import train_default
+from gaugeblock.estimators.npe.networks import NetworkShape, build_network
+from gaugeblock.estimators.npe.published import train_published
+from gaugeblock.estimators.npe.storage import load, save
+from gaugeblock.simulators.protocol import Simulator
+from gaugeblock.simulators.registry import build_simulator
+
+FEATURE_ROWS = 20_000
+CURVE_POINTS = 100
+
+
+def train(
+    simulator: Simulator,
+    config: TrainingConfig,
+    *,
+    folder: str | os.PathLike[str],
+    progress: Progress | None = None,
+    command: str | None = None,
+) -> NPE:
+    """Train as `config` says and leave the model folder; the same call after a crash goes on where it was.
+
+    Simulations and checkpoints lie in ``folder/training`` until the end. `progress` is called as
+    ``progress(stage, done, total)``. With the same seed, versions and threads the weights are the same bits.
+
+    Raises
+    ------
+    InputError
+        If the simulator's data cannot be trained on, training diverges, or the folder cannot be written.
+    """
+    begun = time.monotonic()
+    place, options = Path(folder), config.training
+    work = place / "training"
+    try:
+        work.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot write {place}: {error.strerror or error}") from None
+    bank = Bank.simulate(simulator, options.simulations, seed=options.seed, folder=work, progress=progress)
+    examples = bank.observe(slice(0, FEATURE_ROWS), stream(options.seed, "features"))
+    shape = NetworkShape(
+        simulator.prior.size, examples.shape[1:], choose_kind(config.network.features, examples)
+    )
+    if config.network.kind == "published":
+        network, curve = train_published(bank, config.network, shape, options)
+    else:
+        network = build_network(config.network, shape, seed=options.seed)
+        for module in network.modules():
+            if isinstance(module, StandardFeatures):
+                module.fit(examples)
+        key = fingerprint(
+            simulator.prior,
+            [config.network.model_dump(), options.model_dump(), describe_simulator(simulator), FEATURE_ROWS],
+        )
+        curve = train_default(
+            network, bank, options, checkpoint=work / "checkpoint.safetensors", key=key, progress=progress
+        )
+    record = {
+        "network": config.network.model_dump(mode="json"),
+        "training": options.model_dump(mode="json"),
+        "simulator": describe_simulator(simulator),
+        "simulator_table": config.simulator.model_dump(mode="json"),
+        "fresh_noise": bank.fresh,
+        "validation_loss": curve["best"],
+        "curve": _thinned(curve),
+        "wall_seconds": round(time.monotonic() - begun, 1),
+        "versions": _versions(),
+        "command": command,
+    }
+    save(place, network, shape, simulator.prior, record)
+    _draw_curve(place / "training.png", record["curve"])
+    shutil.rmtree(work, ignore_errors=True)
+    return load(place, simulator)
+
+
+def run_training(
+    config_path: str | os.PathLike[str],
+    *,
+    out: str | os.PathLike[str] | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    seed: int | None = None,
+    progress: Progress | None = None,
+) -> Path:
+    """What ``gaugeblock train CONFIG.toml`` does; returns the model folder.
+
+    `overrides` are keys such as ``training.steps``; `out` and `seed` go before what the file says.
+
+    Raises
+    ------
+    InputError
+        If the configuration cannot be used or names no folder for the model.
+    """
+    changes = dict(overrides or {})
+    if seed is not None:
+        changes["training.seed"] = seed
+    config = read_config(config_path, overrides=changes)
+    target = out if out is not None else config.output
+    if target is None:
+        raise InputError(f'{config_path}: no folder for the model; set output = "..." or give --out')
+    # json.dumps writes a value as TOML does, for the numbers, strings and lists that can stand here.
+    settings = "".join(f" --set {name}={json.dumps(value)}" for name, value in changes.items())
+    place = f" --out {out}" if out is not None else ""
+    command = f"gaugeblock train {config_path}{place}{settings}"
+    simulator = build_simulator(config.simulator.name, **config.simulator.options)
+    train(simulator, config, folder=target, progress=progress, command=command)
+    return Path(target)
+
+
+def _thinned(curve: Mapping[str, Any]) -> dict[str, Any]:
+    """At most `CURVE_POINTS` points of each series, ends included, in six digits."""
+    series = {name: values for name, values in curve.items() if isinstance(values, list)}
+    length = len(next(iter(series.values())))
+    chosen = np.unique(np.linspace(0, length - 1, min(length, CURVE_POINTS)).round().astype(int))
+    # A loss that was not finite on the way is null: JSON knows no NaN.
+    return {
+        name: [round(values[i], 6) if np.isfinite(values[i]) else None for i in chosen]
+        for name, values in series.items()
+    }
+
+
+def _versions() -> dict[str, str]:
+    found = {}
+    for package in ("gaugeblock", "sbi", "torch", "zuko", "numpy", "jaxspec"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def _draw_curve(path: Path, curve: Mapping[str, Any]) -> None:
+    """A picture of the losses, where matplotlib is installed."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        return
+    figure = Figure(figsize=(6, 4), layout="constrained")
+    axes = figure.subplots()
+    abscissa = "step" if "step" in curve else "epoch"
+    for name in ("training", "validation"):
+        axes.plot(curve[abscissa], curve[name], label=name)
+    axes.set(xlabel=abscissa, ylabel="mean -log q (normal scores)")
+    axes.legend()
+    figure.savefig(path, dpi=120)
