@@ -1,0 +1,153 @@
+"""The same likelihood as jaxspec's BayesianModel, in what UltraNest stored, and through the public helper."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from scipy.special import gammaln, xlogy
+
+from gaugeblock.validate import assert_same_likelihood
+
+RTOL = 1e-9
+EXPOSURES = {"second": 1.0, "hour": 3534.0, "months": 1e7}
+
+
+def jaxspec_model(name):
+    """A spectrum's model written down once more, in jaxspec's own words, and its parameters."""
+    from jaxspec.model.additive import Blackbodyrad, Cutoffpl, Gauss, Powerlaw
+    from jaxspec.model.multiplicative import Tbabs, Tbpcf
+
+    continuum = ("powerlaw_1.alpha", "powerlaw_1.norm", "blackbodyrad_1.kT", "blackbodyrad_1.norm")
+    return {
+        "plain": lambda: (
+            Tbabs() * (Powerlaw() + Blackbodyrad()),
+            ("tbabs_1.nh", *continuum),
+            {},
+        ),
+        "emission_line": lambda: (
+            Tbabs() * (Powerlaw() + Blackbodyrad() + Gauss()),
+            ("tbabs_1.nh", *continuum, "gauss_1.El", "gauss_1.sigma", "gauss_1.norm"),
+            {},
+        ),
+        "partial_covering": lambda: (
+            Tbpcf() * (Powerlaw() + Blackbodyrad()),
+            ("tbpcf_1.nh", *continuum, "tbpcf_1.f"),
+            {},
+        ),
+        "thermal_continuum": lambda: (
+            Tbabs() * (Cutoffpl() + Blackbodyrad()),
+            ("tbabs_1.nh", None, "cutoffpl_1.norm", *continuum[2:], "cutoffpl_1.beta"),
+            {"spectrum.cutoffpl_1.alpha": 1.0},
+        ),
+    }[name]()
+
+
+def counts_for(spectrum, rng):
+    """One spectrum of counts for each exposure: none, what could be seen, and far too many."""
+    mean = spectrum.with_exposure(EXPOSURES["hour"]).expected(spectrum.prior.center)
+    return {
+        "second": np.zeros(mean.shape, dtype=np.int64),
+        "hour": rng.poisson(mean),
+        "months": rng.poisson(mean * 1e9),
+    }
+
+
+@lru_cache
+def jaxspec_log_likelihoods(name, spectrum):
+    """Log likelihoods ``(row,)`` by exposure, jaxspec's sum of them all, and the theta and counts they are of."""
+    import jax
+    import numpyro.distributions as dist
+
+    rng = np.random.default_rng(11)
+    ends = [np.zeros(spectrum.prior.size), np.ones(spectrum.prior.size)]
+    theta = spectrum.prior.from_unit_cube(np.concatenate([rng.random((24, spectrum.prior.size)), ends]))
+    x = counts_for(spectrum, rng)
+    with jax.enable_x64(True):
+        from jaxspec.data.util import load_example_obsconf
+        from jaxspec.fit import BayesianModel
+
+        model, names, fixed = jaxspec_model(name)
+        observations = {}
+        for key, seconds in EXPOSURES.items():
+            observation = load_example_obsconf("NGC7793_ULX4_PN").copy(deep=True)
+            factor = seconds / float(observation.exposure)
+            observation["transfer_matrix"] = observation["transfer_matrix"] * factor
+            observation["folded_counts"] = observation["folded_counts"].copy(data=x[key])
+            observations[key] = observation
+        # The prior only names the parameters here; the likelihood is asked for at theta.
+        prior = {f"spectrum.{n}": dist.Uniform(0.0, 1e3) for n in names if n}
+        theirs = BayesianModel(model, prior | fixed, observations)
+        given = {f"spectrum.{n}": theta[:, i] for i, n in enumerate(names) if n}
+        per_channel = theirs.log_likelihood_per_obs(given)
+        total = float(theirs.log_likelihood(given))
+    return {key: np.asarray(per_channel[f"observed.{key}"]).sum(axis=-1) for key in x}, total, theta, x
+
+
+def check_jaxspec(name, spectrum, candidate_of):
+    values, total, theta, x = jaxspec_log_likelihoods(name, spectrum)
+    for key, seconds in EXPOSURES.items():
+        exposed = spectrum.with_exposure(seconds)
+        ours = candidate_of(exposed).log_likelihood(theta, x[key])
+        size = np.maximum(1.0, np.abs(values[key]))
+        if x[key].sum() > 1e8:
+            size = summands(exposed)(theta, x[key])
+        assert values[key].dtype == ours.dtype == np.float64
+        assert np.max(np.abs(values[key] - ours) / size) < RTOL, key
+    assert total == pytest.approx(sum(value.sum() for value in values.values()), rel=RTOL)
+
+
+# jaxspec.fit imports the ArviZ of before its refactoring, which says so once a day.
+arviz_announces = pytest.mark.filterwarnings("ignore:\\s*ArviZ is undergoing:FutureWarning")
+
+
+@arviz_announces
+@pytest.mark.parametrize("name", ["plain", "emission_line", "partial_covering", "thermal_continuum"])
+def test_jaxspecs_own_bayesian_model(name, spectra):
+    check_jaxspec(name, spectra[name], lambda exposed: exposed)
+
+
+@arviz_announces
+@pytest.mark.parametrize("wrong", ["dropped -log x!", "float32", "off by one"])
+def test_jaxspec_contradicts_a_wrong_one(wrong, plain, wrong_likelihoods):
+    with pytest.raises(AssertionError):
+        check_jaxspec("plain", plain, wrong_likelihoods[wrong])
+
+
+def test_what_ultranest_stored_is_our_likelihood_at_our_prior(plain):
+    from gaugeblock.estimators.nested_sampling import NestedSampling
+
+    rng = np.random.default_rng(12)
+    x = plain.simulate(plain.prior.center[None], rng)[0]
+    run = NestedSampling(plain, live_points=60, dlogz=2.0, min_effective_draws=50).run(x, rng)
+    assert len(run.theta) > 100
+    np.testing.assert_array_equal(run.theta, plain.prior.from_unit_cube(run.unit_cube))
+    np.testing.assert_allclose(run.log_likelihood, plain.log_likelihood(run.theta, x), rtol=RTOL)
+
+
+def by_numpy(spectrum):
+    def log_likelihood(theta, x):
+        mean = spectrum.expected(theta)
+        return np.sum(xlogy(x, mean) - mean - gammaln(np.asarray(x) + 1.0), axis=-1)
+
+    return log_likelihood
+
+
+def summands(spectrum):
+    def magnitude(theta, x):
+        mean = spectrum.expected(theta)
+        return np.sum(np.abs(xlogy(x, mean)) + mean + gammaln(np.asarray(x) + 1.0), axis=-1)
+
+    return magnitude
+
+
+def test_the_public_helper_agrees(spectrum):
+    assert_same_likelihood(spectrum, by_numpy(spectrum), spectrum.prior, spectrum.simulate)
+    long = spectrum.with_exposure(1e7)
+    assert_same_likelihood(long, by_numpy(long), long.prior, long.simulate, magnitude=summands(long))
+
+
+def test_the_public_helper_catches_another_response(spectra):
+    with pytest.raises(AssertionError, match="depends on theta and on the data"):
+        assert_same_likelihood(
+            spectra["plain"], by_numpy(spectra["fixed"]), spectra["plain"].prior, spectra["plain"].simulate
+        )
