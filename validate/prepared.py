@@ -102,6 +102,13 @@ class Prepared:
         return np.where(weight.sum(axis=1, keepdims=True) > 0, weight, 1.0)
 
     @cached_property
+    def effective_draws(self) -> float:
+        """How many draws of equal weight each trial has, on average."""
+        if self.weight is None:
+            return float(self.draws.shape[1])
+        return float(np.mean(self.weight.sum(axis=1) ** 2 / (self.weight**2).sum(axis=1)))
+
+    @cached_property
     def pit(self) -> Array:
         """Randomised PIT ``(trial, parameter)``; each trial has a random stream of its own."""
         streams = TrialStreams.spawn(self.seed, "ranks", self.trial)

@@ -33,7 +33,7 @@ def sbc(prepared: Prepared) -> list[Finding | NotChecked]:
         errors, pit = prepared.errors[:, column], prepared.pit[:, column]
         findings += [
             bias_finding(name, errors, trial=prepared.trial, caveats=prepared.caveats),
-            log_width_finding(name, errors, caveats=prepared.caveats),
+            log_width_finding(name, errors, draws=prepared.effective_draws, caveats=prepared.caveats),
             uniform_finding(name, pit, trial=prepared.trial, caveats=prepared.caveats),
         ]
     return findings
@@ -62,9 +62,11 @@ def bias_finding(
     )
 
 
-def log_width_finding(name: str, errors: Array, *, caveats: tuple[str, ...] = ()) -> Finding:
+def log_width_finding(
+    name: str, errors: Array, *, draws: float = np.inf, caveats: tuple[str, ...] = ()
+) -> Finding:
     """Log width ratio of one parameter, from standardised errors ``(trial,)``; negative: too narrow."""
-    estimate, standard_error, influence = log_width(errors)
+    estimate, standard_error, influence = log_width(errors, draws=draws)
     return Finding(
         id=f"sbc.log_width[{name}]",
         quantity="log_width",
