@@ -39,7 +39,7 @@ def effects():
 
 @pytest.fixture(scope="session")
 def spectra(xray_data):
-    """Spectra by name: without effects, with each effect, with fixed and free ones together."""
+    """Spectra by name: without effects, on another detector, with each effect, with fixed and free ones."""
     from gaugeblock.simulators.xray import reference
 
     plain, each = reference(), effects()
@@ -48,11 +48,11 @@ def spectra(xray_data):
         several = several.with_effect(each[name])
     fixed = plain.with_effect(Effect("emission_line", {"energy": 6.4, "sigma": 0.05, "norm": 1e-5}))
     fixed = fixed.with_effect(Effect("gain_slope", {"slope": 1.01}))
-    named = {"plain": plain, "several": several, "fixed": fixed}
+    named = {"plain": plain, "nicer": reference("nicer"), "several": several, "fixed": fixed}
     return named | {name: plain.with_effect(effect) for name, effect in each.items()}
 
 
-SPECTRA = ("plain", "several", "fixed", *(
+SPECTRA = ("plain", "nicer", "several", "fixed", *(
     "emission_line", "partial_covering", "thermal_continuum", "gain_slope", "gain_offset", "published_gain"
 ))  # fmt: skip
 

@@ -54,7 +54,7 @@ def counts_for(spectrum, rng):
 
 @lru_cache
 def jaxspec_log_likelihoods(name, spectrum):
-    """Log likelihoods ``(row,)`` by exposure, jaxspec's sum of them all, and the theta and counts they are of."""
+    """Log likelihoods ``(row,)`` by exposure, jaxspec's sum of them all, and their theta and counts."""
     import jax
     import numpyro.distributions as dist
 
