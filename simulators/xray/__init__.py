@@ -1,10 +1,11 @@
 """The X-ray reference case: OGIP responses, XSPEC-style models, effects, published configurations.
 
 `reference` gives the simulator that everything is measured on; `build` any other, from plain options;
-`XraySpectrum` is their class. `data.fetch` brings the files they need.
+`XraySpectrum` is their class. `fetch` brings the files they need.
 """
 
 from gaugeblock.simulators.xray.build import build
+from gaugeblock.simulators.xray.data import fetch
 from gaugeblock.simulators.xray.precision import double_precision
 from gaugeblock.simulators.xray.published import family
 from gaugeblock.simulators.xray.reference import reference
@@ -19,5 +20,6 @@ __all__ = [
     "build",
     "double_precision",
     "family",
+    "fetch",
     "reference",
 ]

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from gaugeblock.errors import InputError, require
 
-Progress = Callable[[str], None]
+Tell = Callable[[str], None]
 
 EXAMPLE = "example_data/NGC7793_ULX4/"
 
@@ -65,7 +65,7 @@ class DataFile:
         return True
 
 
-Source = Callable[[Sequence[DataFile], Progress], None]
+Source = Callable[[Sequence[DataFile], Tell], None]
 """Stores whichever of the files it can get; raises `SourceError` with a reason when it can get no more."""
 
 
@@ -79,7 +79,6 @@ class FetchReport:
 
     origin: Mapping[str, str] = field(default_factory=dict)
 
-    @property
     def summary(self) -> str:
         """One line for people."""
         counts: dict[str, int] = {}
@@ -107,7 +106,7 @@ def files() -> dict[str, DataFile]:
 def fetch(
     names: Iterable[str] | None = None,
     *,
-    progress: Progress = lambda _: None,
+    tell: Tell = lambda _: None,
     sources: Mapping[str, Source] | None = None,
 ) -> FetchReport:
     """Bring files into the cache, verified by sha256; files that are there and intact are left alone.
@@ -116,7 +115,7 @@ def fetch(
     ----------
     names : iterable of str, optional
         Only these; all that the reference cases need, if not given.
-    progress : callable, optional
+    tell : callable, optional
         Told in one line what is being done, before it is done.
     sources : mapping, optional
         What to try, in order, by name. Default: jaxspec's own site, then PyPI.
@@ -137,7 +136,7 @@ def fetch(
         if not missing:
             break
         try:
-            source(missing, progress)
+            source(missing, tell)
         except SourceError as error:
             reasons.append(f"{label}: {error}")
         except OSError as error:

