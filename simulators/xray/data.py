@@ -106,7 +106,7 @@ def files() -> dict[str, DataFile]:
 def fetch(
     names: Iterable[str] | None = None,
     *,
-    tell: Tell = lambda _: None,
+    progress: Tell = lambda _: None,
     sources: Mapping[str, Source] | None = None,
 ) -> FetchReport:
     """Bring files into the cache, verified by sha256; files that are there and intact are left alone.
@@ -115,7 +115,7 @@ def fetch(
     ----------
     names : iterable of str, optional
         Only these; all that the reference cases need, if not given.
-    tell : callable, optional
+    progress : callable, optional
         Told in one line what is being done, before it is done.
     sources : mapping, optional
         What to try, in order, by name. Default: jaxspec's own site, then PyPI.
@@ -136,7 +136,7 @@ def fetch(
         if not missing:
             break
         try:
-            source(missing, tell)
+            source(missing, progress)
         except SourceError as error:
             reasons.append(f"{label}: {error}")
         except OSError as error:

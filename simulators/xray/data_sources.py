@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from gaugeblock.errors import require
-from gaugeblock.simulators.xray.data import NICER_FILES, DataFile, Tell, SourceError
+from gaugeblock.simulators.xray.data import NICER_FILES, DataFile, SourceError, Tell
 
 PATIENCE = 5.0
 """Seconds that a site has to answer."""

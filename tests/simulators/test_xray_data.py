@@ -43,7 +43,7 @@ def fails(wanted, tell):
 def test_sources_are_tried_in_order_until_nothing_is_missing(cache):
     said = []
     report = data.fetch(
-        tell=said.append,
+        progress=said.append,
         sources={"first": fails, "second": gives("two.arf"), "third": gives("a/one.rmf"), "fourth": fails},
     )
     assert report.origin == {"two.arf": "second", "a/one.rmf": "third"}
