@@ -1,0 +1,24 @@
+"""What the command line prints at the end of an audit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from gaugeblock.validate import Outcome, Verdict
+
+SHOWN = 20
+
+
+def terminal_summary(verdict: Verdict, folder: Path) -> str:
+    """The verdict, the gates that did not PASS with their messages, and where to read on."""
+    passed = [gate for gate in verdict.gates if gate.outcome is Outcome.PASS]
+    others = [gate for gate in verdict.gates if gate.outcome is not Outcome.PASS]
+    order = {Outcome.FAIL: 0, Outcome.INCONCLUSIVE: 1}
+    others.sort(key=lambda gate: order[gate.outcome])
+    lines = [f"{verdict.outcome.value}: {len(passed)} of {len(verdict.gates)} gates pass"]
+    lines += [f"  {gate.outcome.value:<12} {gate.id}: {gate.message}" for gate in others[:SHOWN]]
+    if len(others) > SHOWN:
+        lines.append(f"  and {len(others) - SHOWN} more")
+    lines += [f"  not checked  {item.id}: {item.why}" for item in verdict.not_checked]
+    lines.append(f"Report: {folder / 'report.html'}")
+    return "\n".join(lines)

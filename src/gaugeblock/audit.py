@@ -1,0 +1,215 @@
+"""The audit: where a simulator, an estimator, the validators and a policy meet."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from gaugeblock.collect import Plan, Progress, collect, discard, identity, versions
+from gaugeblock.config import AuditConfig
+from gaugeblock.errors import InputError
+from gaugeblock.reports import write_reports
+from gaugeblock.simulators import Simulator, build_simulator
+from gaugeblock.validate import Finding, NotChecked, Policy, Verdict, judge, run_validators
+from gaugeblock.validate.findings_file import read_findings, write_findings
+from gaugeblock.validate.trials import read_trials, write_trials
+
+CHUNKS = ".chunks"
+
+
+@dataclass(frozen=True)
+class Audit:
+    """Everything an audit found: the trials, the findings, what could not be checked, and the verdict."""
+
+    trials: xr.DataTree
+    findings: tuple[Finding, ...]
+    not_checked: tuple[NotChecked, ...]
+    verdict: Verdict
+
+
+def audit(
+    config: AuditConfig,
+    out: Path,
+    *,
+    policy: Policy | None = None,
+    command: str = "",
+    progress: Progress | None = None,
+) -> Audit:
+    """Simulate, estimate, validate and judge as `config` says; write all files of the contract into `out`.
+
+    An interrupted audit, started again, goes on where it stopped and ends in the same bits.
+
+    Raises
+    ------
+    InputError
+        If anything in the configuration cannot be used, or simulator and estimator do not fit.
+    """
+    simulator = build_simulator(config.simulator.name, **config.simulator.options)
+    estimator = _estimator(config, simulator)
+    table = config.trials
+    plan = Plan(
+        number=table.number,
+        draws=table.draws,
+        chunk=table.chunk,
+        importance_number=table.importance,
+        importance_draws=table.importance_draws,
+        seed=table.seed,
+    )
+    made = _folder(out)
+    trials = collect(simulator, estimator, plan, made / CHUNKS, progress=progress)
+    provenance = {
+        "command": command,
+        "seed": table.seed,
+        "simulator": {"name": config.simulator.name, **identity(simulator)},
+        "estimator": {"name": config.estimator.name, **identity(estimator)},
+        "trials": vars(plan),
+    }
+    result = _judged(
+        trials,
+        policy or config.read_policy(),
+        seed=table.seed,
+        select=config.validators,
+        provenance=provenance,
+        out=made,
+        progress=progress,
+    )
+    discard(made / CHUNKS)
+    return result
+
+
+def audit_trials(
+    file: Path,
+    out: Path,
+    *,
+    policy: Policy,
+    seed: int = 0,
+    select: Iterable[str] | None = None,
+    command: str = "",
+    progress: Progress | None = None,
+) -> Audit:
+    """Judge draws from disk: run what the file allows and list what it does not.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or breaks the schema of Trials.
+    """
+    trials = read_trials(file)
+    provenance = {
+        "command": command,
+        "seed": seed,
+        "trials": {"file": str(file), "sha256": sha256(file)},
+    }
+    return _judged(
+        trials,
+        policy,
+        seed=seed,
+        select=select,
+        provenance=provenance,
+        out=_folder(out),
+        progress=progress,
+    )
+
+
+def judge_again(folder: Path, *, policy: Policy, out: Path | None = None, command: str = "") -> Audit:
+    """Judge the findings of an earlier audit under another policy; nothing is sampled.
+
+    Raises
+    ------
+    InputError
+        If the folder does not hold an audit.
+    """
+    trials = read_trials(folder / "trials.nc")
+    findings, not_checked = read_findings(folder / "findings.nc")
+    earlier = _earlier_provenance(folder)
+    verdict = judge(findings, not_checked, policy, seed=int(earlier.get("seed") or 0))
+    verdict = replace(
+        verdict, provenance={**earlier, "command": command, "policy": policy.model_dump(mode="json")}
+    )
+    write_reports(verdict, findings, trials, _folder(out or folder), title=_title(verdict.provenance))
+    return Audit(trials, findings, not_checked, verdict)
+
+
+def _judged(
+    trials: xr.DataTree,
+    policy: Policy,
+    *,
+    seed: int,
+    select: Iterable[str] | None,
+    provenance: Mapping[str, Any],
+    out: Path,
+    progress: Progress | None,
+) -> Audit:
+    if progress is not None:
+        progress("validators", 0, 1)
+    findings, not_checked = run_validators(trials, seed=seed, select=select)
+    if progress is not None:
+        progress("validators", 1, 1)
+    verdict = judge(findings, not_checked, policy, seed=seed)
+    # An old verdict must not stand beside new trials, should this process die between the files.
+    (out / "verdict.json").unlink(missing_ok=True)
+    write_trials(trials, out / "trials.nc")
+    write_findings(findings, not_checked, out / "findings.nc")
+    record = {
+        **provenance,
+        "policy": policy.model_dump(mode="json"),
+        "versions": versions(),
+    }
+    verdict = replace(verdict, provenance=record)
+    write_reports(verdict, findings, trials, out, title=_title(record))
+    return Audit(trials, findings, not_checked, verdict)
+
+
+def _estimator(config: AuditConfig, simulator: Simulator) -> Any:
+    from gaugeblock.estimators.registry import build_estimator
+
+    return build_estimator(config.estimator.name, simulator, **config.estimator.options)
+
+
+def _title(provenance: Mapping[str, Any]) -> str:
+    estimator, simulator = provenance.get("estimator"), provenance.get("simulator")
+    if isinstance(estimator, Mapping) and isinstance(simulator, Mapping):
+        return f"{estimator.get('name', 'estimator')} on {simulator.get('name', 'simulator')}"
+    trials = provenance.get("trials")
+    file = trials.get("file") if isinstance(trials, Mapping) else None
+    return f"Draws from {Path(str(file)).name}" if file else "Audit"
+
+
+def _earlier_provenance(folder: Path) -> dict[str, Any]:
+    import json
+
+    try:
+        record = json.loads((folder / "verdict.json").read_text(encoding="utf-8"))["provenance"]
+    except (OSError, ValueError, KeyError, TypeError):
+        raise InputError(
+            f"{folder / 'verdict.json'}: cannot be read; give the folder of a finished audit, "
+            "or run `gaugeblock audit` first"
+        ) from None
+    return dict(record)
+
+
+def _folder(path: Path) -> Path:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be made a folder ({error.strerror or error})") from None
+    return path
+
+
+def sha256(path: Path) -> str:
+    """SHA-256 of a file, in hexadecimal.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None

@@ -1,0 +1,197 @@
+"""The command line: parses, calls, prints. What it calls is imported only when a command runs."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import traceback
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gaugeblock.errors import GaugeblockError
+
+if TYPE_CHECKING:
+    from gaugeblock.audit import Audit
+
+EXIT_CODES = "Exit codes: 0 PASS, 1 FAIL, 3 INCONCLUSIVE, 2 bad input or an internal error."
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    help="Statistical validation of simulator-based estimators: PASS, FAIL or INCONCLUSIVE, "
+    "with stated error rates.",
+)
+data_app = typer.Typer(no_args_is_help=True, help="Real responses, spectra and tables.")
+app.add_typer(data_app, name="data")
+
+Out = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder that gets the files.")]
+Seed = Annotated[int | None, typer.Option(min=0, help="Seed of everything random.")]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="TABLE.KEY=VALUE", help="Change one key of the configuration; repeatable."),
+]
+PolicyName = Annotated[
+    str | None,
+    typer.Option("--policy", metavar="P.toml", help="Policy: default, strict or a TOML file."),
+]
+Debug = Annotated[bool, typer.Option("--debug", help="Show a traceback with an error.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="No progress on stderr.")]
+
+
+@app.command(epilog=EXIT_CODES)
+def audit(
+    config: Annotated[
+        Path | None,
+        typer.Argument(metavar="[CONFIG.toml]", help="What to audit; default: the shipped flow."),
+    ] = None,
+    trials: Annotated[
+        Path | None,
+        typer.Option("--trials", metavar="FILE.nc", help="Audit draws from disk; nothing is sampled."),
+    ] = None,
+    out: Out = Path("gaugeblock-audit"),
+    policy: PolicyName = None,
+    seed: Seed = None,
+    settings: Settings = None,
+    validator: Annotated[
+        list[str] | None, typer.Option("--validator", metavar="NAME", help="Run this one; repeatable.")
+    ] = None,
+    quiet: Quiet = False,
+    debug: Debug = False,  # noqa: ARG001 - read by main()
+) -> None:
+    """Audit an estimator: simulate, estimate, validate, judge, report.
+
+    Without a configuration it audits the flow that ships for XMM EPIC-pn spectra at medium counts.
+    An interrupted audit goes on where it stopped when the same command runs again.
+    """
+    from gaugeblock.audit import audit as run
+    from gaugeblock.audit import audit_trials
+    from gaugeblock.config import read_config
+    from gaugeblock.errors import InputError
+    from gaugeblock.progress import Bars
+    from gaugeblock.settings import parse_settings
+    from gaugeblock.validate import read_policy
+
+    changes = parse_settings(settings or [])
+    if trials is not None:
+        if config is not None:
+            raise InputError("give a CONFIG.toml or --trials FILE.nc, not both")
+        strange = [key for key in changes if not key.startswith("policy.")]
+        if strange:
+            raise InputError(f"--set {strange[0]}: with --trials only policy.* can be set")
+    if seed is not None and trials is None:
+        changes["trials.seed"] = seed
+    chosen = read_config(config, settings=changes)
+    rules = chosen.read_policy() if policy is None else read_policy(policy)
+    select = validator or chosen.validators
+    with Bars(quiet=quiet) as bars:
+        if trials is not None:
+            result = audit_trials(
+                trials,
+                out,
+                policy=rules,
+                seed=seed or 0,
+                select=select,
+                command=_command(),
+                progress=bars.show,
+            )
+        else:
+            wanted = chosen.model_copy(update={"validators": None if select is None else tuple(select)})
+            result = run(wanted, out, policy=rules, command=_command(), progress=bars.show)
+    _finish(result, out)
+
+
+@app.command(epilog=EXIT_CODES)
+def gate(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a finished audit.")],
+    policy: PolicyName = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Folder for the files; default: DIR itself.")
+    ] = None,
+    debug: Debug = False,  # noqa: ARG001
+) -> None:
+    """Judge the findings of an earlier audit again, under another policy; nothing is sampled."""
+    from gaugeblock.audit import judge_again
+    from gaugeblock.validate import read_policy
+
+    result = judge_again(folder, policy=read_policy(policy or "default"), out=out, command=_command())
+    _finish(result, out or folder)
+
+
+@app.command()
+def train(
+    config: Annotated[Path, typer.Argument(metavar="CONFIG.toml", help="Simulator, network and training.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Model folder; default: the configuration's.")
+    ] = None,
+    seed: Seed = None,
+    settings: Settings = None,
+    quiet: Quiet = False,
+    debug: Debug = False,  # noqa: ARG001
+) -> None:
+    """Train a neural posterior estimator; writes model.safetensors and model.json.
+
+    An interrupted training goes on where it stopped when the same command runs again.
+    """
+    from gaugeblock.estimators.npe import run_training
+    from gaugeblock.progress import Bars
+    from gaugeblock.settings import parse_settings
+
+    with Bars(quiet=quiet) as bars:
+        folder = run_training(
+            config, out=out, overrides=parse_settings(settings or []), seed=seed, progress=bars.show
+        )
+    typer.echo(f"trained: {folder}")
+
+
+@data_app.command()
+def fetch(
+    debug: Debug = False,  # noqa: ARG001
+    quiet: Quiet = False,
+) -> None:
+    """Put the reference case's responses, spectra and tables into the cache, each checked by sha256."""
+    from gaugeblock.simulators.xray.data import fetch as run
+
+    def tell(line: str) -> None:
+        if not quiet:
+            typer.echo(line, err=True)
+
+    typer.echo(run(progress=tell).summary())
+
+
+def _command() -> str:
+    return " ".join(["gaugeblock", *sys.argv[1:]])
+
+
+def _finish(result: Audit, out: Path) -> None:
+    from gaugeblock.reports.terminal import terminal_summary
+
+    typer.echo(terminal_summary(result.verdict, out))
+    raise typer.Exit(result.verdict.outcome.exit_code)
+
+
+def main() -> None:
+    """Entry point: errors become one line on stderr and exit code 2."""
+    signal.signal(signal.SIGINT, _interrupted)
+    try:
+        app()
+    except GaugeblockError as error:
+        _fail(error, str(error))
+    except Exception as error:
+        _fail(error, f"internal error: {type(error).__name__}: {error} (--debug shows where)")
+
+
+def _interrupted(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001
+    # Not KeyboardInterrupt: some versions of the parser turn that into exit code 1, which means FAIL.
+    raise GaugeblockError("interrupted; the same command run again goes on where it stopped")
+
+
+def _fail(error: Exception, line: str) -> None:
+    if "--debug" in sys.argv:
+        traceback.print_exception(error)
+    typer.echo(f"gaugeblock: {' '.join(line.split())}", err=True)
+    sys.exit(2)

@@ -1,0 +1,177 @@
+"""What to audit, as a TOML file says it: the tables simulator, estimator, trials and policy."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from gaugeblock.errors import InputError
+from gaugeblock.settings import apply_settings
+from gaugeblock.validate.policy import Policy, make_policy, read_policy
+
+Count = Annotated[int, Field(gt=0)]
+
+
+class Named(BaseModel):
+    """A simulator or an estimator: its registered name (or ``module:object``) and that one's options."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+    name: str
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Everything but the name."""
+        return dict(self.model_extra or {})
+
+
+class TrialsTable(BaseModel):
+    """How many trials and draws, from which seed.
+
+    `chunk` trials are simulated and sampled together; it is part of what makes a run repeatable to the bit.
+    The first `importance_number` trials get `importance_draws` further draws each, with densities.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    number: Annotated[int, Field(ge=10)] = 4000
+    draws: Annotated[int, Field(ge=2)] = 250
+    chunk: Count = 200
+    importance_number: Annotated[int, Field(ge=0)] = 200
+    importance_draws: Annotated[int, Field(ge=10)] = 500
+    seed: Annotated[int, Field(ge=0)] = 20260611
+
+    @model_validator(mode="after")
+    def _subset(self) -> TrialsTable:
+        if self.importance_number > self.number and "importance_number" in self.model_fields_set:
+            raise ValueError(f"importance_number {self.importance_number} is more than number {self.number}")
+        return self
+
+    @property
+    def importance(self) -> int:
+        """Trials that get importance sampling."""
+        return min(self.importance_number, self.number)
+
+
+class AuditConfig(BaseModel):
+    """A whole audit. Without any table: the shipped reference flow on EPIC-pn at medium counts.
+
+    >>> AuditConfig.build({}).simulator.options
+    {'response': 'epic-pn', 'level': 'medium'}
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    simulator: Named = Named.model_validate({"name": "xray", "response": "epic-pn", "level": "medium"})
+    estimator: Named = Named.model_validate({"name": "npe", "path": "shipped:epic-pn-medium"})
+    trials: TrialsTable = TrialsTable()
+    policy: dict[str, Any] = Field(default_factory=dict)
+    validators: tuple[str, ...] | None = None
+
+    @classmethod
+    def build(cls, table: Mapping[str, Any], *, where: str = "configuration") -> AuditConfig:
+        """Check plain data, as TOML gives it.
+
+        Raises
+        ------
+        InputError
+            One line that names the first key that is unknown or whose value cannot be used.
+        """
+        try:
+            config = cls.model_validate(dict(table))
+        except ValidationError as error:
+            raise InputError(f"{where}: {_first_complaint(error)}") from None
+        config.read_policy(where=where)
+        return config
+
+    def read_policy(self, *, where: str = "configuration") -> Policy:
+        """The policy: a shipped one or a file by ``base``, with the table's other keys put over it.
+
+        Raises
+        ------
+        InputError
+            If there is no such base or a key cannot be.
+        """
+        own = dict(self.policy)
+        base = read_policy(own.pop("base", "default")).model_dump(mode="json")
+        for key, value in own.items():
+            inner = base.get(key)
+            merge = isinstance(inner, dict) and isinstance(value, Mapping)
+            base[key] = {**inner, **value} if merge and inner is not None else value
+        return make_policy(base, source=f"{where}: policy")
+
+
+def read_config(
+    path: str | os.PathLike[str] | None, *, settings: Mapping[str, Any] | None = None
+) -> AuditConfig:
+    """Read an audit's TOML (none: the reference case) with dotted `settings` put over it.
+
+    Paths inside the file are relative to the file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is not TOML, or holds an unknown key or an impossible value.
+    """
+    table: dict[str, Any] = {}
+    where = "command line"
+    if path is not None:
+        where = str(path)
+        try:
+            table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise InputError(f"{path}: is not TOML: {error}") from None
+        table = _anchored(table, Path(path).resolve().parent)
+    return AuditConfig.build(apply_settings(_completed(table), settings or {}), where=where)
+
+
+_PATHS = (
+    ("simulator", ("pha", "rmf", "arf", "background", "priors")),
+    ("estimator", ("path",)),
+    ("policy", ("base",)),
+)
+
+
+def _anchored(table: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Relative paths that exist beside the configuration are meant from there."""
+    anchored = dict(table)
+    for name, keys in _PATHS:
+        entry = anchored.get(name)
+        if isinstance(entry, dict):
+            found = {key: folder / entry[key] for key in keys if isinstance(entry.get(key), str)}
+            there = {key: str(path) for key, path in found.items() if path.exists()}
+            anchored[name] = {**entry, **there}
+    return anchored
+
+
+def _completed(table: dict[str, Any]) -> dict[str, Any]:
+    """A table without a name means the reference case with some options exchanged."""
+    completed = dict(table)
+    defaults = AuditConfig()
+    for name in ("simulator", "estimator"):
+        entry = completed.get(name)
+        reference: Named = getattr(defaults, name)
+        if entry is None or (isinstance(entry, dict) and "name" not in entry):
+            entry = entry or {}
+            # A spectrum of one's own excludes the built-in response and level.
+            keep = {} if "rmf" in entry else reference.options
+            completed[name] = {"name": reference.name, **keep, **entry}
+    return completed
+
+
+def _first_complaint(error: ValidationError) -> str:
+    problem = error.errors()[0]
+    location = [str(part) for part in problem["loc"]]
+    key = ".".join(location)
+    if problem["type"] == "extra_forbidden":
+        table: type[BaseModel] = TrialsTable if location[0] == "trials" and len(location) > 1 else AuditConfig
+        return f"unknown key {key}; there are {', '.join(table.model_fields)}"
+    if problem["type"] == "missing":
+        return f"{key} is missing"
+    message = str(problem["msg"]).removeprefix("Value error, ")
+    shown = "" if isinstance(problem["input"], dict) else f", got {problem['input']!r}"
+    return f"{key}: {message[0].lower()}{message[1:]}{shown}"
