@@ -76,6 +76,7 @@ class Wrong:
         self._spectrum = spectrum
         self.prior = spectrum.prior
         self.expected = spectrum.expected
+        self.simulate = spectrum.simulate
         self.log_likelihood = spectrum.log_likelihood
 
 

@@ -1,10 +1,11 @@
-"""The same likelihood as jaxspec's BayesianModel, in what UltraNest stored, and through the public helper."""
+"""The same likelihood in jaxspec's BayesianModel, in what UltraNest and audits stored, in the helper."""
 
 from functools import lru_cache
 
 import numpy as np
 import pytest
 from scipy.special import gammaln, xlogy
+from scipy.stats import poisson
 
 from gaugeblock.validate import assert_same_likelihood
 
@@ -122,6 +123,43 @@ def test_what_ultranest_stored_is_our_likelihood_at_our_prior(plain):
     assert len(run.theta) > 100
     np.testing.assert_array_equal(run.theta, plain.prior.from_unit_cube(run.unit_cube))
     np.testing.assert_allclose(run.log_likelihood, plain.log_likelihood(run.theta, x), rtol=RTOL)
+
+
+def check_audit(spectrum, candidate, folder):
+    """What an audit stores for importance weights."""
+    from gaugeblock.collect import Plan, collect
+    from gaugeblock.validate import importance_trials, main_trials
+
+    plan = Plan(number=12, draws=3, chunk=12, importance_number=12, importance_draws=40, seed=3)
+    tree = collect(candidate, FromPrior(spectrum.prior), plan, folder)
+    stored, x = importance_trials(tree), main_trials(tree)["x"].values
+    draws = stored["draws"].values
+    expected = poisson.logpmf(x[:, None], spectrum.expected(draws)).sum(axis=-1)
+    np.testing.assert_allclose(stored["log_likelihood"], expected, rtol=RTOL)
+    np.testing.assert_allclose(stored["log_prior"], spectrum.prior.log_prob(draws), rtol=RTOL)
+
+
+def test_what_an_audit_stores_is_our_likelihood(plain, tmp_path):
+    check_audit(plain, plain, tmp_path)
+
+
+@pytest.mark.parametrize("wrong", ["dropped -log x!", "float32", "off by one", "linear norm prior"])
+def test_an_audit_of_a_wrong_one_is_caught(wrong, plain, wrong_likelihoods, tmp_path):
+    with pytest.raises(AssertionError):
+        check_audit(plain, wrong_likelihoods[wrong](plain), tmp_path)
+
+
+class FromPrior:
+    """An estimator that has not looked at the data: its draws go everywhere."""
+
+    def __init__(self, prior):
+        self.prior = prior
+
+    def sample(self, x, n, rng):
+        return self.prior.from_unit_cube(rng.random((len(x), n, self.prior.size)))
+
+    def log_prob(self, theta, x):
+        return self.prior.log_prob(theta)
 
 
 def by_numpy(spectrum):
