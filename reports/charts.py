@@ -33,15 +33,24 @@ def curve_with_band(
 
     `points` marks the places where the curve was computed, where these are few.
     """
-    across, curve, lower, upper = (_thinned(values) for values in (x, y, low, high))
+    whole = [np.asarray(values, dtype=float) for values in (x, y, low, high)]
+    beyond = np.maximum(whole[1] - whole[3], whole[2] - whole[1])
+    outside = int(np.sum(beyond > 0))
+    # Thinned evenly, but never so that the points farthest out go missing.
+    shown = np.linspace(0, len(beyond) - 1, min(_POINTS, len(beyond))).astype(int)
+    shown = np.unique([*shown, int(np.argmax(beyond)), int(np.argmax(np.abs(whole[1])))])
+    across, curve, lower, upper = (values[shown] for values in whole)
     half = half_height or half_height_of(curve, lower, upper)
     frame = Frame(x=(0.0, 1.0), y=(-half, half))
-    outside = int(np.sum((curve < lower) | (curve > upper)))
-    farthest = across[int(np.argmax(np.abs(curve)))]
+    farthest = int(np.argmax(np.abs(curve)))
     description = (
-        f"{y_label} against {x_label}. Largest deviation {number(float(curve[np.argmax(np.abs(curve))]), 3)} "
-        f"at {number(float(farthest), 2)}; "
-        + ("inside its band everywhere." if not outside else f"outside its band at {count(outside, 'point')}.")
+        f"{y_label} against {x_label}. Largest deviation {number(float(curve[farthest]), 3)} "
+        f"at {number(float(across[farthest]), 2)}; "
+        + (
+            "inside its band everywhere."
+            if not outside
+            else f"outside its band at {count(outside, 'point')}."
+        )
     )
     marks = [
         frame.band(across, lower, upper),
@@ -61,12 +70,20 @@ def half_height_of(*curves: ArrayLike) -> float:
 
 
 def histogram(
-    values: ArrayLike, marks: Mapping[str, float], *, key: str, name: str, x_label: str, x: tuple[float, float]
+    values: ArrayLike,
+    marks: Mapping[str, float],
+    *,
+    key: str,
+    name: str,
+    x_label: str,
+    x: tuple[float, float],
 ) -> Markup:
     """A histogram of finite `values` over the range `x`, with labelled upright `marks`."""
     finite = np.asarray(values, dtype=float)
     finite = finite[np.isfinite(finite)]
-    heights, edges = np.histogram(np.clip(finite, *x), bins=max(10, min(40, int(2 * len(finite) ** 0.5))), range=x)
+    heights, edges = np.histogram(
+        np.clip(finite, *x), bins=max(10, min(40, int(2 * len(finite) ** 0.5))), range=x
+    )
     frame = Frame(x=x, y=(0.0, 1.15 * max(int(heights.max()), 1)), width=480.0, height=230.0)
     middle = float(np.median(finite)) if len(finite) else math.nan
     uprights = [
@@ -109,15 +126,19 @@ def scatter(
         frame.axes(x_label, y_label, x_ticks=x_ticks),
         frame.dots(across[shown], error[shown]),
     ]
-    groups = [part for part in np.array_split(np.arange(len(across)), min(12, len(across) // 25)) if len(part)] \
-        if len(across) >= 75 else []
-    if groups:
+    if len(across) >= 75:
+        groups = np.array_split(np.arange(len(across)), min(12, len(across) // 25))
         centres = np.array([across[part].mean() for part in groups])
         running = np.array([np.quantile(error[part], (0.16, 0.5, 0.84)) for part in groups])
-        marks += [frame.line(centres, running[:, 0], "quantile"), frame.line(centres, running[:, 2], "quantile")]
+        marks += [
+            frame.line(centres, running[:, 0], "quantile"),
+            frame.line(centres, running[:, 2], "quantile"),
+        ]
         marks.append(frame.line(centres, running[:, 1], "line"))
     beyond = float(np.mean(np.abs(error) > 2)) if len(error) else 0.0
-    description = f"{y_label} against {x_label} for {count(len(error), 'trial')}; {100 * beyond:.1f}% beyond two."
+    description = (
+        f"{y_label} against {x_label} for {count(len(error), 'trial')}; {100 * beyond:.1f}% beyond two."
+    )
     return _figure(marks, frame, key=key, title=name, description=description)
 
 
@@ -165,7 +186,13 @@ def gate_bar(
         f"tolerance {short(tolerance)} ({sense})."
     )
     return drawing(
-        marks, width=frame.width, height=frame.height, key=key, title=name, description=description, class_="bar-row"
+        marks,
+        width=frame.width,
+        height=frame.height,
+        key=key,
+        title=name,
+        description=description,
+        class_="bar-row",
     )
 
 
@@ -187,14 +214,13 @@ def _closed(bounds: tuple[float, float], shown: tuple[float, float]) -> tuple[fl
     return (low if math.isfinite(low) else shown[0]), (high if math.isfinite(high) else shown[1])
 
 
-def _thinned(values: ArrayLike) -> NDArray[np.float64]:
-    array = np.asarray(values, dtype=float)
-    if len(array) <= _POINTS:
-        return array
-    return array[np.linspace(0, len(array) - 1, _POINTS).astype(int)]
-
-
 def _figure(marks: list[Markup], frame: Frame, *, key: str, title: str, description: str) -> Markup:
     return drawing(
-        marks, width=frame.width, height=frame.height, key=key, title=title, description=description, class_="chart"
+        marks,
+        width=frame.width,
+        height=frame.height,
+        key=key,
+        title=title,
+        description=description,
+        class_="chart",
     )

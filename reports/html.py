@@ -56,6 +56,8 @@ def report_html(verdict: Verdict, findings: Sequence[Finding], trials: xr.DataTr
         outcome=verdict.outcome.value,
         headline=_HEADLINES[verdict.outcome],
         reason=reason(verdict),
+        # Of a FAIL, what was seen and what to do; the rest stands in the table.
+        highlights=[gate.message for gate in verdict.gates if gate.outcome is Outcome.FAIL][:3],
         facts=_facts(main, importance),
         groups=gate_groups(verdict, findings),
         tally=_tally(verdict),

@@ -41,7 +41,9 @@ def junit_xml(verdict: Verdict, *, title: str) -> str:
     cases = [_gate_case(suite, gate) for gate in verdict.gates]
     judged = {gate.id for gate in verdict.gates}
     cases += [_skipped_case(suite, item) for item in verdict.not_checked if item.id not in judged]
-    if verdict.outcome is not Outcome.PASS and not any(case.find(k) is not None for case in cases for k in _RED):
+    if verdict.outcome is not Outcome.PASS and not any(
+        case.find(k) is not None for case in cases for k in _RED
+    ):
         # A required check that could not be made must not look green to a server that reads this file alone.
         case = _child(suite, "testcase", classname="gaugeblock", name="verdict", time="0")
         _child(case, "error", type=verdict.outcome.value, message=reason(verdict))

@@ -116,8 +116,12 @@ def _gate_row(index: int, gate: Gate, finding: Finding | None) -> GateRow:
 
 
 def _decimals(gate: Gate) -> int:
-    finite = [bound for bound in (*gate.interval, *gate.pass_interval, gate.statistic) if math.isfinite(bound)]
-    return decimals_for((max(finite) - min(finite)) / 2) if len(finite) > 1 and max(finite) > min(finite) else 3
+    """Enough to see the interval, but no more than one beyond what the tolerance needs."""
+    finite = [
+        bound for bound in (*gate.interval, *gate.pass_interval, gate.statistic) if math.isfinite(bound)
+    ]
+    spread = (max(finite) - min(finite)) / 2 if finite else 0.0
+    return min(decimals_for(spread), decimals_for(abs(gate.tolerance)) + 1)
 
 
 def reported_rows(verdict: Verdict, findings: Sequence[Finding]) -> list[ReportedRow]:

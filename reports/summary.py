@@ -22,7 +22,12 @@ _LONGEST = 600  # characters of one message
 
 def summary_markdown(verdict: Verdict, *, title: str) -> str:
     """The verdict, a table of gates (the worst first) and what was not checked, as GitHub's Markdown."""
-    head = [f"## {_MARKS[verdict.outcome]} {verdict.outcome.value}: {_text(title)}", "", _text(reason(verdict)), ""]
+    head = [
+        f"## {_MARKS[verdict.outcome]} {verdict.outcome.value}: {_text(title)}",
+        "",
+        _text(reason(verdict)),
+        "",
+    ]
     if verdict.gates:
         head += [
             "| | gate | estimate | interval | tolerance | would FAIL from | trials | |",
@@ -74,13 +79,13 @@ def _code(text: str) -> str:
 
 
 def _size(lines: list[str]) -> int:
-    return sum(len(line.encode()) + 1 for line in lines)
+    return sum(len(line.encode("utf-8", "replace")) + 1 for line in lines)
 
 
 def _fitting(lines: list[str], room: int) -> tuple[list[str], int]:
     kept: list[str] = []
     for index, line in enumerate(lines):
-        room -= len(line.encode()) + 1
+        room -= len(line.encode("utf-8", "replace")) + 1
         if room < 0:
             return kept, len(lines) - index
         kept.append(line)

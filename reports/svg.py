@@ -98,7 +98,9 @@ class Frame:
     def down(self, values: ArrayLike) -> NDArray[np.float64]:
         """Vertical position of data values, clipped to the frame."""
         share = (np.asarray(values, dtype=float) - self.y[0]) / (self.y[1] - self.y[0])
-        return np.asarray(self.height - self.bottom - np.clip(share, 0, 1) * (self.height - self.top - self.bottom))
+        return np.asarray(
+            self.height - self.bottom - np.clip(share, 0, 1) * (self.height - self.top - self.bottom)
+        )
 
     def axes(
         self,
@@ -126,11 +128,24 @@ class Frame:
         middle = (self.left + end) / 2
         marks.append(tag("path", d=f"M{self.left:g} {floor:g}H{end:g}", class_="axis"))
         marks.append(
-            tag("text", x_label, x=f"{middle:g}", y=f"{self.height - 5:g}", text_anchor="middle", class_="label")
+            tag(
+                "text",
+                x_label,
+                x=f"{middle:g}",
+                y=f"{self.height - 5:g}",
+                text_anchor="middle",
+                class_="label",
+            )
         )
         across = (self.top + floor) / 2
         marks.append(
-            tag("text", y_label, class_="label", text_anchor="middle", transform=f"translate(10 {across:g}) rotate(-90)")
+            tag(
+                "text",
+                y_label,
+                class_="label",
+                text_anchor="middle",
+                transform=f"translate(10 {across:g}) rotate(-90)",
+            )
         )
         return tag("g", *marks, class_="axes")
 

@@ -20,10 +20,10 @@ _QUESTIONS = {
 _UNITS = {
     "bias": "posterior sd",
     "log_width": "natural log of the width ratio",
-    "coverage": "of trials",
-    "joint": "of trials",
-    "local": "of trials",
-    "ess": "of the draws",
+    "coverage": "fraction of trials",
+    "joint": "fraction of trials",
+    "local": "fraction of trials",
+    "ess": "fraction of draws",
 }
 
 
@@ -83,15 +83,15 @@ def short(value: float | None, digits: int = 3) -> str:
     """
     if value is None or not math.isfinite(value):
         return number(value)
-    if value == int(value) and abs(value) < 1e6:
-        return f"{int(value):,}".replace("-", MINUS)
-    mantissa, letter, exponent = f"{value:.{digits}g}".partition("e")
-    if not letter and 1e-3 <= abs(value) < 10**digits:
-        return mantissa.replace("-", MINUS)
-    if letter or abs(value) < 1e-3:
+    size = abs(value)
+    if value == int(value) and size < 1e6:
+        text = f"{int(value):,}"
+    elif not 1e-3 <= size < 1e6:
         mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
-        return f"{float(mantissa):g}e{int(exponent)}".replace("-", MINUS)
-    return f"{float(mantissa):,.0f}".replace("-", MINUS)
+        text = f"{float(mantissa):g}e{int(exponent)}"
+    else:
+        text = f"{value:,.0f}" if size >= 10**digits else f"{value:.{digits}g}"
+    return text.replace("-", MINUS)
 
 
 def probability(p: float | None) -> str:
@@ -163,7 +163,8 @@ def reason(verdict: Verdict) -> str:
     required = [gate for gate in verdict.gates if gate.required]
     if verdict.outcome is Outcome.PASS:
         optional = [gate.id for gate in verdict.gates if gate.outcome is not Outcome.PASS]
-        sentence = f"All {count(len(required), 'required gate')} passed: inside the tolerance with 95% confidence."
+        who = "The one required gate" if len(required) == 1 else f"All {len(required):,} required gates"
+        sentence = f"{who} passed: inside the tolerance with 95% confidence."
         return sentence + (f" Not required, and not decided: {listed(optional)}." if optional else "")
     unsettled = [gate for gate in required if gate.outcome is Outcome.INCONCLUSIVE]
     missing = [gate.id for gate in unsettled if not is_computed(gate)]

@@ -41,4 +41,5 @@ def write_reports(
     except OSError as error:
         raise InputError(f"cannot make the folder {folder}: {error.strerror}") from error
     for name, content in contents.items():
-        write_atomically(Path(folder) / name, content)
+        # A file name on a command line may hold bytes that are no text; they must not stop the report.
+        write_atomically(Path(folder) / name, content.encode("utf-8", "replace"))

@@ -1,0 +1,157 @@
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from gaugeblock.reports import report_html
+from gaugeblock.validate import Outcome, main_trials, make_trials, trials_tree
+
+VOID = {"meta", "link", "br"}
+
+
+class Page(HTMLParser):
+    """Tags, attributes and text; notes every tag that is closed out of turn."""
+
+    def __init__(self, text: str):
+        super().__init__()
+        self.open: list[str] = []
+        self.astray: list[str] = []
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.words: list[str] = []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        if not self.open or self.open.pop() != tag:
+            self.astray.append(tag)
+
+    def handle_data(self, data):
+        if "style" not in self.open:
+            self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.words).split())
+
+
+def page_of(audit, title="An audit") -> Page:
+    return Page(report_html(audit.verdict, audit.findings, audit.trials, title=title))
+
+
+def test_the_page_is_well_formed_and_its_ids_are_unique(audit):
+    page = page_of(audit)
+    assert page.astray == []
+    assert page.open == []
+    ids = [attributes["id"] for _, attributes in page.tags if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    targets = {a["href"].removeprefix("#") for tag, a in page.tags if tag == "a"}
+    assert targets <= set(ids), "a link of the page leads nowhere"
+
+
+def test_verdict_gates_messages_and_provenance_are_on_it(audit):
+    page = page_of(audit)
+    assert f"{audit.verdict.outcome.value}" in page.text
+    for gate in audit.verdict.gates:
+        assert " ".join(gate.message.split()) in page.text
+    for item in audit.verdict.not_checked:
+        assert item.id in page.text
+        assert item.why in page.text
+    assert "abababab" in page.text
+    assert "error_budget = 0.05" in page.text
+
+
+def test_nothing_is_loaded_from_anywhere_and_nothing_runs(audit):
+    text = report_html(audit.verdict, audit.findings, audit.trials, title="x")
+    page = Page(text)
+    assert not {tag for tag, _ in page.tags} & {"script", "iframe", "img", "object", "embed", "base", "form"}
+    for tag, attributes in page.tags:
+        for name, value in attributes.items():
+            assert not name.startswith("on"), f"{tag} has a handler {name}"
+            if name in ("src", "href"):
+                assert value.startswith("#") or value == "data:,", value
+    style = re.findall(r"<style>(.*?)</style>", text, flags=re.DOTALL)
+    assert len(style) == 1
+    assert not re.search(r"url\(|@import|https?:", style[0])
+
+
+def test_a_hostile_name_is_shown_and_does_nothing(failing):
+    text = report_html(failing.verdict, failing.findings, failing.trials, title="</title><script>1</script>")
+    assert "<script" not in text
+    page = Page(text)
+    assert "<script>alert('x')</script>" in page.text
+    hostile = [value for _, a in page.tags for value in a.values() if value and "alert('x')" in value]
+    assert hostile, "the name also stands in attributes, where quotes must be escaped"
+
+
+def test_every_hostile_text_of_a_verdict_is_escaped(failing):
+    poison = '"><img src=x onerror=alert(1)>'
+    gates = tuple(
+        replace(g, message=poison, component=poison, id=f"{poison}{i}")
+        for i, g in enumerate(failing.verdict.gates)
+    )
+    findings = [
+        replace(f, claim=poison, null=poison, caveats=(poison,), id=f"{f.id}{poison}")
+        for f in failing.findings
+    ]
+    verdict = replace(
+        failing.verdict, gates=gates, provenance={poison: {poison: [poison, poison + "\n" + poison]}}
+    )
+    text = report_html(verdict, findings, failing.trials, title=poison)
+    assert "<img" not in text
+    assert Page(text).astray == []
+
+
+def test_samples_alone_leave_no_holes(undecided, passing):
+    page, whole = page_of(undecided), page_of(passing)
+    headings = [a.get("id") for tag, a in page.tags if tag == "section"]
+    assert "importance" not in headings
+    assert "importance" in [a.get("id") for tag, a in whole.tags if tag == "section"]
+    assert {"gates", "not-checked", "ranks", "coverage", "errors", "worst", "provenance"} <= set(headings)
+    for unwanted in ("nan", "None", "NaN", "inf "):
+        assert unwanted not in re.sub(r"0 NaN or infinite|NaN or infinite", "", page.text).split()
+
+
+def test_no_section_is_empty_when_there_is_nothing_at_all(passing):
+    verdict = replace(passing.verdict, gates=(), not_checked=(), provenance={}, outcome=Outcome.INCONCLUSIVE)
+    page = Page(report_html(verdict, [], passing.trials, title="x"))
+    assert [a["id"] for tag, a in page.tags if tag == "section"] == ["errors", "worst", "provenance"]
+
+
+def test_draws_that_are_all_nan_still_give_a_page(make_audit, passing):
+    main = main_trials(passing.trials).copy(deep=True)
+    main["draws"].values[:] = np.nan
+    page = Page(report_html(passing.verdict, passing.findings, trials_tree(main), title="x"))
+    assert "Trials to look at first" in page.text  # the importance trials are still known
+    assert "Where the errors fall" not in page.text
+
+
+@pytest.mark.parametrize("parameters", [1, 12])
+def test_panels_for_one_to_twelve_parameters(make_audit, parameters):
+    audit = make_audit(n=300, draws=40, names=tuple(f"p{i}" for i in range(parameters)))
+    page = page_of(audit)
+    panels = [a["id"] for tag, a in page.tags if tag == "title" and a.get("id", "").startswith("rank-")]
+    assert len(panels) == parameters
+
+
+def test_a_wide_posterior_with_weights_is_drawn_from_its_weights():
+    rng = np.random.default_rng(2)
+    theta = rng.normal(size=(200, 1))
+    draws = theta[:, None] + rng.normal(size=(200, 50, 1))
+    draws[:, :25] += 1000.0
+    weight = np.r_[np.zeros(25), np.ones(25)] * np.ones((200, 1))
+    from gaugeblock.reports.errors_of_trials import trial_errors
+
+    errors = trial_errors(trials_tree(make_trials(theta, draws, ["a"], weight=weight)))
+    assert errors is not None
+    assert np.abs(errors.mean - theta).max() < 1
+    assert np.abs(errors.error).max() < 7
