@@ -1,0 +1,49 @@
+"""Whatever implements a protocol is in its registry, where the contract tests, which run over it, see it."""
+
+import ast
+from pathlib import Path
+
+from gaugeblock.estimators.registry import ESTIMATORS
+from gaugeblock.simulators.registry import SIMULATORS
+from gaugeblock.validate.validators import VALIDATORS
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def definitions(room, kind):
+    """Public definitions of a room, with the name of their module."""
+    for path in sorted((ROOT / room).rglob("*.py")):
+        module = ".".join(("gaugeblock", *path.relative_to(ROOT).with_suffix("").parts))
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, kind) and not node.name.startswith("_"):
+                yield module, node
+
+
+def classes_with(room, method, arguments):
+    for module, node in definitions(room, ast.ClassDef):
+        methods = {f.name: [a.arg for a in f.args.args] for f in node.body if isinstance(f, ast.FunctionDef)}
+        if methods.get(method, [])[1:] == arguments and module != f"gaugeblock.{room}.protocol":
+            yield module, node.name
+
+
+def unregistered(found, table):
+    places = [module for module, _, _ in table.values()]
+    return [f"{name} in {module}" for module, name in found if not any(module.startswith(p) for p in places)]
+
+
+def test_every_simulator_is_registered():
+    found = list(classes_with("simulators", "simulate", ["theta", "rng"]))
+    assert len(found) >= len(SIMULATORS)
+    assert not unregistered(found, SIMULATORS)
+
+
+def test_every_estimator_is_registered():
+    found = list(classes_with("estimators", "sample", ["x", "n", "rng"]))
+    assert len(found) >= len(ESTIMATORS)
+    assert not unregistered(found, ESTIMATORS)
+
+
+def test_every_validator_is_registered():
+    functions = definitions("validate", ast.FunctionDef)
+    found = {node.name for _, node in functions if ast.unparse(node.args) == "prepared: Prepared"}
+    assert found == {validator.__name__ for validator in VALIDATORS.values()}
