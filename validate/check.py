@@ -61,6 +61,7 @@ def check_trials(dataset: xr.Dataset, *, source: str, parameters: Sequence[str] 
     if "weight" in checked.data_vars:
         _weights(checked, source=source)
     circular_parameters(checked, source=source)
+    is_autocorrelated(checked, source=source)
     return checked
 
 
@@ -72,7 +73,12 @@ def circular_parameters(dataset: xr.Dataset, *, source: str = "trials") -> dict[
     """
     stated = dataset.attrs.get("circular", ())
     if isinstance(stated, str):
-        stated = json.loads(stated) if stated.strip().startswith("[") else stated.split(",")
+        try:
+            stated = json.loads(stated) if stated.strip().startswith("[") else stated.split(",")
+        except json.JSONDecodeError:
+            raise InputError(
+                f"{source}: attribute circular is {stated!r}; it must list parameter names"
+            ) from None
     circular = [
         str(name).strip() for name in np.atleast_1d(np.asarray(stated, dtype=object)) if str(name).strip()
     ]
@@ -92,6 +98,15 @@ def circular_parameters(dataset: xr.Dataset, *, source: str = "trials") -> dict[
         names.index(name): float(p)
         for name, p in zip(circular, np.broadcast_to(period, len(circular)), strict=True)
     }
+
+
+def is_autocorrelated(dataset: xr.Dataset, *, source: str = "trials") -> bool:
+    """Whether the attribute ``autocorrelated`` says that each trial's draws are a Markov chain."""
+    stated = dataset.attrs.get("autocorrelated", 0)
+    words = {"0": False, "1": True, "false": False, "true": True, "no": False, "yes": True, "": False}
+    if str(stated).lower() not in words:
+        raise InputError(f"{source}: attribute autocorrelated is {stated!r}; it must be 0 or 1")
+    return words[str(stated).lower()]
 
 
 def _list(names: Sequence[Hashable]) -> str:

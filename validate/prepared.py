@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gaugeblock.streams import TrialStreams
 from gaugeblock.validate.autocorrelation import integrated_autocorrelation_time
-from gaugeblock.validate.check import circular_parameters
+from gaugeblock.validate.check import circular_parameters, is_autocorrelated
 from gaugeblock.validate.ranks import randomised_pit, unwrap_circular
 from gaugeblock.validate.standardised import standardised_errors
 from gaugeblock.validate.trials import importance_trials, main_trials
@@ -69,7 +69,7 @@ class Prepared:
     @cached_property
     def stride(self) -> int:
         """Every how many draws one is used: 1, or the mean autocorrelation time of the slowest parameter."""
-        if not int(self.main.attrs.get("autocorrelated", 0)) or not self.unaffected.any():
+        if not is_autocorrelated(self.main) or not self.unaffected.any():
             return 1
         time = integrated_autocorrelation_time(self.main["draws"].values[self.unaffected])
         longest = (self.main.sizes["draw"] - 1) // 2

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from gaugeblock.atomic import atomic_path
 from gaugeblock.errors import InputError
 
 SCHEMA_VERSION = 1
@@ -26,18 +27,14 @@ def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
 
 
 def write_groups(groups: Mapping[str, xr.Dataset], path: str | os.PathLike[str]) -> Path:
-    """Write Datasets as the groups of one NetCDF file ("" is the root group), atomically.
-
-    The file appears under its name only when it is complete: it is written beside it and moved there.
+    """Write Datasets as the groups of one NetCDF file ("" is the root group), wholly or not at all.
 
     Raises
     ------
     InputError
         If the folder does not exist or cannot be written to.
     """
-    target = Path(path)
-    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
-    try:
+    with atomic_path(path) as partial:
         for number, (group, dataset) in enumerate(groups.items()):
             plain = dataset.drop_encoding()
             plain.to_netcdf(
@@ -47,14 +44,7 @@ def write_groups(groups: Mapping[str, xr.Dataset], path: str | os.PathLike[str])
                 engine="netcdf4",
                 encoding=_encoding(plain),
             )
-        with open(partial, "rb+") as handle:
-            os.fsync(handle.fileno())
-        os.replace(partial, target)
-    except OSError as error:
-        raise InputError(f"{target}: cannot be written ({error.strerror or error})") from None
-    finally:
-        partial.unlink(missing_ok=True)
-    return target
+    return Path(path)
 
 
 def read_groups(path: str | os.PathLike[str], *, what: str) -> dict[str, xr.Dataset]:

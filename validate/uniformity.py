@@ -67,8 +67,8 @@ def _limits(tail: float, n: int, points: int) -> tuple[Counts, Counts]:
 
 def _p_value(tail: float, n: int, points: int) -> float:
     lower, upper = _limits(tail, n, points)
-    # At least the tail itself, which 1 - probability cannot resolve below 1e-15.
-    return float(min(1.0, max(1 - interior_probability(lower, upper, n), tail)))
+    # At least the tail itself, which 1 - probability cannot resolve below 1e-15; and never 0 by underflow.
+    return float(min(1.0, max(1 - interior_probability(lower, upper, n), tail, np.finfo(float).tiny)))
 
 
 @lru_cache(maxsize=64)

@@ -1,0 +1,50 @@
+"""Exact and broken estimators of a conjugate Gaussian problem, as Trials, without any package code."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from gaugeblock.validate import make_trials
+
+SD = np.sqrt(0.5)
+
+
+def _normal(x: Any, mean: Any, sd: float) -> np.ndarray:
+    return (-0.5 * ((x - mean) / sd) ** 2 - np.log(sd) - 0.5 * np.log(2 * np.pi)).sum(axis=-1)
+
+
+def gaussian(
+    n: int,
+    draws: int,
+    dimensions: int,
+    *,
+    seed: int,
+    ratio: float = 1.0,
+    bias: float = 0.0,
+    density: bool = True,
+    log_q_noise: float = 0.0,
+    **extra: Any,
+) -> xr.Dataset:
+    """theta ~ N(0, 1), x ~ N(theta, 1), q = N(posterior mean + bias sd, (ratio sd)^2)."""
+    rng = np.random.default_rng(seed)
+    theta = rng.normal(size=(n, dimensions))
+    x = theta + rng.normal(size=(n, dimensions))
+    centre = (x / 2 + bias * SD)[:, None]
+    sampled = centre + ratio * SD * rng.normal(size=(n, draws, dimensions))
+    if density:
+        extra |= {
+            "log_q": _normal(sampled, centre, ratio * SD) + log_q_noise * rng.normal(size=(n, draws)),
+            "log_prior": _normal(sampled, 0.0, 1.0),
+            "log_likelihood": _normal(x[:, None], sampled, 1.0),
+        }
+    return make_trials(theta, sampled, [f"p{i}" for i in range(dimensions)], x=x, **extra)
+
+
+@pytest.fixture(scope="session")
+def gaussian_trials() -> Callable[..., xr.Dataset]:
+    return gaussian
