@@ -1,7 +1,8 @@
 """Findings and verdicts as something a person or a CI server reads.
 
-One file per output (`verdict_json`, `junit`, `summary`, `html`); `svg` draws the marks, `charts` the figures,
-`words` writes numbers and sentences. Nothing here computes a statistic that a gate rests on.
+One file per output (`verdict_json`, `junit`, `summary`, `html`); `svg` draws the marks, `charts` and
+`forest` the figures, `words` and `reason` write numbers and sentences. Nothing here
+computes a statistic that a gate rests on.
 """
 
 from gaugeblock.reports.html import report_html

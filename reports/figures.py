@@ -74,8 +74,8 @@ def _ranks(findings: Sequence[Finding]) -> Section | None:
         "Where the truth ranks among the draws",
         "For each trial, the share of draws below the true value; the curve is how often small shares occur, "
         "minus how often they should.",
-        "A healthy curve wanders inside the shaded band, which holds the whole curve of an exact estimator in "
-        "95% of audits. An arch means bias, an S means posteriors too narrow or too wide.",
+        "A healthy curve wanders inside the shaded band, which holds the whole curve of an exact estimator "
+        "in 95% of audits. An arch means bias, an S means posteriors too narrow or too wide.",
         tuple(panels),
     )
 
@@ -85,7 +85,8 @@ def _coverage(finding: Finding | None) -> Section | None:
         return None
     coverage = finding.details["coverage"].transpose("parameter", "level")
     level = np.asarray(coverage["level"].values, dtype=float)
-    gap = coverage.values - level
+    covered = coverage.values
+    gap = covered - level
     low, high = (finding.details[name].values - level for name in ("band_low", "band_high"))
     half = half_height_of(gap, low, high)
     panels = []
@@ -94,9 +95,10 @@ def _coverage(finding: Finding | None) -> Section | None:
         panels.append(
             Panel(
                 name,
-                f"the {short(100 * level[worst])}% intervals hold {short(100 * coverage.values[index, worst])}%",
+                f"the {short(100 * level[worst])}% intervals hold {short(100 * covered[index, worst])}%",
                 curve_with_band(
-                    level, gap[index], low, high, key=f"coverage-{index}", name=f"Coverage of {name}", points=True,
+                    level, gap[index], low, high, points=True,
+                    key=f"coverage-{index}", name=f"Coverage of {name}",
                     x_label="level claimed", y_label="coverage minus level", half_height=half,
                 ),
             )
@@ -104,8 +106,8 @@ def _coverage(finding: Finding | None) -> Section | None:
     return Section(
         "coverage",
         "How often credible intervals hold the truth",
-        "Central intervals at twelve levels: the share of trials whose interval holds the true value, minus the "
-        "share claimed. The remark names the level with the largest gap.",
+        "Central intervals at twelve levels: the share of trials whose interval holds the true value, minus "
+        "the share claimed. The remark names the level with the largest gap.",
         "A healthy curve stays near zero, inside its band. Below zero the intervals are too short "
         "(overconfident), above zero too long.",
         tuple(panels),
@@ -145,10 +147,10 @@ def _weights(by_id: dict[str, Finding], tolerance: float | None) -> Section | No
     return Section(
         "importance",
         "How close each posterior is to the exact one",
-        "Each posterior is reweighted to the exact posterior with the simulator's own likelihood; the effective "
-        "share is what is left of its draws.",
-        "A healthy histogram leans to the right: 1 is exact. A tail near 0 are spectra or data sets on which the "
-        "estimator misses part of the posterior; a k above 0.7 says that even the reweighted answer is not safe.",
+        "Each posterior is reweighted to the exact posterior with the simulator's own likelihood; the "
+        "effective share is what is left of its draws.",
+        "A healthy histogram leans to the right: 1 is exact. A tail near 0 is data on which the estimator "
+        "misses part of the posterior; a k above 0.7 says that even the reweighted answer is not safe.",
         tuple(panels),
     )
 
@@ -179,9 +181,9 @@ def _errors(errors: TrialErrors | None) -> Section | None:
     return Section(
         "errors",
         "Where the errors fall",
-        "Posterior mean minus true value, in units of the posterior's own sd, from the smallest estimate to the "
-        "largest. Lines: running median, and the running 16% and 84%.",
-        "A healthy cloud has no trend: its median runs along 0, the outer lines along −1 and +1, and about 5% of "
-        "trials lie outside the shaded ±2. A slope or a funnel is a fault that averages hide.",
+        "Posterior mean minus true value, in units of the posterior's own sd, from the smallest estimate to "
+        "the largest. Lines: running median, and the running 16% and 84%.",
+        "A healthy cloud has no trend: its median runs along 0, the outer lines along −1 and +1, and about "
+        "5% of trials lie outside the shaded ±2. A slope or a funnel is a fault that averages hide.",
         tuple(panels),
     )

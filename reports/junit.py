@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from xml.etree import ElementTree as tree
 
-from gaugeblock.reports.words import reason
+from gaugeblock.reports.reason import reason
 from gaugeblock.validate import Gate, NotChecked, Outcome, Verdict
 
 # What XML 1.0 cannot hold, not even escaped.

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
-from gaugeblock.reports.charts import gate_bar
+from gaugeblock.reports.forest import gate_bar
 from gaugeblock.reports.verdict_json import unjudged
 from gaugeblock.reports.words import (
     NOTHING,
     decimals_for,
+    decimals_of,
     interval,
     number,
     parameter_of,
@@ -77,6 +78,8 @@ def gate_groups(verdict: Verdict, findings: Sequence[Finding]) -> list[GateGroup
         together.setdefault(gate.id.partition("[")[0], []).append((index, gate))
     groups = []
     for stem, members in together.items():
+        # One number of decimals, so that the rows compare at a glance.
+        decimals = max(decimals_of(gate) for _, gate in members)
         found = [by_id[gate.id] for _, gate in members if gate.id in by_id]
         groups.append(
             GateGroup(
@@ -84,17 +87,17 @@ def gate_groups(verdict: Verdict, findings: Sequence[Finding]) -> list[GateGroup
                 question=question(members[0][1], found[0] if found else None),
                 unit=unit(found[0].quantity) if found else "",
                 caveats=tuple(dict.fromkeys(caveat for finding in found for caveat in finding.caveats)),
-                rows=tuple(_gate_row(index, gate, by_id.get(gate.id)) for index, gate in members),
+                rows=tuple(_gate_row(index, gate, by_id.get(gate.id), decimals) for index, gate in members),
             )
         )
     return groups
 
 
-def _gate_row(index: int, gate: Gate, finding: Finding | None) -> GateRow:
+def _gate_row(index: int, gate: Gate, finding: Finding | None, decimals: int) -> GateRow:
     sense = finding.sense if finding is not None else "two-sided"
     counted = finding is not None and finding.kind == "count"
-    decimals = 0 if counted else _decimals(gate)
-    tolerance = number(gate.tolerance, 0 if counted else min(max(decimals_for(gate.tolerance), 1), 3))
+    decimals = 0 if counted else decimals
+    tolerance = short(gate.tolerance)
     before = {"two-sided": "±", "at-least": "at least ", "at-most": "at most "}[sense]
     return GateRow(
         key=f"gate-{index}",
@@ -113,15 +116,6 @@ def _gate_row(index: int, gate: Gate, finding: Finding | None) -> GateRow:
         message=gate.message,
         required=gate.required,
     )  # fmt: skip
-
-
-def _decimals(gate: Gate) -> int:
-    """Enough to see the interval, but no more than one beyond what the tolerance needs."""
-    finite = [
-        bound for bound in (*gate.interval, *gate.pass_interval, gate.statistic) if math.isfinite(bound)
-    ]
-    spread = (max(finite) - min(finite)) / 2 if finite else 0.0
-    return min(decimals_for(spread), decimals_for(abs(gate.tolerance)) + 1)
 
 
 def reported_rows(verdict: Verdict, findings: Sequence[Finding]) -> list[ReportedRow]:

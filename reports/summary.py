@@ -4,13 +4,8 @@ from __future__ import annotations
 
 import re
 
-from gaugeblock.reports.words import (
-    count,
-    decimals_for,
-    interval,
-    number,
-    reason,
-)
+from gaugeblock.reports.reason import reason
+from gaugeblock.reports.words import count, decimals_of, interval, number, short
 from gaugeblock.validate import Gate, Outcome, Verdict
 
 MAXIMUM_BYTES = 1_000_000  # a GitHub step summary may hold 1 MiB
@@ -49,13 +44,13 @@ def summary_markdown(verdict: Verdict, *, title: str) -> str:
 
 
 def _row(gate: Gate) -> str:
-    decimals = decimals_for((gate.interval[1] - gate.interval[0]) / 2)
+    decimals = decimals_of(gate)
     cells = [
         _MARKS[gate.outcome] + ("" if gate.required else " not required"),
         f"`{_code(gate.id)}`",
         number(gate.statistic, decimals),
         interval(gate.interval, decimals),
-        number(gate.tolerance, decimals_for(gate.tolerance)),
+        short(gate.tolerance),
         number(gate.smallest_detectable, decimals),
         f"{gate.n_trials:,}",
         _text(gate.message),

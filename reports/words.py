@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
-from gaugeblock.validate import Finding, Gate, Outcome, Verdict
+from gaugeblock.validate import Finding, Gate
 
 MINUS = "\N{MINUS SIGN}"
 NOTHING = "\N{EN DASH}"
@@ -134,68 +133,15 @@ def interval(bounds: tuple[float, float], decimals: int) -> str:
     return f"{number(low, decimals)} to {number(high, decimals)}"
 
 
-def listed(names: Sequence[str], limit: int = 4) -> str:
-    """Names in a sentence: `a, b and c`, or `a, b, c, d and 7 more`.
-
-    >>> listed(["a", "b", "c"]), listed(list("abcdefg"))
-    ('a, b and c', 'a, b, c, d and 3 more')
-    """
-    shown = list(names[:limit])
-    if len(names) > limit:
-        shown.append(f"{len(names) - limit} more")
-    return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}" if shown else ""
-
-
 def count(amount: int, noun: str) -> str:
     """`1 gate`, `4,000 trials`."""
     return f"{amount:,} {noun}{'' if amount == 1 else 's'}"
 
 
-def reason(verdict: Verdict) -> str:
-    """One or two sentences that say why the verdict is what it is."""
-    if verdict.outcome is Outcome.FAIL:
-        failed = [gate.id for gate in verdict.gates if gate.outcome is Outcome.FAIL]
-        verb = "lies" if len(failed) == 1 else "lie"
-        return (
-            f"{len(failed):,} of {count(len(verdict.gates), 'gate')} {verb} outside the tolerance by more than "
-            f"chance explains: {listed(failed)}."
-        )
-    required = [gate for gate in verdict.gates if gate.required]
-    if verdict.outcome is Outcome.PASS:
-        optional = [gate.id for gate in verdict.gates if gate.outcome is not Outcome.PASS]
-        who = "The one required gate" if len(required) == 1 else f"All {len(required):,} required gates"
-        sentence = f"{who} passed: inside the tolerance with 95% confidence."
-        return sentence + (f" Not required, and not decided: {listed(optional)}." if optional else "")
-    unsettled = [gate for gate in required if gate.outcome is Outcome.INCONCLUSIVE]
-    missing = [gate.id for gate in unsettled if not is_computed(gate)]
-    unsettled = [gate for gate in unsettled if is_computed(gate)]
-    said = []
-    if missing or not unsettled:
-        names = listed(missing or [item.id for item in verdict.not_checked])
-        said.append(f"What the policy requires could not all be checked{': ' + names if names else ''}.")
-    if unsettled:
-        said.append(
-            f"{len(unsettled):,} of {count(len(required), 'required gate')} could not be decided: "
-            f"{listed([gate.id for gate in unsettled])}."
-        )
-        wanted = [gate.trials_to_settle for gate in unsettled]
-        known = [trials for trials in wanted if trials is not None]
-        if len(known) == len(wanted):
-            trials = count(round_up(max(known)), "trial")
-            said.append(f"About {trials} would settle it, if the estimates hold.")
-    return " ".join(said)
-
-
-def is_computed(gate: Gate) -> bool:
-    """Whether there is an estimate behind the gate; a required check that could not be made has none."""
-    return math.isfinite(gate.statistic)
-
-
-def round_up(amount: int) -> int:
-    """Up to two significant digits: nobody plans 1,637 trials.
-
-    >>> round_up(1637), round_up(95), round_up(4000)
-    (1700, 95, 4000)
-    """
-    step = 10 ** max(len(str(amount)) - 2, 0)
-    return -(-amount // step) * step
+def decimals_of(gate: Gate) -> int:
+    """Enough decimals to see a gate's interval, but no more than one beyond what its tolerance needs."""
+    finite = [
+        bound for bound in (*gate.interval, *gate.pass_interval, gate.statistic) if math.isfinite(bound)
+    ]
+    spread = (max(finite) - min(finite)) / 2 if finite else 0.0
+    return min(decimals_for(spread), decimals_for(abs(gate.tolerance)) + 1)

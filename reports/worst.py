@@ -40,7 +40,7 @@ def largest_errors(errors: TrialErrors, *, how_many: int = 8) -> WorstTrials | N
         return None
     return WorstTrials(
         "Largest errors",
-        f"In {errors.error.shape[0]:,} trials of {errors.error.shape[1]} parameters, an exact Gaussian posterior "
+        f"In {len(errors.error):,} trials of {errors.error.shape[1]} parameters, an exact Gaussian posterior "
         f"would show a largest error near {number(_expected_maximum(errors.error), 1)} sd.",
         "error / posterior sd",
         errors.parameters,
@@ -62,7 +62,7 @@ def lowest_shares(finding: Finding | None, trials: xr.Dataset, *, how_many: int 
     names = tuple(str(name) for name in trials["parameter"].values)
     return WorstTrials(
         "Lowest effective share",
-        f"Of {len(share):,} trials that were reweighted; the median share is {short(float(np.median(share)))}.",
+        f"Of {len(share):,} reweighted trials; the median share is {short(float(np.median(share)))}.",
         "effective sample size / draws",
         names,
         tuple(rows),

@@ -21,13 +21,14 @@ from gaugeblock.reports import write_reports
 pytestmark = pytest.mark.browser
 
 FLAGS = [
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--disable-dev-shm-usage", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-extensions",
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--disable-dev-shm-usage",
+    "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync",
+    "--disable-extensions",
     "--hide-scrollbars", "--enable-logging=stderr", "--v=0", "--virtual-time-budget=2000",
 ]  # fmt: skip
 
-# Measures the page and writes what it found into it; runs in a test's copy, from which the policy that forbids
-# every script has been taken out.
+# Measures the page and writes what it found into it; runs in a test's copy, from which the policy that
+# forbids every script has been taken out.
 PROBE = """<script>
 addEventListener("load", () => {
   const boxes = [...document.querySelectorAll("svg")].map(svg => {
@@ -179,7 +180,7 @@ def test_dark_rooms_get_a_dark_page(passing, tmp_path, chromium):
 
 
 def inked(png: bytes) -> float:
-    """Share of a PNG's bytes that differ from their neighbours (row filters leave zeros where nothing changes)."""
+    """Share of a PNG's bytes that differ from their neighbours: row filters turn sameness into zeros."""
     assert png.startswith(b"\x89PNG\r\n\x1a\n")
     data, place = b"", 8
     while place < len(png):

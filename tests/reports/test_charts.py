@@ -4,7 +4,8 @@ from xml.etree import ElementTree as tree
 import numpy as np
 import pytest
 
-from gaugeblock.reports.charts import curve_with_band, gate_bar, histogram, scatter
+from gaugeblock.reports.charts import curve_with_band, histogram, scatter
+from gaugeblock.reports.forest import gate_bar
 from gaugeblock.reports.svg import Frame, round_ticks, tag
 
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
@@ -23,8 +24,8 @@ def box(picture: str, class_: str) -> tuple[float, float]:
 def bar(statistic, half, *, tolerance=0.1, sense="two-sided", half_pass=None):
     inner = half / 2 if half_pass is None else half_pass
     picture = gate_bar(
-        statistic, (statistic - half, statistic + half), (statistic - inner, statistic + inner), tolerance, sense,
-        key="k", name="n",
+        statistic, (statistic - half, statistic + half), (statistic - inner, statistic + inner),
+        tolerance, sense, key="k", name="n",
     )  # fmt: skip
     assert picture is not None
     return picture

@@ -2,14 +2,16 @@ from dataclasses import replace
 
 import pytest
 
-from gaugeblock.reports.words import number, reason, short
+from gaugeblock.reports.reason import reason
+from gaugeblock.reports.words import number, short
 from gaugeblock.validate import Gate, NotChecked, Outcome, Verdict
 
 
 def gate(outcome: Outcome, *, name: str = "sbc.bias[a]", statistic: float = 0.1, **options) -> Gate:
     return Gate(
-        id=name, outcome=outcome, statistic=statistic, interval=(0.0, 0.2), pass_interval=(0.05, 0.15), tolerance=0.1,
-        p_value=None, p_adjusted=None, n_trials=100, smallest_detectable=0.2, component="a", message="m",
+        id=name, outcome=outcome, statistic=statistic, interval=(0.0, 0.2), pass_interval=(0.05, 0.15),
+        tolerance=0.1, p_value=None, p_adjusted=None, n_trials=100, smallest_detectable=0.2,
+        component="a", message="m",
         **{"trials_to_settle": None, **options},
     )  # fmt: skip
 
@@ -40,7 +42,7 @@ def test_fail_names_the_gates_even_those_not_required():
             outcome=Outcome.FAIL,
         )
     )
-    assert said == "1 of 2 gates lies outside the tolerance by more than chance explains: importance.ess."
+    assert said == "1 of 2 gates failed by more than chance explains: importance.ess."
 
 
 def test_inconclusive_says_how_many_trials_would_settle_it():
