@@ -32,7 +32,7 @@ def gaussian_trials(
     densities: bool = True,
     names: tuple[str, ...] = ("alpha", "beta"),
 ) -> xr.DataTree:
-    """theta ~ N(0, 1), x ~ N(theta, 0.5): draws of the posterior N(0.8 x, 0.2), made `width` times as wide."""
+    """theta ~ N(0, 1), x ~ N(theta, 0.5): draws of the posterior N(0.8 x, 0.2), `width` times as wide."""
     rng = np.random.default_rng(11)
     dims = len(names)
     theta = rng.normal(size=(n, dims))
