@@ -112,7 +112,12 @@ def test_every_hostile_text_of_a_verdict_is_escaped(failing):
 
 
 def test_provenance_shows_lists_on_a_line_and_tables_by_row(passing):
-    provenance = {"shape": [102, 4096], "matrix": [[1.0, 0.5], [0.25, 2.0]], "names": ["<a>", "b"], "none": []}
+    provenance = {
+        "shape": [102, 4096],
+        "matrix": [[1.0, 0.5], [0.25, 2.0]],
+        "names": ["<a>", "b"],
+        "none": [],
+    }
     verdict = replace(passing.verdict, provenance=provenance)
     text = report_html(verdict, passing.findings, passing.trials, title="x")
     shown = Page(text).text.partition("commands, policy")[2]
