@@ -1,0 +1,92 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from gaugeblock.validate.family import Judgeable, bounds, families, maxima, order_statistic_bounds
+from gaugeblock.validate.importance import importance_findings
+from gaugeblock.validate.sbc import bias_finding, log_width_finding
+
+
+def test_maxima_of_one_component_are_students_t():
+    largest = maxima(np.random.default_rng(0).normal(size=(1, 30)), seed=1)
+    assert np.quantile(largest, 0.95) == pytest.approx(stats.t.ppf(0.975, 29), rel=0.02)
+
+
+def test_maxima_of_independent_and_of_equal_components():
+    rng = np.random.default_rng(2)
+    apart = maxima(rng.normal(size=(20, 20_000)), seed=1)
+    assert np.quantile(apart, 0.95) == pytest.approx(stats.norm.ppf((1 + 0.95 ** (1 / 20)) / 2), rel=0.02)
+    equal = maxima(np.tile(rng.normal(size=20_000), (20, 1)), seed=1)
+    assert np.quantile(equal, 0.95) == pytest.approx(1.96, rel=0.02)
+
+
+def test_maxima_agree_with_multipliers_on_the_trials():
+    """The shortcut through the correlation matrix against 4,000 explicit multiplier replicates: 5%."""
+    rng = np.random.default_rng(3)
+    influence = rng.normal(size=(8, 500)) + rng.normal(size=500)
+    influence -= influence.mean(axis=1, keepdims=True)
+    scale = np.sqrt((influence**2).sum(axis=1))
+    explicit = np.abs(rng.normal(size=(4000, 500)) @ influence.T / scale).max(axis=1)
+    shortcut = maxima(influence, seed=1)
+    for level in (0.5, 0.9, 0.95):
+        assert np.quantile(shortcut, level) == pytest.approx(np.quantile(explicit, level), rel=0.05)
+
+
+def test_maxima_are_deterministic_and_survive_components_that_never_vary():
+    influence = np.vstack([np.random.default_rng(4).normal(size=(2, 100)), np.zeros((1, 100))])
+    np.testing.assert_array_equal(maxima(influence, seed=5), maxima(influence, seed=5))
+    assert not np.array_equal(maxima(influence, seed=5), maxima(influence, seed=6))
+    assert np.isfinite(maxima(np.zeros((3, 10)), seed=1)).all()
+
+
+@pytest.mark.parametrize("n", [10, 51, 200])
+def test_order_statistic_bounds_miss_no_more_often_than_they_say(n):
+    """Median of an exponential, 4,000 samples, 5% each side; within the 0.999 binomial quantile."""
+    values = np.random.default_rng(n).exponential(size=(4000, n))
+    found = np.array([order_statistic_bounds(row, 0.5, 0.05) for row in values])
+    most = stats.binom.ppf(0.999, 4000, 0.05)
+    assert np.count_nonzero(found[:, 0] > np.log(2)) <= most
+    assert np.count_nonzero(found[:, 1] < np.log(2)) <= most
+
+
+def test_too_few_values_for_a_bound():
+    assert order_statistic_bounds(np.arange(3.0), 0.5, 0.05) == (-np.inf, np.inf)
+
+
+def judgeable(n: int, seed: int) -> list[Judgeable]:
+    t = np.random.default_rng(seed).normal(size=n)
+    return [
+        Judgeable(finding=f, low=-0.1, high=0.1) for f in (bias_finding("a", t), log_width_finding("a", t))
+    ]
+
+
+def test_findings_on_the_same_trials_are_one_family_and_quantiles_are_alone():
+    ess = Judgeable(finding=importance_findings(np.zeros((9, 30)))[0], low=0.1, high=np.inf)
+    assert [len(family) for family in families([*judgeable(50, 1), ess, *judgeable(60, 2)])] == [2, 2, 1]
+
+
+def test_simultaneous_intervals_hold_the_truth():
+    """Bias and width of three parameters, 300 repetitions: misses within binomial limits (0.001 each)."""
+    missed = 0
+    for seed in range(300):
+        t = np.random.default_rng([7, seed]).normal(size=(3, 400))
+        family = [
+            Judgeable(finding=make("p", row), low=-0.1, high=0.1)
+            for row in t
+            for make in (bias_finding, log_width_finding)
+        ]
+        found = bounds(family, budget=0.05, number=1, seed=seed)
+        missed += any((bound.low > 0).any() or (bound.high < 0).any() for bound in found)
+    assert stats.binom.ppf(0.001, 300, 0.03) <= missed <= stats.binom.ppf(0.999, 300, 0.05)
+
+
+def test_adjusted_p_value_and_interval_agree():
+    """The adjusted p-value is below the budget just when the simultaneous interval is outside."""
+    for shift in np.linspace(0.15, 0.35, 41):
+        t = np.random.default_rng(8).normal(size=400) + shift
+        family = [Judgeable(finding=bias_finding("a", t), low=-0.1, high=0.1)]
+        (bound,) = bounds(family, budget=0.05, number=2, seed=1)
+        assert (bound.p_adjusted[0] <= 0.05) == (bound.low[0] > 0.1)
+        assert bound.p_adjusted[0] >= bound.p_value[0]

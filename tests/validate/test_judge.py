@@ -1,0 +1,198 @@
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from gaugeblock.validate import (
+    NotChecked,
+    Outcome,
+    Verdict,
+    judge,
+    make_policy,
+    read_policy,
+    run_validators,
+    trials_tree,
+)
+from gaugeblock.validate.importance import importance_findings
+from gaugeblock.validate.sbc import bias_finding, log_width_finding, uniform_finding
+from gaugeblock.validate.standardised import standardised_errors
+
+DEFAULT = read_policy("default")
+
+
+def verdict_on(trials, policy=DEFAULT, importance=None) -> Verdict:
+    findings, not_checked = run_validators(trials_tree(trials, importance), seed=1)
+    return judge(findings, not_checked, policy, seed=2)
+
+
+def gates(verdict: Verdict) -> dict:
+    return {gate.id: gate for gate in verdict.gates}
+
+
+def policy(**table):
+    return make_policy(table, source="test")
+
+
+def test_an_exact_estimator_passes(gaussian_trials):
+    exact, weighed = gaussian_trials(4000, 100, 3, seed=1), gaussian_trials(200, 200, 3, seed=2)
+    verdict = verdict_on(exact, importance=weighed)
+    assert verdict.outcome is Outcome.PASS
+    assert {gate.outcome for gate in verdict.gates} == {Outcome.PASS}
+    assert "would FAIL with 90% power" in gates(verdict)["coverage.central"].message
+    assert gates(verdict)["sbc.bias[p0]"].smallest_detectable < 0.2
+
+
+@pytest.mark.parametrize(
+    ("fault", "blocked", "said"),
+    [
+        ({"ratio": 0.8}, "sbc.log_width[p0]", "too narrow"),
+        ({"ratio": 1.25}, "sbc.log_width[p1]", "too wide"),
+        ({"bias": 0.3}, "sbc.bias[p0]", r"p0: posteriors lie 0\.\d+ sd too high"),
+        ({"bias": -0.3}, "sbc.bias[p1]", r"p1: posteriors lie 0\.\d+ sd too low"),
+        ({"ratio": 0.7}, "coverage.central", r"p[01]: central \d+% intervals cover 0\.\d+ \(gap -0\.\d+"),
+        ({"log_q_noise": 3.0}, "importance.ess", "check that log q is normalised in physical theta"),
+    ],
+)
+def test_broken_estimators_are_blocked_with_a_message_to_act_on(gaussian_trials, fault, blocked, said):
+    verdict = verdict_on(gaussian_trials(3000, 100, 2, seed=3, **fault))
+    assert verdict.outcome is Outcome.FAIL
+    gate = gates(verdict)[blocked]
+    assert gate.outcome is Outcome.FAIL
+    assert gate.p_adjusted <= 0.05
+    assert re.search(said, gate.message)
+    low, high = gate.interval
+    assert high < -gate.tolerance or low > gate.tolerance or gate.id == "importance.ess"
+
+
+def test_the_coverage_message_names_every_parameter_that_fails(gaussian_trials):
+    gate = gates(verdict_on(gaussian_trials(3000, 50, 2, seed=4, ratio=0.7)))["coverage.central"]
+    assert gate.message.count("p0: ") == gate.message.count("p1: ") == 1
+    assert "tolerated 0.05" in gate.message
+
+
+def test_one_draw_that_is_no_number_blocks(gaussian_trials):
+    trials = gaussian_trials(4000, 50, 1, seed=5)
+    draws = trials["draws"].values.copy()
+    draws[17, 3, 0] = np.nan
+    verdict = verdict_on(trials.assign(draws=(trials["draws"].dims, draws)))
+    assert verdict.outcome is Outcome.FAIL
+    gate = gates(verdict)["draws.finite"]
+    assert gate.message.startswith("NaN or infinite: 1 draws (in 1 of 4000 trials: 17)")
+    assert (gate.statistic, gate.tolerance, gate.p_value) == (1.0, 0.0, None)
+
+
+def test_leaked_truth_and_constant_draws_are_blocked(gaussian_trials):
+    trials = gaussian_trials(2000, 50, 1, seed=6, density=False)
+    truth = trials["theta_true"].values[:, None]
+    noise = trials["draws"].values - trials["draws"].values.mean(axis=1, keepdims=True)
+    leaked = trials.assign(draws=(trials["draws"].dims, truth + noise))
+    constant = trials.assign(draws=(trials["draws"].dims, np.zeros_like(noise)))
+    assert verdict_on(leaked).outcome is Outcome.FAIL
+    assert verdict_on(constant).outcome is Outcome.FAIL
+
+
+def test_blind_spot_the_prior_returned_as_posterior_passes_marginal_calibration(gaussian_trials):
+    """Documented, not wished for: it takes a density, or a quantity that depends on the data, to see it."""
+    trials = gaussian_trials(4000, 100, 1, seed=7, density=False)
+    prior = np.random.default_rng(8).normal(size=trials["draws"].shape)
+    assert verdict_on(trials.assign(draws=(trials["draws"].dims, prior))).outcome is Outcome.PASS
+
+
+def test_blind_spot_a_constant_error_of_log_q_leaves_weights_as_they_are(gaussian_trials):
+    trials = gaussian_trials(500, 100, 1, seed=9)
+    shifted = trials.assign(log_q=trials["log_q"] + 5.0)
+    one, other = (gates(verdict_on(t))["importance.ess"].statistic for t in (trials, shifted))
+    assert one == pytest.approx(other, rel=1e-9)
+
+
+def test_few_trials_are_inconclusive_and_say_how_many_would_do(gaussian_trials):
+    verdict = verdict_on(gaussian_trials(100, 50, 2, seed=10))
+    assert verdict.outcome is Outcome.INCONCLUSIVE
+    gate = gates(verdict)["sbc.bias[p0]"]
+    assert gate.outcome is Outcome.INCONCLUSIVE
+    assert 101 <= gate.trials_to_settle < 5000
+    assert f"100 trials do not settle it; about {gate.trials_to_settle:,} would" in gate.message
+
+
+def test_the_number_of_trials_that_would_settle_it_does(gaussian_trials):
+    """Exact estimators at the stated number: at least 80 of 100 PASS that gate (90% promised; p < 2e-3)."""
+    first = gates(verdict_on(gaussian_trials(100, 50, 1, seed=11, density=False)))["sbc.bias[p0]"]
+    passed = 0
+    for seed in range(100):
+        t = np.random.default_rng([12, seed]).normal(size=max(first.trials_to_settle, 858))
+        passed += judge([bias_finding("p0", t)], [], policy(required=["sbc"]), seed=1).outcome is Outcome.PASS
+    assert passed >= 80
+
+
+def test_a_required_gate_without_a_finding_is_inconclusive(gaussian_trials):
+    trials = gaussian_trials(4000, 50, 1, seed=13, density=False)
+    assert verdict_on(trials).outcome is Outcome.PASS
+    verdict = verdict_on(trials, policy(required=["sbc", "importance"]))
+    assert verdict.outcome is Outcome.INCONCLUSIVE
+    gate = gates(verdict)["importance"]
+    assert gate.required
+    assert "required by the policy but could not be checked: needs log_q" in gate.message
+    assert verdict_on(trials, policy(required=["sbc", "tarp"])).outcome is Outcome.INCONCLUSIVE
+
+
+def test_a_failing_gate_blocks_although_it_is_not_required(gaussian_trials):
+    trials = gaussian_trials(3000, 50, 1, seed=14, log_q_noise=4.0)
+    verdict = verdict_on(trials)
+    assert not gates(verdict)["importance.ess"].required
+    assert verdict.outcome is Outcome.FAIL
+
+
+def test_a_gate_that_is_neither_required_nor_failing_does_not_block():
+    t = np.random.default_rng(15).normal(size=4000)
+    ess = importance_findings(np.random.default_rng(16).normal(scale=1.5, size=(30, 300)))[0]
+    findings = [bias_finding("a", t), ess]
+    near = float(np.median(ess.values))
+    lenient = judge(findings, [], policy(required=["sbc"], tolerance={"ess": near}), seed=1)
+    assert gates(lenient)["importance.ess"].outcome is Outcome.INCONCLUSIVE
+    assert lenient.outcome is Outcome.PASS
+    strict = judge(findings, [], policy(required=["sbc", "importance"], tolerance={"ess": near}), seed=1)
+    assert strict.outcome is Outcome.INCONCLUSIVE
+
+
+def test_p_values_are_never_a_pass():
+    """A uniformity test with p = 0.9 is no gate; requiring it cannot PASS."""
+    finding = uniform_finding("a", (np.arange(500) + 0.5) / 500)
+    assert finding.p_value > 0.9
+    assert judge([finding], [], policy(required=["sbc"]), seed=1).outcome is Outcome.INCONCLUSIVE
+
+
+def test_nothing_computed_is_no_pass():
+    assert judge([], [], DEFAULT, seed=1).outcome is Outcome.INCONCLUSIVE
+    missing = judge([], [NotChecked("sbc.bias", "no finite draws")], DEFAULT, seed=1)
+    assert "no finite draws" in gates(missing)["sbc.bias"].message
+
+
+def test_importance_weights_that_are_all_zero_fail():
+    ess = importance_findings(np.full((50, 100), -np.inf))[0]
+    assert judge([ess], [], policy(required=["importance"]), seed=1).outcome is Outcome.FAIL
+
+
+def test_verdicts_are_deterministic_and_plain_json(gaussian_trials):
+    trials = gaussian_trials(120, 30, 2, seed=17)
+    one, other = (verdict_on(trials, policy(required=["sbc", "tarp"])).to_json() for _ in range(2))
+    assert one == other
+    text = json.dumps(one, allow_nan=False)
+    assert '"statistic": null' in text
+    keys = {"id", "verdict", "statistic", "interval", "tolerance", "p_value", "p_adjusted", "n_trials"}
+    assert keys | {"smallest_detectable", "message"} <= set(one["gates"][0])
+
+
+def test_two_trials_never_block_a_sound_estimator():
+    """400 exact audits of 2 to 5 trials with 3 draws each: FAIL in at most 5% (0.999 binomial limit)."""
+    rng = np.random.default_rng(18)
+    failed = 0
+    for repeat in range(400):
+        n = 2 + repeat % 4
+        t = standardised_errors(rng.normal(size=(n, 1)), rng.normal(size=(n, 3, 1)), rng)[:, 0]
+        found = [bias_finding("a", t), log_width_finding("a", t, draws=3)]
+        failed += judge(found, [], policy(required=["sbc"]), seed=repeat).outcome is Outcome.FAIL
+    assert failed <= stats.binom.ppf(0.999, 400, 0.05)
