@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import shutil
 import subprocess
 import sys
@@ -11,6 +10,7 @@ import tempfile
 import threading
 import zipfile
 from collections.abc import Sequence
+from importlib import metadata
 from pathlib import Path
 
 from gaugeblock.errors import require
@@ -90,7 +90,8 @@ def _download(wheel: str, folder: Path) -> Path:
 
 
 def _pip() -> list[str]:
-    if importlib.util.find_spec("pip") is not None:
+    # Asked of the metadata: finding pip's module makes setuptools, where it is installed, replace distutils.
+    if any(metadata.distributions(name="pip")):
         return [sys.executable, "-m", "pip"]
     for name in ("pip3", "pip"):
         if shutil.which(name):

@@ -1,6 +1,7 @@
 """Fetching: verified, written whole, mended when damaged, and never silent for long."""
 
 import subprocess
+import threading
 import time
 import zipfile
 from dataclasses import replace
@@ -88,11 +89,18 @@ def test_a_site_that_does_not_answer_costs_seconds_only(cache, monkeypatch):
     import requests
 
     monkeypatch.setattr(data_sources, "PATIENCE", 0.2)
-    monkeypatch.setattr(requests, "head", lambda *_, **__: time.sleep(20))
+    ended = threading.Event()
+
+    def silence(*_, **__):
+        ended.wait(20)
+        raise requests.ConnectionError
+
+    monkeypatch.setattr(requests, "head", silence)
     began = time.monotonic()
     with pytest.raises(data.SourceError, match="no answer"):
         data_sources.from_jaxspec_site(list(cache.values()), lambda _: None)
     assert time.monotonic() - began < 5
+    ended.set()
 
 
 def test_the_site_is_checked_by_hash_too(cache, monkeypatch):
@@ -158,7 +166,7 @@ def test_a_wheel_that_cannot_be_had_is_a_reason(cache, monkeypatch, run, words):
 
 
 def test_without_pip_it_says_how_to_get_it(cache, monkeypatch):
-    monkeypatch.setattr(data_sources.importlib.util, "find_spec", lambda _: None)
+    monkeypatch.setattr(data_sources.metadata, "distributions", lambda **_: iter(()))
     monkeypatch.setattr(data_sources.shutil, "which", lambda _: None)
     with pytest.raises(data.SourceError, match="python -m ensurepip"):
         data_sources.from_pypi(list(cache.values()), lambda _: None)
