@@ -111,7 +111,9 @@ def _simulate_chunk(
     if not np.all(np.isfinite(data)):
         bad = int(np.flatnonzero(~np.isfinite(data.reshape(rows, -1)).all(axis=1))[0])
         values = ", ".join(f"{k}={v:.6g}" for k, v in zip(simulator.prior.names, theta[bad], strict=True))
-        raise InputError(f"the simulator gave data that are not finite at {values}; a flow cannot train on them")
+        raise InputError(
+            f"the simulator gave data that are not finite at {values}; a flow cannot train on them"
+        )
     return theta, data.astype(np.float32) if fresh else data
 
 

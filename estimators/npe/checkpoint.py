@@ -38,7 +38,7 @@ def save_checkpoint(
 def load_checkpoint(
     path: Path, *, key: str, network: torch.nn.Module, optimizer: torch.optim.Optimizer
 ) -> tuple[int, dict[str, torch.Tensor], dict[str, torch.Tensor], dict[str, Any]] | None:
-    """Fill network and optimizer; give step, average, best and curve, or None if there is nothing of this run."""
+    """Fill network and optimizer; give step, average, best and curve, or None if this run left nothing."""
     try:
         with safe_open(path, framework="pt") as stored:
             metadata = stored.metadata() or {}

@@ -92,7 +92,9 @@ class TrainingConfig(_Table):
         except ValidationError as error:
             raise InputError(f"{where}: {_first_complaint(error, cls)}") from None
 
-    def replace(self, overrides: Mapping[str, Any], *, where: str = "training configuration") -> TrainingConfig:
+    def replace(
+        self, overrides: Mapping[str, Any], *, where: str = "training configuration"
+    ) -> TrainingConfig:
         """Copy with some keys exchanged, given as ``{"training.steps": 100}``.
 
         Raises

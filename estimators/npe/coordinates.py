@@ -56,4 +56,5 @@ def physical_log_density(prior: Prior, log_q: ArrayLike, scores: ArrayLike, thet
     log_phi = np.sum(-0.5 * scores**2 - 0.5 * math.log(2.0 * math.pi), axis=-1)
     log_prior = np.asarray(prior.log_prob(theta))
     inside = np.isfinite(log_prior) & np.isfinite(log_phi)
-    return np.where(inside, np.asarray(log_q, dtype=float) - np.where(inside, log_phi, 0.0) + log_prior, -np.inf)
+    density = np.asarray(log_q, dtype=float) - np.where(inside, log_phi, 0.0) + log_prior
+    return np.where(inside, density, -np.inf)

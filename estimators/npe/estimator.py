@@ -113,7 +113,7 @@ class NPE:
         return draws, log_q
 
     def log_prob(self, theta: ArrayLike, x: ArrayLike) -> Array:
-        """Normalised natural log density ``(batch, n)`` of theta ``(batch, n, parameter)``; -inf outside the prior.
+        """Normalised natural log density ``(batch, n)`` of physical theta; -inf outside the prior.
 
         Raises
         ------
@@ -131,7 +131,8 @@ class NPE:
         density = np.empty(theta.shape[:2])
         with torch.inference_mode():
             for rows in self._chunks(len(data), theta.shape[1]):
-                density[rows] = self._flow.log_prob(usable[rows], self._flow.context(data[rows])).double().numpy()
+                context = self._flow.context(data[rows])
+                density[rows] = self._flow.log_prob(usable[rows], context).double().numpy()
         return physical_log_density(self._prior, density, scores, theta)
 
     def embed(self, x: ArrayLike) -> Array:

@@ -109,9 +109,7 @@ def train_default(
     return curve
 
 
-def _tensors(
-    bank: Bank, rows: Any, rng: np.random.Generator
-) -> tuple[torch.Tensor, torch.Tensor]:
+def _tensors(bank: Bank, rows: Any, rng: np.random.Generator) -> tuple[torch.Tensor, torch.Tensor]:
     x = np.asarray(bank.observe(rows, rng))
     return torch.from_numpy(bank.scores[rows]), torch.from_numpy(x.astype(np.float64))
 

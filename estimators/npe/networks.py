@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import torch
@@ -46,7 +47,7 @@ def default_embedding(config: NetworkTable, shape: NetworkShape) -> nn.Module:
     features = build_features(shape.features, shape.data_shape)
     sizes = (features.size, *config.embedding)
     layers: list[nn.Module] = [features]
-    for before, after in zip(sizes[:-1], sizes[1:], strict=True):
+    for before, after in pairwise(sizes):
         layers += [nn.Linear(before, after), nn.GELU()]
     return nn.Sequential(*layers, nn.Linear(sizes[-1], config.embedding_output))
 
@@ -68,12 +69,13 @@ def build_network(config: NetworkTable, shape: NetworkShape, *, seed: int = 0) -
 
 def builder(config: NetworkTable, shape: NetworkShape) -> Any:
     """The function (theta, x) -> density estimator that sbi's trainers take."""
-    plain = {"z_score_theta": "none", "z_score_x": "none"}  # coordinates and features are standardised already
+    # Coordinates and features are standardised already.
+    plain = {"z_score_theta": "none", "z_score_x": "none"}
     if config.kind == "published":
         if len(shape.data_shape) != 1 or shape.data_shape[0] < 4:
             raise InputError(
-                f"the published network reads spectra of at least 4 channels, not data of shape {shape.data_shape}; "
-                'take network.kind = "default"'
+                f"the published network reads spectra of at least 4 channels, not data of shape "
+                f'{shape.data_shape}; take network.kind = "default"'
             )
         embedding: nn.Module = PublishedEmbedding(shape.data_shape[0])
         return posterior_nn(

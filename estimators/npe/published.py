@@ -1,4 +1,4 @@
-"""Training as the published study did: sbi's own NPE trainer, Adam, early stopping on held-out simulations."""
+"""Training as the published study did: sbi's own NPE trainer, Adam, early stopping."""
 
 from __future__ import annotations
 
@@ -46,12 +46,13 @@ def train_published(
     leaves the prior, and the weights are the best seen, also when `epochs` runs out first.
     """
     x = bank.observe(slice(None), stream(options.seed, "noise"))
-    with torch.random.fork_rng(devices=[]), warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(torch.random.fork_rng(devices=[]))
+        stack.enter_context(contextlib.redirect_stdout(io.StringIO()))
+        stack.enter_context(warnings.catch_warnings())
         warnings.simplefilter("ignore")
         torch.manual_seed(options.seed)
-        trainer = NPE(
-            density_estimator=builder(network, shape), show_progress_bars=False, tracker=_Silent()
-        )
+        trainer = NPE(density_estimator=builder(network, shape), show_progress_bars=False, tracker=_Silent())
         trainer.append_simulations(
             torch.from_numpy(bank.scores), torch.from_numpy(np.asarray(x, dtype=np.float32))
         )

@@ -17,10 +17,12 @@ from gaugeblock.errors import InputError
 from gaugeblock.estimators.npe.config import NetworkTable
 from gaugeblock.estimators.npe.estimator import NPE
 from gaugeblock.estimators.npe.networks import NetworkShape, build_network
+from gaugeblock.estimators.npe.shipped import reference_model_path
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.protocol import Simulator
 
 FORMAT = 1
+SHIPPED = "shipped:"
 WEIGHTS, DESCRIPTION = "model.safetensors", "model.json"
 
 
@@ -60,12 +62,15 @@ def save(
 def load(path: str | os.PathLike[str], simulator: Simulator | None = None) -> NPE:
     """Read a model folder; with a simulator, insist that the flow was trained for its prior and data.
 
+    ``shipped:NAME`` stands for the folder of a flow that comes with the package.
+
     Raises
     ------
     InputError
         If a file is missing, truncated or edited, or the simulator is not the one it was trained for.
     """
-    folder = Path(path)
+    name = str(path)
+    folder = reference_model_path(name.removeprefix(SHIPPED)) if name.startswith(SHIPPED) else Path(path)
     description = _read_description(folder / DESCRIPTION)
     weights = _read(folder / WEIGHTS)
     if hashlib.sha256(weights).hexdigest() != description["sha256"]:
@@ -106,7 +111,8 @@ def check_simulator(estimator: NPE, simulator: Simulator, *, where: str) -> None
     shape = getattr(simulator, "data_shape", None)
     if shape is not None and tuple(shape) != estimator.data_shape:
         raise InputError(
-            f"{where}: trained on data of shape {estimator.data_shape}, but the simulator makes {tuple(shape)}"
+            f"{where}: trained on data of shape {estimator.data_shape}, "
+            f"but the simulator makes {tuple(shape)}"
         )
 
 

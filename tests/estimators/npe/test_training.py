@@ -1,0 +1,191 @@
+import json
+import os
+import signal as signals
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from gaugeblock.errors import InputError
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("sbi")
+
+from gaugeblock.estimators.npe import load, run_training, train
+from gaugeblock.estimators.npe.bank import Bank
+
+CONFIG = """
+output = "model"
+[simulator]
+name = "linear_gaussian"
+parameters = 2
+data = 4
+[network]
+embedding = [16]
+embedding_output = 4
+transforms = 1
+hidden = [16]
+bins = 4
+[training]
+simulations = 2000
+batch = 64
+steps = 600
+checkpoint = 250
+seed = 4
+"""
+
+KILLED = """
+import os, signal, sys
+from gaugeblock.estimators.npe import run_training
+def progress(stage, done, total):
+    if stage == "steps" and done == 400:
+        os.kill(os.getpid(), signal.SIGKILL)
+run_training(sys.argv[1], out=sys.argv[2], progress=progress)
+"""
+
+
+@pytest.fixture
+def config(tmp_path):
+    path = tmp_path / "train.toml"
+    path.write_text(CONFIG)
+    return path
+
+
+def weights(folder):
+    return (folder / "model.safetensors").read_bytes()
+
+
+def test_killed_and_run_again_it_ends_at_the_same_weights(tmp_path, config):
+    undisturbed = run_training(config, out=tmp_path / "undisturbed")
+    killed = tmp_path / "killed"
+    command = [sys.executable, "-c", KILLED, str(config), str(killed)]
+    outcome = subprocess.run(command, env={**os.environ}, check=False, timeout=300)
+    assert outcome.returncode == -signals.SIGKILL
+    assert not (killed / "model.json").exists()
+    assert (killed / "training" / "checkpoint.safetensors").exists()
+    steps = []
+    run_training(config, out=killed, progress=lambda stage, done, total: steps.append((stage, done)))
+    assert min(done for stage, done in steps if stage == "steps") == 251
+    assert weights(killed) == weights(undisturbed)
+    first, second = (json.loads((f / "model.json").read_text()) for f in (undisturbed, killed))
+    assert first["curve"] == second["curve"]
+    assert not (killed / "training").exists()
+
+
+def test_the_seed_decides(tmp_path, config):
+    first, again, other = (
+        run_training(config, out=tmp_path / name, seed=seed, overrides={"training.steps": 50})
+        for name, seed in (("first", 5), ("again", 5), ("other", 6))
+    )
+    assert weights(first) == weights(again)
+    assert weights(first) != weights(other)
+    recorded = json.loads((first / "model.json").read_text())
+    assert recorded["training"]["steps"] == 50
+    assert recorded["command"].endswith("--set training.steps=50 --set training.seed=5")
+
+
+def test_a_checkpoint_of_another_training_is_not_taken(tmp_path, config):
+    def stop(stage, done, total):
+        if done == 260 and stage == "steps":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_training(config, out=tmp_path / "model", progress=stop)
+    starts = []
+    changed = {"training.learning_rate": 1e-3}
+    run_training(
+        config,
+        out=tmp_path / "model",
+        overrides=changed,
+        progress=lambda stage, done, total: starts.append(done) if stage == "steps" else None,
+    )
+    assert starts[0] == 1
+    fresh = run_training(config, out=tmp_path / "fresh", overrides=changed)
+    assert weights(tmp_path / "model") == weights(fresh)
+
+
+def test_training_leaves_global_state_alone(tmp_path, config):
+    torch.manual_seed(9)
+    before = torch.get_rng_state(), torch.get_num_threads(), torch.get_default_dtype()
+    for kind in ("default", "published"):
+        run_training(
+            config,
+            out=tmp_path / kind,
+            overrides={"network.kind": kind, "training.steps": 5, "training.epochs": 1},
+        )
+    assert torch.equal(before[0], torch.get_rng_state())
+    assert before[1:] == (torch.get_num_threads(), torch.get_default_dtype())
+
+
+def test_the_published_network_trains_and_comes_back(tmp_path, config, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    folder = run_training(
+        config, overrides={"network.kind": "published", "training.epochs": 2, "training.batch": 200}
+    )
+    assert folder.resolve() == tmp_path / "model"
+    assert capsys.readouterr().out == ""
+    assert {path.name for path in tmp_path.iterdir()} == {"train.toml", "model"}  # no log folder of sbi's
+    flow = load(folder)
+    assert len(flow.record["curve"]["epoch"]) == 2
+    assert flow.embed(np.zeros((3, 4))).shape == (3, 20)
+    x = np.random.default_rng(1).normal(size=(3, 4))
+    draws, log_q = flow.sample_and_log_prob(x, 50, np.random.default_rng(2))
+    np.testing.assert_allclose(flow.log_prob(draws, x), log_q, atol=1e-3)
+    # Our reading of the flow's inside against sbi's own log_prob.
+    from gaugeblock.estimators.npe.coordinates import physical_log_density, to_scores
+
+    scores = to_scores(flow.prior, draws)
+    with torch.no_grad():
+        theirs = flow.network.log_prob(
+            torch.from_numpy(scores.astype(np.float32)).transpose(0, 1),
+            torch.from_numpy(x.astype(np.float32)),
+        )
+    expected = physical_log_density(flow.prior, theirs.T.double().numpy(), scores, draws)
+    np.testing.assert_allclose(log_q, expected, atol=1e-3)
+
+
+def test_the_published_network_refuses_other_than_spectra(tmp_path, config):
+    with pytest.raises(InputError, match="at least 4 channels"):
+        run_training(config, out=tmp_path / "m", overrides={"network.kind": "published", "simulator.data": 3})
+
+
+def test_each_row_gets_fresh_noise_where_the_simulator_can(tmp_path, counts, signal):
+    bank = Bank.simulate(counts, 10, seed=1, folder=tmp_path / "a")
+    rng = np.random.default_rng(3)
+    rows = np.zeros(4000, dtype=np.int64)
+    noisy = bank.observe(rows, rng)
+    # Mean of 4000 Poisson counts: five standard errors, a false alarm in two million per channel.
+    mean = bank.data[0].astype(float)
+    assert np.all(np.abs(noisy.mean(axis=0) - mean) < 5 * np.sqrt(mean / 4000))
+    kept = Bank.simulate(signal, 10, seed=1, folder=tmp_path / "b")
+    assert not kept.fresh
+    np.testing.assert_array_equal(kept.observe(rows[:2], rng), kept.data[[0, 0]])
+
+
+def test_a_bank_of_another_simulator_is_made_anew(tmp_path, counts, make_counts):
+    first = Bank.simulate(counts, 10, seed=1, folder=tmp_path)
+    other = Bank.simulate(make_counts(high=9.0), 10, seed=1, folder=tmp_path)
+    assert not np.array_equal(first.data, other.data)
+
+
+def test_a_simulator_with_nan_gives_one_line(tmp_path, make_counts, configure):
+    class Broken(make_counts):
+        def expected(self, theta):
+            return np.where(np.asarray(theta)[:, :1] > 2.9, np.nan, super().expected(theta))
+
+    with pytest.raises(InputError, match=r"not finite at slope=2\.9") as caught:
+        train(Broken(), configure("counts"), folder=tmp_path / "model")
+    assert "\n" not in str(caught.value)
+
+
+def test_divergence_gives_one_line(tmp_path, config, monkeypatch):
+    monkeypatch.setattr("gaugeblock.estimators.npe.loop._validation_loss", lambda *a: float("nan"))
+    with pytest.raises(InputError, match="lower training.learning_rate"):
+        run_training(config, out=tmp_path / "model", overrides={"training.steps": 5})
+
+
+def test_a_configuration_without_a_folder_gives_one_line(tmp_path, config):
+    config.write_text(CONFIG.replace('output = "model"', ""))
+    with pytest.raises(InputError, match="no folder for the model"):
+        run_training(config)
