@@ -39,12 +39,17 @@ def run_validators(
         If `select` names a validator that does not exist.
     """
     chosen = list(VALIDATORS) if select is None else list(select)
-    unknown = [name for name in chosen if name not in VALIDATORS]
-    if unknown:
-        raise InputError(f"unknown validator {', '.join(unknown)}; there are {', '.join(VALIDATORS)}")
+    check_validators(chosen)
     prepared = Prepared(xr.DataTree(tree) if isinstance(tree, xr.Dataset) else tree, seed)
     said = [item for name in VALIDATORS if name in chosen for item in VALIDATORS[name](prepared)]
     return (
         tuple(item for item in said if isinstance(item, Finding)),
         tuple(item for item in said if isinstance(item, NotChecked)),
     )
+
+
+def check_validators(names: Iterable[str]) -> None:
+    """Raise InputError for a name that no validator has."""
+    unknown = [name for name in names if name not in VALIDATORS]
+    if unknown:
+        raise InputError(f"unknown validator {', '.join(unknown)}; there are {', '.join(VALIDATORS)}")

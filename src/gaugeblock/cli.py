@@ -80,14 +80,15 @@ def audit(
     if trials is not None:
         if config is not None:
             raise InputError("give a CONFIG.toml or --trials FILE.nc, not both")
-        strange = [key for key in changes if not key.startswith("policy.")]
+        strange = [key for key in changes if key.split(".")[0] != "policy"]
         if strange:
             raise InputError(f"--set {strange[0]}: with --trials only policy.* can be set")
     if seed is not None and trials is None:
         changes["trials.seed"] = seed
+    if validator:
+        changes["validators"] = validator
     chosen = read_config(config, settings=changes)
     rules = chosen.read_policy() if policy is None else read_policy(policy)
-    select = validator or chosen.validators
     with Bars(quiet=quiet) as bars:
         if trials is not None:
             result = audit_trials(
@@ -95,13 +96,12 @@ def audit(
                 out,
                 policy=rules,
                 seed=seed or 0,
-                select=select,
+                select=chosen.validators,
                 command=_command(),
                 progress=bars.show,
             )
         else:
-            wanted = chosen.model_copy(update={"validators": None if select is None else tuple(select)})
-            result = run(wanted, out, policy=rules, command=_command(), progress=bars.show)
+            result = run(chosen, out, policy=rules, command=_command(), progress=bars.show)
     _finish(result, out)
 
 

@@ -11,6 +11,7 @@ import inspect
 import json
 import platform
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from gaugeblock.errors import InputError
+from gaugeblock.errors import GaugeblockError, InputError
 from gaugeblock.estimators.protocol import Estimator, sample_and_log_prob
 from gaugeblock.simulators.protocol import Simulator, can
 from gaugeblock.streams import TrialStreams
@@ -170,6 +171,19 @@ def _chunk_files(folder: Path) -> Iterator[Path]:
     yield from sorted(folder.glob("*/*.nc"))
 
 
+@contextmanager
+def _blamed(who: str, trials: range) -> Iterator[None]:
+    """Say whose code failed, and on which trials; what gaugeblock itself says passes unchanged."""
+    try:
+        yield
+    except GaugeblockError:
+        raise
+    except Exception as error:
+        raise InputError(
+            f"the {who} failed on trials {trials[0]} to {trials[-1]}: {type(error).__name__}: {error}"
+        ) from error
+
+
 class _Main:
     """Truth, data and draws of a range of trials."""
 
@@ -181,7 +195,8 @@ class _Main:
 
     def truth_and_data(self, trials: range) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
         theta = self.simulator.prior.sample(len(trials), self.streams("truth", trials))
-        x = np.asarray(self.simulator.simulate(theta, self.streams("data", trials)))
+        with _blamed("simulator", trials):
+            x = np.asarray(self.simulator.simulate(theta, self.streams("data", trials)))
         if x.shape[:1] != (len(trials),):
             raise InputError(
                 f"the simulator gave data of shape {x.shape} for {len(trials)} trials; "
@@ -208,7 +223,9 @@ class _Main:
     def __call__(self, trials: range) -> xr.Dataset:
         theta, x = self.truth_and_data(trials)
         n = self.plan.draws
-        draws = self.checked(self.estimator.sample(x, n, self.streams("draws", trials)), trials, n)
+        with _blamed("estimator", trials):
+            sampled = self.estimator.sample(x, n, self.streams("draws", trials))
+        draws = self.checked(sampled, trials, n)
         return make_trials(
             theta,
             draws,
@@ -226,7 +243,8 @@ class _Importance(_Main):
         theta, x = self.truth_and_data(trials)
         n = self.plan.importance_draws
         stream = self.streams("importance draws", trials)
-        sampled, density = sample_and_log_prob(self.estimator, x, n, stream)
+        with _blamed("estimator", trials):
+            sampled, density = sample_and_log_prob(self.estimator, x, n, stream)
         draws = self.checked(sampled, trials, n)
         log_q = self.checked(density, trials, n, what="log_q")
         # A draw that is not finite has no likelihood; it is counted, never replaced.

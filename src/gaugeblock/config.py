@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from gaugeblock.errors import InputError
 from gaugeblock.settings import apply_settings
 from gaugeblock.validate.policy import Policy, make_policy, read_policy
+from gaugeblock.validate.validators import check_validators
 
 Count = Annotated[int, Field(gt=0)]
 
@@ -84,6 +85,7 @@ class AuditConfig(BaseModel):
         except ValidationError as error:
             raise InputError(f"{where}: {_first_complaint(error)}") from None
         config.read_policy(where=where)
+        check_validators(config.validators or ())
         return config
 
     def read_policy(self, *, where: str = "configuration") -> Policy:
@@ -126,7 +128,7 @@ def read_config(
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             raise InputError(f"{path}: is not TOML: {error}") from None
         table = _anchored(table, Path(path).resolve().parent)
-    return AuditConfig.build(apply_settings(_completed(table), settings or {}), where=where)
+    return AuditConfig.build(_completed(apply_settings(table, settings or {})), where=where)
 
 
 _PATHS = (
@@ -172,6 +174,8 @@ def _first_complaint(error: ValidationError) -> str:
         return f"unknown key {key}; there are {', '.join(table.model_fields)}"
     if problem["type"] == "missing":
         return f"{key} is missing"
+    if problem["type"] in ("dict_type", "model_type"):
+        return f"{key}: must be a table, got {problem['input']!r}"
     message = str(problem["msg"]).removeprefix("Value error, ")
     shown = "" if isinstance(problem["input"], dict) else f", got {problem['input']!r}"
     return f"{key}: {message[0].lower()}{message[1:]}{shown}"

@@ -1,0 +1,167 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaugeblock.validate import main_trials, make_trials, read_trials, write_trials
+
+FILES = ("trials.nc", "findings.nc", "verdict.json", "junit.xml", "summary.md", "report.html")
+TOY = ("--set", "simulator.name=linear_gaussian", "--set", "estimator.name=exact")
+
+
+def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "gaugeblock", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+        cwd=cwd,
+    )
+
+
+def gaussian_trials(path: Path, *, width: float = 1.0, number: int = 3000) -> Path:
+    rng = np.random.default_rng(3)
+    x = rng.standard_normal((number, 2))
+    theta = x + rng.standard_normal((number, 2))
+    draws = x[:, None] + width * rng.standard_normal((number, 100, 2))
+    write_trials(make_trials(theta, draws, ["a", "b"]), path)
+    return path
+
+
+def test_an_exact_estimator_passes_and_leaves_all_files(tmp_path: Path) -> None:
+    done = run("audit", *TOY, "--set", "trials.number=3000", "--set", "trials.draws=100", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("PASS")
+    assert sorted(os.listdir(tmp_path)) == sorted(FILES)
+    verdict = json.loads((tmp_path / "verdict.json").read_text())
+    assert verdict["verdict"] == "PASS"
+    ids = {gate["id"] for gate in verdict["gates"]}
+    assert {"draws.finite", "sbc.bias[theta_1]", "coverage.central", "importance.ess"} <= ids
+    assert verdict["provenance"]["seed"] == 20260611
+    assert verdict["provenance"]["versions"]["numpy"] == np.__version__
+    ElementTree.parse(tmp_path / "junit.xml")
+
+
+def test_draws_from_disk_pass_fail_or_stay_undecided(tmp_path: Path) -> None:
+    good = run("audit", "--trials", gaussian_trials(tmp_path / "good.nc"), "--out", tmp_path / "good")
+    assert good.returncode == 0, good.stdout + good.stderr
+    assert "not checked  importance.ess" in good.stdout
+    bad = run("audit", "--trials", gaussian_trials(tmp_path / "bad.nc", width=0.7), "--out", tmp_path / "bad")
+    assert bad.returncode == 1
+    assert "sbc.log_width[a]" in bad.stdout
+    few = run("audit", "--trials", gaussian_trials(tmp_path / "few.nc", number=50), "--out", tmp_path / "few")
+    assert few.returncode == 3
+    assert json.loads((tmp_path / "few" / "verdict.json").read_text())["verdict"] == "INCONCLUSIVE"
+
+
+def test_the_gate_judges_again_without_sampling(tmp_path: Path) -> None:
+    file = gaussian_trials(tmp_path / "good.nc")
+    assert run("audit", "--trials", file, "--out", tmp_path / "first").returncode == 0
+    again = run("gate", tmp_path / "first", "--policy", "strict", "--out", tmp_path / "second")
+    assert again.returncode == 3
+    assert (tmp_path / "first" / "verdict.json").read_text().count("PASS") > 1
+    written = json.loads((tmp_path / "second" / "verdict.json").read_text())
+    assert written["provenance"]["policy"]["tolerance"]["bias"] == 0.03
+
+
+def test_a_validator_can_be_chosen(tmp_path: Path) -> None:
+    done = run(
+        "audit", "--trials", gaussian_trials(tmp_path / "t.nc"), "--validator", "coverage", "--out", tmp_path
+    )
+    ids = [gate["id"] for gate in json.loads((tmp_path / "verdict.json").read_text())["gates"]]
+    assert "coverage.central" in ids
+    # The default policy requires more than was chosen: that is not a PASS.
+    assert done.returncode == 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["audit", "nowhere.toml"], "nowhere.toml: cannot be read"),
+        (["audit", "--trials", "nowhere.nc"], "nowhere.nc: no such file"),
+        (["audit", "--trials", "text.nc"], "text.nc: cannot be read as NetCDF"),
+        (["audit", "--trials", "cut.nc"], "cut.nc: cannot be read as NetCDF"),
+        (["audit", "--trials", "nan.nc"], "nan.nc"),
+        (["audit", "--set", "nonsense"], "expected table.key=value"),
+        (["audit", *TOY, "--policy", "nowhere.toml"], "nowhere.toml: cannot be read"),
+        (["audit", *TOY, "--validator", "sbs"], "unknown validator sbs"),
+        (["audit", "--set", "simulator.name=nonsense"], "no simulator 'nonsense'"),
+        (["audit", *TOY, "--set", "trials.number=1"], "trials.number"),
+        (["audit", *TOY, "--out", "text.nc"], "text.nc: cannot be made a folder"),
+        (["gate", "."], "trials.nc: no such file"),
+        (["train", "nowhere.toml"], "nowhere.toml"),
+        (["frobnicate"], "No such command"),
+    ],
+)
+def test_bad_input_gets_a_line_exit_2_and_writes_nothing(
+    arguments: list[str], complaint: str, tmp_path: Path
+) -> None:
+    whole = gaussian_trials(tmp_path / "whole.nc", number=20)
+    (tmp_path / "text.nc").write_text("not NetCDF")
+    (tmp_path / "cut.nc").write_bytes(whole.read_bytes()[:-3000])
+    broken = main_trials(read_trials(whole))
+    broken["theta_true"][3, 1] = np.nan
+    broken.to_netcdf(tmp_path / "nan.nc")
+    before = sorted(os.listdir(tmp_path))
+    done = run(*arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert complaint in done.stderr
+    assert "Traceback" not in done.stderr
+    if arguments[0] in ("audit", "gate"):
+        assert len(done.stderr.strip().splitlines()) == 1
+    assert sorted(os.listdir(tmp_path)) == before
+
+
+def test_debug_shows_where(tmp_path: Path) -> None:
+    done = run("audit", "nowhere.toml", "--debug", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "Traceback" in done.stderr
+
+
+SLOW = """
+import time
+import numpy as np
+from gaugeblock.estimators.exact import Exact
+
+class Slow(Exact):
+    def sample(self, x, n, rng):
+        time.sleep(0.3)
+        return super().sample(x, n, rng)
+"""
+
+
+@pytest.mark.parametrize("blow", [signal.SIGKILL, signal.SIGINT])
+def test_interrupted_and_run_again_gives_the_same_bytes(blow: signal.Signals, tmp_path: Path) -> None:
+    (tmp_path / "slow.py").write_text(SLOW)
+    command = [
+        *(sys.executable, "-m", "gaugeblock", "audit", "--set", "simulator.name=linear_gaussian"),
+        *("--set", "estimator.name=slow:Slow", "--set", "trials.number=100", "--set", "trials.chunk=10"),
+        *("--quiet", "--out", "out"),
+    ]
+    undisturbed = subprocess.run(command, cwd=tmp_path, check=False, capture_output=True, timeout=300)
+    kept = {name: (tmp_path / "out" / name).read_bytes() for name in FILES}
+    for name in FILES:
+        (tmp_path / "out" / name).unlink()
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        deadline = time.monotonic() + 120
+        while len(list(tmp_path.glob("out/.chunks/*/trials-*.nc"))) < 3:
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        process.send_signal(blow)
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == (2 if blow is signal.SIGINT else -signal.SIGKILL)
+    if blow is signal.SIGINT:
+        assert said.decode().startswith("gaugeblock: interrupted")
+    assert not any((tmp_path / "out" / name).exists() for name in FILES)
+    again = subprocess.run(command, cwd=tmp_path, check=False, capture_output=True, timeout=300)
+    assert again.returncode == undisturbed.returncode
+    assert {name: (tmp_path / "out" / name).read_bytes() for name in FILES} == kept
+    assert sorted(os.listdir(tmp_path / "out")) == sorted(FILES)
