@@ -48,13 +48,13 @@ def test_a_bad_file_gives_one_line(tmp_path, text, message):
 
 
 def test_a_missing_file_gives_one_line(tmp_path):
-    with pytest.raises(InputError, match="cannot read .*No such file"):
+    with pytest.raises(InputError, match=r"cannot read .*No such file"):
         read_config(tmp_path / "none.toml")
 
 
 def test_a_bad_override_gives_one_line():
     config = TrainingConfig.build({"simulator": {"name": "a"}})
-    with pytest.raises(InputError, match="unknown key training.speed"):
+    with pytest.raises(InputError, match=r"unknown key training\.speed"):
         config.replace({"training.speed": 1})
     with pytest.raises(InputError, match="name is a value, not a table"):
         config.replace({"simulator.name.deeper": 1})

@@ -4,7 +4,7 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("sbi")
 
-from gaugeblock.estimators.npe.features import CountFeatures, StandardFeatures, choose_kind
+from gaugeblock.estimators.npe.features import CountFeatures, StandardFeatures, choose_kind  # noqa: E402
 
 
 @pytest.mark.parametrize("level", [1.0, 1e3, 1e8])

@@ -12,8 +12,8 @@ from gaugeblock.errors import InputError
 torch = pytest.importorskip("torch")
 pytest.importorskip("sbi")
 
-from gaugeblock.estimators.npe import load, run_training, train
-from gaugeblock.estimators.npe.bank import Bank
+from gaugeblock.estimators.npe import load, run_training, train  # noqa: E402
+from gaugeblock.estimators.npe.bank import Bank  # noqa: E402
 
 CONFIG = """
 output = "model"
@@ -37,7 +37,7 @@ seed = 4
 
 KILLED = """
 import os, signal, sys
-from gaugeblock.estimators.npe import run_training
+from gaugeblock.estimators.npe import run_training  # noqa: E402
 def progress(stage, done, total):
     if stage == "steps" and done == 400:
         os.kill(os.getpid(), signal.SIGKILL)
@@ -181,7 +181,7 @@ def test_a_simulator_with_nan_gives_one_line(tmp_path, make_counts, configure):
 
 def test_divergence_gives_one_line(tmp_path, config, monkeypatch):
     monkeypatch.setattr("gaugeblock.estimators.npe.loop._validation_loss", lambda *a: float("nan"))
-    with pytest.raises(InputError, match="lower training.learning_rate"):
+    with pytest.raises(InputError, match=r"lower training\.learning_rate"):
         run_training(config, out=tmp_path / "model", overrides={"training.steps": 5})
 
 
