@@ -17,6 +17,7 @@ FLOORS = {
     "validate": 2,
     "discover": 3,
     "reports": 4,
+    "__main__": 6,
     "cli": 6,
     "pytest_plugin": 6,
 }
