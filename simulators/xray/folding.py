@@ -6,6 +6,9 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray.effects import Assembly, Source
 from gaugeblock.simulators.xray.expression import Node, build
@@ -25,8 +28,8 @@ def forward(assembly: Assembly, response: Response) -> ForwardModel:
     names = assembly.prior.names
     with double_precision():
         flux = _photon_flux(assembly.tree, names)
-        low, high = _photon_energies(assembly, response)
-        fold = _fold(assembly, response)
+        fold, live = _fold(assembly, response)
+        low, high = _photon_energies(assembly, response)[:, live]
 
         def rate(theta: Any) -> Any:
             factor = math.prod(_value(s, theta, names) for s in assembly.photon_gain if isinstance(s, str))
@@ -51,27 +54,32 @@ def _photon_flux(tree: Node, names: Sequence[str]) -> Callable[[Any, Any, Any], 
     return flux
 
 
-def _photon_energies(assembly: Assembly, response: Response) -> tuple[Any, Any]:
-    factor = math.prod(s for s in assembly.photon_gain if not isinstance(s, str))
-    return response.energies[:, 0] * factor, response.energies[:, 1] * factor
+def _photon_energies(assembly: Assembly, response: Response) -> NDArray[np.float64]:
+    """Lower and upper edges of the input bins, shape ``(2, bin)``, under fixed published gains."""
+    return response.energies.T * math.prod(s for s in assembly.photon_gain if not isinstance(s, str))
 
 
-def _fold(assembly: Assembly, response: Response) -> Callable[[Any, Any], Any]:
-    """Pure JAX function ``(photon flux, theta)`` to counts per second in each channel."""
+def _fold(assembly: Assembly, response: Response) -> tuple[Callable[[Any, Any], Any], NDArray[np.bool_]]:
+    """Pure JAX function ``(photon flux, theta)`` to counts per second in each channel.
+
+    The flux is that of the input bins that reach any channel at all, which are the second result: the rest,
+    more than a quarter for EPIC-pn, are never evaluated.
+    """
     import jax.numpy as jnp
 
     gains, names = assembly.gains, assembly.prior.names
     if any(isinstance(source, str) for gain in gains for source in gain):
-        slopes, offsets = _range(gains, assembly.prior)
-        shifting = shifting_fold(response, slopes, offsets)
-        return lambda flux, theta: shifting(
-            flux, *compose([(_value(s, theta, names), _value(o, theta, names)) for s, o in gains])
+        shifting, live = shifting_fold(response, *_range(gains, assembly.prior))
+        return (
+            lambda flux, theta: shifting(
+                flux, *compose([(_value(s, theta, names), _value(o, theta, names)) for s, o in gains])
+            ),
+            live,
         )
-    if gains:
-        transfer = jnp.asarray(shifted_transfer(response, *compose(gains)))
-    else:
-        transfer = jnp.asarray(response.with_exposure(1.0).transfer)
-    return lambda flux, _: transfer @ flux
+    dense = shifted_transfer(response, *compose(gains)) if gains else response.with_exposure(1.0).transfer
+    live = np.asarray(dense.any(axis=0))
+    transfer = jnp.asarray(dense[:, live])
+    return (lambda flux, _: transfer @ flux), live
 
 
 def compose(gains: Sequence[tuple[Any, Any]]) -> tuple[Any, Any]:

@@ -75,11 +75,11 @@ def shifted_transfer(response: Response, slope: float, offset: float) -> Array:
 
 def shifting_fold(
     response: Response, slopes: tuple[float, float], offsets: tuple[float, float]
-) -> Callable[[Any, Any, Any], Any]:
+) -> tuple[Callable[[Any, Any, Any], Any], NDArray[np.bool_]]:
     """Pure JAX function ``(photon flux, slope, offset)`` to counts per second ``(channel,)``.
 
     `slopes` and `offsets` are the ranges that the two may take; only detector channels that such a gain can
-    bring into the band are evaluated.
+    bring into the band are evaluated. Also says which input bins reach them: the flux is of those alone.
     """
     import jax.numpy as jnp
 
@@ -94,7 +94,9 @@ def shifting_fold(
     low = min(c.min() for c in corners) if bounded else -np.inf
     high = max(c.max() for c in corners) if bounded else np.inf
     near, edges = _near(layout, low, high)
-    matrix = jnp.asarray(_per_second(response, layout.order[near]))
+    dense = _per_second(response, layout.order[near])
+    live = np.asarray(dense.any(axis=0))
+    matrix = jnp.asarray(dense[:, live])
     runs, groups, grid = jnp.asarray(layout.runs), jnp.asarray(layout.groups), jnp.asarray(edges)
 
     def fold(flux: Any, slope: Any, offset: Any) -> Any:
@@ -102,7 +104,7 @@ def shifting_fold(
         at = jnp.interp(((runs - offset) / slope).ravel(), grid, cumulative).reshape(runs.shape)
         return groups @ (at[:, 1] - at[:, 0])
 
-    return fold
+    return fold, live
 
 
 def _near(layout: _Layout, low: float, high: float) -> tuple[slice, Array]:
