@@ -86,9 +86,12 @@ def log_width(errors: ArrayLike, *, draws: float = np.inf) -> tuple[float, float
         # Every trial has the same error; it shows as bias, and the width is only bounded.
         nothing = np.zeros_like(t)
         return -0.5 * float(np.log(np.finfo(float).eps)), _standard_error(nothing, 0.5), nothing
-    hidden = 1 + (float(np.mean(centred**4)) / variance**2 + 1) / draws
+    kurtosis = float(np.mean(centred**4)) / variance**2
+    hidden = 1 + (kurtosis + 1) / draws
+    # The log of a sample variance lies low, on average by this much.
+    lost = (1 + (kurtosis - 1) / 2) / len(t)
     influence = hidden * (0.5 - 0.5 * centred**2 / variance)
-    return -0.5 * hidden * float(np.log(variance)), _standard_error(influence, 0.5), influence
+    return -0.5 * hidden * (float(np.log(variance)) + lost), _standard_error(influence, 0.5), influence
 
 
 def _standard_error(influence: Array, gaussian: float) -> float:
