@@ -109,7 +109,8 @@ class Uniform:
 
     def to_real(self, value: Array) -> Array:
         xp = namespace(value)
-        return xp.log(value - self.low) - xp.log(self.high - value)
+        with np.errstate(divide="ignore"):  # the ends of the support are minus and plus infinity
+            return xp.log(value - self.low) - xp.log(self.high - value)
 
     def from_real(self, z: Array) -> Array:
         # Anchored at the nearer end, so that values close to `high` keep their precision too.
