@@ -60,7 +60,14 @@ class Bank:
 
     @classmethod
     def simulate(
-        cls, simulator: Simulator, n: int, *, seed: int, folder: Path, progress: Progress | None = None
+        cls,
+        simulator: Simulator,
+        n: int,
+        *,
+        seed: int,
+        folder: Path,
+        fresh: bool = True,
+        progress: Progress | None = None,
     ) -> Bank:
         """Simulate n rows, reading back what an interrupted run of the same simulator and seed has left.
 
@@ -69,7 +76,7 @@ class Bank:
         InputError
             If the simulator gives data that are not finite, or the wrong number of rows.
         """
-        fresh = can(simulator, "expected") and can(simulator, "observe")
+        fresh = fresh and can(simulator, "expected") and can(simulator, "observe")
         key = json.dumps(
             {"simulator": describe_simulator(simulator), "seed": seed, "chunk": CHUNK, "fresh": fresh},
             sort_keys=True,

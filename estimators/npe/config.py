@@ -44,7 +44,12 @@ class NetworkTable(_Table):
 
 
 class TrainingTable(_Table):
-    """How to train. `steps` belongs to the default network, `epochs` and `patience` to the published one."""
+    """How to train. `steps` belongs to the default network, `epochs` and `patience` to the published one.
+
+    `fresh_noise` draws new noise at every step, where the simulator can; `keep` says which weights the
+    default network ends with: those of the smallest validation loss, or the last, as a training without a
+    validation set would.
+    """
 
     simulations: Annotated[int, Field(ge=20)] = 50_000
     validation: Annotated[float, Field(gt=0.0, lt=0.5)] = 0.05
@@ -56,6 +61,8 @@ class TrainingTable(_Table):
     weight_decay: Annotated[float, Field(ge=0.0)] = 1e-5
     clip: Annotated[float, Field(gt=0.0)] = 5.0
     average: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.99
+    fresh_noise: bool = True
+    keep: Literal["best", "last"] = "best"
     checkpoint: Count = 500
     seed: Annotated[int, Field(ge=0)] = 0
 

@@ -47,8 +47,8 @@ def train_default(
 ) -> dict[str, Any]:
     """Train in place; returns the training curve. Interrupted and called again, ends at the same weights.
 
-    The last rows of the bank, with noise of their own, are the validation set; the weights kept are the
-    running average with the smallest validation loss.
+    The last rows of the bank, with noise of their own, are the validation set; the weights kept are a running
+    average: that with the smallest validation loss, or the last.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def train_default(
         raise InputError(
             f"training diverged: no finite loss in {options.steps} steps; lower training.learning_rate"
         )
-    _place(network, best)
+    _place(network, best if options.keep == "best" else average)
     return curve
 
 

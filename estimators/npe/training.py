@@ -54,7 +54,14 @@ def train(
         work.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"cannot write {place}: {error.strerror or error}") from None
-    bank = Bank.simulate(simulator, options.simulations, seed=options.seed, folder=work, progress=progress)
+    bank = Bank.simulate(
+        simulator,
+        options.simulations,
+        seed=options.seed,
+        folder=work,
+        fresh=options.fresh_noise,
+        progress=progress,
+    )
     examples = bank.observe(slice(0, FEATURE_ROWS), stream(options.seed, "features"))
     shape = NetworkShape(
         simulator.prior.size, examples.shape[1:], choose_kind(config.network.features, examples)
