@@ -91,14 +91,26 @@ def _kind(effect: Effect) -> EffectKind:
             + (f"{', '.join(sorted(missing))} missing" if missing else f"{', '.join(sorted(extra))} unknown")
         )
     for name, (low, high) in kind.parameters.items():
-        value = effect.parameters[name]
-        start, stop = (value, value) if isinstance(value, int | float) else value.support
-        if not (low <= start and stop <= high and (math.isfinite(start) or not math.isfinite(low))):
+        start, stop = _reach(effect, name)
+        if not (low <= start and stop <= high):
             raise InputError(
                 f"effect {effect.name}: {name} must lie between {low:g} and {high:g}, got {start:g}"
                 + (f" to {stop:g}" if stop != start else "")
             )
     return kind
+
+
+def _reach(effect: Effect, name: str) -> tuple[float, float]:
+    """Smallest and largest value of a parameter; of one without bounds, all but two draws in 1e9."""
+    value = effect.parameters[name]
+    if isinstance(value, int | float):
+        return float(value), float(value)
+    if not hasattr(value, "support"):
+        raise InputError(f"effect {effect.name}: {name} must be a number or a distribution, got {value!r}")
+    low, high = value.support
+    if math.isfinite(low) and math.isfinite(high):
+        return low, high
+    return float(value.from_unit(1e-9)), float(value.from_unit(1.0 - 1e-9))
 
 
 def _emission_line(assembly: Assembly, sources: Mapping[str, Source]) -> Assembly:
@@ -163,7 +175,7 @@ def _published_gain(assembly: Assembly, sources: Mapping[str, Source]) -> Assemb
     return replace(assembly, photon_gain=(*assembly.photon_gain, sources["factor"]))
 
 
-_ANY = (-math.inf, math.inf)
+_ANY = (-1e3, 1e3)
 _POSITIVE = (1e-12, math.inf)
 
 EFFECTS: Mapping[str, EffectKind] = {
