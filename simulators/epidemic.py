@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.errors import InputError
 from gaugeblock.simulators._poisson_grid import ATTEMPTS, PoissonGrid
+from gaugeblock.simulators._shapes import data_array
 from gaugeblock.simulators.marginals import LogUniform
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.protocol import poisson_log_likelihood
@@ -123,9 +124,12 @@ class Epidemic:
         """Reported cases for each row of theta, ``(n, weeks)``."""
         return self.observe(self.expected(theta), rng)
 
+    def _data(self, x: ArrayLike) -> NDArray[np.float64]:
+        return data_array(x, self._weeks, "epidemic")
+
     def log_likelihood(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
         """Poisson log probability of x given theta, leading axes broadcast."""
-        return poisson_log_likelihood(self.expected(theta), x)
+        return poisson_log_likelihood(self.expected(theta), self._data(x))
 
     def log_likelihood_jax(self, theta: Any, x: Any) -> Any:
         """The same on JAX arrays, traceable."""
@@ -141,16 +145,16 @@ class Epidemic:
 
     def posterior_sample(self, x: ArrayLike, n: int, rng: Rng) -> NDArray[np.float64]:
         """Independent posterior draws, ``(batch, n, 2)``."""
-        counts = np.asarray(x, dtype=float)
+        counts = self._data(x)
         return self._grid.sample(counts, rng.random((len(counts), n, ATTEMPTS, 3)))
 
     def log_evidence(self, x: ArrayLike) -> NDArray[np.float64]:
         """Log probability of x with theta integrated over the prior, ``(batch,)``."""
-        return self._grid.log_evidence(np.asarray(x, dtype=float))
+        return self._grid.log_evidence(self._data(x))
 
     def posterior_log_prob(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
         """Log posterior density, ``(batch, n)`` for theta ``(batch, n, 2)``; -inf outside the prior."""
-        points, counts = np.asarray(theta, dtype=float), np.asarray(x, dtype=float)
+        points, counts = np.asarray(theta, dtype=float), self._data(x)
         inside = self._prior.contains(points)
         safe = np.where(inside[..., None], points, self._prior.center)
         joint = self.log_likelihood(safe, counts[:, None]) + self._prior.log_prob(safe)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.errors import InputError
 from gaugeblock.simulators import _truncated_normal as truncated_normal
+from gaugeblock.simulators._shapes import data_array
 from gaugeblock.simulators.marginals import Uniform, namespace
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.streams import Rng
@@ -56,6 +57,9 @@ class GaussianMixture:
         sd = np.where(rng.random((len(mean),)) < 0.5, *self._sd)
         return mean + sd[:, None] * rng.standard_normal(mean.shape)
 
+    def _data(self, x: ArrayLike) -> NDArray[np.float64]:
+        return data_array(x, 2, "gaussian_mixture")
+
     def _log_likelihood(self, theta: Any, x: Any) -> Any:
         broad, narrow = (
             -0.5 * (((x - theta) / sd) ** 2).sum(-1) - math.log(4.0 * math.pi * sd * sd) for sd in self._sd
@@ -64,7 +68,7 @@ class GaussianMixture:
 
     def log_likelihood(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
         """Log density of x given theta, leading axes broadcast."""
-        return np.asarray(self._log_likelihood(np.asarray(theta, dtype=float), np.asarray(x, dtype=float)))
+        return np.asarray(self._log_likelihood(np.asarray(theta, dtype=float), self._data(x)))
 
     def log_likelihood_jax(self, theta: Any, x: Any) -> Any:
         """The same on JAX arrays, traceable."""
@@ -80,7 +84,7 @@ class GaussianMixture:
 
     def posterior_sample(self, x: ArrayLike, n: int, rng: Rng) -> NDArray[np.float64]:
         """Independent exact posterior draws, ``(batch, n, 2)``."""
-        data = np.asarray(x, dtype=float)
+        data = self._data(x)
         u = rng.random((len(data), n, 3))
         log_mass = self._log_component_masses(data)
         share = np.exp(log_mass[:, 0] - np.logaddexp(log_mass[:, 0], log_mass[:, 1]))
@@ -93,12 +97,12 @@ class GaussianMixture:
 
     def log_evidence(self, x: ArrayLike) -> NDArray[np.float64]:
         """Log density of x with theta integrated over the prior, ``(batch,)``."""
-        log_mass = self._log_component_masses(np.asarray(x, dtype=float))
+        log_mass = self._log_component_masses(self._data(x))
         return np.asarray(np.logaddexp(log_mass[:, 0], log_mass[:, 1]) - 2.0 * math.log(2.0 * self._bound))
 
     def posterior_log_prob(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
         """Log posterior density, ``(batch, n)`` for theta ``(batch, n, 2)``; -inf outside the square."""
-        points, data = np.asarray(theta, dtype=float), np.asarray(x, dtype=float)
+        points, data = np.asarray(theta, dtype=float), self._data(x)
         joint = self.log_likelihood(points, data[:, None]) + self._prior.log_prob(points)
         return np.asarray(joint - self.log_evidence(data)[:, None])
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.errors import InputError
+from gaugeblock.simulators._shapes import data_array
 from gaugeblock.simulators.marginals import Normal
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.streams import Rng
@@ -91,9 +92,12 @@ class LinearGaussian:
         """Data for each row of theta, ``(n, data)``."""
         return self.observe(self.expected(theta), rng)
 
+    def _data(self, x: ArrayLike) -> NDArray[np.float64]:
+        return data_array(x, len(self._matrix), "linear_gaussian")
+
     def log_likelihood(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
         """Log density of x given theta, leading axes broadcast."""
-        scaled = (np.asarray(x, dtype=float) - self.expected(theta)) / self._noise
+        scaled = (self._data(x) - self.expected(theta)) / self._noise
         return np.asarray(_standard_normal(scaled) - len(self._matrix) * math.log(self._noise))
 
     def log_likelihood_jax(self, theta: Any, x: Any) -> Any:
@@ -103,19 +107,19 @@ class LinearGaussian:
 
     def posterior_sample(self, x: ArrayLike, n: int, rng: Rng) -> NDArray[np.float64]:
         """Independent exact posterior draws, ``(batch, n, parameter)``."""
-        mean = _apply(self._gain, np.asarray(x, dtype=float))
+        mean = _apply(self._gain, self._data(x))
         noise = rng.standard_normal((len(mean), n, self._prior.size))
         return np.asarray(mean[:, None, :] + _apply(self._spread, noise))
 
     def posterior_log_prob(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
         """Exact log posterior density, ``(batch, n)`` for theta ``(batch, n, parameter)``."""
-        mean = _apply(self._gain, np.asarray(x, dtype=float))
+        mean = _apply(self._gain, self._data(x))
         scaled = _apply(self._whiten, np.asarray(theta, dtype=float) - mean[:, None, :])
         return np.asarray(_standard_normal(scaled) + np.sum(np.log(np.diag(self._whiten))))
 
     def log_evidence(self, x: ArrayLike) -> NDArray[np.float64]:
         """Exact log density of x with theta integrated over the prior, ``(batch,)``."""
-        scaled = _apply(self._marginal_whiten, np.asarray(x, dtype=float))
+        scaled = _apply(self._marginal_whiten, self._data(x))
         return np.asarray(_standard_normal(scaled) + np.sum(np.log(np.diag(self._marginal_whiten))))
 
     def describe(self) -> dict[str, Any]:

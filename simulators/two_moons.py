@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.errors import InputError
 from gaugeblock.simulators import _truncated_normal as truncated_normal
 from gaugeblock.simulators._inverse_cdf import draw_linear
+from gaugeblock.simulators._shapes import data_array
 from gaugeblock.simulators.marginals import Uniform, namespace
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.streams import Rng
@@ -63,6 +64,9 @@ class TwoMoons:
             [radius * np.cos(angle) + SHIFT - np.abs(along), radius * np.sin(angle) + across], axis=-1
         )
 
+    def _data(self, x: ArrayLike) -> NDArray[np.float64]:
+        return data_array(x, 2, "two_moons")
+
     def _log_likelihood(self, theta: Any, x: Any) -> Any:
         xp = namespace(theta)
         along, across = _rotate(theta)
@@ -76,7 +80,7 @@ class TwoMoons:
 
     def log_likelihood(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
         """Log density of x given theta, leading axes broadcast."""
-        return np.asarray(self._log_likelihood(np.asarray(theta, dtype=float), np.asarray(x, dtype=float)))
+        return np.asarray(self._log_likelihood(np.asarray(theta, dtype=float), self._data(x)))
 
     def log_likelihood_jax(self, theta: Any, x: Any) -> Any:
         """The same on JAX arrays, traceable."""
@@ -111,7 +115,7 @@ class TwoMoons:
 
     def posterior_sample(self, x: ArrayLike, n: int, rng: Rng) -> NDArray[np.float64]:
         """Independent posterior draws ``(batch, n, 2)``, by inversion in angle and radius."""
-        data = np.asarray(x, dtype=float)
+        data = self._data(x)
         u = rng.random((len(data), n, 3))
         _, log_mass = self._angle_table(data)
         mass = np.exp(log_mass - log_mass.max(axis=-1, keepdims=True))
@@ -127,7 +131,7 @@ class TwoMoons:
 
     def log_evidence(self, x: ArrayLike) -> NDArray[np.float64]:
         """Log density of x with theta integrated over the prior, ``(batch,)``."""
-        _, log_mass = self._angle_table(np.asarray(x, dtype=float))
+        _, log_mass = self._angle_table(self._data(x))
         peak = log_mass.max(axis=-1, keepdims=True)
         mass = np.exp(log_mass - peak)
         mean = np.sum(0.5 * (mass[:, 1:] + mass[:, :-1]), axis=-1) / (NODES - 1)
@@ -136,7 +140,7 @@ class TwoMoons:
 
     def posterior_log_prob(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
         """Log posterior density, ``(batch, n)`` for theta ``(batch, n, 2)``; -inf outside the square."""
-        points, data = np.asarray(theta, dtype=float), np.asarray(x, dtype=float)
+        points, data = np.asarray(theta, dtype=float), self._data(x)
         joint = self.log_likelihood(points, data[:, None]) + self._prior.log_prob(points)
         return np.asarray(joint - self.log_evidence(data)[:, None])
 

@@ -107,6 +107,20 @@ def test_jax_likelihood_agrees(toy, trials):
     assert np.all(np.isfinite(np.asarray(gradient)))
 
 
+def test_data_of_another_size_are_refused(toy, trials):
+    theta, x, _ = trials
+    wrong = np.zeros((2, x.shape[1] + 1))
+    for ask in (
+        lambda: toy.posterior_sample(wrong, 3, np.random.default_rng(24)),
+        lambda: toy.log_evidence(wrong),
+        lambda: toy.log_likelihood(theta[:2], wrong),
+        lambda: toy.posterior_log_prob(theta[:2, None], wrong),
+    ):
+        with pytest.raises(InputError, match="along the last axis of x, got") as caught:
+            ask()
+        assert "\n" not in str(caught.value)
+
+
 def test_description_is_plain_data(toy):
     assert json.loads(json.dumps(toy.describe(), allow_nan=False)) == toy.describe()
 
