@@ -13,6 +13,9 @@ from gaugeblock.estimators._rows import row_seeds
 from gaugeblock.simulators.protocol import can
 from gaugeblock.streams import Rng
 
+BLOCK = 50
+"""Draws kept by one call of the compiled sampler: any n is made of such calls, so n is never compiled in."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class NutsRun:
@@ -94,79 +97,121 @@ class Nuts:
         }
         import jax
 
-        # One function for the life of the estimator: JAX compiles it once for each batch shape and n.
-        self._chains = jax.jit(jax.vmap(self._chain, in_axes=(0, 0, None)), static_argnums=2)
+        # Two functions for the life of the estimator, compiled once for each batch shape.
+        self._start = jax.jit(jax.vmap(self._start_chain))
+        self._advance = jax.jit(jax.vmap(self._advance_chain, in_axes=(0, 0, None)))
 
-    def _chain(self, seed: Any, x: Any, n: int) -> tuple[Any, Any, Any, Any]:
-        """One chain on one row of data, traced."""
-        import jax
-        import jax.numpy as jnp
+    def _log_density(self, z: Any, x: Any) -> Any:
+        """Log likelihood plus log prior, in unbounded coordinates."""
+        prior = self._simulator.prior
+        return self._simulator.log_likelihood_jax(prior.from_unbounded(z), x) + prior.log_prob_unbounded(z)
+
+    def _kernel(self) -> Any:
         from numpyro.infer.hmc import hmc
 
-        prior, settings = self._simulator.prior, self._settings
+        return hmc(potential_fn_gen=lambda x: lambda z: -self._log_density(z, x), algo="NUTS")
 
-        def log_likelihood(z: Any) -> Any:
-            return self._simulator.log_likelihood_jax(prior.from_unbounded(z), x)
-
-        def potential(z: Any) -> Any:
-            return -(log_likelihood(z) + prior.log_prob_unbounded(z))
-
-        start_key, run_key = jax.random.split(jax.random.key(seed))
-        starts = _draw_unbounded(prior, start_key, int(settings["starts"]))
-        # A row at a time: all starts of all rows at once would need memory for every one of them.
-        start = starts[jnp.argmax(jnp.nan_to_num(jax.lax.map(log_likelihood, starts), nan=-jnp.inf))]
-        initialise, advance = hmc(potential_fn=potential, algo="NUTS")
+    def _initialise(self, start: Any, x: Any, key: Any) -> tuple[Any, Any]:
+        """State of a chain before its first step, and the function that advances it by one."""
+        initialise, advance = self._kernel()
         state = initialise(
             start,
-            settings["warmup"],
+            self._settings["warmup"],
             dense_mass=True,
-            target_accept_prob=settings["target_acceptance"],
-            find_heuristic_step_size=True,
-            rng_key=run_key,
+            target_accept_prob=self._settings["target_acceptance"],
+            model_args=(x,),
+            rng_key=key,
         )
-        state = jax.lax.fori_loop(0, settings["warmup"], lambda _, s: advance(s), state)
+        return state, advance
 
-        def keep(carry: Any, _: None) -> Any:
-            def step(_: int, inner: Any) -> Any:
-                moved, divergent = inner
-                moved = advance(moved)
-                return moved, divergent + moved.diverging
+    def _start_chain(self, seed: Any, x: Any) -> Any:
+        """State of one chain at its start, traced."""
+        import jax
+        import jax.numpy as jnp
 
-            carry = jax.lax.fori_loop(0, settings["thinning"], step, carry)
+        start_key, run_key = jax.random.split(jax.random.key(seed))
+        starts = _draw_unbounded(self._simulator.prior, start_key, int(self._settings["starts"]))
+        # One start at a time: all starts of all rows at once would need memory for every one of them.
+        likelihood = jax.lax.map(
+            lambda z: self._simulator.log_likelihood_jax(self._simulator.prior.from_unbounded(z), x), starts
+        )
+        start = starts[jnp.argmax(jnp.nan_to_num(likelihood, nan=-jnp.inf))]
+        return self._initialise(start, x, run_key)[0]
+
+    def _advance_chain(self, state: Any, x: Any, steps: Any) -> tuple[Any, Any, Any]:
+        """One chain through ``steps[k]`` steps before it keeps its k-th draw, traced.
+
+        Returns its state, the kept draws ``(BLOCK, parameter)`` and how many steps diverged.
+        """
+        import jax
+        import jax.numpy as jnp
+
+        # numpyro sets its kernel up by initialising it; only the function is wanted here, not the state.
+        _, advance = self._initialise(state.z, x, state.rng_key)
+
+        def step(_: Any, carry: Any) -> Any:
+            moved = advance(carry[0], (x,))
+            return moved, carry[1] + moved.diverging
+
+        def keep(carry: Any, count: Any) -> Any:
+            carry = jax.lax.fori_loop(0, count, step, carry)
             return carry, carry[0].z
 
-        (state, divergent), chain = jax.lax.scan(keep, (state, jnp.zeros((), dtype=int)), None, length=n)
-        return prior.from_unbounded(chain), divergent, state.mean_accept_prob, state.adapt_state.step_size
+        (state, divergent), chain = jax.lax.scan(keep, (state, jnp.zeros((), dtype=int)), steps)
+        return state, self._simulator.prior.from_unbounded(chain), divergent
+
+    def _block(self, x: NDArray[np.float64], seeds: NDArray[np.int64], n: int) -> NutsRun:
+        """Chains for one padded batch."""
+        first_only = np.arange(BLOCK) == 0
+        state, _, _ = self._advance(
+            self._start(seeds, x), x, np.where(first_only, self._settings["warmup"], 0)
+        )
+        kept, divergences = (
+            [np.empty((len(x), 0, self._simulator.prior.size))],
+            np.zeros(len(x), dtype=np.int64),
+        )
+        for start in range(0, n, BLOCK):
+            steps = np.where(np.arange(BLOCK) < n - start, self._settings["thinning"], 0)
+            state, draws, divergent = self._advance(state, x, steps)
+            kept.append(np.asarray(draws)[:, : n - start])
+            divergences += np.asarray(divergent)
+        return NutsRun(
+            draws=np.concatenate(kept, axis=1),
+            divergences=divergences,
+            acceptance=np.asarray(state.mean_accept_prob),
+            step_size=np.asarray(state.adapt_state.step_size),
+        )
 
     def run(self, x: ArrayLike, n: int, rng: Rng) -> NutsRun:
-        """One chain of n kept draws for each row of x."""
+        """One chain of n kept draws for each row of x, one row or more."""
         import jax
 
         data = np.asarray(x, dtype=float)
         seeds = row_seeds(rng, len(data))
-        blocks = []
+        runs, sizes = [], []
         with jax.enable_x64(True):
             for start in range(0, len(data), self._parallel):
                 rows, keys = data[start : start + self._parallel], seeds[start : start + self._parallel]
                 padding = (1 << (len(rows) - 1).bit_length()) - len(rows)
-                rows = np.concatenate([rows, np.repeat(rows[-1:], padding, axis=0)])
-                padded_keys = np.concatenate([keys, np.repeat(keys[-1:], padding)])
-                results = self._chains(padded_keys, rows, n)
-                blocks.append([np.asarray(result)[: len(keys)] for result in results])
-        if not blocks:
-            blocks = [[np.empty((0, n, self._simulator.prior.size)), *(np.empty(0) for _ in range(3))]]
-        draws, divergences, acceptance, step_size = (
-            np.concatenate(parts) for parts in zip(*blocks, strict=True)
-        )
+                padded = np.concatenate([rows, np.repeat(rows[-1:], padding, axis=0)])
+                runs.append(self._block(padded, np.concatenate([keys, np.repeat(keys[-1:], padding)]), n))
+                sizes.append(len(rows))
+
+        def join(name: str) -> NDArray[Any]:
+            parts = [getattr(run, name)[:size] for run, size in zip(runs, sizes, strict=True)]
+            return np.concatenate(parts)
+
         return NutsRun(
-            draws=draws.astype(float),
-            divergences=divergences.astype(np.int64),
-            acceptance=acceptance,
-            step_size=step_size,
+            draws=join("draws"),
+            divergences=join("divergences"),
+            acceptance=join("acceptance"),
+            step_size=join("step_size"),
         )
 
     def sample(self, x: ArrayLike, n: int, rng: Rng) -> NDArray[np.float64]:
         """Autocorrelated posterior draws, ``(batch, n, parameter)``."""
+        if not len(np.asarray(x)):
+            return np.empty((0, n, self._simulator.prior.size))
         return self.run(x, n, rng).draws
 
     def describe(self) -> dict[str, Any]:

@@ -1,0 +1,207 @@
+"""What every estimator promises: one table of cases, run over the whole registry."""
+
+from __future__ import annotations
+
+import inspect
+import json
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+from gaugeblock.estimators import ESTIMATORS, Estimator, build_estimator
+from gaugeblock.simulators import build_simulator, can
+from gaugeblock.streams import TrialStreams
+
+
+@dataclass(frozen=True)
+class Case:
+    """How to build a small member, and how far its results may depend on the batch they come in.
+
+    `chunk_tolerance` is 0 for bitwise, None where only the distribution is promised; `trials` how many go
+    into the rank test, None where the member is too slow or, being hardly trained, promises no calibration.
+    """
+
+    needs: str | None = None
+    options: dict[str, Any] = field(default_factory=dict)
+    chunk_tolerance: float | None = 0.0
+    trials: int | None = None
+
+
+CASES = {
+    "exact": Case(trials=1000),
+    "importance_refined": Case(options={"base": {"name": "exact"}}, trials=500),
+    "nested_sampling": Case(
+        needs="ultranest", options={"live_points": 60, "min_effective_draws": 100}, trials=24
+    ),
+    "nuts": Case(
+        needs="numpyro",
+        options={"warmup": 200, "thinning": 4, "parallel": 4},
+        chunk_tolerance=None,
+        trials=256,
+    ),
+    "npe": Case(needs="sbi", chunk_tolerance=1e-5),
+}
+
+
+def test_the_table_covers_the_registry():
+    assert set(CASES) == set(ESTIMATORS)
+
+
+@pytest.fixture(scope="module")
+def simulator():
+    return build_simulator("linear_gaussian", parameters=2, data=3)
+
+
+@pytest.fixture(scope="module")
+def data(simulator):
+    return simulator.simulate(simulator.prior.sample(3, np.random.default_rng(1)), np.random.default_rng(2))
+
+
+@pytest.fixture(scope="module")
+def trained(simulator, tmp_path_factory):
+    """A folder with a flow that has hardly been trained: enough for everything but calibration."""
+    from gaugeblock.estimators.npe import TrainingConfig, train
+
+    folder = tmp_path_factory.mktemp("flow")
+    config = TrainingConfig.build(
+        {
+            "simulator": {"name": "linear_gaussian", "parameters": 2, "data": 3},
+            "network": {"embedding": [16], "embedding_output": 4, "transforms": 2, "hidden": [16], "bins": 4},
+            "training": {"simulations": 1000, "steps": 60, "batch": 200},
+        }
+    )
+    train(simulator, config, folder=folder)
+    return folder
+
+
+@pytest.fixture(scope="module", params=sorted(CASES))
+def member(request, simulator):
+    case = CASES[request.param]
+    options = dict(case.options)
+    if case.needs:
+        pytest.importorskip(case.needs)
+    if request.param == "npe":
+        options["path"] = str(request.getfixturevalue("trained"))
+    return case, build_estimator(request.param, simulator, **options)
+
+
+def test_signature_is_the_protocol_s(member):
+    _, estimator = member
+    assert isinstance(estimator, Estimator)
+    assert list(inspect.signature(estimator.sample).parameters)[:3] == ["x", "n", "rng"]
+
+
+def test_draws_have_the_promised_shape_type_and_support(member, simulator, data):
+    _, estimator = member
+    for n in (1, 30):
+        draws = estimator.sample(data, n, np.random.default_rng(3))
+        assert draws.shape == (3, n, 2)
+        assert draws.dtype == np.float64
+        assert np.all(simulator.prior.contains(draws))
+    assert np.all(draws.std(axis=1) > 0)
+
+
+def test_the_same_rng_gives_the_same_draws_and_another_gives_others(member, data):
+    _, estimator = member
+    first, again, other = (estimator.sample(data, 20, np.random.default_rng(seed)) for seed in (4, 4, 5))
+    np.testing.assert_array_equal(first, again)
+    assert not np.any(np.all(first == other, axis=(1, 2)))
+
+
+def test_rows_have_draws_of_their_own(member, data):
+    _, estimator = member
+    twins = estimator.sample(np.repeat(data[:1], 3, axis=0), 20, np.random.default_rng(6))
+    assert not np.array_equal(twins[0], twins[1])
+
+
+def test_the_global_random_state_is_left_alone(member, data):
+    _, estimator = member
+    before = np.random.get_state(legacy=False)  # noqa: NPY002
+    estimator.sample(data, 5, np.random.default_rng(7))
+    after = np.random.get_state(legacy=False)  # noqa: NPY002
+    np.testing.assert_array_equal(before["state"]["key"], after["state"]["key"])
+    assert before["state"]["pos"] == after["state"]["pos"]
+
+
+def test_nothing_is_printed_or_logged(member, data, capfd, caplog):
+    _, estimator = member
+    capfd.readouterr()
+    estimator.sample(data, 5, np.random.default_rng(8))
+    assert tuple(capfd.readouterr()) == ("", "")
+    assert not caplog.records
+
+
+def test_draws_do_not_depend_on_how_trials_are_batched(member, data):
+    case, estimator = member
+    if case.chunk_tolerance is None:
+        pytest.skip(
+            "promises its distribution across batch sizes, not its values; the rank test holds it to that"
+        )
+
+    def draws(rows):
+        return estimator.sample(data[rows], 20, TrialStreams.spawn(9, "posterior", rows))
+
+    whole, parts = draws([0, 1, 2]), np.concatenate([draws([0]), draws([1, 2])])
+    if case.chunk_tolerance == 0.0:
+        np.testing.assert_array_equal(whole, parts)
+    else:
+        np.testing.assert_allclose(whole, parts, rtol=case.chunk_tolerance, atol=case.chunk_tolerance)
+
+
+def test_density_is_normalised(member, data):
+    _, estimator = member
+    if not can(estimator, "log_prob"):
+        pytest.skip("has no density")
+    side = np.linspace(-6.0, 6.0, 201)
+    grid = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(1, -1, 2)
+    log_q = estimator.log_prob(np.repeat(grid, len(data), axis=0), data)
+    assert log_q.shape == (3, 201 * 201)
+    np.testing.assert_allclose(np.exp(log_q).sum(axis=1) * (side[1] - side[0]) ** 2, 1.0, atol=5e-3)
+
+
+def test_sampling_and_density_belong_together(member, data):
+    # Fraction of draws in a half plane against the density's: 5 sd, three rows, 2 seeds in a million.
+    _, estimator = member
+    if not can(estimator, "log_prob"):
+        pytest.skip("has no density")
+    draws = estimator.sample(data, 4000, np.random.default_rng(10))
+    side = np.linspace(-6.0, 6.0, 201)
+    grid = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(1, -1, 2)
+    density = np.exp(estimator.log_prob(np.repeat(grid, len(data), axis=0), data))
+    split = np.median(draws[..., 0] + 0.5 * draws[..., 1], axis=1)[:, None] + 0.1
+    mass = (density * (grid[..., 0] + 0.5 * grid[..., 1] < split)).sum(axis=1) / density.sum(axis=1)
+    below = np.mean(draws[..., 0] + 0.5 * draws[..., 1] < split, axis=1)
+    assert np.all(np.abs(below - mass) < 5 * 0.5 / np.sqrt(4000) + 0.01)
+
+
+def test_evidence_agrees_with_the_exact_one(member, simulator, data):
+    # Within 4 stated errors, three rows: a false alarm for 2 seeds in 10,000.
+    _, estimator = member
+    if not can(estimator, "log_evidence"):
+        pytest.skip("gives no evidence")
+    value, error = estimator.log_evidence(data, np.random.default_rng(12))
+    assert value.shape == error.shape == (3,)
+    assert np.all(np.abs(value - simulator.log_evidence(data)) <= 4 * error + 1e-6)
+
+
+def test_description_is_plain_data(member):
+    _, estimator = member
+    assert json.loads(json.dumps(estimator.describe(), allow_nan=False))
+
+
+def test_ranks_are_uniform_on_a_calibrated_problem(member, simulator):
+    # Two Kolmogorov-Smirnov tests at p = 1e-4 a member: a false alarm for 2 seeds in 10,000.
+    case, estimator = member
+    if case.trials is None:
+        pytest.skip("hardly trained: promises no calibration")
+    rng = np.random.default_rng(13)
+    theta = simulator.prior.sample(case.trials, rng)
+    draws = estimator.sample(simulator.simulate(theta, rng), 99, rng)
+    if getattr(estimator, "autocorrelated", False):
+        draws = draws[:, ::3]  # a chain's neighbours are not independent; every twelfth step is close to it
+    below, ties = np.sum(draws < theta[:, None], axis=1), np.sum(draws == theta[:, None], axis=1)
+    u = (below + rng.random(below.shape) * (ties + 1)) / (draws.shape[1] + 1)
+    assert all(kstest(u[:, k], "uniform").pvalue > 1e-4 for k in range(2))

@@ -1,0 +1,89 @@
+"""NUTS: the exact posterior again, by another road."""
+
+import numpy as np
+import pytest
+
+from gaugeblock.errors import InputError
+from gaugeblock.simulators import build_simulator
+
+jax = pytest.importorskip("jax")
+pytest.importorskip("numpyro")
+
+from gaugeblock.estimators.nuts import Nuts  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def simulator():
+    return build_simulator("linear_gaussian")
+
+
+@pytest.fixture(scope="module")
+def x(simulator):
+    return simulator.simulate(
+        simulator.prior.sample(64, np.random.default_rng(100)), np.random.default_rng(101)
+    )
+
+
+@pytest.fixture(scope="module")
+def run(simulator, x):
+    return Nuts(simulator).run(x, 250, np.random.default_rng(102))
+
+
+def test_moments_are_the_exact_ones(simulator, x, run):
+    exact = simulator.posterior_sample(x, 4000, np.random.default_rng(103))
+    z = (run.draws.mean(axis=1) - exact.mean(axis=1)) / exact.std(axis=1)
+    # Mean over 64 chains; 250 draws are worth at least 60 here: 5 errors, five numbers, 3 seeds in a million.
+    assert np.all(np.abs(z.mean(axis=0)) < 5 / np.sqrt(64 * 60))
+    ratio = run.draws.std(axis=1) / exact.std(axis=1)
+    assert np.all(np.abs(ratio.mean(axis=0) - 1) < 5 / np.sqrt(2 * 64 * 60) + 0.01)
+
+
+def test_it_reports_on_itself(run):
+    assert run.draws.shape == (64, 250, 5)
+    assert run.divergences.shape == run.acceptance.shape == run.step_size.shape == (64,)
+    assert run.divergences.dtype == np.int64
+    assert run.divergences.sum() < 64
+    assert np.all((run.acceptance > 0.6) & (run.acceptance < 1.0))
+    assert np.all(run.step_size > 0)
+
+
+def test_nothing_is_compiled_twice_for_one_shape(simulator, x):
+    # Warm-up, any number of draws and any last batch of up to four rows share one compiled function.
+    estimator = Nuts(simulator, warmup=20, thinning=1, starts=8, parallel=4)
+    estimator.sample(x[:8], 5, np.random.default_rng(104))
+    estimator.sample(x[:7], 9, np.random.default_rng(105))  # blocks of 4 and 3, padded to 4
+    assert estimator._advance._cache_size() == 1
+
+
+def test_jax_s_precision_is_left_as_it_was(simulator, x):
+    before = jax.config.jax_enable_x64
+    draws = Nuts(simulator, warmup=10, starts=4).sample(x[:2], 3, np.random.default_rng(106))
+    assert jax.config.jax_enable_x64 == before
+    assert draws.dtype == np.float64
+    assert np.any(draws != draws.astype(np.float32))
+
+
+def test_no_data_no_draws(simulator):
+    assert Nuts(simulator).sample(np.empty((0, 8)), 3, np.random.default_rng(107)).shape == (0, 3, 5)
+
+
+def test_draws_stay_inside_a_bounded_prior():
+    simulator = build_simulator("gaussian_mixture")
+    x = np.array([[9.99, -9.99], [10.3, 0.0]])
+    draws = Nuts(simulator, warmup=100).sample(x, 100, np.random.default_rng(108))
+    assert np.all(simulator.prior.contains(draws))
+    assert np.all(draws.std(axis=1) > 0)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda s: Nuts(object()), "object has no log_likelihood_jax"),
+        (lambda s: Nuts(s, warmup=0), "must be at least 1"),
+        (lambda s: Nuts(s, target_acceptance=1.0), r"target_acceptance in \(0, 1\)"),
+    ],
+)
+def test_misuse_is_one_clear_line(simulator, make, words):
+    with pytest.raises(InputError, match=words) as caught:
+        make(simulator)
+    assert "\n" not in str(caught.value)
