@@ -6,6 +6,7 @@ given and each data set is embedded once. This file alone knows sbi's attributes
 
 from __future__ import annotations
 
+import warnings
 from typing import Any, Protocol
 
 import torch
@@ -55,7 +56,9 @@ class NflowsFlow:
 
     def draw(self, noise: Tensor, context: Tensor) -> Tensor:
         flat, repeated = noise.flatten(end_dim=1), context.repeat_interleave(noise.shape[1], dim=0)
-        values, _ = self._network.net._transform.inverse(flat, context=repeated)
+        with warnings.catch_warnings():  # nflows calls what torch has renamed; not its user's concern
+            warnings.filterwarnings("ignore", "torch.triangular_solve is deprecated")
+            values, _ = self._network.net._transform.inverse(flat, context=repeated)
         return values.reshape(noise.shape)
 
     def log_prob(self, values: Tensor, context: Tensor) -> Tensor:

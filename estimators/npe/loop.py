@@ -15,7 +15,6 @@ from gaugeblock.estimators.npe.checkpoint import load_checkpoint, save_checkpoin
 from gaugeblock.estimators.npe.config import TrainingTable
 
 WARM_UP = 0.2
-VALIDATE_EVERY = 250
 
 
 def one_cycle(step: int, steps: int, peak: float) -> float:
@@ -70,8 +69,8 @@ def train_default(
     if restored is not None:
         start, average, best, curve = restored
     recent: list[float] = []
-    # Only where the running mean of the loss starts anew, so that a resumed curve is the same one too.
-    interval = VALIDATE_EVERY * max(1, round(options.checkpoint / VALIDATE_EVERY))
+    # Two a checkpoint: there the mean of recent losses starts anew, so a resumed curve is the same too.
+    interval = max(1, options.checkpoint // 2)
     for step in range(start, options.steps):
         rng = stream(options.seed, "step", step)
         score, x = _tensors(bank, rng.integers(0, size, options.batch), rng)
@@ -85,7 +84,7 @@ def train_default(
         _blend(average, network, max(1.0 - options.average, 1.0 / (step + 1)))
         recent.append(float(loss.detach()))
         done = step + 1
-        if done % VALIDATE_EVERY == 0 or done == options.steps:
+        if done % interval == 0 or done == options.steps:
             value = _validation_loss(network, average, validation, options.batch)
             curve["step"].append(done)
             curve["training"].append(float(np.mean(recent)))
@@ -94,7 +93,7 @@ def train_default(
             if math.isfinite(value) and (curve["best"] is None or value < curve["best"]):
                 curve["best"] = value
                 best = {name: tensor.clone() for name, tensor in average.items()}
-        if done % interval == 0:
+        if done % (2 * interval) == 0:
             save_checkpoint(
                 checkpoint, key=key, step=done, network=network, average=average, best=best,
                 optimizer=optimizer, curve=curve,

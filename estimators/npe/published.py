@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from sbi.inference import NPE
 
+from gaugeblock.errors import InputError
 from gaugeblock.estimators.npe.bank import Bank, stream
 from gaugeblock.estimators.npe.config import NetworkTable, TrainingTable
 from gaugeblock.estimators.npe.networks import NetworkShape, builder
@@ -44,15 +45,26 @@ def train_published(
 
     Two things differ from the study on purpose: parameters are in the prior's normal scores, so that no draw
     leaves the prior, and the weights are the best seen, also when `epochs` runs out first.
+
+    Raises
+    ------
+    InputError
+        If the data are no spectra of at least four channels, or hold negative values.
     """
     x = bank.observe(slice(None), stream(options.seed, "noise"))
+    if (np.asarray(x) < 0).any():
+        raise InputError(
+            "the published network takes the logarithm of counts, and the data hold negative values; "
+            'take network.kind = "default"'
+        )
     with contextlib.ExitStack() as stack:
         stack.enter_context(torch.random.fork_rng(devices=[]))
         stack.enter_context(contextlib.redirect_stdout(io.StringIO()))
         stack.enter_context(warnings.catch_warnings())
         warnings.simplefilter("ignore")
         torch.manual_seed(options.seed)
-        trainer = NPE(density_estimator=builder(network, shape), show_progress_bars=False, tracker=_Silent())
+        build = builder(network, shape)  # here, because the embedding's first weights are random
+        trainer = NPE(density_estimator=build, show_progress_bars=False, tracker=_Silent())
         trainer.append_simulations(
             torch.from_numpy(bank.scores), torch.from_numpy(np.asarray(x, dtype=np.float32))
         )
@@ -61,7 +73,7 @@ def train_published(
             learning_rate=options.learning_rate,
             validation_fraction=options.validation,
             stop_after_epochs=options.patience,
-            max_num_epochs=options.epochs,
+            max_num_epochs=options.epochs - 1,  # sbi counts from 0 and runs one more
             clip_max_norm=options.clip,
         )
     summary = trainer.summary

@@ -70,7 +70,7 @@ def test_the_posterior_is_close_to_the_exact_one(tmp_path, linear, configure):
     # The tolerances are several times what seeds 0 to 4 show; a flow that returns the prior is off by 2.
     from gaugeblock.estimators.npe import train
 
-    flow = train(linear, configure("linear", simulations=16384, steps=1000), folder=tmp_path / "model")
+    flow = train(linear, configure("linear", simulations=8192, steps=600), folder=tmp_path / "model")
     rng = np.random.default_rng(8)
     x = linear.simulate(linear.prior.sample(200, rng), rng)
     ours, exact = flow.sample(x, 500, rng), linear.posterior_sample(x, 500, rng)

@@ -14,6 +14,7 @@ pytest.importorskip("sbi")
 
 from gaugeblock.estimators.npe import load, run_training, train  # noqa: E402
 from gaugeblock.estimators.npe.bank import Bank  # noqa: E402
+from gaugeblock.estimators.npe.storage import weights_of  # noqa: E402
 
 CONFIG = """
 output = "model"
@@ -30,8 +31,8 @@ bins = 4
 [training]
 simulations = 2000
 batch = 64
-steps = 600
-checkpoint = 250
+steps = 60
+checkpoint = 20
 seed = 4
 """
 
@@ -39,7 +40,7 @@ KILLED = """
 import os, signal, sys
 from gaugeblock.estimators.npe import run_training  # noqa: E402
 def progress(stage, done, total):
-    if stage == "steps" and done == 400:
+    if stage == "steps" and done == 45:
         os.kill(os.getpid(), signal.SIGKILL)
 run_training(sys.argv[1], out=sys.argv[2], progress=progress)
 """
@@ -66,7 +67,7 @@ def test_killed_and_run_again_it_ends_at_the_same_weights(tmp_path, config):
     assert (killed / "training" / "checkpoint.safetensors").exists()
     steps = []
     run_training(config, out=killed, progress=lambda stage, done, total: steps.append((stage, done)))
-    assert min(done for stage, done in steps if stage == "steps") == 251
+    assert min(done for stage, done in steps if stage == "steps") == 41
     assert weights(killed) == weights(undisturbed)
     first, second = (json.loads((f / "model.json").read_text()) for f in (undisturbed, killed))
     assert first["curve"] == second["curve"]
@@ -75,19 +76,19 @@ def test_killed_and_run_again_it_ends_at_the_same_weights(tmp_path, config):
 
 def test_the_seed_decides(tmp_path, config):
     first, again, other = (
-        run_training(config, out=tmp_path / name, seed=seed, overrides={"training.steps": 50})
+        run_training(config, out=tmp_path / name, seed=seed, overrides={"training.steps": 30})
         for name, seed in (("first", 5), ("again", 5), ("other", 6))
     )
     assert weights(first) == weights(again)
     assert weights(first) != weights(other)
     recorded = json.loads((first / "model.json").read_text())
-    assert recorded["training"]["steps"] == 50
-    assert recorded["command"].endswith("--set training.steps=50 --set training.seed=5")
+    assert recorded["training"]["steps"] == 30
+    assert recorded["command"].endswith("--set training.steps=30 --set training.seed=5")
 
 
 def test_a_checkpoint_of_another_training_is_not_taken(tmp_path, config):
     def stop(stage, done, total):
-        if done == 260 and stage == "steps":
+        if done == 25 and stage == "steps":
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -105,32 +106,31 @@ def test_a_checkpoint_of_another_training_is_not_taken(tmp_path, config):
     assert weights(tmp_path / "model") == weights(fresh)
 
 
-def test_training_leaves_global_state_alone(tmp_path, config):
+def published(configure):
+    values = {"network.kind": "published", "training.epochs": 2, "training.simulations": 1000}
+    return configure("counts").replace(values)
+
+
+def test_training_leaves_global_state_alone(tmp_path, counts, configure):
     torch.manual_seed(9)
     before = torch.get_rng_state(), torch.get_num_threads(), torch.get_default_dtype()
-    for kind in ("default", "published"):
-        run_training(
-            config,
-            out=tmp_path / kind,
-            overrides={"network.kind": kind, "training.steps": 5, "training.epochs": 1},
-        )
+    train(counts, configure("counts", steps=5), folder=tmp_path / "default")
+    train(counts, published(configure), folder=tmp_path / "published")
     assert torch.equal(before[0], torch.get_rng_state())
     assert before[1:] == (torch.get_num_threads(), torch.get_default_dtype())
 
 
-def test_the_published_network_trains_and_comes_back(tmp_path, config, capsys, monkeypatch):
+def test_the_published_network_trains_and_comes_back(tmp_path, counts, configure, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    folder = run_training(
-        config, overrides={"network.kind": "published", "training.epochs": 2, "training.batch": 200}
-    )
-    assert folder.resolve() == tmp_path / "model"
+    flow = train(counts, published(configure), folder="model")
     assert capsys.readouterr().out == ""
-    assert {path.name for path in tmp_path.iterdir()} == {"train.toml", "model"}  # no log folder of sbi's
-    flow = load(folder)
+    assert [path.name for path in tmp_path.iterdir()] == ["model"]  # no log folder of sbi's
     assert len(flow.record["curve"]["epoch"]) == 2
-    assert flow.embed(np.zeros((3, 4))).shape == (3, 20)
-    x = np.random.default_rng(1).normal(size=(3, 4))
+    assert flow.embed(np.zeros((3, 8))).shape == (3, 20)
+    x = np.random.default_rng(1).poisson(5.0, size=(3, 8))
     draws, log_q = flow.sample_and_log_prob(x, 50, np.random.default_rng(2))
+    again = load("model", counts).sample(x, 50, np.random.default_rng(2))
+    np.testing.assert_array_equal(draws, again)
     np.testing.assert_allclose(flow.log_prob(draws, x), log_q, atol=1e-3)
     # Our reading of the flow's inside against sbi's own log_prob.
     from gaugeblock.estimators.npe.coordinates import physical_log_density, to_scores
@@ -145,9 +145,40 @@ def test_the_published_network_trains_and_comes_back(tmp_path, config, capsys, m
     np.testing.assert_allclose(log_q, expected, atol=1e-3)
 
 
-def test_the_published_network_refuses_other_than_spectra(tmp_path, config):
+def test_the_published_network_refuses_other_than_spectra(configure):
+    from gaugeblock.estimators.npe.networks import NetworkShape, build_network
+
     with pytest.raises(InputError, match="at least 4 channels"):
-        run_training(config, out=tmp_path / "m", overrides={"network.kind": "published", "simulator.data": 3})
+        build_network(published(configure).network, NetworkShape(2, (3,), "counts"))
+
+
+def test_the_published_network_refuses_negative_data(tmp_path, config):
+    with pytest.raises(InputError, match="negative values"):
+        run_training(config, out=tmp_path / "m", overrides={"network.kind": "published"})
+
+
+def test_the_configuration_says_where_the_model_goes(tmp_path, config, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    folder = run_training(config, overrides={"training.steps": 4})
+    assert folder.resolve() == tmp_path / "model"
+    assert json.loads((folder / "model.json").read_text())["command"].startswith("gaugeblock train ")
+
+
+def test_fixed_noise_and_the_last_weights_when_asked_for(tmp_path, counts, configure):
+    fixed = Bank.simulate(counts, 10, seed=1, folder=tmp_path, fresh=False)
+    assert not fixed.fresh
+    assert np.issubdtype(fixed.data.dtype, np.integer)
+    kept = {
+        keep: weights_of(
+            train(
+                counts,
+                configure("counts", steps=40, checkpoint=10, learning_rate=0.2, keep=keep),
+                folder=tmp_path / keep,
+            ).network
+        )
+        for keep in ("best", "last")
+    }
+    assert kept["best"] != kept["last"]
 
 
 def test_each_row_gets_fresh_noise_where_the_simulator_can(tmp_path, counts, signal):
