@@ -1,3 +1,4 @@
+import hashlib
 import json
 import os
 import signal
@@ -47,6 +48,9 @@ def test_an_exact_estimator_passes_and_leaves_all_files(tmp_path: Path) -> None:
     assert {"draws.finite", "sbc.bias[theta_1]", "coverage.central", "importance.ess"} <= ids
     assert verdict["provenance"]["seed"] == 20260611
     assert verdict["provenance"]["versions"]["numpy"] == np.__version__
+    digests = verdict["provenance"]["sha256"]
+    assert set(digests) == {"simulator", "estimator", "policy", "trials"}
+    assert digests["trials"] == hashlib.sha256((tmp_path / "trials.nc").read_bytes()).hexdigest()
     ElementTree.parse(tmp_path / "junit.xml")
 
 
@@ -98,6 +102,7 @@ def test_a_validator_can_be_chosen(tmp_path: Path) -> None:
         (["audit", *TOY, "--out", "text.nc"], "text.nc: cannot be made a folder"),
         (["gate", "."], "trials.nc: no such file"),
         (["train", "nowhere.toml"], "nowhere.toml"),
+        (["audit", "--set", "estimator.path=nowhere", *TOY[:2]], "nowhere/model.json: No such file"),
         (["frobnicate"], "No such command"),
     ],
 )

@@ -126,8 +126,9 @@ def _read(path: Path) -> bytes:
 
 
 def _read_description(path: Path) -> dict[str, Any]:
+    text = _read(path)
     try:
-        description = json.loads(_read(path).decode())
+        description = json.loads(text)
     except ValueError as error:
         raise InputError(f"{path} is not valid JSON: {error}") from None
     needed = ("format", "sha256", "prior", "data_shape", "features", "network")

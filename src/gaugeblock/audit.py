@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -103,7 +104,7 @@ def audit_trials(
     provenance = {
         "command": command,
         "seed": seed,
-        "trials": {"file": str(file), "sha256": sha256(file)},
+        "trials": {"file": str(file), "file_sha256": sha256(file)},
     }
     return _judged(
         trials,
@@ -116,8 +117,12 @@ def audit_trials(
     )
 
 
-def judge_again(folder: Path, *, policy: Policy, out: Path | None = None, command: str = "") -> Audit:
+def judge_again(
+    folder: Path, *, policy: Policy, out: Path | None = None, seed: int | None = None, command: str = ""
+) -> Audit:
     """Judge the findings of an earlier audit under another policy; nothing is sampled.
+
+    `seed` is of the bootstrap behind the simultaneous intervals; without it, the earlier audit's.
 
     Raises
     ------
@@ -127,11 +132,18 @@ def judge_again(folder: Path, *, policy: Policy, out: Path | None = None, comman
     trials = read_trials(folder / "trials.nc")
     findings, not_checked = read_findings(folder / "findings.nc")
     earlier = _earlier_provenance(folder)
-    verdict = judge(findings, not_checked, policy, seed=int(earlier.get("seed") or 0))
-    verdict = replace(
-        verdict, provenance={**earlier, "command": command, "policy": policy.model_dump(mode="json")}
-    )
-    write_reports(verdict, findings, trials, _folder(out or folder), title=_title(verdict.provenance))
+    chosen = int(earlier.get("seed") or 0) if seed is None else seed
+    verdict = judge(findings, not_checked, policy, seed=chosen)
+    rules = policy.model_dump(mode="json")
+    record = {
+        **earlier,
+        "command": command,
+        "judge_seed": chosen,
+        "policy": rules,
+        "sha256": {**dict(earlier.get("sha256") or {}), "policy": digest(rules)},
+    }
+    verdict = replace(verdict, provenance=record)
+    write_reports(verdict, findings, trials, _folder(out or folder), title=_title(record))
     return Audit(trials, findings, not_checked, verdict)
 
 
@@ -160,6 +172,11 @@ def _judged(
         "policy": policy.model_dump(mode="json"),
         "versions": versions(),
     }
+    described = {name: record[name] for name in ("simulator", "estimator", "policy") if name in record}
+    record["sha256"] = {
+        **{name: digest(content) for name, content in described.items()},
+        "trials": sha256(out / "trials.nc"),
+    }
     verdict = replace(verdict, provenance=record)
     write_reports(verdict, findings, trials, out, title=_title(record))
     return Audit(trials, findings, not_checked, verdict)
@@ -181,8 +198,6 @@ def _title(provenance: Mapping[str, Any]) -> str:
 
 
 def _earlier_provenance(folder: Path) -> dict[str, Any]:
-    import json
-
     try:
         record = json.loads((folder / "verdict.json").read_text(encoding="utf-8"))["provenance"]
     except (OSError, ValueError, KeyError, TypeError):
@@ -199,6 +214,11 @@ def _folder(path: Path) -> Path:
     except OSError as error:
         raise InputError(f"{path}: cannot be made a folder ({error.strerror or error})") from None
     return path
+
+
+def digest(content: object) -> str:
+    """SHA-256 of plain data, in hexadecimal: of its JSON with sorted keys."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
 
 
 def sha256(path: Path) -> str:

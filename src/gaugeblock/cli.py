@@ -112,13 +112,15 @@ def gate(
     out: Annotated[
         Path | None, typer.Option("--out", metavar="DIR", help="Folder for the files; default: DIR itself.")
     ] = None,
+    seed: Seed = None,
     debug: Debug = False,  # noqa: ARG001
 ) -> None:
     """Judge the findings of an earlier audit again, under another policy; nothing is sampled."""
     from gaugeblock.audit import judge_again
     from gaugeblock.validate import read_policy
 
-    result = judge_again(folder, policy=read_policy(policy or "default"), out=out, command=_command())
+    rules = read_policy(policy or "default")
+    result = judge_again(folder, policy=rules, out=out, seed=seed, command=_command())
     _finish(result, out or folder)
 
 

@@ -132,7 +132,7 @@ def read_config(
 
 
 _PATHS = (
-    ("simulator", ("pha", "rmf", "arf", "background", "priors")),
+    ("simulator", ("pha", "rmf", "arf", "priors")),
     ("estimator", ("path",)),
     ("policy", ("base",)),
 )
