@@ -12,7 +12,7 @@ from typing import Any
 import xarray as xr
 
 from gaugeblock.collect import Plan, Progress, collect, discard, identity, versions
-from gaugeblock.config import AuditConfig
+from gaugeblock.config import AuditConfig, Named
 from gaugeblock.errors import InputError
 from gaugeblock.reports import write_reports
 from gaugeblock.simulators import Simulator, build_simulator
@@ -21,6 +21,7 @@ from gaugeblock.validate.findings_file import read_findings, write_findings
 from gaugeblock.validate.trials import read_trials, write_trials
 
 CHUNKS = ".chunks"
+DIGESTED = ("simulator", "estimator", "policy")
 
 
 @dataclass(frozen=True)
@@ -66,8 +67,8 @@ def audit(
     provenance = {
         "command": command,
         "seed": table.seed,
-        "simulator": {"name": config.simulator.name, **identity(simulator)},
-        "estimator": {"name": config.estimator.name, **identity(estimator)},
+        "simulator": {**_named(config.simulator), **identity(simulator)},
+        "estimator": {**_named(config.estimator), **identity(estimator)},
         "trials": vars(plan),
     }
     result = _judged(
@@ -172,9 +173,8 @@ def _judged(
         "policy": policy.model_dump(mode="json"),
         "versions": versions(),
     }
-    described = {name: record[name] for name in ("simulator", "estimator", "policy") if name in record}
     record["sha256"] = {
-        **{name: digest(content) for name, content in described.items()},
+        **{name: digest(_intrinsic(record[name])) for name in DIGESTED if name in record},
         "trials": sha256(out / "trials.nc"),
     }
     verdict = replace(verdict, provenance=record)
@@ -188,13 +188,29 @@ def _estimator(config: AuditConfig, simulator: Simulator) -> Any:
     return build_estimator(config.estimator.name, simulator, **config.estimator.options)
 
 
+def _named(choice: Named) -> dict[str, Any]:
+    return {"name": choice.name, "options": choice.options}
+
+
 def _title(provenance: Mapping[str, Any]) -> str:
     estimator, simulator = provenance.get("estimator"), provenance.get("simulator")
     if isinstance(estimator, Mapping) and isinstance(simulator, Mapping):
-        return f"{estimator.get('name', 'estimator')} on {simulator.get('name', 'simulator')}"
+        return f"{_subject(estimator)} on {_subject(simulator)}"
     trials = provenance.get("trials")
     file = trials.get("file") if isinstance(trials, Mapping) else None
     return f"Draws from {Path(str(file)).name}" if file else "Audit"
+
+
+def _intrinsic(record: Mapping[str, Any]) -> dict[str, Any]:
+    """What a thing is, without how it was asked for: the same model has one digest wherever it lies."""
+    return {key: value for key, value in record.items() if key not in ("name", "options")}
+
+
+def _subject(choice: Mapping[str, Any]) -> str:
+    """Name and those options that are words: "xray (epic-pn, medium)"."""
+    options = choice.get("options")
+    words = [value for value in dict(options or {}).values() if isinstance(value, str)]
+    return f"{choice.get('name', '?')} ({', '.join(words)})" if words else str(choice.get("name", "?"))
 
 
 def _earlier_provenance(folder: Path) -> dict[str, Any]:
