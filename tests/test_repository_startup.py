@@ -1,5 +1,6 @@
 """What is imported when: a command line that answers at once, rooms that need the core install only."""
 
+import importlib.util
 import os
 import subprocess
 import sys
