@@ -22,13 +22,16 @@ def test_nested_sampling_and_nuts_agree_on_a_medium_epic_pn_spectrum():
     )
     assert chains.divergences.sum() < 0.02 * 4 * 150 * 4
 
-    one = simulator.prior.to_unbounded(nested.resample(4000, np.random.default_rng(5)))
-    other = simulator.prior.to_unbounded(chains.draws).reshape(-1, 5)
-    sd = one.std(axis=0)
-    # Both are worth at least 300 independent draws: 4.5 standard errors, ten numbers, 1 seed in 10,000.
-    assert np.all(np.abs(one.mean(axis=0) - other.mean(axis=0)) < 4.5 * sd * np.sqrt(2 / 300))
-    assert np.all(np.abs(other.std(axis=0) / sd - 1) < 4.5 * np.sqrt(1 / 300))
-    np.testing.assert_allclose(np.corrcoef(other.T), np.corrcoef(one.T), atol=0.25)
+    one = nested.resample(4000, np.random.default_rng(5))
+    other = chains.draws.reshape(-1, 5)
+    # By probabilities, not moments: towards a bound of the prior the tails are so heavy (kurtosis 70) that two
+    # exact samples differ in sd. Both are worth at least 300 independent draws: 4.5 standard errors,
+    # twenty-five numbers, fewer than 1 seed in 5,000.
+    level = np.array([0.05, 0.25, 0.5, 0.75, 0.95])[:, None]
+    below = np.mean(other < np.quantile(one, level[:, 0], axis=0)[:, None], axis=1)
+    assert np.all(np.abs(below - level) < 4.5 * np.sqrt(level * (1 - level) * 2 / 300))
+    rank = np.argsort(np.argsort(other, axis=0), axis=0), np.argsort(np.argsort(one, axis=0), axis=0)
+    np.testing.assert_allclose(np.corrcoef(rank[0].T), np.corrcoef(rank[1].T), atol=0.25)
 
     # What UltraNest recorded is the simulator's own likelihood at its own points.
     again = simulator.log_likelihood(nested.theta, x[0])
