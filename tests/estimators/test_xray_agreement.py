@@ -24,7 +24,7 @@ def test_nested_sampling_and_nuts_agree_on_a_medium_epic_pn_spectrum():
 
     one = nested.resample(4000, np.random.default_rng(5))
     other = chains.draws.reshape(-1, 5)
-    # By probabilities, not moments: towards a bound of the prior the tails are so heavy (kurtosis 70) that two
+    # By probabilities, not moments: towards a bound of the prior the tails are so heavy that two
     # exact samples differ in sd. Both are worth at least 300 independent draws: 4.5 standard errors,
     # twenty-five numbers, fewer than 1 seed in 5,000.
     level = np.array([0.05, 0.25, 0.5, 0.75, 0.95])[:, None]
