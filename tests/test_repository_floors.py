@@ -12,6 +12,8 @@ FLOORS = {
     "errors": 0,
     "streams": 0,
     "atomic": 0,
+    "settings": 0,
+    "tables": 0,
     "simulators": 1,
     "estimators": 2,
     "validate": 2,

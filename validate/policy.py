@@ -6,12 +6,12 @@ import os
 import tomllib
 from collections.abc import Mapping
 from importlib import resources
-from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from gaugeblock.errors import InputError
+from gaugeblock.tables import Table, complaint, read_toml
 
 SHIPPED = ("default", "strict")
 
@@ -20,11 +20,7 @@ Gap = Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)]
 Size = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Tolerance(_Table):
+class Tolerance(Table):
     """The largest fault that is tolerated, per quantity; for `ess` the least fraction.
 
     bias: posterior sd. log_width: natural log of the width ratio. coverage, joint, local: probability.
@@ -38,13 +34,13 @@ class Tolerance(_Table):
     ess: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
 
 
-class Planning(_Table):
+class Planning(Table):
     """Power at which smallest detectable faults are stated."""
 
     power: Annotated[float, Field(gt=0.5, lt=1, allow_inf_nan=False)]
 
 
-class Policy(_Table):
+class Policy(Table):
     """Tolerances, familywise error budget, and which gates must PASS.
 
     `required` holds validators' names or beginnings of gate ids: ``sbc`` means all its gates, ``sbc.bias``
@@ -89,7 +85,7 @@ def make_policy(table: Mapping[str, Any], *, source: str) -> Policy:
     try:
         return Policy.model_validate(merged)
     except ValidationError as error:
-        raise InputError(f"{source}: {_first(error)}") from None
+        raise InputError(f"{source}: {complaint(error, Policy)}") from None
 
 
 def read_policy(path_or_name: str | os.PathLike[str]) -> Policy:
@@ -105,21 +101,8 @@ def read_policy(path_or_name: str | os.PathLike[str]) -> Policy:
     """
     if str(path_or_name) in SHIPPED:
         return make_policy(_shipped_table(str(path_or_name)), source=f"policy {path_or_name}")
-    path = Path(path_or_name)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: is not TOML (not UTF-8 text)") from None
-    except OSError as error:
-        names = " or ".join(SHIPPED)
-        raise InputError(
-            f"{path}: cannot be read ({error.strerror or error}); give a TOML file, or the name {names}"
-        ) from None
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: is not TOML: {error}") from None
-    return make_policy(table, source=str(path))
+    table = read_toml(path_or_name, remedy=f"give a TOML file, or the name {' or '.join(SHIPPED)}")
+    return make_policy(table, source=str(path_or_name))
 
 
 def _shipped_table(name: str) -> dict[str, Any]:
@@ -129,14 +112,3 @@ def _shipped_table(name: str) -> dict[str, Any]:
         .read_text(encoding="utf-8")
     )
     return tomllib.loads(text)
-
-
-def _first(error: ValidationError) -> str:
-    problem = error.errors()[0]
-    key = ".".join(str(part) for part in problem["loc"])
-    if problem["type"] == "extra_forbidden":
-        tables: dict[str, type[BaseModel]] = {"tolerance": Tolerance, "planning": Planning}
-        table = tables.get(str(problem["loc"][0]), Policy) if len(problem["loc"]) > 1 else Policy
-        return f"unknown key {key}; the keys there are {', '.join(table.model_fields)}"
-    said = problem["msg"][:1].lower() + problem["msg"][1:]
-    return f"{key} = {problem['input']!r} cannot be: {said}"

@@ -3,35 +3,19 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from gaugeblock.errors import InputError
+from gaugeblock.settings import apply_settings
+from gaugeblock.tables import Named, Table, complaint, read_toml
 
 Count = Annotated[int, Field(gt=0)]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class SimulatorTable(BaseModel):
-    """Which simulator to train for: its registered name (or ``module:object``) and that one's options."""
-
-    model_config = ConfigDict(extra="allow", frozen=True)
-    name: str
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """Everything but the name."""
-        return dict(self.model_extra or {})
-
-
-class NetworkTable(_Table):
+class NetworkTable(Table):
     """The network; the sizes belong to the default kind, the published one is fixed."""
 
     kind: Literal["default", "published"] = "default"
@@ -43,7 +27,7 @@ class NetworkTable(_Table):
     bins: Annotated[int, Field(ge=2)] = 10
 
 
-class TrainingTable(_Table):
+class TrainingTable(Table):
     """How to train. `steps` belongs to the default network, `epochs` and `patience` to the published one.
 
     `fresh_noise` draws new noise at every step, where the simulator can; `keep` says which weights the
@@ -73,14 +57,14 @@ class TrainingTable(_Table):
         return self
 
 
-class TrainingConfig(_Table):
+class TrainingConfig(Table):
     """A whole training run: ``[simulator] [network] [training]`` and where the model folder goes.
 
     >>> TrainingConfig.build({"simulator": {"name": "linear_gaussian", "data": 4}}).simulator.options
     {'data': 4}
     """
 
-    simulator: SimulatorTable
+    simulator: Named
     network: NetworkTable = NetworkTable()
     training: TrainingTable = TrainingTable()
     output: str | None = None
@@ -97,7 +81,7 @@ class TrainingConfig(_Table):
         try:
             return cls.model_validate(dict(values))
         except ValidationError as error:
-            raise InputError(f"{where}: {_first_complaint(error, cls)}") from None
+            raise InputError(f"{where}: {complaint(error, cls)}") from None
 
     def replace(
         self, overrides: Mapping[str, Any], *, where: str = "training configuration"
@@ -110,15 +94,11 @@ class TrainingConfig(_Table):
             If a key or its value cannot be used.
         """
         values = self.model_dump(mode="json", exclude_unset=True)
-        for key, value in overrides.items():
-            *tables, last = key.split(".")
-            table = values
-            for name in tables:
-                table = table.setdefault(name, {})
-                if not isinstance(table, dict):
-                    raise InputError(f"{where}: {key}: {name} is a value, not a table")
-            table[last] = value
-        return type(self).build(values, where=where)
+        try:
+            changed = apply_settings(values, overrides)
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from None
+        return type(self).build(changed, where=where)
 
 
 def read_config(
@@ -131,34 +111,5 @@ def read_config(
     InputError
         If the file cannot be read, is no TOML, or holds an unknown key or an impossible value.
     """
-    try:
-        values = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} is not valid TOML: {error}") from None
-    config = TrainingConfig.build(values, where=str(path))
+    config = TrainingConfig.build(read_toml(path), where=str(path))
     return config.replace(overrides, where=str(path)) if overrides else config
-
-
-def _first_complaint(error: ValidationError, model: type[BaseModel]) -> str:
-    problem = error.errors()[0]
-    location = ".".join(str(part) for part in problem["loc"])
-    if problem["type"] == "extra_forbidden":
-        known = _known_keys(model, [str(part) for part in problem["loc"][:-1]])
-        return f"unknown key {location}; there are {', '.join(known)}"
-    if problem["type"] == "missing":
-        return f"{location} is missing"
-    message = str(problem["msg"]).removeprefix("Value error, ")
-    given = problem["input"]
-    shown = "" if isinstance(given, dict) else f", got {given!r}"
-    return f"{location or 'top level'}: {message[0].lower()}{message[1:]}{shown}"
-
-
-def _known_keys(model: type[BaseModel], tables: list[str]) -> list[str]:
-    for name in tables:
-        inner = model.model_fields[name].annotation
-        if not (isinstance(inner, type) and issubclass(inner, BaseModel)):
-            break
-        model = inner
-    return list(model.model_fields)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from gaugeblock.simulators.xray.published import MODEL, PRIORS
 from gaugeblock.simulators.xray.reference import epic_pn, level_exposure, nicer
 from gaugeblock.simulators.xray.response import Response
 from gaugeblock.simulators.xray.simulator import XraySpectrum
+from gaugeblock.tables import read_toml
 
 Description = Mapping[str, Any]
 
@@ -106,10 +106,9 @@ def read_prior(priors: str | FilePath | Description | Prior) -> Prior:
     file = Path(priors)
     if not file.is_file():
         raise InputError(f"priors {priors}: neither one of {', '.join(PRIORS)} nor a file")
+    table = read_toml(file)
     try:
-        return Prior.from_description(_flat(tomllib.loads(file.read_text(encoding="utf-8"))))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
-        raise InputError(f"priors {file}: not a TOML file that can be read ({error})") from None
+        return Prior.from_description(_flat(table))
     except InputError as error:
         raise InputError(f"priors {file}: {error}") from None
 

@@ -12,10 +12,11 @@ from typing import Any
 import xarray as xr
 
 from gaugeblock.collect import Plan, Progress, collect, discard, identity, versions
-from gaugeblock.config import AuditConfig, Named
+from gaugeblock.config import AuditConfig
 from gaugeblock.errors import InputError
 from gaugeblock.reports import write_reports
 from gaugeblock.simulators import Simulator, build_simulator
+from gaugeblock.tables import Named
 from gaugeblock.validate import Finding, NotChecked, Policy, Verdict, judge, run_validators
 from gaugeblock.validate.findings_file import read_findings, write_findings
 from gaugeblock.validate.trials import read_trials, write_trials

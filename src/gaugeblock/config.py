@@ -3,41 +3,28 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from gaugeblock.errors import InputError
 from gaugeblock.settings import apply_settings
+from gaugeblock.tables import Named, Table, complaint, read_toml
 from gaugeblock.validate.policy import Policy, make_policy, read_policy
 from gaugeblock.validate.validators import check_validators
 
 Count = Annotated[int, Field(gt=0)]
 
 
-class Named(BaseModel):
-    """A simulator or an estimator: its registered name (or ``module:object``) and that one's options."""
-
-    model_config = ConfigDict(extra="allow", frozen=True)
-    name: str
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """Everything but the name."""
-        return dict(self.model_extra or {})
-
-
-class TrialsTable(BaseModel):
+class TrialsTable(Table):
     """How many trials and draws, from which seed.
 
     `chunk` trials are simulated and sampled together; it is part of what makes a run repeatable to the bit.
     The first `importance_number` trials get `importance_draws` further draws each, with densities.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     number: Annotated[int, Field(ge=10)] = 4000
     draws: Annotated[int, Field(ge=2)] = 250
     chunk: Count = 200
@@ -57,14 +44,13 @@ class TrialsTable(BaseModel):
         return min(self.importance_number, self.number)
 
 
-class AuditConfig(BaseModel):
+class AuditConfig(Table):
     """A whole audit. Without any table: the shipped reference flow on EPIC-pn at medium counts.
 
     >>> AuditConfig.build({}).simulator.options
     {'response': 'epic-pn', 'level': 'medium'}
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     simulator: Named = Named.model_validate({"name": "xray", "response": "epic-pn", "level": "medium"})
     estimator: Named = Named.model_validate({"name": "npe", "path": "shipped:epic-pn-medium"})
     trials: TrialsTable = TrialsTable()
@@ -83,7 +69,7 @@ class AuditConfig(BaseModel):
         try:
             config = cls.model_validate(dict(table))
         except ValidationError as error:
-            raise InputError(f"{where}: {_first_complaint(error)}") from None
+            raise InputError(f"{where}: {complaint(error, cls)}") from None
         config.read_policy(where=where)
         check_validators(config.validators or ())
         return config
@@ -121,12 +107,7 @@ def read_config(
     where = "command line"
     if path is not None:
         where = str(path)
-        try:
-            table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-        except OSError as error:
-            raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise InputError(f"{path}: is not TOML: {error}") from None
+        table = read_toml(path)
         table = _anchored(table, Path(path).resolve().parent)
     return AuditConfig.build(_completed(apply_settings(table, settings or {})), where=where)
 
@@ -163,19 +144,3 @@ def _completed(table: dict[str, Any]) -> dict[str, Any]:
             keep = {} if "rmf" in entry else reference.options
             completed[name] = {"name": reference.name, **keep, **entry}
     return completed
-
-
-def _first_complaint(error: ValidationError) -> str:
-    problem = error.errors()[0]
-    location = [str(part) for part in problem["loc"]]
-    key = ".".join(location)
-    if problem["type"] == "extra_forbidden":
-        table: type[BaseModel] = TrialsTable if location[0] == "trials" and len(location) > 1 else AuditConfig
-        return f"unknown key {key}; there are {', '.join(table.model_fields)}"
-    if problem["type"] == "missing":
-        return f"{key} is missing"
-    if problem["type"] in ("dict_type", "model_type"):
-        return f"{key}: must be a table, got {problem['input']!r}"
-    message = str(problem["msg"]).removeprefix("Value error, ")
-    shown = "" if isinstance(problem["input"], dict) else f", got {problem['input']!r}"
-    return f"{key}: {message[0].lower()}{message[1:]}{shown}"

@@ -31,9 +31,9 @@ def test_a_file_overrides_the_default(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("error_budgett = 0.1", "unknown key error_budgett; the keys there are error_budget, required"),
-        ("[tolerance]\nwidth = 0.1", "unknown key tolerance.width; the keys there are bias, log_width"),
-        ("[planning]\npwer = 0.1", "unknown key planning.pwer; the keys there are power"),
+        ("error_budgett = 0.1", "unknown key error_budgett; there are error_budget, required"),
+        ("[tolerance]\nwidth = 0.1", "unknown key tolerance.width; there are bias, log_width"),
+        ("[planning]\npwer = 0.1", "unknown key planning.pwer; there are power"),
         ("error_budget = 0", "error_budget = 0 cannot be: input should be greater than 0"),
         ("error_budget = 0.9", "error_budget = 0.9 cannot be"),
         ("error_budget = nan", "error_budget = nan cannot be"),
