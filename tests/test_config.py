@@ -79,3 +79,13 @@ def test_a_missing_file_and_one_that_is_no_text(tmp_path: Path) -> None:
     (tmp_path / "b.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InputError, match="is not TOML"):
         read_config(tmp_path / "b.toml")
+
+
+def test_where_draws_are_given_only_policy_and_validators_have_a_say(tmp_path: Path) -> None:
+    file = tmp_path / "audit.toml"
+    file.write_text('validators = ["coverage"]\n[policy.tolerance]\ncoverage = 0.02\n')
+    config = read_config(file, draws_given=True)
+    assert config.read_policy().tolerance.coverage == 0.02
+    assert config.validators == ("coverage",)
+    with pytest.raises(InputError, match="trials has no say where draws are given"):
+        read_config(file, settings={"trials.number": 20}, draws_given=True)

@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
 MOST_POINTS = 100
+# Binomial tails below this have underflowed or are about to: p is said to be this.
+SMALLEST_TAIL = 1e-290
 
 
 class EcdfTest(NamedTuple):
@@ -59,16 +61,22 @@ def _limits(tail: float, n: int, points: int) -> tuple[Counts, Counts]:
     z = np.arange(1, points) / points
     # Equal tails that differ by rounding are equal: the observed extreme count itself must lie outside.
     bound = tail * (1 + 1e-9)
-    lower = np.clip(np.floor(special.bdtrik(min(bound, 1.0), n, z)) - 1, 0, n).astype(np.int64)
-    for _ in range(3):  # the inverse is good to a count; the comparison decides
-        lower = np.where(special.bdtr(lower, n, z) > bound, lower, lower + 1)
+    # Bisection over counts: the library's inverse of the binomial goes astray in far tails.
+    outside = np.full(len(z), -1)
+    lower = np.full(len(z), n)
+    for _ in range(int(n).bit_length() + 1):
+        middle = (outside + lower) // 2
+        exceeds = special.bdtr(middle, n, z) > bound
+        lower, outside = np.where(exceeds, middle, lower), np.where(exceeds, outside, middle)
     return lower, n - lower[::-1]
 
 
 def _p_value(tail: float, n: int, points: int) -> float:
+    if tail < SMALLEST_TAIL:
+        return SMALLEST_TAIL
     lower, upper = _limits(tail, n, points)
-    # At least the tail itself, which 1 - probability cannot resolve below 1e-15; and never 0 by underflow.
-    return float(min(1.0, max(1 - interior_probability(lower, upper, n), tail, np.finfo(float).tiny)))
+    # At least the tail itself, which 1 - probability cannot resolve below 1e-15.
+    return float(min(1.0, max(1 - interior_probability(lower, upper, n), tail)))
 
 
 @lru_cache(maxsize=64)

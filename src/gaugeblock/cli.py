@@ -71,23 +71,16 @@ def audit(
     from gaugeblock.audit import audit as run
     from gaugeblock.audit import audit_trials
     from gaugeblock.config import read_config
-    from gaugeblock.errors import InputError
     from gaugeblock.progress import Bars
     from gaugeblock.settings import parse_settings
     from gaugeblock.validate import read_policy
 
     changes = parse_settings(settings or [])
-    if trials is not None:
-        if config is not None:
-            raise InputError("give a CONFIG.toml or --trials FILE.nc, not both")
-        strange = [key for key in changes if key.split(".")[0] != "policy"]
-        if strange:
-            raise InputError(f"--set {strange[0]}: with --trials only policy.* can be set")
     if seed is not None and trials is None:
         changes["trials.seed"] = seed
     if validator:
         changes["validators"] = validator
-    chosen = read_config(config, settings=changes)
+    chosen = read_config(config, settings=changes, draws_given=trials is not None)
     rules = chosen.read_policy() if policy is None else read_policy(policy)
     with Bars(quiet=quiet) as bars:
         if trials is not None:

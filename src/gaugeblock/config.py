@@ -92,24 +92,31 @@ class AuditConfig(Table):
 
 
 def read_config(
-    path: str | os.PathLike[str] | None, *, settings: Mapping[str, Any] | None = None
+    path: str | os.PathLike[str] | None,
+    *,
+    settings: Mapping[str, Any] | None = None,
+    draws_given: bool = False,
 ) -> AuditConfig:
     """Read an audit's TOML (none: the reference case) with dotted `settings` put over it.
 
-    Paths inside the file are relative to the file.
+    Paths inside the file are relative to the file. With `draws_given` (trials from disk) nothing is simulated
+    or sampled, so only the policy and the choice of validators have a say.
 
     Raises
     ------
     InputError
-        If the file cannot be read, is not TOML, or holds an unknown key or an impossible value.
+        If the file cannot be read, is not TOML, or holds an unknown key or an impossible value; or, with
+        `draws_given`, a key that has no say.
     """
-    table: dict[str, Any] = {}
-    where = "command line"
-    if path is not None:
-        where = str(path)
-        table = read_toml(path)
-        table = _anchored(table, Path(path).resolve().parent)
-    return AuditConfig.build(_completed(apply_settings(table, settings or {})), where=where)
+    where = "command line" if path is None else str(path)
+    table = {} if path is None else _anchored(read_toml(path), Path(path).resolve().parent)
+    table = apply_settings(table, settings or {})
+    idle = [name for name in ("simulator", "estimator", "trials") if name in table]
+    if draws_given and idle:
+        raise InputError(
+            f"{where}: {idle[0]} has no say where draws are given; only policy and validators do"
+        )
+    return AuditConfig.build(_completed(table), where=where)
 
 
 _PATHS = (

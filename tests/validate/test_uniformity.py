@@ -64,3 +64,12 @@ def test_power_is_that_of_the_published_table():
     rng = np.random.default_rng(2)
     u = stats.norm.cdf(rng.normal(size=(200, 1000)) / 0.9)
     assert np.mean([ecdf_test(sample).p_value <= 0.05 for sample in u]) > 0.8
+
+
+@pytest.mark.parametrize("spread", [0.2, 0.12, 0.05, 1e-9])
+def test_ranks_far_from_uniform_have_a_tiny_p_and_never_an_error(spread):
+    # Binomial tails of such ranks underflow; at the mildest spread they do not.
+    values = np.clip(np.random.default_rng(0).normal(0.5, spread, 4000), 0, 1)
+    assert 0 < ecdf_test(values).p_value < 1e-12
+    assert 0 < ecdf_test(np.zeros(4000)).p_value < 1e-12
+    assert 0 < ecdf_test(np.ones(4000)).p_value < 1e-12
