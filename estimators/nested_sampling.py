@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -191,13 +192,16 @@ def _global_numpy_seeded(seed: list[int]) -> Iterator[None]:
 
 @contextmanager
 def _silent_ultranest() -> Iterator[None]:
-    """Keep UltraNest's logger from writing, and leave the host's logging as it was."""
+    """Keep UltraNest's logger and its advice on efficiency from the host; leave the host's settings alone."""
     logger = logging.getLogger("ultranest")
     handlers, level, disabled = list(logger.handlers), logger.level, logger.disabled
     logger.handlers = [logging.NullHandler()]  # with a handler in place UltraNest adds none of its own
     logger.disabled = True
     try:
-        yield
+        with warnings.catch_warnings():
+            # Whether it advises another sampler depends on the run's luck; what it cost is in `calls`.
+            warnings.filterwarnings("ignore", message="Sampling from region seems inefficient")
+            yield
     finally:
         logger.handlers, logger.disabled = handlers, disabled
         logger.setLevel(level)

@@ -1,6 +1,7 @@
 """Nested sampling: the right evidence and posterior, and no trace left in the host program."""
 
 import logging
+import warnings
 
 import numpy as np
 import pytest
@@ -146,3 +147,20 @@ def test_misuse_is_one_clear_line(make, words):
     with pytest.raises(InputError, match=words) as caught:
         make()
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("text", "heard"), [("Sampling from region seems inefficient (0/9)", 0), ("x", 1)])
+def test_advice_on_efficiency_stays_inside_and_other_warnings_do_not(simulator, x, text, heard):
+    class Warns:
+        prior = simulator.prior
+
+        def log_likelihood(self, theta, data):
+            warnings.warn(text, UserWarning, stacklevel=1)
+            return simulator.log_likelihood(theta, data)
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("once")
+        NestedSampling(Warns(), live_points=60, dlogz=3.0, min_effective_draws=20).run(
+            x[0], np.random.default_rng(85)
+        )
+    assert len([warning for warning in caught if str(warning.message) == text]) == heard
