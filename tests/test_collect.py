@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from gaugeblock.collect import Plan, collect, discard, fingerprint, identity
+from gaugeblock.collect import Plan, collect, discard, fingerprint
 from gaugeblock.errors import InputError
 from gaugeblock.estimators.exact import Exact
+from gaugeblock.identity import identity
 from gaugeblock.simulators import build_simulator
 from gaugeblock.validate import importance_trials, main_trials
 

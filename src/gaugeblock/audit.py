@@ -11,9 +11,10 @@ from typing import Any
 
 import xarray as xr
 
-from gaugeblock.collect import Plan, Progress, collect, discard, identity, versions
+from gaugeblock.collect import Plan, Progress, collect, discard
 from gaugeblock.config import AuditConfig
 from gaugeblock.errors import InputError
+from gaugeblock.identity import identity, versions
 from gaugeblock.reports import write_reports
 from gaugeblock.simulators import Simulator, build_simulator
 from gaugeblock.tables import Named

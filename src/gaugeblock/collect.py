@@ -7,9 +7,7 @@ on where it stopped, to the same bits, and never mixes trials of two configurati
 from __future__ import annotations
 
 import hashlib
-import inspect
 import json
-import platform
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,17 +19,13 @@ import xarray as xr
 
 from gaugeblock.errors import GaugeblockError, InputError
 from gaugeblock.estimators.protocol import Estimator, sample_and_log_prob
+from gaugeblock.identity import identity, versions
 from gaugeblock.simulators.protocol import Simulator, can
 from gaugeblock.streams import TrialStreams
 from gaugeblock.validate.storage import read_groups, write_groups
 from gaugeblock.validate.trials import make_trials, trials_tree
 
 Progress = Callable[[str, int, int], None]
-
-NUMERICAL = (
-    *("gaugeblock", "numpy", "scipy", "xarray", "netCDF4"),
-    *("jax", "jaxspec", "torch", "sbi", "zuko", "ultranest", "numpyro"),
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,34 +89,6 @@ def fingerprint(simulator: Simulator, estimator: Estimator, plan: Plan) -> str:
     }
     text = json.dumps(content, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def identity(thing: object) -> dict[str, Any]:
-    """What identifies a simulator or an estimator: its own description, its class, its source file's hash."""
-    kind = type(thing)
-    record: dict[str, Any] = {"class": f"{kind.__module__}.{kind.__qualname__}"}
-    if can(thing, "describe"):
-        record |= dict(thing.describe())  # type: ignore[attr-defined]
-    if not kind.__module__.startswith("gaugeblock."):
-        try:
-            source = Path(inspect.getfile(kind)).read_bytes()
-            record["source_sha256"] = hashlib.sha256(source).hexdigest()
-        except (OSError, TypeError):  # defined in an interpreter session: there is no file to hash
-            record["source_sha256"] = None
-    return record
-
-
-def versions() -> dict[str, str]:
-    """Versions of Python and of every installed library that can change a number."""
-    from importlib import metadata
-
-    found = {"python": platform.python_version()}
-    for name in NUMERICAL:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
-    return found
 
 
 def _chunks(

@@ -1,0 +1,43 @@
+"""What identifies a run: the simulator, the estimator and the versions of everything that makes numbers."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import platform
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from gaugeblock.simulators.protocol import can
+
+NUMERICAL = (
+    *("gaugeblock", "numpy", "scipy", "xarray", "netCDF4"),
+    *("jax", "jaxspec", "torch", "sbi", "zuko", "ultranest", "numpyro"),
+)
+
+
+def identity(thing: object) -> dict[str, Any]:
+    """What identifies a simulator or an estimator: its own description, its class, its source file's hash."""
+    kind = type(thing)
+    record: dict[str, Any] = {"class": f"{kind.__module__}.{kind.__qualname__}"}
+    if can(thing, "describe"):
+        record |= dict(thing.describe())  # type: ignore[attr-defined]
+    if not kind.__module__.startswith("gaugeblock."):
+        try:
+            source = Path(inspect.getfile(kind)).read_bytes()
+            record["source_sha256"] = hashlib.sha256(source).hexdigest()
+        except (OSError, TypeError):  # defined in an interpreter session: there is no file to hash
+            record["source_sha256"] = None
+    return record
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of every installed library that can change a number."""
+    found = {"python": platform.python_version()}
+    for name in NUMERICAL:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
