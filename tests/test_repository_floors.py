@@ -12,6 +12,7 @@ FLOORS = {
     "errors": 0,
     "streams": 0,
     "atomic": 0,
+    "digest": 0,
     "settings": 0,
     "tables": 0,
     "simulators": 1,

@@ -8,10 +8,9 @@ from collections.abc import Mapping
 from importlib import resources
 from typing import Annotated, Any
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
-from gaugeblock.errors import InputError
-from gaugeblock.tables import Table, complaint, read_toml
+from gaugeblock.tables import Table, checked, read_toml
 
 SHIPPED = ("default", "strict")
 
@@ -70,22 +69,19 @@ def covers(entry: str, gate: str) -> bool:
     return gate == entry or gate.startswith((f"{entry}.", f"{entry}["))
 
 
-def make_policy(table: Mapping[str, Any], *, source: str) -> Policy:
-    """A Policy from plain data; what the table leaves out is as in the default policy.
+def make_policy(table: Mapping[str, Any], *, source: str, base: Policy | None = None) -> Policy:
+    """A Policy from plain data; what the table leaves out is as in `base`, or as in the default policy.
 
     Raises
     ------
     InputError
         For an unknown key or an impossible value; one line that names the key and `source`.
     """
-    merged = dict(_shipped_table("default"))
+    merged = _shipped_table("default") if base is None else base.model_dump(mode="json")
     for key, value in table.items():
         inner = merged.get(key)
         merged[key] = {**inner, **value} if isinstance(inner, dict) and isinstance(value, Mapping) else value
-    try:
-        return Policy.model_validate(merged)
-    except ValidationError as error:
-        raise InputError(f"{source}: {complaint(error, Policy)}") from None
+    return checked(Policy, merged, where=source)
 
 
 def read_policy(path_or_name: str | os.PathLike[str]) -> Policy:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import shutil
 from collections.abc import Callable
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.atomic import atomic_path, write_atomically
+from gaugeblock.digest import digest
 from gaugeblock.errors import InputError
 from gaugeblock.estimators.npe.coordinates import to_scores
 from gaugeblock.simulators.prior import Prior
@@ -104,8 +104,7 @@ class Bank:
 
 def fingerprint(prior: Prior, values: Any) -> str:
     """Short sha256 of plain data and a prior, for resume keys."""
-    text = json.dumps({"prior": prior.describe(), "values": values}, sort_keys=True, default=str)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+    return digest({"prior": prior.describe(), "values": values})[:16]
 
 
 def _simulate_chunk(

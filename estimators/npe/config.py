@@ -6,11 +6,11 @@ import os
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from gaugeblock.errors import InputError
 from gaugeblock.settings import apply_settings
-from gaugeblock.tables import Named, Table, complaint, read_toml
+from gaugeblock.tables import Named, Table, checked, read_toml
 
 Count = Annotated[int, Field(gt=0)]
 
@@ -78,10 +78,7 @@ class TrainingConfig(Table):
         InputError
             One line that names the first key that is unknown or whose value cannot be used.
         """
-        try:
-            return cls.model_validate(dict(values))
-        except ValidationError as error:
-            raise InputError(f"{where}: {complaint(error, cls)}") from None
+        return checked(cls, values, where=where)
 
     def replace(
         self, overrides: Mapping[str, Any], *, where: str = "training configuration"

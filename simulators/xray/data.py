@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import os
-import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from gaugeblock.atomic import write_atomically
 from gaugeblock.errors import InputError, require
 
 Tell = Callable[[str], None]
@@ -54,15 +53,7 @@ class DataFile:
         if hashlib.sha256(content).hexdigest() != self.sha256:
             return False
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=self.path.parent, prefix=".fetch-")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(content)
-            os.chmod(name, 0o644)
-            os.replace(name, self.path)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
+        write_atomically(self.path, content)
         return True
 
 
@@ -140,10 +131,10 @@ def fetch(
             source(missing, progress)
         except SourceError as error:
             reasons.append(f"{label}: {error}")
-        except OSError as error:
+        except (OSError, InputError) as error:  # the folder cannot be made, or the file not written
             raise InputError(
-                f"data fetch: cannot write {error.filename or 'the cache'} ({error.strerror or error}); "
-                "make it writable or set XDG_CACHE_HOME to a folder that is"
+                f"data fetch: cannot write the cache ({error}); make it writable or set XDG_CACHE_HOME "
+                "to a folder that is"
             ) from None
         origin |= {file.name: label for file in missing if file.intact}
         missing = [file for file in missing if file.name not in origin]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -13,6 +12,7 @@ import xarray as xr
 
 from gaugeblock.collect import Plan, Progress, collect, discard
 from gaugeblock.config import AuditConfig
+from gaugeblock.digest import digest, file_digest
 from gaugeblock.errors import InputError
 from gaugeblock.identity import identity, versions
 from gaugeblock.reports import write_reports
@@ -107,7 +107,7 @@ def audit_trials(
     provenance = {
         "command": command,
         "seed": seed,
-        "trials": {"file": str(file), "file_sha256": sha256(file)},
+        "trials": {"file": str(file), "file_sha256": file_digest(file)},
     }
     return _judged(
         trials,
@@ -177,7 +177,7 @@ def _judged(
     }
     record["sha256"] = {
         **{name: digest(_intrinsic(record[name])) for name in DIGESTED if name in record},
-        "trials": sha256(out / "trials.nc"),
+        "trials": file_digest(out / "trials.nc"),
     }
     verdict = replace(verdict, provenance=record)
     write_reports(verdict, findings, trials, out, title=_title(record))
@@ -232,22 +232,3 @@ def _folder(path: Path) -> Path:
     except OSError as error:
         raise InputError(f"{path}: cannot be made a folder ({error.strerror or error})") from None
     return path
-
-
-def digest(content: object) -> str:
-    """SHA-256 of plain data, in hexadecimal: of its JSON with sorted keys."""
-    return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
-
-
-def sha256(path: Path) -> str:
-    """SHA-256 of a file, in hexadecimal.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read.
-    """
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None

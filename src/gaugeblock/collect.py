@@ -6,17 +6,17 @@ on where it stopped, to the same bits, and never mixes trials of two configurati
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from gaugeblock.digest import digest
 from gaugeblock.errors import GaugeblockError, InputError
 from gaugeblock.estimators.protocol import Estimator, sample_and_log_prob
 from gaugeblock.identity import identity, versions
@@ -68,7 +68,7 @@ def collect(
     importance = None
     if plan.importance_number and _weighable(simulator, estimator):
         size = max(1, plan.chunk * plan.draws // plan.importance_draws)
-        sampler = _Importance(simulator, estimator, plan)
+        sampler = _Importance(simulator, estimator, plan, main)
         importance = _chunks("importance sampling", plan.importance_number, size, work, progress, sampler)
     return trials_tree(main, importance)
 
@@ -87,8 +87,7 @@ def fingerprint(simulator: Simulator, estimator: Estimator, plan: Plan) -> str:
         "plan": vars(plan),
         "versions": versions(),
     }
-    text = json.dumps(content, sort_keys=True, default=str)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+    return digest(content)[:16]
 
 
 def _chunks(
@@ -104,7 +103,7 @@ def _chunks(
         trials = range(first, min(first + size, number))
         if progress is not None:
             progress(what, first, number)
-        parts.append(_stored(work / f"{what.replace(' ', '-')}-{first:08d}.nc", lambda: make(trials)))  # noqa: B023
+        parts.append(_stored(work / f"{what.replace(' ', '-')}-{first:08d}.nc", partial(make, trials)))
     if progress is not None:
         progress(what, number, number)
     whole = xr.concat(
@@ -125,16 +124,12 @@ def _stored(path: Path, make: Callable[[], xr.Dataset]) -> xr.Dataset:
 
 def discard(folder: Path) -> None:
     """Remove the chunks below `folder`, once what they were for is written."""
-    for path in _chunk_files(folder):
+    for path in sorted(folder.glob("*/*.nc")):
         path.unlink(missing_ok=True)
         if not any(path.parent.iterdir()):
             path.parent.rmdir()
     if folder.is_dir() and not any(folder.iterdir()):
         folder.rmdir()
-
-
-def _chunk_files(folder: Path) -> Iterator[Path]:
-    yield from sorted(folder.glob("*/*.nc"))
 
 
 @contextmanager
@@ -203,10 +198,15 @@ class _Main:
 
 
 class _Importance(_Main):
-    """Draws with their log densities, for importance weights, on the same truths and data."""
+    """Draws with their log densities, for importance weights, on the truths and data of the main trials."""
+
+    def __init__(self, simulator: Simulator, estimator: Estimator, plan: Plan, main: xr.Dataset):
+        super().__init__(simulator, estimator, plan)
+        self.main = main
 
     def __call__(self, trials: range) -> xr.Dataset:
-        theta, x = self.truth_and_data(trials)
+        rows = slice(trials.start, trials.stop)
+        theta, x = self.main["theta_true"].values[rows], self.main["x"].values[rows]
         n = self.plan.importance_draws
         stream = self.streams("importance draws", trials)
         with _blamed("estimator", trials):

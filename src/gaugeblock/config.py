@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from gaugeblock.errors import InputError
 from gaugeblock.settings import apply_settings
-from gaugeblock.tables import Named, Table, complaint, read_toml
+from gaugeblock.tables import Named, Table, checked, read_toml
 from gaugeblock.validate.policy import Policy, make_policy, read_policy
 from gaugeblock.validate.validators import check_validators
 
@@ -66,10 +66,7 @@ class AuditConfig(Table):
         InputError
             One line that names the first key that is unknown or whose value cannot be used.
         """
-        try:
-            config = cls.model_validate(dict(table))
-        except ValidationError as error:
-            raise InputError(f"{where}: {complaint(error, cls)}") from None
+        config = checked(cls, table, where=where)
         config.read_policy(where=where)
         check_validators(config.validators or ())
         return config
@@ -83,12 +80,8 @@ class AuditConfig(Table):
             If there is no such base or a key cannot be.
         """
         own = dict(self.policy)
-        base = read_policy(own.pop("base", "default")).model_dump(mode="json")
-        for key, value in own.items():
-            inner = base.get(key)
-            merge = isinstance(inner, dict) and isinstance(value, Mapping)
-            base[key] = {**inner, **value} if merge and inner is not None else value
-        return make_policy(base, source=f"{where}: policy")
+        base = read_policy(own.pop("base", "default"))
+        return make_policy(own, source=f"{where}: policy", base=base)
 
 
 def read_config(

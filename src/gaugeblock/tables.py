@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import os
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from gaugeblock.errors import InputError
+
+Model = TypeVar("Model", bound=BaseModel)
 
 
 class Table(BaseModel):
@@ -46,6 +49,20 @@ def read_toml(path: str | os.PathLike[str], *, remedy: str = "give a TOML file")
         raise InputError(f"{path}: cannot be read ({error.strerror or error}); {remedy}") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: is not TOML: {error}") from None
+
+
+def checked(model: type[Model], values: Mapping[str, Any], *, where: str) -> Model:
+    """Plain data as the model; `where` is named in front of what is wrong with them.
+
+    Raises
+    ------
+    InputError
+        One line that names the first key that is unknown or whose value cannot be used.
+    """
+    try:
+        return model.model_validate(dict(values))
+    except ValidationError as error:
+        raise InputError(f"{where}: {complaint(error, model)}") from None
 
 
 def complaint(error: ValidationError, model: type[BaseModel]) -> str:

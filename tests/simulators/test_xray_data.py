@@ -67,7 +67,7 @@ def test_wrong_content_is_never_stored(cache):
     with pytest.raises(InputError, match=r"two\.arf.*gaugeblock data fetch"):
         data.fetch(sources={"liar": gives(*cache, content=b"goodbye")})
     assert not any(file.path.exists() for file in cache.values())
-    assert not list(cache["two.arf"].path.parent.parent.rglob(".fetch-*"))
+    assert not list(cache["two.arf"].path.parent.parent.rglob(".*"))
 
 
 def test_nowhere_to_be_had_is_one_line_with_every_reason(cache):
