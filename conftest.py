@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+ROOT = Path(__file__).resolve().parent
 
 # Before anything imports NumPy or torch: every pytest-xdist worker gets its share of the machine.
 _WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
@@ -57,3 +60,23 @@ def shared_file() -> Callable[[str], Path]:
         return folder / name
 
     return find
+
+
+@pytest.fixture(scope="session")
+def tree() -> list[str]:
+    """Names of the checkout's files that git does not ignore, symlinks as themselves."""
+    if not (ROOT / ".git").exists():
+        pytest.skip("not a git checkout")
+    # Any owner: in a container the checkout often belongs to somebody else.
+    command = [
+        "git",
+        "-c",
+        "safe.directory=*",
+        "ls-files",
+        "-z",
+        "--cached",
+        "--others",
+        "--exclude-standard",
+    ]
+    listed = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    return sorted(name for name in listed.split("\0") if name and os.path.lexists(ROOT / name))

@@ -1,6 +1,5 @@
 """What is built is what is in the tree: nothing missing, nothing more, no top-level name but `gaugeblock`."""
 
-import os
 import shutil
 import subprocess
 import sys
@@ -19,28 +18,10 @@ ROOT = Path(__file__).resolve().parent.parent
 ROOMS = ("validate", "estimators", "simulators", "reports", "discover")
 
 
-def tracked():
-    """Files of the working tree that git does not ignore, symlinks as themselves."""
-    if not (ROOT / ".git").exists():
-        pytest.skip("not a git checkout")
-    command = [
-        "git",
-        "-c",
-        "safe.directory=*",
-        "ls-files",
-        "-z",
-        "--cached",
-        "--others",
-        "--exclude-standard",
-    ]
-    listed = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
-    return sorted(name for name in listed.split("\0") if name and os.path.lexists(ROOT / name))
-
-
-def packaged():
+def packaged(tree):
     """Where each file of the tree belongs in a wheel."""
     places = {}
-    for name in tracked():
+    for name in tree:
         room, _, rest = name.partition("/")
         if name.startswith("src/gaugeblock/") and not (ROOT / name).is_symlink():
             places[name.removeprefix("src/")] = name
@@ -50,10 +31,10 @@ def packaged():
 
 
 @pytest.fixture(scope="module")
-def clean_tree(tmp_path_factory):
+def clean_tree(tree, tmp_path_factory):
     """A copy without leftovers of earlier builds, as a fresh clone is."""
     folder = tmp_path_factory.mktemp("tree")
-    for name in tracked():
+    for name in tree:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(ROOT / name, folder / name, follow_symlinks=False)
     return folder
@@ -72,15 +53,15 @@ def content(wheel):
         return sorted(n for n in archive.namelist() if ".dist-info/" not in n and not n.endswith("/"))
 
 
-def test_the_wheel_holds_the_tree(clean_tree, tmp_path):
-    assert content(build("wheel", clean_tree, tmp_path)) == sorted(packaged())
+def test_the_wheel_holds_the_tree(tree, clean_tree, tmp_path):
+    assert content(build("wheel", clean_tree, tmp_path)) == sorted(packaged(tree))
 
 
-def test_the_wheel_made_from_the_sdist_holds_the_tree_too(clean_tree, tmp_path):
+def test_the_wheel_made_from_the_sdist_holds_the_tree_too(tree, clean_tree, tmp_path):
     with tarfile.open(build("sdist", clean_tree, tmp_path)) as archive:
         archive.extractall(tmp_path, filter="data")
     unpacked = next(path for path in tmp_path.iterdir() if path.is_dir())
-    assert content(build("wheel", unpacked, tmp_path)) == sorted(packaged())
+    assert content(build("wheel", unpacked, tmp_path)) == sorted(packaged(tree))
 
 
 def test_an_editable_install_shows_every_room_and_nothing_beside(clean_tree, tmp_path):
