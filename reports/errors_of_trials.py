@@ -8,7 +8,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from gaugeblock.validate.prepared import Prepared
+from gaugeblock.validate.block import Block
+from gaugeblock.validate.prepared import Prepared, errors
 
 
 @dataclass(frozen=True)
@@ -31,10 +32,19 @@ def trial_errors(trials: xr.DataTree) -> TrialErrors | None:
     prepared = Prepared(trials, 0)
     if not prepared.unaffected.any():
         return None
-    weight = prepared.weight
-    if weight is None:
-        mean = prepared.draws.mean(axis=1)
-    else:
-        mean = np.einsum("td,tdp->tp", weight, prepared.draws) / weight.sum(axis=1)[:, None]
-    truth = np.asarray(prepared.main["theta_true"].values, dtype=float)[prepared.unaffected]
-    return TrialErrors(prepared.parameters, prepared.trial, truth, mean, prepared.errors)
+    prepared.compute([posterior_mean, errors])
+    return TrialErrors(
+        prepared.parameters,
+        prepared.trial,
+        prepared.theta_true,
+        prepared.per_trial(posterior_mean),
+        prepared.errors,
+    )
+
+
+def posterior_mean(block: Block) -> NDArray[np.float64]:
+    """Statistic: mean of the draws, ``(trial, parameter)``."""
+    if block.weight is None:
+        return np.asarray(block.draws.mean(axis=1))
+    total = np.einsum("td,tdp->tp", block.weight, block.draws)
+    return np.asarray(total / block.weight.sum(axis=1)[:, None])

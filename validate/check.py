@@ -13,10 +13,12 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.errors import InputError
+from gaugeblock.validate.block import block_length
 from gaugeblock.validate.storage import schema_version
 
 PER_DRAW = ("log_q", "log_likelihood", "log_prior", "weight")
 PER_TRIAL = ("log_q_true", "log_likelihood_true", "log_prior_true")
+QUANTITY = "quantity_"
 AXES: dict[str, tuple[str, ...]] = {
     "theta_true": ("trial", "parameter"),
     "draws": ("trial", "draw", "parameter"),
@@ -44,7 +46,8 @@ def check_trials(dataset: xr.Dataset, *, source: str, parameters: Sequence[str] 
                 f"{source}: no array {name!r} (found {present}); Trials need theta_true and draws"
             )
     checked = dataset.copy()
-    for name, axes in AXES.items():
+    axes_of = AXES | _quantities(checked, source=source)
+    for name, axes in axes_of.items():
         if name in checked.data_vars:
             checked[name] = _with_axes(checked[name], axes, source=source)
     if "x" in checked.data_vars:
@@ -63,6 +66,19 @@ def check_trials(dataset: xr.Dataset, *, source: str, parameters: Sequence[str] 
     circular_parameters(checked, source=source)
     is_autocorrelated(checked, source=source)
     return checked
+
+
+def _quantities(dataset: xr.Dataset, *, source: str) -> dict[str, tuple[str, ...]]:
+    """Axes of test quantities: ``quantity_NAME(trial, draw)`` and ``quantity_NAME_true(trial)``."""
+    names = {str(name) for name in dataset.data_vars if str(name).startswith(QUANTITY)}
+    axes: dict[str, tuple[str, ...]] = {}
+    for name in sorted(names):
+        stem = name.removesuffix("_true")
+        for other in (stem, f"{stem}_true"):
+            if other not in names:
+                raise InputError(f"{source}: there is {name} but no {other}; a test quantity needs both")
+        axes |= {stem: ("trial", "draw"), f"{stem}_true": ("trial",)}
+    return axes
 
 
 def circular_parameters(dataset: xr.Dataset, *, source: str = "trials") -> dict[int, float]:
@@ -166,14 +182,17 @@ def _names(dataset: xr.Dataset, *, source: str, parameters: Sequence[str] | None
 
 
 def _finite(dataset: xr.Dataset, name: str, *, source: str) -> None:
-    values = dataset[name].values
-    bad = ~np.isfinite(values)
+    array, number = dataset[name], dataset.sizes["trial"]
+    length = block_length(array.size // number)
+    slices = (slice(start, start + length) for start in range(0, number, length))
+    good = [np.isfinite(array.isel(trial=rows).values) for rows in slices]
+    bad = np.concatenate([~part.reshape(len(part), -1).all(axis=1) for part in good])
     if not bad.any():
         return
-    trials = np.flatnonzero(bad.reshape(len(values), -1).any(axis=1))
+    trials = np.flatnonzero(bad)
     where = f"trial {trials[0]}"
     if name == "theta_true":
-        column = int(np.flatnonzero(bad[trials[0]])[0])
+        column = int(np.flatnonzero(~np.isfinite(array.values[trials[0]]))[0])
         where += f", parameter {dataset['parameter'].values[column]}"
     raise InputError(
         f"{source}: {name} has NaN or infinite values in {len(trials)} trial(s), first in {where}; "

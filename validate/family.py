@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 
 REPLICATES = 40_000
 CHUNK = 10_000
+TRIALS = 8192
 # One-sided level of the bounds that must lie inside the tolerance for PASS.
 PASS_LEVEL = 0.95
 
@@ -90,10 +91,8 @@ def exact_bounds(item: Judgeable) -> Bounds:
 
 
 def _mean_bounds(family: Sequence[Judgeable], *, budget: float, number: int, seed: int) -> list[Bounds]:
-    influence = np.concatenate(
-        [item.finding.influence for item in family if item.finding.influence is not None]
-    )
-    n = influence.shape[1]
+    influence = [item.finding.influence for item in family if item.finding.influence is not None]
+    n = influence[0].shape[1]
     largest = maxima(influence, seed=seed)
     critical = float(np.quantile(largest, 1 - budget / number, method="higher"))
     one_sided = float(stats.t.ppf(PASS_LEVEL, max(n - 1, 1)))
@@ -118,15 +117,15 @@ def _mean_bounds(family: Sequence[Judgeable], *, budget: float, number: int, see
     return found
 
 
-def maxima(influence: Array, *, seed: int) -> Array:
-    """Sorted bootstrap replicates of the largest |t|, from influences ``(component, trial)``."""
-    components, n = influence.shape
-    scale = np.sqrt((influence**2).sum(axis=1))
+def maxima(influence: Sequence[Array], *, seed: int) -> Array:
+    """Sorted bootstrap replicates of the largest |t|, from influences ``(component, trial)`` of a family."""
+    n = influence[0].shape[1]
+    product = _products(influence)
+    components = len(product)
+    scale = np.sqrt(np.diagonal(product))
     known = scale > 0
-    standard = influence[known] / scale[known, None]
-    values, vectors = (
-        np.linalg.eigh(standard @ standard.T) if known.any() else (np.zeros(0), np.zeros((0, 0)))
-    )
+    correlation = product[np.ix_(known, known)] / np.outer(scale[known], scale[known])
+    values, vectors = np.linalg.eigh(correlation) if known.any() else (np.zeros(0), np.zeros((0, 0)))
     root = np.sqrt(np.maximum(values, 0))[:, None] * vectors.T
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(components, n)))
     parts = []
@@ -138,6 +137,16 @@ def maxima(influence: Array, *, seed: int) -> Array:
         dof = max(n - 1, 1)
         parts.append(largest / np.sqrt(rng.chisquare(dof, CHUNK) / dof))
     return np.sort(np.concatenate(parts))
+
+
+def _products(influence: Sequence[Array]) -> Array:
+    """Inner products of all components over the trials, some trials at a time: influences can be large."""
+    components, n = sum(len(part) for part in influence), influence[0].shape[1]
+    product = np.zeros((components, components))
+    for start in range(0, n, TRIALS):
+        piece = np.concatenate([part[:, start : start + TRIALS] for part in influence])
+        product += piece @ piece.T
+    return product
 
 
 def order_statistic_bounds(values: Array, quantile: float, tail: float) -> tuple[float, float]:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from gaugeblock.validate.finding import Finding, NotChecked
-from gaugeblock.validate.prepared import Prepared, trial_numbers
+from gaugeblock.validate.prepared import Prepared, count_not_finite, trial_numbers
 
 
 def finite(prepared: Prepared) -> list[Finding | NotChecked]:
     """Number of NaN or infinite draws and log_q in all trials; one is too many."""
-    counts = {"trials": _counted(prepared.main)}
+    counts = {"trials": _counted(prepared.main, prepared.not_finite)}
     trials, population = prepared.importance
     if population != "trials":
-        counts[population] = _counted(trials)
+        counts[population] = _counted(trials, count_not_finite(trials))
     prefix = {name: "" if name == "trials" else f"{name} " for name in counts}
     names = tuple(f"{prefix[name]}{what}" for name in counts for what in ("draws", "log_q"))
     numbers = [float(part.sum()) for count in counts.values() for part in (count["draws"], count["log_q"])]
@@ -42,13 +43,9 @@ def finite(prepared: Prepared) -> list[Finding | NotChecked]:
     ]
 
 
-def _counted(trials: xr.Dataset) -> xr.Dataset:
+def _counted(trials: xr.Dataset, counts: NDArray[np.int64]) -> xr.Dataset:
     """Per trial: draws with any parameter not finite, and log_q not finite."""
-    n = trials.sizes["trial"]
-    draws = (~np.isfinite(trials["draws"].values)).any(axis=2).sum(axis=1)
-    log_q = (
-        (~np.isfinite(trials["log_q"].values)).sum(axis=1) if "log_q" in trials else np.zeros(n, dtype=int)
-    )
+    draws, log_q = counts.T
     return xr.Dataset(
         {"draws": ("trial", draws), "log_q": ("trial", log_q), "any": ("trial", (draws + log_q) > 0)},
         coords={"trial": trial_numbers(trials)},

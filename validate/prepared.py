@@ -1,20 +1,26 @@
-"""What the validators share: the trials they may use, ranks and standardised errors, computed once."""
+"""What the validators share: the trials they may use, per-trial statistics, ranks and standardised errors.
+
+Draws stay where they are, in memory or on disk: statistics see them block by block, all in one pass.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from gaugeblock.streams import TrialStreams
 from gaugeblock.validate.autocorrelation import integrated_autocorrelation_time
-from gaugeblock.validate.check import circular_parameters, is_autocorrelated
+from gaugeblock.validate.block import Block, Statistic, block_length
+from gaugeblock.validate.check import PER_DRAW, PER_TRIAL, circular_parameters, is_autocorrelated
+from gaugeblock.validate.features import FITTED, Features, features_of
 from gaugeblock.validate.ranks import randomised_pit, unwrap_circular
 from gaugeblock.validate.standardised import standardised_errors
-from gaugeblock.validate.trials import importance_trials, main_trials
+from gaugeblock.validate.trials import IMPORTANCE, group_trials, main_trials
 
 Array = NDArray[np.float64]
 
@@ -29,27 +35,50 @@ def trial_numbers(trials: xr.Dataset) -> NDArray[np.int64]:
     return np.arange(trials.sizes["trial"])
 
 
+def pit(block: Block) -> Array:
+    """Statistic: randomised PIT ``(trial, parameter)``; each trial has a random stream of its own."""
+    return randomised_pit(block.theta_true, block.draws, block.streams("ranks"), weight=block.weight)
+
+
+def errors(block: Block) -> Array:
+    """Statistic: standardised errors ``(trial, parameter)``."""
+    streams = block.streams("standardised errors")
+    return standardised_errors(block.theta_true, block.draws, streams, weight=block.weight)
+
+
+def effective_draws(block: Block) -> Array:
+    """Statistic: how many draws of equal weight each trial has, ``(trial,)``."""
+    if block.weight is None:
+        return np.full(len(block), float(block.draws.shape[1]))
+    return np.asarray(block.weight.sum(axis=1) ** 2 / (block.weight**2).sum(axis=1))
+
+
 @dataclass(frozen=True)
 class Prepared:
-    """A Trials tree and the seed of everything random in its validation; properties are computed once.
+    """A Trials tree and the seed of everything random in its validation; each property is computed once.
 
-    `theta_true`, `draws`, `weight`, `pit` and `errors` are of the *unaffected* trials: those whose draws are
-    all finite. Circular parameters are cut open, autocorrelated draws thinned; `caveats` says so.
+    Whatever has a row per trial is of the *unaffected* trials: those whose draws are all finite. In blocks,
+    circular parameters are cut open and autocorrelated draws thinned; `caveats` says so.
     """
 
     tree: xr.DataTree
     seed: int
+    _known: dict[Statistic, NDArray[Any]] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
     def main(self) -> xr.Dataset:
-        """The main Trials."""
+        """The main Trials; on disk, where the tree was opened and not read."""
         return main_trials(self.tree)
+
+    def group(self, name: str) -> xr.Dataset | None:
+        """The Trials of a group beside the main ones (importance, joint, posterior), or None."""
+        return group_trials(self.tree, name)
 
     @cached_property
     def importance(self) -> tuple[xr.Dataset, str]:
         """The Trials for importance sampling and the name of their population."""
-        own = importance_trials(self.tree)
-        return (self.main, "trials") if own is None else (own, "importance")
+        own = self.group(IMPORTANCE)
+        return (self.main, "trials") if own is None else (own, IMPORTANCE)
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
@@ -57,9 +86,14 @@ class Prepared:
         return tuple(str(name) for name in self.main["parameter"].values)
 
     @cached_property
+    def not_finite(self) -> NDArray[np.int64]:
+        """Per trial, all of them: draws and log_q that are not finite, ``(trial, 2)``."""
+        return count_not_finite(self.main)
+
+    @cached_property
     def unaffected(self) -> NDArray[np.bool_]:
-        """Which trials have finite draws only."""
-        return np.asarray(np.isfinite(self.main["draws"].values).all(axis=(1, 2)))
+        """Which of all trials have finite draws only."""
+        return np.asarray(self.not_finite[:, 0] == 0)
 
     @cached_property
     def trial(self) -> NDArray[np.int64]:
@@ -67,58 +101,106 @@ class Prepared:
         return trial_numbers(self.main)[self.unaffected]
 
     @cached_property
+    def theta_true(self) -> Array:
+        """Truths of the unaffected trials ``(trial, parameter)``, as they stand."""
+        return np.asarray(self.main["theta_true"].values[self.unaffected], dtype=float)
+
+    @cached_property
     def stride(self) -> int:
         """Every how many draws one is used: 1, or the mean autocorrelation time of the slowest parameter."""
         if not is_autocorrelated(self.main) or not self.unaffected.any():
             return 1
-        time = integrated_autocorrelation_time(self.main["draws"].values[self.unaffected])
+        times = [
+            integrated_autocorrelation_time(part["draws"].values[kept]) for _, part, kept in self._parts()
+        ]
         longest = (self.main.sizes["draw"] - 1) // 2
-        return max(1, min(round(float(time.mean(axis=0).max())), longest))
+        return max(1, min(round(float(np.concatenate(times).mean(axis=0).max())), longest))
 
     @cached_property
-    def _unwrapped(self) -> tuple[Array, Array]:
-        truth = self.main["theta_true"].values[self.unaffected]
-        draws = self.main["draws"].values[self.unaffected, :: self.stride]
-        periods = circular_parameters(self.main)
-        return unwrap_circular(truth, draws, periods) if periods else (truth, draws)
-
-    @property
-    def theta_true(self) -> Array:
-        """Truths ``(trial, parameter)``."""
-        return self._unwrapped[0]
-
-    @property
-    def draws(self) -> Array:
-        """Draws ``(trial, draw, parameter)``."""
-        return self._unwrapped[1]
-
-    @cached_property
-    def weight(self) -> Array | None:
-        """Linear weights ``(trial, draw)``, or None."""
-        if "weight" not in self.main:
+    def features(self) -> Features | None:
+        """Data features of the unaffected trials; None where the trials have no data."""
+        own = {name: self.main[name].values[self.unaffected].astype(float) for name in self._own_features()}
+        if "x" not in self.main:
+            return Features(tuple(own), np.column_stack([*own.values()])) if own else None
+        if not self.unaffected.any():
             return None
-        weight = self.main["weight"].values[self.unaffected, :: self.stride].astype(float)
-        # Thinning may leave a trial none of its weight; such draws say nothing and count equally.
-        return np.where(weight.sum(axis=1, keepdims=True) > 0, weight, 1.0)
+        chosen = np.flatnonzero(self.unaffected)[:FITTED]
+        first = self.main["x"].isel(trial=slice(0, chosen[-1] + 1)).values[chosen]
+        return features_of((part["x"].values[kept] for _, part, kept in self._parts()), first, own)
 
-    @cached_property
-    def effective_draws(self) -> float:
-        """How many draws of equal weight each trial has, on average."""
-        if self.weight is None:
-            return float(self.draws.shape[1])
-        return float(np.mean(self.weight.sum(axis=1) ** 2 / (self.weight**2).sum(axis=1)))
+    def _own_features(self) -> list[str]:
+        """The user's own numbers per trial."""
+        return [
+            str(name)
+            for name, variable in self.main.data_vars.items()
+            if variable.dims == ("trial",)
+            and name not in PER_TRIAL
+            and not str(name).startswith(("quantity_", "log_evidence"))
+        ]
 
-    @cached_property
+    def _parts(self, names: Sequence[str] | None = None) -> Iterator[tuple[slice, xr.Dataset, Any]]:
+        """Slices of the main trials with unaffected ones in them: their rows, the part, which to keep."""
+        main = self.main if names is None else self.main[list(names)]
+        length = block_length(values_per_trial(self.main))
+        row = 0
+        for start in range(0, main.sizes["trial"], length):
+            kept = self.unaffected[start : start + length]
+            number = int(kept.sum())
+            if number:
+                yield slice(row, row + number), main.isel(trial=slice(start, start + length)), kept
+            row += number
+
+    def blocks(self) -> Iterator[Block]:
+        """All unaffected trials, some at a time."""
+        periods = circular_parameters(self.main)
+        stride = self.stride
+        for rows, lazy, kept in self._parts():
+            part = {str(name): lazy[name].values[kept] for name in lazy.data_vars}
+            thinned = {name: part.pop(name)[:, ::stride].astype(float) for name in PER_DRAW if name in part}
+            if "weight" in thinned:
+                # Thinning may leave a trial none of its weight; such draws say nothing and count equally.
+                weight = thinned["weight"]
+                thinned["weight"] = np.where(weight.sum(axis=1, keepdims=True) > 0, weight, 1.0)
+            truth, draws = part.pop("theta_true"), part.pop("draws")[:, ::stride]
+            if periods:
+                truth, draws = unwrap_circular(truth, draws, periods)
+            per_trial = {name: part.pop(name).astype(float) for name in PER_TRIAL if name in part}
+            yield Block(
+                prepared=self, rows=rows, trial=self.trial[rows], theta_true=truth, draws=draws,
+                x=part.pop("x", None), **thinned, **per_trial, own=part,
+            )  # fmt: skip
+
+    def per_trial(self, statistic: Statistic) -> NDArray[Any]:
+        """A statistic of all unaffected trials ``(trial, ...)``, computed once."""
+        self.compute([statistic])
+        return self._known[statistic]
+
+    def compute(self, statistics: Sequence[Statistic]) -> None:
+        """Compute all these statistics that are not known yet, in one pass over the draws."""
+        wanted = [s for s in dict.fromkeys(statistics) if s not in self._known]
+        if not wanted:
+            return
+        found: dict[Statistic, list[NDArray[Any]]] = {statistic: [] for statistic in wanted}
+        for block in self.blocks():
+            for statistic in wanted:
+                found[statistic].append(statistic(block))
+        empty = np.empty((0, len(self.parameters)))
+        self._known.update({s: np.concatenate(parts) if parts else empty for s, parts in found.items()})
+
+    @property
     def pit(self) -> Array:
-        """Randomised PIT ``(trial, parameter)``; each trial has a random stream of its own."""
-        streams = TrialStreams.spawn(self.seed, "ranks", self.trial)
-        return randomised_pit(self.theta_true, self.draws, streams, weight=self.weight)
+        """Randomised PIT ``(trial, parameter)``."""
+        return self.per_trial(pit)
 
-    @cached_property
+    @property
     def errors(self) -> Array:
         """Standardised errors ``(trial, parameter)``."""
-        streams = TrialStreams.spawn(self.seed, "standardised errors", self.trial)
-        return standardised_errors(self.theta_true, self.draws, streams, weight=self.weight)
+        return self.per_trial(errors)
+
+    @property
+    def effective_draws(self) -> float:
+        """How many draws of equal weight each trial has, on average."""
+        return float(np.mean(self.per_trial(effective_draws)))
 
     @cached_property
     def caveats(self) -> tuple[str, ...]:
@@ -130,10 +212,28 @@ class Prepared:
                 f"{affected} of {len(self.unaffected)} trials have NaN or infinite draws; left out here"
             )
         if self.stride > 1:
+            kept = len(range(0, self.main.sizes["draw"], self.stride))
             said.append(
-                f"autocorrelated draws: every {self.stride}th used, {self.draws.shape[1]} of "
+                f"autocorrelated draws: every {self.stride}th used, {kept} of "
                 f"{self.main.sizes['draw']} per trial"
             )
         if "weight" in self.main:
             said.append("weighted draws: ranks are exact only as far as the weights represent the posterior")
         return tuple(said)
+
+
+def values_per_trial(trials: xr.Dataset) -> int:
+    """Size of the largest array of one trial."""
+    return max(int(variable.size) for variable in trials.data_vars.values()) // max(trials.sizes["trial"], 1)
+
+
+def count_not_finite(trials: xr.Dataset) -> NDArray[np.int64]:
+    """Per trial: draws with any parameter not finite, and log_q not finite, ``(trial, 2)``."""
+    n, length = trials.sizes["trial"], block_length(values_per_trial(trials))
+    counts = np.zeros((n, 2), dtype=np.int64)
+    for start in range(0, n, length):
+        rows = slice(start, start + length)
+        counts[rows, 0] = (~np.isfinite(trials["draws"].isel(trial=rows).values)).any(axis=2).sum(axis=1)
+        if "log_q" in trials:
+            counts[rows, 1] = (~np.isfinite(trials["log_q"].isel(trial=rows).values)).sum(axis=1)
+    return counts

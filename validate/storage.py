@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,11 @@ from gaugeblock.errors import InputError
 SCHEMA_VERSION = 1
 
 
+# Larger files stay on disk and are read where they are needed: a gigabyte of draws is not in memory at once.
+IN_MEMORY = 1 << 28
+APPENDED = "trial"
+
+
 def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
     """Lossless compression of numeric arrays; no fill value: NaN and every integer stay as they are."""
     return {
@@ -26,8 +31,12 @@ def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
     }
 
 
-def write_groups(groups: Mapping[str, xr.Dataset], path: str | os.PathLike[str]) -> Path:
+def write_groups(
+    groups: Mapping[str, xr.Dataset | Iterable[xr.Dataset]], path: str | os.PathLike[str]
+) -> Path:
     """Write Datasets as the groups of one NetCDF file ("" is the root group), wholly or not at all.
+
+    A group may come in parts, one after the other along ``trial``; only one is in memory at a time.
 
     Raises
     ------
@@ -35,16 +44,48 @@ def write_groups(groups: Mapping[str, xr.Dataset], path: str | os.PathLike[str])
         If the folder does not exist or cannot be written to.
     """
     with atomic_path(path) as partial:
-        for number, (group, dataset) in enumerate(groups.items()):
-            plain = dataset.drop_encoding()
-            plain.to_netcdf(
+        for number, (group, content) in enumerate(groups.items()):
+            parts = iter([content] if isinstance(content, xr.Dataset) else content)
+            first = next(parts).drop_encoding()
+            whole = isinstance(content, xr.Dataset)
+            encoding = _encoding(first)
+            if not whole:
+                for name, variable in first.variables.items():
+                    if encoding[str(name)] and APPENDED in variable.dims:
+                        encoding[str(name)]["chunksizes"] = tuple(variable.shape)
+            first.to_netcdf(
                 partial,
                 mode="a" if number else "w",
                 group=group or None,
                 engine="netcdf4",
-                encoding=_encoding(plain),
+                encoding=encoding,
+                unlimited_dims=[] if whole else [APPENDED],
             )
+            if not whole:
+                _append(partial, group, first.sizes[APPENDED], parts)
     return Path(path)
+
+
+def _append(path: Path, group: str, start: int, parts: Iterator[xr.Dataset]) -> None:
+    import netCDF4
+
+    with netCDF4.Dataset(path, "a") as file:
+        target = file[group] if group else file
+        for part in parts:
+            stop = start + part.sizes[APPENDED]
+            for name, variable in part.variables.items():
+                if APPENDED in variable.dims:
+                    target[name][start:stop] = variable.values
+            start = stop
+
+
+def in_parts(dataset: xr.Dataset) -> xr.Dataset | Iterator[xr.Dataset]:
+    """The Dataset itself, or slices of it along ``trial`` where it is too large to be read at once."""
+    if dataset.nbytes <= IN_MEMORY or APPENDED not in dataset.dims:
+        return dataset
+    number = dataset.sizes[APPENDED]
+    length = max(1, number * (IN_MEMORY // 8) // dataset.nbytes)
+    return (dataset.isel({APPENDED: slice(start, start + length)}) for start in range(0, number, length))
 
 
 def read_groups(path: str | os.PathLike[str], *, what: str) -> dict[str, xr.Dataset]:
@@ -55,6 +96,21 @@ def read_groups(path: str | os.PathLike[str], *, what: str) -> dict[str, xr.Data
     InputError
         If there is no such file, or it is truncated or not NetCDF.
     """
+    return _groups(path, what=what, limit=None)
+
+
+def open_groups(path: str | os.PathLike[str], *, what: str) -> dict[str, xr.Dataset]:
+    """As `read_groups`, but large groups are only read through, and their arrays stay on disk.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or it is truncated or not NetCDF.
+    """
+    return _groups(path, what=what, limit=IN_MEMORY)
+
+
+def _groups(path: str | os.PathLike[str], *, what: str, limit: int | None) -> dict[str, xr.Dataset]:
     source = Path(path)
     if not source.exists():
         raise InputError(f"{source}: no such file; give the path of a {what} file in NetCDF format")
@@ -62,17 +118,30 @@ def read_groups(path: str | os.PathLike[str], *, what: str) -> dict[str, xr.Data
         raise InputError(f"{source}: is not a file; give the path of a {what} file in NetCDF format")
     try:
         opened = xr.open_groups(source, engine="netcdf4", decode_times=False)
+        large = {name for name, dataset in opened.items() if limit is not None and dataset.nbytes > limit}
         try:
-            groups = {name.strip("/"): dataset.load() for name, dataset in opened.items()}
+            for name, dataset in opened.items():
+                _read_through(dataset) if name in large else dataset.load()
         finally:
-            for dataset in opened.values():
-                dataset.close()
+            # What is in memory needs no open file; what is not needs it for as long as it is used.
+            if not large:
+                for dataset in opened.values():
+                    dataset.close()
+        groups = {name.strip("/"): dataset for name, dataset in opened.items()}
     except Exception as error:  # the NetCDF and HDF5 layers raise many kinds for a damaged file
         reason = " ".join(str(error).split())[:160] or type(error).__name__
         raise InputError(
             f"{source}: cannot be read as NetCDF; the file is truncated or not NetCDF ({reason})"
         ) from None
     return groups
+
+
+def _read_through(dataset: xr.Dataset) -> None:
+    """Every value once, so that damage shows now and not in the middle of the work."""
+    parts = in_parts(dataset)
+    for part in [parts] if isinstance(parts, xr.Dataset) else parts:
+        for variable in part.variables.values():
+            np.asarray(variable.values)
 
 
 def schema_version(dataset: xr.Dataset, *, source: str) -> int:

@@ -5,9 +5,14 @@ parameter)``, with parameter names as coordinate; optional ``x(trial, ...)``, ``
 ``log_prior``, ``weight`` ``(trial, draw)``, and ``log_q_true``, ``log_likelihood_true``, ``log_prior_true``
 ``(trial,)``. Natural logs, normalised, in physical theta; weights linear.
 
-A Trials *tree* is the main Dataset at its root and, where importance sampling had fewer trials with more
-draws, a second one of the same schema under ``importance``. (In memory the second one's dims carry the
-prefix ``importance_``, because a DataTree wants dims of one name to have one size; on disk they do not.)
+Trials may also hold test quantities, ``quantity_NAME(trial, draw)`` with ``quantity_NAME_true(trial)``, and
+numbers ``(trial,)`` of one's own (an exposure), which local calibration then looks along.
+
+A Trials *tree* is the main Dataset at its root and, under it, further ones of the same schema:
+``importance``, where importance sampling had fewer trials with more draws; ``joint``, the first trials and
+draws again with their log likelihoods; ``posterior``, trials around one observation. (In memory the dims of
+these carry their group's name as a prefix, because a DataTree wants dims of one name to have one size; on
+disk they do not.)
 """
 
 from __future__ import annotations
@@ -24,9 +29,12 @@ from numpy.typing import ArrayLike
 
 from gaugeblock.errors import InputError
 from gaugeblock.validate.check import PER_DRAW, check_trials
-from gaugeblock.validate.storage import SCHEMA_VERSION, read_groups, schema_version, write_groups
+from gaugeblock.validate.storage import SCHEMA_VERSION, in_parts, open_groups, schema_version, write_groups
 
 IMPORTANCE = "importance"
+JOINT = "joint"
+POSTERIOR = "posterior"
+GROUPS = (IMPORTANCE, JOINT, POSTERIOR)
 
 
 def make_trials(
@@ -101,12 +109,15 @@ def _put(data: dict[str, Any], name: str, values: np.ndarray[Any, Any], dims: tu
     data[name] = (dims, values)
 
 
-def trials_tree(main: xr.Dataset, importance: xr.Dataset | None = None) -> xr.DataTree:
-    """The main Trials at the root and, where there are any, the importance-sampling Trials under it."""
+def trials_tree(
+    main: xr.Dataset, importance: xr.Dataset | None = None, **groups: xr.Dataset | None
+) -> xr.DataTree:
+    """The main Trials at the root, and under it every further group of Trials that is given."""
     tree = xr.DataTree(main)
-    if importance is not None:
-        dims = {name: f"{IMPORTANCE}_{name}" for name in importance.dims if name != "parameter"}
-        tree[IMPORTANCE] = xr.DataTree(importance.rename(dims))
+    for group, trials in {IMPORTANCE: importance, **groups}.items():
+        if trials is not None:
+            dims = {name: f"{group}_{name}" for name in trials.dims if name != "parameter"}
+            tree[group] = xr.DataTree(trials.rename(dims))
     return tree
 
 
@@ -115,17 +126,22 @@ def main_trials(tree: xr.DataTree) -> xr.Dataset:
     return tree.to_dataset()
 
 
-def importance_trials(tree: xr.DataTree) -> xr.Dataset | None:
-    """The importance-sampling Trials of a tree, or None where it has none."""
-    if IMPORTANCE not in tree.children:
+def group_trials(tree: xr.DataTree, group: str) -> xr.Dataset | None:
+    """The Trials of a group, or None where the tree has none of that name."""
+    if group not in tree.children:
         return None
-    dataset = tree.children[IMPORTANCE].to_dataset(inherit=False)
+    dataset = tree.children[group].to_dataset(inherit=False)
     if "parameter" in tree.coords:
         dataset = dataset.assign_coords(parameter=tree.coords["parameter"])
-    prefix = f"{IMPORTANCE}_"
+    prefix = f"{group}_"
     return dataset.rename(
         {name: str(name).removeprefix(prefix) for name in dataset.dims if str(name).startswith(prefix)}
     )
+
+
+def importance_trials(tree: xr.DataTree) -> xr.Dataset | None:
+    """The importance-sampling Trials of a tree, or None where it has none."""
+    return group_trials(tree, IMPORTANCE)
 
 
 def write_trials(tree: xr.DataTree | xr.Dataset, path: str | os.PathLike[str]) -> Path:
@@ -137,26 +153,28 @@ def write_trials(tree: xr.DataTree | xr.Dataset, path: str | os.PathLike[str]) -
         If the path cannot be written.
     """
     whole = trials_tree(tree) if isinstance(tree, xr.Dataset) else tree
-    groups = {"": main_trials(whole)}
-    importance = importance_trials(whole)
-    if importance is not None:
-        groups[IMPORTANCE] = importance
-    return write_groups(groups, path)
+    known = {"": main_trials(whole), **{group: group_trials(whole, group) for group in GROUPS}}
+    there = {name: in_parts(trials) for name, trials in known.items() if trials is not None}
+    return write_groups(there, path)
 
 
 def read_trials(path: str | os.PathLike[str], *, parameters: Sequence[str] | None = None) -> xr.DataTree:
     """Read and check a Trials file; `parameters` are the names it should have, where that is known.
+
+    Large arrays stay on disk until somebody asks for them.
 
     Raises
     ------
     InputError
         If the file is missing, unreadable, truncated, of a newer schema, or breaks the schema.
     """
-    groups = read_groups(path, what="Trials")
+    groups = open_groups(path, what="Trials")
     schema_version(groups[""], source=str(path))
     main = check_trials(groups[""], source=str(path), parameters=parameters)
-    if IMPORTANCE not in groups or not groups[IMPORTANCE].variables:
-        return trials_tree(main)
     names = [str(name) for name in main["parameter"].values]
-    where = f"{path}, group {IMPORTANCE}"
-    return trials_tree(main, check_trials(groups[IMPORTANCE], source=where, parameters=names))
+    further = {
+        group: check_trials(groups[group], source=f"{path}, group {group}", parameters=names)
+        for group in GROUPS
+        if group in groups and groups[group].variables
+    }
+    return trials_tree(main, **further)

@@ -3,26 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 
 import xarray as xr
 
 from gaugeblock.errors import InputError
+from gaugeblock.validate.block import Statistic
 from gaugeblock.validate.coverage import coverage
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.finite import finite
 from gaugeblock.validate.importance import importance
-from gaugeblock.validate.prepared import Prepared
+from gaugeblock.validate.prepared import Prepared, effective_draws, errors, pit
 from gaugeblock.validate.sbc import sbc
 
-Validator = Callable[[Prepared], list[Finding | NotChecked]]
 
-# Name (the part of every finding's id before the first dot) -> validator. A validator returns a NotChecked
-# for each finding that the trials do not allow.
+@dataclass(frozen=True)
+class Validator:
+    """From prepared trials to findings, with the per-trial statistics that they rest on.
+
+    `findings` returns a NotChecked for each finding that the trials do not allow. `statistics` of all chosen
+    validators are computed in one pass over the draws; one that is not named here costs a pass of its own.
+    """
+
+    findings: Callable[[Prepared], list[Finding | NotChecked]]
+    statistics: tuple[Statistic, ...] = ()
+
+
+# Name (the part of every finding's id before the first dot) -> validator.
 VALIDATORS: Mapping[str, Validator] = {
-    "draws": finite,
-    "sbc": sbc,
-    "coverage": coverage,
-    "importance": importance,
+    "draws": Validator(finite),
+    "sbc": Validator(sbc, (pit, errors, effective_draws)),
+    "coverage": Validator(coverage, (pit,)),
+    "importance": Validator(importance),
 }
 
 
@@ -41,7 +53,9 @@ def run_validators(
     chosen = list(VALIDATORS) if select is None else list(select)
     check_validators(chosen)
     prepared = Prepared(xr.DataTree(tree) if isinstance(tree, xr.Dataset) else tree, seed)
-    said = [item for name in VALIDATORS if name in chosen for item in VALIDATORS[name](prepared)]
+    validators = [VALIDATORS[name] for name in VALIDATORS if name in chosen]
+    prepared.compute([statistic for validator in validators for statistic in validator.statistics])
+    said = [item for validator in validators for item in validator.findings(prepared)]
     return (
         tuple(item for item in said if isinstance(item, Finding)),
         tuple(item for item in said if isinstance(item, NotChecked)),

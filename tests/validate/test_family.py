@@ -10,15 +10,15 @@ from gaugeblock.validate.sbc import bias_finding, log_width_finding
 
 
 def test_maxima_of_one_component_are_students_t():
-    largest = maxima(np.random.default_rng(0).normal(size=(1, 30)), seed=1)
+    largest = maxima([np.random.default_rng(0).normal(size=(1, 30))], seed=1)
     assert np.quantile(largest, 0.95) == pytest.approx(stats.t.ppf(0.975, 29), rel=0.02)
 
 
 def test_maxima_of_independent_and_of_equal_components():
     rng = np.random.default_rng(2)
-    apart = maxima(rng.normal(size=(20, 20_000)), seed=1)
+    apart = maxima([rng.normal(size=(20, 20_000))], seed=1)
     assert np.quantile(apart, 0.95) == pytest.approx(stats.norm.ppf((1 + 0.95 ** (1 / 20)) / 2), rel=0.02)
-    equal = maxima(np.tile(rng.normal(size=20_000), (20, 1)), seed=1)
+    equal = maxima([np.tile(rng.normal(size=20_000), (20, 1))], seed=1)
     assert np.quantile(equal, 0.95) == pytest.approx(1.96, rel=0.02)
 
 
@@ -29,16 +29,16 @@ def test_maxima_agree_with_multipliers_on_the_trials():
     influence -= influence.mean(axis=1, keepdims=True)
     scale = np.sqrt((influence**2).sum(axis=1))
     explicit = np.abs(rng.normal(size=(4000, 500)) @ influence.T / scale).max(axis=1)
-    shortcut = maxima(influence, seed=1)
+    shortcut = maxima([influence], seed=1)
     for level in (0.5, 0.9, 0.95):
         assert np.quantile(shortcut, level) == pytest.approx(np.quantile(explicit, level), rel=0.05)
 
 
 def test_maxima_are_deterministic_and_survive_components_that_never_vary():
     influence = np.vstack([np.random.default_rng(4).normal(size=(2, 100)), np.zeros((1, 100))])
-    np.testing.assert_array_equal(maxima(influence, seed=5), maxima(influence, seed=5))
-    assert not np.array_equal(maxima(influence, seed=5), maxima(influence, seed=6))
-    assert np.isfinite(maxima(np.zeros((3, 10)), seed=1)).all()
+    np.testing.assert_array_equal(maxima([influence], seed=5), maxima([influence], seed=5))
+    assert not np.array_equal(maxima([influence], seed=5), maxima([influence], seed=6))
+    assert np.isfinite(maxima([np.zeros((3, 10))], seed=1)).all()
 
 
 @pytest.mark.parametrize("n", [10, 51, 200])
