@@ -17,6 +17,7 @@ ESTIMATORS: Table = {
     "nested_sampling": ("gaugeblock.estimators.nested_sampling", "NestedSampling", "ultranest"),
     "nuts": ("gaugeblock.estimators.nuts", "Nuts", "nuts"),
     "importance_refined": ("gaugeblock.estimators.importance_refined", "ImportanceRefined", None),
+    "broken": ("gaugeblock.estimators.broken", "Broken", None),
 }
 
 

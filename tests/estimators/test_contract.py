@@ -43,6 +43,7 @@ CASES = {
         trials=256,
     ),
     "npe": Case(needs="sbi", chunk_tolerance=1e-5),
+    "broken": Case(options={"fault": "narrow"}),
 }
 
 
