@@ -10,14 +10,24 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from gaugeblock.collect import Plan, collect, discard, fingerprint
+from gaugeblock.collect import collect, discard, fingerprint
 from gaugeblock.errors import InputError
 from gaugeblock.estimators.exact import Exact
 from gaugeblock.identity import identity
+from gaugeblock.samples import Plan
 from gaugeblock.simulators import build_simulator
 from gaugeblock.validate import importance_trials, main_trials
 
-PLAN = Plan(number=60, draws=12, chunk=20, importance_number=10, importance_draws=30, seed=5)
+PLAN = Plan(
+    number=60,
+    draws=12,
+    chunk=20,
+    importance_number=10,
+    importance_draws=30,
+    joint_number=20,
+    joint_draws=8,
+    seed=5,
+)
 
 
 @pytest.fixture
@@ -158,7 +168,7 @@ collect(simulator, Exact(simulator), PLAN, Path(sys.argv[1]), progress=die)
 def test_killed_in_the_middle_and_run_again_gives_the_same_bits(simulator: Any, tmp_path: Path) -> None:
     undisturbed = collect(simulator, Exact(simulator), PLAN, tmp_path / "a")
     script = KILLED.replace(
-        "from {module} import PLAN", f"from gaugeblock.collect import Plan\nPLAN = {PLAN!r}"
+        "from {module} import PLAN", f"from gaugeblock.samples import Plan\nPLAN = {PLAN!r}"
     )
     done = subprocess.run(
         [sys.executable, "-c", script, str(tmp_path / "b")], check=False, env={**os.environ}, timeout=120

@@ -51,7 +51,7 @@ def write_groups(
             encoding = _encoding(first)
             if not whole:
                 for name, variable in first.variables.items():
-                    if encoding[str(name)] and APPENDED in variable.dims:
+                    if APPENDED in variable.dims and encoding[str(name)]:
                         encoding[str(name)]["chunksizes"] = tuple(variable.shape)
             first.to_netcdf(
                 partial,

@@ -10,12 +10,14 @@ from typing import Any
 
 import xarray as xr
 
-from gaugeblock.collect import Plan, Progress, collect, discard
+from gaugeblock.collect import Progress, collect, discard
 from gaugeblock.config import AuditConfig
 from gaugeblock.digest import digest, file_digest
 from gaugeblock.errors import InputError
+from gaugeblock.estimators.protocol import Estimator
 from gaugeblock.identity import identity, versions
 from gaugeblock.reports import write_reports
+from gaugeblock.samples import Plan
 from gaugeblock.simulators import Simulator, build_simulator
 from gaugeblock.tables import Named
 from gaugeblock.validate import Finding, NotChecked, Policy, Verdict, judge, run_validators
@@ -54,30 +56,52 @@ def audit(
         If anything in the configuration cannot be used, or simulator and estimator do not fit.
     """
     simulator = build_simulator(config.simulator.name, **config.simulator.options)
-    estimator = _estimator(config, simulator)
-    table = config.trials
-    plan = Plan(
-        number=table.number,
-        draws=table.draws,
-        chunk=table.chunk,
-        importance_number=table.importance,
-        importance_draws=table.importance_draws,
-        seed=table.seed,
+    return audit_objects(
+        simulator,
+        _estimator(config, simulator),
+        config.trials.plan(),
+        out,
+        policy=policy or config.read_policy(),
+        select=config.validators,
+        names=(_named(config.simulator), _named(config.estimator)),
+        command=command,
+        progress=progress,
     )
+
+
+def audit_objects(
+    simulator: Simulator,
+    estimator: Estimator,
+    plan: Plan,
+    out: Path,
+    *,
+    policy: Policy,
+    select: Iterable[str] | None = None,
+    names: tuple[Mapping[str, Any], Mapping[str, Any]] = ({}, {}),
+    command: str = "",
+    progress: Progress | None = None,
+) -> Audit:
+    """As `audit`, of a simulator and an estimator in hand; `names` say how each was asked for.
+
+    Raises
+    ------
+    InputError
+        If simulator and estimator do not fit, or one of them fails.
+    """
     made = _folder(out)
     trials = collect(simulator, estimator, plan, made / CHUNKS, progress=progress)
     provenance = {
         "command": command,
-        "seed": table.seed,
-        "simulator": {**_named(config.simulator), **identity(simulator)},
-        "estimator": {**_named(config.estimator), **identity(estimator)},
+        "seed": plan.seed,
+        "simulator": {**names[0], **identity(simulator)},
+        "estimator": {**names[1], **identity(estimator)},
         "trials": vars(plan),
     }
     result = _judged(
         trials,
-        policy or config.read_policy(),
-        seed=table.seed,
-        select=config.validators,
+        policy,
+        seed=plan.seed,
+        select=select,
         provenance=provenance,
         out=made,
         progress=progress,

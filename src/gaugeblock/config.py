@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from pydantic import Field, model_validator
 
 from gaugeblock.errors import InputError
+from gaugeblock.samples import Plan
 from gaugeblock.settings import apply_settings
 from gaugeblock.tables import Named, Table, checked, read_toml
 from gaugeblock.validate.policy import Policy, make_policy, read_policy
@@ -22,7 +23,8 @@ class TrialsTable(Table):
     """How many trials and draws, from which seed.
 
     `chunk` trials are simulated and sampled together; it is part of what makes a run repeatable to the bit.
-    The first `importance_number` trials get `importance_draws` further draws each, with densities.
+    The first `importance_number` trials get `importance_draws` further draws each, with densities; the
+    likelihood is evaluated at the first `joint_draws` draws of the first `joint_number` trials.
     """
 
     number: Annotated[int, Field(ge=10)] = 4000
@@ -30,18 +32,34 @@ class TrialsTable(Table):
     chunk: Count = 200
     importance_number: Annotated[int, Field(ge=0)] = 200
     importance_draws: Annotated[int, Field(ge=10)] = 500
+    joint_number: Annotated[int, Field(ge=0)] = 1000
+    joint_draws: Annotated[int, Field(ge=2)] = 100
     seed: Annotated[int, Field(ge=0)] = 20260611
 
     @model_validator(mode="after")
     def _subset(self) -> TrialsTable:
-        if self.importance_number > self.number and "importance_number" in self.model_fields_set:
-            raise ValueError(f"importance_number {self.importance_number} is more than number {self.number}")
+        for name, most in (
+            ("importance_number", self.number),
+            ("joint_number", self.number),
+            ("joint_draws", self.draws),
+        ):
+            if getattr(self, name) > most and name in self.model_fields_set:
+                whole = "draws" if name == "joint_draws" else "number"
+                raise ValueError(f"{name} {getattr(self, name)} is more than {whole} {most}")
         return self
 
-    @property
-    def importance(self) -> int:
-        """Trials that get importance sampling."""
-        return min(self.importance_number, self.number)
+    def plan(self) -> Plan:
+        """What to collect; a default that is more than there is means all there is."""
+        return Plan(
+            number=self.number,
+            draws=self.draws,
+            chunk=self.chunk,
+            importance_number=min(self.importance_number, self.number),
+            importance_draws=self.importance_draws,
+            joint_number=min(self.joint_number, self.number),
+            joint_draws=min(self.joint_draws, self.draws),
+            seed=self.seed,
+        )
 
 
 class AuditConfig(Table):
