@@ -45,8 +45,9 @@ def test_policy_keys_stand_over_their_base() -> None:
     assert config.read_policy().tolerance.log_width == 0.03
 
 
-def test_importance_never_asks_for_more_trials_than_there_are() -> None:
-    assert AuditConfig.build({"trials": {"number": 50}}).trials.importance == 50
+def test_the_plan_never_asks_for_more_trials_or_draws_than_there_are() -> None:
+    plan = AuditConfig.build({"trials": {"number": 50, "draws": 60}}).trials.plan()
+    assert (plan.importance_number, plan.joint_number, plan.joint_draws) == (50, 50, 60)
 
 
 @pytest.mark.parametrize(
@@ -57,6 +58,7 @@ def test_importance_never_asks_for_more_trials_than_there_are() -> None:
         ("[trials]\nnumer = 3", "unknown key trials.numer; there are number"),
         ("[trials]\nnumber = -3", "trials.number = -3 cannot be"),
         ("[trials]\nnumber = 20\nimportance_number = 50", "importance_number 50 is more than number 20"),
+        ("[trials]\ndraws = 20\njoint_draws = 50", "joint_draws 50 is more than draws 20"),
         ("simulator = 3", "simulator = 3 cannot be: it must be a table"),
         ("[policy]\nerror_budget = 2.0", "error_budget = 2.0"),
         ("[policy.tolerance]\nbais = 0.1", "unknown key tolerance.bais"),

@@ -50,9 +50,9 @@ def write_groups(
             whole = isinstance(content, xr.Dataset)
             encoding = _encoding(first)
             if not whole:
-                for name, variable in first.variables.items():
-                    if APPENDED in variable.dims and encoding[str(name)]:
-                        encoding[str(name)]["chunksizes"] = tuple(variable.shape)
+                for key, variable in first.variables.items():
+                    if APPENDED in variable.dims and encoding[str(key)]:
+                        encoding[str(key)]["chunksizes"] = tuple(variable.shape)
             first.to_netcdf(
                 partial,
                 mode="a" if number else "w",
@@ -73,9 +73,9 @@ def _append(path: Path, group: str, start: int, parts: Iterator[xr.Dataset]) -> 
         target = file[group] if group else file
         for part in parts:
             stop = start + part.sizes[APPENDED]
-            for name, variable in part.variables.items():
+            for key, variable in part.variables.items():
                 if APPENDED in variable.dims:
-                    target[name][start:stop] = variable.values
+                    target[str(key)][start:stop] = variable.values
             start = stop
 
 
