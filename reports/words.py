@@ -14,6 +14,7 @@ _QUESTIONS = {
     "sbc.bias": "Is the posterior centred on the truth?",
     "sbc.log_width": "Is the posterior as wide as its errors are large?",
     "coverage.central": "Do credible intervals hold the truth as often as they claim?",
+    "local.coverage": "Do credible intervals hold the truth as often everywhere in the data?",
     "importance.ess": "How much of each posterior survives reweighting to the exact one?",
 }
 _UNITS = {
@@ -22,6 +23,7 @@ _UNITS = {
     "coverage": "fraction of trials",
     "joint": "fraction of trials",
     "local": "fraction of trials",
+    "normalisation": "natural log of the density",
     "ess": "fraction of draws",
 }
 

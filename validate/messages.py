@@ -12,8 +12,10 @@ from gaugeblock.validate.family import Bounds, Judgeable
 from gaugeblock.validate.policy import Policy
 from gaugeblock.validate.verdict import Outcome
 
-# What the coverage gate calls a component: "parameter @ level".
+# What the coverage gates call a component: "parameter @ level".
 SEPARATOR = " @ "
+# Failing components that a message names; the report's tables hold the others.
+NAMED = 3
 
 
 def gate_message(
@@ -92,6 +94,31 @@ def _coverage(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> s
     return "; ".join(said)
 
 
+def _gap(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> str:
+    said = []
+    for index in shown[:NAMED]:
+        name, _, region = item.finding.components[index].rpartition(SEPARATOR)
+        gap = float(item.finding.estimate[index])
+        try:
+            held = f"{float(region):.0%} regions hold {float(region) + gap:.3f} of the truths"
+        except ValueError:  # a region with a name of its own
+            held = f"{region}: the share of truths in it is off"
+        spread = _range(bound, index, "{:+.3f}".format)
+        said.append(f"{name}: {held} (gap {gap:+.3f}, {level} {spread}; tolerated {item.high:g})")
+    more = len(shown) - NAMED
+    return "; ".join(said) + (f"; and {more} more" if more > 0 else "")
+
+
+def _normalisation(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> str:
+    index = shown[0]
+    value = float(item.finding.estimate[index])
+    side = "low" if value > 0 else "high"
+    return (
+        f"the estimator's log density is {abs(value):.3f} nat too {side} for its own draws "
+        f"({value:+.3f}, {level} {_range(bound, index, '{:+.3f}'.format)}; tolerated {item.high:g})"
+    )
+
+
 def _ess(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> str:
     index = shown[0]
     return (
@@ -142,6 +169,15 @@ def _advice(item: Judgeable, fails: NDArray[np.bool_]) -> str:
         if (estimate > 0).all():
             return f"Posteriors are too wide: information in the data is lost; {retrain}"
         return f"Wrong in both directions: {retrain}"
+    if quantity == "joint":
+        return (
+            "Parameters may be right one by one and wrong together: look at correlations, and at whether "
+            f"the data reach the network; then {retrain}"
+        )
+    if quantity == "local":
+        return f"Wrong for a part of the data, right or not on average: simulate more of it, and {retrain}"
+    if quantity == "normalisation":
+        return "Look for a missing Jacobian of a transform, or mass outside the prior that is cut off"
     if quantity == "ess":
         return (
             "The density does not match the posterior: check that log q is normalised in physical theta and "
@@ -158,6 +194,9 @@ _DETECTABLE: dict[str, Callable[[float], str]] = {
     "bias": lambda size: f"a bias of {size:.3f} sd",
     "log_width": lambda size: f"a width ratio of {math.exp(-size):.3f} or {math.exp(size):.3f}",
     "coverage": lambda size: f"a gap of {size:.3f}",
+    "joint": lambda size: f"a gap of {size:.3f}",
+    "local": lambda size: f"a gap of {size:.3f}",
+    "normalisation": lambda size: f"an error of {size:.3f} nat",
     "ess": lambda size: f"an efficiency of {size:.1%}",
 }
 
@@ -165,5 +204,8 @@ _DESCRIBE: dict[str, Callable[[Judgeable, Bounds, list[int], str], str]] = {
     "bias": _bias,
     "log_width": _log_width,
     "coverage": _coverage,
+    "joint": _gap,
+    "local": _gap,
+    "normalisation": _normalisation,
     "ess": _ess,
 }

@@ -23,6 +23,7 @@ class Tolerance(Table):
     """The largest fault that is tolerated, per quantity; for `ess` the least fraction.
 
     bias: posterior sd. log_width: natural log of the width ratio. coverage, joint, local: probability.
+    normalisation: natural log of a density.
     """
 
     bias: Size
@@ -30,6 +31,7 @@ class Tolerance(Table):
     coverage: Gap
     joint: Gap
     local: Gap
+    normalisation: Size
     ess: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
 
 
