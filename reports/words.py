@@ -15,6 +15,7 @@ _QUESTIONS = {
     "sbc.log_width": "Is the posterior as wide as its errors are large?",
     "coverage.central": "Do credible intervals hold the truth as often as they claim?",
     "local.coverage": "Do credible intervals hold the truth as often everywhere in the data?",
+    "local.coverage": "Do credible intervals hold the truth as often everywhere in the data?",
     "importance.ess": "How much of each posterior survives reweighting to the exact one?",
 }
 _UNITS = {

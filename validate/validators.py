@@ -13,6 +13,7 @@ from gaugeblock.validate.coverage import coverage
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.finite import finite
 from gaugeblock.validate.importance import importance
+from gaugeblock.validate.local import local, location
 from gaugeblock.validate.prepared import Prepared, effective_draws, errors, pit
 from gaugeblock.validate.sbc import sbc
 
@@ -34,6 +35,7 @@ VALIDATORS: Mapping[str, Validator] = {
     "draws": Validator(finite),
     "sbc": Validator(sbc, (pit, errors, effective_draws)),
     "coverage": Validator(coverage, (pit,)),
+    "local": Validator(local, (pit, errors, effective_draws, location)),
     "importance": Validator(importance),
 }
 
