@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-Kind = Literal["mean", "quantile", "count", "test"]
+Kind = Literal["mean", "quantile", "count", "test", "sequence"]
 Sense = Literal["two-sided", "at-least", "at-most"]
 
 

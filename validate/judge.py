@@ -3,7 +3,8 @@
 PASS is an intersection-union test: of every required gate, every component's one-sided 95% bounds lie inside
 the tolerance; that needs no correction for multiplicity. FAIL: some component's simultaneous interval lies
 wholly outside, which happens to an estimator within all tolerances with at most the policy's error budget.
-Everything else is INCONCLUSIVE, with the number of trials that would settle it.
+Everything else is INCONCLUSIVE, with the number of trials that would settle it. Findings of kind ``sequence``
+(the anytime mode) are judged by betting instead, and beside them only what is counted exactly.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from gaugeblock.validate.family import PASS_LEVEL, Bounds, Judgeable, bounds, ex
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.messages import gate_message
 from gaugeblock.validate.policy import Policy, covers
+from gaugeblock.validate.sequential import answered, only_counts, sequence_gates
 from gaugeblock.validate.verdict import Gate, Outcome, Verdict, combine
 
 
@@ -31,12 +33,17 @@ def judge(
     same verdict.
     """
     judged = [item for finding in findings if (item := _judgeable(finding, policy)) is not None]
+    sequences = [finding for finding in findings if finding.kind == "sequence"]
+    if sequences:
+        judged, reported = only_counts(judged)
+        not_checked = [*not_checked, *reported]
     grouped = families(judged)
     known: dict[str, Bounds] = {item.finding.id: exact_bounds(item) for item in judged}
     for family in grouped:
         found = bounds(family, budget=policy.error_budget, number=len(grouped), seed=seed)
         known |= {item.finding.id: bound for item, bound in zip(family, found, strict=True)}
     gates = [_gate(item, known[item.finding.id], policy) for item in judged]
+    gates += sequence_gates(sequences, policy)
     gates += _missing(gates, not_checked, policy)
     required = [gate.outcome for gate in gates if gate.required]
     failed = any(gate.outcome is Outcome.FAIL for gate in gates)
@@ -49,7 +56,7 @@ def judge(
 
 def _judgeable(finding: Finding, policy: Policy) -> Judgeable | None:
     """The finding and its tolerated region, or None where the policy has no say or there is no interval."""
-    if finding.kind == "test":
+    if finding.kind in ("test", "sequence"):
         return None
     tolerance = 0.0 if finding.kind == "count" else policy.tolerated(finding.quantity)
     if tolerance is None:
@@ -163,6 +170,8 @@ def _missing(gates: Sequence[Gate], not_checked: Sequence[NotChecked], policy: P
     """An INCONCLUSIVE gate for each required entry that was not, or not wholly, computed."""
     found = []
     for entry in policy.required:
+        if answered(entry, gates):
+            continue
         unchecked = [item for item in not_checked if covers(entry, item.id) or covers(item.id, entry)]
         if not unchecked and any(covers(entry, gate.id) for gate in gates):
             continue

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import xarray as xr
 
 from gaugeblock.errors import InputError
+from gaugeblock.validate.anytime import anytime, cut_scores
 from gaugeblock.validate.block import Statistic
 from gaugeblock.validate.coverage import coverage
 from gaugeblock.validate.finding import Finding, NotChecked
@@ -24,10 +25,12 @@ class Validator:
 
     `findings` returns a NotChecked for each finding that the trials do not allow. `statistics` of all chosen
     validators are computed in one pass over the draws; one that is not named here costs a pass of its own.
+    `by_default` is False for what only runs when it is asked for.
     """
 
     findings: Callable[[Prepared], list[Finding | NotChecked]]
     statistics: tuple[Statistic, ...] = ()
+    by_default: bool = True
 
 
 # Name (the part of every finding's id before the first dot) -> validator.
@@ -37,13 +40,14 @@ VALIDATORS: Mapping[str, Validator] = {
     "coverage": Validator(coverage, (pit,)),
     "local": Validator(local, (pit, errors, effective_draws, location)),
     "importance": Validator(importance),
+    "anytime": Validator(anytime, (pit, effective_draws, cut_scores), by_default=False),
 }
 
 
 def run_validators(
     tree: xr.DataTree | xr.Dataset, *, seed: int, select: Iterable[str] | None = None
 ) -> tuple[tuple[Finding, ...], tuple[NotChecked, ...]]:
-    """Findings of every validator (or those in `select`), and exactly what could not be checked and why.
+    """Findings of every default validator (or of `select`), and exactly what could not be checked and why.
 
     The same trials and seed give the same bits, in whatever order or chunks the trials were made.
 
@@ -52,7 +56,7 @@ def run_validators(
     InputError
         If `select` names a validator that does not exist.
     """
-    chosen = list(VALIDATORS) if select is None else list(select)
+    chosen = [name for name in VALIDATORS if VALIDATORS[name].by_default] if select is None else list(select)
     check_validators(chosen)
     prepared = Prepared(xr.DataTree(tree) if isinstance(tree, xr.Dataset) else tree, seed)
     validators = [VALIDATORS[name] for name in VALIDATORS if name in chosen]
