@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.errors import InputError, require
 from gaugeblock.estimators._rows import resample, row_seeds
+from gaugeblock.estimators.nested_points import ultranest_tree
 from gaugeblock.simulators.protocol import can
 from gaugeblock.streams import Rng
 
@@ -26,14 +27,17 @@ class NestedRun:
     """One finished run on one row of data.
 
     `theta` and `unit_cube` are ``(point, parameter)``; `log_weight` ``(point,)`` holds normalised log
-    posterior weights; `log_likelihood` what was evaluated there; `log_evidence_error` UltraNest's bootstrap
-    error; `calls` likelihood evaluations; `insertion_order_converged` its own Mann-Whitney check.
+    posterior weights; `log_likelihood` what was evaluated there, and `birth_log_likelihood` the contour that
+    the point was drawn above (-inf: the prior), so that `gaugeblock.validate.thread_bootstrap` and
+    `insertion_order_test` take a run as it is; `log_evidence_error` UltraNest's bootstrap error; `calls`
+    likelihood evaluations; `insertion_order_converged` its own Mann-Whitney check.
     """
 
     theta: NDArray[np.float64]
     unit_cube: NDArray[np.float64]
     log_weight: NDArray[np.float64]
     log_likelihood: NDArray[np.float64]
+    birth_log_likelihood: NDArray[np.float64]
     log_evidence: float
     log_evidence_error: float
     calls: int
@@ -151,6 +155,7 @@ class NestedSampling:
             unit_cube=np.asarray(points["upoints"], dtype=float),
             log_weight=log_weight,
             log_likelihood=np.asarray(points["logl"], dtype=float),
+            birth_log_likelihood=_births(sampler, points),
             log_evidence=float(result["logz"]),
             log_evidence_error=float(result["logzerr"]),
             calls=int(result["ncall"]),
@@ -177,6 +182,16 @@ class NestedSampling:
     def describe(self) -> dict[str, Any]:
         """Plain data that identifies it."""
         return {"estimator": "nested_sampling", **self._settings}
+
+
+def _births(sampler: Any, points: Any) -> NDArray[np.float64]:
+    """Contour of birth of each weighted sample; the sampler's tree holds the same points in another order."""
+    value, birth, row = ultranest_tree(sampler)
+    in_tree = np.lexsort((*sampler.pointpile.us[row].T, value))
+    in_samples = np.lexsort((*points["upoints"].T, points["logl"]))
+    aligned = np.empty(len(birth))
+    aligned[in_samples] = birth[in_tree]
+    return aligned
 
 
 @contextmanager

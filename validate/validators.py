@@ -10,10 +10,14 @@ import xarray as xr
 from gaugeblock.errors import InputError
 from gaugeblock.validate.anytime import anytime, cut_scores
 from gaugeblock.validate.block import Statistic
+from gaugeblock.validate.c2st import c2st
 from gaugeblock.validate.coverage import coverage
+from gaugeblock.validate.evidence import evidence
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.finite import finite
 from gaugeblock.validate.importance import importance
+from gaugeblock.validate.lc2st import lc2st
+from gaugeblock.validate.learned import candidates
 from gaugeblock.validate.local import local, location
 from gaugeblock.validate.prepared import Prepared, effective_draws, errors, pit
 from gaugeblock.validate.sbc import sbc
@@ -39,7 +43,10 @@ VALIDATORS: Mapping[str, Validator] = {
     "sbc": Validator(sbc, (pit, errors, effective_draws)),
     "coverage": Validator(coverage, (pit,)),
     "local": Validator(local, (pit, errors, effective_draws, location)),
+    "c2st": Validator(c2st, (candidates,)),
+    "lc2st": Validator(lc2st, (candidates,)),
     "importance": Validator(importance),
+    "evidence": Validator(evidence),
     "anytime": Validator(anytime, (pit, effective_draws, cut_scores), by_default=False),
 }
 

@@ -12,6 +12,7 @@ from gaugeblock.simulators import Prior, Uniform, build_simulator
 pytest.importorskip("ultranest")
 
 from gaugeblock.estimators.nested_sampling import LOWEST, NestedSampling
+from gaugeblock.validate.thread_bootstrap import thread_bootstrap
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +54,18 @@ def test_the_run_records_what_was_evaluated(simulator, x, run):
     np.testing.assert_allclose(run.log_likelihood, simulator.log_likelihood(run.theta, x[0]), rtol=1e-12)
     assert np.exp(run.log_weight).sum() == pytest.approx(1.0, abs=1e-9)
     assert run.calls >= len(run.theta)
+
+
+def test_a_run_keeps_what_its_evidence_error_follows_from(simulator, x, run):
+    # Pull below 4: 1 seed in 16,000. UltraNest states its bootstrap's largest deviation, not the sd.
+    evidence = thread_bootstrap(run, rng=np.random.default_rng(95))
+    assert abs(evidence.value - simulator.log_evidence(x)[0]) < 4 * evidence.error
+    assert 0.4 < evidence.error / run.log_evidence_error < 1
+    from_prior = np.isneginf(run.birth_log_likelihood)
+    assert np.count_nonzero(from_prior) == 200
+    born_on = run.birth_log_likelihood[~from_prior]
+    assert np.isin(born_on, run.log_likelihood).all()
+    assert np.all(run.log_likelihood > run.birth_log_likelihood)
 
 
 @pytest.mark.parametrize("epidemic_rates", [(0.3, 0.12)])
