@@ -16,6 +16,7 @@ ESTIMATORS: Table = {
     "npe": ("gaugeblock.estimators.npe", "load", "sbi"),
     "nested_sampling": ("gaugeblock.estimators.nested_sampling", "NestedSampling", "ultranest"),
     "nuts": ("gaugeblock.estimators.nuts", "Nuts", "nuts"),
+    "conformal": ("gaugeblock.estimators.conformal", "Conformal", None),
     "importance_refined": ("gaugeblock.estimators.importance_refined", "ImportanceRefined", None),
     "broken": ("gaugeblock.estimators.broken", "Broken", None),
 }

@@ -11,6 +11,7 @@ from gaugeblock.errors import InputError
 from gaugeblock.validate.anytime import anytime, cut_scores
 from gaugeblock.validate.block import Statistic
 from gaugeblock.validate.c2st import c2st
+from gaugeblock.validate.conformal import conformal, stretch
 from gaugeblock.validate.coverage import coverage
 from gaugeblock.validate.evidence import evidence
 from gaugeblock.validate.finding import Finding, NotChecked
@@ -45,6 +46,7 @@ VALIDATORS: Mapping[str, Validator] = {
     "local": Validator(local, (pit, errors, effective_draws, location)),
     "c2st": Validator(c2st, (candidates,)),
     "lc2st": Validator(lc2st, (candidates,)),
+    "conformal": Validator(conformal, (effective_draws, stretch)),
     "importance": Validator(importance),
     "evidence": Validator(evidence),
     "anytime": Validator(anytime, (pit, effective_draws, cut_scores), by_default=False),

