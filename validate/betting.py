@@ -69,12 +69,44 @@ def log_capital(excess: ArrayLike, bets: ArrayLike, weights: ArrayLike) -> Array
         gained[..., 0] += carried
         np.cumsum(gained, axis=-1, out=gained)
         carried = gained[..., -1].copy()
-        top = np.maximum(gained.max(axis=1), RUINED)
-        gained -= top[:, None]
-        np.exp(gained, out=gained)
-        with np.errstate(divide="ignore"):
-            capital[:, part] = top + np.log(gained.sum(axis=1))
+        capital[:, part] = _together(gained)
     return capital
+
+
+def log_capital_of_hits(
+    hits: ArrayLike, above: ArrayLike, below: ArrayLike, bets: ArrayLike, weights: ArrayLike
+) -> Array:
+    """As `log_capital` where each excess is `above` for a hit and `below` for a miss, each ``(component,)``.
+
+    `hits` ``(component, trial)`` are true or false; only how many there were so far matters, which saves most
+    of the logarithms.
+    """
+    stake = np.asarray(bets, dtype=float)
+    counted = np.cumsum(np.asarray(hits, dtype=float), axis=1)
+    components, n = counted.shape
+    with np.errstate(divide="ignore"):
+        start = np.log(np.broadcast_to(np.asarray(weights, dtype=float), stake.shape))
+        won = np.log1p(stake * np.asarray(above, dtype=float)[:, None])
+        lost = np.log1p(stake * np.asarray(below, dtype=float)[:, None])
+    capital = np.empty((components, n))
+    step = max(1, BLOCK // max(stake.size, 1))
+    for first in range(0, n, step):  # blocks of trials, for memory
+        part = slice(first, first + step)
+        trials = np.arange(first + 1, min(first + step, n) + 1)
+        gained = counted[:, None, part] * (won - lost)[:, :, None]
+        gained += lost[:, :, None] * trials
+        gained += start[:, :, None]
+        capital[:, part] = _together(gained)
+    return capital
+
+
+def _together(gained: Array) -> Array:
+    """Log of the sum over bets of capitals ``(component, bet, trial)`` given as logs; overwrites them."""
+    top = np.maximum(gained.max(axis=1), RUINED)
+    gained -= top[:, None]
+    np.exp(gained, out=gained)
+    with np.errstate(divide="ignore"):
+        return np.asarray(top + np.log(gained.sum(axis=1)))
 
 
 def mean_bounds(values: ArrayLike, *, lower: float, upper: float, error: float = 0.05) -> tuple[Array, Array]:
@@ -109,7 +141,7 @@ def bisect(evidence: Callable[[Array], Array], against: Array, tenable: Array, t
     """
     refuted, kept = np.array(against, dtype=float), np.array(tenable, dtype=float)
     never = evidence(refuted) < threshold
-    for _ in range(30):
+    for _ in range(20):
         middle = 0.5 * (refuted + kept)
         out = evidence(middle) >= threshold
         refuted, kept = np.where(out, middle, refuted), np.where(out, kept, middle)

@@ -1,29 +1,21 @@
-"""Gates that may be looked at after every trial: sequences of scores against a policy, by betting.
-
-FAIL spends the error budget once: shares of one capital are bet against "within tolerance" on both sides of
-every component, and the average over all of them, which needs no independence, has grown by 1 / budget at
-some trial. PASS is an intersection-union test: each bet against "outside, above" and "outside, below" of a
-component has grown by 20 at some trial. By Ville's inequality each error has at most the stated probability
-over the whole sequence of trials, whatever rule it was stopped by.
-"""
+"""Gates that may be looked at after every trial: sequences of scores against a policy, by betting."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from gaugeblock.validate.family import PASS_LEVEL, Bounds, Judgeable
+from gaugeblock.validate.family import Bounds, Judgeable
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.messages import gate_message
 from gaugeblock.validate.policy import Policy, covers
+from gaugeblock.validate.stakes import PASS_THRESHOLD, Evidence, decide, gather
 from gaugeblock.validate.verdict import Gate, Outcome
 from gaugeblock.validate.wager import AIMED, BOLD
-from gaugeblock.validate.wager_units import Question, question
 
 Array = NDArray[np.float64]
 
@@ -34,39 +26,17 @@ _ANSWERS = {
     "coverage.central": "anytime.coverage",
 }
 
-PASS_THRESHOLD = float(-np.log(1 - PASS_LEVEL))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Evidence:
-    """What bets on one sequence have made of their capital, as logs.
-
-    `inside`: ``(component, side, trial)``, against "within tolerance"; `outside`: ``(component, side)``, the
-    most that was ever gained against "outside"; sides are 0: low edge, 1: high edge. `share`: log of the
-    share of the whole capital that each component and side got.
-    """
-
-    question: Question
-    inside: Array
-    outside: Array
-    share: float
-
 
 def sequence_gates(findings: Sequence[Finding], policy: Policy) -> list[Gate]:
     """A gate for each finding of kind ``sequence``; all of one audit together, because they share one budget.
 
-    The same findings and policy give the same gates. A gate FAILs if its own bets alone reached 1 / budget,
-    or if the average of all did and its part in it was the largest.
+    The same findings and policy give the same gates.
     """
-    if not findings:
-        return []
-    gathered = [
-        evidence(finding, policy, share) for finding, share in zip(findings, _shares(findings), strict=True)
-    ]
-    refuted, blamed = _blamed(gathered, policy.error_budget)
+    gathered = gather(findings, policy)
+    decided = decide(gathered, policy.error_budget)
     return [
-        _gate(finding, found, policy, fails=refuted and number == blamed)
-        for number, (finding, found) in enumerate(zip(findings, gathered, strict=True))
+        _gate(finding, found, policy, outcome)
+        for finding, found, outcome in zip(findings, gathered, decided, strict=True)
     ]
 
 
@@ -86,51 +56,8 @@ def answered(entry: str, gates: Sequence[Gate]) -> bool:
     return bool(asked) and all(any(covers(_ANSWERS[name], gate.id) for gate in gates) for name in asked)
 
 
-def _shares(findings: Sequence[Finding]) -> list[float]:
-    """Shares of the capital: equal for each quantity, then for each gate of one quantity."""
-    quantities = [finding.quantity for finding in findings]
-    return [1 / len(set(quantities)) / quantities.count(quantity) for quantity in quantities]
-
-
-def evidence(finding: Finding, policy: Policy, share: float) -> Evidence:
-    """All bets on one sequence, `share` of the capital against "within tolerance"."""
-    asked = question(finding, policy)
-    wager = asked.wager
-    low, high = asked.tolerable
-    inside = np.stack(
-        [wager.against(low, wager.bold(low)[1], BOLD), wager.against(high, wager.bold(high)[0], BOLD)], axis=1
-    )
-    low, high = asked.passable
-    outside = np.stack(
-        [
-            wager.against(low, wager.aimed(low, asked.exact)[0], AIMED).max(axis=1),
-            wager.against(high, wager.aimed(high, asked.exact)[1], AIMED).max(axis=1),
-        ],
-        axis=1,
-    )
-    return Evidence(
-        question=asked, inside=inside, outside=outside, share=float(np.log(share / inside[..., 0].size))
-    )
-
-
-def _blamed(gathered: Sequence[Evidence], budget: float) -> tuple[bool, int]:
-    """Whether the average ever reached 1 / budget, and the sequence with the largest part in it."""
-    parts = np.array([special.logsumexp(found.inside + found.share, axis=(0, 1)) for found in gathered])
-    total = special.logsumexp(parts, axis=0)
-    when = int(np.argmax(total))
-    return bool(total[when] >= -np.log(budget)), int(np.argmax(parts[:, when]))
-
-
-def _gate(finding: Finding, found: Evidence, policy: Policy, *, fails: bool) -> Gate:
-    grown = found.inside.max(axis=2)
-    threshold = -float(np.log(policy.error_budget)) - found.share
-    outcome = (
-        Outcome.FAIL
-        if fails or (grown >= threshold).any()
-        else Outcome.PASS
-        if (found.outside >= PASS_THRESHOLD).all()
-        else Outcome.INCONCLUSIVE
-    )
+def _gate(finding: Finding, found: Evidence, policy: Policy, outcome: Outcome) -> Gate:
+    grown, threshold = found.grown, found.threshold(policy.error_budget)
     fail = outcome is Outcome.FAIL
     worst = int(np.argmax(grown.max(axis=1))) if fail else int(np.argmin(found.outside.min(axis=1)))
     bound = _bounds(found, worst, threshold)

@@ -12,7 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.validate.betting import BETS, BOLDEST, bisect, bold_bets, halved_bets, log_capital
+from gaugeblock.validate.betting import (
+    BETS,
+    BOLDEST,
+    bisect,
+    bold_bets,
+    halved_bets,
+    log_capital,
+    log_capital_of_hits,
+)
 
 Array = NDArray[np.float64]
 
@@ -30,7 +38,7 @@ class Wager:
     Attributes
     ----------
     score, expected
-        ``(component, trial)``; `expected` may have one column only.
+        ``(component, trial)``; `expected` may have one column only, and has where scores are hits or misses.
     score_range, expected_range
         What they cannot leave: pairs of numbers or of arrays ``(component,)``.
     spread
@@ -39,7 +47,7 @@ class Wager:
         Whether an edge is a ratio, not a difference.
     """
 
-    score: Array
+    score: Array | NDArray[np.bool_]
     expected: Array
     score_range: tuple[float, float]
     expected_range: tuple[ArrayLike, ArrayLike]
@@ -87,8 +95,11 @@ class Wager:
         below, above = self.room(claimed)
         risk = np.where(bets > 0, bets * below[:, None], -bets * above[:, None])
         sound = risk < 1
+        staked, kept = np.where(sound, bets, 0.0), np.where(sound, weights, 0.0)
         scaled = self.expected * claimed[:, None] if self.ratio else self.expected + claimed[:, None]
-        return log_capital(self.score - scaled, np.where(sound, bets, 0.0), np.where(sound, weights, 0.0))
+        if self.score.dtype == np.bool_:
+            return log_capital_of_hits(self.score, 1 - scaled[:, 0], -scaled[:, 0], staked, kept)
+        return log_capital(self.score - scaled, staked, kept)
 
     def bounds(
         self, lower: tuple[Array, Array, float], upper: tuple[Array, Array, float], edges: tuple[float, float]

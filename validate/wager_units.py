@@ -123,7 +123,7 @@ def _coverage(score: Array, expected: Array, draws: float, policy: Policy) -> Qu
     level = expected[:, 0]
     edge = np.full(len(score), policy.tolerance.coverage)
     wager = Wager(
-        score=score,
+        score=score > 0,
         expected=expected,
         score_range=(0.0, 1.0),
         expected_range=(level, level),
