@@ -3,35 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from markupsafe import Markup
 
 from gaugeblock.reports.charts import curve_with_band, half_height_of, histogram, scatter
 from gaugeblock.reports.errors_of_trials import TrialErrors
+from gaugeblock.reports.local_figures import local_section
+from gaugeblock.reports.section import Panel, Section
 from gaugeblock.reports.words import p_equals, parameter_of, short
 from gaugeblock.validate import Finding, Verdict
-
-
-@dataclass(frozen=True)
-class Panel:
-    """One picture with what it is of, and a short remark."""
-
-    heading: str
-    remark: str
-    picture: Markup
-
-
-@dataclass(frozen=True)
-class Section:
-    """Figures of one kind: what they show, and what a healthy one looks like."""
-
-    anchor: str
-    heading: str
-    what: str
-    healthy: str
-    panels: tuple[Panel, ...]
 
 
 def sections(verdict: Verdict, findings: Sequence[Finding], errors: TrialErrors | None) -> list[Section]:
@@ -41,10 +21,15 @@ def sections(verdict: Verdict, findings: Sequence[Finding], errors: TrialErrors 
     made = [
         _ranks(findings),
         _coverage(by_id.get("coverage.central")),
+        local_section(findings, _local_tolerance(verdict)),
         _weights(by_id, tolerance.get("importance.ess")),
         _errors(errors),
     ]
     return [section for section in made if section is not None]
+
+
+def _local_tolerance(verdict: Verdict) -> float | None:
+    return next((gate.tolerance for gate in verdict.gates if gate.id.startswith("local.")), None)
 
 
 def _ranks(findings: Sequence[Finding]) -> Section | None:
@@ -152,6 +137,7 @@ def _weights(by_id: dict[str, Finding], tolerance: float | None) -> Section | No
         "A healthy histogram leans to the right: 1 is exact. A tail near 0 is data on which the estimator "
         "misses part of the posterior; a k above 0.7 says that even the reweighted answer is not safe.",
         tuple(panels),
+        wide=True,
     )
 
 

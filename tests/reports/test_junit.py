@@ -99,7 +99,7 @@ def test_an_optional_undecided_gate_is_skipped_with_its_message(passing):
     gate = replace(
         passing.verdict.gates[0], outcome=Outcome.INCONCLUSIVE, required=False, message="who knows"
     )
-    suite = suite_of(replace(passing.verdict, gates=(gate, *passing.verdict.gates[1:])))
+    suite = suite_of(replace(passing.verdict, gates=(gate,)))
     (skipped,) = suite.findall("testcase/skipped")
     assert "who knows" in skipped.get("message", "")
     assert not suite.findall("testcase/error")
