@@ -1,7 +1,7 @@
 """Simulation-based calibration: bias, width and rank uniformity of every parameter.
 
 ``sbc.bias[p]`` and ``sbc.log_width[p]`` are in units that a tolerance can be stated in; ``sbc.uniform[p]``
-is a p-value, reported and never judged: with enough trials every estimator fails a rank test, and a p-value
+and ``sbc.smooth[p]`` are p-values, reported and never judged: with enough trials every estimator fails a rank test, and a p-value
 above 0.05 is never a PASS.
 """
 
@@ -14,6 +14,7 @@ from scipy import special
 
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.prepared import Prepared
+from gaugeblock.validate.smooth import smooth_finding
 from gaugeblock.validate.standardised import Array, bias, log_width
 from gaugeblock.validate.uniformity import ecdf_test
 
@@ -27,7 +28,7 @@ def sbc(prepared: Prepared) -> list[Finding | NotChecked]:
     n = len(prepared.trial)
     if n < LEAST_TRIALS:
         why = f"{n} trial(s) with finite draws; at least {LEAST_TRIALS} are needed"
-        return [NotChecked(f"sbc.{what}", why) for what in ("bias", "log_width", "uniform")]
+        return [NotChecked(f"sbc.{what}", why) for what in ("bias", "log_width", "uniform", "smooth")]
     findings: list[Finding | NotChecked] = []
     for column, name in enumerate(prepared.parameters):
         errors, pit = prepared.errors[:, column], prepared.pit[:, column]
@@ -35,6 +36,7 @@ def sbc(prepared: Prepared) -> list[Finding | NotChecked]:
             bias_finding(name, errors, trial=prepared.trial, caveats=prepared.caveats),
             log_width_finding(name, errors, draws=prepared.effective_draws, caveats=prepared.caveats),
             uniform_finding(name, pit, trial=prepared.trial, caveats=prepared.caveats),
+            smooth_finding(name, pit, caveats=prepared.caveats),
         ]
     return findings
 

@@ -82,15 +82,29 @@ def _p_value(tail: float, n: int, points: int) -> float:
 @lru_cache(maxsize=64)
 def band(n: int, points: int, level: float) -> tuple[Counts, Counts]:
     """Counts that at least `level` of uniform samples of size n stay within, at all points at once."""
+    return _limits(adjusted_gamma(n, points, level) / 2, n, points)
+
+
+@lru_cache(maxsize=64)
+def adjusted_gamma(n: int, points: int, level: float) -> float:
+    """Reject where gamma is at most this: of uniform samples of size n, 1 - level at most are so far out.
+
+    gamma is twice the smallest binomial tail, lower or upper, over the evaluation points.
+
+    >>> 2 * 0.0207 <= adjusted_gamma(20, 2, 0.95) < 2 * 0.0577  # 5 or fewer heads of 20 rejected, not 6
+    True
+    """
     low, high = 0.0, 1 - level
     for _ in range(40):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if _p_value(middle, n, points) <= 1 - level else (low, middle)
-    return _limits(low, n, points)
+    return 2 * low
 
 
-def ecdf_test(values: ArrayLike, *, level: float = 0.95) -> EcdfTest:
+def ecdf_test(values: ArrayLike, *, level: float = 0.95, points: int | None = None) -> EcdfTest:
     """Test that `values` ``(n,)`` are uniform on (0, 1); p <= 1 - level just when the ECDF leaves the band.
+
+    The ECDF is looked at k / `points`, 0 < k < `points`; by default as many as values, and 100 at most.
 
     >>> import numpy as np
     >>> ecdf_test(np.random.default_rng(0).random(500) ** 2).p_value < 1e-6
@@ -98,7 +112,7 @@ def ecdf_test(values: ArrayLike, *, level: float = 0.95) -> EcdfTest:
     """
     sample = np.asarray(values, dtype=float)
     n = len(sample)
-    points = int(np.clip(n, 2, MOST_POINTS))
+    points = int(np.clip(n, 2, MOST_POINTS)) if points is None else points
     z = np.arange(1, points) / points
     count = np.searchsorted(np.sort(sample), z, side="right")
     below = special.bdtr(count, n, z)
