@@ -1,9 +1,10 @@
 """Are integer ranks uniform on 0..L? An exact test for any L, down to a coin.
 
-Uniform ranks are not uniform numbers: divided by L they sit on L + 1 points, and a test for continuous numbers
-rejects them for that alone, with enough trials and few draws always. But at the edges of the ranks' cells,
-k / (L + 1), their ECDF has exactly the distribution of that of continuous uniforms, so with few draws the test
-looks there and nowhere else; with many, ranks are spread at random within their cells, which makes them uniform.
+Uniform ranks are not uniform numbers: divided by L they sit on L + 1 points, and a test for continuous
+numbers rejects them for that alone, with enough trials and few draws always. But at the edges of the ranks'
+cells, k / (L + 1), their ECDF has exactly the distribution of that of continuous uniforms, so with few draws
+the test looks there and nowhere else; with many, ranks are spread at random within their cells, which makes
+them uniform.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from gaugeblock.validate.uniformity import MOST_POINTS, EcdfTest, ecdf_test
 def rank_ecdf_test(ranks: ArrayLike, draws: int, rng: Rng, *, level: float = 0.95) -> EcdfTest:
     """Test that integer `ranks` ``(n,)`` are uniform on 0..`draws`; exact at any number of draws.
 
-    `rng` spreads ranks within their cells where there are more than 100 of these. Ties between truth and draws
-    must have been broken at random before; `randomised_ranks` does it.
+    `rng` spreads ranks within their cells where there are more than 100 of these. Ties between truth and
+    draws must have been broken at random before; `randomised_ranks` does it.
 
     Raises
     ------
@@ -52,8 +53,8 @@ def rank_ecdf_test(ranks: ArrayLike, draws: int, rng: Rng, *, level: float = 0.9
 def gamma_statistic(values: ArrayLike, points: int) -> float:
     """Published gamma of a sample ``(n,)``: twice the smallest binomial tail of its ECDF at k / `points`.
 
-    Small where the sample is far from uniform; `adjusted_gamma` says how small is too small, and the p-value of
-    `ecdf_test` is the exact probability of one as small.
+    Small where the sample is far from uniform; `adjusted_gamma` says how small is too small, and the p-value
+    of `ecdf_test` is the exact probability of one as small.
 
     >>> gamma_statistic([0.1, 0.2, 0.3, 0.4], 2)  # four heads of four: 2 / 16
     0.125

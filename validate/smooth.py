@@ -1,9 +1,10 @@
 """Neyman's smooth test: are these numbers uniform, and if not, in which way?
 
-The first four shifted Legendre polynomials, orthonormal on (0, 1), ask of a PIT what people ask of a posterior:
-does it lie too high or low, is it too narrow or wide, skewed, peaked? Each component is standard normal for
-uniform numbers, and they are uncorrelated, so the sum of their squares is chi-squared with four degrees of
-freedom. Against smooth faults (a shift, a width) it has more power than any distance between ECDFs.
+The first four shifted Legendre polynomials, orthonormal on (0, 1), ask of a PIT what people ask of a
+posterior: does it lie too high or low, is it too narrow or wide, skewed, peaked? Each component is standard
+normal for uniform numbers, and they are uncorrelated, so the sum of their squares is chi-squared with four
+degrees of freedom. Against smooth faults (a shift, a width) it has more power than any distance between
+ECDFs.
 
 From 200 numbers on the p-value is that of chi-squared, right to a few percent down to 0.001. Below that it is
 up to a half too small, and the null is simulated instead, with a seed fixed by the numbers of values and
@@ -100,7 +101,7 @@ def smooth_finding(name: str, pit: ArrayLike, *, caveats: tuple[str, ...] = ()) 
     return Finding(
         id=f"sbc.smooth[{name}]",
         quantity="",
-        claim=f"smooth departure of the ranks of {name} from uniform: location, spread, skew and tails together",
+        claim=f"departure of the ranks of {name} from uniform in location, spread, skew and tails",
         null="sum of four squared standard normal components: 4 on average for an exact posterior",
         reference=REFERENCE,
         kind="test",

@@ -58,7 +58,7 @@ def test_faults_show(draws):
 
 @pytest.mark.parametrize(("n", "points"), [(20, 20), (100, 50), (100, 100), (250, 10)])
 def test_gamma_and_its_adjusted_value_against_brute_force(n, points):
-    """Gamma from its definition, its null by 6,000 simulations: each check within 4 binomial errors (1e-4)."""
+    """Gamma from its definition, its null by 6,000 simulations: each within 4 binomial errors (1e-4)."""
     rng = np.random.default_rng(n + points)
     z = np.arange(1, points) / points
     count = np.array([np.searchsorted(np.sort(u), z, side="right") for u in rng.random((6000, n))])

@@ -54,7 +54,7 @@ def test_power_is_that_of_the_table(n):
     [
         (lambda z, _: stats.norm.cdf(z + 0.2), 0),
         (lambda z, _: stats.norm.cdf(z / 0.85), 1),
-        (lambda _, rng: stats.norm.cdf((rng.exponential(size=4000) - 1)), 2),  # true posterior skewed upwards
+        (lambda _, rng: stats.norm.cdf(rng.exponential(size=4000) - 1), 2),  # true posterior skewed upwards
         (lambda _, rng: stats.norm.cdf(stats.t.rvs(5, size=4000, random_state=rng) / np.sqrt(5 / 3)), 3),
     ],
 )
