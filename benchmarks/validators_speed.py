@@ -1,4 +1,4 @@
-"""Time and memory of every validator and of the judge: python benchmarks/validators_speed.py [TRIALS DRAWS PARAMS]
+"""Cost of each validator and the judge: python benchmarks/validators_speed.py [TRIALS DRAWS PARAMS]
 
 With --stream the trials lie on disk, as after a large audit, and are read in blocks.
 """
