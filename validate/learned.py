@@ -76,9 +76,13 @@ def pool_coordinates(
     chosen = np.take_along_axis(sampled, _some(rng, n, number, weight)[:, :, None], axis=1)
     kept = np.concatenate([truth[:, None], chosen], axis=1)
     z = np.where(flat, 0.0, (kept / size - mean) / np.where(flat, 1.0, spread))
-    z = z / np.sqrt(1 + (z / SOFT_LIMIT) ** 2)  # a far outlier is far, not everything
     log_spread = np.log(np.where(flat, 1e-12, spread)) + np.log(size)
-    return np.concatenate([z, mean * size, log_spread], axis=1)
+    return np.concatenate([soft_limit(z), mean * size, log_spread], axis=1)
+
+
+def soft_limit(z: Array) -> Array:
+    """Coordinates bent so that they stay below 6: a far outlier is far, not everything."""
+    return np.asarray(z / np.sqrt(1 + (z / SOFT_LIMIT) ** 2))
 
 
 def _some(rng: Rng, n: int, number: int, weight: ArrayLike | None) -> NDArray[np.int64]:
