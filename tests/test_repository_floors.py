@@ -23,6 +23,9 @@ FLOORS = {
     "__main__": 6,
     "cli": 6,
     "pytest_plugin": 6,
+    "pytest_gate": 6,
+    "pytest_settings": 6,
+    "pytest_text": 6,
 }
 """The larger may import the smaller. What is not named here (audit, collect, config) lives on floor 5."""
 
