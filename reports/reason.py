@@ -3,14 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from gaugeblock.reports.words import count
 from gaugeblock.validate import Gate, Outcome, Verdict
 
 
 def reason(verdict: Verdict) -> str:
-    """One or two sentences that say why the verdict is what it is."""
+    """A few sentences that say why the verdict is what it is."""
+    return f"{_why(verdict)}{_stopped(verdict)}"
+
+
+def _stopped(verdict: Verdict) -> str:
+    """That the trials were watched, and when that ended, where the provenance says so."""
+    trials = verdict.provenance.get("trials")
+    if not isinstance(trials, Mapping) or not trials.get("anytime"):
+        return ""
+    used, most = int(trials.get("used", 0)), int(trials.get("number", 0))
+    ended = f"stopped after {used:,} of at most {most:,}" if used < most else f"none was left after {most:,}"
+    return f" Trials were watched as they came in, and {ended}; the error rates hold at any of them."
+
+
+def _why(verdict: Verdict) -> str:
     if verdict.outcome is Outcome.FAIL:
         failed = [gate.id for gate in verdict.gates if gate.outcome is Outcome.FAIL]
         return (

@@ -9,6 +9,7 @@ the evidence against exact calibration, reported and never judged: it can refute
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -130,6 +131,17 @@ def coverage_sequence(
         components=tuple(f"{name} @ {level:g}" for name in parameters for level in levels),
         caveats=caveats,
     )
+
+
+def extended(earlier: Finding, later: Finding) -> Finding:
+    """The scores of two sequences in a row, for `stakes`; everything else is the later one's."""
+    details = {
+        name: xr.concat([first, later.details[name]], dim="sequence_trial")
+        if "sequence_trial" in first.dims
+        else first
+        for name, first in earlier.details.data_vars.items()
+    }
+    return replace(later, n_trials=earlier.n_trials + later.n_trials, details=xr.Dataset(details))
 
 
 def uniform_evidence(pit: ArrayLike, *, caveats: tuple[str, ...] = ()) -> Finding:

@@ -65,7 +65,7 @@ def run_validators(
     InputError
         If `select` names a validator that does not exist.
     """
-    chosen = [name for name in VALIDATORS if VALIDATORS[name].by_default] if select is None else list(select)
+    chosen = default_validators() if select is None else list(select)
     check_validators(chosen)
     prepared = Prepared(xr.DataTree(tree) if isinstance(tree, xr.Dataset) else tree, seed)
     validators = [VALIDATORS[name] for name in VALIDATORS if name in chosen]
@@ -75,6 +75,11 @@ def run_validators(
         tuple(item for item in said if isinstance(item, Finding)),
         tuple(item for item in said if isinstance(item, NotChecked)),
     )
+
+
+def default_validators() -> list[str]:
+    """Names of the validators that run unless others are chosen."""
+    return [name for name, validator in VALIDATORS.items() if validator.by_default]
 
 
 def check_validators(names: Iterable[str]) -> None:

@@ -23,6 +23,7 @@ from gaugeblock.tables import Named
 from gaugeblock.validate import Finding, NotChecked, Policy, Verdict, judge, run_validators
 from gaugeblock.validate.findings_file import read_findings, write_findings
 from gaugeblock.validate.trials import read_trials, write_trials
+from gaugeblock.watch import Watch, watched
 
 CHUNKS = ".chunks"
 DIGESTED = ("simulator", "estimator", "policy")
@@ -63,6 +64,7 @@ def audit(
         out,
         policy=policy or config.read_policy(),
         select=config.validators,
+        anytime=config.trials.anytime,
         names=(_named(config.simulator), _named(config.estimator)),
         command=command,
         progress=progress,
@@ -77,11 +79,16 @@ def audit_objects(
     *,
     policy: Policy,
     select: Iterable[str] | None = None,
+    anytime: bool = False,
     names: tuple[Mapping[str, Any], Mapping[str, Any]] = ({}, {}),
     command: str = "",
     progress: Progress | None = None,
 ) -> Audit:
     """As `audit`, of a simulator and an estimator in hand; `names` say how each was asked for.
+
+    With `anytime` it stops as soon as the estimator is certainly broken or certainly within tolerance; then
+    the gates of that mode judge, and everything else that needs a number of trials fixed beforehand is
+    reported only.
 
     Raises
     ------
@@ -89,19 +96,21 @@ def audit_objects(
         If simulator and estimator do not fit, or one of them fails.
     """
     made = _folder(out)
-    trials = collect(simulator, estimator, plan, made / CHUNKS, progress=progress)
+    watch = Watch(policy, plan.seed) if anytime else None
+    trials = collect(simulator, estimator, plan, made / CHUNKS, watch=watch, progress=progress)
+    stopped = {"anytime": True, "used": trials.sizes["trial"]} if anytime else {}
     provenance = {
         "command": command,
         "seed": plan.seed,
         "simulator": {**names[0], **identity(simulator)},
         "estimator": {**names[1], **identity(estimator)},
-        "trials": vars(plan),
+        "trials": {**vars(plan), **stopped},
     }
     result = _judged(
         trials,
         policy,
         seed=plan.seed,
-        select=select,
+        select=watched(select) if anytime else select,
         provenance=provenance,
         out=made,
         progress=progress,

@@ -60,6 +60,9 @@ def audit(
     validator: Annotated[
         list[str] | None, typer.Option("--validator", metavar="NAME", help="Run this one; repeatable.")
     ] = None,
+    anytime: Annotated[
+        bool, typer.Option("--anytime", help="Stop as soon as it is certain; valid at any trial.")
+    ] = False,
     quiet: Quiet = False,
     debug: Debug = False,  # noqa: ARG001 - read by main()
 ) -> None:
@@ -78,6 +81,8 @@ def audit(
     changes = parse_settings(settings or [])
     if seed is not None and trials is None:
         changes["trials.seed"] = seed
+    if anytime:
+        changes["trials.anytime"] = True
     if validator:
         changes["validators"] = validator
     chosen = read_config(config, settings=changes, draws_given=trials is not None)

@@ -19,6 +19,7 @@ from gaugeblock.samples import ImportanceTrials, JointTrials, MainTrials, Plan, 
 from gaugeblock.simulators.protocol import Simulator, can
 from gaugeblock.validate.storage import open_groups, read_groups, write_groups
 from gaugeblock.validate.trials import trials_tree
+from gaugeblock.watch import Watch
 
 Progress = Callable[[str, int, int], None]
 
@@ -29,12 +30,13 @@ def collect(
     plan: Plan,
     folder: Path,
     *,
+    watch: Watch | None = None,
     progress: Progress | None = None,
 ) -> xr.DataTree:
     """Trials of an estimator on a simulator, resumed from `folder` where it holds chunks of the same run.
 
     The result does not depend on where a run was interrupted. It depends on the chunk size only as far as
-    the estimator's arithmetic does.
+    the estimator's arithmetic does, and with a `watch` also because it stops at the end of a chunk.
 
     Raises
     ------
@@ -43,12 +45,14 @@ def collect(
     """
     work = folder / fingerprint(simulator, estimator, plan)
     work.mkdir(parents=True, exist_ok=True)
-    main = _chunks("trials", plan.number, plan.chunk, work, progress, MainTrials(simulator, estimator, plan))
+    sampler = MainTrials(simulator, estimator, plan)
+    main = _chunks("trials", plan.number, plan.chunk, work, progress, sampler, watch)
+    plan = plan.at_most(main.sizes["trial"])
     importance = None
     if plan.importance_number and _weighable(simulator, estimator):
         size = max(1, plan.chunk * plan.draws // plan.importance_draws)
-        sampler = ImportanceTrials(simulator, estimator, plan, main)
-        importance = _chunks("importance sampling", plan.importance_number, size, work, progress, sampler)
+        weigh = ImportanceTrials(simulator, estimator, plan, main)
+        importance = _chunks("importance sampling", plan.importance_number, size, work, progress, weigh)
     joint = None
     if plan.joint_number and can(simulator, "log_likelihood"):
         size = max(1, plan.chunk * plan.draws // plan.joint_draws)
@@ -79,8 +83,10 @@ def _chunks(
     work: Path,
     progress: Progress | None,
     make: Callable[[range], xr.Dataset],
+    watch: Watch | None = None,
 ) -> xr.Dataset:
     parts: list[Path] = []
+    joined = work / f"{what.replace(' ', '-')}.nc"
     for first in range(0, number, size):
         trials = range(first, min(first + size, number))
         if progress is not None:
@@ -89,10 +95,16 @@ def _chunks(
         if not _intact(path):
             write_groups({"": make(trials)}, path)
         parts.append(path)
+        if watch is not None and watch.see(_chunk(path)) and watch.confirm(_together(parts, joined)):
+            break
     if progress is not None:
         progress(what, number, number)
-    # One file out of all chunks: small ones are read back into memory, large ones stay there.
-    whole = write_groups({"": map(_chunk, parts)}, work / f"{what.replace(' ', '-')}.nc")
+    return _together(parts, joined)
+
+
+def _together(parts: list[Path], path: Path) -> xr.Dataset:
+    """One file out of all chunks: small ones are read back into memory, large ones stay there."""
+    whole = write_groups({"": map(_chunk, parts)}, path)
     return open_groups(whole, what="Trials")[""].drop_encoding()
 
 

@@ -24,7 +24,8 @@ class TrialsTable(Table):
 
     `chunk` trials are simulated and sampled together; it is part of what makes a run repeatable to the bit.
     The first `importance_number` trials get `importance_draws` further draws each, with densities; the
-    likelihood is evaluated at the first `joint_draws` draws of the first `joint_number` trials.
+    likelihood is evaluated at the first `joint_draws` draws of the first `joint_number` trials. With
+    `anytime` trials are watched chunk by chunk, and `number` is the most there can be.
     """
 
     number: Annotated[int, Field(ge=10)] = 4000
@@ -35,6 +36,7 @@ class TrialsTable(Table):
     joint_number: Annotated[int, Field(ge=0)] = 1000
     joint_draws: Annotated[int, Field(ge=2)] = 100
     seed: Annotated[int, Field(ge=0)] = 20260611
+    anytime: bool = False
 
     @model_validator(mode="after")
     def _subset(self) -> TrialsTable:

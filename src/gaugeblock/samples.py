@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,15 @@ class Plan:
     joint_number: int
     joint_draws: int
     seed: int
+
+    def at_most(self, number: int) -> Plan:
+        """The same plan, ended after so many trials."""
+        return replace(
+            self,
+            number=min(self.number, number),
+            importance_number=min(self.importance_number, number),
+            joint_number=min(self.joint_number, number),
+        )
 
 
 def has_density(estimator: Estimator) -> bool:
