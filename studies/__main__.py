@@ -1,0 +1,93 @@
+"""``python studies/run.py``: parts of the study, their tables, figures and text."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import xarray as xr
+
+from gaugeblock.errors import GaugeblockError
+from gaugeblock.identity import versions
+from gaugeblock.progress import Bars
+from gaugeblock.validate.storage import write_groups
+from studies import gate, power, shortcut, size
+from studies.replicates import Done, Part, run
+
+RESULTS = Path(__file__).resolve().parent / "results"
+SEED = 20260611
+
+
+def parts(work: Path, seed: int) -> dict[str, Callable[[], Part]]:
+    """The parts by name; some compute true values first and keep them in `work`."""
+    return {
+        "size": size.part,
+        "gate": lambda: gate.part(work, seed=seed),
+        "shortcut": shortcut.part,
+        "power": power.part,
+    }
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run parts of the study and keep their tables."""
+    names = list(parts(RESULTS, SEED))
+    parser = argparse.ArgumentParser(prog="python studies/run.py", description=__doc__)
+    parser.add_argument("parts", nargs="*", choices=[*names, []], help="which parts to run")
+    parser.add_argument("--all", action="store_true", help="all parts")
+    parser.add_argument("--replicates", type=int, help="of each case, instead of what the study has")
+    parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--workers", type=int, default=1, help="processes; the results do not depend on it")
+    parser.add_argument("--out", type=Path, default=RESULTS, help="folder for the tables (NetCDF)")
+    parser.add_argument("--work", type=Path, help="folder for checkpoints; by default OUT/checkpoints")
+    chosen = parser.parse_args(arguments)
+    wanted = names if chosen.all else chosen.parts
+    if not wanted:
+        parser.error("name parts, or give --all")
+    work = chosen.work or chosen.out / "checkpoints"
+    work.mkdir(parents=True, exist_ok=True)
+    command = shlex.join(["python", "studies/run.py", *(sys.argv[1:] if arguments is None else arguments)])
+    try:
+        with Bars() as bars:
+            for name in wanted:
+                part = parts(work, chosen.seed)[name]()
+                done = run(
+                    part,
+                    work,
+                    seed=chosen.seed,
+                    replicates=chosen.replicates,
+                    workers=chosen.workers,
+                    progress=bars.show,
+                )
+                table = part.summarise(done.values).assign_attrs(_record(part, command, chosen.seed, done))
+                write_groups({"": table}, chosen.out / f"{name}.nc")
+    except GaugeblockError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    return 0
+
+
+def _record(part: Part, command: str, seed: int, done: Done) -> dict[str, str | int | float]:
+    """What the numbers are of and how to make them again."""
+    return {
+        "part": part.name,
+        "says": part.says,
+        "command": command,
+        "seed": seed,
+        "seconds_per_replicate": round(done.seconds, 4),
+        "settings": json.dumps(part.settings, sort_keys=True, default=str),
+        "versions": json.dumps(versions()),
+    }
+
+
+def read(name: str, folder: Path = RESULTS) -> xr.Dataset:
+    """The table of a part."""
+    with xr.open_dataset(folder / f"{name}.nc", engine="netcdf4") as stored:
+        return stored.load()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,113 @@
+"""One audit in memory: fresh truths, data and draws -> validators -> verdict, by the code that audits use."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from gaugeblock.collect import Plan
+from gaugeblock.samples import ImportanceTrials, JointTrials, MainTrials, has_density
+from gaugeblock.simulators import can
+from gaugeblock.validate import Finding, NotChecked, Policy, Verdict, family, judge, run_validators
+from gaugeblock.validate.trials import trials_tree
+
+Truth = Mapping[str, Sequence[float]]
+"""True values of each finding's components, by place: regions are named after where their edges fell."""
+
+
+def plan(
+    number: int,
+    draws: int,
+    seed: int,
+    *,
+    importance: tuple[int, int] = (0, 2),
+    joint: tuple[int, int] = (0, 2),
+) -> Plan:
+    """How many trials and draws; `importance` and `joint` are (trials, draws) of those groups."""
+    return Plan(
+        number=number,
+        draws=draws,
+        chunk=number,
+        importance_number=importance[0],
+        importance_draws=importance[1],
+        joint_number=joint[0],
+        joint_draws=joint[1],
+        seed=seed,
+    )
+
+
+def collected(simulator: Any, estimator: Any, plan: Plan) -> xr.DataTree:
+    """What `gaugeblock.collect` would collect, without the disk."""
+    main = MainTrials(simulator, estimator, plan)(range(plan.number))
+    likelihood = can(simulator, "log_likelihood")
+    importance = joint = None
+    if plan.importance_number and likelihood and has_density(estimator):
+        importance = ImportanceTrials(simulator, estimator, plan, main)(range(plan.importance_number))
+    if plan.joint_number and likelihood:
+        joint = JointTrials(simulator, estimator, plan, main)(range(plan.joint_number))
+    return trials_tree(main, importance, joint=joint)
+
+
+@dataclass(frozen=True)
+class Audited:
+    """One audit: its findings, what could not be checked, its verdict."""
+
+    findings: tuple[Finding, ...]
+    not_checked: tuple[NotChecked, ...]
+    verdict: Verdict
+
+
+def audit(
+    simulator: Any, estimator: Any, plan: Plan, policy: Policy, *, select: Iterable[str] | None = None
+) -> Audited:
+    """Collect, validate, judge; the plan's seed decides all."""
+    tree = collected(simulator, estimator, plan)
+    findings, not_checked = run_validators(tree, seed=plan.seed, select=select)
+    with quick_bootstrap():
+        return Audited(findings, not_checked, judge(findings, not_checked, policy, seed=plan.seed))
+
+
+def estimates(findings: Iterable[Finding]) -> Truth:
+    """Estimates of everything that has an interval, by finding."""
+    return {
+        finding.id: finding.estimate.tolist() for finding in findings if finding.kind in ("mean", "quantile")
+    }
+
+
+def all_inside(audited: Audited, truth: Truth) -> bool:
+    """Whether the simultaneous intervals that the verdict rests on hold the true values, all of them."""
+    gates = {gate.id: gate for gate in audited.verdict.gates}
+    for finding in audited.findings:
+        if finding.id not in gates or finding.kind not in ("mean", "quantile"):
+            continue
+        low, high = (np.array([bound]) for bound in gates[finding.id].interval)
+        if finding.kind == "mean":
+            # A gate states the interval of its worst component; all components reach as many errors.
+            worst = finding.components.index(gates[finding.id].component)
+            critical = (high - finding.estimate[worst]) / finding.standard_error[worst]
+            reach = critical * finding.standard_error
+            low, high = finding.estimate - reach, finding.estimate + reach
+        value = np.array(truth[finding.id])
+        if ((value < low - ROUNDING) | (value > high + ROUNDING)).any():
+            return False
+    return True
+
+
+# A constant, such as the efficiency of an exact posterior, is met no better than this.
+ROUNDING = 1e-9
+
+
+@contextmanager
+def quick_bootstrap(replicates: int = 10_000) -> Iterator[None]:
+    """A quarter of the gate's bootstrap replicates: critical values then err by about 1%."""
+    before = family.REPLICATES
+    family.REPLICATES = replicates
+    try:
+        yield
+    finally:
+        family.REPLICATES = before

@@ -1,0 +1,20 @@
+"""The policies that the study judges by."""
+
+from __future__ import annotations
+
+from gaugeblock.validate import Policy, make_policy, read_policy
+from gaugeblock.validate.policy import Tolerance
+
+DEFAULT = read_policy("default")
+
+
+def alone(quantity: str, *required: str, **tolerance: float) -> Policy:
+    """The default policy, every tolerance but one so wide that nothing can be outside.
+
+    >>> policy = alone("bias", "sbc.bias")
+    >>> policy.tolerance.bias, policy.tolerance.coverage, policy.tolerance.ess
+    (0.1, 0.99, 0.0)
+    """
+    open_wide = {name: 0.0 if name == "ess" else 0.99 for name in Tolerance.model_fields}
+    tolerated = {**open_wide, quantity: getattr(DEFAULT.tolerance, quantity), **tolerance}
+    return make_policy({"required": list(required), "tolerance": tolerated}, source="study")
