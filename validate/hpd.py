@@ -101,7 +101,5 @@ def density_caveats(found: Array) -> tuple[str, ...]:
     if unknown:
         said.append(f"{unknown} truth(s) have a density that is NaN; counted as outside every region")
     if found[:, 3].any():
-        said.append(
-            f"{int(found[:, 3].sum())} draw(s) have a log q that is not finite; counted as improbable"
-        )
+        said.append(f"{int(found[:, 3].sum())} draw(s) have a log q that is not finite")
     return tuple(said)

@@ -104,7 +104,8 @@ def not_a_number(name: str, number: ArrayLike) -> tuple[str, ...]:
 
 
 def _count_nan(f_true: ArrayLike, f_draws: ArrayLike) -> Array:
-    return np.isnan(np.asarray(f_true, dtype=float)) + np.isnan(np.asarray(f_draws, dtype=float)).sum(axis=1)
+    truth, draws = np.asarray(f_true, dtype=float), np.asarray(f_draws, dtype=float)
+    return np.asarray(np.isnan(truth) + np.isnan(draws).sum(axis=1), dtype=float)
 
 
 def quantity_names(variables: Iterable[Hashable]) -> list[str]:
