@@ -63,11 +63,13 @@ def measure(tree: xr.DataTree, label: str) -> None:
     together = [name for name in chosen if name not in APART]
     prepared.compute([statistic for name in together for statistic in chosen[name].statistics])
     spent = {"one pass over the draws": time.perf_counter() - start}
+    peak = {"one pass over the draws": _peak()}
     said: list[Finding | NotChecked] = []
     for name, validator in chosen.items():
         start = time.perf_counter()
         said += validator.findings(prepared)
         spent[name] = time.perf_counter() - start
+        peak[name] = _peak()
     findings = [item for item in said if isinstance(item, Finding)]
     start = time.perf_counter()
     judge(findings, [], read_policy("default"), seed=1)
@@ -75,7 +77,13 @@ def measure(tree: xr.DataTree, label: str) -> None:
     sampled = sum(seconds for name, seconds in spent.items() if name not in APART)
     print(f"{label}: all but {' and '.join(APART)} {sampled:.2f} s, judge {judged:.2f} s")
     print("    " + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in spent.items()))
-    print(f"    peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.2f} GB")
+    print(
+        f"    peak memory {_peak():.2f} GB; after each: " + ", ".join(f"{n} {p:.2f}" for n, p in peak.items())
+    )
+
+
+def _peak() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
 
 
 def main() -> None:

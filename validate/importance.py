@@ -6,12 +6,15 @@ ESS and k-hat are blind to a constant error of log q, which shifts the log evide
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.validate.block import block_length
 from gaugeblock.validate.finding import Finding, NotChecked
-from gaugeblock.validate.prepared import Prepared, trial_numbers
+from gaugeblock.validate.prepared import Prepared, count_not_finite, trial_numbers
 from gaugeblock.validate.psis import pareto_khat
 
 Array = NDArray[np.float64]
@@ -19,6 +22,8 @@ Array = NDArray[np.float64]
 NEEDED = ("log_q", "log_likelihood", "log_prior")
 IDS = ("importance.ess", "importance.khat", "importance.evidence")
 KHAT_LIMIT = 0.7
+# Values that the fit of k-hat holds per draw, roughly: blocks are so much shorter.
+SPREAD = 16
 
 
 def log_weights(log_q: ArrayLike, log_likelihood: ArrayLike, log_prior: ArrayLike) -> Array:
@@ -83,34 +88,58 @@ def importance(prepared: Prepared) -> list[Finding | NotChecked]:
     if missing:
         why = f"needs log_q, log_likelihood and log_prior at the draws; the trials lack {', '.join(missing)}"
         return [NotChecked(name, why) for name in IDS]
-    finite = np.isfinite(trials["draws"].values).all(axis=(1, 2)) & np.isfinite(trials["log_q"].values).all(
-        axis=1
-    )
+    counted = prepared.not_finite if population == "trials" else count_not_finite(trials)
+    finite = counted.sum(axis=1) == 0
     if not finite.any():
         return [NotChecked(name, "every trial has NaN or infinite draws or log_q") for name in IDS]
-    weight = log_weights(*(trials[name].values[finite] for name in NEEDED))
+    said: tuple[str, ...] = ()
+    if not finite.all():
+        said = (
+            f"{(~finite).sum()} of {len(finite)} trials have NaN or infinite draws or log_q; left out here",
+        )
     return [
-        *importance_findings(
-            weight,
+        *summary_findings(
+            _summarised(trials, finite),
+            draws=trials.sizes["draw"],
             trial=trial_numbers(trials)[finite],
             population=population,
-            caveats=_caveats(finite, weight),
+            caveats=said,
         )
     ]
 
 
-def _caveats(finite: NDArray[np.bool_], weight: Array) -> tuple[str, ...]:
-    said = []
-    if not finite.all():
-        said.append(
-            f"{(~finite).sum()} of {len(finite)} trials have NaN or infinite draws or log_q; left out here"
-        )
-    broken = int(np.isnan(weight).any(axis=1).sum())
-    if broken:
-        said.append(
-            f"in {broken} trial(s) a weight could not be computed (NaN likelihood or prior); ESS counts as 0"
-        )
-    return tuple(said)
+def _summarised(trials: xr.Dataset, kept: NDArray[np.bool_]) -> WeightSummary:
+    """What there is to say of the weights of the trials that are kept, some trials at a time."""
+    parts = []
+    length = block_length(SPREAD * trials.sizes["draw"])
+    for start in range(0, trials.sizes["trial"], length):
+        rows, own = slice(start, start + length), kept[start : start + length]
+        if own.any():
+            part = trials[list(NEEDED)].isel(trial=rows)
+            parts.append(summarise(log_weights(*(part[name].values[own] for name in NEEDED))))
+    return WeightSummary(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+class WeightSummary(NamedTuple):
+    """Per trial, each ``(trial,)``: Kish fraction, Pareto k-hat, log evidence and its error, acceptance, and
+    whether some weight could not be computed."""
+
+    ess: Array
+    khat: Array
+    evidence: Array
+    evidence_error: Array
+    acceptance: Array
+    broken: NDArray[np.bool_]
+
+
+def summarise(log_weight: ArrayLike) -> WeightSummary:
+    """What log weights ``(trial, draw)`` say of each trial."""
+    weight = np.asarray(log_weight, dtype=float)
+    evidence, error = log_evidence(weight)
+    broken = np.isnan(weight).any(axis=1)
+    return WeightSummary(
+        kish_fraction(weight), pareto_khat(weight), evidence, error, acceptance(weight), broken
+    )
 
 
 def importance_findings(
@@ -122,13 +151,30 @@ def importance_findings(
 ) -> tuple[Finding, Finding, Finding]:
     """ESS, k-hat and evidence findings from log weights ``(trial, draw)``."""
     weight = np.asarray(log_weight, dtype=float)
-    n, draws = weight.shape
+    return summary_findings(
+        summarise(weight), draws=weight.shape[1], trial=trial, population=population, caveats=caveats
+    )
+
+
+def summary_findings(
+    summary: WeightSummary,
+    *,
+    draws: int,
+    trial: ArrayLike | None = None,
+    population: str = "trials",
+    caveats: tuple[str, ...] = (),
+) -> tuple[Finding, Finding, Finding]:
+    """ESS, k-hat and evidence findings from what the weights of `draws` draws say of each trial."""
+    ess, khat, evidence, error, accepted, broken = summary
+    n = len(ess)
     coordinates = {"trial": np.arange(n) if trial is None else np.asarray(trial)}
-    ess = kish_fraction(weight)
-    khat = pareto_khat(weight)
     above = (khat > KHAT_LIMIT).astype(float)
-    evidence, error = log_evidence(weight)
-    accepted = acceptance(weight)
+    if broken.any():
+        caveats = (
+            *caveats,
+            f"in {broken.sum()} trial(s) a weight could not be computed (NaN likelihood or prior); "
+            "ESS counts as 0",
+        )
     return (
         Finding(
             id="importance.ess",
