@@ -1,0 +1,136 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy import stats
+
+from gaugeblock.validate import block as block_module
+from gaugeblock.validate.discriminant import fit_discriminant
+from gaugeblock.validate.learned import (
+    SCORED_DRAWS,
+    candidates,
+    context_of,
+    discriminant_fit,
+    learned_from,
+    learned_ranks,
+    pool_coordinates,
+    soft_limit,
+)
+from gaugeblock.validate.prepared import Prepared
+from gaugeblock.validate.uniformity import ecdf_test
+
+
+def exact(rng, n, candidates_, p):
+    """Coordinates, context and ties of an exact posterior."""
+    z = rng.normal(size=(n, candidates_, p))
+    return z, rng.normal(size=(n, 2)), rng.random(n)
+
+
+def test_coordinates_treat_truth_and_draws_alike():
+    """Swapping the truth with a draw swaps their coordinates, and changes nothing else."""
+    rng = np.random.default_rng(0)
+    truth, draws = rng.normal(size=(7, 2)) * 1e6, 1e6 * rng.normal(size=(7, 20, 2))
+    swapped_truth, swapped_draws = draws[:, 4].copy(), draws.copy()
+    swapped_draws[:, 4] = truth
+    one = pool_coordinates(truth, draws, np.random.default_rng(1))
+    other = pool_coordinates(swapped_truth, swapped_draws, np.random.default_rng(1))
+    np.testing.assert_allclose(one[:, -2:], other[:, -2:], rtol=1e-12)
+    np.testing.assert_allclose(np.sort(one[:, :-2], axis=1), np.sort(other[:, :-2], axis=1), rtol=1e-9)
+    moved = (one[:, 0] != other[:, 0]).any(axis=1)
+    assert moved.all()
+
+
+def test_coordinates_at_the_edges():
+    rng = np.random.default_rng(2)
+    same = pool_coordinates(np.full((3, 1), 5.0), np.full((3, 10, 1), 5.0), rng)
+    assert (same[:, :-2] == 0).all()
+    assert np.isfinite(same).all()
+    huge = pool_coordinates(np.full((3, 1), 1e200), rng.normal(size=(3, 10, 1)) * 1e200, rng)
+    assert np.isfinite(huge).all()
+    assert pool_coordinates(np.zeros((3, 1)), rng.normal(size=(3, 400, 1)), rng).shape == (
+        3,
+        3 + SCORED_DRAWS,
+        1,
+    )
+    assert soft_limit(np.array([1e9])) <= 6
+
+
+def test_weighted_draws_are_chosen_with_their_weights():
+    draws = np.tile([[0.0], [1.0]], (4, 20, 1))
+    weight = np.where(draws[:, :, 0] == 1.0, 1.0, 0.0)
+    found = pool_coordinates(np.full((4, 1), 3.0), draws, np.random.default_rng(3), weight=weight)
+    assert len(np.unique(found[:, 1:-2].round(9))) == 1
+
+
+def test_ranks_of_an_exact_posterior_are_uniform_with_any_score():
+    """Overfitted scores too. 200 replicates of 60 trials: rejections within the 0.999 binomial limits."""
+    p = []
+    for seed in range(200):
+        rng = np.random.default_rng([4, seed])
+        z, context, ties = exact(rng, 60, 6, 3)
+        found = learned_ranks(z, context, ties, discriminant_fit, order=rng.permutation(60))
+        assert len(found.pit) == 50
+        p.append(ecdf_test(found.pit).p_value)
+    assert np.count_nonzero(np.array(p) <= 0.05) <= stats.binom.ppf(0.999, 200, 0.05)
+
+
+def test_cross_fitting_would_not_do():
+    """Why models are sequential: with two folds that learn from each other z has a variance of about 2.
+
+    400 exact posteriors; the 0.999 limits of a sample variance are 0.79 and 1.23 for a variance of 1.
+    """
+    sequential, crossed = [], []
+    for seed in range(400):
+        rng = np.random.default_rng([5, seed])
+        z, context, ties = exact(rng, 80, 5, 1)
+        found = learned_ranks(z, context, ties, discriminant_fit, order=rng.permutation(80))
+        sequential.append((found.pit.mean() - 0.5) * np.sqrt(12 * len(found.pit)))
+        total = 0.0
+        for taught, held in ((slice(0, 40), slice(40, 80)), (slice(40, 80), slice(0, 40))):
+            tell = fit_discriminant(z[taught, 0], z[taught, 1:].reshape(-1, 1))
+            score = tell(z[held])
+            below = (score[:, 1:] < score[:, :1]).sum(axis=1)
+            total += ((below + ties[held]) / 5 - 0.5).sum()
+        crossed.append(total * np.sqrt(12 / 80))
+    assert 0.79 < np.var(sequential) < 1.23
+    assert np.var(crossed) > 1.4
+
+
+def test_a_fault_shows_in_the_ranks():
+    rng = np.random.default_rng(6)
+    z, context, ties = exact(rng, 600, 20, 2)
+    z[:, 0] *= 1.4  # the truth is farther out than the draws
+    found = learned_ranks(z, context, ties, discriminant_fit, order=rng.permutation(600))
+    assert found.pit.mean() > 0.56
+    assert found.truth_above.mean() > found.draws_above.mean() / found.draws + 0.1
+
+
+def test_context_has_one_scale_whatever_the_features():
+    rng = np.random.default_rng(7)
+    made = context_of(
+        rng.normal(size=(500, 1)), rng.normal(size=(500, 1)) * 1e-9, rng.lognormal(8, 4, (500, 2))
+    )
+    np.testing.assert_allclose(made.std(axis=0), 1, atol=0.03)
+
+
+def test_neither_blocks_nor_the_order_of_trials_matter(gaussian_trials, monkeypatch):
+    trials = gaussian_trials(150, 40, 2, seed=8)
+    shuffled = trials.isel(trial=np.random.default_rng(9).permutation(150))
+    whole, other = (Prepared(xr.DataTree(t), 3) for t in (trials, shuffled))
+    first, second = learned_from(whole), learned_from(other)
+    assert dict(zip(whole.trial[first.row], first.pit, strict=True)) == dict(
+        zip(other.trial[second.row], second.pit, strict=True)
+    )
+    monkeypatch.setattr(block_module, "VALUES", 1000)
+    pieces = Prepared(xr.DataTree(trials), 3)
+    np.testing.assert_array_equal(pieces.per_trial(candidates), whole.per_trial(candidates))
+
+
+@pytest.mark.parametrize("n", [50, 51, 77])
+def test_each_trial_is_ranked_once_or_only_teaches(n):
+    rng = np.random.default_rng(n)
+    z, context, ties = exact(rng, n, 5, 1)
+    found = learned_ranks(z, context, ties, discriminant_fit, order=rng.permutation(n))
+    assert len(np.unique(found.row)) == len(found.row) == n - n // 6
+    assert ((found.pit >= 0) & (found.pit < 1)).all()
