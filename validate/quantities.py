@@ -138,5 +138,9 @@ def likelihood(block: Block) -> Array:
     truth, draws = block.log_likelihood_true, block.log_likelihood
     if truth is None or draws is None:
         return np.empty((len(block), 0))
-    pit = quantity_pit(truth, draws, block.streams("joint likelihood"), weight=block.weight)
-    return np.column_stack([pit, _count_nan(truth, draws)])
+    return likelihood_pit(truth, draws, block.streams("joint likelihood"), weight=block.weight)
+
+
+def likelihood_pit(truth: Array, draws: Array, rng: Rng, *, weight: Array | None = None) -> Array:
+    """PIT of log likelihoods ``(trial,)`` among those of draws ``(trial, draw)``; and how many are NaN."""
+    return np.column_stack([quantity_pit(truth, draws, rng, weight=weight), _count_nan(truth, draws)])
