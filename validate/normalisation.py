@@ -109,7 +109,7 @@ def _dense(draws: Array, density: Array) -> tuple[Array, Array, Array]:
     start = draws[np.arange(n), known.argmax(axis=1)][:, None]
     cloud = draws
     mean, root, whiten = _shape(cloud)
-    # Half of the cloud at a time, by its own covariance: other modes, and the bends of a curved posterior, are
+    # Half of the cloud at a time, by its own covariance: other modes and the bends of a curved posterior are
     # left behind before the covariance is asked for details.
     for size in _sizes(draws.shape[1], cloud_size(parameters)):
         distance = (((cloud - start) @ whiten) ** 2).sum(axis=2)

@@ -123,9 +123,11 @@ def quantities(block: Block) -> Array:
 
     Shape ``(trial, quantity, 2)``.
     """
-    streams, stride = block.streams("test quantities"), block.prepared.stride
     names = quantity_names(block.own)
     found = np.empty((len(block), len(names), 2))
+    if not names:
+        return found
+    streams, stride = block.streams("test quantities"), block.prepared.stride
     for column, name in enumerate(names):
         truth, draws = block.own[f"{QUANTITY}{name}_true"], block.own[f"{QUANTITY}{name}"][:, ::stride]
         found[:, column, 0] = quantity_pit(truth, draws, streams, weight=block.weight)
