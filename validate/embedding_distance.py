@@ -60,11 +60,12 @@ def mahalanobis(observed: ArrayLike, simulated: ArrayLike, *, rng: np.random.Gen
         raise InputError("embeddings: NaN or infinite values have no distance")
     order = rng.permutation(len(b))
     fitted, held = b[order[: len(b) // 2]], b[order[len(b) // 2 :]]
-    centre = fitted.mean(axis=0)
-    # Eigenvalues that are rounding alone say nothing: such directions are left out.
-    values, vectors = np.linalg.eigh(np.atleast_2d(np.cov(fitted.T)))
-    kept = values > max(float(values.max()), 1e-300) * 1e-10
-    root = vectors[:, kept] / np.sqrt(values[kept])
+    centre, scale = fitted.mean(axis=0), fitted.std(axis=0)
+    scale = np.where(scale > 0, scale, np.inf)
+    # Directions without spread, but for rounding, have no distance: they are left out.
+    values, vectors = np.linalg.eigh(np.atleast_2d(np.cov(((fitted - centre) / scale).T)))
+    kept = values > 1e-10
+    root = vectors[:, kept] / np.sqrt(values[kept]) / scale[:, None]
     here, there = ((((points - centre) @ root) ** 2).sum(axis=1) for points in (a, held))
     ordered = np.sort(there)
     farther = len(held) - np.searchsorted(ordered, here)

@@ -159,7 +159,7 @@ def _check(truth: Array, sampled: Array, features: Array, there: Array, where: A
 
 
 def local_c2st_finding(result: LocalC2ST, *, n: int) -> Finding:
-    """A Finding of kind `test` from a `LocalC2ST` taught by n trials; its p-value is over all observations."""
+    """A Finding of kind `test` from a `LocalC2ST` taught by n trials; p-value over all observations."""
     names = tuple(f"observation {number}" for number in range(len(result.statistic)))
     return Finding(
         id="lc2st.observed",

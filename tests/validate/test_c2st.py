@@ -98,7 +98,7 @@ def test_an_exact_posterior_passes_the_default_audit():
 
 
 def test_blind_spot_the_prior_as_posterior_goes_unseen_without_data():
-    """With only truths and draws it is calibrated: p-values as if it were exact, and a caveat that says so."""
+    """With only truths and draws it is calibrated: a p-value as if it were exact, and a caveat."""
     rank, _ = ranks_and_accuracy(audit("prior", 1000, 50, seed=7, data=False))
     assert rank.p_value > 0.001
     assert any("goes unseen" in caveat for caveat in rank.caveats)

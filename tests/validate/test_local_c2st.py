@@ -44,13 +44,8 @@ def test_size_at_an_observation():
     p = []
     for seed in range(150):
         observed, where = at(0.5, seed=seed, draws=40)
-        found = local_c2st(
-            *problem(60, seed=seed, draws=8),
-            observed,
-            where,
-            permutations=99,
-            rng=np.random.default_rng(seed),
-        )
+        rng = np.random.default_rng(seed)
+        found = local_c2st(*problem(60, seed=seed, draws=8), observed, where, permutations=99, rng=rng)
         p.append((found.p_value[0], found.p_global))
     most = stats.binom.ppf(0.999, 150, 0.05)
     assert (np.count_nonzero(np.array(p) <= 0.05, axis=0) <= most).all()
