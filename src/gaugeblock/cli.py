@@ -123,6 +123,44 @@ def gate(
 
 
 @app.command()
+def plan(
+    width_error: Annotated[
+        float | None, typer.Option("--width-error", help="Tolerated error of the width, as a fraction: 0.1.")
+    ] = None,
+    bias: Annotated[float | None, typer.Option(help="Tolerated bias in posterior sd.")] = None,
+    coverage: Annotated[float | None, typer.Option(help="Tolerated gap of central coverage.")] = None,
+    power: Annotated[float | None, typer.Option(help="Probability of the right verdict.")] = None,
+    params: Annotated[int, typer.Option(help="Number of parameters.")] = 5,
+    trials: Annotated[
+        int | None, typer.Option(help="So many trials: what can they show? Default: how many does it take?")
+    ] = None,
+    draws: Annotated[
+        int | None, typer.Option(help="Draws per trial; default: enough to hide little.")
+    ] = None,
+    policy: PolicyName = None,
+    as_json: Annotated[bool, typer.Option("--json", help="JSON on stdout.")] = False,
+    seed: Seed = None,
+    debug: Debug = False,  # noqa: ARG001
+) -> None:
+    """Plan an audit: trials and draws for a power, or the smallest fault that a number of trials detects.
+
+    What is not given is as in the policy. Nothing is simulated.
+    """
+    from gaugeblock import plan as planning
+    from gaugeblock.validate import read_policy
+    from gaugeblock.validate.planner import plan as make_plan
+
+    rules = planning.tolerating(
+        read_policy(policy or "default"), bias=bias, width_error=width_error, coverage=coverage, power=power
+    )
+    planned = make_plan(rules, params=params, trials=trials, draws=draws, seed=seed or 0)
+    if as_json:
+        typer.echo(planning.as_json(planned))
+    else:
+        planning.print_table(planned, sys.stdout)
+
+
+@app.command()
 def train(
     config: Annotated[Path, typer.Argument(metavar="CONFIG.toml", help="Simulator, network and training.")],
     out: Annotated[
