@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import shutil
 import traceback
@@ -84,7 +85,7 @@ class CalibrationGate:
         self._undecided(text, audit, settings.inconclusive)
 
     def _call(self, values: Mapping[str, Any]) -> Layer:
-        return Layer("calibration_gate({}=...)", values, self._item.path.parent)
+        return Layer("its call with {}=...", values, self._item.path.parent)
 
     def _folder(self, settings: GateSettings) -> Path:
         if settings.out is None:
@@ -176,6 +177,8 @@ def _named(given: str | Mapping[str, Any], what: str) -> tuple[str, dict[str, An
 
 
 def _check(thing: Any, what: str, members: tuple[str, ...], wanted: str) -> None:
+    if inspect.isclass(thing):
+        raise InputError(f"the {what} is the class {thing.__name__} itself: give {wanted}")
     missing = [member for member in members if not hasattr(thing, member)]
     if missing:
         order = "; the order is calibration_gate(estimator, simulator)" if "prior" not in what else ""
@@ -191,7 +194,7 @@ def _one_line() -> Iterator[None]:
     try:
         yield
     except GaugeblockError as error:
-        line = f"calibration_gate: {' '.join(str(error).split())}"
+        line = f"calibration_gate: {' '.join(str(error).split()).removeprefix('calibration_gate: ')}"
         raise CalibrationError("\n".join([line, *_frames(error.__cause__)])) from None
 
 

@@ -70,8 +70,8 @@ def outer_layers(item: pytest.Item) -> list[Layer]:
     layers.append(Layer("--calibration-{}", given, config.invocation_params.dir))
     try:
         written = {name: config.getini(f"calibration_{name}") for name in OPTIONS}
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{config.inipath or 'command line'}: {error}") from None
+    except (TypeError, ValueError, pytest.UsageError) as error:
+        raise InputError(f"calibration settings in {config.inipath}: {error}") from None
     beside = config.inipath.parent if config.inipath else config.rootpath
     return layers + [Layer("calibration_{} in the ini file", written, beside)]
 
