@@ -16,10 +16,14 @@ from gaugeblock.validate.coverage import coverage
 from gaugeblock.validate.evidence import evidence
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.finite import finite
+from gaugeblock.validate.identifiability import identifiability, posterior_sd
 from gaugeblock.validate.importance import importance
+from gaugeblock.validate.joint import STATISTICS, joint
 from gaugeblock.validate.lc2st import lc2st
 from gaugeblock.validate.learned import candidates
 from gaugeblock.validate.local import local, location
+from gaugeblock.validate.normalisation import density, ratios
+from gaugeblock.validate.posterior_sbc import posterior_sbc
 from gaugeblock.validate.prepared import Prepared, effective_draws, errors, pit
 from gaugeblock.validate.sbc import sbc
 
@@ -43,12 +47,16 @@ VALIDATORS: Mapping[str, Validator] = {
     "draws": Validator(finite),
     "sbc": Validator(sbc, (pit, errors, effective_draws)),
     "coverage": Validator(coverage, (pit,)),
+    "joint": Validator(joint, STATISTICS),
+    "density": Validator(density, (ratios,)),
     "local": Validator(local, (pit, errors, effective_draws, location)),
     "c2st": Validator(c2st, (candidates,)),
     "lc2st": Validator(lc2st, (candidates,)),
+    "posterior_sbc": Validator(posterior_sbc),
     "conformal": Validator(conformal, (effective_draws, stretch)),
     "importance": Validator(importance),
     "evidence": Validator(evidence),
+    "identifiability": Validator(identifiability, (posterior_sd,)),
     "anytime": Validator(anytime, (pit, effective_draws, cut_scores), by_default=False),
 }
 
