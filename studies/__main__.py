@@ -9,16 +9,14 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import xarray as xr
-
 from gaugeblock.errors import GaugeblockError
 from gaugeblock.identity import versions
 from gaugeblock.progress import Bars
 from gaugeblock.validate.storage import write_groups
-from studies import gate, power, shortcut, size
+from studies import anytime, curves, gate, power, shortcut, size
+from studies.document import DOCS, RESULTS, document, stored
 from studies.replicates import Done, Part, run
 
-RESULTS = Path(__file__).resolve().parent / "results"
 SEED = 20260611
 
 
@@ -29,6 +27,8 @@ def parts(work: Path, seed: int) -> dict[str, Callable[[], Part]]:
         "gate": lambda: gate.part(work, seed=seed),
         "shortcut": shortcut.part,
         "power": power.part,
+        "curves": curves.part,
+        "anytime": anytime.part,
     }
 
 
@@ -40,13 +40,15 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--all", action="store_true", help="all parts")
     parser.add_argument("--replicates", type=int, help="of each case, instead of what the study has")
     parser.add_argument("--seed", type=int, default=SEED)
-    parser.add_argument("--workers", type=int, default=1, help="processes; the results do not depend on it")
+    parser.add_argument("--workers", type=int, default=1, help="processes; results do not depend on it")
     parser.add_argument("--out", type=Path, default=RESULTS, help="folder for the tables (NetCDF)")
     parser.add_argument("--work", type=Path, help="folder for checkpoints; by default OUT/checkpoints")
+    parser.add_argument("--report", action="store_true", help="figures and text from the tables in OUT")
+    parser.add_argument("--docs", type=Path, default=DOCS, help="folder with error-rates.md, for --report")
     chosen = parser.parse_args(arguments)
     wanted = names if chosen.all else chosen.parts
-    if not wanted:
-        parser.error("name parts, or give --all")
+    if not (wanted or chosen.report):
+        parser.error("name parts, or give --all or --report")
     work = chosen.work or chosen.out / "checkpoints"
     work.mkdir(parents=True, exist_ok=True)
     command = shlex.join(["python", "studies/run.py", *(sys.argv[1:] if arguments is None else arguments)])
@@ -64,6 +66,8 @@ def main(arguments: list[str] | None = None) -> int:
                 )
                 table = part.summarise(done.values).assign_attrs(_record(part, command, chosen.seed, done))
                 write_groups({"": table}, chosen.out / f"{name}.nc")
+        if chosen.report:
+            document(stored(names, chosen.out), chosen.docs)
     except GaugeblockError as error:
         sys.stderr.write(f"{error}\n")
         return 2
@@ -81,12 +85,6 @@ def _record(part: Part, command: str, seed: int, done: Done) -> dict[str, str | 
         "settings": json.dumps(part.settings, sort_keys=True, default=str),
         "versions": json.dumps(versions()),
     }
-
-
-def read(name: str, folder: Path = RESULTS) -> xr.Dataset:
-    """The table of a part."""
-    with xr.open_dataset(folder / f"{name}.nc", engine="netcdf4") as stored:
-        return stored.load()
 
 
 if __name__ == "__main__":

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 from studies import gate, power, size
-from studies.__main__ import main, parts, read
+from studies.__main__ import main, parts
+from studies.document import read
 from studies.replicates import Part, run
 from studies.summary import clopper_pearson, indicators, p_values
 

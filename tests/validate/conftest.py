@@ -48,3 +48,42 @@ def gaussian(
 @pytest.fixture(scope="session")
 def gaussian_trials() -> Callable[..., xr.Dataset]:
     return gaussian
+
+
+@pytest.fixture(scope="session")
+def zoo_trials() -> Callable[..., xr.DataTree]:
+    """Trials of a member of the zoo, or of the exact posterior, as an audit collects them, in memory.
+
+    Two parameters whose posterior has sd 0.55 and correlation -0.67, data along which it moves.
+    """
+    from gaugeblock.estimators import build_estimator
+    from gaugeblock.estimators.broken import WithTruth
+    from gaugeblock.samples import ImportanceTrials, JointTrials, MainTrials, Plan, has_density
+    from gaugeblock.simulators import build_simulator
+    from gaugeblock.validate import trials_tree
+
+    def collected(fault: str | None, n: int, draws: int, *, seed: int, **options: Any) -> xr.DataTree:
+        own = {"name": "linear_gaussian", "matrix": [[1.0, 1.0], [0.5, 0.0], [0.0, 0.5]]}
+        simulator = build_simulator(**options.pop("simulator", own))
+        if options.pop("leaky", fault == "leaking"):
+            simulator = WithTruth(simulator)
+        chosen = {"fault": fault, **options} if fault else {}
+        estimator = build_estimator("broken" if fault else "exact", simulator, **chosen)
+        plan = Plan(
+            number=n,
+            draws=draws,
+            chunk=n,
+            importance_number=min(n, 100),
+            importance_draws=200,
+            joint_number=min(n, 1000),
+            joint_draws=min(draws, 100),
+            seed=seed,
+        )
+        main = MainTrials(simulator, estimator, plan)(range(n))
+        weighed = None
+        if has_density(estimator):
+            weighed = ImportanceTrials(simulator, estimator, plan, main)(range(plan.importance_number))
+        joint = JointTrials(simulator, estimator, plan, main)(range(plan.joint_number))
+        return trials_tree(main, weighed, joint=joint)
+
+    return collected
