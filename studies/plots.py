@@ -1,0 +1,164 @@
+"""Figures of the document, made of the stored results; needs matplotlib."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from scipy import stats
+
+from gaugeblock.errors import require
+
+FIGURES = Path(__file__).resolve().parents[1] / "docs" / "figures"
+
+BLUE, ORANGE, GREY = "#2a6f97", "#c8553d", "#8a8a8a"
+# The same bytes for the same numbers.
+STYLE = {"svg.hashsalt": "gaugeblock", "font.size": 8, "axes.spines.top": False, "axes.spines.right": False}
+
+
+def _matplotlib() -> Any:
+    require("matplotlib", "report")
+    from matplotlib import pyplot
+
+    return pyplot
+
+
+def _dots(axis: Any, table: xr.Dataset, y: Any, *, colour: str, label: str | None = None) -> None:
+    """Rates with their intervals, as horizontal error bars."""
+    rate, low, high = (table[name].values for name in ("rate", "low", "high"))
+    bars = np.stack([rate - low, high - rate]).clip(0)
+    axis.errorbar(rate, y, xerr=bars, fmt="o", ms=3, lw=0.8, color=colour, label=label)
+
+
+def size_figure(table: xr.Dataset) -> Any:
+    """Rejection rates of each p-value at three levels, beside what a test of exact size shows."""
+    plot = _matplotlib()
+    tests = sorted(set(table["test"].values.tolist()), reverse=True)
+    cases = list(dict.fromkeys(table["case"].values.tolist()))
+    figure, axes = plot.subplots(
+        1, 3, figsize=(8, 1.2 + 0.16 * len(tests)), sharey=True, layout="constrained"
+    )
+    number = int(table["replicates"].max())
+    for axis, level in zip(axes, table["level"].values, strict=True):
+        low, high = (stats.binom.ppf(q, number, level) / number for q in (0.025, 0.975))
+        axis.axvspan(low, high, color=GREY, alpha=0.25, lw=0)
+        axis.axvline(level, color=GREY, lw=0.8)
+        for offset, (case, colour) in enumerate(zip(cases, (BLUE, ORANGE, "black"), strict=False)):
+            part = table.isel(row=table["case"].values == case).sel(level=level)
+            y = np.array([tests.index(test) for test in part["test"].values.tolist()]) - 0.2 * offset + 0.1
+            _dots(axis, part, y, colour=colour, label=case.replace("_", " "))
+        axis.set_title(f"p ≤ {level:g}")
+        axis.set_xlim(0, max(3 * level, 1.1 * float(table["high"].sel(level=level).max())))
+        axis.grid(axis="y", lw=0.3, alpha=0.5)
+    axes[0].set_yticks(range(len(tests)), tests)
+    axes[0].set_ylim(-0.8, len(tests) - 0.2)
+    axes[1].set_xlabel(f"share of {number} exact posteriors rejected; grey: what a test of exact size shows")
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", frameon=False, ncols=len(cases))
+    return figure
+
+
+def gate_figure(table: xr.Dataset) -> Any:
+    """Wrong verdicts of whole audits, and how often all intervals held."""
+    plot = _matplotlib()
+    cases = table["case"].values.tolist()
+    y = np.arange(len(cases))[::-1]
+    figure, (left, right) = plot.subplots(
+        1, 2, figsize=(8, 0.9 + 0.28 * len(cases)), sharey=True, layout="constrained"
+    )
+    _dots(left, table.sel(thing="FAIL"), y + 0.12, colour=ORANGE, label="FAIL")
+    edge = [case for case in cases if case != "exact"]
+    _dots(left, table.sel(thing="PASS", case=edge), y[[cases.index(c) for c in edge]] - 0.12, colour=BLUE,
+          label="PASS (of the exact one: right, not shown)")  # fmt: skip
+    left.axvline(0.05, color=GREY, lw=0.8)
+    left.set_xlim(-0.002, max(0.08, 1.1 * float(table["high"].sel(thing="FAIL").max())))
+    left.set_xlabel("wrong verdicts; line: 5% allowed of each")
+    left.legend(frameon=False, loc="upper right")
+    left.set_yticks(y, cases)
+    held = [c for c in cases if int(table["replicates"].sel(case=c, thing="inside"))]
+    _dots(right, table.sel(thing="inside", case=held), y[[cases.index(c) for c in held]], colour=BLUE)
+    right.axvline(0.95, color=GREY, lw=0.8)
+    right.set_xlabel("all true values in the simultaneous intervals; line: 95%")
+    return figure
+
+
+def power_figure(table: xr.Dataset) -> Any:
+    """How often each broken estimator is blocked."""
+    plot = _matplotlib()
+    cases = table["case"].values.tolist()
+    figure, axis = plot.subplots(figsize=(6, 0.8 + 0.24 * len(cases)), layout="constrained")
+    y = np.arange(len(cases))[::-1]
+    _dots(axis, table.sel(thing="FAIL"), y, colour=BLUE)
+    axis.axvline(0.9, color=GREY, lw=0.8)
+    axis.set_yticks(y, cases)
+    axis.set_xlim(-0.02, 1.02)
+    axis.set_xlabel("share of audits that FAIL; line: 0.9 planned")
+    return figure
+
+
+def curves_figure(table: xr.Dataset) -> Any:
+    """How often a fault is blocked, by number of trials."""
+    plot = _matplotlib()
+    figure, axis = plot.subplots(figsize=(6, 3.6), layout="constrained")
+    names = list(dict.fromkeys(case.rpartition(" @ ")[0] for case in table["case"].values.tolist()))
+    for name, marker in zip(names, "os^Dv", strict=False):
+        cases = [case for case in table["case"].values.tolist() if case.rpartition(" @ ")[0] == name]
+        trials = np.array([int(case.rpartition(" @ ")[2]) for case in cases])
+        part = table.sel(case=cases, thing="FAIL")
+        (line,) = axis.plot(trials, part["rate"], marker=marker, ms=4, lw=1.2, label=name)
+        axis.fill_between(trials, part["low"], part["high"], color=line.get_color(), alpha=0.12, lw=0)
+    axis.axhline(0.9, color=GREY, lw=0.8)
+    axis.set_xscale("log")
+    ticks = sorted({int(case.rpartition(" @ ")[2]) for case in table["case"].values.tolist()})
+    axis.set_xticks(ticks, [f"{tick:,}" for tick in ticks])
+    axis.minorticks_off()
+    axis.set_ylim(-0.03, 1.03)
+    axis.set_xlabel("trials")
+    axis.set_ylabel("share of audits that FAIL")
+    figure.legend(loc="outside lower center", frameon=False, ncols=2)
+    return figure
+
+
+def anytime_figure(table: xr.Dataset) -> Any:
+    """When the anytime mode decides, where half of the audits or more come to a decision."""
+    plot = _matplotlib()
+    table = table.isel(case=np.isfinite(table["trials"].values[:, 1]))
+    cases, times = table["case"].values.tolist(), table["trials"].values
+    figure, axis = plot.subplots(figsize=(6, 0.8 + 0.26 * len(cases)), layout="constrained")
+    y = np.arange(len(cases))[::-1]
+    axis.hlines(
+        y, times[:, 0], np.where(np.isfinite(times[:, 2]), times[:, 2], times[:, 1]), color=BLUE, lw=1
+    )
+    axis.plot(times[:, 1], y, "o", ms=4, color=BLUE)
+    axis.set_yticks(y, cases)
+    axis.set_xscale("log")
+    axis.set_xlabel("trials at the decision: median, and the range of 80% of audits")
+    return figure
+
+
+FIGURE: Mapping[str, Callable[[xr.Dataset], Any]] = {
+    "size": size_figure,
+    "gate": gate_figure,
+    "power": power_figure,
+    "curves": curves_figure,
+    "anytime": anytime_figure,
+}
+
+
+def draw(tables: Mapping[str, xr.Dataset], folder: Path = FIGURES) -> list[Path]:
+    """Write ``error-rates-NAME.svg`` for each table that there is a figure for."""
+    plot = _matplotlib()
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for name, table in tables.items():
+        if name in FIGURE:
+            with plot.rc_context(STYLE):
+                figure = FIGURE[name](table)
+                path = folder / f"error-rates-{name}.svg"
+                figure.savefig(path, metadata={"Date": None})
+                plot.close(figure)
+            written.append(path)
+    return written

@@ -1,0 +1,118 @@
+"""Tables of the document, made of the stored results, so that text and numbers cannot drift apart."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from scipy import stats
+
+DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "error-rates.md"
+
+
+def percent(table: xr.Dataset, **place: str) -> str:
+    """A rate with its exact 95% interval, in percent."""
+    cell = table.sel(place)
+    if not int(cell["replicates"]):
+        return ""
+    rate, low, high = (100 * float(cell[name]) for name in ("rate", "low", "high"))
+    return f"{rate:.1f}% ({low:.1f} to {high:.1f})"
+
+
+def rows(header: tuple[str, ...], lines: list[tuple[str, ...]]) -> str:
+    """A Markdown table."""
+    every = [header, tuple("---" for _ in header), *lines]
+    return "\n".join("| " + " | ".join(line) + " |" for line in every)
+
+
+def size_table(table: xr.Dataset) -> str:
+    """Rejection rates at 5%, a row per test and a column per case."""
+    cases = list(dict.fromkeys(table["case"].values.tolist()))
+    row = zip(table["case"].values.tolist(), table["test"].values.tolist(), strict=True)
+    place = {key: number for number, key in enumerate(row)}
+    lines = []
+    for test in sorted(set(table["test"].values.tolist())):
+        cells = [
+            percent(table.isel(row=place[case, test]), level=0.05) if (case, test) in place else ""  # type: ignore[arg-type]
+            for case in cases
+        ]
+        lines.append((f"`{test}`", *cells))
+    number = int(table["replicates"].max())
+    low, high = (100 * stats.binom.ppf(q, number, 0.05) / number for q in (0.025, 0.975))
+    said = (
+        f"With {number} replicates, a test of exact size shows {low:.1f}% to {high:.1f}% in 95 cases of 100."
+    )
+    return rows(("p-value at most 0.05", *cases), lines) + "\n\n" + said
+
+
+def gate_table(table: xr.Dataset) -> str:
+    """Wrong verdicts of whole audits."""
+    lines = [
+        (case, *(percent(table, case=case, thing=thing) for thing in ("FAIL", "PASS", "inside")))
+        for case in table["case"].values.tolist()
+    ]
+    return rows(("estimator on the edge of", "FAIL", "PASS", "all true values in the intervals"), lines)
+
+
+def shortcut_table(table: xr.Dataset) -> str:
+    """Wrong verdicts of one gate alone."""
+    lines = [
+        (case, *(percent(table, case=case, thing=thing) for thing in ("FAIL", "PASS")))
+        for case in table["case"].values.tolist()
+    ]
+    return rows(("on the edge of", "FAIL", "PASS"), lines)
+
+
+def power_table(table: xr.Dataset) -> str:
+    """How often each member of the zoo is blocked, and by which gates."""
+    zoo = json.loads(table.attrs["settings"])["zoo"]
+    blamed = [thing for thing in table["thing"].values.tolist() if thing.startswith("fail: ")]
+    lines = []
+    for case in table["case"].values.tolist():
+        rate = {thing: float(table["rate"].sel(case=case, thing=thing)) for thing in blamed}
+        by = sorted((thing for thing in blamed if rate[thing] >= 0.5), key=lambda thing: -rate[thing])
+        named = ", ".join(f"`{thing.removeprefix('fail: ')}`" for thing in by)
+        lines.append((case, f"{zoo[case]['trials']:,}", percent(table, case=case, thing="FAIL"), named))
+    return rows(("fault", "trials", "blocked", "by, in half of the audits or more"), lines)
+
+
+def anytime_table(table: xr.Dataset) -> str:
+    """Decisions of the anytime mode, and when they fell."""
+    lines = []
+    for case in table["case"].values.tolist():
+        when = table["trials"].sel(case=case).values
+        times = ", ".join(f"{t:,.0f}" if np.isfinite(t) else "none" for t in when)
+        lines.append((case, *(percent(table, case=case, thing=t) for t in ("FAIL", "PASS")), times))
+    return rows(("estimator", "FAIL", "PASS", "trials at the decision: 10%, 50%, 90% of audits"), lines)
+
+
+def made_by(table: xr.Dataset) -> str:
+    """What the numbers are of, and how to make them again."""
+    number, seconds = int(table["replicates"].max()), table.attrs["seconds_per_replicate"]
+    return (
+        f"{table.attrs['says'].capitalize()}; {number:,} replicates of each. Made by "
+        f"`{table.attrs['command']}`, {seconds:.2g} s a replicate."
+    )
+
+
+TABLES: Mapping[str, Callable[[xr.Dataset], str]] = {
+    "size": size_table,
+    "gate": gate_table,
+    "shortcut": shortcut_table,
+    "power": power_table,
+    "anytime": anytime_table,
+    "curves": lambda table: "",  # noqa: ARG005  (a figure says it)
+}
+
+
+def filled(text: str, tables: Mapping[str, xr.Dataset]) -> str:
+    """The document with everything between ``<!-- size -->`` and ``<!-- /size -->`` made anew, and so on."""
+    for name, table in tables.items():
+        content = "\n\n".join(part for part in (TABLES[name](table), made_by(table)) if part)
+        block = f"<!-- {name} -->\n{content}\n<!-- /{name} -->"
+        text = re.sub(rf"<!-- {name} -->.*?<!-- /{name} -->", lambda _: block, text, flags=re.DOTALL)  # noqa: B023
+    return text
