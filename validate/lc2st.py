@@ -25,7 +25,10 @@ REFERENCE = (
 )
 LEVELS = (0.2, 0.5, 0.8)
 MOST_FEATURES = 8
+# Replicates of the null, fewer for very many trials: uniform numbers in all, and at a time.
 REPLICATES = 999
+LEAST_REPLICATES = 199
+WORK = 1 << 25
 CHUNK = 1 << 22
 
 
@@ -119,7 +122,7 @@ def local_finding(
 
 
 def largest_gap(
-    pit: ArrayLike, member: ArrayLike, *, seed: int, replicates: int = REPLICATES
+    pit: ArrayLike, member: ArrayLike, *, seed: int, replicates: int | None = None
 ) -> tuple[float, Array]:
     """p-value of the largest gap over regions and levels, and each gap in its null standard error.
 
@@ -130,6 +133,8 @@ def largest_gap(
     0.001
     """
     u, inside = np.asarray(pit, dtype=float), np.asarray(member, dtype=np.float32)
+    if replicates is None:
+        replicates = int(np.clip(WORK // max(len(u), 1), LEAST_REPLICATES, REPLICATES))
     level = np.array(LEVELS)
     scale = np.sqrt(inside.sum(axis=1)[:, None] * level * (1 - level))
     centre = inside.sum(axis=1)[:, None] * level

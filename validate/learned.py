@@ -19,9 +19,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.streams import Rng
+from gaugeblock.errors import InputError
 from gaugeblock.validate.block import Block
-from gaugeblock.validate.discriminant import fit_discriminant, normal_scores
+from gaugeblock.validate.discriminant import fit_discriminant
+from gaugeblock.validate.pool import context_of, pool_coordinates
 from gaugeblock.validate.prepared import Prepared
 from gaugeblock.validate.ranks import ranks_and_ties
 
@@ -33,10 +34,8 @@ Fit = Callable[[Array, Array], Score]
 STAGES = 6
 MOST_TAUGHT = 4000
 """Trials that a model is fitted to at most: the most recent ones."""
-SCORED_DRAWS = 32
 TAUGHT_DRAWS = 8
 LEAST_TRIALS = 50
-SOFT_LIMIT = 6.0
 CHUNK = 1 << 20
 
 
@@ -55,58 +54,12 @@ class LearnedRanks:
     draws: int
 
 
-def pool_coordinates(
-    theta_true: ArrayLike, draws: ArrayLike, rng: Rng, *, weight: ArrayLike | None = None
-) -> Array:
-    """Truth and some draws in coordinates of their own trial's pool, ``(trial, 3 + draw, p)``.
-
-    Rows: the truth, up to 32 draws chosen at random, the pool's mean, the log of its sd. The pool is the
-    truth and all draws together, so the coordinates treat them alike and exchangeability survives. Weighted
-    draws are chosen with their weights, with replacement.
-    """
-    truth, sampled = np.asarray(theta_true, dtype=float), np.asarray(draws, dtype=float)
-    n, number, _ = sampled.shape
-    pool = np.concatenate([truth[:, None], sampled], axis=1)
-    size = np.abs(pool).max(axis=1, keepdims=True)
-    size = np.where(size > 0, size, 1.0)
-    mean = (pool / size).mean(axis=1, keepdims=True)
-    spread = (pool / size).std(axis=1, keepdims=True)
-    # Rounding alone is no spread.
-    flat = spread <= 1e-12
-    chosen = np.take_along_axis(sampled, _some(rng, n, number, weight)[:, :, None], axis=1)
-    kept = np.concatenate([truth[:, None], chosen], axis=1)
-    z = np.where(flat, 0.0, (kept / size - mean) / np.where(flat, 1.0, spread))
-    log_spread = np.log(np.where(flat, 1e-12, spread)) + np.log(size)
-    return np.concatenate([soft_limit(z), mean * size, log_spread], axis=1)
-
-
-def soft_limit(z: Array) -> Array:
-    """Coordinates bent so that they stay below 6: a far outlier is far, not everything."""
-    return np.asarray(z / np.sqrt(1 + (z / SOFT_LIMIT) ** 2))
-
-
-def _some(rng: Rng, n: int, number: int, weight: ArrayLike | None) -> NDArray[np.int64]:
-    wanted = min(SCORED_DRAWS, number)
-    if weight is None:
-        return np.asarray(np.argsort(rng.random((n, number)), axis=1)[:, :wanted])
-    total = np.cumsum(np.asarray(weight, dtype=float), axis=1)
-    level = rng.random((n, wanted)) * total[:, -1:]
-    return np.asarray(np.minimum((level[:, :, None] >= total[:, None, :]).sum(axis=2), number - 1))
-
-
 def candidates(block: Block) -> Array:
     """Statistic of a block: `pool_coordinates`, and a last row that holds a number to break ties with."""
     rng = block.streams("learned")
     found = pool_coordinates(block.theta_true, block.draws, rng, weight=block.weight)
     ties = np.broadcast_to(rng.random((len(block.trial), 1))[:, :, None], (len(found), 1, found.shape[2]))
     return np.concatenate([found, ties], axis=1)
-
-
-def context_of(mean: Array, log_spread: Array, features: Array | None = None) -> Array:
-    """What all candidates of a trial share ``(trial, k)``: data features, log sd and mean of the pool."""
-    shared = [log_spread, mean] if features is None else [features, log_spread, mean]
-    known = np.concatenate(shared, axis=1)
-    return normal_scores(known, known)
 
 
 def learned_from(prepared: Prepared) -> LearnedRanks:
@@ -123,6 +76,37 @@ def learned_from(prepared: Prepared) -> LearnedRanks:
     order = rng.permutation(len(by_number))
     ranks = learned_ranks(found[:, :-3], context, found[:, -1, 0], discriminant_fit, order=order)
     return replace(ranks, row=by_number[ranks.row])
+
+
+def learned_from_arrays(
+    theta_true: ArrayLike,
+    draws: ArrayLike,
+    x_features: ArrayLike | None = None,
+    *,
+    weight: ArrayLike | None = None,
+    rng: np.random.Generator,
+) -> LearnedRanks:
+    """The same from truths ``(n, p)``, draws ``(n, L, p)`` and, where there are data, features ``(n, k)``.
+
+    Raises
+    ------
+    InputError
+        For fewer than 50 trials.
+
+    >>> rng = np.random.default_rng(0)
+    >>> x = rng.normal(size=(400, 1))
+    >>> theta, draws = x + rng.normal(size=(400, 1)), rng.normal(size=(400, 30, 1)) * np.sqrt(2)
+    >>> found = learned_from_arrays(theta, draws, x, rng=rng)  # calibrated on average, but blind to x
+    >>> len(found.pit), bool(found.pit.mean() > 0.6)
+    (334, True)
+    """
+    n = len(np.asarray(theta_true))
+    if n < LEAST_TRIALS:
+        raise InputError(f"{n} trials; a score to be learned needs at least {LEAST_TRIALS}")
+    found = pool_coordinates(theta_true, draws, rng, weight=weight)
+    features = None if x_features is None else usable(np.asarray(x_features, dtype=float))
+    context = context_of(found[:, -2], found[:, -1], features)
+    return learned_ranks(found[:, :-2], context, rng.random(n), discriminant_fit, order=rng.permutation(n))
 
 
 def usable(features: Array) -> Array:

@@ -5,17 +5,15 @@ import pytest
 import xarray as xr
 from scipy import stats
 
+from gaugeblock.errors import InputError
 from gaugeblock.validate import block as block_module
 from gaugeblock.validate.discriminant import fit_discriminant
 from gaugeblock.validate.learned import (
-    SCORED_DRAWS,
     candidates,
-    context_of,
     discriminant_fit,
     learned_from,
+    learned_from_arrays,
     learned_ranks,
-    pool_coordinates,
-    soft_limit,
 )
 from gaugeblock.validate.prepared import Prepared
 from gaugeblock.validate.uniformity import ecdf_test
@@ -25,42 +23,6 @@ def exact(rng, n, candidates_, p):
     """Coordinates, context and ties of an exact posterior."""
     z = rng.normal(size=(n, candidates_, p))
     return z, rng.normal(size=(n, 2)), rng.random(n)
-
-
-def test_coordinates_treat_truth_and_draws_alike():
-    """Swapping the truth with a draw swaps their coordinates, and changes nothing else."""
-    rng = np.random.default_rng(0)
-    truth, draws = rng.normal(size=(7, 2)) * 1e6, 1e6 * rng.normal(size=(7, 20, 2))
-    swapped_truth, swapped_draws = draws[:, 4].copy(), draws.copy()
-    swapped_draws[:, 4] = truth
-    one = pool_coordinates(truth, draws, np.random.default_rng(1))
-    other = pool_coordinates(swapped_truth, swapped_draws, np.random.default_rng(1))
-    np.testing.assert_allclose(one[:, -2:], other[:, -2:], rtol=1e-12)
-    np.testing.assert_allclose(np.sort(one[:, :-2], axis=1), np.sort(other[:, :-2], axis=1), rtol=1e-9)
-    moved = (one[:, 0] != other[:, 0]).any(axis=1)
-    assert moved.all()
-
-
-def test_coordinates_at_the_edges():
-    rng = np.random.default_rng(2)
-    same = pool_coordinates(np.full((3, 1), 5.0), np.full((3, 10, 1), 5.0), rng)
-    assert (same[:, :-2] == 0).all()
-    assert np.isfinite(same).all()
-    huge = pool_coordinates(np.full((3, 1), 1e200), rng.normal(size=(3, 10, 1)) * 1e200, rng)
-    assert np.isfinite(huge).all()
-    assert pool_coordinates(np.zeros((3, 1)), rng.normal(size=(3, 400, 1)), rng).shape == (
-        3,
-        3 + SCORED_DRAWS,
-        1,
-    )
-    assert soft_limit(np.array([1e9])) <= 6
-
-
-def test_weighted_draws_are_chosen_with_their_weights():
-    draws = np.tile([[0.0], [1.0]], (4, 20, 1))
-    weight = np.where(draws[:, :, 0] == 1.0, 1.0, 0.0)
-    found = pool_coordinates(np.full((4, 1), 3.0), draws, np.random.default_rng(3), weight=weight)
-    assert len(np.unique(found[:, 1:-2].round(9))) == 1
 
 
 def test_ranks_of_an_exact_posterior_are_uniform_with_any_score():
@@ -106,14 +68,6 @@ def test_a_fault_shows_in_the_ranks():
     assert found.truth_above.mean() > found.draws_above.mean() / found.draws + 0.1
 
 
-def test_context_has_one_scale_whatever_the_features():
-    rng = np.random.default_rng(7)
-    made = context_of(
-        rng.normal(size=(500, 1)), rng.normal(size=(500, 1)) * 1e-9, rng.lognormal(8, 4, (500, 2))
-    )
-    np.testing.assert_allclose(made.std(axis=0), 1, atol=0.03)
-
-
 def test_neither_blocks_nor_the_order_of_trials_matter(gaussian_trials, monkeypatch):
     trials = gaussian_trials(150, 40, 2, seed=8)
     shuffled = trials.isel(trial=np.random.default_rng(9).permutation(150))
@@ -125,6 +79,20 @@ def test_neither_blocks_nor_the_order_of_trials_matter(gaussian_trials, monkeypa
     monkeypatch.setattr(block_module, "VALUES", 1000)
     pieces = Prepared(xr.DataTree(trials), 3)
     np.testing.assert_array_equal(pieces.per_trial(candidates), whole.per_trial(candidates))
+
+
+def test_on_plain_arrays():
+    """The prior as posterior: seen with the data's features, not without them (1e-3)."""
+    rng = np.random.default_rng(10)
+    x = rng.normal(size=(600, 1))
+    theta, draws = x + 0.5 * rng.normal(size=(600, 1)), np.sqrt(1.25) * rng.normal(size=(600, 40, 1))
+    seen, unseen = (learned_from_arrays(theta, draws, features, rng=rng) for features in (x, None))
+    assert seen.pit.mean() > 0.7
+    assert abs(unseen.pit.mean() - 0.5) < 3.3 / np.sqrt(12 * len(unseen.pit))
+    broken = np.column_stack([x, np.full(600, np.nan)])
+    assert learned_from_arrays(theta, draws, broken, rng=rng).pit.mean() > 0.7
+    with pytest.raises(InputError, match="at least 50"):
+        learned_from_arrays(theta[:49], draws[:49], x[:49], rng=rng)
 
 
 @pytest.mark.parametrize("n", [50, 51, 77])
