@@ -28,6 +28,9 @@ _QUESTIONS = {
     "evidence.pull": "Do log evidences lie within their stated errors of the truth?",
     "identifiability.shrink": "How much narrower than the prior is the posterior?",
     "identifiability.capture": "How much of the exact constraint does the estimator capture?",
+    "anytime.bias": "Is the posterior centred on the truth, at whatever trial one stops?",
+    "anytime.log_width": "Is it as wide as its errors are large, at whatever trial one stops?",
+    "anytime.coverage": "Do intervals hold the truth as often as they claim, at whatever trial one stops?",
     "importance.ess": "How much of each posterior survives reweighting to the exact one?",
 }
 _UNITS = {
