@@ -20,6 +20,8 @@ FOLDS = 5
 FARTHEST = 4.0
 # In units of one trial's features: negligible for hundreds of trials, and enough for a handful.
 RIDGE = 1.0
+# Of a parameter's variance: what is left where the data say all.
+ROUNDING = 1e-10
 
 
 class Prediction(NamedTuple):
@@ -62,8 +64,8 @@ def cross_fitted(features: ArrayLike, theta_true: ArrayLike, trial: ArrayLike) -
         products[:, width:, width:] - both_ways - np.swapaxes(both_ways, 1, 2) + fitted @ gram @ coefficients
     )
     number = np.maximum(n - np.bincount(fold), 1)
-    values, vectors = np.linalg.eigh(residual / number[:, None, None])
-    root = vectors * np.sqrt(np.maximum(values, 0))[:, None, :]
+    # The Cholesky root, unlike others, scales with the parameters, so that their common scale drops out here too.
+    root = np.linalg.cholesky(residual / number[:, None, None] + ROUNDING * np.eye(truth.shape[1]))
     # Row by row: the same bits in whatever order the trials come.
     mean = np.einsum("nk,nkp->np", design, coefficients[fold])
     return Prediction(mean * scale + centre, scale[:, None] * root, fold)
