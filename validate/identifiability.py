@@ -120,7 +120,9 @@ def shrink_finding(
         estimate=np.array([estimate]),
         standard_error=np.array([influence.std(ddof=1) / np.sqrt(n)]),
         influence=influence[None],
-        details=xr.Dataset({"shrink": ("trial", ratio), "prior_sd": ((), prior)}, coords=_coordinates(trial)),
+        details=xr.Dataset(
+            {"posterior_sd": ("trial", width), "prior_sd": ((), prior)}, coords=_coordinates(trial)
+        ),
         caveats=caveats,
     )
 
@@ -142,7 +144,8 @@ def capture_finding(
     """
     truth = np.asarray(theta_true, dtype=float)
     prior = float(truth.std(ddof=1))
-    estimated, exact = np.asarray(sd, dtype=float) / prior, np.asarray(exact_sd, dtype=float) / prior
+    width, exact_width = np.asarray(sd, dtype=float), np.asarray(exact_sd, dtype=float)
+    estimated, exact = width / prior, exact_width / prior
     a, b, n = float(estimated.mean()), float(exact.mean()), len(exact)
     square = (truth - truth.mean()) ** 2
     # Error of the log of the prior's sd, from the truths' fourth moment; it moves both shrinks together.
@@ -171,7 +174,7 @@ def capture_finding(
         influence=influence[None],
         population=population,
         details=xr.Dataset(
-            {"shrink": ("trial", estimated), "exact_shrink": ("trial", exact), "prior_sd": ((), prior)},
+            {"posterior_sd": ("trial", width), "exact_sd": ("trial", exact_width), "prior_sd": ((), prior)},
             coords=_coordinates(trial),
         ),
         caveats=caveats,
