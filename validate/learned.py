@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.errors import InputError
 from gaugeblock.validate.block import Block
 from gaugeblock.validate.discriminant import fit_discriminant
-from gaugeblock.validate.pool import context_of, pool_coordinates
+from gaugeblock.validate.pool_coordinates import context_of, pool_coordinates
 from gaugeblock.validate.prepared import Prepared
 from gaugeblock.validate.ranks import ranks_and_ties
 

@@ -19,7 +19,7 @@ from scipy import sparse, special
 from gaugeblock.errors import InputError
 from gaugeblock.validate.discriminant import columns, normal_scores, penalties
 from gaugeblock.validate.finding import Finding
-from gaugeblock.validate.pool import pool_coordinates, soft_limit
+from gaugeblock.validate.pool_coordinates import pool_coordinates, soft_limit
 
 Array = NDArray[np.float64]
 

@@ -1,64 +1,103 @@
-"""Truths and draws in coordinates of their own trial's pool, where faults of any posterior look alike.
+"""The truth and its draws as one pool: standardised and whitened by what they are together.
 
-A bias of a tenth of a posterior sd is a tenth here, however narrow the posterior. The pool is the truth and
-all its draws together: a function of it treats them alike, so they stay exchangeable.
+Given the pool, an exact posterior makes every member as likely as any other to be the truth. So whatever is
+computed with the pool's own mean and covariance treats all members alike, and its rank is exactly uniform;
+with the draws' mean and covariance, which leave the truth out, it would not be.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.streams import Rng
-from gaugeblock.validate.discriminant import normal_scores
 
 Array = NDArray[np.float64]
 
-SCORED_DRAWS = 32
-SOFT_LIMIT = 6.0
+# Directions whose variance is less than this share of a parameter's are taken to have none: rounding.
+SMALLEST_VARIANCE = 1e-10
 
 
-def pool_coordinates(
-    theta_true: ArrayLike, draws: ArrayLike, rng: Rng, *, weight: ArrayLike | None = None
-) -> Array:
-    """Truth and some draws in coordinates of their own trial's pool, ``(trial, 3 + draw, p)``.
+class Pool(NamedTuple):
+    """Truth and draws of each trial in units of their own spread.
 
-    Rows: the truth, up to 32 draws chosen at random, the pool's mean, the log of its sd. The pool is the
-    truth and all draws together, so the coordinates treat them alike and exchangeability survives. Weighted
-    draws are chosen with their weights, with replacement.
+    `members` ``(trial, parameter, 1 + draw)``, the truth first, have mean 0 and sd 1 in each trial; `mean`
+    and `sd` ``(trial, parameter)`` lead back. `whitening` ``(trial, parameter, parameter)``, symmetric, times
+    members has the unit matrix as covariance. `weight` ``(trial, 1 + draw)`` or None.
     """
-    truth, sampled = np.asarray(theta_true, dtype=float), np.asarray(draws, dtype=float)
-    n, number, _ = sampled.shape
-    pool = np.concatenate([truth[:, None], sampled], axis=1)
-    size = np.abs(pool).max(axis=1, keepdims=True)
-    size = np.where(size > 0, size, 1.0)
-    mean = (pool / size).mean(axis=1, keepdims=True)
-    spread = (pool / size).std(axis=1, keepdims=True)
-    # Rounding alone is no spread.
-    flat = spread <= 1e-12
-    chosen = np.take_along_axis(sampled, _some(rng, n, number, weight)[:, :, None], axis=1)
-    kept = np.concatenate([truth[:, None], chosen], axis=1)
-    z = np.where(flat, 0.0, (kept / size - mean) / np.where(flat, 1.0, spread))
-    log_spread = np.log(np.where(flat, 1e-12, spread)) + np.log(size)
-    return np.concatenate([soft_limit(z), mean * size, log_spread], axis=1)
+
+    members: Array
+    mean: Array
+    sd: Array
+    whitening: Array
+    weight: Array | None
 
 
-def soft_limit(z: Array) -> Array:
-    """Coordinates bent so that they stay below 6: a far outlier is far, not everything."""
-    return np.asarray(z / np.sqrt(1 + (z / SOFT_LIMIT) ** 2))
+def make_pool(theta_true: ArrayLike, draws: ArrayLike, *, weight: ArrayLike | None = None) -> Pool:
+    """Pool of truths ``(trial, parameter)`` and draws ``(trial, draw, parameter)``.
+
+    Weighted draws count with their weight, the truth as one effective draw. A parameter without any spread is
+    0 for all.
+
+    >>> rng = np.random.default_rng(0)
+    >>> pool = make_pool(rng.normal(size=(3, 2)), 5 + rng.normal(size=(3, 40, 2)))
+    >>> white = pool.whitening @ pool.members
+    >>> bool(np.allclose(white @ np.swapaxes(white, 1, 2) / 41, np.eye(2)))
+    True
+    """
+    truth, sampled = np.asarray(theta_true, dtype=float), np.asarray(draws)
+    n, number, parameters = sampled.shape
+    members = np.empty((n, parameters, number + 1))
+    members[:, :, 0] = truth
+    members[:, :, 1:] = np.swapaxes(sampled, 1, 2)
+    share, own = None, None
+    if weight is not None:
+        linear = np.asarray(weight, dtype=float)
+        own = np.concatenate(
+            [(linear**2).sum(axis=1, keepdims=True) / linear.sum(axis=1, keepdims=True), linear], axis=1
+        )
+        share = (own / own.sum(axis=1, keepdims=True))[:, None]
+    mean = members.mean(axis=2) if share is None else (members * share).sum(axis=2)
+    members -= mean[:, :, None]
+    # Largest distance first: squares of very large or very small numbers stay in range.
+    reach = np.abs(members).max(axis=2)
+    members /= np.where(reach > 0, reach, 1.0)[:, :, None]
+    transposed = np.swapaxes(members, 1, 2)
+    covariance = members @ transposed / (number + 1) if share is None else (members * share) @ transposed
+    variance = np.einsum("tpp->tp", covariance)
+    known = variance > 0
+    sd = np.where(known, np.sqrt(np.where(known, variance, 1.0)), 1.0)
+    members /= sd[:, :, None]
+    values, vectors = np.linalg.eigh(covariance / (sd[:, :, None] * sd[:, None, :]))
+    root = 1 / np.sqrt(np.maximum(values, SMALLEST_VARIANCE))
+    whitening = (vectors * root[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+    return Pool(members, mean, sd * np.where(reach > 0, reach, 1.0), whitening, own)
 
 
-def _some(rng: Rng, n: int, number: int, weight: ArrayLike | None) -> NDArray[np.int64]:
-    wanted = min(SCORED_DRAWS, number)
+def pool_pit(values: ArrayLike, rng: Rng, *, weight: Array | None = None) -> Array:
+    """Randomised PIT ``(trial, quantity)`` of the first of all `values` ``(trial, quantity, 1 + draw)``.
+
+    Values are compared in single precision, so that draws equal to the truth stay ties after arithmetic. In
+    `weight` ``(trial, 1 + draw)`` the truth has one, too.
+
+    >>> values = np.array([[[0.0, -1.0, 1.0, 2.0]]])
+    >>> bool(0.25 <= pool_pit(values, np.random.default_rng(0))[0, 0] < 0.5)
+    True
+    """
+    single = np.asarray(values, dtype=np.float32)
+    truth, draws = single[:, :, :1], single[:, :, 1:]
+    uniform = rng.random(single.shape[:2])
     if weight is None:
-        return np.asarray(np.argsort(rng.random((n, number)), axis=1)[:, :wanted])
-    total = np.cumsum(np.asarray(weight, dtype=float), axis=1)
-    level = rng.random((n, wanted)) * total[:, -1:]
-    return np.asarray(np.minimum((level[:, :, None] >= total[:, None, :]).sum(axis=2), number - 1))
+        below, equal = (_count(draws < truth), _count(draws == truth))
+        return np.asarray((below + (equal + 1) * uniform) / single.shape[2])
+    own, linear = weight[:, :1], weight[:, 1:]
+    under = np.einsum("td,tqd->tq", linear, draws < truth)
+    tied = np.einsum("td,tqd->tq", linear, draws == truth)
+    return np.asarray((under + (tied + own) * uniform) / weight.sum(axis=1, keepdims=True))
 
 
-def context_of(mean: Array, log_spread: Array, features: Array | None = None) -> Array:
-    """What all candidates of a trial share ``(trial, k)``: data features, log sd and mean of the pool."""
-    shared = [log_spread, mean] if features is None else [features, log_spread, mean]
-    known = np.concatenate(shared, axis=1)
-    return normal_scores(known, known)
+def _count(held: NDArray[np.bool_]) -> NDArray[np.int64]:
+    # As bytes: many times as fast as counting booleans along an axis.
+    return np.asarray(held.view(np.uint8).sum(axis=2, dtype=np.uint32), dtype=np.int64)

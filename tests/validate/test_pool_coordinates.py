@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gaugeblock.validate.pool import SCORED_DRAWS, context_of, pool_coordinates, soft_limit
+from gaugeblock.validate.pool_coordinates import SCORED_DRAWS, context_of, pool_coordinates, soft_limit
 
 
 def test_coordinates_treat_truth_and_draws_alike():
