@@ -64,7 +64,7 @@ def cross_fitted(features: ArrayLike, theta_true: ArrayLike, trial: ArrayLike) -
         products[:, width:, width:] - both_ways - np.swapaxes(both_ways, 1, 2) + fitted @ gram @ coefficients
     )
     number = np.maximum(n - np.bincount(fold), 1)
-    # The Cholesky root, unlike others, scales with the parameters, so that their common scale drops out here too.
+    # The Cholesky root, unlike others, scales with the parameters, so that their scale drops out here, too.
     root = np.linalg.cholesky(residual / number[:, None, None] + ROUNDING * np.eye(truth.shape[1]))
     # Row by row: the same bits in whatever order the trials come.
     mean = np.einsum("nk,nkp->np", design, coefficients[fold])
