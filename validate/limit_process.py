@@ -31,8 +31,8 @@ _REACH = special.ndtri((1 + _LEVEL) / 2)
 def correlation() -> Array:
     """Correlations ``(14, 14)`` of bias, log width and twelve coverage gaps of one parameter.
 
-    >>> correlation()[0, 1:].any()  # a bias says nothing about widths: normal errors are symmetric
-    np.False_
+    >>> bool(correlation()[0, 1:].any())  # a bias says nothing about widths: normal errors are symmetric
+    False
     """
     spread = np.sqrt(_LEVEL * (1 - _LEVEL))
     among = (np.minimum(_LEVEL, _LEVEL[:, None]) - _LEVEL * _LEVEL[:, None]) / (spread * spread[:, None])
@@ -79,7 +79,7 @@ class LimitProcess:
         """Standard errors that the simultaneous intervals of all gates reach.
 
         >>> round(LimitProcess(parameters=1, draws=250).critical(4000, 0.05), 1)
-        2.7
+        2.8
         """
         each = (1 - error_budget / self.families) ** (1 / self.parameters)
         normal = float(np.quantile(self._replicates.max(axis=1), each, method="higher"))

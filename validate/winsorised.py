@@ -101,7 +101,7 @@ def cut_square_ratio(log_width: ArrayLike, bias: ArrayLike = 0.0) -> Array:
     too large: a ratio above 1.
 
     >>> [round(float(cut_square_ratio(w)), 3) for w in (-0.1, 0.0, 0.1)]
-    [1.213, 1.0, 0.822]
+    [1.213, 1.0, 0.821]
     """
     scale = np.exp(-np.asarray(log_width, dtype=float))
     return np.asarray(_cut_square(scale, np.asarray(bias)) / _cut_square(np.array(1.0), np.array(0.0)))
