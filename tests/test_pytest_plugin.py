@@ -10,9 +10,12 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-# Here, because pytester forgets what its runs within this process import, and NumPy can be loaded once.
-import gaugeblock.pytest_gate  # noqa: F401
+from gaugeblock.audit import audit_objects
+from gaugeblock.config import TrialsTable
+from gaugeblock.estimators.exact import Exact
 from gaugeblock.pytest_plugin import CalibrationError, CalibrationFailed, CalibrationInconclusive
+from gaugeblock.simulators import build_simulator
+from gaugeblock.validate import read_policy
 
 pytest_plugins = "pytester"
 
@@ -48,6 +51,23 @@ def narrowed(draws):
 NARROW = Draws(narrowed)
 BROKEN = Draws(lambda draws: np.where(draws > 0, draws, np.nan))
 """
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _imported(tmp_path_factory):
+    """Everything an audit imports: what a run within this process imports anew, it imports at every run."""
+    simulator = build_simulator("linear_gaussian", parameters=1, data=1)
+    plan = TrialsTable(number=10, draws=10).plan()
+    policy, folder = read_policy("default"), tmp_path_factory.mktemp("audit")
+    audit_objects(
+        simulator, Exact(simulator), plan, folder, policy=policy, select=("draws", "sbc", "coverage")
+    )
+
+
+@pytest.fixture(autouse=True)
+def _lean(pytester, monkeypatch):
+    """Without the plugin of hypothesis, which a run within this process would load again each time."""
+    monkeypatch.setenv("PYTEST_ADDOPTS", "-p no:hypothesispytest")
 
 
 @pytest.fixture
@@ -273,7 +293,7 @@ def test_workers_and_order_change_nothing(pytester, toy):
     assert properties(pytester.path / "junit.xml", "test_flow[1]")["calibration.seed"] == "1"
 
 
-def test_files_go_where_they_are_wanted(pytester, toy):
+def test_files_go_where_they_are_wanted(pytester, toy, monkeypatch):
     toy("""
     @pytest.mark.parametrize("name", ["a b", "a/b"])
     def test_flow(name, calibration_gate, tmp_path):
@@ -288,7 +308,7 @@ def test_files_go_where_they_are_wanted(pytester, toy):
     """)
     elsewhere = pytester.mkdir("elsewhere")
     pytester.makeini("[pytest]\ncalibration_out = kept\n")
-    os.chdir(elsewhere)
+    monkeypatch.chdir(elsewhere)
     assert pytester.runpytest_inprocess("..", "-k", "test_flow and not temporary").ret == 0
     kept = sorted(path.name for path in (pytester.path / "kept").iterdir())
     assert len(kept) == 4
@@ -300,7 +320,7 @@ def test_files_go_where_they_are_wanted(pytester, toy):
     assert "Exact on LinearGaussian" in title
 
 
-def test_a_retrained_object_never_meets_the_draws_of_the_old_one(pytester, toy):
+def test_a_retrained_object_never_meets_the_draws_of_the_old_one(pytester, toy, monkeypatch):
     # An audit that was cut short leaves chunks behind; they say nothing of what the object's weights were.
     toy("""
     import os
@@ -317,7 +337,7 @@ def test_a_retrained_object_never_meets_the_draws_of_the_old_one(pytester, toy):
     """)
     pytester.runpytest_inprocess("--calibration-out", "kept").assert_outcomes(failed=1)
     assert list((pytester.path / "kept").rglob("*.nc"))
-    pytester._monkeypatch.setenv("RETRAINED", "1")
+    monkeypatch.setenv("RETRAINED", "1")
     pytester.runpytest_inprocess("--calibration-out", "kept").assert_outcomes(passed=1)
 
 
@@ -437,14 +457,14 @@ def test_a_run_without_gates_loads_nothing(pytester):
         print("OURS", *sorted(name for name in sys.modules if name.startswith("gaugeblock")))
     """)
     pytester.makepyfile("def test_nothing(): pass")
-    result = pytester.runpytest_subprocess("-p", "no:hypothesispytest", "-p", "no:jaxtyping", "-s")
+    result = pytester.runpytest_subprocess("-p", "no:jaxtyping", "-s")
     result.assert_outcomes(passed=1)
     loaded = set(next(line for line in result.stdout.lines if line.startswith("LOADED")).split())
     assert not loaded & {"numpy", "scipy", "xarray", "netCDF4", "pydantic", "typer", "jinja2", "torch", "jax"}
     result.stdout.fnmatch_lines(["OURS gaugeblock gaugeblock.pytest_plugin"])
 
 
-def test_a_gate_needs_no_extra(pytester, toy):
+def test_a_gate_needs_no_extra(pytester, toy, monkeypatch):
     pytester.makepyfile(
         refuse="""
     import sys
@@ -464,7 +484,7 @@ def test_a_gate_needs_no_extra(pytester, toy):
         calibration_gate({"name": "npe", "path": "."}, SIMULATOR)
     """)
     sys_path = os.pathsep.join([str(pytester.path), os.environ.get("PYTHONPATH", "")])
-    pytester._monkeypatch.setenv("PYTHONPATH", sys_path)
+    monkeypatch.setenv("PYTHONPATH", sys_path)
     result = pytester.runpytest_subprocess("-p", "refuse", "-p", "no:jaxtyping", "-W", "error")
     result.assert_outcomes(passed=1, failed=1)
     result.stdout.fnmatch_lines(["calibration_gate: *pip install 'gaugeblock?sbi?'*"])
