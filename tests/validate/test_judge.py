@@ -99,7 +99,9 @@ def test_blind_spot_the_prior_returned_as_posterior_passes_marginal_calibration(
     """Documented, not wished for: it takes a density, or a quantity that depends on the data, to see it."""
     trials = gaussian_trials(4000, 100, 1, seed=7, density=False)
     prior = np.random.default_rng(8).normal(size=trials["draws"].shape)
-    assert verdict_on(trials.assign(draws=(trials["draws"].dims, prior))).outcome is Outcome.PASS
+    returned = trials.assign(draws=(trials["draws"].dims, prior))
+    assert verdict_on(returned.drop_vars("x")).outcome is Outcome.PASS
+    assert verdict_on(returned).outcome is Outcome.FAIL
 
 
 def test_blind_spot_a_constant_error_of_log_q_leaves_weights_as_they_are(gaussian_trials):
