@@ -34,6 +34,13 @@ class Conformal:
     Levels beyond the base's outermost draws are distances in posterior sd, in coordinates in which the
     prior is unbounded: no draw leaves it.
 
+    >>> from gaugeblock.estimators.registry import build_estimator
+    >>> from gaugeblock.simulators import build_simulator
+    >>> simulator = build_simulator("linear_gaussian", parameters=2, data=3)
+    >>> repaired = Conformal(build_estimator("exact", simulator), simulator, seed=1, number=100, draws=50)
+    >>> repaired.sample(np.zeros((4, 3)), 10, np.random.default_rng(2)).shape
+    (4, 10, 2)
+
     Parameters
     ----------
     base

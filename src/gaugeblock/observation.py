@@ -47,6 +47,14 @@ def trials_around(
     `weight_true` ``(trial,)`` are the likelihood of x_obs there, relative to the largest among the trial's
     draws. Bits depend on the seed, not on chunks.
 
+    >>> from gaugeblock.estimators.registry import build_estimator
+    >>> from gaugeblock.simulators import build_simulator
+    >>> simulator = build_simulator("linear_gaussian", parameters=2, data=3)
+    >>> estimator = build_estimator("exact", simulator)
+    >>> trials = trials_around(simulator, estimator, [0.5, 0.1, -0.2], number=10, draws=20, seed=1)
+    >>> trials["weight"].shape, trials["weight_true"].shape
+    ((10, 20), (10,))
+
     Raises
     ------
     InputError
