@@ -47,6 +47,10 @@ def audit(fault: str, n: int, draws: int, *, seed: int, data: bool = True) -> Pr
             theta[:, None] + 0.05 * rng.normal(size=(n, 1, 2)) + 0.05 * base
         ),
         "fixed seed": lambda: mean + error[:1],
+        "width of one follows the other": lambda: (
+            mean
+            + (base * np.stack([np.sqrt(1 + 0.3 * np.sign(base[..., 1])), np.ones((n, draws))], -1)) @ ROOT.T
+        ),
     }[fault]()
     trials = make_trials(theta, sampled, ["a", "b"], x=x if data else None)
     return Prepared(xr.DataTree(trials), seed)
@@ -109,6 +113,13 @@ def test_blind_spot_the_prior_as_posterior_goes_unseen_without_data():
 def test_blind_spot_a_leak_that_is_exchangeable_with_the_truth():
     """Draws that know theta* to within 0.05, as uncertain as they claim: only a likelihood would tell."""
     rank, accuracy = ranks_and_accuracy(audit("truth leaked, exchangeably", 1000, 50, seed=8))
+    assert rank.p_value > 0.001
+    assert accuracy.estimate[0] < 0.52
+
+
+def test_blind_spot_faults_beyond_second_moments():
+    """Means, widths and correlations are right, but one parameter's width depends on the other's value."""
+    rank, accuracy = ranks_and_accuracy(audit("width of one follows the other", 1000, 50, seed=10))
     assert rank.p_value > 0.001
     assert accuracy.estimate[0] < 0.52
 
