@@ -18,7 +18,7 @@ from gaugeblock.validate.ranks import randomised_pit
 from gaugeblock.validate.stakes import decide, gather
 from gaugeblock.validate.verdict import combine
 from gaugeblock.validate.winsorised import winsorised_scores
-from studies.boundary import Kink, Moved
+from studies.boundary import Moved, kink
 from studies.policies import DEFAULT
 from studies.problem import problem
 from studies.replicates import Part, Replicate, Values
@@ -44,7 +44,7 @@ def cases() -> dict[str, Case]:
         "bias": Case(Moved(one, shift=edge.bias)),
         "narrow": Case(Moved(one, ratio=narrow)),
         "wide": Case(Moved(one, ratio=1 / narrow)),
-        "coverage": Case(Moved(one, marginal=Kink(edge.coverage))),
+        "coverage": Case(Moved(one, marginal=kink(edge.coverage, draws=DRAWS))),
         "exact": Case(Moved(one), trials=8000),
         "width 0.5": Case(Moved(one, ratio=0.5), trials=400),
         "width 0.8": Case(Moved(one, ratio=0.8), trials=3000),

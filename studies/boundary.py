@@ -48,6 +48,35 @@ class Kink:
         return np.where(outer, log_s - np.log(steep), near), np.where(outer, steep, flat)
 
 
+@lru_cache
+def kink(gap: float, *, draws: int, radial: bool = False) -> Kink:
+    """The kink with which the interval of level 1/2, told from so many draws, covers exactly ``1/2 - gap``.
+
+    Ranks among a finite number of draws are blurred, and a pointed gap reads smaller than it is.
+    """
+    v = (np.arange(2000) + 0.5) / 2000
+
+    def covered(steep: float) -> float:
+        # v is uniform; the truth lies at the estimator's level `level`, its share of draws below at `share`.
+        before = Kink(steep).inverse(1 - v)
+        level = 1 - before
+        share = level if radial else 0.5 + 0.5 * level
+        below = _blurred(HALF if radial else 0.75, draws, share)
+        if not radial:
+            below = below - _blurred(0.25, draws, share)
+        return float(below.mean())
+
+    return Kink(float(optimize.brentq(lambda steep: covered(steep) - (HALF - gap), 0.0, 0.3)))
+
+
+def _blurred(level: float, draws: int, share: Array) -> Array:
+    """Probability that the randomised PIT is below `level`, for truths with these shares of draws below."""
+    reach = level * (draws + 1)
+    whole = int(np.floor(reach))
+    below, with_next = special.bdtr(whole - 1, draws, share), special.bdtr(whole, draws, share)
+    return np.asarray(below + (reach - whole) * (with_next - below))
+
+
 @dataclass(frozen=True)
 class Moved:
     """An estimator whose standardised draws are ``shift + ratio z``, z exact, kinked marginally or radially.

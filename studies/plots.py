@@ -86,16 +86,20 @@ def gate_figure(table: xr.Dataset) -> Any:
 
 
 def power_figure(table: xr.Dataset) -> Any:
-    """How often each broken estimator is blocked."""
+    """How often each broken estimator is blocked, and the exact one passed."""
     plot = _matplotlib()
     cases = table["case"].values.tolist()
     figure, axis = plot.subplots(figsize=(6, 0.8 + 0.24 * len(cases)), layout="constrained")
     y = np.arange(len(cases))[::-1]
-    _dots(axis, table.sel(thing="FAIL"), y, colour=BLUE)
+    broken = [case for case in cases if case != "exact"]
+    _dots(axis, table.sel(thing="FAIL", case=broken), y[-len(broken) :], colour=ORANGE, label="FAIL")
+    if "exact" in cases:
+        _dots(axis, table.sel(thing="PASS", case=["exact"]), y[:1], colour=BLUE, label="PASS")
     axis.axvline(0.9, color=GREY, lw=0.8)
     axis.set_yticks(y, cases)
     axis.set_xlim(-0.02, 1.02)
-    axis.set_xlabel("share of audits that FAIL; line: 0.9 planned")
+    axis.set_xlabel("share of audits; line: 0.9 planned")
+    axis.legend(frameon=False, loc="center left")
     return figure
 
 

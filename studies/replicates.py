@@ -41,7 +41,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Done:
-    """What every replicate of every case showed, in order, and how many seconds one took on average."""
+    """What every replicate of every case showed, in order, and the mean seconds of CPU that one took."""
 
     values: dict[str, list[Values]]
     seconds: float
@@ -129,9 +129,9 @@ _CURRENT: list[tuple[Part, int]] = []
 def _one(task: tuple[str, int]) -> Made:
     part, seed = _CURRENT[0]
     case, index = task
-    began = time.perf_counter()
+    began = time.process_time()
     values = part.cases[case](seed_of(part.name, case, index, seed=seed))
-    return task, {name: float(value) for name, value in values.items()}, time.perf_counter() - began
+    return task, {name: float(value) for name, value in values.items()}, time.process_time() - began
 
 
 def _made(part: Part, tasks: list[tuple[str, int]], *, seed: int, workers: int) -> Iterator[Made]:

@@ -76,8 +76,10 @@ def power_table(table: xr.Dataset) -> str:
         rate = {thing: float(table["rate"].sel(case=case, thing=thing)) for thing in blamed}
         by = sorted((thing for thing in blamed if rate[thing] >= 0.5), key=lambda thing: -rate[thing])
         named = ", ".join(f"`{thing.removeprefix('fail: ')}`" for thing in by)
-        lines.append((case, f"{zoo[case]['trials']:,}", percent(table, case=case, thing="FAIL"), named))
-    return rows(("fault", "trials", "blocked", "by, in half of the audits or more"), lines)
+        about = (case, str(zoo[case]["policy"]), f"{zoo[case]['trials']:,}")
+        lines.append((*about, *(percent(table, case=case, thing=t) for t in ("FAIL", "PASS")), named))
+    header = ("estimator", "policy", "trials", "FAIL", "PASS", "FAILs in half of the audits or more")
+    return rows(header, lines)
 
 
 def anytime_table(table: xr.Dataset) -> str:
@@ -95,7 +97,7 @@ def made_by(table: xr.Dataset) -> str:
     number, seconds = int(table["replicates"].max()), table.attrs["seconds_per_replicate"]
     return (
         f"{table.attrs['says'].capitalize()}; {number:,} replicates of each. Made by "
-        f"`{table.attrs['command']}`, {seconds:.2g} s a replicate."
+        f"`{table.attrs['command']}`, {seconds:.2g} s of CPU a replicate."
     )
 
 

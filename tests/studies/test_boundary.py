@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy import special
-from studies.boundary import Kink, Moved, rippled
+from studies.boundary import Kink, Moved, kink, rippled
 from studies.problem import problem
+
+from gaugeblock.validate.ranks import randomised_pit
 
 N = 200_000
 
@@ -56,6 +58,16 @@ def test_a_kink_takes_from_the_coverage_what_it_should(one, level):
     assert 1 - np.exp(-0.5 * np.quantile(radius, level)) == pytest.approx(
         level - short, abs=5 * 0.5 / np.sqrt(N)
     )
+
+
+def test_a_kink_of_ranks_among_few_draws():
+    """Coverage told from 20 draws, 100,000 trials: 5 binomial sd."""
+    moved = Moved(problem(1), marginal=kink(0.05, draws=20))
+    rng = np.random.default_rng(5)
+    draws = moved.sample(np.zeros((100_000, 2)), 20, rng)
+    pit = randomised_pit(moved.problem.sd * rng.standard_normal((100_000, 1)), draws, rng)
+    assert np.mean(np.abs(pit - 0.5) <= 0.25) == pytest.approx(0.45, abs=5 * 0.5 / np.sqrt(100_000))
+    assert kink(0.05, draws=10**6, radial=True).gap == pytest.approx(0.05, abs=1e-3)
 
 
 @pytest.mark.parametrize(

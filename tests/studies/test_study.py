@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import stats
-from studies import gate, power, size
+from studies import anytime, curves, gate, power, size
 from studies.__main__ import main, parts
+from studies.boundary import Moved
 from studies.document import read
+from studies.problem import problem
 from studies.replicates import Part, run
 from studies.summary import clopper_pearson, indicators, p_values
 
 from gaugeblock.errors import InputError
+from gaugeblock.validate import Outcome
 
 
 def draw(seed):
@@ -67,38 +71,73 @@ def test_counts_have_exact_intervals():
 
 @pytest.fixture(scope="module")
 def few(tmp_path_factory):
-    """Every part with few replicates."""
+    """Parts with few replicates, by name."""
     out = tmp_path_factory.mktemp("study")
-    made = {"size": size.part(), "gate": gate.part(out, seed=1, references=4), "power": power.part()}
-    replicates = {"size": 20, "gate": 8, "power": 1}
-    return {name: run(part, out, seed=1, replicates=replicates[name]) for name, part in made.items()}
+    made = {"size": size.part, "gate": lambda: gate.part(out, seed=1, references=4), "power": _gross}
+    replicates = {"size": 15, "gate": 4, "power": 1}
+    return lambda name: run(made[name](), out, seed=1, replicates=replicates[name]).values
+
+
+# Members that any gate must see, at a tenth of the trials that are planned for them.
+GROSS = ("parameters swapped", "prior as posterior", "NaN in 1% of draws", "truth leaked")
+
+
+def _gross():
+    members = {name: replace(member, trials=250) for name, member in power.zoo().items() if name in GROSS}
+    return replace(PART, cases={name: power.replicate(member) for name, member in members.items()})
 
 
 def test_no_p_value_is_far_off_its_size(few):
-    """20 replicates a case: at most 8 of p <= 0.05 (chance 1e-6 for each of some 100 tests)."""
-    table = p_values(few["size"].values)
+    """15 replicates a case: 7 or more of p <= 0.05 have chance 3e-6, in some 100 tests."""
+    table = p_values(few("size"))
     assert table.sizes["row"] > 15
-    assert int(table["rejected"].sel(level=0.05).max()) <= 8
+    assert int(table["rejected"].sel(level=0.05).max()) < 7
     assert (table["rate"].sel(level=0.1) < 1).all()
 
 
 def test_the_whole_gate_is_rarely_wrong(few):
-    """8 replicates a case: more than 4 of either error has chance 4e-5 at 5%, in 16 cases."""
-    table = indicators(few["gate"].values)
-    assert int(table["count"].sel(thing="FAIL").max()) <= 4
-    assert int(table["count"].sel(thing="PASS").drop_sel(case="exact").max()) <= 4
+    """4 replicates a case: 3 or more of either error have chance 5e-4 at 5%; most cases have far less."""
+    table = indicators(few("gate"))
+    assert int(table["count"].sel(thing="FAIL").max()) < 3
+    assert int(table["count"].sel(thing="PASS").drop_sel(case="exact").max()) < 3
     outcomes = table["count"].sel(thing=["PASS", "FAIL", "INCONCLUSIVE"]).sum("thing")
-    assert (outcomes == 8).all()
-    assert int(table["count"].sel(thing="inside").min()) >= 4
+    assert (outcomes == 4).all()
+    held = table.sel(thing="inside", case=list(gate.HELD))
+    assert (held["replicates"] == 4).all()
+    assert int(held["count"].min()) >= 1
 
 
 def test_gross_faults_are_blocked(few):
-    """Members that any gate must see; one replicate each, at a power beyond 0.999."""
-    table = indicators(few["power"].values)
-    failed = table["count"].sel(thing="FAIL")
-    for name in ("parameters swapped", "prior as posterior", "NaN in 1% of draws", "truth leaked"):
-        assert int(failed.sel(case=name)) == 1, name
-    assert set(power.ZOO) == set(table["case"].values.tolist())
+    """One replicate each, at a power beyond 0.999."""
+    table = indicators(few("power"))
+    assert table["count"].sel(thing="FAIL").values.tolist() == [1] * len(GROSS)
+
+
+def test_the_zoo_is_whole():
+    from gaugeblock.estimators._faults import FAULTS
+
+    settings = power.part().settings["zoo"]
+    assert {m["estimator"].get("fault") for m in settings.values()} >= set(FAULTS)
+    assert 2000 < settings["exact"]["trials"] < 3000
+    assert settings["narrow 0.9"]["trials"] < settings["shifted 0.1 sd"]["trials"] < 12_000
+
+
+def test_a_decision_of_the_anytime_mode_stands_from_when_it_falls():
+    case = anytime.Case(Moved(problem(1), ratio=0.5), trials=300)
+    found = anytime.sequences(case, np.random.default_rng(1))
+    when = anytime.stopped(found, 300)
+    assert when < 100
+    assert anytime.said(found, when // 2) is Outcome.INCONCLUSIVE
+    assert anytime.said(found, when) is anytime.said(found, 300) is Outcome.FAIL
+    table = anytime.summarise({"a": [anytime.replicate(case)(1), {"trials": np.nan, "INCONCLUSIVE": 1.0}]})
+    assert table["trials"].sel(case="a", quantile=0.9) == np.inf
+    assert int(table["count"].sel(case="a", thing="FAIL")) == 1
+
+
+def test_curves_are_named_by_fault_and_trials():
+    part = curves.part()
+    case = next(name for name in part.cases if name.endswith("@ 50"))
+    assert set(part.cases[case](1)) >= {"FAIL", "PASS"}
 
 
 def test_the_command_keeps_a_small_table_that_says_how_it_was_made(tmp_path, capsys):
