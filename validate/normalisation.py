@@ -30,8 +30,8 @@ KHAT_LIMIT = 0.5
 # Trials below which a tail index is not to be had.
 KHAT_TRIALS = 200
 UNRELIABLE = (
-    "the estimate, {:+.2f} nat, is not to be relied on (tail index {:.1f}): posteriors are thinner or more curved "
-    "than so few draws resolve, or log q fluctuates; more draws per trial would tell"
+    "the estimate, {:+.2f} nat, is not to be relied on (tail index {:.1f}): posteriors are thinner or more "
+    "curved than so few draws resolve, or log q fluctuates; more draws per trial would tell"
 )
 
 

@@ -23,9 +23,7 @@ from gaugeblock.validate.prepared import Prepared
 POLICY = make_policy({"required": ["joint"]}, source="test")
 
 
-def trials(
-    n, draws, dimensions=2, *, seed=1, ratio=1.0, prior=False, likelihood=False, density=True, **extra
-):
+def trials(n, draws, dimensions=2, *, seed=1, ratio=1.0, prior=False, likelihood=False, density=True):
     """theta ~ N(0, 1), x ~ N(theta, 1) with q, a likelihood and a test quantity at truth and draws."""
     extra = {}
     rng = np.random.default_rng(seed)
