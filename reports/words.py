@@ -31,6 +31,8 @@ _QUESTIONS = {
     "anytime.bias": "Is the posterior centred on the truth, at whatever trial one stops?",
     "anytime.log_width": "Is it as wide as its errors are large, at whatever trial one stops?",
     "anytime.coverage": "Do intervals hold the truth as often as they claim, at whatever trial one stops?",
+    "anytime.joint": "Are parameters right together, and with the data, at whatever trial one stops?",
+    "anytime.hpd": "Do highest-density regions hold the truth as often as they claim, at any trial?",
     "importance.ess": "How much of each posterior survives reweighting to the exact one?",
 }
 _UNITS = {

@@ -9,23 +9,22 @@ the evidence against exact calibration, reported and never judged: it can refute
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.validate.anytime_joint import STATISTICS, joint_sequences
 from gaugeblock.validate.block import Block
 from gaugeblock.validate.coverage import LEVELS, inside_central
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.normal_process import log_evidence_against_uniform
-from gaugeblock.validate.prepared import Prepared
+from gaugeblock.validate.prepared import Prepared, effective_draws, pit
+from gaugeblock.validate.sequence import REFERENCE, gap_sequence, sequence_finding
 from gaugeblock.validate.wager_units import bias_of, log_width_of
 from gaugeblock.validate.winsorised import Scores, winsorised_scores
 
 Array = NDArray[np.float64]
-
-REFERENCE = "betting: Waudby-Smith & Ramdas 2024, arXiv:2010.09686"
 
 
 def cut_scores(block: Block) -> Array:
@@ -35,14 +34,15 @@ def cut_scores(block: Block) -> Array:
 
 
 def anytime(prepared: Prepared) -> list[Finding | NotChecked]:
-    """Sequences of scores for bias, width and coverage, and the evidence against exact calibration."""
+    """Sequences of scores for every gate that may be watched, and the evidence against exact calibration."""
     if not len(prepared.trial):
         why = "no trial has finite draws"
-        return [NotChecked(f"anytime.{what}", why) for what in ("bias", "log_width", "coverage", "uniform")]
+        names = ("bias", "log_width", "coverage", "joint", "hpd", "uniform")
+        return [NotChecked(f"anytime.{what}", why) for what in names]
     scores = Scores(*np.moveaxis(prepared.per_trial(cut_scores), 1, 0))
-    names, caveats = prepared.parameters, prepared.caveats
+    parameters, caveats = prepared.parameters, prepared.caveats
     findings: list[Finding | NotChecked] = []
-    for column, name in enumerate(names):
+    for column, name in enumerate(parameters):
         findings += [
             bias_sequence(name, scores.error[:, column], scores.expected_error[:, column], caveats=caveats),
             log_width_sequence(
@@ -55,7 +55,8 @@ def anytime(prepared: Prepared) -> list[Finding | NotChecked]:
         ]
     return [
         *findings,
-        coverage_sequence(prepared.pit, names, caveats=caveats),
+        coverage_sequence(prepared.pit, parameters, caveats=caveats),
+        *joint_sequences(prepared),
         uniform_evidence(prepared.pit, caveats=caveats),
     ]
 
@@ -65,7 +66,7 @@ def bias_sequence(
 ) -> Finding:
     """Bias of one parameter, from cut errors and what their pools expect, each ``(trial,)``."""
     score, pool = np.asarray(error, dtype=float), np.asarray(expected, dtype=float)
-    return _sequence(
+    return sequence_finding(
         f"anytime.bias[{name}]",
         "bias",
         f"bias of {name} in posterior standard deviations, by errors cut at 3; positive: too high",
@@ -94,7 +95,7 @@ def log_width_sequence(
     """
     score, pool = np.asarray(square, dtype=float), np.asarray(expected, dtype=float)
     ratio = score.mean() / max(pool.mean(), np.finfo(float).tiny)
-    return _sequence(
+    return sequence_finding(
         f"anytime.log_width[{name}]",
         "log_width",
         f"natural log of estimated over true posterior width of {name}, by squared errors cut at 9",
@@ -117,31 +118,16 @@ def coverage_sequence(
     caveats: tuple[str, ...] = (),
 ) -> Finding:
     """Coverage minus level of central intervals, from randomised PIT ``(trial, parameter)``."""
-    inside = inside_central(pit, levels).reshape(len(parameters) * len(levels), -1)
-    nominal = np.tile(np.array(levels), len(parameters))
-    return _sequence(
+    inside = inside_central(pit, levels)
+    return gap_sequence(
         "anytime.coverage",
         "coverage",
-        "coverage minus level of central intervals; negative: too narrow or displaced",
-        "coverage equal to the nominal level, exactly, for an exact posterior",
-        inside.astype(np.int8),
-        nominal[:, None],
-        estimate=inside.mean(axis=1) - nominal,
-        error=np.sqrt(nominal * (1 - nominal)),
-        components=tuple(f"{name} @ {level:g}" for name in parameters for level in levels),
+        inside.reshape(len(parameters) * len(levels), -1),
+        list(levels) * len(parameters),
+        [f"{name} @ {level:g}" for name in parameters for level in levels],
+        claim="coverage minus level of central intervals; negative: too narrow or displaced",
         caveats=caveats,
     )
-
-
-def extended(earlier: Finding, later: Finding) -> Finding:
-    """The scores of two sequences in a row, for `stakes`; everything else is the later one's."""
-    details = {
-        name: xr.concat([first, later.details[name]], dim="sequence_trial")
-        if "sequence_trial" in first.dims
-        else first
-        for name, first in earlier.details.data_vars.items()
-    }
-    return replace(later, n_trials=earlier.n_trials + later.n_trials, details=xr.Dataset(details))
 
 
 def uniform_evidence(pit: ArrayLike, *, caveats: tuple[str, ...] = ()) -> Finding:
@@ -163,38 +149,4 @@ def uniform_evidence(pit: ArrayLike, *, caveats: tuple[str, ...] = ()) -> Findin
     )
 
 
-def _sequence(
-    identifier: str,
-    quantity: str,
-    claim: str,
-    null: str,
-    score: NDArray[np.float64] | NDArray[np.int8],
-    expected: Array,
-    *,
-    estimate: Array,
-    error: Array,
-    components: tuple[str, ...],
-    caveats: tuple[str, ...],
-    draws: float = np.inf,
-) -> Finding:
-    n = score.shape[1]
-    dims = ("component", "sequence_trial") if expected.shape[1] == n else ("component", "constant")
-    details = {
-        "score": (("component", "sequence_trial"), score),
-        "expected": (dims, expected),
-        "draws": ((), draws),
-    }
-    return Finding(
-        id=identifier,
-        quantity=quantity,
-        claim=claim,
-        null=null,
-        reference=REFERENCE,
-        kind="sequence",
-        n_trials=n,
-        components=components,
-        estimate=estimate,
-        standard_error=error / np.sqrt(n),
-        details=xr.Dataset(details),
-        caveats=caveats,
-    )
+WATCHED = (pit, effective_draws, cut_scores, *STATISTICS)

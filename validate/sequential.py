@@ -24,7 +24,12 @@ _ANSWERS = {
     "sbc.bias": "anytime.bias",
     "sbc.log_width": "anytime.log_width",
     "coverage.central": "anytime.coverage",
+    "joint.tarp": "anytime.joint",
+    "joint.projections": "anytime.joint",
+    "joint.hpd": "anytime.hpd",
 }
+# Validators all of whose gates are answered so.
+_WHOLE = ("sbc", "coverage")
 
 
 def sequence_gates(findings: Sequence[Finding], policy: Policy) -> list[Gate]:
@@ -52,7 +57,11 @@ def only_counts(judged: Sequence[Judgeable]) -> tuple[list[Judgeable], list[NotC
 
 def answered(entry: str, gates: Sequence[Gate]) -> bool:
     """Whether the gates of sequences answer what an entry of `required` asks of a fixed number of trials."""
-    asked = [name for name in _ANSWERS if covers(entry, name) or covers(name, entry)]
+    asked = [
+        name
+        for name in _ANSWERS
+        if covers(name, entry) or (covers(entry, name) and (entry == name or entry in _WHOLE))
+    ]
     return bool(asked) and all(any(covers(_ANSWERS[name], gate.id) for gate in gates) for name in asked)
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import xarray as xr
 
 from gaugeblock.errors import InputError
-from gaugeblock.validate.anytime import anytime, cut_scores
+from gaugeblock.validate.anytime import WATCHED, anytime
 from gaugeblock.validate.block import Statistic
 from gaugeblock.validate.c2st import c2st
 from gaugeblock.validate.conformal import conformal, stretch
@@ -57,7 +57,7 @@ VALIDATORS: Mapping[str, Validator] = {
     "importance": Validator(importance),
     "evidence": Validator(evidence),
     "identifiability": Validator(identifiability, (posterior_sd,)),
-    "anytime": Validator(anytime, (pit, effective_draws, cut_scores), by_default=False),
+    "anytime": Validator(anytime, WATCHED, by_default=False),
 }
 
 

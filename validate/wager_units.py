@@ -69,6 +69,8 @@ def question(finding: Finding, policy: Policy) -> Question:
     details = finding.details
     score = np.asarray(details["score"].values, dtype=float)
     expected = np.asarray(details["expected"].values, dtype=float)
+    if finding.quantity in ("coverage", "joint"):
+        return _gap(score, expected, float(getattr(policy.tolerance, finding.quantity)))
     return _QUESTIONS[finding.quantity](score, expected, float(details["draws"]), policy)
 
 
@@ -119,9 +121,9 @@ def _log_width(score: Array, expected: Array, draws: float, policy: Policy) -> Q
     )
 
 
-def _coverage(score: Array, expected: Array, draws: float, policy: Policy) -> Question:  # noqa: ARG001
+def _gap(score: Array, expected: Array, tolerance: float) -> Question:
     level = expected[:, 0]
-    edge = np.full(len(score), policy.tolerance.coverage)
+    edge = np.full(len(score), tolerance)
     wager = Wager(
         score=score > 0,
         expected=expected,
@@ -142,5 +144,4 @@ def _coverage(score: Array, expected: Array, draws: float, policy: Policy) -> Qu
 _QUESTIONS: dict[str, Callable[[Array, Array, float, Policy], Question]] = {
     "bias": _bias,
     "log_width": _log_width,
-    "coverage": _coverage,
 }

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 
 import xarray as xr
 
-from gaugeblock.validate.anytime import extended
 from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.policy import Policy
+from gaugeblock.validate.sequence import extended
 from gaugeblock.validate.stakes import decide, gather
 from gaugeblock.validate.validators import default_validators, run_validators
 from gaugeblock.validate.verdict import Outcome, combine

@@ -190,7 +190,7 @@ def test_beside_sequences_only_counts_are_judged(gaussian_trials):
     findings, not_checked = run_validators(trials, seed=1, select=names)
     verdict = judge(findings, not_checked, read_policy("default"), seed=1)
     assert {g.id for g in verdict.gates} == {
-        "draws.finite", "anytime.bias[p0]", "anytime.log_width[p0]", "anytime.coverage",
+        "draws.finite", "anytime.bias[p0]", "anytime.log_width[p0]", "anytime.coverage", "anytime.joint",
     }  # fmt: skip
     why = {item.id: item.why for item in verdict.not_checked}
     assert {"sbc.bias[p0]", "coverage.central", "importance.ess"} <= set(why)

@@ -1,0 +1,95 @@
+"""Findings that keep bounded scores trial by trial, so that one may stop watching at any time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from gaugeblock.validate.finding import Finding
+
+Array = NDArray[np.float64]
+
+REFERENCE = "betting: Waudby-Smith & Ramdas 2024, arXiv:2010.09686"
+
+
+def sequence_finding(
+    identifier: str,
+    quantity: str,
+    claim: str,
+    null: str,
+    score: NDArray[np.float64] | NDArray[np.int8],
+    expected: Array,
+    *,
+    estimate: Array,
+    error: Array,
+    components: tuple[str, ...],
+    caveats: tuple[str, ...],
+    draws: float = np.inf,
+) -> Finding:
+    """A finding of kind ``sequence`` from scores ``(component, trial)`` and what an exact estimator scores.
+
+    `expected` has as many columns as trials, or one; `error` is the standard deviation of one trial's part in
+    the estimate, `draws` the number in each pool, where it matters.
+    """
+    n = score.shape[1]
+    dims = ("component", "sequence_trial") if expected.shape[1] == n else ("component", "constant")
+    details = {
+        "score": (("component", "sequence_trial"), score),
+        "expected": (dims, expected),
+        "draws": ((), draws),
+    }
+    return Finding(
+        id=identifier,
+        quantity=quantity,
+        claim=claim,
+        null=null,
+        reference=REFERENCE,
+        kind="sequence",
+        n_trials=n,
+        components=components,
+        estimate=estimate,
+        standard_error=error / np.sqrt(n),
+        details=xr.Dataset(details),
+        caveats=caveats,
+    )
+
+
+def gap_sequence(
+    identifier: str,
+    quantity: str,
+    inside: ArrayLike,
+    levels: Sequence[float],
+    components: Sequence[str],
+    *,
+    claim: str,
+    caveats: tuple[str, ...] = (),
+) -> Finding:
+    """Coverage gaps: hits ``(component, trial)``, of probability `levels` ``(component,)`` when exact."""
+    hits, nominal = np.asarray(inside, dtype=bool), np.asarray(levels, dtype=float)
+    return sequence_finding(
+        identifier,
+        quantity,
+        claim,
+        "coverage equal to the nominal level, exactly, for an exact posterior",
+        hits.astype(np.int8),
+        nominal[:, None],
+        estimate=hits.mean(axis=1) - nominal,
+        error=np.sqrt(nominal * (1 - nominal)),
+        components=tuple(components),
+        caveats=caveats,
+    )
+
+
+def extended(earlier: Finding, later: Finding) -> Finding:
+    """The scores of two sequences in a row, for `stakes`; everything else is the later one's."""
+    details = {
+        name: xr.concat([first, later.details[name]], dim="sequence_trial")
+        if "sequence_trial" in first.dims
+        else first
+        for name, first in earlier.details.data_vars.items()
+    }
+    return replace(later, n_trials=earlier.n_trials + later.n_trials, details=xr.Dataset(details))
