@@ -7,7 +7,7 @@ from typing import Any
 from gaugeblock.estimators import build_estimator
 from gaugeblock.simulators import build_simulator
 from gaugeblock.validate import run_validators
-from studies.alone import ALONE
+from studies.alone import ALONE, alone
 from studies.audits import collected, plan
 from studies.boundary import Moved
 from studies.problem import problem
@@ -29,11 +29,6 @@ def _validators(simulator: Any, estimator: Any) -> Replicate:
     return replicate
 
 
-def _alone(seed: int) -> Values:
-    """P-values of the tests that work on arrays of their own rather than on trials."""
-    return {name: test(seed) for name, test in ALONE.items()}
-
-
 def part() -> Part:
     """The part of the study."""
     mixture = build_simulator("gaussian_mixture")
@@ -44,9 +39,9 @@ def part() -> Part:
         cases={
             "linear_gaussian": _validators(gaussian.simulator, Moved(gaussian)),
             "gaussian_mixture": _validators(mixture, build_estimator("exact", mixture)),
-            "alone": _alone,
+            "alone": alone,
         },
         replicates=1000,
-        settings={"trials": TRIALS, "draws": DRAWS, **GROUPS, "alone": sorted(ALONE)},
+        settings={"trials": TRIALS, "draws": DRAWS, **GROUPS, "alone": [test.__name__ for test in ALONE]},
         summarise=p_values,
     )
