@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.validate.block import Block
+from gaugeblock.validate.block import Block, block_length
 from gaugeblock.validate.check import circular_parameters
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.importance import KHAT_LIMIT, NEEDED, log_weights
@@ -27,6 +27,8 @@ REFERENCE = (
     "law of total variance; exact posterior sd by importance weights (Vehtari et al. 2024, arXiv:1507.02646)"
 )
 LEAST_TRIALS = 10
+# Capture is known well enough from this many trials.
+MOST_TRIALS = 1000
 # An exact constraint smaller than this many of its standard errors is no constraint to take a share of.
 LEAST_CONSTRAINT = 3.0
 
@@ -61,36 +63,52 @@ def _captures(prepared: Prepared) -> list[Finding | NotChecked]:
     if missing:
         why = f"needs log_q, log_likelihood and log_prior at the draws; the trials lack {', '.join(missing)}"
         return [NotChecked("identifiability.capture", why)]
-    weight = log_weights(*(trials[name].values for name in NEEDED))
-    draws = trials["draws"].values
-    finite = np.isfinite(draws).all(axis=(1, 2)) & ~np.isnan(weight).any(axis=1)
-    usable = finite.copy()
-    usable[finite] = pareto_khat(weight[finite]) < KHAT_LIMIT
+    counted = min(trials.sizes["trial"], MOST_TRIALS)
+    estimated, exact, khat = _widths(trials.isel(trial=slice(0, counted)))
+    usable = khat < KHAT_LIMIT
     number = int(np.count_nonzero(usable))
     # Trials that pass by luck where most fail would give exact widths that are too small.
-    needed = max(LEAST_TRIALS, len(usable) // 2)
+    needed = max(LEAST_TRIALS, counted // 2)
     if number < needed:
         why = (
-            f"{number} of {len(usable)} trials have importance weights to rely on (k-hat below {KHAT_LIMIT}) "
+            f"{number} of {counted} trials have importance weights to rely on (k-hat below {KHAT_LIMIT}) "
             f"and {needed} are needed: more draws per trial, or an estimator closer to the posterior"
         )
         return [NotChecked("identifiability.capture", why)]
-    log_weight, draws = weight[usable], draws[usable]
-    _, draws = unwrap_circular(trials["theta_true"].values[usable], draws, circular_parameters(trials))
-    estimated = weighted_sd(draws)
-    exact = weighted_sd(draws, np.exp(log_weight - log_weight.max(axis=1, keepdims=True)))
-    whole = number == len(usable)
-    caveats = () if whole else (f"on the {number} of {len(usable)} trials with k-hat below {KHAT_LIMIT}",)
+    whole = number == trials.sizes["trial"]
+    caveats = () if whole else (f"on the {number} of {counted} trials with k-hat below {KHAT_LIMIT}",)
     return [
         capture_finding(
-            name, estimated[:, column], exact[:, column], prepared.theta_true[:, column],
-            trial=trial_numbers(trials)[usable],
+            name, estimated[usable, column], exact[usable, column], prepared.theta_true[:, column],
+            trial=trial_numbers(trials)[:counted][usable],
             population=population if whole else "reliable importance weights",
             caveats=caveats,
         )
         for column, name in enumerate(prepared.parameters)
         if np.ptp(prepared.theta_true[:, column]) > 0
     ]  # fmt: skip
+
+
+def _widths(trials: xr.Dataset) -> tuple[Array, Array, Array]:
+    """Estimated and exact posterior sd ``(trial, parameter)`` and k-hat ``(trial,)``, some trials at a time.
+
+    k-hat is infinite where a draw or a weight is no number.
+    """
+    periods = circular_parameters(trials)
+    length = block_length(trials["draws"].size // trials.sizes["trial"])
+    parts = []
+    for start in range(0, trials.sizes["trial"], length):
+        part = trials[["theta_true", "draws", *NEEDED]].isel(trial=slice(start, start + length)).load()
+        draws = part["draws"].values
+        weight = log_weights(*(part[name].values for name in NEEDED))
+        usable = np.isfinite(draws).all(axis=(1, 2)) & np.isfinite(weight.max(axis=1))
+        draws, weight = np.where(usable[:, None, None], draws, 0.0), np.where(usable[:, None], weight, 0.0)
+        _, draws = unwrap_circular(part["theta_true"].values, draws, periods)
+        linear = np.exp(weight - weight.max(axis=1, keepdims=True))
+        khat = np.where(usable, pareto_khat(weight), np.inf)
+        parts.append((weighted_sd(draws), weighted_sd(draws, linear), khat))
+    estimated, exact, khat = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return estimated, exact, khat
 
 
 def shrink_finding(

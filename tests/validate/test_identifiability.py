@@ -100,6 +100,19 @@ def test_weights_that_cannot_be_relied_on_are_left_out(gaussian_trials):
     assert "59 of 60" in found.caveats[0]
 
 
+def test_capture_is_the_same_in_any_blocks_and_from_the_first_trials_alone(gaussian_trials, monkeypatch):
+    trials = gaussian_trials(300, 100, 2, seed=14)
+    whole = run(trials)[0]["identifiability.capture[p1]"]
+    monkeypatch.setattr("gaugeblock.validate.block.VALUES", 200 * 7)
+    pieces = run(trials)[0]["identifiability.capture[p1]"]
+    np.testing.assert_array_equal(whole.influence, pieces.influence)
+    monkeypatch.setattr("gaugeblock.validate.identifiability.MOST_TRIALS", 50)
+    first = run(trials)[0]["identifiability.capture[p1]"]
+    assert first.n_trials <= 50
+    assert first.population == "reliable importance weights"
+    assert "of 50 trials" in first.caveats[0]
+
+
 def test_a_parameter_that_never_varies_is_named(gaussian_trials):
     trials = gaussian_trials(50, 20, 2, seed=9, density=False)
     trials["theta_true"][:, 1] = 3.0
