@@ -48,11 +48,11 @@ def sequence_gates(findings: Sequence[Finding], policy: Policy) -> list[Gate]:
 def only_counts(judged: Sequence[Judgeable]) -> tuple[list[Judgeable], list[NotChecked]]:
     """What may be judged beside sequences: exact counts. Everything else is reported, and said to be."""
     kept = [item for item in judged if item.finding.kind == "count"]
-    why = (
-        "reported, not judged: its interval is for a number of trials that was fixed beforehand, and these "
-        "were watched while they came in; the gates of anytime judge"
+    why = "reported, not judged: its intervals hold for a number of trials fixed beforehand, not watched ones"
+    left_out = dict.fromkeys(
+        item.finding.id.partition("[")[0] for item in judged if item.finding.kind != "count"
     )
-    return kept, [NotChecked(item.finding.id, why) for item in judged if item.finding.kind != "count"]
+    return kept, [NotChecked(name, why) for name in left_out]
 
 
 def answered(entry: str, gates: Sequence[Gate]) -> bool:
