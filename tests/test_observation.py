@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import xarray as xr
 from scipy import stats
 
+from gaugeblock.audit import audit
+from gaugeblock.config import read_config
 from gaugeblock.errors import InputError
 from gaugeblock.estimators import build_estimator
-from gaugeblock.observation import OWN_TRUTHS, trials_around
+from gaugeblock.observation import OWN_TRUTHS, read_observation, trials_around
 from gaugeblock.simulators import build_simulator
 from gaugeblock.validate import Outcome, judge, make_policy, read_trials, trials_tree, write_trials
 from gaugeblock.validate.posterior_sbc import pool_weights, posterior_sbc
 from gaugeblock.validate.prepared import Prepared
+from gaugeblock.validate.trials import group_trials
 
 SIMULATOR = build_simulator("linear_gaussian", parameters=2, data=3)
 # The same likelihood under another prior: whoever is exact for it is wrong here, and agrees with itself.
@@ -192,3 +196,55 @@ def test_an_observation_that_the_estimator_cannot_explain():
 
     with pytest.raises(InputError, match="no draw of the estimator at the observation is possible"):
         trials_around(Simulator1(), Elsewhere(), np.array([0.3]), number=5, draws=10, seed=1)
+
+
+TOML = """
+[simulator]
+name = "linear_gaussian"
+parameters = 2
+data = 3
+[estimator]
+name = "exact"
+[trials]
+number = 40
+draws = 20
+importance_number = 0
+joint_number = 0
+observation = "{file}"
+"""
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".nc"])
+def test_an_audit_looks_around_the_observation_it_is_given(tmp_path, suffix):
+    file = tmp_path / f"mine{suffix}"
+    if suffix == ".npy":
+        np.save(file, [0.5, 0.1, -0.2])
+    else:
+        xr.Dataset({"x": ("channel", [0.5, 0.1, -0.2])}).to_netcdf(file)
+    (tmp_path / "audit.toml").write_text(TOML.format(file=file.name))
+    made = audit(read_config(tmp_path / "audit.toml"), tmp_path / "out")
+    assert "posterior_sbc.bias[theta_1]" in {finding.id for finding in made.findings}
+    assert group_trials(read_trials(tmp_path / "out" / "trials.nc"), "posterior") is not None
+    assert made.verdict.provenance["observation"]["file_sha256"]
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("none.npy", None, "cannot be read as a NumPy array"),
+        ("bad.npy", b"no array", "cannot be read as a NumPy array"),
+        ("bad.nc", b"no file", "cannot be read as NetCDF"),
+    ],
+)
+def test_an_observation_that_cannot_be_read(tmp_path, name, content, words):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match=words) as caught:
+        read_observation(tmp_path / name)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_observation_file_without_x(tmp_path):
+    xr.Dataset({"y": ("channel", [1.0])}).to_netcdf(tmp_path / "other.nc")
+    with pytest.raises(InputError, match="no array 'x'"):
+        read_observation(tmp_path / "other.nc")

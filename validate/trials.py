@@ -116,9 +116,14 @@ def trials_tree(
     tree = xr.DataTree(main)
     for group, trials in {IMPORTANCE: importance, **groups}.items():
         if trials is not None:
-            dims = {name: f"{group}_{name}" for name in trials.dims if name != "parameter"}
-            tree[group] = xr.DataTree(trials.rename(dims))
+            add_group(tree, group, trials)
     return tree
+
+
+def add_group(tree: xr.DataTree, group: str, trials: xr.Dataset) -> None:
+    """Put further Trials under the main ones of a tree."""
+    dims = {name: f"{group}_{name}" for name in trials.dims if name != "parameter"}
+    tree[group] = xr.DataTree(trials.rename(dims))
 
 
 def main_trials(tree: xr.DataTree) -> xr.Dataset:

@@ -16,13 +16,14 @@ from gaugeblock.digest import digest, file_digest
 from gaugeblock.errors import InputError
 from gaugeblock.estimators.protocol import Estimator
 from gaugeblock.identity import identity, versions
+from gaugeblock.observation import read_observation, trials_around
 from gaugeblock.reports import write_reports
 from gaugeblock.samples import Plan
 from gaugeblock.simulators import Simulator, build_simulator
 from gaugeblock.tables import Named
 from gaugeblock.validate import Finding, NotChecked, Policy, Verdict, judge, run_validators
 from gaugeblock.validate.findings_file import read_findings, write_findings
-from gaugeblock.validate.trials import read_trials, write_trials
+from gaugeblock.validate.trials import POSTERIOR, add_group, read_trials, write_trials
 from gaugeblock.watch import Watch, watched
 
 CHUNKS = ".chunks"
@@ -65,6 +66,7 @@ def audit(
         policy=policy or config.read_policy(),
         select=config.validators,
         anytime=config.trials.anytime,
+        observation=None if config.trials.observation is None else Path(config.trials.observation),
         names=(_named(config.simulator), _named(config.estimator)),
         command=command,
         progress=progress,
@@ -80,6 +82,7 @@ def audit_objects(
     policy: Policy,
     select: Iterable[str] | None = None,
     anytime: bool = False,
+    observation: Path | None = None,
     names: tuple[Mapping[str, Any], Mapping[str, Any]] = ({}, {}),
     command: str = "",
     progress: Progress | None = None,
@@ -88,7 +91,7 @@ def audit_objects(
 
     With `anytime` it stops as soon as the estimator is certainly broken or certainly within tolerance; then
     the gates of that mode judge, and everything else that needs a number of trials fixed beforehand is
-    reported only.
+    reported only. `observation` is a file with data in hand, around which calibration is looked at too.
 
     Raises
     ------
@@ -97,7 +100,14 @@ def audit_objects(
     """
     made = _folder(out)
     watch = Watch(policy, plan.seed) if anytime else None
+    observed = None if observation is None else read_observation(observation)
     trials = collect(simulator, estimator, plan, made / CHUNKS, watch=watch, progress=progress)
+    if observed is not None:
+        if progress is not None:
+            progress("around the observation", 0, 1)
+        add_group(trials, POSTERIOR, trials_around(simulator, estimator, observed, seed=plan.seed))
+        if progress is not None:
+            progress("around the observation", 1, 1)
     stopped = {"anytime": True, "used": trials.sizes["trial"]} if anytime else {}
     provenance = {
         "command": command,
@@ -106,6 +116,8 @@ def audit_objects(
         "estimator": {**names[1], **identity(estimator)},
         "trials": {**vars(plan), **stopped},
     }
+    if observation is not None:
+        provenance["observation"] = {"file": str(observation), "file_sha256": file_digest(observation)}
     result = _judged(
         trials,
         policy,

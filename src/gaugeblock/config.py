@@ -25,7 +25,8 @@ class TrialsTable(Table):
     `chunk` trials are simulated and sampled together; it is part of what makes a run repeatable to the bit.
     The first `importance_number` trials get `importance_draws` further draws each, with densities; the
     likelihood is evaluated at the first `joint_draws` draws of the first `joint_number` trials. With
-    `anytime` trials are watched chunk by chunk, and `number` is the most there can be.
+    `anytime` trials are watched chunk by chunk, and `number` is the most there can be. `observation` is a
+    file with the data in hand, around which calibration is looked at too.
     """
 
     number: Annotated[int, Field(ge=10)] = 4000
@@ -37,6 +38,7 @@ class TrialsTable(Table):
     joint_draws: Annotated[int, Field(ge=2)] = 100
     seed: Annotated[int, Field(ge=0)] = 20260611
     anytime: bool = False
+    observation: str | None = None
 
     @model_validator(mode="after")
     def _subset(self) -> TrialsTable:
@@ -135,6 +137,7 @@ def read_config(
 _PATHS = (
     ("simulator", ("pha", "rmf", "arf", "priors")),
     ("estimator", ("path",)),
+    ("trials", ("observation",)),
     ("policy", ("base",)),
 )
 

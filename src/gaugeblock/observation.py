@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import xarray as xr
@@ -15,6 +16,7 @@ from gaugeblock.samples import has_density
 from gaugeblock.simulators.protocol import Simulator, can
 from gaugeblock.streams import TrialStreams
 from gaugeblock.validate.importance import log_weights
+from gaugeblock.validate.storage import read_groups
 from gaugeblock.validate.trials import make_trials
 
 Array = NDArray[np.float64]
@@ -101,6 +103,25 @@ def trials_around(
 def _chunks(number: int) -> Iterator[range]:
     for first in range(0, number, CHUNK):
         yield range(first, min(first + CHUNK, number))
+
+
+def read_observation(path: Path) -> NDArray[np.generic]:
+    """Data in hand, of the shape of one simulated data set, from a .npy file or from `x` of a NetCDF file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read as either.
+    """
+    if path.suffix == ".npy":
+        try:
+            return np.asarray(np.load(path, allow_pickle=False))
+        except (OSError, ValueError) as error:
+            raise InputError(f"{path}: cannot be read as a NumPy array ({error})") from None
+    found = read_groups(path, what="observation")[""]
+    if "x" not in found:
+        raise InputError(f"{path}: no array 'x'; an observation is a .npy file, or NetCDF with x")
+    return np.asarray(found["x"].values)
 
 
 class _Around:
