@@ -50,7 +50,8 @@ def joint(prepared: Prepared) -> list[Finding | NotChecked]:
         why = f"{n} trial(s) with finite draws; at least {LEAST_TRIALS} are needed"
         return [NotChecked(name, why) for name in IDS]
     trial, caveats = prepared.trial, prepared.caveats
-    blind = () if has_features(prepared) else (BLIND,)
+    # Numbers of the user's own (an exposure) say where a trial lies, but not what its data say.
+    blind = () if "x" in prepared.main and has_features(prepared) else (BLIND,)
     found: list[Finding | NotChecked] = [*_likelihood(prepared)]
     levels = prepared.per_trial(hpd)
     if levels.shape[1]:

@@ -89,6 +89,8 @@ def test_what_cannot_be_checked_and_why():
     assert why["joint.hpd"].endswith("the trials lack log_q, log_q_true")
     assert "one parameter" in why["joint.projections"]
     assert "returns the prior whatever the data" in items["joint.tarp"].caveats[0]
+    exposure = found(lean.assign(exposure=("trial", np.linspace(1, 2, 100))))
+    assert exposure["joint.tarp"].caveats == items["joint.tarp"].caveats
     assert {type(item) for item in joint(Prepared(trials_tree(trials(1, 30)), 1))} == {NotChecked}
 
 
