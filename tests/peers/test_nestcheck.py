@@ -38,18 +38,19 @@ def their_bootstrap(theirs, peer):
     return values[0]
 
 
-def test_log_evidences_agree(run, theirs, peer):
+def test_log_evidences_agree_exactly(run, theirs, peer):
     ours = log_evidence_of_threads(run, np.ones((1, len(run.thread))))[0]
-    assert ours == pytest.approx(peer("nestcheck.estimators").logz(theirs), abs=1e-3)
+    assert ours == pytest.approx(peer("nestcheck.estimators").logz(theirs), abs=1e-9)
 
 
 def test_log_evidences_of_the_same_resamples_agree(run, their_bootstrap):
+    """Nearly: a point that is there k times, theirs dies k times in a row, ours with k times the volume."""
     n = len(run.start)
     counts = np.array(
         [np.bincount(np.random.RandomState(k).randint(0, n, n), minlength=n) for k in range(REPLICATES)]
     )
     ours = log_evidence_of_threads(run, counts[:, run.thread])
-    np.testing.assert_allclose(ours, their_bootstrap, atol=5e-3)
+    np.testing.assert_allclose(ours, their_bootstrap, atol=1e-2)
     assert ours.std(ddof=1) == pytest.approx(their_bootstrap.std(ddof=1), rel=0.01)
 
 
