@@ -8,6 +8,7 @@ import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from gaugeblock.errors import GaugeblockError
 from gaugeblock.identity import versions
@@ -20,11 +21,11 @@ from studies.replicates import Done, Part, run
 SEED = 20260611
 
 
-def parts(work: Path, seed: int) -> dict[str, Callable[[], Part]]:
-    """The parts by name; some compute true values first and keep them in `work`."""
+def parts(work: Path, seed: int, **options: Any) -> dict[str, Callable[[], Part]]:
+    """The parts by name; one computes true values first, with the options of `run`, kept in `work`."""
     return {
         "size": size.part,
-        "gate": lambda: gate.part(work, seed=seed),
+        "gate": lambda: gate.part(work, seed=seed, **options),
         "shortcut": shortcut.part,
         "power": power.part,
         "curves": curves.part,
@@ -54,15 +55,15 @@ def main(arguments: list[str] | None = None) -> int:
     command = shlex.join(["python", "studies/run.py", *(sys.argv[1:] if arguments is None else arguments)])
     try:
         with Bars() as bars:
+            options = {"workers": chosen.workers, "progress": bars.show}
             for name in wanted:
-                part = parts(work, chosen.seed)[name]()
+                part = parts(work, chosen.seed, **options)[name]()
                 done = run(
                     part,
                     work,
                     seed=chosen.seed,
                     replicates=chosen.replicates,
-                    workers=chosen.workers,
-                    progress=bars.show,
+                    **options,
                 )
                 table = part.summarise(done.values).assign_attrs(_record(part, command, chosen.seed, done))
                 write_groups({"": table}, chosen.out / f"{name}.nc")

@@ -6,21 +6,18 @@ On the edge of a tolerance both FAIL and PASS are errors, each allowed in 5%; an
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from gaugeblock.atomic import write_atomically
-from gaugeblock.digest import digest
 from gaugeblock.validate import Outcome, Policy
 from studies.audits import Audited, Truth, all_inside, audit, estimates, plan
 from studies.boundary import Moved, kink, rippled
 from studies.policies import DEFAULT, alone
 from studies.problem import problem
-from studies.replicates import Part, Replicate, Values, seed_of
+from studies.replicates import Part, Progress, Replicate, Values, run
 from studies.summary import indicators
 
 TRIALS, DRAWS = 400, 80
@@ -88,36 +85,57 @@ def _replicate(case: Case, truth: Truth | None) -> Replicate:
     return replicate
 
 
-def _truth(name: str, case: Case, *, seed: int, references: int) -> Truth:
-    """True values: 0 for the exact posterior, else the mean over audits that are used for nothing else."""
-    found: dict[str, list[Sequence[float]]] = {}
-    zero: set[str] = set()
-    for index in range(references):
-        audited = _audit(case, seed_of("gate: truth", name, index, seed=seed))
-        for finding, values in estimates(audited.findings).items():
-            found.setdefault(finding, []).append(values)
-        if name == "exact":
-            zero |= {f.id for f in audited.findings if f.kind == "mean" and f.sense == "two-sided"}
-    means = {finding: np.mean(values, axis=0) for finding, values in found.items()}
-    return {finding: (0.0 * mean if finding in zero else mean).tolist() for finding, mean in means.items()}
+def _estimated(case: Case, *, exact: bool) -> Replicate:
+    """Estimates of everything that is judged, flat; of the exact posterior what they must be, 0."""
+
+    def replicate(seed: int) -> Values:
+        audited = _audit(case, seed)
+        known = {f.id for f in audited.findings if exact and f.kind == "mean" and f.sense == "two-sided"}
+        return {
+            f"{finding} #{place}": 0.0 if finding in known else value
+            for finding, values in estimates(audited.findings).items()
+            for place, value in enumerate(values)
+        }
+
+    return replicate
 
 
-def _truths(folder: Path, *, seed: int, references: int) -> dict[str, Truth]:
-    """True values of the cases in `HELD`, kept in `folder`."""
-    path = folder / f"gate-truth-{digest([seed, references, SETTINGS])[:8]}.json"
-    if path.exists():
-        return dict(json.loads(path.read_text(encoding="utf-8")))
-    truths = {name: _truth(name, case, seed=seed, references=references) for name, case in cases().items()}
-    write_atomically(path, json.dumps(truths))
-    return truths
+def _truth(replicates: Sequence[Values]) -> Truth:
+    """Means over audits that are used for nothing else."""
+    found: dict[str, list[float]] = {}
+    for name in replicates[0]:
+        mean = float(np.mean([values[name] for values in replicates]))
+        found.setdefault(name.rpartition(" #")[0], []).append(mean)
+    return found
 
 
 SETTINGS = {"trials": TRIALS, "draws": DRAWS, **GROUPS}
 
 
-def part(folder: Path, *, seed: int, references: int = REFERENCES) -> Part:
-    """The part of the study; true values are computed first, or read from `folder`."""
-    truths = _truths(folder, seed=seed, references=references)
+def truth_part(references: int) -> Part:
+    """True values of the cases in `HELD`; comes before the part itself."""
+    known = cases()
+    return Part(
+        name="gate-truth",
+        says="true values",
+        cases={name: _estimated(known[name], exact=name == "exact") for name in HELD},
+        replicates=references,
+        settings=SETTINGS,
+        summarise=indicators,
+    )
+
+
+def part(
+    folder: Path,
+    *,
+    seed: int,
+    references: int = REFERENCES,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> Part:
+    """The part of the study; true values are computed first, or read from the checkpoint in `folder`."""
+    done = run(truth_part(references), folder, seed=seed, workers=workers, progress=progress)
+    truths = {name: _truth(replicates) for name, replicates in done.values.items()}
     return Part(
         name="gate",
         says=f"the whole gate, {TRIALS} trials x {DRAWS} draws",

@@ -53,8 +53,10 @@ def test_the_prior_as_posterior_passes_every_marginal_check(zoo_trials):
         assert findings[f"sbc.uniform[{name}]"].p_value > 1e-3
         assert findings[f"sbc.smooth[{name}]"].p_value > 1e-3
         close_to_exact(findings, f"sbc.bias[{name}]", f"sbc.log_width[{name}]")
-    # What depends on the data sees it: regions of the data, learned scores of both, weights.
-    assert sees(outcomes, "local.coverage", "c2st.rank", "importance.ess")
+    # All parameters together, without the data, look right too: density ranks, projections.
+    assert blind(outcomes, "joint.hpd", "joint.projections")
+    # What depends on the data sees it: their likelihood, regions of them, learned scores, weights.
+    assert sees(outcomes, "joint.likelihood", "local.coverage", "c2st.rank", "importance.ess")
 
 
 def test_a_leaked_truth_keeps_every_rank(zoo_trials):
@@ -76,7 +78,7 @@ def test_a_wrong_joint_keeps_every_marginal(zoo_trials, exact, fault):
     wrong, outcomes = audited(zoo_trials(fault, 500, 50, seed=1))
     for name, finding in sound.items():
         np.testing.assert_allclose(wrong[name].estimate, finding.estimate, atol=1e-9)
-    assert sees(outcomes, "c2st.rank")
+    assert sees(outcomes, "joint.projections", "c2st.rank")
 
 
 def test_a_bias_that_changes_sign_with_the_data_reads_as_narrow():
@@ -105,6 +107,8 @@ def test_a_constant_error_of_the_density_moves_no_weight(zoo_trials):
         np.testing.assert_allclose(wrong[name].estimate, sound[name].estimate, atol=1e-9)
     evidence = [f["importance.evidence"].details["log_evidence"].values for f in (sound, wrong)]
     np.testing.assert_allclose(evidence[1] - evidence[0], -0.5, atol=1e-9)
+    # A known density, fitted to half of the draws, over the one in question, at the other half: must be 1.
+    assert sees(outcomes, "density.normalisation")
 
 
 def test_random_numbers_that_all_trials_share_show_at_few_draws_only(zoo_trials):
