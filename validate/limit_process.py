@@ -49,12 +49,14 @@ class LimitProcess:
     """Gates of `parameters` parameters with `draws` draws in each trial; everything random is from `seed`.
 
     `families` is among how many families of gates the error budget is shared: this one, and what else an
-    audit judges on other trials or quantities.
+    audit judges on other trials or quantities. `further` is the number of further comparisons in this one
+    (joint, by region, learned), taken to be independent.
     """
 
     parameters: int
     draws: int
     families: int = 1
+    further: int = 0
     seed: int = 0
 
     def standard_errors(self, trials: int) -> Array:
@@ -75,14 +77,22 @@ class LimitProcess:
         root = np.linalg.cholesky(correlation())
         return np.abs(rng.standard_normal((REPLICATES, len(root))) @ root.T)
 
+    @cached_property
+    def _maxima(self) -> Array:
+        return np.sort(self._replicates.max(axis=1))
+
     def critical(self, trials: int, error_budget: float) -> float:
         """Standard errors that the simultaneous intervals of all gates reach.
 
         >>> round(LimitProcess(parameters=1, draws=250).critical(4000, 0.05), 1)
         2.8
         """
-        each = (1 - error_budget / self.families) ** (1 / self.parameters)
-        normal = float(np.quantile(self._replicates.max(axis=1), each, method="higher"))
+        held = (np.arange(REPLICATES) + 1) / REPLICATES
+        within = self._maxima
+        # All parameters within and all further comparisons: the smallest value that holds often enough.
+        together = held**self.parameters * (1 - 2 * special.ndtr(-within)) ** self.further
+        first = int(np.searchsorted(together, 1 - error_budget / self.families))
+        normal = float(within[min(first, REPLICATES - 1)])
         return float(stats.t.isf(special.ndtr(-normal), trials - 1))
 
     def pass_probability(self, trials: int, tolerance: Tolerance) -> float:
@@ -90,6 +100,12 @@ class LimitProcess:
         one_sided = stats.t.ppf(PASS_LEVEL, trials - 1)
         spare = tolerated(tolerance) / self.standard_errors(trials) - one_sided
         return float(np.mean((self._replicates <= spare).all(axis=1)) ** self.parameters)
+
+    def curve_pass_probability(self, trials: int, tolerance: float) -> float:
+        """Probability that one coverage curve of an exact estimator, at twelve levels, PASSes."""
+        one_sided = stats.t.ppf(PASS_LEVEL, trials - 1)
+        spare = tolerance / self.standard_errors(trials)[2:] - one_sided
+        return float(np.mean((self._replicates[:, 2:] <= spare).all(axis=1)))
 
     def smallest_detectable(
         self, trials: int, tolerance: Tolerance, *, error_budget: float, power: float

@@ -11,16 +11,26 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from scipy import special
+
 from gaugeblock.errors import InputError
+from gaugeblock.validate.coverage import LEVELS
+from gaugeblock.validate.family import PASS_LEVEL
 from gaugeblock.validate.limit_process import QUANTITIES, LimitProcess, hidden_by
+from gaugeblock.validate.local import MOST_COMPONENTS, NOMINAL
 from gaugeblock.validate.policy import Policy
+from gaugeblock.validate.projections import CENTRAL, LOWEST, directions, pairs
 from gaugeblock.validate.rank_power import RankFault, smallest
 
 # Share of a fault that finite draws may hide before more draws are asked for.
 MOST_HIDDEN = 0.03
-# Marginal calibration, joint calibration, calibration by region, importance sampling: what a whole audit
-# judges, each with its own share of the budget. Fewer only makes an audit stronger than planned.
-FAMILIES = 4
+# What a whole audit judges, each family with its own share of the budget: all that is measured on the main
+# trials, the joint likelihood, importance sampling. Fewer only make an audit stronger than planned.
+FAMILIES = 3
+# Comparisons of learned scores (c2st.rank, lc2st.local), and regions of each feature.
+LEARNED = 96
+REGIONS = 4
 FEWEST, MOST = 10, 10**9
 
 
@@ -39,6 +49,7 @@ class StudyPlan:
     params: int
     policy: Policy
     families: int
+    further: int
     seed: int
     critical_value: float
     pass_probability_exact: float
@@ -56,6 +67,7 @@ class StudyPlan:
             "power": self.policy.planning.power,
             "error_budget": self.policy.error_budget,
             "families": self.families,
+            "further_comparisons": self.further,
             "tolerance": {name: float(getattr(self.policy.tolerance, name)) for name in QUANTITIES},
             "pass_probability_exact": self.pass_probability_exact,
             "fail_probability_twice_tolerated": self.fail_probability,
@@ -74,9 +86,13 @@ def plan(
     trials: int | None = None,
     draws: int | None = None,
     families: int = FAMILIES,
+    further: int | None = None,
     seed: int = 0,
 ) -> StudyPlan:
     """The fewest trials that keep the promise under `policy`; with `trials`, what so many promise.
+
+    `families` and `further` say with what else the gates of `sbc` and `coverage` share the budget; without
+    them with all that a whole audit judges.
 
     Null: parameters independent, posteriors Gaussian; both are the harder case. The power is the policy's.
 
@@ -87,17 +103,18 @@ def plan(
 
     >>> from gaugeblock.validate.policy import read_policy
     >>> planned = plan(read_policy("default"), params=5)
-    >>> 2000 < planned.trials < 3000, planned.draws
+    >>> 2500 < planned.trials < 4000, planned.draws
     (True, 130)
     """
     _check(params=params, trials=trials, draws=draws, families=families)
     depth = _draws_for(MOST_HIDDEN) if draws is None else draws
-    process = LimitProcess(parameters=params, draws=depth, families=families, seed=seed)
+    others = further_comparisons(params) if further is None else further
+    process = LimitProcess(parameters=params, draws=depth, families=families, further=others, seed=seed)
     tolerance, budget, power = policy.tolerance, policy.error_budget, policy.planning.power
 
     def enough(n: int) -> bool:
         fails = process.fail_probability(n, tolerance, error_budget=budget)
-        return min(fails.values()) >= power and process.pass_probability(n, tolerance) >= power
+        return min(fails.values()) >= power and _passes(process, policy, n) >= power
 
     number = smallest(enough, first=FEWEST, most=MOST) if trials is None else trials
     if number is None:
@@ -108,9 +125,10 @@ def plan(
         params=params,
         policy=policy,
         families=families,
+        further=others,
         seed=seed,
         critical_value=process.critical(number, budget),
-        pass_probability_exact=process.pass_probability(number, tolerance),
+        pass_probability_exact=_passes(process, policy, number),
         fail_probability=process.fail_probability(number, tolerance, error_budget=budget),
         smallest_detectable=process.smallest_detectable(number, tolerance, error_budget=budget, power=power),
         hidden_by_draws=hidden_by(depth),
@@ -125,6 +143,30 @@ def plan(
             )
         },
     )
+
+
+def further_comparisons(params: int) -> int:
+    """How many comparisons a whole audit makes on its main trials beside bias, width and central coverage."""
+    projected = len(directions(params)) * len(CENTRAL) + len(pairs(params)) * len(LOWEST)
+    curves = 2 * len(LEVELS)
+    return curves + projected + MOST_COMPONENTS + LEARNED
+
+
+def _passes(process: LimitProcess, policy: Policy, trials: int) -> float:
+    """Probability that an exact estimator PASSes every required gate whose limit is known.
+
+    Joint coverage curves and regions are taken to be independent of everything else, which is the harder
+    case. Importance sampling is left out: how efficient an exact density is, is no matter of trials.
+    """
+    tolerance = policy.tolerance
+    probability = process.pass_probability(trials, tolerance)
+    curves = sum(policy.requires(name) for name in ("joint.hpd", "joint.tarp"))
+    probability *= process.curve_pass_probability(trials, tolerance.joint) ** curves
+    if policy.requires("local.coverage"):
+        error = np.sqrt(NOMINAL * (1 - NOMINAL) * REGIONS / trials)
+        inside = 1 - 2 * special.ndtr(special.ndtri(PASS_LEVEL) - tolerance.local / error)
+        probability *= float(np.prod(np.maximum(inside, 0) ** (MOST_COMPONENTS / len(NOMINAL))))
+    return probability
 
 
 def _check(**numbers: int | None) -> None:

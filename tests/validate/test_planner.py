@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from gaugeblock.errors import InputError
-from gaugeblock.validate import Outcome, family, judge, make_policy, read_policy
+from gaugeblock.validate import Outcome, family, judge, make_policy, read_policy, run_validators
 from gaugeblock.validate.coverage import LEVELS, central_finding
 from gaugeblock.validate.limit_process import QUANTITIES, LimitProcess, correlation, hidden_by
 from gaugeblock.validate.planner import plan
@@ -69,31 +69,40 @@ def test_the_critical_value_is_the_bootstraps(parameters):
 
 
 def test_a_plan_states_what_gates_state():
-    """Gates' smallest detectable faults: within 3%, and within 6% where other families share the budget."""
+    """Gates' smallest detectable faults: within 3%, and larger by up to 12% where all other gates share."""
     gates = {g.id: g for g in judge(audit(np.random.default_rng(2), 2500, 130, 5), [], POLICY, seed=1).gates}
     stated = {
         "bias": gates["sbc.bias[p0]"].smallest_detectable,
         "log_width": gates["sbc.log_width[p0]"].smallest_detectable,
         "coverage": gates["coverage.central"].smallest_detectable,
     }
-    alone = plan(POLICY, params=5, trials=2500, draws=130, families=1).smallest_detectable
+    alone = plan(POLICY, params=5, trials=2500, draws=130, families=1, further=0).smallest_detectable
     shared = plan(POLICY, params=5, trials=2500, draws=130).smallest_detectable
     for name in QUANTITIES:
         assert alone[name] == pytest.approx(stated[name], rel=0.03)
-        assert stated[name] < shared[name] < 1.06 * stated[name]
+        assert stated[name] < shared[name] < 1.12 * stated[name]
+
+
+def test_a_plan_states_what_a_whole_audit_states(gaussian_trials):
+    """Every default validator, three parameters: smallest detectable faults within 5%."""
+    findings, not_checked = run_validators(gaussian_trials(600, 40, 3, seed=20), seed=1)
+    gates = {g.id: g for g in judge(findings, not_checked, POLICY, seed=1).gates}
+    planned = plan(POLICY, params=3, trials=600, draws=40, families=2)
+    for gate, name in (("sbc.bias[p0]", "bias"), ("coverage.central", "coverage")):
+        assert planned.smallest_detectable[name] == pytest.approx(gates[gate].smallest_detectable, rel=0.05)
 
 
 def test_the_promise_to_exact_estimators_and_to_twice_tolerated_faults(monkeypatch):
     """One family, two parameters: PASS and FAIL with power 0.9 at the planned n (0.001 quantiles of 60)."""
     monkeypatch.setattr(family, "REPLICATES", 10_000)
-    planned = plan(POLICY, params=2, families=1)
+    planned = plan(POLICY, params=2, families=1, further=0)
     least = stats.binom.ppf(0.001, 60, 0.9)
     assert outcomes(60, 3, planned)[Outcome.PASS] >= least
     tolerance = POLICY.tolerance
     for key, fault in enumerate(({"bias": 2 * tolerance.bias}, {"log_width": -2 * tolerance.log_width})):
         assert outcomes(60, 4 + key, planned, **fault)[Outcome.FAIL] >= least
     # The promise is not kept by chance: a third of the trials would not do.
-    fewer = plan(POLICY, params=2, trials=planned.trials // 3, draws=planned.draws, families=1)
+    fewer = plan(POLICY, params=2, trials=planned.trials // 3, draws=planned.draws, families=1, further=0)
     assert outcomes(60, 6, fewer)[Outcome.PASS] < least
     assert fewer.pass_probability_exact < 0.6
 
@@ -113,7 +122,7 @@ def test_the_whole_promise(monkeypatch):
 
 def test_the_promise_for_a_coverage_gap():
     """P(|u - 1/2| <= 1/4) twice the tolerance short of 1/2, in one of two parameters: 60 audits."""
-    planned = plan(POLICY, params=2, families=1)
+    planned = plan(POLICY, params=2, families=1, further=0)
     failed = 0
     for replicate in range(60):
         rng = np.random.default_rng([9, replicate])
@@ -129,7 +138,7 @@ def test_the_promise_for_a_coverage_gap():
 def test_pass_probability_of_exact_estimators(monkeypatch):
     """Where it is about a half: 150 audits within the 0.0005 quantiles of 0.8 and 1.25 times what is said."""
     monkeypatch.setattr(family, "REPLICATES", 10_000)
-    planned = plan(POLICY, params=2, trials=1100, draws=100)
+    planned = plan(POLICY, params=2, trials=1100, draws=100, families=1, further=0)
     said = planned.pass_probability_exact
     assert 0.3 < said < 0.7
     passed = outcomes(150, 10, planned)[Outcome.PASS]
@@ -139,7 +148,7 @@ def test_pass_probability_of_exact_estimators(monkeypatch):
 def test_more_of_anything_never_takes_fewer_trials():
     base = plan(POLICY, params=2).trials
     assert plan(POLICY, params=20).trials > base
-    assert plan(POLICY, params=2, families=1).trials < base
+    assert plan(POLICY, params=2, families=1, further=0).trials < base
     assert plan(POLICY, params=2, draws=20).trials > base
     stricter = make_policy({"tolerance": {"bias": 0.05}}, source="test", base=POLICY)
     assert plan(stricter, params=2).trials > 2 * base
