@@ -107,7 +107,7 @@ def test_a_constant_error_of_the_density_moves_no_weight(zoo_trials):
         np.testing.assert_allclose(wrong[name].estimate, sound[name].estimate, atol=1e-9)
     evidence = [f["importance.evidence"].details["log_evidence"].values for f in (sound, wrong)]
     np.testing.assert_allclose(evidence[1] - evidence[0], -0.5, atol=1e-9)
-    # A known density, fitted to half of the draws, over the one in question, at the other half: must be 1.
+    # A known density over the one in question, averaged over draws, must be 1.
     assert sees(outcomes, "density.normalisation")
 
 
