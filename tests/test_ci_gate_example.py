@@ -1,4 +1,4 @@
-"""examples/ci-gate, step by step as its workflow says: blocked when undertrained, passing after retraining."""
+"""examples/ci-gate, step by step as its workflow says: blocked when undertrained, else passing."""
 
 import importlib.metadata
 import json

@@ -8,7 +8,7 @@ EDGES = np.linspace(0.0, 6.0, 13)  # hours
 
 
 class Decay:
-    """x ~ Poisson: activity (decays per hour at the start), half-life (hours), background (counts per bin)."""
+    """x ~ Poisson: activity (decays per hour at first), half-life (hours), background (counts per bin)."""
 
     prior = Prior(
         {
