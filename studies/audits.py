@@ -72,19 +72,16 @@ def audit(
         return Audited(findings, not_checked, judge(findings, not_checked, policy, seed=plan.seed))
 
 
-def estimates(findings: Iterable[Finding]) -> Truth:
-    """Estimates of everything that has an interval, by finding."""
-    return {
-        finding.id: finding.estimate.tolist() for finding in findings if finding.kind in ("mean", "quantile")
-    }
+def judged(audited: Audited) -> dict[str, Finding]:
+    """Findings that the verdict holds against a tolerance and that have an interval."""
+    gates = {gate.id for gate in audited.verdict.gates}
+    return {f.id: f for f in audited.findings if f.id in gates and f.kind in ("mean", "quantile")}
 
 
 def all_inside(audited: Audited, truth: Truth) -> bool:
     """Whether the simultaneous intervals that the verdict rests on hold the true values, all of them."""
     gates = {gate.id: gate for gate in audited.verdict.gates}
-    for finding in audited.findings:
-        if finding.id not in gates or finding.kind not in ("mean", "quantile"):
-            continue
+    for finding in judged(audited).values():
         low, high = (np.array([bound]) for bound in gates[finding.id].interval)
         if finding.kind == "mean":
             # A gate states the interval of its worst component; all components reach as many errors.

@@ -42,7 +42,7 @@ def faults() -> dict[str, Fault]:
     """The curves by name."""
     both, strict = problem(2), read_policy("strict")
     dropped = build_estimator("broken", both.simulator, fault="uncorrelated")
-    bright = build_estimator("broken", both.simulator, fault="wrong_when_bright")
+    bright = build_estimator("broken", both.simulator, fault="wrong_when_bright", size=0.6)
     return {
         "width 0.9, strict policy": Fault(Moved(both, ratio=0.9), strict, SMALL),
         "shift 0.1 sd, strict policy": Fault(Moved(both, shift=0.1), strict, SMALL),

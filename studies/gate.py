@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from gaugeblock.validate import Outcome, Policy
-from studies.audits import Audited, Truth, all_inside, audit, estimates, plan
+from studies.audits import Audited, Truth, all_inside, audit, judged, plan
 from studies.boundary import Moved, kink, rippled
 from studies.policies import DEFAULT, alone
 from studies.problem import problem
@@ -85,16 +85,18 @@ def _replicate(case: Case, truth: Truth | None) -> Replicate:
     return replicate
 
 
+# What such a finding estimates is 0 for an exact posterior.
+ZERO = ("mean", "two-sided")
+
+
 def _estimated(case: Case, *, exact: bool) -> Replicate:
     """Estimates of everything that is judged, flat; of the exact posterior what they must be, 0."""
 
     def replicate(seed: int) -> Values:
-        audited = _audit(case, seed)
-        known = {f.id for f in audited.findings if exact and f.kind == "mean" and f.sense == "two-sided"}
         return {
-            f"{finding} #{place}": 0.0 if finding in known else value
-            for finding, values in estimates(audited.findings).items()
-            for place, value in enumerate(values)
+            f"{name} #{place}": 0.0 if exact and (finding.kind, finding.sense) == ZERO else value
+            for name, finding in judged(_audit(case, seed)).items()
+            for place, value in enumerate(finding.estimate.tolist())
         }
 
     return replicate

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import doctest
 import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import stats
-from studies import anytime, curves, gate, power, size
+from studies import anytime, curves, gate, policies, power, replicates, size, summary
 from studies.__main__ import main, parts
 from studies.boundary import Moved
 from studies.document import read
@@ -32,6 +33,11 @@ PART = Part(
     settings={"chance": 0.3},
     summarise=indicators,
 )
+
+
+def test_examples_in_docstrings_run():
+    results = [doctest.testmod(module) for module in (policies, replicates, summary)]
+    assert all(result.attempted and not result.failed for result in results)
 
 
 def test_results_do_not_depend_on_workers_or_interruptions(tmp_path):
@@ -74,8 +80,8 @@ def few(tmp_path_factory):
     """Parts with few replicates, by name."""
     out = tmp_path_factory.mktemp("study")
     made = {"size": size.part, "gate": lambda: gate.part(out, seed=1, references=4), "power": _gross}
-    replicates = {"size": 15, "gate": 4, "power": 1}
-    return lambda name: run(made[name](), out, seed=1, replicates=replicates[name]).values
+    number = {"size": 15, "gate": 4, "power": 1}
+    return lambda name: run(made[name](), out, seed=1, replicates=number[name]).values
 
 
 # Members that any gate must see, at a tenth of the trials that are planned for them.
@@ -118,8 +124,8 @@ def test_the_zoo_is_whole():
 
     settings = power.part().settings["zoo"]
     assert {m["estimator"].get("fault") for m in settings.values()} >= set(FAULTS)
-    assert 2000 < settings["exact"]["trials"] < 3000
-    assert settings["narrow 0.9"]["trials"] < settings["shifted 0.1 sd"]["trials"] < 12_000
+    assert 2000 < settings["exact"]["trials"] < 5000
+    assert settings["narrow 0.9"]["trials"] < settings["shifted 0.1 sd"]["trials"] < 20_000
 
 
 def test_a_decision_of_the_anytime_mode_stands_from_when_it_falls():
