@@ -8,6 +8,7 @@ import numpy as np
 
 from gaugeblock.reports.charts import curve_with_band, half_height_of, histogram, scatter
 from gaugeblock.reports.errors_of_trials import TrialErrors
+from gaugeblock.reports.joint_figures import joint_section
 from gaugeblock.reports.local_figures import local_section
 from gaugeblock.reports.section import Panel, Section
 from gaugeblock.reports.words import p_equals, parameter_of, short
@@ -21,6 +22,7 @@ def sections(verdict: Verdict, findings: Sequence[Finding], errors: TrialErrors 
     made = [
         _ranks(findings),
         _coverage(by_id.get("coverage.central")),
+        joint_section(findings),
         local_section(findings, _local_tolerance(verdict)),
         _weights(by_id, tolerance.get("importance.ess")),
         _errors(errors),

@@ -12,7 +12,7 @@ import xarray as xr
 from gaugeblock.reports.errors_of_trials import trial_errors
 from gaugeblock.reports.figures import sections
 from gaugeblock.reports.reason import reason
-from gaugeblock.reports.rows import gate_groups, reported_rows
+from gaugeblock.reports.rows import gate_groups, reported_groups
 from gaugeblock.reports.verdict_json import plain
 from gaugeblock.reports.words import count
 from gaugeblock.reports.worst import largest_errors, lowest_shares
@@ -63,7 +63,7 @@ def report_html(verdict: Verdict, findings: Sequence[Finding], trials: xr.DataTr
         groups=gate_groups(verdict, findings),
         tally=_tally(verdict),
         not_checked=verdict.not_checked,
-        reported=reported_rows(verdict, findings),
+        reported=reported_groups(verdict, findings),
         sections=sections(verdict, findings, errors),
         worst=worst,
         provenance=plain(verdict.provenance),

@@ -59,15 +59,24 @@ class GateGroup:
 
 @dataclass(frozen=True)
 class ReportedRow:
-    """One finding that no gate judges."""
+    """One finding that no gate judges, of one parameter or of all together."""
 
     id: str
-    claim: str
-    null: str
+    parameter: str
     estimate: str
     p_value: str
     trials: str
+
+
+@dataclass(frozen=True)
+class ReportedGroup:
+    """Findings that no gate judges and that measure the same thing, of one parameter each."""
+
+    stem: str
+    claim: str
+    null: str
     caveats: tuple[str, ...]
+    rows: tuple[ReportedRow, ...]
 
 
 def gate_groups(verdict: Verdict, findings: Sequence[Finding]) -> list[GateGroup]:
@@ -118,20 +127,36 @@ def _gate_row(index: int, gate: Gate, finding: Finding | None, decimals: int) ->
     )  # fmt: skip
 
 
-def reported_rows(verdict: Verdict, findings: Sequence[Finding]) -> list[ReportedRow]:
-    """Findings without a gate, in the order they came."""
+def reported_groups(verdict: Verdict, findings: Sequence[Finding]) -> list[ReportedGroup]:
+    """Findings without a gate, together where they measure the same thing, in the order they came."""
+    together: dict[str, list[Finding]] = {}
+    for finding in unjudged(verdict, findings):
+        together.setdefault(finding.id.partition("[")[0], []).append(finding)
     return [
-        ReportedRow(
-            id=finding.id,
-            claim=finding.claim,
-            null=finding.null,
-            estimate=_estimates(finding),
-            p_value=probability(finding.p_value),
-            trials=f"{finding.n_trials:,}",
-            caveats=finding.caveats,
+        ReportedGroup(
+            stem=stem,
+            claim=_of_any(members[0]) if len(members) > 1 else members[0].claim,
+            null=members[0].null,
+            caveats=tuple(dict.fromkeys(caveat for finding in members for caveat in finding.caveats)),
+            rows=tuple(
+                ReportedRow(
+                    id=finding.id,
+                    parameter=parameter_of(finding.id),
+                    estimate=_estimates(finding),
+                    p_value=probability(finding.p_value),
+                    trials=f"{finding.n_trials:,}",
+                )
+                for finding in members
+            ),
         )
-        for finding in unjudged(verdict, findings)
+        for stem, members in together.items()
     ]
+
+
+def _of_any(finding: Finding) -> str:
+    """What a finding claims, with its parameter's name left open."""
+    name = parameter_of(finding.id)
+    return finding.claim.replace(name, "each parameter") if name else finding.claim
 
 
 def _estimates(finding: Finding) -> str:

@@ -18,12 +18,13 @@ from gaugeblock.validate.storage import schema_version
 
 PER_DRAW = ("log_q", "log_likelihood", "log_prior", "weight")
 PER_TRIAL = ("log_q_true", "log_likelihood_true", "log_prior_true")
+EVIDENCE = ("log_evidence", "log_evidence_error", "log_evidence_true")
 QUANTITY = "quantity_"
 AXES: dict[str, tuple[str, ...]] = {
     "theta_true": ("trial", "parameter"),
     "draws": ("trial", "draw", "parameter"),
     **dict.fromkeys(PER_DRAW, ("trial", "draw")),
-    **dict.fromkeys(PER_TRIAL, ("trial",)),
+    **dict.fromkeys((*PER_TRIAL, *EVIDENCE), ("trial",)),
 }
 
 
