@@ -16,7 +16,7 @@ from gaugeblock.progress import Bars
 from gaugeblock.validate.storage import write_groups
 from studies import anytime, curves, gate, power, shortcut, size
 from studies.document import DOCS, RESULTS, document, stored
-from studies.replicates import Done, Part, run
+from studies.replicates import Done, Part, run, sources
 
 SEED = 20260611
 
@@ -85,6 +85,7 @@ def _record(part: Part, command: str, seed: int, done: Done) -> dict[str, str | 
         "seconds_per_replicate": round(done.seconds, 4),
         "settings": json.dumps(part.settings, sort_keys=True, default=str),
         "versions": json.dumps(versions()),
+        "sources": sources(),
     }
 
 

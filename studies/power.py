@@ -124,7 +124,7 @@ def replicate(member: Member) -> Replicate:
 
     def once(seed: int) -> Values:
         joint = (min(member.trials, GROUPS["joint"][0]), GROUPS["joint"][1])
-        groups = {**GROUPS, "joint": joint}
+        groups = {} if member.select else {**GROUPS, "joint": joint}
         asked = plan(member.trials, DRAWS, seed, **groups)
         return outcome(audit(simulator, estimator, asked, policy, select=member.select))
 

@@ -7,12 +7,14 @@ import multiprocessing
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from gaugeblock import validate
 from gaugeblock.digest import digest
 from gaugeblock.errors import InputError
 
@@ -74,7 +76,7 @@ def run(
     Raises
     ------
     InputError
-        If the checkpoint holds replicates under other settings.
+        If the checkpoint holds replicates of another seed, other settings or other code.
     """
     number = part.replicates if replicates is None else replicates
     path = folder / f"{part.name}.jsonl"
@@ -100,7 +102,14 @@ def run(
 
 
 def _header(part: Part, seed: int) -> dict[str, Any]:
-    return {"part": part.name, "seed": seed, "settings": digest(part.settings)}
+    return {"part": part.name, "seed": seed, "settings": digest(part.settings), "sources": sources()}
+
+
+@cache
+def sources() -> str:
+    """Digest of the code whose error rates these are, as it was when first asked for."""
+    folders = (Path(validate.__file__).parent, Path(__file__).parent)
+    return digest([digest(path.read_text()) for folder in folders for path in sorted(folder.glob("*.py"))])
 
 
 Made = tuple[tuple[str, int], Values, float]
@@ -114,7 +123,9 @@ def _read(path: Path, header: dict[str, Any]) -> dict[tuple[str, int], tuple[Val
         path.write_text(whole + "\n" if whole else "", encoding="utf-8")
     lines = whole.splitlines()
     if lines and json.loads(lines[0]) != header:
-        raise InputError(f"{path}: replicates of another seed or other settings; remove it to begin anew")
+        raise InputError(
+            f"{path}: replicates of another seed, other settings or other code; remove it to begin anew"
+        )
     known = {}
     for line in lines[1:]:
         case, index, values, seconds = json.loads(line)

@@ -56,7 +56,7 @@ def test_results_do_not_depend_on_workers_or_interruptions(tmp_path):
 
 def test_replicates_of_other_settings_are_not_mixed(tmp_path):
     run(PART, tmp_path, seed=1)
-    with pytest.raises(InputError, match="another seed or other settings; remove it"):
+    with pytest.raises(InputError, match="another seed, other settings or other code; remove it"):
         run(PART, tmp_path, seed=2)
 
 
