@@ -19,6 +19,7 @@ from gaugeblock.validate.block import Block
 from gaugeblock.validate.coverage import LEVELS, inside_central
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.normal_process import log_evidence_against_uniform
+from gaugeblock.validate.p_values import SMALLEST
 from gaugeblock.validate.prepared import Prepared, effective_draws, pit
 from gaugeblock.validate.sequence import REFERENCE, gap_sequence, sequence_finding
 from gaugeblock.validate.wager_units import bias_of, log_width_of
@@ -143,7 +144,7 @@ def uniform_evidence(pit: ArrayLike, *, caveats: tuple[str, ...] = ()) -> Findin
         n_trials=len(log_evidence),
         estimate=np.array([log_evidence.max() / np.log(10)]),
         standard_error=np.array([np.nan]),
-        p_value=float(np.exp(-max(0.0, log_evidence.max()))),
+        p_value=max(float(np.exp(-max(0.0, log_evidence.max()))), SMALLEST),
         details=xr.Dataset({"log_evidence": ("evidence_trial", log_evidence)}),
         caveats=("valid at any trial, under any rule of stopping", *caveats),
     )

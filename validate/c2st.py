@@ -16,11 +16,11 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy import special
 
 from gaugeblock.validate.coverage import LEVELS, STEADYING, inside_central
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.learned import LEAST_TRIALS, LearnedRanks, learned_from
+from gaugeblock.validate.p_values import lower_tail
 from gaugeblock.validate.prepared import Prepared
 
 Array = NDArray[np.float64]
@@ -96,7 +96,7 @@ def rank_finding(
         estimate=held - nominal,
         standard_error=np.sqrt(steadied * (1 - steadied) / scored),
         influence=spread_out(inside - held[:, None], ranks.row, n),
-        p_value=float(special.ndtr(-z)),
+        p_value=lower_tail(-z),
         details=xr.Dataset({"pit": ("trial", u)}, coords={"trial": numbers[ranks.row]}),
         caveats=(
             *caveats,

@@ -16,7 +16,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.streams import Rng
 from gaugeblock.validate.block import Block
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.prepared import Prepared
@@ -125,18 +124,6 @@ def box_scores(
 def _ratio(distance: Array, reach: Array) -> Array:
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(distance == 0, 0.0, distance / reach)
-
-
-def highest_density_scores(log_q_true: ArrayLike, log_q: ArrayLike, rng: Rng) -> Array:
-    """Level of the highest-density region that just reaches the truth, ``(trial,)``; ties broken at random.
-
-    `log_q_true` is ``(trial,)``, `log_q` ``(trial, draw)``. Its `conformal_quantile` at `level` is the
-    nominal level whose joint regions hold a fresh truth with that probability; for an exact posterior,
-    `level` itself.
-    """
-    truth, density = np.asarray(log_q_true, dtype=float)[:, None], np.asarray(log_q, dtype=float)
-    denser, equal = np.count_nonzero(density > truth, axis=1), np.count_nonzero(density == truth, axis=1)
-    return np.asarray((denser + (equal + 1) * rng.random((len(truth),))) / (density.shape[1] + 1))
 
 
 def stretch(block: Block) -> Array:

@@ -16,6 +16,7 @@ from scipy import special
 
 from gaugeblock.errors import InputError
 from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.p_values import SMALLEST, two_sided
 from gaugeblock.validate.prepared import Prepared
 from gaugeblock.validate.standardised import bias, log_width
 from gaugeblock.validate.thread_bootstrap import LogEvidence, evidence_difference
@@ -103,7 +104,7 @@ def pull_finding(
         standard_error=standard_error,
         influence=influence,
         population=population,
-        p_value=float(special.chdtrc(2, joint)),
+        p_value=max(float(special.chdtrc(2, joint)), SMALLEST),
         details=xr.Dataset({"pull": ("trial", pull)}, coords=_coordinates(trial)),
         caveats=caveats,
     )
@@ -165,7 +166,7 @@ def difference_finding(
         estimate=np.array([total.value, total.value / n]),
         standard_error=np.array([total.error, total.error / n]),
         population="evidence pairs",
-        p_value=float(2 * special.ndtr(-abs(total.value) / total.error)) if total.error > 0 else None,
+        p_value=two_sided(total.value / total.error) if total.error > 0 else None,
         details=xr.Dataset(
             {
                 "difference": ("pair", each),

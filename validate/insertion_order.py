@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy import special
 
 from gaugeblock.errors import InputError
 from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.nested_threads import NestedPoints, Threads, threads_of
+from gaugeblock.validate.p_values import two_sided
 from gaugeblock.validate.uniformity import ecdf_test
 
 Array = NDArray[np.float64]
@@ -109,7 +109,7 @@ def insertion_order_test(
     return InsertionTest(
         rank=rank,
         p_value=ecdf_test(rank).p_value,
-        p_mean=float(2 * special.ndtr(-abs(rank.mean() - 0.5) * np.sqrt(12 * n))),
+        p_mean=two_sided(float(rank.mean() - 0.5) * np.sqrt(12 * n)),
         p_windows=float(-np.expm1(pieces * np.log1p(-min(worst, 1 - 1e-16)))),
     )
 

@@ -22,6 +22,7 @@ PERMUTATIONS = 999
 def gaussian_kernel(points: ArrayLike) -> Array:
     """Kernel of all pairs of `points` ``(n, d)``, with the median distance as its width."""
     z = np.asarray(points, dtype=float)
+    z = z - z.mean(axis=0)  # distances far from the origin would cancel
     square = (z**2).sum(axis=1)
     distance = np.maximum(square[:, None] + square - 2 * z @ z.T, 0)
     middle = float(np.median(distance[np.triu_indices(len(z), 1)]))

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy import special
 
 from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.p_values import two_sided
 from gaugeblock.validate.prepared import Prepared
 from gaugeblock.validate.smooth import smooth_finding
 from gaugeblock.validate.standardised import Array, bias, log_width
@@ -58,7 +58,7 @@ def bias_finding(
         estimate=np.array([estimate]),
         standard_error=np.array([standard_error]),
         influence=influence[None],
-        p_value=_two_sided(estimate, standard_error),
+        p_value=two_sided(estimate / standard_error),
         details=_details({"standardised_error": ("trial", errors)}, trial),
         caveats=caveats,
     )
@@ -81,7 +81,7 @@ def log_width_finding(
         estimate=np.array([estimate]),
         standard_error=np.array([standard_error]),
         influence=influence[None],
-        p_value=_two_sided(estimate, standard_error),
+        p_value=two_sided(estimate / standard_error),
         caveats=caveats,
     )
 
@@ -112,10 +112,6 @@ def uniform_finding(
         details=_details(details, trial).assign_coords(evaluation_point=test.point),
         caveats=caveats,
     )
-
-
-def _two_sided(estimate: float, standard_error: float) -> float:
-    return float(2 * special.ndtr(-abs(estimate) / standard_error))
 
 
 def _details(variables: dict[str, tuple[str, Array]], trial: NDArray[np.int64] | None) -> xr.Dataset:

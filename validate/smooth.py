@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from gaugeblock.validate.finding import Finding
-from gaugeblock.validate.uniformity import SMALLEST_TAIL
+from gaugeblock.validate.p_values import SMALLEST
 
 Array = NDArray[np.float64]
 
@@ -89,7 +89,7 @@ def smooth_test(values: ArrayLike, *, order: int = ORDER) -> SmoothTest:
     component = legendre_components(sample, order=order)
     statistic = float(component @ component)
     if len(sample) >= ASYMPTOTIC:
-        return SmoothTest(component, statistic, max(float(special.chdtrc(order, statistic)), SMALLEST_TAIL))
+        return SmoothTest(component, statistic, max(float(special.chdtrc(order, statistic)), SMALLEST))
     null = _simulated_null(len(sample), order)
     exceeded = len(null) - int(np.searchsorted(null, statistic, side="left"))
     return SmoothTest(component, statistic, (1 + exceeded) / (1 + len(null)))

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
+from gaugeblock.validate.p_values import SMALLEST
+
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
 MOST_POINTS = 100
-# Binomial tails below this have underflowed or are about to: p is said to be this.
-SMALLEST_TAIL = 1e-290
 
 
 class EcdfTest(NamedTuple):
@@ -72,8 +72,8 @@ def _limits(tail: float, n: int, points: int) -> tuple[Counts, Counts]:
 
 
 def _p_value(tail: float, n: int, points: int) -> float:
-    if tail < SMALLEST_TAIL:
-        return SMALLEST_TAIL
+    if tail < SMALLEST:
+        return SMALLEST  # binomial tails below this have underflowed or are about to
     lower, upper = _limits(tail, n, points)
     # At least the tail itself, which 1 - probability cannot resolve below 1e-15.
     return float(min(1.0, max(1 - interior_probability(lower, upper, n), tail)))

@@ -13,11 +13,11 @@ from gaugeblock.validate.conformal import (
     conformal,
     conformal_quantile,
     conformal_rank,
-    highest_density_scores,
     regional_quantile,
     stretch_finding,
     stretch_scores,
 )
+from gaugeblock.validate.hpd import credible_level
 from gaugeblock.validate.prepared import Prepared
 from gaugeblock.validate.regions import quantile_regions
 
@@ -98,13 +98,13 @@ def test_joint_box_of_an_exact_posterior_is_exact():
     assert (np.abs(inside - levels) < 4.5 * np.sqrt(levels * (1 - levels) / 20_000)).all()
 
 
-def test_highest_density_scores_of_an_exact_posterior_are_uniform():
+def test_credible_levels_of_an_exact_posterior_are_uniform():
     """Kolmogorov-Smirnov at p = 1e-4; a narrow one needs a higher level than it claims."""
     rng = np.random.default_rng(4)
     for ratio in (1.0, 0.6):
         theta, x, draws = conjugate(rng, 4000, 99, ratio=ratio)
         log_q, truth = (-((v - c) ** 2) for v, c in ((draws[..., 0], x / 2), (theta[:, 0], x[:, 0] / 2)))
-        scores = highest_density_scores(truth, log_q, rng)
+        scores = credible_level(truth, log_q, rng)
         if ratio == 1.0:
             assert stats.kstest(scores, "uniform").pvalue > 1e-4
         else:
