@@ -1,4 +1,4 @@
-"""A runner for steps of workflows, and for the action, with the variables that they say."""
+"""A runner for steps of workflows and for the action; toys for tests of the pytest plugin."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+import textwrap
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -104,3 +105,69 @@ def workflow() -> Callable[[Path], dict[str, Any]]:
     """Parse a workflow or an action; YAML takes the key `on` for a truth value."""
     yaml = pytest.importorskip("yaml")
     return lambda path: yaml.safe_load(path.read_text())
+
+
+# Seeds are fixed, so nothing here changes from run to run; another seed would fail an exact estimator's PASS
+# in fewer than one of a hundred.
+TOY = """
+import numpy as np
+import pytest
+from gaugeblock.estimators.exact import Exact
+from gaugeblock.pytest_plugin import CalibrationError, CalibrationFailed, CalibrationInconclusive
+from gaugeblock.simulators import build_simulator
+
+TOLERANCE = {"bias": 0.2, "log_width": 0.2, "coverage": 0.1}
+pytestmark = pytest.mark.calibration(
+    trials=1000, draws=30, validators=("draws", "sbc", "coverage"), policy={"tolerance": TOLERANCE}
+)
+# Ten trials are enough to see that draws are finite, and that they are not; what else they show is reported.
+QUICK = {
+    "trials": 10, "draws": 10, "validators": ("draws", "sbc"), "policy": {"required": ["draws.finite"]}
+}
+SIMULATOR = build_simulator("linear_gaussian", parameters=2, data=2)
+EXACT = Exact(SIMULATOR)
+
+class Draws:
+    def __init__(self, change):
+        self.change = change
+    def sample(self, x, n, rng):
+        return self.change(EXACT.sample(x, n, rng))
+
+def narrowed(draws):
+    center = draws.mean(axis=1, keepdims=True)
+    return center + 0.6 * (draws - center)
+NARROW = Draws(narrowed)
+BROKEN = Draws(lambda draws: np.where(draws > 0, draws, np.nan))
+"""
+
+
+@pytest.fixture(scope="session")
+def _audit_imported(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Everything an audit imports: what a run within this process imports anew, it imports at every run."""
+    from gaugeblock.audit import audit_objects
+    from gaugeblock.config import TrialsTable
+    from gaugeblock.estimators.exact import Exact
+    from gaugeblock.simulators import build_simulator
+    from gaugeblock.validate import read_policy
+
+    simulator = build_simulator("linear_gaussian", parameters=1, data=1)
+    plan = TrialsTable(number=10, draws=10).plan()
+    policy, folder = read_policy("default"), tmp_path_factory.mktemp("audit")
+    audit_objects(
+        simulator, Exact(simulator), plan, folder, policy=policy, select=("draws", "sbc", "coverage")
+    )
+
+
+@pytest.fixture
+def toy(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, _audit_imported: None
+) -> Callable[..., Path]:
+    """Write a test file that begins with the toys above and return its path."""
+
+    # Without the plugin of hypothesis, which a run within this process would load again each time.
+    monkeypatch.setenv("PYTEST_ADDOPTS", "-p no:hypothesispytest")
+
+    def write(tests: str) -> Path:
+        return pytester.makepyfile(test_flow=TOY + textwrap.dedent(tests))
+
+    return write
