@@ -116,9 +116,12 @@ from gaugeblock.estimators.exact import Exact
 from gaugeblock.pytest_plugin import CalibrationError, CalibrationFailed, CalibrationInconclusive
 from gaugeblock.simulators import build_simulator
 
-TOLERANCE = {"bias": 0.2, "log_width": 0.2, "coverage": 0.1}
+POLICY = {
+    "required": ["draws.finite", "sbc.bias", "sbc.log_width", "coverage.central"],
+    "tolerance": {"bias": 0.2, "log_width": 0.2, "coverage": 0.1},
+}
 pytestmark = pytest.mark.calibration(
-    trials=1000, draws=30, validators=("draws", "sbc", "coverage"), policy={"tolerance": TOLERANCE}
+    trials=1000, draws=30, validators=("draws", "sbc", "coverage"), policy=POLICY
 )
 # Ten trials are enough to see that draws are finite, and that they are not; what else they show is reported.
 QUICK = {

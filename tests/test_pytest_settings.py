@@ -17,6 +17,9 @@ def test_the_call_goes_before_the_marker_the_command_line_the_ini_file_and_the_d
     pytester.makepyfile("""
     import pytest
     from gaugeblock.pytest_plugin import CalibrationInconclusive
+    from gaugeblock.validate import read_policy
+
+    STRICT = read_policy("strict").tolerance.bias
 
     def record(gate, **given):
         with pytest.raises(CalibrationInconclusive) as stopped:
@@ -46,10 +49,10 @@ def test_the_call_goes_before_the_marker_the_command_line_the_ini_file_and_the_d
 
     def test_policies(calibration_gate):
         assert record(calibration_gate)["policy"]["tolerance"]["bias"] == 0.3
-        assert record(calibration_gate, policy="strict")["policy"]["tolerance"]["bias"] == 0.03
+        assert record(calibration_gate, policy="strict")["policy"]["tolerance"]["bias"] == STRICT
         table = {"base": "strict", "tolerance": {"coverage": 0.2}}
         tolerance = record(calibration_gate, policy=table)["policy"]["tolerance"]
-        assert (tolerance["bias"], tolerance["coverage"]) == (0.03, 0.2)
+        assert (tolerance["bias"], tolerance["coverage"]) == (STRICT, 0.2)
     """)
     result = pytester.runpytest_inprocess("--calibration-draws=13", "--calibration-seed", "2")
     result.assert_outcomes(passed=5)
