@@ -143,7 +143,7 @@ def folder_name(test: str) -> str:
     >>> folder_name("tests/test_flow.py::test_flow")
     'tests-test_flow.py.test_flow'
     >>> folder_name("test_flow.py::test_flow[a b]")
-    'test_flow.py.test_flow-a-b-31fba5'
+    'test_flow.py.test_flow-a-b-b5b0a3'
     """
     name = re.sub(r"[^\w.]+", "-", test.replace("::", "."), flags=re.ASCII).strip("-.")
     if re.fullmatch(r"[\w./:]{1,100}", test, flags=re.ASCII):
