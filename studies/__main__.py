@@ -14,7 +14,7 @@ from gaugeblock.errors import GaugeblockError
 from gaugeblock.identity import versions
 from gaugeblock.progress import Bars
 from gaugeblock.validate.storage import write_groups
-from studies import anytime, curves, gate, power, shortcut, size
+from studies import anytime, curves, gate, intervals, power, shortcut, size
 from studies.document import DOCS, RESULTS, document, stored
 from studies.replicates import Done, Part, run, sources
 
@@ -25,7 +25,8 @@ def parts(work: Path, seed: int, **options: Any) -> dict[str, Callable[[], Part]
     """The parts by name; one computes true values first, with the options of `run`, kept in `work`."""
     return {
         "size": size.part,
-        "gate": lambda: gate.part(work, seed=seed, **options),
+        "gate": gate.part,
+        "intervals": lambda: intervals.part(work, seed=seed, **options),
         "shortcut": shortcut.part,
         "power": power.part,
         "curves": curves.part,

@@ -79,9 +79,11 @@ def judged(audited: Audited) -> dict[str, Finding]:
 
 
 def all_inside(audited: Audited, truth: Truth) -> bool:
-    """Whether the simultaneous intervals that the verdict rests on hold the true values, all of them."""
+    """Whether the simultaneous intervals that the verdict rests on hold all true values that are known."""
     gates = {gate.id: gate for gate in audited.verdict.gates}
     for finding in judged(audited).values():
+        if finding.id not in truth:
+            continue
         low, high = (np.array([bound]) for bound in gates[finding.id].interval)
         if finding.kind == "mean":
             # A gate states the interval of its worst component; all components reach as many errors.

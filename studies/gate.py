@@ -1,30 +1,25 @@
 """The whole gate on estimators whose faults are known: how often it is wrong.
 
 On the edge of a tolerance both FAIL and PASS are errors, each allowed in 5%; an exact posterior may FAIL in
-5%. ``inside`` says how often the simultaneous intervals held all true values: in 95% or more.
+5%.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from gaugeblock.validate import Outcome, Policy
-from studies.audits import Audited, Truth, all_inside, audit, judged, plan
+from studies.audits import Audited, audit, plan
 from studies.boundary import Moved, kink, rippled
 from studies.policies import DEFAULT, alone
 from studies.problem import problem
-from studies.replicates import Part, Progress, Replicate, Values, run
+from studies.replicates import Part, Replicate
 from studies.summary import indicators
 
 TRIALS, DRAWS = 400, 80
 GROUPS: dict[str, tuple[int, int]] = {"importance": (50, 100), "joint": (200, 50)}
-# The cases of which it is asked whether all true values lie in the intervals, and the audits that tell them.
-HELD = ("exact", "bias", "narrow", "coverage", "bias and width")
-REFERENCES = 80
 
 
 @dataclass(frozen=True)
@@ -76,73 +71,17 @@ def outcome(audited: Audited) -> dict[str, float]:
     return {name.value: float(said is name) for name in Outcome} | blamed(audited)
 
 
-def _replicate(case: Case, truth: Truth | None) -> Replicate:
-    def replicate(seed: int) -> Values:
-        audited = _audit(case, seed)
-        held = float("nan") if truth is None else float(all_inside(audited, truth))
-        return {"inside": held, **outcome(audited)}
-
-    return replicate
+def _replicate(case: Case) -> Replicate:
+    return lambda seed: outcome(_audit(case, seed))
 
 
-# What such a finding estimates is 0 for an exact posterior.
-ZERO = ("mean", "two-sided")
-
-
-def _estimated(case: Case, *, exact: bool) -> Replicate:
-    """Estimates of everything that is judged, flat; of the exact posterior what they must be, 0."""
-
-    def replicate(seed: int) -> Values:
-        return {
-            f"{name} #{place}": 0.0 if exact and (finding.kind, finding.sense) == ZERO else value
-            for name, finding in judged(_audit(case, seed)).items()
-            for place, value in enumerate(finding.estimate.tolist())
-        }
-
-    return replicate
-
-
-def _truth(replicates: Sequence[Values]) -> Truth:
-    """Means over audits that are used for nothing else."""
-    found: dict[str, list[float]] = {}
-    for name in replicates[0]:
-        mean = float(np.mean([values[name] for values in replicates]))
-        found.setdefault(name.rpartition(" #")[0], []).append(mean)
-    return found
-
-
-SETTINGS = {"trials": TRIALS, "draws": DRAWS, **GROUPS}
-
-
-def truth_part(references: int) -> Part:
-    """True values of the cases in `HELD`; comes before the part itself."""
-    known = cases()
-    return Part(
-        name="gate-truth",
-        says="true values",
-        cases={name: _estimated(known[name], exact=name == "exact") for name in HELD},
-        replicates=references,
-        settings=SETTINGS,
-        summarise=indicators,
-    )
-
-
-def part(
-    folder: Path,
-    *,
-    seed: int,
-    references: int = REFERENCES,
-    workers: int = 1,
-    progress: Progress | None = None,
-) -> Part:
-    """The part of the study; true values are computed first, or read from the checkpoint in `folder`."""
-    done = run(truth_part(references), folder, seed=seed, workers=workers, progress=progress)
-    truths = {name: _truth(replicates) for name, replicates in done.values.items()}
+def part() -> Part:
+    """The part of the study."""
     return Part(
         name="gate",
         says=f"the whole gate, {TRIALS} trials x {DRAWS} draws",
-        cases={name: _replicate(case, truths.get(name)) for name, case in cases().items()},
+        cases={name: _replicate(case) for name, case in cases().items()},
         replicates=1000,
-        settings={**SETTINGS, "references": references},
+        settings={"trials": TRIALS, "draws": DRAWS, **GROUPS},
         summarise=indicators,
     )

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
-from studies import anytime, curves, gate, policies, power, replicates, size, summary
+from studies import anytime, curves, gate, intervals, policies, power, replicates, size, summary
 from studies.__main__ import main, parts
 from studies.boundary import Moved
 from studies.document import read
@@ -79,8 +79,13 @@ def test_counts_have_exact_intervals():
 def few(tmp_path_factory):
     """Parts with few replicates, by name."""
     out = tmp_path_factory.mktemp("study")
-    made = {"size": size.part, "gate": lambda: gate.part(out, seed=1, references=4), "power": _gross}
-    number = {"size": 15, "gate": 4, "power": 1}
+    made = {
+        "size": size.part,
+        "gate": gate.part,
+        "intervals": lambda: intervals.part(out, seed=1, references=4),
+        "power": _gross,
+    }
+    number = {"size": 15, "gate": 4, "intervals": 2, "power": 1}
     return lambda name: run(made[name](), out, seed=1, replicates=number[name]).values
 
 
@@ -108,9 +113,15 @@ def test_the_whole_gate_is_rarely_wrong(few):
     assert int(table["count"].sel(thing="PASS").drop_sel(case="exact").max()) < 3
     outcomes = table["count"].sel(thing=["PASS", "FAIL", "INCONCLUSIVE"]).sum("thing")
     assert (outcomes == 4).all()
-    held = table.sel(thing="inside", case=list(gate.HELD))
-    assert (held["replicates"] == 4).all()
-    assert int(held["count"].min()) >= 1
+
+
+def test_intervals_hold_true_values(few, monkeypatch):
+    """2 replicates a case of a tenth of the trials; all 6 outside would have chance 2e-8 at 5%."""
+    monkeypatch.setattr(intervals, "TRIALS", 200)
+    monkeypatch.setattr(intervals, "GROUPS", {"importance": (20, 50), "joint": (100, 50)})
+    table = indicators(few("intervals"))
+    assert (table["replicates"] == 2).all()
+    assert int(table["count"].sum()) >= 1
 
 
 def test_gross_faults_are_blocked(few):
