@@ -6,6 +6,7 @@ on where it stopped, to the same bits, and never mixes trials of two configurati
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Callable
 from pathlib import Path
 
@@ -66,10 +67,15 @@ def _weighable(simulator: Simulator, estimator: Estimator) -> bool:
 
 
 def fingerprint(simulator: Simulator, estimator: Estimator, plan: Plan) -> str:
-    """Key of everything that decides the bits of a run, as sixteen hexadecimal digits."""
+    """Key of everything that decides the bits of a run, as sixteen hexadecimal digits.
+
+    It never comes again for a simulator or an estimator whose state cannot be told from another's: a run of
+    such a thing starts afresh, and does not mix the draws of two networks.
+    """
+    parts = {"simulator": identity(simulator), "estimator": identity(estimator)}
     content = {
-        "simulator": identity(simulator),
-        "estimator": identity(estimator),
+        **parts,
+        "once": [secrets.token_hex(8) for part in parts.values() if part.get("state_sha256", "") is None],
         "plan": vars(plan),
         "versions": versions(),
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import pickle
 import platform
 from importlib import metadata
 from pathlib import Path
@@ -18,11 +19,20 @@ NUMERICAL = (
 
 
 def identity(thing: object) -> dict[str, Any]:
-    """What identifies a simulator or an estimator: its own description, its class, its source file's hash."""
+    """What identifies a simulator or an estimator: its class, its source file's hash, and its state.
+
+    The state is what it says in `describe`; for one that says nothing, a hash of its attributes (the weights of
+    a network among them), or None where they cannot be hashed: such a thing has no lasting identity.
+    """
     kind = type(thing)
     record: dict[str, Any] = {"class": f"{kind.__module__}.{kind.__qualname__}"}
     if can(thing, "describe"):
         record |= dict(thing.describe())  # type: ignore[attr-defined]
+    else:
+        try:
+            record["state_sha256"] = hashlib.sha256(pickle.dumps(thing)).hexdigest()
+        except Exception:  # anything may happen in a stranger's attributes
+            record["state_sha256"] = None
     if not kind.__module__.startswith("gaugeblock."):
         try:
             source = Path(inspect.getfile(kind)).read_bytes()
