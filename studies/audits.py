@@ -41,15 +41,22 @@ def plan(
     )
 
 
+def _plain(collector: MainTrials) -> Any:
+    """One random stream for all trials of a purpose instead of one each, which costs more than the rest."""
+    seed = collector.plan.seed
+    collector.streams = lambda purpose, _: np.random.default_rng([seed, *purpose.encode()])
+    return collector
+
+
 def collected(simulator: Any, estimator: Any, plan: Plan) -> xr.DataTree:
     """What `gaugeblock.collect` would collect, without the disk."""
-    main = MainTrials(simulator, estimator, plan)(range(plan.number))
+    main = _plain(MainTrials(simulator, estimator, plan))(range(plan.number))
     likelihood = can(simulator, "log_likelihood")
     importance = joint = None
     if plan.importance_number and likelihood and has_density(estimator):
-        importance = ImportanceTrials(simulator, estimator, plan, main)(range(plan.importance_number))
+        importance = _plain(ImportanceTrials(simulator, estimator, plan, main))(range(plan.importance_number))
     if plan.joint_number and likelihood:
-        joint = JointTrials(simulator, estimator, plan, main)(range(plan.joint_number))
+        joint = _plain(JointTrials(simulator, estimator, plan, main))(range(plan.joint_number))
     return trials_tree(main, importance, joint=joint)
 
 

@@ -39,7 +39,6 @@ def cases() -> dict[str, Case]:
         "exact": Moved(both),
         "bias": Moved(both, shift=edge.bias),
         "narrow": Moved(both, ratio=narrow),
-        "wide": Moved(both, ratio=1 / narrow),
         "coverage": Moved(both, marginal=kink(edge.coverage, draws=DRAWS)),
         "joint": Moved(both, radial=kink(edge.joint, draws=DRAWS, radial=True)),
         "bias and width": Moved(both, edge.bias, narrow),
