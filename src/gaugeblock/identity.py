@@ -21,8 +21,8 @@ NUMERICAL = (
 def identity(thing: object) -> dict[str, Any]:
     """What identifies a simulator or an estimator: its class, its source file's hash, and its state.
 
-    The state is what it says in `describe`; for one that says nothing, a hash of its attributes (the weights of
-    a network among them), or None where they cannot be hashed: such a thing has no lasting identity.
+    The state is what it says in `describe`; for one that says nothing, a hash of its attributes (the weights
+    of a network among them), or None where they cannot be hashed: such a thing has no lasting identity.
     """
     kind = type(thing)
     record: dict[str, Any] = {"class": f"{kind.__module__}.{kind.__qualname__}"}
