@@ -34,7 +34,7 @@ def sbc_ranks(rng: np.random.Generator) -> Task:
     import torch
     from sbi.diagnostics import run_sbc
 
-    from gaugeblock.validate.ranks import randomised_ranks
+    from gaugeblock.validate.marginal.ranks import randomised_ranks
 
     truth, draws = rng.normal(size=(1000, 5)), rng.normal(size=(1000, 1000, 5))
     theta = torch.as_tensor(truth, dtype=torch.float32)
@@ -51,7 +51,7 @@ def sbc_ranks(rng: np.random.Generator) -> Task:
 def ecdf_band(rng: np.random.Generator) -> Task:
     from arviz_stats.ecdf_utils import ecdf_pit
 
-    from gaugeblock.validate.uniformity import adjusted_gamma, band, ecdf_test
+    from gaugeblock.validate.marginal.uniformity import adjusted_gamma, band, ecdf_test
 
     values = rng.random(10_000)
 
@@ -66,8 +66,8 @@ def ecdf_band(rng: np.random.Generator) -> Task:
 def gamma_null(rng: np.random.Generator) -> Task:
     from bayesflow.diagnostics.metrics.calibration_log_gamma import gamma_discrepancy, gamma_null_distribution
 
-    from gaugeblock.validate.discrete_ranks import gamma_statistic
-    from gaugeblock.validate.uniformity import adjusted_gamma, band
+    from gaugeblock.validate.marginal.discrete_ranks import gamma_statistic
+    from gaugeblock.validate.marginal.uniformity import adjusted_gamma, band
 
     ranks = rng.integers(0, 1001, 1000)
 
@@ -86,7 +86,7 @@ def mmd_null(rng: np.random.Generator) -> Task:
     import torch
     from sbi.diagnostics import calc_misspecification_mmd
 
-    from gaugeblock.validate.mmd import mmd
+    from gaugeblock.validate.detectors.mmd import mmd
 
     observed, simulated = rng.normal(size=(100, 5)), rng.normal(size=(1000, 5))
     there, here = (torch.as_tensor(a, dtype=torch.float32) for a in (observed, simulated))
@@ -102,7 +102,7 @@ def mmd_null(rng: np.random.Generator) -> Task:
 def psis(rng: np.random.Generator) -> Task:
     from arviz_stats.base import array_stats
 
-    from gaugeblock.validate.psis import pareto_khat
+    from gaugeblock.validate.joint.psis import pareto_khat
 
     weight = rng.normal(size=(1000, 500)) * rng.uniform(0.3, 3, size=(1000, 1))
     return (
@@ -122,7 +122,7 @@ def expected_coverage(rng: np.random.Generator) -> Task:
     from sbi.neural_nets import posterior_nn
     from sbi.utils import BoxUniform
 
-    from gaugeblock.validate.ranks import randomised_pit
+    from gaugeblock.validate.marginal.ranks import randomised_pit
 
     torch.manual_seed(0)
     prior = BoxUniform(-torch.ones(2), torch.ones(2))
@@ -153,8 +153,8 @@ def thread_errors(rng: np.random.Generator) -> Task:
     from nestcheck.estimators import logz
     from nestcheck.ns_run_utils import dict_given_run_array
 
-    from gaugeblock.validate.perfect_run import perfect_run
-    from gaugeblock.validate.thread_bootstrap import thread_bootstrap
+    from gaugeblock.validate.evidence.perfect_run import perfect_run
+    from gaugeblock.validate.evidence.thread_bootstrap import thread_bootstrap
 
     run = perfect_run(lambda v: -50 * np.exp(v / 2), live_points=400, depth=14, rng=rng)
     value = run.log_likelihood

@@ -1,6 +1,6 @@
 """Finished runs of nested samplers as plain arrays: each point's log likelihood and contour of birth.
 
-That is all that the errors of an evidence need: `gaugeblock.validate.thread_bootstrap` and
+That is all that the errors of an evidence need: `gaugeblock.validate.evidence.thread_bootstrap` and
 `insertion_order_test` take what these return. Neither library is imported; their objects are only read.
 """
 

@@ -28,7 +28,7 @@ class NestedRun:
 
     `theta` and `unit_cube` are ``(point, parameter)``; `log_weight` ``(point,)`` holds normalised log
     posterior weights; `log_likelihood` what was evaluated there, and `birth_log_likelihood` the contour that
-    the point was drawn above (-inf: the prior), so that `gaugeblock.validate.thread_bootstrap` and
+    the point was drawn above (-inf: the prior), so that `gaugeblock.validate.evidence.thread_bootstrap` and
     `insertion_order_test` take a run as it is; `log_evidence_error` UltraNest's bootstrap error; `calls`
     likelihood evaluations; `insertion_order_converged` its own Mann-Whitney check.
     """

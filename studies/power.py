@@ -19,7 +19,7 @@ from gaugeblock.estimators import build_estimator
 from gaugeblock.estimators.broken import WithTruth
 from gaugeblock.simulators import build_simulator
 from gaugeblock.validate import read_policy
-from gaugeblock.validate.planner import plan as planned
+from gaugeblock.validate.planning.planner import plan as planned
 from studies.audits import audit, plan
 from studies.boundary import Moved, kink
 from studies.gate import outcome

@@ -13,9 +13,9 @@ import numpy as np
 from scipy import stats
 
 from gaugeblock.validate import Finding, Outcome, Policy, judge, make_policy
-from gaugeblock.validate.coverage import central_finding
-from gaugeblock.validate.importance import importance_findings
-from gaugeblock.validate.sbc import bias_finding, log_width_finding
+from gaugeblock.validate.joint.importance import importance_findings
+from gaugeblock.validate.marginal.coverage import central_finding
+from gaugeblock.validate.marginal.sbc import bias_finding, log_width_finding
 from studies.audits import quick_bootstrap
 from studies.boundary import kink
 from studies.policies import alone

@@ -14,7 +14,7 @@ from gaugeblock.estimators import build_estimator
 from gaugeblock.observation import OWN_TRUTHS, read_observation, trials_around
 from gaugeblock.simulators import build_simulator
 from gaugeblock.validate import Outcome, judge, make_policy, read_trials, trials_tree, write_trials
-from gaugeblock.validate.posterior_sbc import pool_weights, posterior_sbc
+from gaugeblock.validate.local.posterior_sbc import pool_weights, posterior_sbc
 from gaugeblock.validate.prepared import Prepared
 from gaugeblock.validate.trials import group_trials
 

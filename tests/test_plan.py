@@ -14,7 +14,7 @@ import pytest
 from gaugeblock.errors import InputError
 from gaugeblock.plan import as_json, print_table, tolerating
 from gaugeblock.validate import read_policy
-from gaugeblock.validate.planner import plan
+from gaugeblock.validate.planning.planner import plan
 
 DEFAULT = read_policy("default")
 

@@ -50,7 +50,7 @@ def test_every_validator_is_registered_or_part_of_one():
     assert registered <= found
     called = {
         node.func.id
-        for path in sorted((ROOT / "validate").glob("*.py"))
+        for path in sorted((ROOT / "validate").rglob("*.py"))
         for node in ast.walk(ast.parse(path.read_text()))
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
     }

@@ -7,8 +7,8 @@ from gaugeblock.validate.check import check_trials
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.findings_file import findings_tree, read_findings, write_findings
 from gaugeblock.validate.judge import judge
+from gaugeblock.validate.likelihood.same_likelihood import LikelihoodComparison, assert_same_likelihood
 from gaugeblock.validate.policy import Policy, make_policy, read_policy
-from gaugeblock.validate.same_likelihood import LikelihoodComparison, assert_same_likelihood
 from gaugeblock.validate.trials import (
     importance_trials,
     main_trials,

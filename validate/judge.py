@@ -15,11 +15,11 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import special
 
+from gaugeblock.validate.anytime.sequential import answered, only_counts, sequence_gates
 from gaugeblock.validate.family import PASS_LEVEL, Bounds, Judgeable, bounds, exact_bounds, families
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.messages import gate_message
 from gaugeblock.validate.policy import Policy, covers
-from gaugeblock.validate.sequential import answered, only_counts, sequence_gates
 from gaugeblock.validate.verdict import Gate, Outcome, Verdict, combine
 
 

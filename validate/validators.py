@@ -8,24 +8,24 @@ from dataclasses import dataclass
 import xarray as xr
 
 from gaugeblock.errors import InputError
-from gaugeblock.validate.anytime import WATCHED, anytime
+from gaugeblock.validate.anytime.anytime import WATCHED, anytime
 from gaugeblock.validate.block import Statistic
-from gaugeblock.validate.c2st import c2st
-from gaugeblock.validate.conformal import conformal, stretch
-from gaugeblock.validate.coverage import coverage
-from gaugeblock.validate.evidence import evidence
+from gaugeblock.validate.designs.identifiability import identifiability, posterior_sd
+from gaugeblock.validate.evidence.evidence import evidence
 from gaugeblock.validate.finding import Finding, NotChecked
-from gaugeblock.validate.finite import finite
-from gaugeblock.validate.identifiability import identifiability, posterior_sd
-from gaugeblock.validate.importance import importance
-from gaugeblock.validate.joint import STATISTICS, joint
-from gaugeblock.validate.lc2st import lc2st
-from gaugeblock.validate.learned import candidates
-from gaugeblock.validate.local import local, location
-from gaugeblock.validate.normalisation import density, ratios
-from gaugeblock.validate.posterior_sbc import posterior_sbc
+from gaugeblock.validate.joint.importance import importance
+from gaugeblock.validate.joint.joint import STATISTICS, joint
+from gaugeblock.validate.joint.normalisation import density, ratios
+from gaugeblock.validate.learned.c2st import c2st
+from gaugeblock.validate.learned.lc2st import lc2st
+from gaugeblock.validate.learned.learned import candidates
+from gaugeblock.validate.local.local import local, location
+from gaugeblock.validate.local.posterior_sbc import posterior_sbc
+from gaugeblock.validate.marginal.conformal import conformal, stretch
+from gaugeblock.validate.marginal.coverage import coverage
+from gaugeblock.validate.marginal.finite import finite
+from gaugeblock.validate.marginal.sbc import sbc
 from gaugeblock.validate.prepared import Prepared, effective_draws, errors, pit
-from gaugeblock.validate.sbc import sbc
 
 
 @dataclass(frozen=True)

@@ -148,7 +148,7 @@ def plan(
     """
     from gaugeblock import plan as planning
     from gaugeblock.validate import read_policy
-    from gaugeblock.validate.planner import plan as make_plan
+    from gaugeblock.validate.planning.planner import plan as make_plan
 
     rules = planning.tolerating(
         read_policy(policy or "default"), bias=bias, width_error=width_error, coverage=coverage, power=power

@@ -15,7 +15,7 @@ from gaugeblock.estimators.protocol import Estimator, sample_and_log_prob
 from gaugeblock.samples import has_density
 from gaugeblock.simulators.protocol import Simulator, can
 from gaugeblock.streams import TrialStreams
-from gaugeblock.validate.importance import log_weights
+from gaugeblock.validate.joint.importance import log_weights
 from gaugeblock.validate.storage import read_groups
 from gaugeblock.validate.trials import make_trials
 

@@ -7,7 +7,7 @@ import math
 from typing import IO, Any
 
 from gaugeblock.errors import InputError
-from gaugeblock.validate.planner import StudyPlan
+from gaugeblock.validate.planning.planner import StudyPlan
 from gaugeblock.validate.policy import Policy, make_policy
 
 # Wide enough for the table, on a terminal or in a file.

@@ -6,10 +6,10 @@ from collections.abc import Iterable
 
 import xarray as xr
 
+from gaugeblock.validate.anytime.sequence import extended
+from gaugeblock.validate.anytime.stakes import decide, gather
 from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.policy import Policy
-from gaugeblock.validate.sequence import extended
-from gaugeblock.validate.stakes import decide, gather
 from gaugeblock.validate.validators import default_validators, run_validators
 from gaugeblock.validate.verdict import Outcome, combine
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gaugeblock.validate.discrete_ranks import rank_ecdf_test
-from gaugeblock.validate.uniformity import ecdf_test
+from gaugeblock.validate.marginal.discrete_ranks import rank_ecdf_test
+from gaugeblock.validate.marginal.uniformity import ecdf_test
 
 
 @pytest.fixture(scope="module")

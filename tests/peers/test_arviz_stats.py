@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gaugeblock.validate.uniformity import ecdf_test
+from gaugeblock.validate.marginal.uniformity import ecdf_test
 
 
 def lower_half():

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaugeblock.validate.discrete_ranks import gamma_statistic
-from gaugeblock.validate.uniformity import adjusted_gamma
+from gaugeblock.validate.marginal.discrete_ranks import gamma_statistic
+from gaugeblock.validate.marginal.uniformity import adjusted_gamma
 
 DRAWS = 99
 

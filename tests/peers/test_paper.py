@@ -12,10 +12,10 @@ import pytest
 from scipy import stats
 
 from gaugeblock.validate import Outcome, judge, make_policy
-from gaugeblock.validate.roc import best_of_cells, null_of_best, permutation_p
-from gaugeblock.validate.sbc import bias_finding
-from gaugeblock.validate.smooth import smooth_test
-from gaugeblock.validate.uniformity import ecdf_test
+from gaugeblock.validate.detectors.roc import best_of_cells, null_of_best, permutation_p
+from gaugeblock.validate.marginal.sbc import bias_finding
+from gaugeblock.validate.marginal.smooth import smooth_test
+from gaugeblock.validate.marginal.uniformity import ecdf_test
 
 
 def test_a_rank_p_value_of_zero_is_a_float32_that_underflowed():

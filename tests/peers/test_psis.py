@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaugeblock.validate.psis import pareto_khat
+from gaugeblock.validate.joint.psis import pareto_khat
 
 
 @pytest.mark.parametrize("draws", [30, 226, 5000])

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaugeblock.validate.coverage import LEVELS
-from gaugeblock.validate.pool import make_pool
-from gaugeblock.validate.tarp import distance_pit, tarp_findings
+from gaugeblock.validate.joint.pool import make_pool
+from gaugeblock.validate.joint.tarp import distance_pit, tarp_findings
+from gaugeblock.validate.marginal.coverage import LEVELS
 
 
 def problem():

@@ -5,8 +5,8 @@ import pytest
 from scipy import stats
 
 from gaugeblock.validate.family import Judgeable, bounds, families, maxima, order_statistic_bounds
-from gaugeblock.validate.importance import importance_findings
-from gaugeblock.validate.sbc import bias_finding, log_width_finding
+from gaugeblock.validate.joint.importance import importance_findings
+from gaugeblock.validate.marginal.sbc import bias_finding, log_width_finding
 
 
 def test_maxima_of_one_component_are_students_t():

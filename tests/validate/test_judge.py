@@ -17,9 +17,9 @@ from gaugeblock.validate import (
     run_validators,
     trials_tree,
 )
-from gaugeblock.validate.importance import importance_findings
-from gaugeblock.validate.sbc import bias_finding, log_width_finding, uniform_finding
-from gaugeblock.validate.standardised import standardised_errors
+from gaugeblock.validate.joint.importance import importance_findings
+from gaugeblock.validate.marginal.sbc import bias_finding, log_width_finding, uniform_finding
+from gaugeblock.validate.marginal.standardised import standardised_errors
 
 DEFAULT = read_policy("default")
 

@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("sbi")
 
 from gaugeblock.estimators.npe import load, reference_model_path
-from gaugeblock.validate.importance import kish_fraction, log_weights
+from gaugeblock.validate.joint.importance import kish_fraction, log_weights
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "undertrained-model"
 

@@ -1,0 +1,163 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import optimize
+
+from gaugeblock.errors import InputError
+from gaugeblock.validate.designs.finite_shift import finite_shift, linearisation_error
+from gaugeblock.validate.designs.fisher import (
+    effect_information,
+    fisher_information,
+    fisher_screen,
+    predicted_sd,
+    predicted_shrink,
+)
+
+ENERGY = np.linspace(0.5, 8, 60)
+
+
+def power_law(theta):
+    """Expected counts ``(..., channel)`` of log norm and index."""
+    theta = np.asarray(theta, dtype=float)
+    return np.exp(theta[..., :1]) * ENERGY ** -theta[..., 1:2]
+
+
+def jacobian(theta):
+    mean = power_law(theta)
+    return np.stack([mean, -np.log(ENERGY) * mean], axis=-1)
+
+
+TRUTH = np.array([4.0, 1.5])
+
+
+def test_information_is_that_of_the_likelihood():
+    """Against the variance of the score over 20,000 simulations: 5% is five of its standard errors."""
+    mean, slope = power_law(TRUTH), jacobian(TRUTH)
+    x = np.random.default_rng(0).poisson(mean, (20_000, 60))
+    score = (x / mean - 1) @ slope
+    information = fisher_information(slope, mean)
+    np.testing.assert_allclose(np.cov(score.T), information, rtol=0.05)
+    prior = fisher_information(slope, mean, prior_sd=[0.5, 2.0])
+    np.testing.assert_allclose(prior - information, np.diag([4.0, 0.25]), atol=1e-9)
+    np.testing.assert_allclose(predicted_sd(slope, mean), np.sqrt(np.diag(np.linalg.inv(information))))
+
+
+def test_predicted_sd_is_the_scatter_of_maximum_likelihood():
+    """200 fits at some 1,000 counts: ratios of sd known to 5%, limits at 4 of that, with 5% for curvature."""
+    rng = np.random.default_rng(1)
+
+    def fit(x):
+        return optimize.minimize(
+            lambda theta: np.sum(power_law(theta) - x * np.log(power_law(theta))), TRUTH, method="BFGS"
+        ).x
+
+    fits = np.array([fit(x) for x in rng.poisson(power_law(TRUTH), (200, 60))])
+    np.testing.assert_allclose(
+        fits.std(axis=0) / predicted_sd(jacobian(TRUTH), power_law(TRUTH)), 1, atol=0.25
+    )
+
+
+def test_batches_are_rows():
+    theta = TRUTH + np.random.default_rng(2).normal(0, 0.2, (5, 3, 2))
+    mean, slope = power_law(theta), jacobian(theta)
+    whole = predicted_sd(slope, mean, prior_sd=[1.0, 1.0])
+    assert whole.shape == (5, 3, 2)
+    np.testing.assert_allclose(whole[2, 1], predicted_sd(slope[2, 1], mean[2, 1], prior_sd=[1.0, 1.0]))
+    template = mean * np.exp(-0.5 * ((ENERGY - 6.4) / 0.3) ** 2)
+    found = effect_information(template, slope, mean)
+    assert found.kept.shape == (5, 3)
+    np.testing.assert_allclose(
+        found.kept[4, 2], effect_information(template[4, 2], slope[4, 2], mean[4, 2]).kept
+    )
+
+
+def test_what_data_do_not_tell_apart_has_no_finite_error():
+    mean = power_law(TRUTH)
+    slope = np.concatenate([jacobian(TRUTH), 2 * mean[:, None], np.zeros((60, 1))], axis=1)
+    assert np.isinf(predicted_sd(slope, mean)).tolist() == [True, False, True, True]
+    held = predicted_sd(slope, mean, prior_sd=[1.0, 1.0, 1.0, 3.0])
+    assert np.isfinite(held).all()
+    assert held[3] == pytest.approx(3.0)
+
+
+def test_screen_says_what_suffices_and_what_does_not():
+    sd = predicted_sd(jacobian(TRUTH), power_law(TRUTH))
+    screen = fisher_screen(jacobian(TRUTH), power_law(TRUTH), required_sd=sd * [1.1, 0.9])
+    assert screen.sufficient.tolist() == [True, False]
+    # Four times the counts halve every error.
+    np.testing.assert_allclose(predicted_sd(4 * jacobian(TRUTH), 4 * power_law(TRUTH)), sd / 2)
+
+
+def test_predicted_shrink_is_the_exact_one_of_a_gaussian():
+    with_prior = predicted_sd(jacobian(TRUTH), power_law(TRUTH), prior_sd=[np.inf, 0.1]) / [np.inf, 0.1]
+    alone = predicted_sd(jacobian(TRUTH), power_law(TRUTH))[1]
+    assert with_prior[1] == pytest.approx(predicted_shrink(alone, 0.1))
+
+
+def test_an_effect_inside_the_span_leaves_nothing():
+    mean, slope = power_law(TRUTH), jacobian(TRUTH)
+    found = effect_information(slope @ [0.3, -2.0], slope, mean)
+    assert found.unprojected > 1
+    assert (found.projected, found.kept, found.sd) == (0, 0, np.inf)
+
+
+def test_a_line_keeps_most_of_its_information_and_a_tilt_little():
+    mean, slope = power_law(TRUTH), jacobian(TRUTH)
+    line = effect_information(np.exp(-0.5 * ((ENERGY - 6.4) / 0.2) ** 2), slope, mean)
+    tilt = effect_information(mean * (ENERGY - 3), slope, mean)
+    assert line.kept > 0.8
+    assert tilt.kept < 0.5
+    assert line.sd == pytest.approx(1 / np.sqrt(line.projected))
+
+
+def test_projection_is_the_inverse_of_the_whole_information():
+    """1 / information off the span is the effect's entry in the joint information's inverse, priors too."""
+    mean, slope = power_law(TRUTH), jacobian(TRUTH)
+    template = mean * np.sin(ENERGY)
+    for prior in (np.array([np.inf, np.inf]), np.array([0.05, 0.3])):
+        joint = np.concatenate([slope, template[:, None]], axis=1)
+        whole = fisher_information(joint, mean, prior_sd=[*prior, np.inf])
+        found = effect_information(template, slope, mean, prior_sd=prior)
+        assert found.sd == pytest.approx(np.sqrt(np.linalg.inv(whole)[2, 2]))
+
+
+def test_finite_shift_agrees_with_the_derivative_where_that_is_small_and_not_where_it_is_large():
+    """Gain: counts at energies stretched by 1 + g. For a curved spectrum off the span of norm and index."""
+
+    def gained(g):
+        return power_law(TRUTH) * np.exp(-3 * np.exp(-(ENERGY * (1 + g))))
+
+    slope = jacobian(TRUTH) * np.exp(-3 * np.exp(-ENERGY))[:, None]
+    derivative = (gained(1e-5) - gained(-1e-5)) / 2e-5
+    tangent = effect_information(derivative, slope, gained(0.0)).sd
+    small = finite_shift(gained(0.0), gained(1e-3), slope, amplitude=1e-3)
+    assert small.sd == pytest.approx(tangent, rel=0.01)
+    assert 0 < small.kept < 1
+    errors = [
+        linearisation_error(gained(0.0), gained(g), derivative, amplitude=g, jacobian=slope)
+        for g in (1e-3, 1e-2, 0.3)
+    ]
+    assert errors[0] < 0.01
+    assert errors[1] == pytest.approx(10 * errors[0], rel=0.1)
+    assert errors[2] > 0.1
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: predicted_sd(np.ones((3, 2)), np.ones(4)), "channels must agree"),
+        (lambda: predicted_sd(np.ones((3, 2)), [1.0, 0.0, 1.0]), "means positive"),
+        (lambda: predicted_sd([[np.nan]], [1.0]), "must be finite"),
+        (lambda: predicted_sd([[1.0]], [1.0], prior_sd=0.0), "prior_sd must be positive"),
+        (lambda: finite_shift([1.0], [2.0], [[1.0]], amplitude=0.0), "not 0"),
+    ],
+)
+def test_misuse_is_one_clear_line(call, words):
+    with pytest.raises(InputError, match=words) as caught:
+        call()
+    assert "\n" not in str(caught.value)
+
+
+def test_channels_without_counts_or_derivatives_are_harmless():
+    assert predicted_sd([[1.0], [0.0]], [4.0, 0.0]).item() == 2.0

@@ -1,0 +1,164 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from gaugeblock.validate import make_trials, run_validators, trials_tree
+from gaugeblock.validate.designs.identifiability import capture_finding, shrink_finding
+from gaugeblock.validate.designs.shrink import capture, effective_dimension, shrink, weighted_sd
+from gaugeblock.validate.finding import NotChecked
+
+# theta ~ N(0, 1), x ~ N(theta, 1): the posterior's sd is 0.707 of the prior's.
+EXACT = np.sqrt(0.5)
+
+
+def run(trials, **groups):
+    tree = trials_tree(trials, **groups) if groups else trials
+    findings, missing = run_validators(tree, seed=0, select=["identifiability"])
+    return {item.id: item for item in findings}, {item.id: item.why for item in missing}
+
+
+def test_shrink_of_an_exact_posterior(gaussian_trials):
+    """Four standard errors for each of two parameters: 1 seed in 8,000. No weights, no capture."""
+    findings, missing = run(gaussian_trials(2000, 100, 2, seed=0, density=False))
+    for name in ("p0", "p1"):
+        found = findings[f"identifiability.shrink[{name}]"]
+        assert abs(found.estimate[0] - EXACT) < 4 * found.standard_error[0]
+        assert found.standard_error[0] == pytest.approx(EXACT / np.sqrt(2 * 2000), rel=0.1)
+        np.testing.assert_allclose(found.influence.mean(axis=1), 0, atol=1e-12)
+        assert (found.population, found.quantity) == ("trials", "")
+    assert "lack log_q" in missing["identifiability.capture"]
+
+
+def test_standard_error_of_shrink_is_its_scatter():
+    """1,000 sets of 200 trials: ratio within 4 of its standard errors (2.2%) and 2% for finite samples."""
+    rng = np.random.default_rng(1)
+    found = [
+        shrink_finding("a", np.exp(rng.normal(-1, 0.3, 200)), rng.standard_normal(200)) for _ in range(1000)
+    ]
+    scatter = np.std([item.estimate[0] for item in found])
+    assert np.mean([item.standard_error[0] for item in found]) / scatter == pytest.approx(1, abs=0.11)
+
+
+@pytest.mark.parametrize(("ratio", "expected"), [(1.0, 1.0), (1.2, None)])
+def test_capture_of_exact_and_wide_estimators(gaussian_trials, ratio, expected):
+    """Within 4 standard errors of (1 - ratio 0.707) / (1 - 0.707): 1 seed in 16,000 each."""
+    main = gaussian_trials(2000, 20, 1, seed=2, density=False)
+    importance = gaussian_trials(200, 400, 1, seed=3, ratio=ratio)
+    findings, missing = run(main, importance=importance)
+    assert not missing
+    found = findings["identifiability.capture[p0]"]
+    truth = (1 - ratio * EXACT) / (1 - EXACT) if expected is None else expected
+    assert abs(found.estimate[0] - truth) < 4 * found.standard_error[0]
+    assert found.standard_error[0] < 0.1
+    assert (found.population, found.n_trials) == ("importance", 200)
+    assert (found.details["exact_sd"] / found.details["prior_sd"]).values.mean() == pytest.approx(
+        EXACT, abs=0.05
+    )
+
+
+def test_the_prior_captures_nothing():
+    """Calibrated, and worth nothing: x tells theta to 0.2 of the prior, the estimator returns the prior."""
+    rng = np.random.default_rng(4)
+    theta = rng.normal(size=(300, 1))
+    x = theta + 0.2 * rng.normal(size=(300, 1))
+    draws = rng.normal(size=(300, 500, 1))
+    log_prior = -0.5 * (draws[..., 0] ** 2)
+    trials = make_trials(
+        theta, draws, ["a"], x=x,
+        log_q=log_prior, log_prior=log_prior, log_likelihood=-0.5 * ((x - draws[..., 0]) / 0.2) ** 2,
+    )  # fmt: skip
+    findings, _ = run(trials)
+    assert abs(findings["identifiability.shrink[a]"].estimate[0] - 1) < 0.15
+    found = findings["identifiability.capture[a]"]
+    assert abs(found.estimate[0]) < 4 * found.standard_error[0]
+
+
+def test_where_the_exact_posterior_is_the_prior_there_is_nothing_to_capture():
+    rng = np.random.default_rng(5)
+    width = np.full(200, 1.0)
+    said = capture_finding("a", width, 0.999 * width, rng.normal(size=500))
+    assert isinstance(said, NotChecked)
+    assert "as wide as its prior" in said.why
+
+
+def test_weights_that_cannot_be_relied_on_are_left_out(gaussian_trials):
+    """A fifth as wide as the posterior: hardly any k-hat below 0.7."""
+    narrow = gaussian_trials(60, 200, 1, seed=6, ratio=0.2)
+    _, missing = run(gaussian_trials(60, 20, 1, seed=7), importance=narrow)
+    assert "k-hat below 0.7" in missing["identifiability.capture"]
+    good = gaussian_trials(60, 200, 1, seed=8)
+    draws = good["draws"].values.copy()
+    draws[0, 0, 0] = np.nan
+    findings, _ = run(
+        gaussian_trials(500, 20, 1, seed=7), importance=good.assign(draws=(good["draws"].dims, draws))
+    )
+    found = findings["identifiability.capture[p0]"]
+    assert found.n_trials == 59
+    assert found.population == "reliable importance weights"
+    assert "59 of 60" in found.caveats[0]
+
+
+def test_capture_is_the_same_in_any_blocks_and_from_the_first_trials_alone(gaussian_trials, monkeypatch):
+    trials = gaussian_trials(300, 100, 2, seed=14)
+    whole = run(trials)[0]["identifiability.capture[p1]"]
+    monkeypatch.setattr("gaugeblock.validate.block.VALUES", 200 * 7)
+    pieces = run(trials)[0]["identifiability.capture[p1]"]
+    np.testing.assert_array_equal(whole.influence, pieces.influence)
+    monkeypatch.setattr("gaugeblock.validate.designs.identifiability.MOST_TRIALS", 50)
+    first = run(trials)[0]["identifiability.capture[p1]"]
+    assert first.n_trials <= 50
+    assert first.population == "reliable importance weights"
+    assert "of 50 trials" in first.caveats[0]
+
+
+def test_a_parameter_that_never_varies_is_named(gaussian_trials):
+    trials = gaussian_trials(50, 20, 2, seed=9, density=False)
+    trials["theta_true"][:, 1] = 3.0
+    findings, missing = run(trials)
+    assert set(findings) == {"identifiability.shrink[p0]"}
+    assert "same in every trial" in missing["identifiability.shrink[p1]"]
+
+
+def test_too_few_trials(gaussian_trials):
+    findings, missing = run(gaussian_trials(5, 20, 1, seed=10))
+    assert not findings
+    assert set(missing) == {"identifiability.shrink", "identifiability.capture"}
+
+
+def test_circular_parameters_are_cut_open():
+    """Posteriors of sd 0.3 around truths on a circle, many of them across its seam."""
+    rng = np.random.default_rng(11)
+    theta = rng.uniform(-np.pi, np.pi, (400, 1))
+    centre = theta + 0.3 * rng.normal(size=(400, 1))
+    draws = (centre[:, None] + 0.3 * rng.normal(size=(400, 200, 1)) + np.pi) % (2 * np.pi) - np.pi
+    findings, _ = run(make_trials(theta, draws, ["angle"], circular=["angle"]))
+    expected = 0.3 / (2 * np.pi / np.sqrt(12))
+    assert findings["identifiability.shrink[angle]"].estimate[0] == pytest.approx(expected, rel=0.05)
+
+
+def test_weighted_sd_is_that_of_repeated_draws():
+    rng = np.random.default_rng(12)
+    draws = rng.normal(size=(3, 40, 2))
+    np.testing.assert_allclose(weighted_sd(draws, np.ones((3, 40))), weighted_sd(draws))
+    zero = np.concatenate([np.ones((3, 40)), np.zeros((3, 7))], axis=1)
+    padded = np.concatenate([draws, 99 * np.ones((3, 7, 2))], axis=1)
+    np.testing.assert_allclose(weighted_sd(padded, zero), weighted_sd(draws))
+    np.testing.assert_allclose(shrink(draws, [2.0, 4.0]), weighted_sd(draws) / [2.0, 4.0])
+
+
+def test_capture_and_effective_dimension_of_known_cases():
+    """Published: exact shrink 0.731 captured to 0.163 means a flow's shrink of 0.956."""
+    assert capture(1 - 0.163 * (1 - 0.731), 0.731) == pytest.approx(0.163)
+    assert effective_dimension(np.diag([1.0, 1.0, 0.0])) == pytest.approx(2.0)
+    assert effective_dimension(np.stack([np.eye(2), np.diag([1.0, 1e-9])])) == pytest.approx([2.0, 1.0])
+
+
+def test_findings_survive_storage(gaussian_trials):
+    findings, _ = run(gaussian_trials(100, 100, 1, seed=13))
+    for finding in findings.values():
+        dataset = finding.to_dataset()
+        assert isinstance(dataset, xr.Dataset)
+        again = type(finding).from_dataset(dataset)
+        np.testing.assert_array_equal(again.estimate, finding.estimate)

@@ -1,0 +1,157 @@
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from gaugeblock.errors import InputError
+from gaugeblock.validate.designs.paired import paired_finding, paired_permutation, stratified_permutation
+from gaugeblock.validate.designs.signed_rank import wilcoxon_signed_rank
+
+PAIRED = [
+    lambda one, two, rng: paired_permutation(one, two, rng=rng, replicates=499),
+    lambda one, two, rng: wilcoxon_signed_rank(one, two),
+]
+
+
+def test_few_pairs_are_enumerated():
+    difference = np.random.default_rng(0).normal(0.5, 1, 9)
+    signs = np.array(list(itertools.product([-1, 1], repeat=9)))
+    expected = np.mean(np.abs(signs @ difference) >= abs(difference.sum()) - 1e-9)
+    test = paired_permutation(difference, np.zeros(9), rng=np.random.default_rng(1))
+    assert test.exact
+    assert test.p_value == pytest.approx(expected)
+    assert test.effect_size == pytest.approx(difference.mean() / difference.std(ddof=1))
+
+
+@pytest.mark.parametrize("n", [6, 12, 30, 50])
+def test_wilcoxon_agrees_with_the_exact_law(n):
+    difference = np.random.default_rng(n).normal(0.3, 1, n)
+    test = wilcoxon_signed_rank(difference, np.zeros(n))
+    assert test.exact
+    assert test.p_value == pytest.approx(stats.wilcoxon(difference, method="exact").pvalue)
+
+
+def test_wilcoxon_with_ties_and_zeros():
+    """Eight differences, five of one size and one 0: all 2^7 signs of the mean ranks."""
+    difference = np.array([1.0, 1.0, 1.0, -1.0, 1.0, 2.0, 3.0, 0.0])
+    rank = np.array([3.0, 3.0, 3.0, 3.0, 3.0, 6.0, 7.0])
+    signs = np.array(list(itertools.product([-1, 1], repeat=7)))
+    expected = np.mean(np.abs(signs @ rank) >= 22 - 1e-9)
+    test = wilcoxon_signed_rank(difference, np.zeros(8))
+    assert test.exact
+    assert test.p_value == pytest.approx(expected)
+    assert wilcoxon_signed_rank(np.zeros(5), np.zeros(5)).p_value == 1.0
+    many = np.random.default_rng(0).integers(-3, 5, 200).astype(float)
+    found = wilcoxon_signed_rank(many, np.zeros(200))
+    assert not found.exact
+    assert found.p_value == pytest.approx(stats.wilcoxon(many, correction=True).pvalue)
+
+
+@pytest.mark.parametrize("n", [8, 40])
+@pytest.mark.parametrize("test", PAIRED)
+def test_size_and_coverage(test, n):
+    """400 null samples of heavy tails: 5% rejected at most, 95% of intervals hold 0 (limits at 1e-3)."""
+    rng = np.random.default_rng(n)
+    found = [test(*(rng.standard_t(3, n) for _ in range(2)), rng) for _ in range(400)]
+    limit = stats.binom.ppf(0.999, 400, 0.05)
+    assert sum(result.p_value <= 0.05 for result in found) <= limit
+    assert sum(not result.interval[0] <= 0 <= result.interval[1] for result in found) <= limit
+    assert sum(result.p_value <= 0.05 for result in found) >= stats.binom.ppf(0.001, 400, 0.03)
+
+
+@pytest.mark.parametrize("test", PAIRED)
+def test_power_and_interval(test):
+    """Shift 0.8 sd, 40 pairs, a t test has power 0.998: 95 of 100 found; 88 intervals hold the shift."""
+    rng = np.random.default_rng(3)
+    found = [test(rng.normal(0.8, 1, 40), np.zeros(40), rng) for _ in range(100)]
+    assert sum(result.p_value <= 0.05 for result in found) >= 95
+    assert sum(result.interval[0] <= 0.8 <= result.interval[1] for result in found) >= 88
+    assert np.mean([result.difference for result in found]) == pytest.approx(0.8, abs=0.07)
+    width = np.mean([np.diff(result.interval) for result in found])
+    assert width == pytest.approx(2 * 1.96 / np.sqrt(40), rel=0.15)
+
+
+@pytest.mark.parametrize("test", PAIRED)
+def test_interval_and_p_value_tell_the_same_story(test):
+    rng = np.random.default_rng(4)
+    for shift in rng.uniform(0, 1.5, 50):
+        result = test(rng.normal(shift, 1, 12), np.zeros(12), rng)
+        assert (result.p_value > 0.05) == (result.interval[0] <= 0 <= result.interval[1])
+
+
+def test_too_few_pairs_for_an_interval_have_an_infinite_one():
+    result = paired_permutation(np.arange(1.0, 5.0), np.zeros(4), rng=np.random.default_rng(0))
+    assert result.p_value == 2 / 16
+    assert result.interval == (-np.inf, np.inf)
+    assert wilcoxon_signed_rank(np.arange(1.0, 5.0), np.zeros(4)).interval == (-np.inf, np.inf)
+
+
+def confounded(rng, shift=0.0):
+    """Three strata of different level, with the group commoner where the level is high."""
+    stratum = np.repeat([0, 1, 2], [30, 20, 10])
+    group = rng.random(60) < np.array([0.2, 0.5, 0.8])[stratum]
+    return rng.normal(size=60) + 3.0 * stratum + shift * group, group, stratum
+
+
+def test_strata_take_out_what_they_explain():
+    """300 samples without effect: 5% rejected at most (1e-3); a test blind to strata rejects nearly all."""
+    rng = np.random.default_rng(5)
+    samples = [confounded(rng) for _ in range(300)]
+    found = [stratified_permutation(*sample, rng=rng, replicates=499) for sample in samples]
+    assert sum(result.p_value <= 0.05 for result in found) <= stats.binom.ppf(0.999, 300, 0.05)
+    blind = [stratified_permutation(v, g, np.zeros(60), rng=rng, replicates=199) for v, g, _ in samples[:50]]
+    assert sum(result.p_value <= 0.05 for result in blind) > 45
+
+
+def test_power_and_interval_within_strata():
+    """An effect of 1.2 sd within strata: 47 of 50 found, 44 of 50 intervals hold it."""
+    rng = np.random.default_rng(6)
+    found = [stratified_permutation(*confounded(rng, 1.2), rng=rng, replicates=999) for _ in range(50)]
+    assert sum(result.p_value <= 0.05 for result in found) >= 47
+    assert sum(result.interval[0] <= 1.2 <= result.interval[1] for result in found) >= 44
+    assert np.mean([result.effect_size for result in found]) == pytest.approx(1.2, abs=0.15)
+
+
+def test_one_stratum_is_the_plain_difference_of_means():
+    value, group, _ = confounded(np.random.default_rng(7))
+    result = stratified_permutation(value, group, np.zeros(60), rng=np.random.default_rng(8))
+    assert result.difference == pytest.approx(value[group].mean() - value[~group].mean())
+
+
+def test_p_values_are_never_zero_and_results_repeat():
+    one = np.arange(40.0)
+    results = [
+        paired_permutation(1.2 * one + 9, one, rng=np.random.default_rng(1), replicates=99) for _ in range(2)
+    ]
+    assert results[0] == results[1]
+    assert results[0].p_value == 0.01
+
+
+def test_finding_is_reported_and_never_judged():
+    test = paired_permutation(np.arange(10.0), np.ones(10), rng=np.random.default_rng(0))
+    finding = paired_finding("permutation", test)
+    assert (finding.id, finding.kind, finding.quantity) == ("paired.permutation", "test", "")
+    assert finding.p_value == test.p_value
+    assert float(finding.details["low"]) < finding.estimate[0] < float(finding.details["high"])
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda rng: paired_permutation([1.0], [2.0], rng=rng), "at least 2 pairs"),
+        (lambda rng: paired_permutation([1.0, 2.0], [2.0], rng=rng), "shapes"),
+        (lambda rng: paired_permutation([1.0, np.nan], [2.0, 1.0], rng=rng), "finite"),
+        (lambda rng: paired_permutation(np.arange(20.0), np.ones(20), rng=rng, replicates=0), "at least 1"),
+        (lambda rng: wilcoxon_signed_rank(np.zeros(6000), np.ones(6000)), "at most 5000"),
+        (lambda rng: stratified_permutation([1.0], [True, False], [0], rng=rng), "one entry per case"),
+        (lambda rng: stratified_permutation([1.0, 2.0], [0, 1], [0, 0], rng=rng), "True or False"),
+        (lambda rng: stratified_permutation([1.0, 2.0], [True, False], [0, 1], rng=rng), "both groups"),
+    ],
+)
+def test_misuse_is_one_clear_line(call, words):
+    with pytest.raises(InputError, match=words) as caught:
+        call(np.random.default_rng(0))
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,113 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from gaugeblock.errors import InputError
+from gaugeblock.validate.evidence.evidence import difference_finding, error_finding, pull_finding
+from gaugeblock.validate.evidence.perfect_run import perfect_run
+from gaugeblock.validate.evidence.thread_bootstrap import LogEvidence, thread_bootstrap
+from gaugeblock.validate.finding import Finding
+from gaugeblock.validate.validators import run_validators
+
+
+def exponential(log_volume):
+    return -100 * np.exp(log_volume)
+
+
+def with_evidence(trials, *, truth=True, scale=1.0, shift=0.0, seed=0):
+    rng = np.random.default_rng(seed)
+    n = trials.sizes["trial"]
+    exact, error = rng.normal(-50, 20, n), rng.uniform(0.1, 0.3, n)
+    named = {
+        "log_evidence": exact + error * (scale * rng.normal(size=n) + shift),
+        "log_evidence_error": error,
+        "log_evidence_true": exact,
+    }
+    if not truth:
+        del named["log_evidence_true"]
+    return trials.assign({name: ("trial", values) for name, values in named.items()})
+
+
+def test_size_of_the_pull_test():
+    """1,000 sets of 200 exact pulls: 2.5% to 8% rejected at 5% (asymptotic; beyond chance at 1e-3)."""
+    pull = np.random.default_rng(0).normal(size=(1000, 200))
+    rejected = sum(pull_finding(row, np.ones(200), np.zeros(200)).p_value <= 0.05 for row in pull)
+    assert stats.binom.ppf(0.001, 1000, 0.05) * 0.8 <= rejected <= 80
+
+
+@pytest.mark.parametrize(("scale", "shift"), [(1.5, 0.0), (0.6, 0.0), (1.0, 0.4)])
+def test_power_of_the_pull_test(scale, shift):
+    """Errors too small, too large, or a bias of 0.4 errors, 200 trials: 98 or more of 100 sets at 1%."""
+    pull = scale * np.random.default_rng(1).normal(size=(100, 200)) + shift
+    findings = [pull_finding(row, np.ones(200), np.zeros(200)) for row in pull]
+    assert sum(finding.p_value < 0.01 for finding in findings) >= 98
+    estimate = np.mean([finding.estimate for finding in findings], axis=0)
+    np.testing.assert_allclose(estimate, [shift, -np.log(scale)], atol=0.03)
+
+
+def test_validator_on_trials_with_evidences(gaussian_trials):
+    trials = with_evidence(gaussian_trials(300, 20, 1, seed=0), scale=1.4)
+    findings, missing = run_validators(trials, seed=0, select=["evidence"])
+    error, pull = findings
+    assert not missing
+    assert (error.id, pull.id) == ("evidence.error", "evidence.pull")
+    assert error.estimate[0] == pytest.approx(0.2, abs=0.02)
+    # Four standard errors of a log width from 300 pulls.
+    assert pull.estimate[1] == pytest.approx(-np.log(1.4), abs=4 / np.sqrt(600))
+    assert pull.p_value < 1e-6
+    assert (pull.population, pull.influence.shape, pull.quantity) == ("trials", (2, 300), "")
+    np.testing.assert_allclose(pull.influence.mean(axis=1), 0, atol=1e-12)
+
+
+def test_trials_without_a_finite_evidence_are_left_out_and_said_so(gaussian_trials):
+    trials = with_evidence(gaussian_trials(50, 20, 1, seed=0)).load()
+    trials["log_evidence"][3] = np.nan
+    trials["draws"][5, 0, 0] = np.nan
+    (_, pull), _ = run_validators(trials, seed=0, select=["evidence"])
+    assert (pull.n_trials, pull.population) == (48, "evidence")
+    assert "1 of 49 trials" in pull.caveats[0]
+    assert pull.details["trial"].values.tolist() == [i for i in range(50) if i not in (3, 5)]
+
+
+def test_what_is_missing_is_named(gaussian_trials):
+    trials = gaussian_trials(20, 20, 1, seed=0)
+    findings, missing = run_validators(trials, seed=0, select=["evidence"])
+    assert findings == ()
+    assert [item.id for item in missing] == ["evidence.error", "evidence.pull"]
+    assert "lack log_evidence, log_evidence_error" in missing[0].why
+    findings, missing = run_validators(with_evidence(trials, truth=False), seed=0, select=["evidence"])
+    assert [item.id for item in findings] == ["evidence.error"]
+    assert "lack log_evidence_true" in missing[0].why
+    broken = with_evidence(trials)
+    _, missing = run_validators(broken.assign(log_evidence=broken["log_evidence"] * np.nan), seed=0)
+    assert {"evidence.error", "evidence.pull"} <= {item.id for item in missing}
+
+
+def test_difference_over_pairs_has_sampling_errors_of_sum_and_mean():
+    """Six pairs of perfect runs of one problem: no difference (false alarm 1 in 1,000)."""
+    rng = np.random.default_rng(2)
+    runs = [
+        thread_bootstrap(
+            perfect_run(lambda log_volume: -100 * np.exp(log_volume), live_points=50, depth=12, rng=rng),
+            rng=rng,
+        )
+        for _ in range(12)
+    ]
+    finding = difference_finding(runs[:6], runs[6:])
+    assert finding.p_value > 0.001
+    assert finding.standard_error[0] == pytest.approx(np.sqrt(sum(r.error**2 for r in runs)), rel=0.1)
+    np.testing.assert_allclose(finding.standard_error[1], finding.standard_error[0] / 6)
+    moved = [
+        LogEvidence(value=run.value + 1, error=run.error, replicates=run.replicates + 1) for run in runs[:6]
+    ]
+    assert difference_finding(moved, runs[6:]).p_value < 1e-6
+    assert Finding.from_dataset(finding.to_dataset()).components == ("sum", "mean")
+    with pytest.raises(InputError, match="no pairs"):
+        difference_finding([], [])
+
+
+def test_error_finding_of_one_run():
+    finding = error_finding(0.15)
+    assert (finding.n_trials, float(finding.estimate[0]), finding.kind) == (1, 0.15, "quantile")

@@ -1,0 +1,190 @@
+"""The thread bootstrap against repeated runs of a perfect sampler, exact evidences and published errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import special
+
+from gaugeblock.errors import InputError
+from gaugeblock.validate.evidence.nested_threads import split_threads
+from gaugeblock.validate.evidence.perfect_run import perfect_run
+from gaugeblock.validate.evidence.thread_bootstrap import (
+    LogEvidence,
+    evidence_difference,
+    evidence_sum,
+    log_evidence_of_threads,
+    simulated_shrinkage,
+    thread_bootstrap,
+)
+
+# Higson's Gaussian: likelihood of sd 1, prior of sd 10, ten dimensions.
+EXACT = -5 * np.log(2 * np.pi * 101)
+# Mean log likelihood over the posterior, less the log evidence.
+INFORMATION = -5 * np.log(2 * np.pi) - 5 * 100 / 101 - EXACT
+
+
+def higson(log_volume):
+    return -5 * np.log(2 * np.pi) - 100 * special.gammaincinv(5, np.exp(log_volume))
+
+
+@pytest.fixture(scope="module")
+def repeated():
+    """Log evidences of 1,000 runs with 50 live points, and both errors of every tenth."""
+    rng = np.random.default_rng(0)
+    values, errors = [], []
+    for number in range(1000):
+        run = perfect_run(higson, live_points=50, depth=33, rng=rng)
+        values.append(log_evidence_of_threads(run, np.ones(len(run.thread)))[0])
+        if number % 10 == 0:
+            both = (
+                estimate(run, rng=rng, replicates=100) for estimate in (thread_bootstrap, simulated_shrinkage)
+            )
+            errors.append([evidence.error for evidence in both])
+    return np.array(values), np.array(errors)
+
+
+def test_errors_are_the_spread_of_repeated_runs(repeated):
+    """Mean error over the sd of 1,000 runs, known to 2.2%: three times that fails, 3 seeds in 1,000."""
+    values, errors = repeated
+    np.testing.assert_allclose(errors.mean(axis=0) / values.std(ddof=1), 1, atol=3 * 0.023 + 0.01)
+
+
+def test_errors_are_those_of_theory(repeated):
+    """sqrt(H / live points) within 4%: 100 errors have a mean known to 0.8%, a bootstrap is 1% low."""
+    np.testing.assert_allclose(repeated[1].mean(axis=0), np.sqrt(INFORMATION / 50), rtol=0.04)
+
+
+def test_values_are_unbiased(repeated):
+    """Within 3 standard errors of the mean of 1,000 runs: 3 seeds in 1,000."""
+    values, _ = repeated
+    assert abs(values.mean() - EXACT) < 3 * values.std() / np.sqrt(1000)
+
+
+def test_error_is_the_published_one():
+    """100 live points: the sd of 100 runs is 0.402 +- 0.029 (demo of perfectns, Higson 2018); 2.5 of them."""
+    rng = np.random.default_rng(1)
+    errors = [
+        thread_bootstrap(
+            perfect_run(higson, live_points=100, depth=33, rng=rng), rng=rng, replicates=200
+        ).error
+        for _ in range(10)
+    ]
+    assert np.mean(errors) == pytest.approx(0.402, abs=2.5 * 0.029)
+
+
+def test_live_points_that_grow_inside_make_the_error_smaller():
+    """20 threads from the prior, 80 from log volume -15 on, as in a dynamic run: within 12% of theory.
+
+    Var(log Z) is the integral over log volume of the share of the posterior still inside, squared, over the
+    live points there.
+    """
+    rng = np.random.default_rng(2)
+    contour = float(higson(np.array(-15.0)))
+    found = []
+    for _ in range(20):
+        outer = perfect_run(higson, live_points=20, depth=33, rng=rng)
+        inner = perfect_run(lambda log_volume: higson(log_volume - 15), live_points=80, depth=18, rng=rng)
+        birth = np.where(np.isneginf(inner.birth_log_likelihood), contour, inner.birth_log_likelihood)
+        run = split_threads(
+            np.concatenate([outer.log_likelihood, inner.log_likelihood]),
+            np.concatenate([outer.birth_log_likelihood, birth]),
+        )
+        assert np.count_nonzero(np.isfinite(run.start)) == 80
+        found.append(thread_bootstrap(run, rng=rng, replicates=200).error)
+    log_volume = np.linspace(-40, 0, 40_001)
+    mass = np.exp(higson(log_volume) + log_volume - EXACT)
+    inside = np.cumsum(mass) * 1e-3
+    live = np.where(log_volume > -15, 20, 100)
+    assert np.mean(found) == pytest.approx(np.sqrt(np.sum(inside**2 / live) * 1e-3), rel=0.12)
+
+
+def test_a_plateau_adds_the_error_of_its_size():
+    """Half the prior has likelihood 0: Var(log Z) = 1 / points + H / live points, within 10%; no bias.
+
+    80 runs: their mean within 3.5 of its standard errors fails 1 seed in 2,000.
+    """
+    rng = np.random.default_rng(9)
+    found = []
+    for _ in range(80):
+        outside = rng.binomial(200, 0.5)
+        inner = perfect_run(higson, live_points=200 - outside, depth=33, rng=rng)
+        run = split_threads(
+            np.concatenate([np.full(outside, -1e100), inner.log_likelihood]),
+            np.concatenate([np.full(outside, -np.inf), inner.birth_log_likelihood]),
+        )
+        evidence = thread_bootstrap(run, rng=rng, replicates=100)
+        found.append((evidence.value, evidence.error))
+    values, errors = np.array(found).T
+    expected = np.sqrt(1 / 200 + INFORMATION / 100)
+    assert errors.mean() == pytest.approx(expected, rel=0.1)
+    assert abs(values.mean() - EXACT - np.log(0.5)) < 3.5 * expected / np.sqrt(80)
+
+
+def test_one_evidence_by_hand():
+    """Two points from the prior: volumes e^-1/2 and e^-3/2; trapezoids between, rectangles at the ends."""
+    threads = split_threads([0.0, 1.0], [-np.inf, -np.inf])
+    outer, inner = np.exp(-0.5), np.exp(-1.5)
+    exact = (1 - outer) * 1 + (outer - inner) * (1 + np.e) / 2 + inner * np.e
+    assert log_evidence_of_threads(threads, np.ones(2))[0] == pytest.approx(np.log(exact), rel=1e-12)
+
+
+def test_points_that_count_nothing_might_as_well_not_be_there():
+    rng = np.random.default_rng(3)
+    run = perfect_run(higson, live_points=10, depth=33, rng=rng)
+    counts = np.array([0, 1, 2, 0, 0, 1, 3, 1, 0, 2])[run.thread]
+    here = counts > 0
+    alone = split_threads(run.log_likelihood[here], run.birth_log_likelihood[here])
+    np.testing.assert_allclose(
+        log_evidence_of_threads(run, counts), log_evidence_of_threads(alone, counts[here]), rtol=1e-12
+    )
+
+
+def test_enormous_likelihoods_do_no_harm():
+    rng = np.random.default_rng(4)
+    run = perfect_run(higson, live_points=30, depth=33, rng=rng)
+    for shift in (-1e6, 1e6):
+        moved = split_threads(run.log_likelihood + shift, run.birth_log_likelihood + shift)
+        one, two = (thread_bootstrap(r, rng=np.random.default_rng(5), replicates=50) for r in (run, moved))
+        np.testing.assert_allclose(two.replicates - shift, one.replicates, atol=1e-6)
+
+
+def test_the_size_of_chunks_changes_no_bit(monkeypatch):
+    run = perfect_run(higson, live_points=30, depth=33, rng=np.random.default_rng(6))
+    whole = thread_bootstrap(run, rng=np.random.default_rng(7), replicates=50)
+    monkeypatch.setattr("gaugeblock.validate.evidence.thread_bootstrap.VALUES", 7 * len(run.thread))
+    pieces = thread_bootstrap(run, rng=np.random.default_rng(7), replicates=50)
+    np.testing.assert_array_equal(whole.replicates, pieces.replicates)
+
+
+def test_errors_of_sums_and_differences_add_in_quadrature():
+    """Ten pairs, 1,000 replicates: within 10%, where the error of the sd is 2.2%."""
+    rng = np.random.default_rng(8)
+    runs = [
+        thread_bootstrap(perfect_run(higson, live_points=30, depth=33, rng=rng), rng=rng) for _ in range(20)
+    ]
+    expected = np.sqrt(sum(run.error**2 for run in runs))
+    difference = evidence_difference(runs[:10], runs[10:])
+    assert difference.error == pytest.approx(expected, rel=0.1)
+    assert abs(difference.value) < 4 * difference.error
+    total = evidence_sum(runs)
+    assert total.error == pytest.approx(expected, rel=0.1)
+    assert total.value == pytest.approx(sum(run.value for run in runs))
+
+
+def test_misuse_is_one_clear_line():
+    run = split_threads([0.0, 1.0], [-np.inf, -np.inf])
+    one = LogEvidence(value=0.0, error=1.0, replicates=np.zeros(3))
+    other = LogEvidence(value=0.0, error=1.0, replicates=np.zeros(4))
+    rng = np.random.default_rng(0)
+    for call, words in (
+        (lambda: thread_bootstrap(run, rng=rng, replicates=1), "at least 2 are needed"),
+        (lambda: simulated_shrinkage(run, rng=rng, replicates=1), "at least 2 are needed"),
+        (lambda: evidence_sum([]), "at least one"),
+        (lambda: evidence_sum([one, other]), "same number of replicates"),
+        (lambda: evidence_sum([one], coefficients=[1.0, 2.0]), "coefficients for 1"),
+        (lambda: evidence_difference([one], []), "1 of the first, 0 of the second"),
+    ):
+        with pytest.raises(InputError, match=words) as caught:
+            call()
+        assert "\n" not in str(caught.value)

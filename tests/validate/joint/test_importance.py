@@ -1,0 +1,97 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from gaugeblock.validate.joint.importance import (
+    acceptance,
+    importance_findings,
+    kish_fraction,
+    log_evidence,
+    log_weights,
+)
+from gaugeblock.validate.joint.psis import pareto_khat, pareto_shape, tail_length
+
+
+def test_weights_where_prior_or_likelihood_vanish_or_are_not_numbers():
+    inf, nan = np.inf, np.nan
+    weight = log_weights([0.0] * 6, [1.0, -inf, nan, nan, inf, 2.0], [1.0, 0.0, -inf, 0.0, 0.0, nan])
+    np.testing.assert_array_equal(weight, [2.0, -inf, -inf, nan, nan, nan])
+
+
+def test_kish_fraction_of_known_weights():
+    weight = np.log([[1, 1, 1, 1], [1, 1, 0.5, 0.5]])
+    np.testing.assert_allclose(kish_fraction(weight), [1.0, 9 / 2.5 / 4])
+    np.testing.assert_allclose(kish_fraction(weight + 700), kish_fraction(weight))
+    np.testing.assert_allclose(kish_fraction(weight - 700), kish_fraction(weight))
+
+
+def test_rows_without_weight_or_with_nan_count_as_zero():
+    rows = np.array([[-np.inf, -np.inf], [np.nan, 0.0], [0.0, -np.inf]])
+    assert kish_fraction(rows).tolist() == [0.0, 0.0, 0.5]
+    assert acceptance(rows).tolist() == [0.0, 0.0, 0.5]
+    np.testing.assert_array_equal(np.isnan(log_evidence(rows)[0]), [True, True, False])
+    np.testing.assert_array_equal(np.isinf(pareto_khat(np.repeat(rows, 20, axis=1)))[:2], True)
+
+
+def test_kish_fraction_of_a_gaussian_that_is_too_wide():
+    """q = N(0, s^2) for N(0, 1): (E w)^2 / E w^2 is sqrt(2 s^2 - 1) / s^2; median within 1%."""
+    draws = 1.5 * np.random.default_rng(0).normal(size=(100, 20_000))
+    weight = stats.norm.logpdf(draws) - stats.norm.logpdf(draws, scale=1.5)
+    assert np.median(kish_fraction(weight)) == pytest.approx(np.sqrt(2 * 1.5**2 - 1) / 1.5**2, rel=0.01)
+
+
+def test_log_evidence_and_its_error():
+    """True value 2.5; the pulls of 500 rows have mean 0 and sd 1 (limits at 4 standard errors)."""
+    draws = 1.5 * np.random.default_rng(1).normal(size=(500, 2000))
+    weight = 2.5 + stats.norm.logpdf(draws) - stats.norm.logpdf(draws, scale=1.5)
+    value, error = log_evidence(weight)
+    pull = (value - 2.5) / error
+    assert abs(pull.mean()) < 4 / np.sqrt(500)
+    assert abs(pull.std() - 1) < 4 / np.sqrt(1000)
+
+
+def test_equal_weights():
+    weight = np.full((3, 500), -1234.5)
+    assert kish_fraction(weight).tolist() == [1.0] * 3
+    assert pareto_khat(weight).tolist() == [0.0] * 3
+    np.testing.assert_allclose(log_evidence(weight), [[-1234.5] * 3, [0.0] * 3], atol=1e-10)
+
+
+@pytest.mark.parametrize("draws", [100, 500, 1000])
+def test_khat_agrees_with_arviz_stats(draws):
+    base = pytest.importorskip("arviz_stats.base")
+    rng = np.random.default_rng(draws)
+    weight = rng.normal(size=(30, draws)) * rng.uniform(0.3, 4, size=(30, 1))
+    theirs = [float(base.array_stats.psislw(-row)[1]) for row in weight]
+    np.testing.assert_allclose(pareto_khat(weight), theirs, rtol=1e-6)
+
+
+@pytest.mark.parametrize("shape", [-0.3, 0.2, 0.7, 1.2])
+def test_pareto_shape_is_recovered(shape):
+    """Mean over 100 fits of 2,000 exceedances: within 0.02 of the truth, pulled to 0.5 by the prior."""
+    sample = stats.genpareto.rvs(shape, size=(100, 2000), random_state=np.random.default_rng(2))
+    assert pareto_shape(sample).mean() == pytest.approx(shape, abs=0.02)
+
+
+def test_khat_of_few_draws_or_few_weights_is_infinite():
+    rng = np.random.default_rng(3)
+    assert np.isinf(pareto_khat(rng.normal(size=(2, 20)))).all()
+    few = np.full((1, 400), -np.inf)
+    few[0, :8] = rng.normal(size=8)
+    assert np.isinf(pareto_khat(few)).all()
+    assert (tail_length(225), tail_length(400)) == (45, 60)
+
+
+def test_tied_weights_do_not_break_the_fit():
+    weight = np.where(np.random.default_rng(4).random((5, 500)) < 0.05, 2.0, 0.0)
+    assert np.isfinite(pareto_khat(weight)).all()
+
+
+def test_findings_name_population_and_sense():
+    rng = np.random.default_rng(5)
+    ess, khat, evidence = importance_findings(rng.normal(size=(50, 300)), population="importance")
+    assert (ess.kind, ess.sense, ess.population) == ("quantile", "at-least", "importance")
+    assert ess.details["ess"].shape == khat.details["khat"].shape == (50,)
+    assert set(evidence.details) == {"log_evidence", "log_evidence_error", "acceptance"}

@@ -1,0 +1,76 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from gaugeblock.streams import TrialStreams
+from gaugeblock.validate.joint.pool import make_pool, pool_pit
+from gaugeblock.validate.marginal.ranks import randomised_pit
+
+
+def test_members_are_standard_and_whitened_and_lead_back():
+    rng = np.random.default_rng(0)
+    truth, draws = rng.normal(size=(20, 3)), 1e-9 * rng.normal(size=(20, 50, 3)) + [5, -1, 0]
+    pool = make_pool(truth, draws)
+    np.testing.assert_allclose(pool.members.mean(axis=2), 0, atol=1e-12)
+    np.testing.assert_allclose(pool.members.std(axis=2), 1, rtol=1e-12)
+    np.testing.assert_allclose(pool.members[:, :, 0] * pool.sd + pool.mean, truth, atol=1e-12)
+    pool = make_pool(truth, draws + rng.normal(size=(20, 50, 3)))
+    white = pool.whitening @ pool.members
+    covariance = white @ np.swapaxes(white, 1, 2) / 51
+    np.testing.assert_allclose(covariance, np.tile(np.eye(3), (20, 1, 1)), atol=1e-9)
+
+
+@pytest.mark.parametrize("scale", [1e-200, 1e200])
+def test_units_do_not_matter(scale):
+    rng = np.random.default_rng(1)
+    truth, draws = rng.normal(size=(5, 2)), rng.normal(size=(5, 30, 2))
+    one, other = make_pool(truth, draws), make_pool(scale * truth, scale * draws)
+    np.testing.assert_allclose(one.members, other.members, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(one.whitening, other.whitening, rtol=1e-9, atol=1e-12)
+
+
+def test_parameters_without_spread_or_in_a_plane():
+    rng = np.random.default_rng(2)
+    draws = rng.normal(size=(4, 30, 3))
+    draws[:, :, 1], draws[:, :, 2] = 7.0, -draws[:, :, 0]
+    pool = make_pool(draws[:, 0], draws[:, 1:])
+    assert np.isfinite(pool.whitening).all()
+    assert (pool.members[:, 1] == 0).all()
+
+
+def test_equal_weights_change_nothing_and_a_zero_weight_removes_a_draw():
+    rng = np.random.default_rng(3)
+    truth, draws = rng.normal(size=(6, 2)), rng.normal(size=(6, 30, 2))
+    plain, equal = make_pool(truth, draws), make_pool(truth, draws, weight=np.full((6, 30), 0.3))
+    np.testing.assert_allclose(plain.members, equal.members, atol=1e-12)
+    weight = np.ones((6, 30))
+    weight[:, 20:] = 0
+    fewer, weighted = make_pool(truth, draws[:, :20]), make_pool(truth, draws, weight=weight)
+    np.testing.assert_allclose(fewer.members, weighted.members[:, :, :21], atol=1e-12)
+    streams = [TrialStreams.spawn(1, "a", range(6)) for _ in range(2)]
+    np.testing.assert_allclose(
+        pool_pit(fewer.members, streams[0]), pool_pit(weighted.members, streams[1], weight=weighted.weight)
+    )
+
+
+def test_pit_is_that_of_the_ranks():
+    rng = np.random.default_rng(4)
+    values = np.round(rng.normal(size=(50, 3, 41)), 1).astype(np.float32)
+    mine = pool_pit(values, np.random.default_rng(5))
+    theirs = randomised_pit(values[:, :, 0], np.swapaxes(values[:, :, 1:], 1, 2), np.random.default_rng(5))
+    np.testing.assert_allclose(mine, theirs, atol=1e-12)
+
+
+@pytest.mark.parametrize("draws", [3, 10])
+def test_whatever_is_made_of_the_pool_is_uniform_at_any_number_of_draws(draws):
+    """20,000 trials, false-alarm rate 1e-3; with the draws' own mean and sd the same quantity is not."""
+    rng = np.random.default_rng(6)
+    pooled = rng.exponential(size=(20_000, draws + 1, 2))
+    pool = make_pool(pooled[:, 0], pooled[:, 1:])
+    f = (pool.whitening @ pool.members).prod(axis=1, keepdims=True)
+    assert stats.kstest(pool_pit(f, rng)[:, 0], "uniform").pvalue > 1e-3
+    own = pooled[:, 1:]
+    f = ((pooled - own.mean(axis=1, keepdims=True)) / own.std(axis=1, keepdims=True)).prod(axis=2)[:, None]
+    assert stats.kstest(pool_pit(f, rng)[:, 0], "uniform").pvalue < 1e-12

@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy import stats
+
+from gaugeblock.errors import InputError
+from gaugeblock.validate import block as block_module
+from gaugeblock.validate.learned.discriminant import fit_discriminant
+from gaugeblock.validate.learned.learned import (
+    candidates,
+    discriminant_fit,
+    learned_from,
+    learned_from_arrays,
+    learned_ranks,
+)
+from gaugeblock.validate.marginal.uniformity import ecdf_test
+from gaugeblock.validate.prepared import Prepared
+
+
+def exact(rng, n, candidates_, p):
+    """Coordinates, context and ties of an exact posterior."""
+    z = rng.normal(size=(n, candidates_, p))
+    return z, rng.normal(size=(n, 2)), rng.random(n)
+
+
+def test_ranks_of_an_exact_posterior_are_uniform_with_any_score():
+    """Overfitted scores too. 200 replicates of 60 trials: rejections within the 0.999 binomial limits."""
+    p = []
+    for seed in range(200):
+        rng = np.random.default_rng([4, seed])
+        z, context, ties = exact(rng, 60, 6, 3)
+        found = learned_ranks(z, context, ties, discriminant_fit, order=rng.permutation(60))
+        assert len(found.pit) == 50
+        p.append(ecdf_test(found.pit).p_value)
+    assert np.count_nonzero(np.array(p) <= 0.05) <= stats.binom.ppf(0.999, 200, 0.05)
+
+
+def test_cross_fitting_would_not_do():
+    """Why models are sequential: with two folds that learn from each other z has a variance of about 2.
+
+    400 exact posteriors; the 0.999 limits of a sample variance are 0.79 and 1.23 for a variance of 1.
+    """
+    sequential, crossed = [], []
+    for seed in range(400):
+        rng = np.random.default_rng([5, seed])
+        z, context, ties = exact(rng, 80, 5, 1)
+        found = learned_ranks(z, context, ties, discriminant_fit, order=rng.permutation(80))
+        sequential.append((found.pit.mean() - 0.5) * np.sqrt(12 * len(found.pit)))
+        total = 0.0
+        for taught, held in ((slice(0, 40), slice(40, 80)), (slice(40, 80), slice(0, 40))):
+            tell = fit_discriminant(z[taught, 0], z[taught, 1:].reshape(-1, 1))
+            score = tell(z[held])
+            below = (score[:, 1:] < score[:, :1]).sum(axis=1)
+            total += ((below + ties[held]) / 5 - 0.5).sum()
+        crossed.append(total * np.sqrt(12 / 80))
+    assert 0.79 < np.var(sequential) < 1.23
+    assert np.var(crossed) > 1.4
+
+
+def test_a_fault_shows_in_the_ranks():
+    rng = np.random.default_rng(6)
+    z, context, ties = exact(rng, 600, 20, 2)
+    z[:, 0] *= 1.4  # the truth is farther out than the draws
+    found = learned_ranks(z, context, ties, discriminant_fit, order=rng.permutation(600))
+    assert found.pit.mean() > 0.56
+    assert found.truth_above.mean() > found.draws_above.mean() / found.draws + 0.1
+
+
+def test_neither_blocks_nor_the_order_of_trials_matter(gaussian_trials, monkeypatch):
+    trials = gaussian_trials(150, 40, 2, seed=8)
+    shuffled = trials.isel(trial=np.random.default_rng(9).permutation(150))
+    whole, other = (Prepared(xr.DataTree(t), 3) for t in (trials, shuffled))
+    first, second = learned_from(whole), learned_from(other)
+    assert dict(zip(whole.trial[first.row], first.pit, strict=True)) == dict(
+        zip(other.trial[second.row], second.pit, strict=True)
+    )
+    monkeypatch.setattr(block_module, "VALUES", 1000)
+    pieces = Prepared(xr.DataTree(trials), 3)
+    np.testing.assert_array_equal(pieces.per_trial(candidates), whole.per_trial(candidates))
+
+
+def test_on_plain_arrays():
+    """The prior as posterior: seen with the data's features, not without them (1e-3)."""
+    rng = np.random.default_rng(10)
+    x = rng.normal(size=(600, 1))
+    theta, draws = x + 0.5 * rng.normal(size=(600, 1)), np.sqrt(1.25) * rng.normal(size=(600, 40, 1))
+    seen, unseen = (learned_from_arrays(theta, draws, features, rng=rng) for features in (x, None))
+    assert seen.pit.mean() > 0.7
+    assert abs(unseen.pit.mean() - 0.5) < 3.3 / np.sqrt(12 * len(unseen.pit))
+    broken = np.column_stack([x, np.full(600, np.nan)])
+    assert learned_from_arrays(theta, draws, broken, rng=rng).pit.mean() > 0.7
+    with pytest.raises(InputError, match="at least 50"):
+        learned_from_arrays(theta[:49], draws[:49], x[:49], rng=rng)
+
+
+def test_intervals_hold_what_they_estimate_under_a_fault():
+    """Truths displaced by 0.15 sd, 200 replicates: the share of truths in the lower half, beside that of the
+    very models on 5,000 fresh trials each. z has mean 0 and variance 1 within 4 standard errors."""
+    z = []
+    for seed in range(200):
+        rng = np.random.default_rng([11, seed])
+        coordinates, context, ties = exact(rng, 240, 10, 1)
+        coordinates[:, 0] += 0.15
+        models = []
+
+        def fit(taught, shared, kept=models):
+            kept.append(discriminant_fit(taught, shared))
+            return kept[-1]
+
+        found = learned_ranks(coordinates, context, ties, fit, order=rng.permutation(240))
+        fresh, shared, _ = exact(rng, 5000, 10, 1)
+        fresh[:, 0] += 0.15
+        target = 0.0
+        for model in models:  # 40 trials a stage, all of the same size
+            score = model(fresh, shared[:, None])
+            below = (score[:, 1:] < score[:, :1]).sum(axis=1)
+            target += np.mean((below + rng.random(5000)) / 10 <= 0.5) / len(models)
+        z.append((np.mean(found.pit <= 0.5) - target) / np.sqrt(0.25 / 200))
+    assert abs(np.mean(z)) < 4 / np.sqrt(200)
+    assert abs(np.var(z) - 1) < 4 * np.sqrt(2 / 200)
+
+
+@pytest.mark.parametrize("n", [50, 51, 77])
+def test_each_trial_is_ranked_once_or_only_teaches(n):
+    rng = np.random.default_rng(n)
+    z, context, ties = exact(rng, n, 5, 1)
+    found = learned_ranks(z, context, ties, discriminant_fit, order=rng.permutation(n))
+    assert len(np.unique(found.row)) == len(found.row) == n - n // 6
+    assert ((found.pit >= 0) & (found.pit < 1)).all()

@@ -1,0 +1,244 @@
+"""Posterior SBC on a conjugate Gaussian: exact size at any effective sample size, power near the observation.
+
+theta ~ N(0, 1), x ~ N(theta, 1): p(theta | x) = N(x / 2, 1/2), p(theta | x, x_obs) = N((x + x_obs) / 3, 1/3).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from gaugeblock.errors import InputError
+from gaugeblock.validate import (
+    NotChecked,
+    Outcome,
+    judge,
+    make_policy,
+    make_trials,
+    read_trials,
+    trials_tree,
+    write_trials,
+)
+from gaugeblock.validate.local.posterior_sbc import (
+    IDS,
+    pool_weights,
+    posterior_sbc,
+    posterior_sbc_findings,
+    weighted_errors,
+    weighted_pit,
+)
+from gaugeblock.validate.prepared import Prepared
+
+SD = np.sqrt(0.5)
+POLICY = make_policy({"required": ["posterior_sbc.bias", "posterior_sbc.log_width"]}, source="test")
+OBSERVED = 4.0  # 2.8 sd from the centre of the prior predictive distribution
+
+
+def around(n, draws, *, seed, ratio=None, dimensions=1, truths=None):
+    """Truths of p(theta | x_obs), draws of q(theta | x'), log likelihood of x_obs at draws and truth.
+
+    `ratio` is the width of q over the true one, as a function of its data ``(n, dimensions)``.
+    """
+    rng = np.random.default_rng(seed)
+    theta = OBSERVED / 2 + SD * rng.normal(size=(n, dimensions)) if truths is None else truths
+    x = theta + rng.normal(size=theta.shape)
+    width = np.ones_like(x) if ratio is None else ratio(x)
+    sampled = (x / 2)[:, None] + SD * width[:, None] * rng.normal(size=(n, draws, theta.shape[1]))
+    likelihood, true = (-0.5 * ((OBSERVED - value) ** 2).sum(axis=-1) for value in (sampled, theta))
+    return theta, sampled, likelihood, true
+
+
+def narrow_nearby(x):
+    """Exact, but for data within 2 of the observation: there 0.6 times as wide as it should be."""
+    return np.where(np.abs(x - OBSERVED) < 2, 0.6, 1.0)
+
+
+def findings(arrays, seed=1):
+    names = tuple(f"p{k}" for k in range(arrays[0].shape[1]))
+    return {finding.id: finding for finding in posterior_sbc_findings(*arrays, names, seed=seed)}
+
+
+@pytest.mark.parametrize("draws", [2, 10, 100])
+def test_ranks_and_errors_are_exact_at_any_number_of_draws(draws):
+    """40,000 trials: uniform by Kolmogorov-Smirnov at p = 1e-4; mean 0, mean square 1 within 4.5 errors."""
+    theta, sampled, likelihood, true = around(40_000, draws, seed=draws)
+    weight = pool_weights(likelihood, true)
+    rng = np.random.default_rng(1)
+    u, t = (make(theta, sampled, weight, rng)[:, 0] for make in (weighted_pit, weighted_errors))
+    assert stats.kstest(u, "uniform").pvalue > 1e-4
+    assert abs(t.mean()) < 4.5 * t.std() / 200
+    assert abs((t**2).mean() - 1) < 4.5 * (t**2).std() / 200
+
+
+def test_and_where_the_weights_collapse():
+    """Data sets of 20 dimensions: some 2 effective draws of 50, and ranks as uniform as ever (p = 1e-4)."""
+    arrays = around(10_000, 50, seed=2, dimensions=20)
+    weight = pool_weights(*arrays[2:])
+    assert np.median(1 / (weight**2).sum(axis=1)) < 6
+    u = weighted_pit(*arrays[:2], weight, np.random.default_rng(3))
+    assert min(stats.kstest(column, "uniform").pvalue for column in u.T) > 1e-4 / 20
+    found = findings(tuple(a[:200] for a in arrays))
+    assert found["posterior_sbc.ess"].estimate[0] < 0.2
+    assert "fewer than 10 effective draws: they stay" in found["posterior_sbc.bias[p3]"].caveats[0]
+    assert found["posterior_sbc.bias[p3]"].n_trials == 200
+
+
+def test_effective_draws_where_they_are_known():
+    """The weights of N(x/2, 1/2) under the likelihood: their second moments are Gaussian integrals."""
+    _, _, likelihood, true = around(2000, 4000, seed=4)
+    weight = pool_weights(likelihood, true)
+    # E[w]^2 / E[w^2] at distance d = x / 2 - x_obs, for variance s = 1/2.
+    theta, sampled, _, _ = around(2000, 4000, seed=4)
+    d, s = sampled.mean(axis=1)[:, 0] - OBSERVED, 0.5
+    first = np.exp(-0.5 * d**2 / (1 + s)) / np.sqrt(1 + s)
+    second = np.exp(-(d**2) / (1 + 2 * s)) / np.sqrt(1 + 2 * s)
+    measured = 1 / (weight[:, 1:] ** 2).sum(axis=1) * weight[:, 1:].sum(axis=1) ** 2 / 4000
+    np.testing.assert_allclose(np.median(measured / (first**2 / second)), 1, atol=0.02)
+    assert theta.shape == (2000, 1)
+
+
+def test_weights_of_a_pool():
+    weight = pool_weights([[-1000.0, -1001.0], [-np.inf, -np.inf]], [-1000.0, -np.inf])
+    np.testing.assert_allclose(weight[0], np.array([1, 1, np.exp(-1)]) / (2 + np.exp(-1)))
+    np.testing.assert_array_equal(weight[1], [1, 0, 0])
+    for wrong in (np.nan, np.inf):
+        with pytest.raises(InputError, match=r"NaN or \+inf at 1 draw\(s\), first in trial 1"):
+            pool_weights([[0.0, 0.0], [0.0, wrong]], [0.0, 0.0])
+
+
+def test_ties_are_broken_at_random():
+    """A posterior on three values, one draw: ranks uniform over 20,000 trials (p = 1e-4)."""
+    rng = np.random.default_rng(5)
+    prior, tilt = np.array([0.2, 0.3, 0.5]), np.array([1.0, 4.0, 2.0])
+    draws = rng.choice(3, p=prior, size=(20_000, 4))
+    truth = rng.choice(3, p=prior * tilt / (prior @ tilt), size=20_000)
+    weight = pool_weights(np.log(tilt)[draws], np.log(tilt)[truth])
+    u = weighted_pit(truth[:, None], draws[..., None], weight, rng)
+    assert stats.kstest(u[:, 0], "uniform").pvalue > 1e-4
+
+
+def test_a_pool_without_spread_gets_an_error_at_random():
+    t = weighted_errors(
+        np.zeros((100, 1)), np.zeros((100, 3, 1)), np.full((100, 4), 0.25), np.random.default_rng(6)
+    )
+    assert set(np.unique(t)) == {-1.0, 1.0}
+
+
+def test_size_of_every_p_value():
+    """300 exact audits of 100 trials x 30 draws: rejections at 5% within the 0.9995 binomial limits.
+
+    Bias and width have normal p-values, a little too large with 100 trials: up to 8% are let through.
+    """
+    p = {name: [] for name in IDS[:3]}
+    for replicate in range(300):
+        found = findings(around(100, 30, seed=[7, replicate]), seed=replicate)
+        for name in p:
+            p[name].append(found[f"{name}[p0]"].p_value)
+    rejected = {name: np.count_nonzero(np.array(values) <= 0.05) for name, values in p.items()}
+    assert rejected["posterior_sbc.uniform"] <= stats.binom.ppf(0.9995, 300, 0.05)
+    assert max(rejected.values()) <= stats.binom.ppf(0.9995, 300, 0.08)
+
+
+def test_a_fault_near_the_observation_is_seen():
+    """Too narrow, for data within 2 of the observation: blocked with 1,000 trials x 200 draws.
+
+    Half of the x' lie there; the width ratio over all is 0.79, 2.3 simultaneous errors beyond tolerance.
+    """
+    found = findings(around(1000, 200, seed=8, ratio=narrow_nearby))
+    assert found["posterior_sbc.uniform[p0]"].p_value < 1e-4
+    gates = {gate.id: gate for gate in judge(list(found.values()), [], POLICY, seed=1).gates}
+    assert gates["posterior_sbc.log_width[p0]"].outcome is Outcome.FAIL
+    assert set(gates) == {"posterior_sbc.log_width[p0]", "posterior_sbc.bias[p0]"}
+
+
+def test_an_exact_estimator_passes_there():
+    found = findings(around(4000, 200, seed=8))
+    assert judge(list(found.values()), [], POLICY, seed=1).outcome is Outcome.PASS
+
+
+def test_the_same_fault_hides_among_all_trials():
+    """Over the whole prior it concerns 8% of data: SBC of 8,000 trials passes the default policy."""
+    from gaugeblock.validate.marginal.sbc import bias_finding, log_width_finding
+    from gaugeblock.validate.marginal.standardised import standardised_errors
+
+    rng = np.random.default_rng(9)
+    theta = rng.normal(size=(8000, 1))
+    x = theta + rng.normal(size=(8000, 1))
+    draws = (x / 2)[:, None] + SD * narrow_nearby(x)[:, None] * rng.normal(size=(8000, 100, 1))
+    errors = standardised_errors(theta, draws, rng)[:, 0]
+    found = [bias_finding("p0", errors), log_width_finding("p0", errors, draws=100)]
+    policy = make_policy({"required": ["sbc"]}, source="test")
+    assert judge(found, [], policy, seed=1).outcome is Outcome.PASS
+
+
+def test_reweighting_the_draws_at_the_observation_would_see_nothing():
+    """Why draws come from q at x': truths and draws of one q(theta | x_obs), weighted by the likelihood of
+    x', are exchangeable whatever q is. Here q is three times too narrow and off by 2 sd. (p = 1e-4)
+    """
+    rng = np.random.default_rng(10)
+    q = OBSERVED / 2 + SD * (2 + rng.normal(size=(4000, 100, 1)) / 3)
+    theta, sampled = q[:, 0], q[:, 1:]
+    x = theta + rng.normal(size=theta.shape)
+    likelihood, true = (-0.5 * ((x[:, None] - v) ** 2)[..., 0] for v in (sampled, theta[:, None]))
+    u = weighted_pit(theta, sampled, pool_weights(likelihood, true[:, 0]), rng)
+    assert stats.kstest(u[:, 0], "uniform").pvalue > 1e-4
+
+
+def group(arrays, **extra):
+    theta, sampled, likelihood, true = arrays
+    largest = likelihood.max(axis=1)
+    names = [f"p{k}" for k in range(theta.shape[1])]
+    made = make_trials(theta, sampled, names, weight=np.exp(likelihood - largest[:, None]), **extra)
+    return made.assign(weight_true=("trial", np.exp(true - largest)))
+
+
+def test_the_group_of_a_tree_gives_the_same_as_the_arrays(gaussian_trials, tmp_path):
+    arrays = around(300, 50, seed=11, dimensions=2)
+    main = gaussian_trials(50, 20, 2, seed=1)
+    path = write_trials(trials_tree(main, posterior=group(arrays)), tmp_path / "trials.nc")
+    found = posterior_sbc(Prepared(read_trials(path), 1))
+    plain = findings(arrays)
+    assert [finding.id for finding in found] == list(plain)
+    for finding in found:
+        assert finding.population == "posterior"
+        assert finding.claim
+        np.testing.assert_allclose(finding.estimate, plain[finding.id].estimate, rtol=1e-9, atol=1e-12)
+
+
+def test_draws_that_are_not_finite_are_said(gaussian_trials):
+    arrays = around(100, 20, seed=12)
+    arrays[1][3, 4, 0] = np.nan
+    tree = trials_tree(gaussian_trials(50, 20, 1, seed=1), posterior=group(arrays, autocorrelated=True))
+    found = posterior_sbc(Prepared(tree, 1))
+    assert {finding.n_trials for finding in found} == {99}
+    assert any("1 of 100 trials have NaN" in caveat for caveat in found[0].caveats)
+    assert any("autocorrelated" in caveat for caveat in found[0].caveats)
+
+
+def test_circular_parameters_are_cut_open(gaussian_trials):
+    """A posterior across the seam of the circle: ranks as on the line (p = 1e-4)."""
+    rng = np.random.default_rng(13)
+    pool = rng.vonmises(np.pi, 4.0, size=(2000, 20, 1))
+    made = make_trials(pool[:, 0], pool[:, 1:], ["p0"], weight=np.ones((2000, 19)), circular=["p0"])
+    made = made.assign(weight_true=("trial", np.ones(2000)))
+    found = posterior_sbc(Prepared(trials_tree(gaussian_trials(50, 20, 1, seed=1), posterior=made), 1))
+    spread = {finding.id: finding for finding in found}["posterior_sbc.uniform[p0]"]
+    assert spread.p_value > 1e-4
+
+
+@pytest.mark.parametrize(
+    ("drop", "words"),
+    [(None, "trials.observation"), (["weight"], "lack weight:"), (["weight_true"], "lack weight_true:")],
+)
+def test_what_is_missing_is_said(gaussian_trials, drop, words):
+    further = {} if drop is None else {"posterior": group(around(50, 20, seed=14)).drop_vars(drop)}
+    said = posterior_sbc(Prepared(trials_tree(gaussian_trials(50, 20, 1, seed=1), **further), 1))
+    assert all(isinstance(item, NotChecked) and words in item.why for item in said)
+    assert tuple(item.id for item in said) == IDS
+
+
+def test_a_single_trial_is_too_few(gaussian_trials):
+    made = group(around(1, 20, seed=15))
+    said = posterior_sbc(Prepared(trials_tree(gaussian_trials(50, 20, 1, seed=1), posterior=made), 1))
+    assert all(isinstance(item, NotChecked) and "1 trial(s)" in item.why for item in said)

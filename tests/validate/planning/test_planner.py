@@ -1,0 +1,229 @@
+"""Plans: the known limit against simulated trials, and the promise against the gate itself."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from gaugeblock.errors import InputError
+from gaugeblock.validate import Outcome, family, judge, make_policy, read_policy, run_validators
+from gaugeblock.validate.marginal.coverage import LEVELS, central_finding
+from gaugeblock.validate.marginal.sbc import bias_finding, log_width_finding
+from gaugeblock.validate.planning.limit_process import QUANTITIES, LimitProcess, correlation, hidden_by
+from gaugeblock.validate.planning.planner import plan
+from gaugeblock.validate.planning.rank_power import RankFault, smallest
+
+DEFAULT = read_policy("default")
+POLICY = make_policy({"required": ["sbc", "coverage"]}, source="test", base=DEFAULT)
+
+
+def audit(rng, n, draws, parameters, *, log_width=0.0, bias=0.0, faulty=1):
+    """Findings on Gaussian posteriors through the mean and sd of their draws; faults in some parameters."""
+    size = (n, parameters)
+    at_fault = np.arange(parameters) < faulty
+    ratio = np.exp(log_width * at_fault)
+    truth = rng.normal(size=size) - bias * at_fault * ratio
+    mean = ratio * rng.normal(size=size) / np.sqrt(draws)
+    square = ratio**2 * rng.chisquare(draws - 1, size) / draws
+    pit = (rng.binomial(draws, stats.norm.cdf(truth / ratio)) + rng.random(size)) / (draws + 1)
+    share = draws / (draws + 1)
+    error = share * (mean - truth) / np.sqrt(share * square + share / (draws + 1) * (mean - truth) ** 2)
+    names = [f"p{i}" for i in range(parameters)]
+    found = [central_finding(pit, names)]
+    for name, t in zip(names, error.T, strict=True):
+        found += [bias_finding(name, t), log_width_finding(name, t, draws=draws)]
+    return found
+
+
+def outcomes(replicates, key, planned, **fault):
+    found: Counter = Counter()
+    for replicate in range(replicates):
+        findings = audit(
+            np.random.default_rng([key, replicate]), planned.trials, planned.draws, planned.params, **fault
+        )
+        found[judge(findings, [], planned.policy, seed=replicate).outcome] += 1
+    return found
+
+
+def test_the_limit_has_the_correlations_of_simulated_findings():
+    """200,000 trials, draws that blur nothing: within 0.02 and 1.5%, 4.5 standard errors or more."""
+    found = audit(np.random.default_rng(0), 200_000, 5000, 1)
+    by_id = {finding.id: finding for finding in found}
+    order = [by_id["sbc.bias[p0]"], by_id["sbc.log_width[p0]"], by_id["coverage.central"]]
+    influence = np.concatenate([finding.influence for finding in order])
+    np.testing.assert_allclose(np.corrcoef(influence), correlation(), atol=0.02)
+    errors = np.concatenate([finding.standard_error for finding in order])
+    limit = LimitProcess(parameters=1, draws=5000).standard_errors(200_000)
+    np.testing.assert_allclose(limit, errors, rtol=0.015)
+
+
+@pytest.mark.parametrize("parameters", [1, 5])
+def test_the_critical_value_is_the_bootstraps(parameters):
+    found = audit(np.random.default_rng(1), 3000, 100, parameters)
+    largest = family.maxima([finding.influence for finding in found], seed=1)
+    critical = LimitProcess(parameters=parameters, draws=100).critical(3000, 0.05)
+    assert critical == pytest.approx(np.quantile(largest, 0.95), rel=0.02)
+
+
+def test_a_plan_states_what_gates_state():
+    """Gates' smallest detectable faults: within 3%, and larger by up to 12% where all other gates share."""
+    gates = {g.id: g for g in judge(audit(np.random.default_rng(2), 2500, 130, 5), [], POLICY, seed=1).gates}
+    stated = {
+        "bias": gates["sbc.bias[p0]"].smallest_detectable,
+        "log_width": gates["sbc.log_width[p0]"].smallest_detectable,
+        "coverage": gates["coverage.central"].smallest_detectable,
+    }
+    alone = plan(POLICY, params=5, trials=2500, draws=130, families=1, further=0).smallest_detectable
+    shared = plan(POLICY, params=5, trials=2500, draws=130).smallest_detectable
+    for name in QUANTITIES:
+        assert alone[name] == pytest.approx(stated[name], rel=0.03)
+        assert stated[name] < shared[name] < 1.12 * stated[name]
+
+
+def test_a_plan_states_what_a_whole_audit_states(gaussian_trials):
+    """Every default validator, three parameters: smallest detectable faults within 5%."""
+    findings, not_checked = run_validators(gaussian_trials(600, 40, 3, seed=20), seed=1)
+    gates = {g.id: g for g in judge(findings, not_checked, POLICY, seed=1).gates}
+    planned = plan(POLICY, params=3, trials=600, draws=40, families=2)
+    for gate, name in (("sbc.bias[p0]", "bias"), ("coverage.central", "coverage")):
+        assert planned.smallest_detectable[name] == pytest.approx(gates[gate].smallest_detectable, rel=0.05)
+
+
+def test_the_promise_to_exact_estimators_and_to_twice_tolerated_faults(monkeypatch):
+    """One family, two parameters: PASS and FAIL with power 0.9 at the planned n (0.001 quantiles of 60)."""
+    monkeypatch.setattr(family, "REPLICATES", 10_000)
+    planned = plan(POLICY, params=2, families=1, further=0)
+    least = stats.binom.ppf(0.001, 60, 0.9)
+    assert outcomes(60, 3, planned)[Outcome.PASS] >= least
+    tolerance = POLICY.tolerance
+    for key, fault in enumerate(({"bias": 2 * tolerance.bias}, {"log_width": -2 * tolerance.log_width})):
+        assert outcomes(60, 4 + key, planned, **fault)[Outcome.FAIL] >= least
+    # The promise is not kept by chance: a third of the trials would not do.
+    fewer = plan(POLICY, params=2, trials=planned.trials // 3, draws=planned.draws, families=1, further=0)
+    assert outcomes(60, 6, fewer)[Outcome.PASS] < least
+    assert fewer.pass_probability_exact < 0.6
+
+
+@pytest.mark.slow
+def test_the_whole_promise(monkeypatch):
+    """200 audits of five parameters each, all faults; 0.001 binomial quantiles of 0.9."""
+    monkeypatch.setattr(family, "REPLICATES", 10_000)
+    planned = plan(POLICY, params=5)
+    least = stats.binom.ppf(0.001, 200, 0.9)
+    assert outcomes(200, 7, planned)[Outcome.PASS] >= least
+    for sign in (-1, 1):
+        for key, name in enumerate(("bias", "log_width")):
+            fault = {name: 2 * sign * getattr(POLICY.tolerance, name)}
+            assert outcomes(200, 8 + key, planned, **fault)[Outcome.FAIL] >= least
+
+
+def test_the_promise_for_a_coverage_gap():
+    """P(|u - 1/2| <= 1/4) twice the tolerance short of 1/2, in one of two parameters: 60 audits."""
+    planned = plan(POLICY, params=2, families=1, further=0)
+    failed = 0
+    for replicate in range(60):
+        rng = np.random.default_rng([9, replicate])
+        gap = 2 * POLICY.tolerance.coverage
+        v = np.interp(rng.random(planned.trials), [0, 0.5 - gap, 1], [0, 0.5, 1])
+        u = 0.5 + 0.5 * v * rng.choice([-1, 1], planned.trials)
+        pit = np.column_stack([u, rng.random(planned.trials)])
+        verdict = judge([central_finding(pit, ["a", "b"])], [], POLICY, seed=replicate)
+        failed += verdict.outcome is Outcome.FAIL
+    assert failed >= stats.binom.ppf(0.001, 60, 0.9)
+
+
+def test_pass_probability_of_exact_estimators(monkeypatch):
+    """Where it is about a half: 150 audits within the 0.0005 quantiles of 0.8 and 1.25 times what is said."""
+    monkeypatch.setattr(family, "REPLICATES", 10_000)
+    planned = plan(POLICY, params=2, trials=1100, draws=100, families=1, further=0)
+    said = planned.pass_probability_exact
+    assert 0.3 < said < 0.7
+    passed = outcomes(150, 10, planned)[Outcome.PASS]
+    assert stats.binom.ppf(0.0005, 150, 0.8 * said) <= passed <= stats.binom.ppf(0.9995, 150, 1.25 * said)
+
+
+def test_more_of_anything_never_takes_fewer_trials():
+    base = plan(POLICY, params=2).trials
+    assert plan(POLICY, params=20).trials > base
+    assert plan(POLICY, params=2, families=1, further=0).trials < base
+    assert plan(POLICY, params=2, draws=20).trials > base
+    stricter = make_policy({"tolerance": {"bias": 0.05}}, source="test", base=POLICY)
+    assert plan(stricter, params=2).trials > 2 * base
+    powerful = make_policy({"planning": {"power": 0.99}}, source="test", base=POLICY)
+    assert plan(powerful, params=2).trials > base
+    assert plan(POLICY, params=2, trials=4 * base).smallest_detectable["bias"] < 0.16
+
+
+def test_the_same_seed_gives_the_same_plan():
+    assert plan(POLICY, params=3, seed=4) == plan(POLICY, params=3, seed=4)
+    assert plan(POLICY, params=3, seed=5).trials == pytest.approx(plan(POLICY, params=3).trials, rel=0.03)
+
+
+@pytest.mark.parametrize("name", ["bias", "log_width"])
+def test_what_draws_hide(name):
+    """A fault of 0.2 seen through 20 draws; what the width's correction takes back is hidden without it."""
+    draws, n = 20, 400_000
+    fault = {name: 0.2}
+    found = {f.id: f for f in audit(np.random.default_rng(11), n, draws, 1, **fault)}
+    if name == "bias":
+        seen = float(found["sbc.bias[p0]"].estimate[0])
+        assert 1 - seen / 0.2 == pytest.approx(hidden_by(draws)["bias"], abs=0.03)
+    else:
+        seen = float(found["sbc.log_width[p0]"].estimate[0])
+        assert seen == pytest.approx(0.2, rel=0.05)
+        gap = found["coverage.central"].estimate
+        z = stats.norm.ppf((1 + np.array(LEVELS)) / 2)
+        true = 2 * stats.norm.cdf(np.exp(0.2) * z) - 1 - LEVELS
+        assert 1 - gap.max() / true.max() == pytest.approx(hidden_by(draws)["coverage"], abs=0.04)
+
+
+@pytest.mark.parametrize(
+    ("fault", "trials", "band", "smooth"),
+    [
+        (RankFault(log_width=float(np.log(0.9))), 200, 0.34, 0.42),
+        (RankFault(log_width=float(np.log(0.9))), 500, 0.64, 0.75),
+        (RankFault(log_width=float(np.log(0.9))), 1000, 0.90, 0.96),
+        (RankFault(bias=0.1), 500, 0.40, 0.36),
+        (RankFault(bias=0.1), 1000, 0.78, 0.72),
+        (RankFault(bias=0.1), 2000, 0.98, 0.96),
+    ],
+    ids=str,
+)
+def test_power_of_rank_tests_is_as_measured(fault, trials, band, smooth):
+    """Powers measured on simulated ranks; formulas of the limit agree within 0.11."""
+    assert fault.band_power(trials) == pytest.approx(band, abs=0.11)
+    assert fault.smooth_power(trials) == pytest.approx(smooth, abs=0.11)
+
+
+def test_rank_tests_have_their_size():
+    assert RankFault().smooth_power(1000) == pytest.approx(0.05, abs=1e-3)
+    assert RankFault().band_power(1000) == pytest.approx(0.05, abs=0.01)
+
+
+def test_the_smallest_number_that_is_enough():
+    assert smallest(lambda n: n >= 777, first=2, most=10**6) == 777
+    assert smallest(lambda n: True, first=2, most=10) == 2
+    assert smallest(lambda n: False, first=2, most=10**6) is None
+
+
+@pytest.mark.parametrize(
+    ("numbers", "said"),
+    [
+        ({"params": 0}, "params = 0"),
+        ({"params": 2, "trials": 3}, "trials = 3"),
+        ({"params": 2, "draws": 1}, "draws = 1"),
+        ({"params": 2, "families": 0}, "families = 0"),
+    ],
+)
+def test_numbers_out_of_range(numbers, said):
+    with pytest.raises(InputError, match=said):
+        plan(POLICY, **numbers)
+
+
+def test_what_no_number_of_trials_settles():
+    tiny = make_policy({"tolerance": {"bias": 1e-6}}, source="test", base=POLICY)
+    with pytest.raises(InputError, match="no number of trials"):
+        plan(tiny, params=2)

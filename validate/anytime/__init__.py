@@ -1,0 +1,1 @@
+"""Watching trials come in, with error rates that hold whenever one stops."""

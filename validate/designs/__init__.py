@@ -1,0 +1,1 @@
+"""Comparing two arms, and what data can say at all: paired tests, confounds, Fisher information, shrink."""

@@ -1,0 +1,78 @@
+"""Effects of finite size: what a shift of the expected counts can say, and how far its derivative is off."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gaugeblock.errors import InputError
+from gaugeblock.validate.designs.fisher import effect_information
+
+Array = NDArray[np.float64]
+
+
+class FiniteShift(NamedTuple):
+    """`sd` of the effect's amplitude, amplitude / sqrt(power); `power` off the nuisance span, in sigma^2.
+
+    `kept`: its share of the power of the whole shift. Each ``(...)``.
+    """
+
+    sd: Array
+    power: Array
+    kept: Array
+
+
+def finite_shift(
+    mean: ArrayLike,
+    shifted: ArrayLike,
+    jacobian: ArrayLike,
+    *,
+    amplitude: float,
+    prior_sd: ArrayLike | None = None,
+) -> FiniteShift:
+    """Error of an effect's amplitude from the exact shift ``shifted - mean`` ``(..., channel)``.
+
+    Unlike a derivative it does not depend on how rough the model is at small steps; it stands for amplitudes
+    of this size. A screen, not a prediction of widths.
+
+    Raises
+    ------
+    InputError
+        For an amplitude of 0, or whatever `effect_information` refuses.
+
+    >>> finite_shift([4.0, 4.0], [4.0, 6.0], [[1.0], [0.0]], amplitude=0.1).sd.item()
+    0.1
+    """
+    if not np.isfinite(amplitude) or amplitude == 0:
+        raise InputError(f"finite_shift: amplitude is {amplitude}; it must be finite and not 0")
+    template = np.asarray(shifted, dtype=float) - np.asarray(mean, dtype=float)
+    found = effect_information(template, jacobian, mean, prior_sd=prior_sd)
+    return FiniteShift(abs(amplitude) * found.sd, found.projected, found.kept)
+
+
+def linearisation_error(
+    mean: ArrayLike,
+    shifted: ArrayLike,
+    derivative: ArrayLike,
+    *,
+    amplitude: float,
+    jacobian: ArrayLike | None = None,
+    prior_sd: ArrayLike | None = None,
+) -> Array:
+    """Size of what ``amplitude * derivative`` misses of the exact shift, relative to that shift; ``(...)``.
+
+    Sizes are in sigma of Poisson noise. With the nuisance `jacobian` only what lies off its span counts,
+    which is what a fit can see: a shift that is nearly linear may be nearly absorbed, and what is left need
+    not be linear.
+
+    >>> linearisation_error([1.0, 1.0], [1.0, 1.21], [0.0, 2.0], amplitude=0.1).round(3).item()
+    0.048
+    """
+    exact = np.asarray(shifted, dtype=float) - np.asarray(mean, dtype=float)
+    missed = exact - amplitude * np.asarray(derivative, dtype=float)
+    span = np.zeros((*exact.shape, 1)) if jacobian is None else jacobian
+    sizes = [effect_information(part, span, mean, prior_sd=prior_sd).projected for part in (missed, exact)]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.sqrt(sizes[0] / sizes[1]))

@@ -1,0 +1,1 @@
+"""Does measured data look like simulated data? For arrays of both; discovery builds on these."""

@@ -1,0 +1,1 @@
+"""Log evidences of nested sampling: their errors, and whether these hold."""

@@ -1,0 +1,1 @@
+"""All parameters together: regions, projections and quantities of them, and the densities of draws."""

@@ -1,0 +1,1 @@
+"""What a classifier learns to tell apart: truths from draws, and one sample from another."""

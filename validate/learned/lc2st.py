@@ -1,0 +1,151 @@
+"""Where in data space do learned truths and draws differ? Local C2ST over the trials' own x.
+
+``lc2st.local`` holds the ranks of the learned score (see `learned`) to the local tolerance, region by region
+of the data's features. For observations in hand there is `local_c2st`, in a file of its own.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from gaugeblock.validate.features import Features
+from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.learned.c2st import spread_out
+from gaugeblock.validate.learned.learned import LEAST_TRIALS, STAGES, learned_from
+from gaugeblock.validate.local.regions import LEAST, Regions, quantile_regions
+from gaugeblock.validate.marginal.coverage import STEADYING
+from gaugeblock.validate.prepared import Prepared
+
+Array = NDArray[np.float64]
+
+REFERENCE = (
+    "Linhart, Gramfort & Rodrigues 2023, arXiv:2306.03580; ranks of the score within regions of the data"
+)
+LEVELS = (0.2, 0.5, 0.8)
+MOST_FEATURES = 8
+# Replicates of the null, fewer for very many trials: uniform numbers in all, and at a time.
+REPLICATES = 999
+LEAST_REPLICATES = 199
+WORK = 1 << 25
+CHUNK = 1 << 22
+
+
+def lc2st(prepared: Prepared) -> list[Finding | NotChecked]:
+    """Coverage gaps of the learned score within regions of the data's features, ranked."""
+    if prepared.features is None:
+        why = "needs the data of each trial (variable x of the Trials), to say where in data space"
+        return [NotChecked("lc2st.local", why)]
+    n = len(prepared.trial)
+    # The first stage only teaches; the others must make at least two regions.
+    least = max(LEAST_TRIALS, 2 * LEAST * STAGES // (STAGES - 1))
+    if n < least:
+        why = f"{n} trial(s) with finite draws; regions of the data need at least {least}"
+        return [NotChecked("lc2st.local", why)]
+    ranks = learned_from(prepared)
+    regions = feature_regions(prepared.features, ranks.row)
+    if not regions:
+        return [NotChecked("lc2st.local", "no feature of the data differs enough between trials for regions")]
+    finding = local_finding(
+        ranks.pit, regions, row=ranks.row, n=n, order=np.argsort(prepared.trial[ranks.row]),
+        seed=prepared.seed, caveats=prepared.caveats,
+    )  # fmt: skip
+    return [finding]
+
+
+def feature_regions(features: Features, row: NDArray[np.int64]) -> list[Regions]:
+    """Regions of the data's features among the trials `row`: user's own and total first, then components."""
+    known = [name for name in features.names if np.isfinite(features.column(name)).all()]
+    first = sorted(known, key=lambda name: name.startswith("component "))[:MOST_FEATURES]
+    cut = (quantile_regions(name, features.column(name)[row]) for name in first)
+    return [regions for regions in cut if len(regions) > 1]
+
+
+def local_finding(
+    pit: ArrayLike,
+    regions: list[Regions],
+    *,
+    row: NDArray[np.int64] | None = None,
+    n: int | None = None,
+    order: ArrayLike | None = None,
+    seed: int,
+    caveats: tuple[str, ...] = (),
+) -> Finding:
+    """Coverage minus level of a learned score in each region, from its PIT ``(scored,)``.
+
+    `row` says which of `n` trials were scored. The one p-value is of the largest |gap| in standard errors,
+    against uniform ranks with these very regions: exact. `order` sorts the trials, so that it does not depend
+    on how they are stored.
+    """
+    u = np.asarray(pit, dtype=float)
+    scored = len(u)
+    where = np.arange(scored) if row is None else row
+    total = scored if n is None else n
+    member = np.concatenate([part.members for part in regions])
+    count = member.sum(axis=1)[:, None]
+    inside = u <= np.array(LEVELS)[:, None]
+    hits = member.astype(float) @ inside.T.astype(float)
+    steadied = (hits + STEADYING) / (count + 2 * STEADYING)
+    gap, error = hits / count - LEVELS, np.sqrt(steadied * (1 - steadied) / count)
+    influence = (inside - (hits / count)[..., None]) * (member * (scored / count))[:, None, :]
+    names = [part.describe(region) for part in regions for region in range(len(part))]
+    kept = np.arange(scored) if order is None else np.asarray(order)
+    p_value, z = largest_gap(u[kept], member[:, kept], seed=seed)
+    worst = np.argsort(-np.abs(z).max(axis=1), kind="stable")
+    details = xr.Dataset(
+        {
+            "region": ("rank", np.array(names)[worst]),
+            "gap": (("rank", "level"), gap[worst]),
+            "z": (("rank", "level"), z[worst]),
+            "n": ("rank", count[worst, 0]),
+        },
+        coords={"level": list(LEVELS)},
+    )
+    return Finding(
+        id="lc2st.local",
+        quantity="local",
+        claim="coverage minus level of a learned score within regions of the data; below 0: truths and draws "
+        "differ there",
+        null="ranks of the truth's score uniform in every region of the data, for an exact posterior",
+        reference=REFERENCE,
+        kind="mean",
+        n_trials=total,
+        components=tuple(f"learned score in {name} @ {level:g}" for name in names for level in LEVELS),
+        estimate=gap.ravel(),
+        standard_error=error.ravel(),
+        influence=spread_out(influence.reshape(-1, scored), where, total),
+        p_value=p_value,
+        details=details,
+        caveats=caveats,
+    )
+
+
+def largest_gap(
+    pit: ArrayLike, member: ArrayLike, *, seed: int, replicates: int | None = None
+) -> tuple[float, Array]:
+    """p-value of the largest gap over regions and levels, and each gap in its null standard error.
+
+    `member` is ``(region, trial)``, the z-values ``(region, level)``; p = (1 + larger) / (1 + replicates).
+
+    >>> halves = np.arange(400) < [[200], [400]]
+    >>> largest_gap(np.random.default_rng(0).random(400) ** 2, halves, seed=1)[0]
+    0.001
+    """
+    u, inside = np.asarray(pit, dtype=float), np.asarray(member, dtype=np.float32)
+    if replicates is None:
+        replicates = int(np.clip(WORK // max(len(u), 1), LEAST_REPLICATES, REPLICATES))
+    level = np.array(LEVELS)
+    scale = np.sqrt(inside.sum(axis=1)[:, None] * level * (1 - level))
+    centre = inside.sum(axis=1)[:, None] * level
+    z = ((u <= level[:, None]).astype(np.float32) @ inside.T).T
+    observed = (z - centre) / scale
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(*inside.shape, 4)))
+    size = max(1, CHUNK // len(u))
+    exceeded = 0
+    for start in range(0, replicates, size):  # bounds memory
+        uniform = rng.random((min(size, replicates - start), 1, len(u)), dtype=np.float32)
+        counts = np.swapaxes((uniform <= level[:, None]).astype(np.float32) @ inside.T, 1, 2)
+        largest = np.abs((counts - centre) / scale).max(axis=(1, 2))
+        exceeded += int(np.count_nonzero(largest >= np.abs(observed).max()))
+    return float((1 + exceeded) / (1 + replicates)), observed

@@ -1,0 +1,64 @@
+"""Truths and draws in coordinates of their own trial's pool, where faults of any posterior look alike.
+
+A bias of a tenth of a posterior sd is a tenth here, however narrow the posterior. The pool is the truth and
+all its draws together: a function of it treats them alike, so they stay exchangeable.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gaugeblock.streams import Rng
+from gaugeblock.validate.learned.discriminant import normal_scores
+
+Array = NDArray[np.float64]
+
+SCORED_DRAWS = 32
+SOFT_LIMIT = 6.0
+
+
+def pool_coordinates(
+    theta_true: ArrayLike, draws: ArrayLike, rng: Rng, *, weight: ArrayLike | None = None
+) -> Array:
+    """Truth and some draws in coordinates of their own trial's pool, ``(trial, 3 + draw, p)``.
+
+    Rows: the truth, up to 32 draws chosen at random, the pool's mean, the log of its sd. The pool is the
+    truth and all draws together, so the coordinates treat them alike and exchangeability survives. Weighted
+    draws are chosen with their weights, with replacement.
+    """
+    truth, sampled = np.asarray(theta_true, dtype=float), np.asarray(draws, dtype=float)
+    n, number, _ = sampled.shape
+    pool = np.concatenate([truth[:, None], sampled], axis=1)
+    size = np.abs(pool).max(axis=1, keepdims=True)
+    size = np.where(size > 0, size, 1.0)
+    mean = (pool / size).mean(axis=1, keepdims=True)
+    spread = (pool / size).std(axis=1, keepdims=True)
+    # Rounding alone is no spread.
+    flat = spread <= 1e-12
+    chosen = np.take_along_axis(sampled, _some(rng, n, number, weight)[:, :, None], axis=1)
+    kept = np.concatenate([truth[:, None], chosen], axis=1)
+    z = np.where(flat, 0.0, (kept / size - mean) / np.where(flat, 1.0, spread))
+    log_spread = np.log(np.where(flat, 1e-12, spread)) + np.log(size)
+    return np.concatenate([soft_limit(z), mean * size, log_spread], axis=1)
+
+
+def soft_limit(z: Array) -> Array:
+    """Coordinates bent so that they stay below 6: a far outlier is far, not everything."""
+    return np.asarray(z / np.sqrt(1 + (z / SOFT_LIMIT) ** 2))
+
+
+def _some(rng: Rng, n: int, number: int, weight: ArrayLike | None) -> NDArray[np.int64]:
+    wanted = min(SCORED_DRAWS, number)
+    if weight is None:
+        return np.asarray(np.argsort(rng.random((n, number)), axis=1)[:, :wanted])
+    total = np.cumsum(np.asarray(weight, dtype=float), axis=1)
+    level = rng.random((n, wanted)) * total[:, -1:]
+    return np.asarray(np.minimum((level[:, :, None] >= total[:, None, :]).sum(axis=2), number - 1))
+
+
+def context_of(mean: Array, log_spread: Array, features: Array | None = None) -> Array:
+    """What all candidates of a trial share ``(trial, k)``: data features, log sd and mean of the pool."""
+    shared = [log_spread, mean] if features is None else [features, log_spread, mean]
+    known = np.concatenate(shared, axis=1)
+    return normal_scores(known, known)

@@ -1,0 +1,1 @@
+"""Whether two codes compute the same likelihood."""

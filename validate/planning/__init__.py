@@ -1,0 +1,1 @@
+"""How many trials it takes, and what so many can show."""

@@ -1,0 +1,194 @@
+"""How many trials and draws an audit takes, and what a number of trials can show.
+
+The promise is about the whole gate: with `power` an exact estimator PASSes all of it, and an estimator with
+twice a tolerated fault in one parameter FAILs it. No estimator is run and no trial simulated: what the gates
+do follows from their known limit (`limit_process`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import special
+
+from gaugeblock.errors import InputError
+from gaugeblock.validate.family import PASS_LEVEL
+from gaugeblock.validate.joint.projections import CENTRAL, LOWEST, directions, pairs
+from gaugeblock.validate.local.local import MOST_COMPONENTS, NOMINAL
+from gaugeblock.validate.marginal.coverage import LEVELS
+from gaugeblock.validate.planning.limit_process import QUANTITIES, LimitProcess, hidden_by
+from gaugeblock.validate.planning.rank_power import RankFault, smallest
+from gaugeblock.validate.policy import Policy
+
+# Share of a fault that finite draws may hide before more draws are asked for.
+MOST_HIDDEN = 0.03
+# What a whole audit judges, each family with its own share of the budget: all that is measured on the main
+# trials, the joint likelihood, importance sampling. Fewer only make an audit stronger than planned.
+FAMILIES = 3
+# Comparisons of learned scores (c2st.rank, lc2st.local), and regions of each feature.
+LEARNED = 96
+REGIONS = 4
+FEWEST, MOST = 10, 10**9
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyPlan:
+    """What a number of trials and draws promises under the tolerances of a policy.
+
+    `smallest_detectable`: the fault that FAILs with the planning power, per quantity; `fail_probability`: of
+    twice the tolerated fault; `hidden_by_draws`: the share of a small fault that finite draws hide;
+    `noticed_by_rank_test`: trials at which rank tests of one parameter at 5% would notice the *tolerated*
+    fault, which is no reason to block anything.
+    """
+
+    trials: int
+    draws: int
+    params: int
+    policy: Policy
+    families: int
+    further: int
+    seed: int
+    critical_value: float
+    pass_probability_exact: float
+    fail_probability: dict[str, float]
+    smallest_detectable: dict[str, float]
+    hidden_by_draws: dict[str, float]
+    noticed_by_rank_test: dict[str, dict[str, int]]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data, as the command line prints it."""
+        return {
+            "trials": self.trials,
+            "draws": self.draws,
+            "params": self.params,
+            "power": self.policy.planning.power,
+            "error_budget": self.policy.error_budget,
+            "families": self.families,
+            "further_comparisons": self.further,
+            "tolerance": {name: float(getattr(self.policy.tolerance, name)) for name in QUANTITIES},
+            "pass_probability_exact": self.pass_probability_exact,
+            "fail_probability_twice_tolerated": self.fail_probability,
+            "smallest_detectable": self.smallest_detectable,
+            "hidden_by_draws": self.hidden_by_draws,
+            "critical_value": self.critical_value,
+            "noticed_by_rank_test": self.noticed_by_rank_test,
+            "seed": self.seed,
+        }
+
+
+def plan(
+    policy: Policy,
+    *,
+    params: int,
+    trials: int | None = None,
+    draws: int | None = None,
+    families: int = FAMILIES,
+    further: int | None = None,
+    seed: int = 0,
+) -> StudyPlan:
+    """The fewest trials that keep the promise under `policy`; with `trials`, what so many promise.
+
+    `families` and `further` say with what else the gates of `sbc` and `coverage` share the budget; without
+    them with all that a whole audit judges.
+
+    Null: parameters independent, posteriors Gaussian; both are the harder case. The power is the policy's.
+
+    Raises
+    ------
+    InputError
+        If a number is out of range, or a tolerance so small that no number of trials would do.
+
+    >>> from gaugeblock.validate.policy import read_policy
+    >>> planned = plan(read_policy("default"), params=5)
+    >>> 2500 < planned.trials < 4000, planned.draws
+    (True, 130)
+    """
+    _check(params=params, trials=trials, draws=draws, families=families)
+    depth = _draws_for(MOST_HIDDEN) if draws is None else draws
+    others = further_comparisons(params) if further is None else further
+    process = LimitProcess(parameters=params, draws=depth, families=families, further=others, seed=seed)
+    tolerance, budget, power = policy.tolerance, policy.error_budget, policy.planning.power
+
+    def enough(n: int) -> bool:
+        fails = process.fail_probability(n, tolerance, error_budget=budget)
+        return min(fails.values()) >= power and _passes(process, policy, n) >= power
+
+    number = smallest(enough, first=FEWEST, most=MOST) if trials is None else trials
+    if number is None:
+        raise InputError(_hopeless(tolerance.model_dump(), depth))
+    return StudyPlan(
+        trials=number,
+        draws=depth,
+        params=params,
+        policy=policy,
+        families=families,
+        further=others,
+        seed=seed,
+        critical_value=process.critical(number, budget),
+        pass_probability_exact=_passes(process, policy, number),
+        fail_probability=process.fail_probability(number, tolerance, error_budget=budget),
+        smallest_detectable=process.smallest_detectable(number, tolerance, error_budget=budget, power=power),
+        hidden_by_draws=hidden_by(depth),
+        noticed_by_rank_test={
+            name: {
+                "neyman_4": fault.trials(fault.smooth_power, power),
+                "ecdf_band": fault.trials(fault.band_power, power),
+            }
+            for name, fault in (
+                ("bias", RankFault(bias=tolerance.bias)),
+                ("log_width", RankFault(log_width=-tolerance.log_width)),
+            )
+        },
+    )
+
+
+def further_comparisons(params: int) -> int:
+    """How many comparisons a whole audit makes on its main trials beside bias, width and central coverage."""
+    projected = len(directions(params)) * len(CENTRAL) + len(pairs(params)) * len(LOWEST)
+    curves = 2 * len(LEVELS)
+    return curves + projected + MOST_COMPONENTS + LEARNED
+
+
+def _passes(process: LimitProcess, policy: Policy, trials: int) -> float:
+    """Probability that an exact estimator PASSes every required gate whose limit is known.
+
+    Joint coverage curves and regions are taken to be independent of everything else, which is the harder
+    case. Importance sampling is left out: how efficient an exact density is, is no matter of trials.
+    """
+    tolerance = policy.tolerance
+    probability = process.pass_probability(trials, tolerance)
+    curves = sum(policy.requires(name) for name in ("joint.hpd", "joint.tarp"))
+    probability *= process.curve_pass_probability(trials, tolerance.joint) ** curves
+    if policy.requires("local.coverage"):
+        error = np.sqrt(NOMINAL * (1 - NOMINAL) * REGIONS / trials)
+        inside = 1 - 2 * special.ndtr(special.ndtri(PASS_LEVEL) - tolerance.local / error)
+        probability *= float(np.prod(np.maximum(inside, 0) ** (MOST_COMPONENTS / len(NOMINAL))))
+    return probability
+
+
+def _check(**numbers: int | None) -> None:
+    least = {"params": 1, "trials": FEWEST, "draws": 2, "families": 1}
+    most = {"params": 1000, "trials": MOST, "draws": MOST, "families": 100}
+    for name, number in numbers.items():
+        if number is not None and not least[name] <= number <= most[name]:
+            raise InputError(
+                f"{name} = {number}: must be a whole number from {least[name]} to {most[name]:,}"
+            )
+
+
+def _draws_for(hidden: float) -> int:
+    """Fewest draws, in tens, that hide no more than this of any fault."""
+    draws = smallest(lambda n: max(hidden_by(n).values()) <= hidden, first=2, most=MOST)
+    assert draws is not None
+    return math.ceil(draws / 10) * 10
+
+
+def _hopeless(tolerance: dict[str, float], draws: int) -> str:
+    named = ", ".join(f"{name} {tolerance[name]:g}" for name in QUANTITIES)
+    return (
+        f"no number of trials up to {MOST:,} settles {named} with {draws} draws a trial; "
+        "tolerate more, or use more draws"
+    )
