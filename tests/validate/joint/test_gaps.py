@@ -37,7 +37,10 @@ def test_errors_of_averages_over_regions_are_those_of_the_averages():
     shares = np.array([(u <= level).mean(axis=2) for level in LEVELS])
     spread = (shares.mean(axis=2) - np.array(LEVELS)[:, None]).std(axis=1)
     finding = gaps(shares[:, 0])
-    steadied = np.sqrt((300 * spread**2 * 300 + STEADYING / 2) / 304 / 300)
+    # As many successes as failures were added: they have a spread of their own, and pull the mean to 1/2.
+    more, level = 2 * STEADYING, np.array(LEVELS)
+    pulled = 300 * more / (300 + more) * (level - 0.5) ** 2
+    steadied = np.sqrt((300 * spread**2 * 300 + more / 4 + pulled) / (300 + more) / 300)
     np.testing.assert_allclose(finding.standard_error, steadied, rtol=0.15)
     whole = gaps((u[0, :, 0] <= np.array(LEVELS)[:, None]).astype(float))
     assert (finding.standard_error[2:-2] < 0.7 * whole.standard_error[2:-2]).all()
@@ -48,7 +51,10 @@ def test_a_component_that_every_trial_holds_is_no_certainty():
 
 
 def test_intervals_hold_zero_as_often_as_they_say():
-    """2,000 exact sets of 200 trials: |estimate| / error beyond 1.96 in 5%, each level within 4 errors."""
+    """2,000 exact sets of 200 trials: |estimate| / error beyond 1.96 in 5%, each level within 4 errors.
+
+    At the extreme levels in fewer: they are steadied for the far tails of simultaneous intervals.
+    """
     u = np.random.default_rng(3).random((2000, 200))
     beyond = np.mean(
         [
@@ -58,7 +64,7 @@ def test_intervals_hold_zero_as_often_as_they_say():
         axis=0,
     )
     assert (beyond[1:-1] < 0.05 + 4 * np.sqrt(0.05 * 0.95 / 2000)).all()
-    assert (beyond > 0.015).all()
+    assert (beyond[1:-1] > 0.015).all()
 
 
 def test_the_floor_stands_beside_the_curve():

@@ -130,7 +130,9 @@ def test_influences_are_on_all_trials_and_agree_with_the_errors():
     assert np.count_nonzero((rank.influence == 0).all(axis=0)) == 100
     np.testing.assert_allclose(rank.influence.mean(axis=1), 0, atol=1e-12)
     error = np.sqrt((rank.influence**2).mean(axis=1) / 600)
-    np.testing.assert_allclose(error, rank.standard_error, rtol=0.05)
+    # Apart from what steadies extreme levels.
+    np.testing.assert_allclose(error[4:10], rank.standard_error[4:10], rtol=0.01)
+    assert (rank.standard_error > 0.99 * error).all()
     assert rank.population == "trials"
     assert rank.n_trials == 600
     assert rank.quantity == "joint"

@@ -78,7 +78,9 @@ def test_influences_agree_with_the_errors():
     assert (found.influence[:, :100] == 0).all()
     np.testing.assert_allclose(found.influence.mean(axis=1), 0, atol=1e-12)
     error = np.sqrt((found.influence**2).mean(axis=1) / 1000)
-    np.testing.assert_allclose(error, found.standard_error, rtol=0.05)
+    # Apart from what steadies extreme levels in regions of few trials.
+    np.testing.assert_allclose(error[1::3], found.standard_error[1::3], rtol=0.01)
+    assert (found.standard_error > 0.99 * error).all()
 
 
 def test_features_of_the_users_own_come_first():

@@ -9,6 +9,7 @@ from scipy import stats
 from gaugeblock.validate import NotChecked, Outcome, judge, make_policy, make_trials, trials_tree
 from gaugeblock.validate.local.local import CHECKS, held, local, local_coverage, local_finding, location
 from gaugeblock.validate.local.regions import quantile_regions
+from gaugeblock.validate.marginal.coverage import STEADYING
 from gaugeblock.validate.marginal.ranks import randomised_pit
 from gaugeblock.validate.prepared import Prepared
 
@@ -65,7 +66,9 @@ def test_gaps_are_those_of_the_region_alone():
         # The bootstrap's standard error, over all trials, is the binomial one of the region.
         error = np.sqrt((found.influence[region] ** 2).mean(axis=-1) / 1000)
         np.testing.assert_allclose(error, np.sqrt(covered * (1 - covered) / here.sum()), rtol=1e-9)
-        np.testing.assert_allclose(found.standard_error[region], error, rtol=0.1)
+        steadied = (covered * here.sum() + STEADYING) / (here.sum() + 2 * STEADYING)
+        expected = np.sqrt(steadied * (1 - steadied) / here.sum())
+        np.testing.assert_allclose(found.standard_error[region], expected, rtol=1e-9)
 
 
 def test_findings_say_where():

@@ -16,7 +16,9 @@ def scores(n, draws, dimensions=1, *, log_width=0.0, bias=0.0, seed=0, shape=lam
     return winsorised_scores(truth, sampled, rng, weight=np.ones((n, draws)) if weight else None)
 
 
-@pytest.mark.parametrize("shape", [lambda z: z, np.exp, lambda z: z**3, np.sign], ids=str)
+@pytest.mark.parametrize(
+    "shape", [lambda z: z, np.exp, lambda z: z**3, np.sign], ids=["gaussian", "lognormal", "cubed", "signs"]
+)
 @pytest.mark.parametrize("draws", [1, 5, 100])
 def test_an_exact_posterior_of_any_shape_scores_what_is_expected(shape, draws):
     """|z| < 4.5 for two means: false alarm below 1.4e-5 a case."""
