@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,10 +16,10 @@ from gaugeblock.errors import InputError
 from gaugeblock.estimators.protocol import Estimator
 from gaugeblock.identity import identity, versions
 from gaugeblock.observation import read_observation, trials_around
+from gaugeblock.provenance import earlier_provenance, intrinsic, named, title
 from gaugeblock.reports import write_reports
 from gaugeblock.samples import Plan
 from gaugeblock.simulators import Simulator, build_simulator
-from gaugeblock.tables import Named
 from gaugeblock.validate import Finding, NotChecked, Policy, Verdict, judge, run_validators
 from gaugeblock.validate.findings_file import read_findings, write_findings
 from gaugeblock.validate.trials import POSTERIOR, add_group, read_trials, write_trials
@@ -67,7 +66,7 @@ def audit(
         select=config.validators,
         anytime=config.trials.anytime,
         observation=None if config.trials.observation is None else Path(config.trials.observation),
-        names=(_named(config.simulator), _named(config.estimator)),
+        names=(named(config.simulator), named(config.estimator)),
         command=command,
         progress=progress,
     )
@@ -179,7 +178,7 @@ def judge_again(
     """
     trials = read_trials(folder / "trials.nc")
     findings, not_checked = read_findings(folder / "findings.nc")
-    earlier = _earlier_provenance(folder)
+    earlier = earlier_provenance(folder)
     chosen = int(earlier.get("seed") or 0) if seed is None else seed
     verdict = judge(findings, not_checked, policy, seed=chosen)
     rules = policy.model_dump(mode="json")
@@ -191,7 +190,7 @@ def judge_again(
         "sha256": {**dict(earlier.get("sha256") or {}), "policy": digest(rules)},
     }
     verdict = replace(verdict, provenance=record)
-    write_reports(verdict, findings, trials, _folder(out or folder), title=_title(record))
+    write_reports(verdict, findings, trials, _folder(out or folder), title=title(record))
     return Audit(trials, findings, not_checked, verdict)
 
 
@@ -221,11 +220,11 @@ def _judged(
         "versions": versions(),
     }
     record["sha256"] = {
-        **{name: digest(_intrinsic(record[name])) for name in DIGESTED if name in record},
+        **{name: digest(intrinsic(record[name])) for name in DIGESTED if name in record},
         "trials": file_digest(out / "trials.nc"),
     }
     verdict = replace(verdict, provenance=record)
-    write_reports(verdict, findings, trials, out, title=_title(record))
+    write_reports(verdict, findings, trials, out, title=title(record))
     return Audit(trials, findings, not_checked, verdict)
 
 
@@ -233,42 +232,6 @@ def _estimator(config: AuditConfig, simulator: Simulator) -> Any:
     from gaugeblock.estimators.registry import build_estimator
 
     return build_estimator(config.estimator.name, simulator, **config.estimator.options)
-
-
-def _named(choice: Named) -> dict[str, Any]:
-    return {"name": choice.name, "options": choice.options}
-
-
-def _title(provenance: Mapping[str, Any]) -> str:
-    estimator, simulator = provenance.get("estimator"), provenance.get("simulator")
-    if isinstance(estimator, Mapping) and isinstance(simulator, Mapping):
-        return f"{_subject(estimator)} on {_subject(simulator)}"
-    trials = provenance.get("trials")
-    file = trials.get("file") if isinstance(trials, Mapping) else None
-    return f"Draws from {Path(str(file)).name}" if file else "Audit"
-
-
-def _intrinsic(record: Mapping[str, Any]) -> dict[str, Any]:
-    """What a thing is, without how it was asked for: the same model has one digest wherever it lies."""
-    return {key: value for key, value in record.items() if key not in ("name", "options")}
-
-
-def _subject(choice: Mapping[str, Any]) -> str:
-    """Name and those options that are words: "xray (epic-pn, medium)"."""
-    options = choice.get("options")
-    words = [value for value in dict(options or {}).values() if isinstance(value, str)]
-    return f"{choice.get('name', '?')} ({', '.join(words)})" if words else str(choice.get("name", "?"))
-
-
-def _earlier_provenance(folder: Path) -> dict[str, Any]:
-    try:
-        record = json.loads((folder / "verdict.json").read_text(encoding="utf-8"))["provenance"]
-    except (OSError, ValueError, KeyError, TypeError):
-        raise InputError(
-            f"{folder / 'verdict.json'}: cannot be read; give the folder of a finished audit, "
-            "or run `gaugeblock audit` first"
-        ) from None
-    return dict(record)
 
 
 def _folder(path: Path) -> Path:
