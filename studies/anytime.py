@@ -1,7 +1,7 @@
 """The anytime mode, watched after every trial and stopped at the first decision: errors, and trials needed.
 
-``trials`` is when it stopped; the number that a gate for a fixed number of trials takes to see the same fault
-with probability 1/2 stands beside it in the table.
+``trials`` is when it stopped; the number that a gate for a fixed number of trials takes to come to the same
+verdict with the policy's power stands beside it in the table.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from gaugeblock.validate.marginal.ranks import randomised_pit
 from gaugeblock.validate.marginal.winsorised import winsorised_scores
 from gaugeblock.validate.verdict import combine
 from studies.boundary import Moved, kink
+from studies.planned import fewest
 from studies.policies import DEFAULT
 from studies.problem import problem
 from studies.replicates import Part, Replicate, Values
@@ -52,6 +53,26 @@ def cases() -> dict[str, Case]:
         "shift 0.3 sd": Case(Moved(one, shift=0.3), trials=2000),
         "shift 1 sd": Case(Moved(one, shift=1.0), trials=400),
     }
+
+
+def fixed_number(case: Case) -> int | None:
+    """Trials that `gaugeblock plan` asks for in place of watching: to PASS, or to FAIL for the fault there is.
+
+    None on an edge, where no number of trials decides.
+    """
+    estimator, edge = case.estimator, DEFAULT.tolerance
+    fault = {"bias": abs(float(estimator.shift)), "log_width": abs(float(np.log(estimator.ratio)))}
+    beyond = {name: size for name, size in fault.items() if size > 1.01 * getattr(edge, name)}
+    alone = {"params": 1, "draws": DRAWS, "families": 1, "further": 0}
+    if beyond:
+        return fewest(
+            DEFAULT,
+            lambda plan: all(plan.smallest_detectable[n] <= size for n, size in beyond.items()),
+            **alone,
+        )
+    if any(fault.values()) or estimator.marginal is not None:
+        return None
+    return fewest(DEFAULT, lambda plan: plan.pass_probability_exact >= DEFAULT.planning.power, **alone)
 
 
 def sequences(case: Case, rng: np.random.Generator) -> list[Finding]:

@@ -23,6 +23,7 @@ from gaugeblock.validate.planning.planner import plan as planned
 from studies.audits import audit, plan
 from studies.boundary import Moved, kink
 from studies.gate import outcome
+from studies.planned import fewest
 from studies.policies import DEFAULT
 from studies.problem import problem
 from studies.replicates import Part, Replicate, Values
@@ -86,13 +87,13 @@ def zoo() -> dict[str, Member]:
 
 def detectable(quantity: str, effect: float) -> int:
     """Fewest trials, in hundreds, from which the planner calls the effect detectable by the strict policy."""
-    strict = read_policy("strict")
-    low, high = 0, 128
-    while high - low > 1:
-        middle = (low + high) // 2
-        promise = planned(strict, params=2, draws=DRAWS, trials=100 * middle)
-        low, high = (low, middle) if promise.smallest_detectable[quantity] <= effect else (middle, high)
-    return 100 * high
+    return fewest(
+        read_policy("strict"),
+        lambda promise: promise.smallest_detectable[quantity] <= effect,
+        params=2,
+        draws=DRAWS,
+        step=100,
+    )
 
 
 @cache

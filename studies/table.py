@@ -11,6 +11,8 @@ import numpy as np
 import xarray as xr
 from scipy import stats
 
+from studies import anytime
+
 DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "error-rates.md"
 
 
@@ -91,11 +93,27 @@ def power_table(table: xr.Dataset) -> str:
 def anytime_table(table: xr.Dataset) -> str:
     """Decisions of the anytime mode, and when they fell."""
     lines = []
+    known = anytime.cases()
     for case in table["case"].values.tolist():
+        fixed = anytime.fixed_number(known[case])
         when = table["trials"].sel(case=case).values
         times = ", ".join(f"{t:,.0f}" if np.isfinite(t) else "none" for t in when)
-        lines.append((case, *(percent(table, case=case, thing=t) for t in ("FAIL", "PASS")), times))
-    return rows(("estimator", "FAIL", "PASS", "trials at the decision: 10%, 50%, 90% of audits"), lines)
+        lines.append(
+            (
+                case,
+                *(percent(table, case=case, thing=t) for t in ("FAIL", "PASS")),
+                times,
+                f"{fixed:,}" if fixed else "",
+            )
+        )
+    header = (
+        "estimator",
+        "FAIL",
+        "PASS",
+        "trials at the decision: 10%, 50%, 90% of audits",
+        "a fixed number",
+    )
+    return rows(header, lines)
 
 
 def made_by(table: xr.Dataset) -> str:
