@@ -56,7 +56,7 @@ def cases() -> dict[str, Case]:
 
 
 def fixed_number(case: Case) -> int | None:
-    """Trials that `gaugeblock plan` asks for in place of watching: to PASS, or to FAIL for the fault there is.
+    """Trials that `gaugeblock plan` asks for in place of watching: to PASS, or to FAIL for what is wrong.
 
     None on an edge, where no number of trials decides.
     """
