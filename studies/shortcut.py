@@ -24,8 +24,8 @@ from studies.summary import indicators
 
 # What the simulated audits can show.
 DEFAULT = make_policy({"required": ["sbc", "coverage"]}, source="study")
-# Fractions of 500 draws are discrete. This lies midway between two of them, so that exactly half of the rounded
-# fractions are above it: at 0.0999 it is 51%, and PASSes come in 6.4% of audits.
+# Fractions of 500 draws are discrete. This lies midway between two of them, so that exactly half of the
+# rounded fractions are above it; at 0.0999 it is 51%, and 6.4% of audits PASS.
 ESS = 49.5 / 500
 
 
