@@ -127,16 +127,26 @@ def test_what_ultranest_stored_is_our_likelihood_at_our_prior(plain):
 
 def check_audit(spectrum, candidate, folder):
     """What an audit stores for importance weights."""
-    from gaugeblock.collect import Plan, collect
+    from gaugeblock.collect import collect
+    from gaugeblock.samples import Plan
     from gaugeblock.validate import importance_trials, main_trials
+    from gaugeblock.validate.trials import JOINT, group_trials
 
-    plan = Plan(number=12, draws=3, chunk=12, importance_number=12, importance_draws=40, seed=3)
+    plan = Plan(
+        number=12, draws=3, chunk=12, importance_number=12, importance_draws=40,
+        joint_number=12, joint_draws=3, seed=3,
+    )  # fmt: skip
     tree = collect(candidate, FromPrior(spectrum.prior), plan, folder)
     stored, x = importance_trials(tree), main_trials(tree)["x"].values
     draws = stored["draws"].values
     expected = poisson.logpmf(x[:, None], spectrum.expected(draws)).sum(axis=-1)
     np.testing.assert_allclose(stored["log_likelihood"], expected, rtol=RTOL)
     np.testing.assert_allclose(stored["log_prior"], spectrum.prior.log_prob(draws), rtol=RTOL)
+    joint = group_trials(tree, JOINT)
+    at_truth = poisson.logpmf(x, spectrum.expected(joint["theta_true"].values)).sum(axis=-1)
+    np.testing.assert_allclose(joint["log_likelihood_true"], at_truth, rtol=RTOL)
+    at_draws = poisson.logpmf(x[:, None], spectrum.expected(joint["draws"].values)).sum(axis=-1)
+    np.testing.assert_allclose(joint["log_likelihood"], at_draws, rtol=RTOL)
 
 
 def test_what_an_audit_stores_is_our_likelihood(plain, tmp_path):
