@@ -138,10 +138,10 @@ class Prepared:
             and not str(name).startswith(("quantity_", "log_evidence"))
         ]
 
-    def _parts(self, names: Sequence[str] | None = None) -> Iterator[tuple[slice, xr.Dataset, Any]]:
+    def _parts(self) -> Iterator[tuple[slice, xr.Dataset, Any]]:
         """Slices of the main trials with unaffected ones in them: their rows, the part, which to keep."""
-        main = self.main if names is None else self.main[list(names)]
-        length = block_length(values_per_trial(self.main))
+        main = self.main
+        length = block_length(values_per_trial(main))
         row = 0
         for start in range(0, main.sizes["trial"], length):
             kept = self.unaffected[start : start + length]

@@ -45,20 +45,12 @@ def bias_finding(
     name: str, errors: Array, *, trial: NDArray[np.int64] | None = None, caveats: tuple[str, ...] = ()
 ) -> Finding:
     """Bias of one parameter in posterior sd, from standardised errors ``(trial,)``; positive: too high."""
-    estimate, standard_error, influence = bias(errors)
-    return Finding(
-        id=f"sbc.bias[{name}]",
-        quantity="bias",
+    return _moment_finding(
+        "bias",
+        name,
+        bias(errors),
         claim=f"bias of {name} in posterior standard deviations; positive: the estimator lies too high",
         null="mean standardised error 0, exactly, for an exact posterior of any shape",
-        reference="exchangeability of the truth with its draws; " + REFERENCE,
-        kind="mean",
-        n_trials=len(errors),
-        components=(name,),
-        estimate=np.array([estimate]),
-        standard_error=np.array([standard_error]),
-        influence=influence[None],
-        p_value=two_sided(estimate / standard_error),
         details=_details({"standardised_error": ("trial", errors)}, trial),
         caveats=caveats,
     )
@@ -68,20 +60,43 @@ def log_width_finding(
     name: str, errors: Array, *, draws: float = np.inf, caveats: tuple[str, ...] = ()
 ) -> Finding:
     """Log width ratio of one parameter, from standardised errors ``(trial,)``; negative: too narrow."""
-    estimate, standard_error, influence = log_width(errors, draws=draws)
-    return Finding(
-        id=f"sbc.log_width[{name}]",
-        quantity="log_width",
+    return _moment_finding(
+        "log_width",
+        name,
+        log_width(errors, draws=draws),
         claim=f"natural log of estimated over true posterior width of {name}; negative: too narrow",
         null="standardised errors of variance 1, exactly, for an exact posterior of any shape",
+        details=xr.Dataset(),
+        caveats=caveats,
+    )
+
+
+def _moment_finding(
+    quantity: str,
+    name: str,
+    moment: tuple[float, float, Array],
+    *,
+    claim: str,
+    null: str,
+    details: xr.Dataset,
+    caveats: tuple[str, ...],
+) -> Finding:
+    """A moment of standardised errors, given as estimate, standard error and influence, as a finding."""
+    estimate, standard_error, influence = moment
+    return Finding(
+        id=f"sbc.{quantity}[{name}]",
+        quantity=quantity,
+        claim=claim,
+        null=null,
         reference="exchangeability of the truth with its draws; " + REFERENCE,
         kind="mean",
-        n_trials=len(errors),
+        n_trials=len(influence),
         components=(name,),
         estimate=np.array([estimate]),
         standard_error=np.array([standard_error]),
         influence=influence[None],
         p_value=two_sided(estimate / standard_error),
+        details=details,
         caveats=caveats,
     )
 
