@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from gaugeblock.simulators.marginals import Marginal
 from gaugeblock.simulators.prior import Prior
@@ -25,6 +26,8 @@ class Effect:
 
     name: str
     parameters: Mapping[str, float | Marginal] = field(default_factory=dict)
+    kind: Any = field(default=None, compare=False, repr=False)
+    """What the name means, for an effect that the simulator does not know by itself."""
 
     @property
     def free(self) -> dict[str, Marginal]:

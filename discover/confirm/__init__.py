@@ -1,0 +1,1 @@
+"""Does the name hold on data that did not choose it."""

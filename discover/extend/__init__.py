@@ -1,0 +1,1 @@
+"""Fit again with the effect in the model."""

@@ -1,0 +1,104 @@
+"""What discovery may propose: an effect with its priors, its scan, its cause and its typical size."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import product
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gaugeblock.errors import InputError
+from gaugeblock.simulators.effects import Effect
+from gaugeblock.simulators.marginals import Marginal
+
+Origin = Literal["source", "instrument"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LibraryEffect:
+    """A candidate for the effect that is missing.
+
+    A simulator with the capability ``effect_library(theta)`` returns a mapping of these by name, scaled for
+    the fitted theta ``(n, parameter)``; every one of them can be worked into it by ``with_effect``.
+
+    Attributes
+    ----------
+    name : str
+        The effect's name.
+    parameters : mapping of str to Marginal
+        Prior of every parameter, in order. The amplitude's must be uniform and hold `neutral`.
+    amplitude : str
+        The parameter that scales the effect.
+    neutral : float
+        Value of the amplitude at which the effect vanishes.
+    step : float
+        Departure of the amplitude from `neutral` at which the effect's shape is taken: of a typical size.
+    scanned : mapping of str to ndarray
+        Values at which each of the other parameters is tried first; all combinations are.
+    units : mapping of str to str
+        Unit of every parameter; "" where it has none.
+    cause : str
+        One paragraph: what in nature or in the instrument does this.
+    typical : str
+        Its usual size, in words.
+    origin : "source" or "instrument"
+        Whether it belongs to what is observed or to what observes: an instrument's is shared by all sources.
+    energies : tuple of str
+        Parameters that are energies (or widths) in the rest frame of the source.
+    kind : object
+        Passed on in `Effect.kind`, for an effect of the user's own.
+
+    Raises
+    ------
+    InputError
+        If the amplitude's prior does not hold the neutral value, or a parameter that is neither the
+        amplitude nor scanned is left.
+    """
+
+    name: str
+    parameters: Mapping[str, Marginal]
+    amplitude: str
+    neutral: float
+    step: float
+    scanned: Mapping[str, ArrayLike] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    cause: str
+    typical: str
+    origin: Origin = "source"
+    energies: tuple[str, ...] = ()
+    kind: Any = None
+
+    def __post_init__(self) -> None:
+        if set(self.parameters) != {self.amplitude, *self.scanned}:
+            raise InputError(
+                f"effect {self.name}: every parameter but the amplitude {self.amplitude!r} needs values to "
+                f"scan; it has {', '.join(self.parameters)} and scans {', '.join(self.scanned) or 'nothing'}"
+            )
+        low, high = self.parameters[self.amplitude].support
+        if not low <= self.neutral <= high or not low <= self.neutral + self.step <= high:
+            raise InputError(
+                f"effect {self.name}: the prior of {self.amplitude} must hold {self.neutral:g} and "
+                f"{self.neutral + self.step:g}, it reaches from {low:g} to {high:g}"
+            )
+
+    @property
+    def two_sided(self) -> bool:
+        """Whether the amplitude may lie on either side of its neutral value."""
+        low, high = self.parameters[self.amplitude].support
+        return bool(low < self.neutral < high)
+
+    @property
+    def nodes(self) -> NDArray[np.float64]:
+        """All combinations of scanned values, the amplitude one step from neutral: ``(node, parameter)``."""
+        grids = [
+            [self.neutral + self.step] if name == self.amplitude else np.asarray(self.scanned[name], float)
+            for name in self.parameters
+        ]
+        return np.array(list(product(*grids)), dtype=float)
+
+    def effect(self, **fixed: float) -> Effect:
+        """The effect with all its parameters free, but for those given a number."""
+        return Effect(self.name, {**self.parameters, **fixed}, kind=self.kind)
