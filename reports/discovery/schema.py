@@ -77,8 +77,8 @@ GROUPS: Mapping[str, Group] = {
         ("p_global", "replicates"),
     ),
     "quantiles": Group(
-        "Cumulative observed minus expected counts of each segment, over the root of its total, with the band "
-        "that holds whole curves of 95% of simulated data; `expected` is the cumulative share expected.",
+        "Cumulative observed minus expected counts of each segment, over the root of its total, with a band "
+        "that holds 95% of whole simulated curves; `expected` is the cumulative share expected.",
         {**AXIS, **_along("channel", "expected difference low high")},
         attributes=("p_global",),
     ),
