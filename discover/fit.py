@@ -1,0 +1,250 @@
+"""Fits of many sources side by side: the likeliest theta of each, by damped Fisher scoring."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gaugeblock.discover.coordinates import EDGE, Coordinates
+from gaugeblock.simulators.protocol import can, poisson_log_likelihood
+
+Array = NDArray[np.float64]
+
+TINY = 1e-12
+"""Smallest mean that a residual is divided by."""
+
+BLOCK = 2048
+"""Sources fitted side by side: bounds memory."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The likeliest theta of every source.
+
+    `theta` is ``(source, parameter)``; `expected` ``(source, channel)`` counts there; `jacobian`
+    ``(source, channel, parameter)`` their derivative by the `Coordinates` of the prior; `precision`
+    ``(parameter,)`` the penalty in those coordinates; `log_likelihood` and `objective` (with the penalty)
+    ``(source,)``; `converged` ``(source,)`` whether the last step promised less than `TOLERANCE`.
+    """
+
+    theta: Array
+    expected: Array
+    jacobian: Array
+    precision: Array
+    log_likelihood: Array
+    objective: Array
+    converged: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.theta)
+
+
+TOLERANCE = 1e-4
+"""A fit has converged when the next step promises less than this gain in log likelihood."""
+
+
+def fit(
+    simulator: Any,
+    counts: ArrayLike,
+    *,
+    scale: ArrayLike | None = None,
+    start: ArrayLike | None = None,
+    fixed: tuple[str, ...] = (),
+    iterations: int = 60,
+    bank: int = 2048,
+    tries: int = 3,
+    seed: int = 0,
+) -> Fit:
+    """Maximise the Poisson likelihood of each row of counts, times the Gaussian part of the prior.
+
+    Bounded priors only bound; within them every value is as good as another. Counts need not be whole.
+
+    Parameters
+    ----------
+    simulator
+        With ``prior``, ``expected(theta)`` and, for speed, ``jacobian(theta)``.
+    counts : array, shape (source, channel)
+    scale : array, shape (source,), optional
+        Exposure of each source in units of the simulator's.
+    start : array, shape (source, parameter) or (source, try, parameter), optional
+        Where to begin; without it at the `tries` likeliest of `bank` draws from the prior.
+    fixed : tuple of str
+        Parameters that stay where `start` puts them.
+    iterations : int
+        Most steps.
+    seed : int
+        Of the draws.
+    """
+    rows = np.asarray(counts, dtype=float)
+    scales = np.ones(len(rows)) if scale is None else np.broadcast_to(np.asarray(scale, float), (len(rows),))
+    coordinates = Coordinates(simulator.prior)
+    if start is None:
+        starts = _likeliest_draws(simulator, rows, scales, bank, tries, seed)
+    else:
+        given = np.asarray(start, dtype=float)
+        starts = given[:, None] if given.ndim == 2 else given
+    free = np.array([name not in fixed for name in simulator.prior.names])
+    pieces = [
+        _best(
+            simulator,
+            coordinates,
+            rows[i : i + BLOCK],
+            scales[i : i + BLOCK],
+            starts[i : i + BLOCK],
+            free,
+            iterations,
+        )
+        for i in range(0, len(rows), BLOCK)
+    ]
+    return pieces[0] if len(pieces) == 1 else _joined(pieces)
+
+
+def _joined(pieces: list[Fit]) -> Fit:
+    def join(name: str) -> Any:
+        return np.concatenate([getattr(piece, name) for piece in pieces])
+
+    names = ("theta", "expected", "jacobian", "log_likelihood", "objective", "converged")
+    return replace(pieces[0], **{name: join(name) for name in names})
+
+
+def _likeliest_draws(simulator: Any, counts: Array, scale: Array, bank: int, tries: int, seed: int) -> Array:
+    """The likeliest draws from the prior for each source, ``(source, try, parameter)``."""
+    theta = simulator.prior.sample(bank, np.random.default_rng(seed))
+    mean = np.maximum(np.asarray(simulator.expected(theta)), TINY)
+    score = counts @ np.log(mean).T - scale[:, None] * mean.sum(axis=1)
+    best = np.argsort(-score, axis=1)[:, :tries]
+    return np.asarray(theta[best])
+
+
+def _best(
+    simulator: Any,
+    coordinates: Coordinates,
+    counts: Array,
+    scale: Array,
+    starts: Array,
+    free: NDArray[np.bool_],
+    iterations: int,
+) -> Fit:
+    """Fit from every start at once and keep each source's best."""
+    sources, tries = starts.shape[:2]
+    place = _climb(
+        simulator,
+        coordinates,
+        np.repeat(counts, tries, axis=0),
+        np.repeat(scale, tries),
+        coordinates.of(starts).reshape(sources * tries, -1),
+        free,
+        iterations,
+    )
+    position, objective, converged = place
+    pick = np.arange(sources) * tries + np.argmin(objective.reshape(sources, tries), axis=1)
+    position, objective, converged = position[pick], objective[pick], converged[pick]
+    theta = coordinates.theta(position)
+    expected = np.asarray(simulator.expected(theta)) * scale[:, None]
+    return Fit(
+        theta,
+        expected,
+        _jacobian(simulator, coordinates, position, scale),
+        coordinates.precision,
+        poisson_log_likelihood(np.maximum(expected, TINY), counts),
+        objective,
+        converged,
+    )
+
+
+def _climb(
+    simulator: Any,
+    coordinates: Coordinates,
+    counts: Array,
+    scale: Array,
+    position: Array,
+    free: NDArray[np.bool_],
+    iterations: int,
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Levenberg-Marquardt steps with Fisher's information, every row at its own damping."""
+
+    def objective(place: Array, rows: NDArray[np.int64]) -> tuple[Array, Array]:
+        mean = np.maximum(np.asarray(simulator.expected(coordinates.theta(place))) * scale[rows, None], TINY)
+        value = (mean - counts[rows] * np.log(mean)).sum(axis=1)
+        return value + 0.5 * (place**2 * coordinates.precision).sum(axis=1), mean
+
+    position = position.copy()
+    active = np.arange(len(position))
+    value, mean = objective(position, active)
+    damping = np.full(len(position), 1e-3)
+    converged = np.zeros(len(position), dtype=bool)
+    for _ in range(iterations):
+        gradient, information = _normal_equations(
+            _jacobian(simulator, coordinates, position[active], scale[active]),
+            counts[active],
+            mean[active],
+            position[active],
+            coordinates.precision,
+        )
+        step, promise = _step(
+            gradient, information, damping[active], _movable(position[active], gradient, coordinates, free)
+        )
+        tried = coordinates.clip(position[active] + step)
+        new_value, new_mean = objective(tried, active)
+        better = new_value < value[active]
+        # Far from the optimum the promise is small only where damping is large; then it says nothing.
+        done = (promise < TOLERANCE) & (damping[active] < 1.0)
+        kept = active[better]
+        position[kept], value[kept], mean[kept] = tried[better], new_value[better], new_mean[better]
+        damping[active] = np.where(better, damping[active] / 8.0, damping[active] * 6.0)
+        converged[active[done]] = True
+        active = active[~done & (damping[active] < 1e8)]
+        if not len(active):
+            break
+    return position, value, converged
+
+
+def _normal_equations(
+    jacobian: Array, counts: Array, mean: Array, position: Array, precision: Array
+) -> tuple[Array, Array]:
+    """Gradient ``(source, parameter)`` of the log posterior and Fisher's information with the prior's."""
+    gradient = np.einsum("ncp,nc->np", jacobian, counts / mean - 1.0) - precision * position
+    weighted = jacobian / np.sqrt(mean)[..., None]
+    return gradient, np.matmul(weighted.swapaxes(1, 2), weighted) + np.diag(precision)
+
+
+def _movable(
+    position: Array, gradient: Array, coordinates: Coordinates, free: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Which parameters may move: not fixed, and not pressed against a bound."""
+    low = coordinates.bounded & (position <= 2 * EDGE) & (gradient < 0)
+    high = coordinates.bounded & (position >= 1.0 - 2 * EDGE) & (gradient > 0)
+    return np.asarray(free & ~low & ~high)
+
+
+def _step(
+    gradient: Array, information: Array, damping: Array, movable: NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """Damped step ``(source, parameter)`` and the gain in log likelihood that the undamped one promises."""
+    both = movable[:, :, None] & movable[:, None, :]
+    diagonal = np.einsum("npp->np", information)
+    ridge = 1e-10 * diagonal.max(axis=1, keepdims=True) + 1e-12
+    identity = np.eye(gradient.shape[1])
+    system = np.where(both, information, 0.0) + identity * np.where(movable, 0.0, 1.0)[:, None, :]
+    shift = (damping[:, None] * diagonal + ridge) * movable
+    pull = np.where(movable, gradient, 0.0)
+    step = np.linalg.solve(system + identity * shift[:, None, :], pull[..., None])[..., 0]
+    return step, 0.5 * (step * pull).sum(axis=1)
+
+
+def _jacobian(simulator: Any, coordinates: Coordinates, position: Array, scale: Array) -> Array:
+    """Derivative of the expected counts by the coordinates, ``(source, channel, parameter)``."""
+    if can(simulator, "jacobian"):
+        by_theta = np.asarray(simulator.jacobian(coordinates.theta(position)))
+        return by_theta * coordinates.slope(position)[:, None, :] * scale[:, None, None]
+    width = 1e-5
+    moves = np.concatenate([np.eye(position.shape[1]), -np.eye(position.shape[1])]) * width
+    around = coordinates.clip(position[:, None, :] + moves)
+    mean = np.asarray(simulator.expected(coordinates.theta(around).reshape(-1, position.shape[1])))
+    mean = mean.reshape(len(position), 2, position.shape[1], -1)
+    size = (around[:, : position.shape[1]] - around[:, position.shape[1] :]).max(axis=-1)
+    difference = (mean[:, 0] - mean[:, 1]) / size[..., None]
+    return np.asarray(difference.swapaxes(1, 2) * scale[:, None, None])
