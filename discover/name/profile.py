@@ -1,0 +1,67 @@
+"""Profiles: theta fitted again together with each effect, so that the curvature of large effects does no harm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.discover.candidates import Candidate
+from gaugeblock.discover.fit import Fit, fit
+from gaugeblock.discover.name.score import Scores, allowed
+from gaugeblock.discover.name.templates import Templates, observed_nodes
+from gaugeblock.discover.sources import Sources
+
+Array = NDArray[np.float64]
+
+TRIES = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """One candidate fitted with everything else; `gain` is the log likelihood won over the fit without it."""
+
+    candidate: Candidate
+    fit: Fit
+    gain: float
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The effect's parameters."""
+        return self.candidate.values(self.fit.theta[0])
+
+
+def profile(candidate: Candidate, sources: Sources, base: Fit, found: Templates, tested: Scores) -> Profile:
+    """Fit one candidate to one source from its best scanned values, a step along the score."""
+    start = starts(candidate, sources, base, found, tested)
+    fitted = fit(candidate.simulator, sources.counts, scale=sources.scale, start=start)
+    return Profile(candidate, fitted, float(base.objective[0] - fitted.objective[0]))
+
+
+def starts(candidate: Candidate, sources: Sources, base: Fit, found: Templates, tested: Scores) -> Array:
+    """Extended theta ``(1, try, parameter)`` at the scanned values with the largest allowed z."""
+    entry = candidate.entry
+    mine = np.flatnonzero(found.owner == candidate.key)
+    z = allowed(tested.z[0, mine], found.sign[mine])
+    order = _apart(z, TRIES)
+    nodes = observed_nodes(candidate, sources)[0, found.node[mine[order]]]
+    low, high = entry.parameters[entry.amplitude].support
+    step = tested.amplitude[0, mine[order]]
+    # Never from neutral itself: there the other parameters of the effect have no gradient.
+    least = 0.05 * abs(entry.step)
+    side = np.where(step == 0, np.sign(entry.step), np.sign(step)) if entry.two_sided else np.sign(entry.step)
+    moved = entry.neutral + side * np.clip(side * step, least, None)
+    nodes[:, candidate.amplitude_index] = np.clip(
+        moved, low + 1e-6 * (high - low), high - 1e-6 * (high - low)
+    )
+    theta = np.broadcast_to(base.theta[0], (len(order), base.theta.shape[1]))
+    return np.concatenate([theta, nodes], axis=1)[None]
+
+
+def _apart(z: Array, tries: int) -> NDArray[np.int64]:
+    """The best of the list and further local maxima, best first: neighbours lead to the same fit."""
+    padded = np.concatenate([[-np.inf], z, [-np.inf]])
+    peak = (padded[1:-1] >= padded[:-2]) & (padded[1:-1] >= padded[2:])
+    peaks = np.flatnonzero(peak)
+    return np.asarray(peaks[np.argsort(-z[peaks])][:tries])
