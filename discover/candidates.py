@@ -35,7 +35,7 @@ class Candidate:
         return list(self.entry.parameters).index(self.entry.amplitude) - len(self.entry.parameters)
 
     def at(self, theta: Array, values: Array) -> Array:
-        """Extended theta ``(..., parameter + k)`` of theta ``(..., parameter)`` with effect values ``(k,)``."""
+        """Extended theta ``(..., parameter + k)``: theta with effect values ``(k,)`` behind it."""
         tail = np.broadcast_to(values, (*theta.shape[:-1], np.shape(values)[-1]))
         return np.concatenate([theta, tail], axis=-1)
 
@@ -47,7 +47,7 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """The library's effects on one simulator. Making it costs nothing; each effect is worked in when asked for.
+    """The library's effects on one simulator. Each is worked in when asked for.
 
     Raises
     ------

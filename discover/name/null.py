@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.discover.name.score import allowed
-from gaugeblock.streams import Rng
 
 Array = NDArray[np.float64]
 
@@ -37,7 +36,7 @@ def search_null(
     owner: NDArray[np.str_],
     *,
     replicates: int,
-    rng: Rng,
+    rng: np.random.Generator,
 ) -> SearchNull:
     """Search simulated counts of one source as its data were searched.
 

@@ -1,4 +1,4 @@
-"""Profiles: theta fitted again together with each effect, so that the curvature of large effects does no harm."""
+"""Profiles: theta fitted again together with each effect, so that curvature does no harm."""
 
 from __future__ import annotations
 

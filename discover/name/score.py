@@ -41,7 +41,8 @@ def projection(fit: Fit) -> Projection:
     diagonal = np.einsum("npp->np", information)
     ridge = 1e-11 * diagonal.max(axis=1, keepdims=True) + 1e-300
     factor = np.linalg.cholesky(information + np.eye(information.shape[1]) * ridge[..., None])
-    return Projection(np.linalg.solve(factor, whitened.swapaxes(1, 2)).swapaxes(1, 2), root)
+    basis = np.linalg.solve(factor, whitened.swapaxes(1, 2)).swapaxes(1, 2)
+    return Projection(np.asarray(basis, dtype=float), root)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,55 @@
+"""A simulator whose expected counts are reshaped by free combinations of given curves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gaugeblock.simulators.marginals import Marginal
+from gaugeblock.simulators.prior import Prior
+from gaugeblock.simulators.protocol import can
+
+Array = NDArray[np.float64]
+
+
+class Reshaped:
+    """``simulator.expected(theta) * exp(curves @ b)``, b being further parameters.
+
+    What has no name in the library is described like this, and so are decoys: the curves know channels, not
+    causes. Without a single free curve value it is the simulator itself.
+
+    Parameters
+    ----------
+    simulator
+        With ``prior`` and ``expected``.
+    curves : array, shape (channel, curve)
+    marginals : mapping of str to Marginal
+        Prior of every curve's coefficient.
+    """
+
+    def __init__(self, simulator: Any, curves: ArrayLike, marginals: Mapping[str, Marginal]):
+        self._simulator = simulator
+        self._curves = np.asarray(curves, dtype=float)
+        self._size = simulator.prior.size
+        self.prior = simulator.prior * Prior(marginals)
+        if can(simulator, "jacobian"):
+            self.jacobian = self._jacobian
+
+    def _parts(self, theta: ArrayLike) -> tuple[Array, Array]:
+        values = np.asarray(theta, dtype=float)
+        return values[..., : self._size], np.exp(values[..., self._size :] @ self._curves.T)
+
+    def expected(self, theta: ArrayLike) -> Array:
+        """Expected counts ``(..., channel)``."""
+        inner, factor = self._parts(theta)
+        return np.asarray(self._simulator.expected(inner) * factor)
+
+    def _jacobian(self, theta: ArrayLike) -> Array:
+        inner, factor = self._parts(theta)
+        mean = np.asarray(self._simulator.expected(inner)) * factor
+        return np.concatenate(
+            [self._simulator.jacobian(inner) * factor[..., None], mean[..., None] * self._curves], axis=-1
+        )
