@@ -1,0 +1,187 @@
+"""A source with its background: both regions' counts in one data vector, under one Poisson likelihood."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gaugeblock.errors import InputError
+from gaugeblock.simulators.effects import Effect
+from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators.prior import Prior
+from gaugeblock.simulators.segments import Segment
+from gaugeblock.simulators.xray.background_shape import MeasuredBackground
+from gaugeblock.simulators.xray.forward import FLOOR
+from gaugeblock.simulators.xray.poisson import jax_log_likelihood, log_likelihood, theta_array
+from gaugeblock.streams import Rng
+
+Array = NDArray[np.float64]
+
+
+class WithBackground:
+    """Counts in the source region, then counts in the background region: ``(..., 2 channel)``.
+
+    Expected are ``source(theta) + background(phi)`` and ``background(phi) / scale``, the background a smooth
+    function of energy whose log rate at some knots is phi (`MeasuredBackground`). phi joins the prior as
+    ``background_1.rate_1``, ..., behind the source's parameters.
+
+    Effects, those of the instrument too, act on the source alone: what is recorded of the background is fitted
+    where it is recorded, and needs no energy scale.
+
+    Implements `gaugeblock.simulators.Simulator` with the same capabilities as the source.
+
+    Parameters
+    ----------
+    source : XraySpectrum
+    background : MeasuredBackground
+        On the same channels as the source.
+
+    Raises
+    ------
+    InputError
+        If source and background have different channels.
+    """
+
+    def __init__(self, source: Any, background: MeasuredBackground, *, names: tuple[str, ...] | None = None):
+        channels = len(background.scale)
+        if channels != source.data_shape[0]:
+            raise InputError(
+                f"background: has {channels} channels and the source {source.data_shape[0]}; group both alike"
+            )
+        self.source = source
+        self.background = background
+        both = source.prior * background.prior
+        self.prior = both if names is None else Prior({name: both.marginals[name] for name in names})
+        self._source_columns = [self.prior.names.index(name) for name in source.prior.names]
+        self._background_columns = [self.prior.names.index(name) for name in background.prior.names]
+
+    @property
+    def model(self) -> str:
+        """The source's model expression."""
+        return str(self.source.model)
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The effects that act on the source."""
+        return tuple(self.source.effects)
+
+    @property
+    def exposure(self) -> float:
+        """Exposure of the source region in seconds."""
+        return float(self.source.exposure)
+
+    @property
+    def data_shape(self) -> tuple[int, ...]:
+        """Shape of one data vector."""
+        return (2 * len(self.background.scale),)
+
+    def segments(self) -> tuple[Segment, ...]:
+        """The source region, then the background region."""
+        edges = self.source.channels
+        channels = len(edges)
+        return (
+            Segment("source", 0, channels, edges),
+            Segment("background", channels, 2 * channels, edges, role="background"),
+        )
+
+    def expected(self, theta: ArrayLike) -> Array:
+        """Expected counts ``(..., 2 channel)``, float64, at least 1e-6 each."""
+        array = theta_array(self.prior, theta)
+        source = self.source.expected(array[..., self._source_columns])
+        behind = self.exposure * self.background.shape.rate(array[..., self._background_columns])
+        alone = np.maximum(behind / self.background.scale, FLOOR)
+        return np.concatenate([source + behind, alone], axis=-1)
+
+    def jacobian(self, theta: ArrayLike) -> Array:
+        """Derivative of the expected counts by the parameters, ``(..., 2 channel, parameter)``."""
+        array = theta_array(self.prior, theta)
+        channels = len(self.background.scale)
+        behind = self.exposure * self.background.shape.derivative(array[..., self._background_columns])
+        result = np.zeros((*array.shape[:-1], 2 * channels, array.shape[-1]))
+        result[..., :channels, self._source_columns] = self.source.jacobian(array[..., self._source_columns])
+        result[..., :channels, self._background_columns] = behind
+        result[..., channels:, self._background_columns] = behind / self.background.scale[:, None]
+        return result
+
+    def observe(self, expected: ArrayLike, rng: Rng) -> NDArray[np.int64]:
+        """Poisson counts of the given means; with `TrialStreams`, trials along the first axis."""
+        return np.asarray(rng.poisson(np.asarray(expected, dtype=float)))
+
+    def simulate(self, theta: ArrayLike, rng: Rng) -> NDArray[np.int64]:
+        """Counts ``(n, 2 channel)`` for theta ``(n, parameter)``."""
+        return self.observe(self.expected(theta), rng)
+
+    def log_likelihood(self, theta: ArrayLike, x: ArrayLike) -> Array:
+        """Log probability of counts x given theta, with the ``-log x!`` term; leading axes broadcast."""
+        return log_likelihood(self, theta, x)
+
+    def expected_jax(self, theta: Any) -> Any:
+        """Expected counts of one theta, traceable by JAX, inside `double_precision()`."""
+        import jax.numpy as jnp
+
+        source = self.source.expected_jax(theta[jnp.asarray(self._source_columns)])
+        behind = self.exposure * self.background.shape.rate(theta[jnp.asarray(self._background_columns)])
+        return jnp.concatenate([source + behind, jnp.maximum(behind / self.background.scale, FLOOR)])
+
+    def log_likelihood_jax(self, theta: Any, x: Any) -> Any:
+        """Log likelihood of one theta and one data vector, traceable by JAX, as `expected_jax` is."""
+        return jax_log_likelihood(self.expected_jax(theta), x)
+
+    def with_effect(self, effect: Effect) -> WithBackground:
+        """The same data with one more effect on the source; its parameters come last."""
+        source = self.source.with_effect(effect)
+        added = tuple(name for name in source.prior.names if name not in self.prior.names)
+        return WithBackground(source, self.background, names=(*self.prior.names, *added))
+
+    def effect_library(self, theta: ArrayLike) -> Mapping[str, LibraryEffect]:
+        """What the source may lack, scaled for fitted theta ``(n, parameter)``."""
+        array = theta_array(self.prior, theta)
+        library: Mapping[str, LibraryEffect] = self.source.effect_library(array[..., self._source_columns])
+        return library
+
+    def with_exposure(self, seconds: float) -> WithBackground:
+        """Both regions, observed longer or shorter by the same factor; nothing is compiled again."""
+        return WithBackground(self.source.with_exposure(seconds), self.background, names=self.prior.names)
+
+    def describe(self) -> dict[str, Any]:
+        """Plain data that identifies this simulator: the source, and the background's knots and prior."""
+        return {
+            "simulator": "xray with background",
+            "source": self.source.describe(),
+            "knots_kev": self.background.shape.knots.tolist(),
+            "scale": np.unique(self.background.scale).tolist(),
+            "prior": self.prior.describe(),
+        }
+
+
+def with_background(
+    source: Any, counts: ArrayLike, scale: ArrayLike, *, knots: ArrayLike | None = None
+) -> WithBackground:
+    """A source together with its measured background; the data are then ``concatenate([source, counts])``.
+
+    Parameters
+    ----------
+    source : XraySpectrum
+    counts : array, shape (channel,)
+        Raw counts in the background region.
+    scale : array, shape () or (channel,)
+        Expected background in the source region per count in the background region, as
+        `Spectrum.background_scale` has it.
+    knots : array, optional
+        Energies in keV at which the log rate is free, in place of 6 to 14 chosen from the counts.
+
+    Raises
+    ------
+    InputError
+        If counts are not whole and at least 0, a scale is not positive, or the channels are not the source's.
+    """
+    response = source.response
+    fine = response.fine_channels
+    width = np.asarray(response.grouping @ (fine[:, 1] - fine[:, 0]))
+    background = MeasuredBackground.fit(
+        counts, scale, response.channels, exposure=source.exposure, width=width, knots=knots
+    )
+    return WithBackground(source, background)
