@@ -1,0 +1,187 @@
+"""What each effect does to the epidemic: nothing at its neutral value, and what its table says elsewhere."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from gaugeblock.errors import InputError
+from gaugeblock.simulators import Effect, Simulator, Uniform, build_simulator, can
+from gaugeblock.simulators.epidemic import EFFECTS, Epidemic, EpidemicEffect
+from gaugeblock.simulators.segments import segments
+
+RATES = np.array([[0.3, 0.12], [0.5, 0.2], [0.9, 0.06]])
+PLAIN = Epidemic(nodes=65)
+LIBRARY = PLAIN.effect_library(RATES)
+
+
+def extended(name, amplitude, scanned=3.4):
+    """An epidemic with one free effect, and theta with the amplitude given and scanned weeks in mid-week."""
+    entry = LIBRARY[name]
+    values = [amplitude if p == entry.amplitude else scanned for p in entry.parameters]
+    return PLAIN.with_effect(entry.effect()), np.column_stack([RATES, np.tile(values, (len(RATES), 1))])
+
+
+def test_the_library_is_what_is_known():
+    assert set(LIBRARY) == set(EFFECTS)
+    for name, entry in LIBRARY.items():
+        assert name == entry.name
+        assert set(entry.units) == set(entry.parameters) == set(EFFECTS[name].parameters)
+        assert entry.cause
+        assert entry.typical
+        simulator = PLAIN.with_effect(entry.effect())
+        theta = np.concatenate([np.tile(RATES[0], (len(entry.nodes), 1)), entry.nodes], axis=1)
+        assert simulator.prior.contains(theta).all()
+        assert np.all(np.abs(simulator.expected(theta) / PLAIN.expected(RATES[:1]) - 1).max(axis=1) > 1e-3)
+
+
+@pytest.mark.parametrize("name", sorted(LIBRARY))
+def test_neutral_is_the_plain_epidemic_to_the_last_bit(name):
+    simulator, theta = extended(name, LIBRARY[name].neutral)
+    np.testing.assert_array_equal(simulator.expected(theta), PLAIN.expected(RATES))
+
+
+@pytest.mark.parametrize("name", sorted(LIBRARY))
+def test_an_extended_epidemic_is_a_simulator_without_an_exact_posterior(name):
+    entry = LIBRARY[name]
+    simulator, theta = extended(name, entry.neutral + entry.step)
+    assert isinstance(simulator, Simulator)
+    assert simulator.prior.names[2:] == tuple(f"{name}_1.{p}" for p in entry.parameters)
+    for missing in ("posterior_sample", "posterior_log_prob", "log_evidence"):
+        assert can(PLAIN, missing)
+        assert not can(simulator, missing)
+    x = simulator.simulate(theta, np.random.default_rng(1))
+    assert x.shape == (3, 12)
+    assert simulator.log_likelihood(theta[:, None], x).shape == (3, 3)
+    assert simulator.describe() != PLAIN.with_effect(entry.effect(**{entry.amplitude: 0.5})).describe()
+
+
+@pytest.mark.parametrize("name", sorted(LIBRARY))
+def test_derivatives_agree_with_differences(name):
+    entry = LIBRARY[name]
+    simulator, theta = extended(name, entry.neutral + entry.step)
+    jacobian = simulator.jacobian(theta)
+    assert jacobian.shape == (3, 12, simulator.prior.size)
+    for k in range(simulator.prior.size):
+        move = np.zeros(simulator.prior.size)
+        move[k] = 1e-5 * max(abs(theta[0, k]), 1e-2)
+        difference = (simulator.expected(theta + move) - simulator.expected(theta - move)) / (2 * move[k])
+        scale = np.abs(difference).max(axis=1, keepdims=True)
+        np.testing.assert_allclose(jacobian[..., k] / scale, difference / scale, atol=1e-6)
+    # The shape of theta is the shape of what comes back, one row and none at all too.
+    np.testing.assert_array_equal(simulator.jacobian(theta[0]), jacobian[0])
+
+
+@pytest.mark.parametrize("name", sorted(LIBRARY))
+def test_jax_agrees(name):
+    jax = pytest.importorskip("jax")
+    entry = LIBRARY[name]
+    simulator, theta = extended(name, entry.neutral + entry.step)
+    x = simulator.simulate(theta, np.random.default_rng(2)).astype(float)
+    with jax.enable_x64(True):
+        mean = jax.jit(jax.vmap(simulator.expected_jax))(theta)
+        likelihood = jax.vmap(simulator.log_likelihood_jax)(theta, x)
+        gradient = jax.vmap(jax.grad(simulator.log_likelihood_jax))(theta, x)
+    np.testing.assert_allclose(mean, simulator.expected(theta), rtol=1e-11)
+    np.testing.assert_allclose(likelihood, simulator.log_likelihood(theta, x), rtol=1e-10)
+    weight = (x / simulator.expected(theta) - 1)[..., None]
+    np.testing.assert_allclose(
+        gradient, (weight * simulator.jacobian(theta)).sum(axis=1), rtol=1e-7, atol=1e-7
+    )
+
+
+def test_what_is_reported_is_what_the_table_says():
+    plain = PLAIN.expected(RATES)
+    simulator, theta = extended("reporting_step", 0.3)
+    np.testing.assert_allclose(
+        simulator.expected(theta) / plain, np.tile([1, 1, 1, 1 - 0.3 * 0.6] + [0.7] * 8, (3, 1)), rtol=1e-12
+    )
+    simulator, theta = extended("missed_week", 0.5)
+    np.testing.assert_allclose(
+        simulator.expected(theta) / plain, np.tile([1, 1, 1, 0.7, 0.8] + [1] * 7, (3, 1)), rtol=1e-12
+    )
+    simulator, theta = extended("imported_cases", 7.0)
+    np.testing.assert_allclose(simulator.expected(theta) - plain, 7.0, rtol=1e-9)
+    simulator, theta = extended("reporting_delay", 0.25)
+    late = simulator.expected(theta)
+    np.testing.assert_allclose(late[:, 1:], 0.75 * plain[:, 1:] + 0.25 * plain[:, :-1], rtol=1e-12)
+    # None is lost but the last week's late ones.
+    np.testing.assert_allclose(late.sum(axis=1), plain.sum(axis=1) - 0.25 * plain[:, -1], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "amplitude", "week"),
+    [
+        ("waning", 0.02, None),
+        ("mixing", 0.8, None),
+        ("contact_change", 0.5, 4.0),
+        ("contact_change", 2.0, 3.4),
+    ],
+)
+def test_dynamics_solve_the_differential_equation(name, amplitude, week):
+    simulator, theta = extended(name, amplitude, week)
+
+    def slope(day, state, contact, recovery):
+        susceptible, infected, removed = state
+        changed = contact * (amplitude if name == "contact_change" and day >= 7 * week else 1.0)
+        new = changed * susceptible ** (1 + (amplitude if name == "mixing" else 0)) * infected
+        back = (amplitude if name == "waning" else 0.0) * removed
+        return [-new + back, new - recovery * infected, recovery * infected - back, new]
+
+    def whole(day, state, contact, recovery):
+        return slope(day, state[:3], contact, recovery)
+
+    days = 7.0 * np.arange(13)
+    for rates, expected in zip(RATES, simulator.expected(theta), strict=True):
+        solved = solve_ivp(
+            whole, (0, days[-1]), [1 - 5 / 2000, 5 / 2000, 0, 0], t_eval=days, args=tuple(rates),
+            rtol=1e-9, atol=1e-12, max_step=0.1,
+        )  # fmt: skip
+        # Half-day steps are part of the definition, as without the effect.
+        np.testing.assert_allclose(expected, np.diff(solved.y[3]) * 400, rtol=6e-3)
+
+
+def test_effects_compose_and_count():
+    first = PLAIN.with_effect(LIBRARY["waning"].effect()).with_effect(LIBRARY["waning"].effect(rate=0.01))
+    assert first.prior.names[2:] == ("waning_1.rate",)
+    twice = PLAIN.with_effect(LIBRARY["waning"].effect()).with_effect(LIBRARY["waning"].effect())
+    assert twice.prior.names[2:] == ("waning_1.rate", "waning_2.rate")
+    np.testing.assert_allclose(
+        first.expected([[0.3, 0.12, 0.02]]), twice.expected([[0.3, 0.12, 0.02, 0.01]]), rtol=1e-13
+    )
+
+
+def test_an_effect_of_ones_own():
+    weekend = EpidemicEffect(
+        {"share": (0.0, 1.0)},
+        report=lambda cases, values: cases * (1.0 - values["share"][..., None] * 0.5),
+    )
+    simulator = PLAIN.with_effect(Effect("weekend", {"share": Uniform(0.0, 1.0)}, kind=weekend))
+    assert simulator.prior.names[2:] == ("weekend_1.share",)
+    np.testing.assert_allclose(simulator.expected([[0.3, 0.12, 0.4]]), 0.8 * PLAIN.expected(RATES[:1]))
+
+
+@pytest.mark.parametrize(
+    ("effect", "words"),
+    [
+        (Effect("gain_slope", {"slope": 1.0}), "not known to the epidemic; there are reporting_step"),
+        (Effect("waning", {}), "takes rate; rate missing"),
+        (Effect("waning", {"rate": 0.1, "week": 2.0}), "week unknown"),
+        (Effect("waning", {"rate": Uniform(0.0, 2.0)}), "rate must lie between 0 and 1, got 0 to 2"),
+        (Effect("reporting_delay", {"share": -0.1}), "share must lie between 0 and 0.95"),
+    ],
+)
+def test_mistakes_are_one_clear_line(effect, words):
+    with pytest.raises(InputError, match=words) as caught:
+        PLAIN.with_effect(effect)
+    assert "\n" not in str(caught.value)
+
+
+def test_imported_cases_follow_the_size_of_the_epidemic():
+    small, large = PLAIN.effect_library(RATES[:1]), Epidemic(population=2e5).effect_library(RATES[:1])
+    assert large["imported_cases"].step > 5 * small["imported_cases"].step
+
+
+def test_the_data_are_one_run_of_weeks():
+    (segment,) = segments(build_simulator("epidemic", weeks=5), 5)
+    assert (segment.start, segment.stop, segment.unit) == (0, 5, "week")
+    assert segment.edges[-1].tolist() == [4.0, 5.0]
