@@ -79,7 +79,7 @@ def step(state: tuple[Any, Any, Any], drive: Drive, number: Any, infected: float
     second = slope(*moved(0.5 * DAYS, first))
     third = slope(*moved(0.5 * DAYS, second))
     fourth = slope(*moved(DAYS, third))
-    return tuple(  # type: ignore[return-value]
+    return tuple(
         before + DAYS / 6.0 * (a + 2.0 * b + 2.0 * c + d)
         for before, a, b, c, d in zip(state, first, second, third, fourth, strict=True)
     )

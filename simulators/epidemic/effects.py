@@ -2,16 +2,16 @@
 
 | effect | parameters | what it does |
 |---|---|---|
-| `reporting_step` | share, week | from this week on, this share of the cases goes unreported (below 0: more are) |
+| `reporting_step` | share, week | from this week on, this share of the cases goes unreported |
 | `reporting_delay` | share | this share of each week's cases is reported a week later |
-| `missed_week` | share, week | this share of one week's cases goes unreported, or of two neighbours' in parts |
-| `imported_cases` | rate (cases a week) | reported cases that were infected elsewhere, the same number each week |
+| `missed_week` | share, week | this share of one week's cases goes unreported |
+| `imported_cases` | rate (cases a week) | reported cases infected elsewhere, the same number each week |
 | `contact_change` | factor, week | the contact rate is multiplied by this from this week on |
 | `waning` | rate (per day) | the removed become susceptible again |
 | `mixing` | exponent | infection falls faster than the susceptible share: s^(1 + exponent) |
 
 Weeks are counted from 0 at the start of the data and need not be whole numbers: a change in mid-week counts
-for its part of it.
+for its part of it. A share below 0 means that more cases are reported.
 """
 
 from __future__ import annotations

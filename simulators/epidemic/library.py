@@ -85,7 +85,8 @@ def library(weeks: int, cases: float) -> dict[str, LibraryEffect]:
             neutral=0.0,
             step=0.005,
             units={"rate": "per day"},
-            cause="Immunity is lost: the removed become susceptible again, and the epidemic does not burn out.",
+            cause="Immunity is lost: the removed become susceptible again, and the epidemic does not "
+            "burn out.",
             typical="0.002 to 0.02 a day: immunity for two months to over a year",
         ),
         LibraryEffect(
