@@ -1,0 +1,119 @@
+"""Data in one file, answers in another, and the hash that says that the answers were there first."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import secrets
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from gaugeblock.atomic import write_atomically
+from gaugeblock.errors import InputError
+from studies.hidden.truth import Truth
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """What the one who looks is given: counts ``(source, channel)``, exposures, and which model is claimed."""
+
+    number: int
+    setup: str
+    counts: Array
+    exposure: Array
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What was hidden, and how far it lies from its rivals; see `Truth` and `distance`.
+
+    `distances` are in sigma, by the name of the rival, ``nothing`` among them.
+    """
+
+    stratum: str
+    kind: str
+    names: tuple[str, ...]
+    truths: tuple[Truth, ...]
+    distances: dict[str, float]
+
+
+def sha256(path: Path) -> str:
+    """Hash of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def seal(folder: Path, cases: Sequence[Case], answers: Sequence[Answer], *, seed: int) -> dict[str, Any]:
+    """Write ``cases.nc``, ``answers.json`` and ``seal.json``, which holds the hashes of both.
+
+    The answers hold the seed and a random number, so that their hash says nothing about either.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    width = max(case.counts.shape[1] for case in cases)
+    padded = [np.pad(c.counts, ((0, 0), (0, width - c.counts.shape[1])), constant_values=-1) for c in cases]
+    data = xr.Dataset(
+        {
+            "counts": (("source", "channel"), np.concatenate(padded).astype("i4")),
+            "case": ("source", np.repeat([c.number for c in cases], [len(c.counts) for c in cases])),
+            "exposure": ("source", np.concatenate([c.exposure for c in cases])),
+            "setup": ("number", [c.setup for c in cases]),
+        },
+        coords={"number": [c.number for c in cases]},
+    )
+    target = folder / "cases.nc"
+    data.to_netcdf(target, engine="netcdf4", encoding={"counts": {"zlib": True}})
+    sealed = {"seed": seed, "salt": secrets.token_hex(16), "answers": [asdict(answer) for answer in answers]}
+    write_atomically(folder / "answers.json", json.dumps(sealed))
+    hashes = {"cases": len(cases), "cases.nc": sha256(target), "answers.json": sha256(folder / "answers.json")}
+    write_atomically(folder / "seal.json", json.dumps(hashes, indent=2) + "\n")
+    return hashes
+
+
+def cases(folder: Path) -> list[Case]:
+    """The data."""
+    with xr.open_dataset(folder / "cases.nc", engine="netcdf4") as stored:
+        data = stored.load()
+    found = []
+    for number, setup in zip(data["number"].values, data["setup"].values, strict=True):
+        rows = data.isel(source=data["case"].values == number)
+        counts = rows["counts"].values.astype(float)
+        channels = int((counts[0] >= 0).sum())
+        found.append(Case(int(number), str(setup), counts[:, :channels], rows["exposure"].values))
+    return found
+
+
+def opened(folder: Path) -> tuple[int, list[Answer]]:
+    """Seed and answers, if they are those that were sealed.
+
+    Raises
+    ------
+    InputError
+        If answers or data are not those whose hash was kept.
+    """
+    kept = json.loads((folder / "seal.json").read_text(encoding="utf-8"))
+    for name in ("cases.nc", "answers.json"):
+        if sha256(folder / name) != kept[name]:
+            raise InputError(f"{folder / name}: not the file that was sealed; make a new sealed set")
+    content = json.loads((folder / "answers.json").read_text(encoding="utf-8"))
+    return int(content["seed"]), [_answer(entry) for entry in content["answers"]]
+
+
+def _answer(entry: dict[str, Any]) -> Answer:
+    truths = tuple(
+        Truth(
+            **{
+                **truth,
+                "theta": tuple(truth["theta"]),
+                "hidden": tuple((name, dict(p)) for name, p in truth["hidden"]),
+            }
+        )
+        for truth in entry["truths"]
+    )
+    return Answer(**{**entry, "names": tuple(entry["names"]), "truths": truths})
