@@ -42,7 +42,7 @@ class Fit:
         return len(self.theta)
 
 
-TOLERANCE = 1e-4
+TOLERANCE = 1e-3
 """A fit has converged when the next step promises less than this gain in log likelihood."""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from gaugeblock.discover.candidates import Candidate
 from gaugeblock.discover.confirm.thinning import thin
 from gaugeblock.discover.fit import Fit, fit
 from gaugeblock.discover.sources import Sources
+from gaugeblock.simulators.library import LibraryEffect
 
 Array = NDArray[np.float64]
 
@@ -20,6 +22,26 @@ POINTS = 33
 
 REACH = 4.5
 """How far the profile goes on either side, in standard errors."""
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """An effect inside a simulator that has it: `parameter` is the amplitude's name in theta."""
+
+    key: str
+    entry: LibraryEffect
+    simulator: Any
+    parameter: str
+
+    @property
+    def index(self) -> int:
+        """Place of the amplitude in theta."""
+        return list(self.simulator.prior.names).index(self.parameter)
+
+    @classmethod
+    def of(cls, candidate: Candidate) -> Place:
+        """The effect that was added last."""
+        return cls(candidate.key, candidate.entry, candidate.simulator, candidate.amplitude_name)
 
 
 @dataclass(frozen=True)
@@ -37,7 +59,7 @@ class Amplitude:
 
 
 def held_out_amplitude(
-    candidate: Candidate, sources: Sources, fitted: Fit, *, rng: np.random.Generator, level: float = 0.9
+    place: Place, sources: Sources, fitted: Fit, *, rng: np.random.Generator, level: float = 0.9
 ) -> Amplitude:
     """Choose the effect's other parameters on one half of the counts, take its amplitude from the other.
 
@@ -46,27 +68,20 @@ def held_out_amplitude(
     """
     first, second = thin(sources.counts[0], 2, rng)
     half = sources.scale / 2.0
-    chosen = fit(candidate.simulator, first[None], scale=half, start=fitted.theta)
-    again = fit(
-        candidate.simulator, second[None], scale=half, start=np.stack([chosen.theta, fitted.theta], axis=1)
-    )
-    return profile_interval(candidate, second, float(half[0]), again, level=level, held_out=True)
+    chosen = fit(place.simulator, first[None], scale=half, start=fitted.theta)
+    both = np.stack([chosen.theta, fitted.theta], axis=1)
+    again = fit(place.simulator, second[None], scale=half, start=both)
+    return profile_interval(place, second, float(half[0]), again, level=level, held_out=True)
 
 
 def profile_interval(
-    candidate: Candidate,
-    counts: Array,
-    scale: float,
-    fitted: Fit,
-    *,
-    level: float = 0.9,
-    held_out: bool = False,
+    place: Place, counts: Array, scale: float, fitted: Fit, *, level: float = 0.9, held_out: bool = False
 ) -> Amplitude:
     """Likelihood-ratio interval of the amplitude, everything else fitted again at each of `POINTS` values.
 
     At a bound of the amplitude the interval ends there.
     """
-    entry, index = candidate.entry, candidate.amplitude_index
+    entry, index = place.entry, place.index
     low, high = entry.parameters[entry.amplitude].support
     value = float(fitted.theta[0, index])
     error = _standard_error(fitted, index) * (high - low)
@@ -74,15 +89,15 @@ def profile_interval(
     theta = np.repeat(fitted.theta, len(grid), axis=0)
     theta[:, index] = grid
     rows = fit(
-        candidate.simulator,
+        place.simulator,
         np.repeat(counts[None], len(grid), axis=0),
         scale=np.full(len(grid), scale),
         start=theta,
-        fixed=(candidate.amplitude_name,),
+        fixed=(place.parameter,),
     )
     rise = 2.0 * (rows.objective - min(rows.objective.min(), fitted.objective[0]))
     return Amplitude(
-        candidate.key,
+        place.key,
         entry.amplitude,
         value,
         _crossings(grid, rise, value, float(chi2.ppf(level, 1))),
@@ -99,7 +114,7 @@ def _standard_error(fitted: Fit, index: int) -> float:
     information = weighted.T @ weighted + np.diag(fitted.precision)
     seen = np.diag(information) > 0
     seen[index] = True
-    place = int(np.count_nonzero(seen[: index % len(seen)]))
+    place = int(np.count_nonzero(seen[:index]))
     inverse = np.linalg.pinv(information[np.ix_(seen, seen)], hermitian=True)
     return float(np.clip(np.sqrt(max(inverse[place, place], 0.0)), 1e-9, 1.0))
 

@@ -1,0 +1,156 @@
+"""One round of the search: where the model fails, which effects would mend it, which look alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.discover.candidates import Candidates
+from gaugeblock.discover.fit import Fit
+from gaugeblock.discover.locate.windows import WindowScan, scan_windows
+from gaugeblock.discover.name.confidence_set import Comparison, confidence_set
+from gaugeblock.discover.name.null import SearchNull, search_null
+from gaugeblock.discover.name.profile import Profile, profile
+from gaugeblock.discover.name.score import Scores, allowed, scores
+from gaugeblock.discover.name.templates import Templates, templates
+from gaugeblock.discover.sources import Sources
+from gaugeblock.simulators.segments import segments
+
+Array = NDArray[np.float64]
+
+LEVEL = 0.01
+"""Global p at which a disagreement counts."""
+
+PROFILED = 10
+"""Most candidates that are profiled in a round."""
+
+BEHIND = 15.0
+"""Nats by which a candidate's best template may promise less than the best one's, or a third of those."""
+
+AT_LEAST = 4
+"""Candidates that are profiled however far behind they are: curvature may have hidden the right one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What a fitted model leaves of one source: score tests of all candidates and a scan over windows.
+
+    `p_effects` is the global p of the strongest candidate over all effects and scanned values, `p_windows` of
+    the strongest window, `p_global` of both together (Bonferroni).
+    """
+
+    candidates: Candidates
+    fit: Fit
+    templates: Templates
+    scores: Scores
+    null: SearchNull
+    windows: WindowScan
+
+    @property
+    def z(self) -> Array:
+        """z of every template in the direction it may take, ``(template,)``."""
+        return allowed(self.scores.z[0], self.templates.sign)
+
+    @property
+    def p_effects(self) -> float:
+        """Global p over the library."""
+        return float(self.null.p_global(self.z.max()))
+
+    @property
+    def p_windows(self) -> float:
+        """Global p over the windows."""
+        return self.windows.p_overall
+
+    @property
+    def p_global(self) -> float:
+        """Global p of any disagreement."""
+        return min(1.0, 2.0 * min(self.p_effects, self.p_windows))
+
+    def best_template(self, key: str) -> int:
+        """The template of an effect with the largest allowed z."""
+        mine = np.flatnonzero(self.templates.owner == key)
+        return int(mine[np.argmax(self.z[mine])])
+
+    def promising(self) -> list[str]:
+        """Effects by what their best template promises, less Akaike's price; not those far behind."""
+        promise = {
+            key: max(self.z[self.best_template(key)], 0.0) ** 2 / 2.0
+            - len(self.candidates.entries[key].parameters)
+            for key in self.candidates.entries
+        }
+        ranked = sorted(promise, key=lambda key: -promise[key])
+        most = promise[ranked[0]]
+        near = [key for key in ranked if promise[key] >= min(2.0 / 3.0 * most, most - BEHIND)]
+        return ranked[: max(AT_LEAST, len(near))]
+
+
+def look(
+    candidates: Candidates,
+    sources: Sources,
+    fitted: Fit,
+    *,
+    rng: np.random.Generator,
+    replicates: int,
+    borrowed: tuple[Candidates, Fit] | None = None,
+) -> Look:
+    """Test every candidate and every window on what a fit of one source leaves.
+
+    Parameters
+    ----------
+    borrowed : candidates and fit, optional
+        Templates are taken from the same effects on another simulator, at another fit, scaled by the ratio of
+        expected counts: good enough to see whether anything is left, and nothing needs to be compiled.
+    """
+    if borrowed is None:
+        found = templates(candidates, sources, fitted)
+    else:
+        found = templates(borrowed[0], sources, borrowed[1])
+        ratio = fitted.expected / np.maximum(borrowed[1].expected, 1e-12)
+        found = Templates(found.values * ratio[:, None], found.owner, found.node, found.sign)
+    tested = scores(sources.counts, fitted, found.values)
+    streams = rng.spawn(2)
+    null = search_null(
+        fitted.expected[0], tested.shape[0], found.sign, found.owner, replicates=replicates, rng=streams[0]
+    )
+    parts = segments(sources.simulator, sources.counts.shape[1])
+    windows = scan_windows(
+        sources.counts[0],
+        fitted.expected[0],
+        fitted.jacobian[0],
+        np.concatenate([part.edges for part in parts]),
+        rng=streams[1],
+        segments=[(part.start, part.stop) for part in parts if part.role == "source"],
+        replicates=replicates,
+        prior_precision=fitted.precision,
+    )
+    return Look(candidates, fitted, found, tested, null, windows)
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """Candidates profiled on what a look found: the best first, each compared with it."""
+
+    look: Look
+    profiles: dict[str, Profile]
+    comparisons: list[Comparison]
+
+    @property
+    def best(self) -> Profile:
+        """The candidate that the data like best, parameters paid for."""
+        return self.profiles[self.comparisons[0].key]
+
+    @property
+    def indistinguishable(self) -> list[str]:
+        """The best and the candidates that the data cannot tell from it."""
+        return [one.key for one in self.comparisons if one.indistinguishable]
+
+
+def profile_round(seen: Look, sources: Sources, *, most: int = PROFILED) -> Round:
+    """Profile the most promising candidates of a look and compare them."""
+    keys = seen.promising()[:most]
+    profiles = {
+        key: profile(seen.candidates[key], sources, seen.fit, seen.templates, seen.scores) for key in keys
+    }
+    return Round(seen, profiles, confidence_set(list(profiles.values()), sources))

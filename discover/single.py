@@ -1,0 +1,152 @@
+"""Discovery in one source: search, name, confirm, decide."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.discover.candidates import Candidates
+from gaugeblock.discover.confirm.amplitude import Amplitude, Place, held_out_amplitude
+from gaugeblock.discover.confirm.decoys import random_shapes
+from gaugeblock.discover.confirm.held_out import HeldOut, Model, held_out
+from gaugeblock.discover.decide import Decision, decide
+from gaugeblock.discover.fit import Fit
+from gaugeblock.discover.name.unnamed import Correction, correction
+from gaugeblock.discover.search import LEVEL, Look, Round, look, profile_round
+from gaugeblock.discover.sources import Sources
+
+Array = NDArray[np.float64]
+
+MOST = 3
+"""Most effects that are added one after the other."""
+
+LATER = 6
+"""Most candidates that are profiled once an effect is in."""
+
+RIVALS = 5
+"""Most rivals whose held-out score is taken."""
+
+DECOYS = 5
+"""Random shapes that are scored beside the name."""
+
+Step = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """All that was found in one source, before anything is decided.
+
+    `first` is the look at the model as it was given, `rounds` the effects added one after the other, `last`
+    the look at what they leave; `held_out` scores them, their rivals, `unnamed` and decoys.
+    """
+
+    sources: Sources
+    candidates: Candidates
+    first: Look
+    rounds: tuple[Round, ...]
+    last: Look
+    correction: Correction | None
+    held_out: HeldOut | None
+    amplitudes: tuple[Amplitude, ...]
+    decision: Decision
+
+
+def discover_single(
+    sources: Sources,
+    candidates: Candidates,
+    base: Fit,
+    *,
+    rng: np.random.Generator,
+    replicates: int,
+    step: Step,
+) -> Search:
+    """Search one source, add effects while something is left, and put the result to the test."""
+    streams = dict(zip(("look", "held_out", "decoys", "amplitude"), rng.spawn(4), strict=True))
+    step("locating where model and data disagree")
+    first = look(candidates, sources, base, rng=streams["look"], replicates=replicates)
+    rounds, last = _rounds(sources, candidates, first, streams["look"], replicates, step)
+    if first.p_global > LEVEL:
+        quiet = decide(first, (), last, None)
+        return Search(sources, candidates, first, (), first, None, None, (), quiet)
+    step("fitting a smooth correction without a name")
+    smooth = correction(sources.simulator, sources, base)
+    step("scoring on held-out counts")
+    scored = held_out(
+        _models(sources, base, rounds, smooth, streams["decoys"]), sources, rng=streams["held_out"]
+    )
+    decision = decide(first, rounds, last, scored)
+    step("measuring the amplitude on the half that had no say")
+    amplitudes = tuple(
+        held_out_amplitude(place, sources, rounds[-1].best.fit, rng=stream)
+        for place, stream in zip(_places(rounds), streams["amplitude"].spawn(len(rounds)), strict=True)
+    )
+    return Search(sources, candidates, first, rounds, last, smooth, scored, amplitudes, decision)
+
+
+def _rounds(
+    sources: Sources,
+    candidates: Candidates,
+    first: Look,
+    rng: np.random.Generator,
+    replicates: int,
+    step: Step,
+) -> tuple[tuple[Round, ...], Look]:
+    """Add the best effect, look again, until nothing more has a name, and drop what became needless."""
+    rounds: list[Round] = []
+    seen, current = first, candidates
+    while len(rounds) < MOST and seen.p_effects <= LEVEL:
+        step(f"profiling the candidates for effect {len(rounds) + 1}")
+        rounds.append(profile_round(seen, sources, most=LATER if rounds else 10))
+        best = rounds[-1].best
+        current = current.after(best.candidate.key)
+        inner = _inner(best.fit, sources)
+        seen = look(current, sources, best.fit, rng=rng, replicates=replicates, borrowed=(candidates, inner))
+    return tuple(rounds), seen
+
+
+def _inner(fitted: Fit, sources: Sources) -> Fit:
+    """The part of an extended fit that belongs to the model as it was given."""
+    size = sources.simulator.prior.size
+    theta = fitted.theta[:, :size]
+    return replace(fitted, theta=theta, expected=sources.expected(theta))
+
+
+def _models(
+    sources: Sources,
+    base: Fit,
+    rounds: tuple[Round, ...],
+    smooth: Correction | None,
+    rng: np.random.Generator,
+) -> dict[str, Model]:
+    """What is scored on held-out counts: before, the name, its rivals, `unnamed`, random shapes."""
+    models = {"before": Model(sources.simulator, base.theta, "before")}
+    dimension = 1
+    if rounds:
+        names = [one.best.candidate.key for one in rounds]
+        best = rounds[-1].best
+        models[" + ".join(names)] = Model(best.candidate.simulator, best.fit.theta, "named")
+        for one in rounds[-1].comparisons[1 : RIVALS + 1]:
+            rival = rounds[-1].profiles[one.key]
+            models[" + ".join([*names[:-1], one.key])] = Model(
+                rival.candidate.simulator, rival.fit.theta, "rival"
+            )
+        dimension = sum(len(one.best.candidate.entry.parameters) for one in rounds)
+    if smooth is not None:
+        models["unnamed"] = Model(smooth.simulator, smooth.fit.theta, "unnamed")
+    models.update(random_shapes(sources.simulator, base, number=DECOYS, dimension=dimension, rng=rng))
+    return models
+
+
+def _places(rounds: tuple[Round, ...]) -> list[Place]:
+    """Every added effect inside the simulator that has them all."""
+    if not rounds:
+        return []
+    simulator: Any = rounds[-1].best.candidate.simulator
+    return [
+        Place(one.best.candidate.key, one.best.candidate.entry, simulator, one.best.candidate.amplitude_name)
+        for one in rounds
+    ]
