@@ -150,7 +150,7 @@ def normal_score(excess: ArrayLike, mean: ArrayLike, variance: ArrayLike) -> Arr
     for many counts ``excess / sqrt(variance)``. 0 where the fit has left no variance.
 
     >>> normal_score([0.0, 3.0, 300.0], [1.0, 1.0, 10000.0], [1.0, 1.0, 10000.0]).round(2)
-    array([0.  , 2.25, 2.99])
+    array([0.  , 2.26, 2.99])
     """
     mean, variance = np.asarray(mean, dtype=float), np.asarray(variance, dtype=float)
     left = variance > NOTHING_LEFT * mean

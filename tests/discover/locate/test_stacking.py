@@ -1,0 +1,113 @@
+import numpy as np
+import pytest
+
+from gaugeblock.discover.locate import Fixed, compare_frames, stack_excess, stacking_bins
+from gaugeblock.errors import InputError
+
+REDSHIFTS = np.random.default_rng(3).uniform(0.0, 1.0, 200)
+
+
+def stacked(data, redshift, **options):
+    bins = stacking_bins(data.edges, redshift)
+    return stack_excess(data.counts, data.expected, data.jacobian, data.edges, redshift, bins=bins, **options)
+
+
+def bump(energy, at, width):
+    return 1.0 + 0.2 * np.exp(-0.5 * ((energy - at) / width) ** 2)
+
+
+def detector(energy):
+    return bump(energy, 2.3, 0.15)
+
+
+def source(energy):
+    return bump(energy * (1 + REDSHIFTS[:, None]), 6.4, 0.35)
+
+
+def judged(power_laws, seed, factor, redshift=REDSHIFTS):
+    data = power_laws(seed, n=len(redshift), total=2000.0, factor=factor)
+    return compare_frames(stacked(data, redshift), rng=np.random.default_rng(seed), replicates=499)
+
+
+def test_sums_by_hand():
+    edges = np.array([[1.0, 2.0], [2.0, 4.0], [4.0, 8.0]])
+    counts, expected = np.array([[5.0, 1.0, 2.0], [0.0, 3.0, 1.0]]), np.ones((2, 3))
+    stack = stack_excess(counts, expected, None, edges, [0.0, 1.0], bins=[1.0, 2.0, 4.0, 8.0, 16.0])
+    # The second source moves up by one bin in its own frame.
+    np.testing.assert_allclose(stack.excess, [3.0, 2.0, 1.0, 0.0, 4.0, -1.0, 3.0, 0.0])
+    np.testing.assert_allclose(stack.mean, [2.0, 2.0, 2.0, 0.0, 1.0, 2.0, 2.0, 1.0])
+    np.testing.assert_allclose(np.diag(stack.covariance), stack.mean)
+    assert stack.covariance[0, 4] == 1.0
+    assert stack.covariance[0, 5] == 1.0
+    assert stack.covariance[0, 6] == 0.0
+
+
+def test_covariance_is_that_of_fitted_data(power_laws):
+    shifts = np.array([0.0, 0.3, 0.8])
+    excesses = []
+    for seed in range(600):
+        data = power_laws(seed, n=3, channels=8, total=2000.0)
+        stack = stack_excess(
+            data.counts, data.expected, data.jacobian, data.edges, shifts, bins=np.geomspace(0.5, 16.0, 9)
+        )
+        excesses.append(stack.excess)
+    seen, stated = np.cov(np.array(excesses).T), stack.covariance
+    spread = np.sqrt(np.maximum(np.outer(np.diag(stated), np.diag(stated)), 1.0))
+    # Spectra differ in slope from one to the next, so the covariance stated is typical, not the same.
+    assert np.abs((seen - stated) / spread).max() < 0.35
+
+
+def test_parts_of_a_catalogue_add_up(power_laws):
+    data = power_laws(1, n=40)
+    bins = stacking_bins(data.edges, REDSHIFTS[:40])
+
+    def part(rows):
+        return stack_excess(
+            data.counts[rows], data.expected[rows], data.jacobian[rows], data.edges, REDSHIFTS[:40][rows],
+            bins=bins,
+        )  # fmt: skip
+
+    whole, both = part(slice(None)), part(slice(0, 15)) + part(slice(15, None))
+    np.testing.assert_allclose(whole.excess, both.excess, atol=1e-9)
+    np.testing.assert_allclose(whole.covariance, both.covariance, atol=1e-8)
+    with pytest.raises(InputError, match="different"):
+        whole + stack_excess([[1.0]], [[1.0]], None, [[1.0, 2.0]], [0.0], bins=[1.0, 2.0])
+
+
+def test_what_stays_with_the_detector_and_what_moves(power_laws):
+    assert judged(power_laws, 1, detector).fixed is Fixed.DETECTOR
+    assert judged(power_laws, 2, source).fixed is Fixed.SOURCE
+    both = judged(power_laws, 3, lambda energy: detector(energy) * source(energy))
+    assert both.fixed is Fixed.BOTH
+    assert 2.0 < both.edges[np.nanargmax(both.detector)] < 2.6
+    assert 5.8 < both.edges[np.nanargmax(both.source)] < 7.0
+
+
+def test_at_one_redshift_it_cannot_be_told(power_laws):
+    frames = judged(power_laws, 4, detector, np.full(200, 0.4))
+    assert frames.fixed is Fixed.SAME_REDSHIFT
+    assert frames.p_detector < 0.01
+
+
+def test_size_in_both_frames(power_laws, uniform_size):
+    shifts = REDSHIFTS[:30]
+    found = []
+    for seed in range(200):
+        data = power_laws(seed, n=30, channels=60, total=400.0)
+        frames = compare_frames(stacked(data, shifts), rng=np.random.default_rng(seed), replicates=199)
+        found.append([frames.p_detector, frames.p_source, frames.p_detector_alone, frames.p_source_alone])
+        assert (frames.fixed is Fixed.NOTHING) == (min(found[-1][:2]) > 0.01)
+    for p_values in np.array(found).T:
+        uniform_size(p_values)
+
+
+def test_left_out_channels_are_in_no_bin(power_laws):
+    data = power_laws(1, n=5, channels=20)
+    without = stacked(data, REDSHIFTS[:5], channels=np.arange(20) < 10)
+    assert without.mean.sum() == pytest.approx(2 * data.expected[:, :10].sum())
+
+
+def test_bad_redshifts_are_said(power_laws):
+    data = power_laws(1, n=2)
+    with pytest.raises(InputError, match="redshift"):
+        stack_excess(data.counts, data.expected, None, data.edges, [0.0, -1.0], bins=[1.0, 2.0])
