@@ -3,3 +3,10 @@
 Rooms: `locate` (where), `name` (which effect), `extend` (the simulator with it), `confirm` (does it hold on
 data that did not choose it).
 """
+
+from gaugeblock.discover.candidates import Candidates, candidates
+from gaugeblock.discover.discovery import Discovery
+from gaugeblock.discover.run import discover
+from gaugeblock.discover.sources import Sources
+
+__all__ = ["Candidates", "Discovery", "Sources", "candidates", "discover"]

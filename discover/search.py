@@ -121,11 +121,17 @@ def look(
         fitted.jacobian[0],
         np.concatenate([part.edges for part in parts]),
         rng=streams[1],
-        segments=[(part.start, part.stop) for part in parts if part.role == "source"],
+        segments=source_segments(sources),
         replicates=replicates,
         prior_precision=fitted.precision,
     )
     return Look(candidates, fitted, found, tested, null, windows)
+
+
+def source_segments(sources: Sources) -> list[tuple[int, int]]:
+    """Channels ``start:stop`` that hold the source: background regions are fitted, not searched."""
+    parts = segments(sources.simulator, sources.counts.shape[1])
+    return [(part.start, part.stop) for part in parts if part.role == "source"]
 
 
 @dataclass(frozen=True, eq=False)

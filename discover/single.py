@@ -15,8 +15,9 @@ from gaugeblock.discover.confirm.decoys import random_shapes
 from gaugeblock.discover.confirm.held_out import HeldOut, Model, held_out
 from gaugeblock.discover.decide import Decision, decide
 from gaugeblock.discover.fit import Fit
+from gaugeblock.discover.locate.quantiles import CumulativeCounts, cumulative_counts
 from gaugeblock.discover.name.unnamed import Correction, correction
-from gaugeblock.discover.search import LEVEL, Look, Round, look, profile_round
+from gaugeblock.discover.search import LEVEL, Look, Round, look, profile_round, source_segments
 from gaugeblock.discover.sources import Sources
 
 Array = NDArray[np.float64]
@@ -49,6 +50,7 @@ class Search:
     first: Look
     rounds: tuple[Round, ...]
     last: Look
+    quantiles: CumulativeCounts
     correction: Correction | None
     held_out: HeldOut | None
     amplitudes: tuple[Amplitude, ...]
@@ -65,13 +67,23 @@ def discover_single(
     step: Step,
 ) -> Search:
     """Search one source, add effects while something is left, and put the result to the test."""
-    streams = dict(zip(("look", "held_out", "decoys", "amplitude"), rng.spawn(4), strict=True))
+    names = ("look", "quantiles", "held_out", "decoys", "amplitude")
+    streams = dict(zip(names, rng.spawn(len(names)), strict=True))
     step("locating where model and data disagree")
     first = look(candidates, sources, base, rng=streams["look"], replicates=replicates)
+    curve = cumulative_counts(
+        sources.counts[0],
+        base.expected[0],
+        base.jacobian[0],
+        rng=streams["quantiles"],
+        segments=source_segments(sources),
+        replicates=replicates,
+        prior_precision=base.precision,
+    )
     rounds, last = _rounds(sources, candidates, first, streams["look"], replicates, step)
     if first.p_global > LEVEL:
         quiet = decide(first, (), last, None)
-        return Search(sources, candidates, first, (), first, None, None, (), quiet)
+        return Search(sources, candidates, first, (), first, curve, None, None, (), quiet)
     step("fitting a smooth correction without a name")
     smooth = correction(sources.simulator, sources, base)
     step("scoring on held-out counts")
@@ -84,7 +96,7 @@ def discover_single(
         held_out_amplitude(place, sources, rounds[-1].best.fit, rng=stream)
         for place, stream in zip(_places(rounds), streams["amplitude"].spawn(len(rounds)), strict=True)
     )
-    return Search(sources, candidates, first, rounds, last, smooth, scored, amplitudes, decision)
+    return Search(sources, candidates, first, rounds, last, curve, smooth, scored, amplitudes, decision)
 
 
 def _rounds(

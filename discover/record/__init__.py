@@ -1,0 +1,6 @@
+"""A finished search as plain data and as arrays: discovery.json and discovery.nc."""
+
+from gaugeblock.discover.record.summary import summary
+from gaugeblock.discover.record.tree import tree
+
+__all__ = ["summary", "tree"]

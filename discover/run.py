@@ -1,0 +1,68 @@
+"""`discover`: the whole workflow on counts and a simulator."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from gaugeblock.discover.candidates import Candidates, candidates
+from gaugeblock.discover.discovery import Discovery
+from gaugeblock.discover.fit import fit
+from gaugeblock.discover.record import summary, tree
+from gaugeblock.discover.single import Step, discover_single
+from gaugeblock.discover.sources import Sources
+from gaugeblock.simulators.library import LibraryEffect
+
+
+def quiet(_: str) -> None:
+    """Report no progress."""
+
+
+def discover(
+    sources: Sources,
+    *,
+    seed: int = 0,
+    effects: Mapping[str, LibraryEffect] | None = None,
+    only: tuple[str, ...] = (),
+    library: Candidates | None = None,
+    replicates: int = 999,
+    step: Step = quiet,
+) -> Discovery:
+    """Find where a simulator and measured counts disagree, name the missing effect, add it, test the name.
+
+    Parameters
+    ----------
+    sources : Sources
+        Counts with the simulator that should explain them.
+    seed : int
+        Of everything random: simulated nulls, thinning, decoys.
+    effects : mapping of str to LibraryEffect, optional
+        Effects of one's own beside the simulator's library.
+    only : tuple of str
+        Effects to which the search is restricted.
+    library : Candidates, optional
+        Candidates that an earlier search of the same simulator has worked in: nothing is compiled again.
+    replicates : int
+        Simulated data sets behind every global p, which is never below 1 / (replicates + 1).
+    step : callable
+        Told, in words, what begins.
+
+    Raises
+    ------
+    InputError
+        If the simulator proposes no effect, or `only` names one that is not there.
+    """
+    step("fitting the model as it is")
+    base = fit(sources.simulator, sources.counts, scale=sources.scale)
+    proposed = library or candidates(sources.simulator, base.theta, own=effects, only=only)
+    search = discover_single(
+        sources, proposed, base, rng=np.random.default_rng(seed), replicates=replicates, step=step
+    )
+    return Discovery(summary(search), tree(search))
+
+
+def library_of(simulator: Any, theta: Any) -> Candidates:
+    """The simulator's candidates, to be handed to many searches as `library`."""
+    return candidates(simulator, np.atleast_2d(np.asarray(theta, dtype=float)))
