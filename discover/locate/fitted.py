@@ -28,15 +28,17 @@ class FittedCounts:
 
     Attributes
     ----------
-    observed, expected : ndarray, shape (channel,)
+    expected : ndarray, shape (channel,)
+    excess : ndarray, shape (channel,)
+        Observed minus expected counts, without what a parameter's bound has kept the fit from taking.
     directions : ndarray, shape (channel, direction)
         Orthonormal columns V.
     taken : ndarray, shape (direction,)
         Shares in [0, 1].
     """
 
-    observed: Array
     expected: Array
+    excess: Array
     directions: Array
     taken: Array
 
@@ -63,12 +65,7 @@ class FittedCounts:
         x, mean, slope = checked(counts, expected, jacobian)
         total = mean.sum(axis=0)
         directions, taken = _fitted_away(total, mean, slope, prior_precision)
-        return cls(x.sum(axis=0), total, directions, taken)
-
-    @property
-    def excess(self) -> Array:
-        """Observed minus expected counts ``(channel,)``."""
-        return self.observed - self.expected
+        return cls(total, fitted_excess(x, mean, slope, prior_precision).sum(axis=0), directions, taken)
 
     @property
     def variance(self) -> Array:
@@ -119,6 +116,23 @@ def posterior_roots(mean: Array, slope: Array, prior_precision: ArrayLike | None
     kept = values > 1e-10
     root = np.where(kept, 1.0 / np.sqrt(np.where(kept, values, 1.0)), 0.0)
     return np.asarray(vectors * root[:, None, :] / scale[:, :, None])
+
+
+def fitted_excess(x: Array, mean: Array, slope: Array, prior_precision: ArrayLike | None) -> Array:
+    """Excess ``(source, channel)`` after one more Fisher step of parameters that have no prior precision.
+
+    Where the fit is at its optimum the step is nothing. Where a bound stopped it, the excess along that
+    parameter is no disagreement: fits to data from the model stop there as well, and the null distribution
+    is that of fits that do not.
+    """
+    excess = x - mean
+    gradient = np.einsum("ncp,nc->np", slope, excess / mean)
+    if prior_precision is not None:
+        prior = np.asarray(prior_precision, dtype=float)
+        gradient[:, np.broadcast_to(np.diag(prior) if prior.ndim == 2 else prior, gradient.shape[1:]) > 0] = 0
+    root = posterior_roots(mean, slope, prior_precision)
+    step = np.einsum("npk,nqk,nq->np", root, root, gradient, optimize=True)
+    return np.asarray(excess - np.einsum("ncp,np->nc", slope, step))
 
 
 def _fitted_away(total: Array, mean: Array, slope: Array, prior_precision: Any) -> tuple[Array, Array]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.discover.locate.fitted import SOURCES_AT_ONCE, checked, posterior_roots
+from gaugeblock.discover.locate.fitted import SOURCES_AT_ONCE, checked, fitted_excess, posterior_roots
 from gaugeblock.errors import InputError
 
 Array = NDArray[np.float64]
@@ -115,7 +115,7 @@ def stack_excess(
     size = number + 1
     # Where a channel goes in the vector of both frames' bins.
     both = np.stack([place[0], place[1] + size])
-    excess = _sums((x - mean)[None], both, 2 * size)
+    excess = np.zeros(2 * size)
     covariance = np.zeros((2 * size, 2 * size))
     for one in both:
         for other in both:
@@ -123,6 +123,8 @@ def stack_excess(
             covariance += np.bincount(pair.ravel(), mean.ravel(), 4 * size**2).reshape(covariance.shape)
     for start in range(0, len(x), SOURCES_AT_ONCE):
         part = slice(start, start + SOURCES_AT_ONCE)
+        rows = fitted_excess(x[part], mean[part], slope[part], prior_precision)
+        excess += _sums(rows[None], both[:, part], 2 * size)
         fitted = slope[part] @ posterior_roots(mean[part], slope[part], prior_precision)
         loading = _by_source(fitted, both[:, part], 2 * size)
         covariance -= loading.T @ loading

@@ -102,6 +102,7 @@ def scan_windows(
         If shapes disagree, or an expectation is not positive.
     """
     fitted = FittedCounts.of(counts, expected, jacobian, prior_precision=prior_precision)
+    raw = np.atleast_2d(np.asarray(counts, dtype=float)).sum(axis=0) - fitted.expected
     sides = np.asarray(edges, dtype=float)
     windows = window_bounds(segments or [(0, len(fitted.expected))])
     null = _null_maximum(fitted, windows, rng, replicates)
@@ -133,7 +134,7 @@ def scan_windows(
         start=start,
         stop=stop,
         z=np.array([row[2] for row in found]),
-        excess=np.array([fitted.excess[a:b].sum() for a, b in rows]),
+        excess=np.array([raw[a:b].sum() for a, b in rows]),
         p_global=np.array([row[3] for row in found]),
         p_overall=share_beyond(null, top),
         p_extrapolated=extrapolated_tail(null, top),
@@ -221,9 +222,7 @@ def _with_level(fitted: FittedCounts, window: slice) -> FittedCounts:
     inner = (span.T @ fitted.directions * fitted.taken) @ (fitted.directions.T @ span)
     inner += np.outer(span.T @ left, span.T @ left) / information
     taken, rotation = linalg.eigh(inner)
-    return FittedCounts(
-        fitted.expected + shifted * root, fitted.expected, span @ rotation, np.clip(taken, 0.0, 1.0)
-    )
+    return FittedCounts(fitted.expected, shifted * root, span @ rotation, np.clip(taken, 0.0, 1.0))
 
 
 def _strongest(scores: Array, windows: NDArray[np.intp], channels: int) -> Array:

@@ -96,3 +96,25 @@ def test_what_the_fit_takes_wholly_scores_nothing():
 def test_bad_input_is_said(arguments, said):
     with pytest.raises(InputError, match=said):
         FittedCounts.of(*arguments)
+
+
+def test_what_a_bound_keeps_from_the_fit_is_no_disagreement(power_laws):
+    # The slope is held 3 standard deviations from its optimum, as a bound would; the level is free.
+    data = power_laws(6, total=20_000.0, channels=50)
+    counts, expected, slope, edges = data.one
+    energy = np.log(np.sqrt(edges.prod(axis=1)))
+    level, tilt = slope.T
+    error = 1 / np.sqrt(tilt @ (tilt / expected) - (tilt @ (level / expected)) ** 2 / level.sum())
+    held = expected * np.exp(-3 * error * energy)
+    held *= counts.sum() / held.sum()
+    at_bound = FittedCounts.of(counts, held, np.stack([held, -held * energy], axis=1))
+    free = FittedCounts.of(counts, expected, slope)
+    running = np.cumsum(np.stack([free.excess, at_bound.excess, counts - held]), axis=1)
+    assert np.abs(running[2] - running[0]).max() > 100
+    np.testing.assert_allclose(running[1], running[0], atol=15)
+
+
+def test_what_a_prior_keeps_from_the_fit_is_left_as_it_is():
+    counts, expected = np.array([12.0, 9.0]), np.array([10.0, 10.0])
+    fitted = FittedCounts.of(counts, expected, expected[:, None], prior_precision=[5.0])
+    np.testing.assert_array_equal(fitted.excess, [2.0, -1.0])
