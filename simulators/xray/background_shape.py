@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -62,15 +61,15 @@ class BackgroundShape:
         return cls(places, spline(np.log(nodes)), 0.5 * np.asarray(width, dtype=float)[:, None] * _WEIGHTS)
 
     def rate(self, log_rate: Any) -> Any:
-        """Counts per second in each channel ``(..., channel)`` for log rates ``(..., knot)``: NumPy or JAX."""
+        """Counts per second ``(..., channel)`` for log rates ``(..., knot)``, NumPy or JAX."""
         # Added up knot by knot: a matrix product rounds differently in batches of different sizes.
         terms = (log_rate[..., k, None, None] * self.basis[..., k] for k in range(len(self.knots)))
         return (namespace(log_rate).exp(sum(terms)) * self.width).sum(-1)
 
     def derivative(self, log_rate: ArrayLike) -> Array:
         """Derivative of the rate by the log rates, ``(..., channel, knot)``."""
-        at = np.exp(np.einsum("...k,cqk->...cq", log_rate, self.basis)) * self.width
-        return np.einsum("...cq,cqk->...ck", at, self.basis)
+        at = np.exp(np.einsum("...k,cqk->...cq", np.asarray(log_rate, dtype=float), self.basis))
+        return np.asarray(np.einsum("...cq,cqk->...ck", at * self.width, self.basis))
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +99,7 @@ class MeasuredBackground:
         *,
         exposure: float,
         width: ArrayLike | None = None,
-        knots: Sequence[float] | None = None,
+        knots: ArrayLike | None = None,
     ) -> MeasuredBackground:
         """Shape and prior from the counts in the background region.
 
@@ -119,7 +118,7 @@ class MeasuredBackground:
             Seconds, of the source region.
         width : array, shape (channel,), optional
             Usable keV of every channel, where bad detector channels leave less than the edges enclose.
-        knots : sequence of float, optional
+        knots : array, optional
             Energies in keV, instead of those chosen here.
 
         Raises
@@ -159,7 +158,7 @@ def _checked(counts: ArrayLike, scale: ArrayLike, edges: ArrayLike) -> tuple[Arr
     found, bounds = np.asarray(counts, dtype=float), np.asarray(edges, dtype=float)
     if found.ndim != 1 or bounds.shape != (len(found), 2):
         raise InputError(
-            f"background: needs counts (channel,) and edges (channel, 2), got {found.shape} and {bounds.shape}"
+            f"background: needs counts (channel,) and edges (channel, 2), got {found.shape}, {bounds.shape}"
         )
     if not (np.isfinite(found).all() and (found >= 0).all() and (found == np.round(found)).all()):
         raise InputError("background: needs raw counts, whole numbers of at least 0; give it unscaled")
@@ -179,7 +178,8 @@ def _places(counts: Array, edges: Array, number: int) -> Array:
     grid = grid[order]
     even = np.log(grid / grid[0]) / np.log(grid[-1] / grid[0])
     sums = np.concatenate([[0.0], np.cumsum(counts[order[:-1]] + 1e-9)])
-    return np.exp(np.interp(np.linspace(0.0, 1.0, number), 0.5 * (even + sums / sums[-1]), np.log(grid)))
+    divided = 0.5 * (even + sums / sums[-1])
+    return np.asarray(np.exp(np.interp(np.linspace(0.0, 1.0, number), divided, np.log(grid))))
 
 
 def _likeliest(shape: BackgroundShape, counts: Array, seconds: Array) -> tuple[Array, Array, float]:

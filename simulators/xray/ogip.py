@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,62 @@ from gaugeblock.simulators.xray.response import Response
 Array = NDArray[np.float64]
 
 
+@dataclass(frozen=True, eq=False)
+class Detector:
+    """A redistribution matrix with its effective area, before a spectrum says what is used of it.
+
+    Attributes
+    ----------
+    rmf, arf : path
+        Where it was read from.
+    channel : ndarray, shape (fine,)
+        Numbers of the detector's channels.
+    fine_channels : ndarray, shape (fine, 2)
+        Their edges in keV.
+    energies : ndarray, shape (bin, 2)
+        Edges of the input bins in keV.
+    area : ndarray, shape (bin,)
+        cm2.
+    redistribution : scipy.sparse.csr_array, shape (fine, bin)
+    files, notes
+        As `Response` has them.
+    """
+
+    rmf: FilePath
+    arf: FilePath | None
+    channel: NDArray[np.int64]
+    fine_channels: Array
+    energies: Array
+    area: Array
+    redistribution: Any
+    files: Mapping[str, str]
+    notes: tuple[str, ...]
+
+
+def read_detector(rmf: FilePath, arf: FilePath | None) -> Detector:
+    """Read an RMF, and the ARF that belongs to it.
+
+    Raises
+    ------
+    InputError
+        In one line that names the file, if one is missing or unreadable, or they do not fit together.
+    """
+    matrix = load("RMF", rmf, require("jaxspec.data.ogip", "xray").DataRMF.from_file)
+    redistribution = matrix.sparse_matrix.to_scipy_sparse().tocsr().astype(float)
+    area, redistribution, notes = _effective_area(rmf, arf, matrix, redistribution)
+    return Detector(
+        rmf,
+        arf,
+        np.asarray(matrix.channel),
+        np.stack([matrix.e_min, matrix.e_max], axis=1),
+        np.stack([matrix.energ_lo, matrix.energ_hi], axis=1),
+        area,
+        redistribution,
+        {role: sha256(path) for role, path in (("rmf", rmf), ("arf", arf)) if path is not None},
+        notes,
+    )
+
+
 def read_response(
     rmf: FilePath,
     arf: FilePath | None,
@@ -27,41 +85,56 @@ def read_response(
     name: str | None,
 ) -> Response:
     """See `Response.from_ogip`."""
-    matrix = load("RMF", rmf, require("jaxspec.data.ogip", "xray").DataRMF.from_file)
-    redistribution = matrix.sparse_matrix.to_scipy_sparse().tocsr().astype(float)
-    fine = np.stack([matrix.e_min, matrix.e_max], axis=1)
-    energies = np.stack([matrix.energ_lo, matrix.energ_hi], axis=1)
-    area, redistribution, notes = _effective_area(rmf, arf, matrix, redistribution)
-    files = {
-        role: sha256(path) for role, path in (("rmf", rmf), ("arf", arf), ("pha", pha)) if path is not None
-    }
+    detector = read_detector(rmf, arf)
+    spectrum = None if pha is None else load("PHA", pha, read_pha)
+    made = respond(detector, spectrum, band=band, grouping=grouping, name=name, pha=pha)
+    if exposure is None:
+        exposure = 1.0 if spectrum is None else spectrum.exposure
+    files = {**made.files} if pha is None else {**made.files, "pha": sha256(pha)}
+    return replace(made.with_exposure(exposure), files=files)
 
+
+def respond(
+    detector: Detector,
+    spectrum: Pha | None,
+    *,
+    band: tuple[float, float] | None,
+    grouping: ArrayLike | None,
+    name: str | None,
+    pha: FilePath | None = None,
+) -> Response:
+    """A detector as a spectrum uses it, for one second: its channels, groups, quality flags and AREASCAL.
+
+    Raises
+    ------
+    InputError
+        If the spectrum is of another detector, or no usable channel lies in the band.
+    """
+    fine, redistribution = detector.fine_channels, detector.redistribution
     usable = np.ones(len(fine), dtype=bool)
     flags = None if grouping is None else np.asarray(grouping)
-    if pha is not None:
-        spectrum = load("PHA", pha, read_pha)
-        rows = match_channels(spectrum, matrix.channel, f"PHA {pha}", f"RMF {rmf}")
+    if spectrum is not None:
+        rows = match_channels(spectrum, detector.channel, f"PHA {pha}", f"RMF {detector.rmf}")
         redistribution = redistribution[rows].multiply(spectrum.areascal[:, None]).tocsr()
         fine, usable = fine[rows], spectrum.quality == 0
-        exposure = spectrum.exposure if exposure is None else exposure
         flags = spectrum.grouping if flags is None else flags
     groups = group_matrix(flags, len(fine)).multiply(usable[None, :]).tocsr()
     groups.eliminate_zeros()
 
-    channels, keep = _selected(groups, fine, band, rmf)
-    bins = (energies[:, 0] > 0) & (np.asarray(redistribution.sum(axis=0)).ravel() > 0)
+    channels, keep = _selected(groups, fine, band, detector.rmf)
+    bins = (detector.energies[:, 0] > 0) & (np.asarray(redistribution.sum(axis=0)).ravel() > 0)
     return Response(
-        name=name or Path(rmf).name,
-        energies=energies[bins],
+        name=name or Path(detector.rmf).name,
+        energies=detector.energies[bins],
         channels=channels[keep],
         fine_channels=fine,
-        area=area[bins],
+        area=detector.area[bins],
         redistribution=redistribution[:, bins],
         grouping=groups[keep],
         exposure=1.0,
-        files=files,
-        notes=notes,
-    ).with_exposure(1.0 if exposure is None else exposure)
+        files=detector.files,
+        notes=detector.notes,
+    )
 
 
 def _effective_area(

@@ -27,6 +27,7 @@ class Pha:
     background_file: str | None
     response_file: str | None
     area_file: str | None
+    instrument: str | None = None
 
 
 def read_pha(path: Path) -> Pha:
@@ -80,6 +81,7 @@ def read_pha(path: Path) -> Pha:
             background_file=header.get("BACKFILE"),
             response_file=header.get("RESPFILE"),
             area_file=header.get("ANCRFILE"),
+            instrument=header.get("INSTRUME"),
         )
 
 

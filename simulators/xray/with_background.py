@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,29 @@ from gaugeblock.streams import Rng
 Array = NDArray[np.float64]
 
 
+class Siblings:
+    """Sources made by adding effects, remembered for simulators that differ in their backgrounds alone.
+
+    They then share what has been compiled. The latest 64 are kept.
+    """
+
+    def __init__(self) -> None:
+        self._made: list[tuple[Any, Effect, Any]] = []
+
+    def extended(self, source: Any) -> Callable[[Effect], Any]:
+        """The source's `with_effect`, which gives the same object for the same effect."""
+
+        def with_effect(effect: Effect) -> Any:
+            for origin, known, made in self._made:
+                if origin is source and known == effect and known.kind == effect.kind:
+                    return made
+            made = source.with_effect(effect)
+            self._made = [*self._made[-63:], (source, effect, made)]
+            return made
+
+        return with_effect
+
+
 class WithBackground:
     """Counts in the source region, then counts in the background region: ``(..., 2 channel)``.
 
@@ -28,8 +51,8 @@ class WithBackground:
     function of energy whose log rate at some knots is phi (`MeasuredBackground`). phi joins the prior as
     ``background_1.rate_1``, ..., behind the source's parameters.
 
-    Effects, those of the instrument too, act on the source alone: what is recorded of the background is fitted
-    where it is recorded, and needs no energy scale.
+    Effects, those of the instrument too, act on the source alone: the background is fitted where it is
+    recorded, and needs no energy scale.
 
     Implements `gaugeblock.simulators.Simulator` with the same capabilities as the source.
 
@@ -45,7 +68,14 @@ class WithBackground:
         If source and background have different channels.
     """
 
-    def __init__(self, source: Any, background: MeasuredBackground, *, names: tuple[str, ...] | None = None):
+    def __init__(
+        self,
+        source: Any,
+        background: MeasuredBackground,
+        *,
+        names: tuple[str, ...] | None = None,
+        siblings: Siblings | None = None,
+    ):
         channels = len(background.scale)
         if channels != source.data_shape[0]:
             raise InputError(
@@ -53,6 +83,7 @@ class WithBackground:
             )
         self.source = source
         self.background = background
+        self._siblings = siblings
         both = source.prior * background.prior
         self.prior = both if names is None else Prior({name: both.marginals[name] for name in names})
         self._source_columns = [self.prior.names.index(name) for name in source.prior.names]
@@ -132,9 +163,12 @@ class WithBackground:
 
     def with_effect(self, effect: Effect) -> WithBackground:
         """The same data with one more effect on the source; its parameters come last."""
-        source = self.source.with_effect(effect)
+        extend = self.source.with_effect if self._siblings is None else self._siblings.extended(self.source)
+        source = extend(effect)
         added = tuple(name for name in source.prior.names if name not in self.prior.names)
-        return WithBackground(source, self.background, names=(*self.prior.names, *added))
+        return WithBackground(
+            source, self.background, names=(*self.prior.names, *added), siblings=self._siblings
+        )
 
     def effect_library(self, theta: ArrayLike) -> Mapping[str, LibraryEffect]:
         """What the source may lack, scaled for fitted theta ``(n, parameter)``."""

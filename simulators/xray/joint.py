@@ -1,0 +1,259 @@
+"""Several instruments that looked at one source: one theta, their data side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gaugeblock.errors import InputError
+from gaugeblock.simulators.effects import Effect
+from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators.marginals import Marginal, Uniform
+from gaugeblock.simulators.prior import Prior
+from gaugeblock.simulators.protocol import can
+from gaugeblock.simulators.segments import Segment
+from gaugeblock.simulators.xray.cross_calibration import CrossCalibrated
+from gaugeblock.simulators.xray.joint_library import OnInstrument, joint_library
+from gaugeblock.simulators.xray.poisson import jax_log_likelihood, log_likelihood, theta_array
+from gaugeblock.simulators.xray.with_background import WithBackground
+from gaugeblock.streams import Rng
+
+Array = NDArray[np.float64]
+
+CROSS_CALIBRATION = Uniform(0.8, 1.25)
+"""Prior of the constant between two instruments."""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One instrument: its simulator, and what its parameters are called in the joint theta, in order."""
+
+    name: str
+    simulator: Any
+    parameters: tuple[str, ...]
+
+    @property
+    def channels(self) -> int:
+        """Length of its part of the data vector."""
+        return int(self.simulator.data_shape[0])
+
+    def segments(self) -> tuple[Segment, ...]:
+        """Its segments as it has them by itself."""
+        if can(self.simulator, "segments"):
+            return tuple(self.simulator.segments())
+        return (Segment("source", 0, self.channels, self.simulator.channels),)
+
+
+class JointSpectra:
+    """Spectra of one source by several instruments: data ``(..., channel)``, one instrument after the other.
+
+    The source's parameters are shared. Each instrument but the first has a constant
+    ``cross_calibration_<k>.factor``, k from 2, by which all that it records *of the source* is multiplied,
+    and each may have its background, with parameters ``background_<k>.rate_1``, ... Effects go into all
+    instruments, their parameters shared; an effect whose kind is `OnInstrument` goes into the one it names.
+
+    Implements `gaugeblock.simulators.Simulator` with the same capabilities as its parts; made by
+    `joint_spectra`.
+    """
+
+    def __init__(self, parts: tuple[Part, ...], prior: Prior, effects: tuple[Effect, ...] = ()):
+        self.parts = parts
+        self.prior = prior
+        self.effects = effects
+        self._columns = [[prior.names.index(name) for name in part.parameters] for part in parts]
+        stops = np.cumsum([part.channels for part in parts]).tolist()
+        self._slices = [slice(a, b) for a, b in zip([0, *stops[:-1]], stops, strict=True)]
+        self.data_shape: tuple[int, ...] = (stops[-1],)
+
+    @property
+    def model(self) -> str:
+        """The source's model expression."""
+        return str(self.parts[0].simulator.model)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the instruments."""
+        return tuple(part.name for part in self.parts)
+
+    @property
+    def exposure(self) -> float:
+        """Exposure of the first instrument in seconds."""
+        return float(self.parts[0].simulator.exposure)
+
+    def segments(self) -> tuple[Segment, ...]:
+        """Every instrument's segments, named ``<instrument>`` and ``<instrument> background``."""
+        return tuple(
+            replace(
+                segment,
+                name=part.name if segment.role == "source" else f"{part.name} background",
+                start=segment.start + place.start,
+                stop=segment.stop + place.start,
+            )
+            for part, place in zip(self.parts, self._slices, strict=True)
+            for segment in part.segments()
+        )
+
+    def expected(self, theta: ArrayLike) -> Array:
+        """Expected counts ``(..., channel)``, float64, at least 1e-6 each."""
+        array = theta_array(self.prior, theta)
+        return np.concatenate(
+            [
+                part.simulator.expected(array[..., columns])
+                for part, columns in zip(self.parts, self._columns, strict=True)
+            ],
+            axis=-1,
+        )
+
+    def jacobian(self, theta: ArrayLike) -> Array:
+        """Derivative of the expected counts by the parameters, ``(..., channel, parameter)``."""
+        array = theta_array(self.prior, theta)
+        result = np.zeros((*array.shape[:-1], *self.data_shape, self.prior.size))
+        for part, columns, place in zip(self.parts, self._columns, self._slices, strict=True):
+            result[..., place, columns] = part.simulator.jacobian(array[..., columns])
+        return result
+
+    def observe(self, expected: ArrayLike, rng: Rng) -> NDArray[np.int64]:
+        """Poisson counts of the given means; with `TrialStreams`, trials along the first axis."""
+        return np.asarray(rng.poisson(np.asarray(expected, dtype=float)))
+
+    def simulate(self, theta: ArrayLike, rng: Rng) -> NDArray[np.int64]:
+        """Counts ``(n, channel)`` for theta ``(n, parameter)``."""
+        return self.observe(self.expected(theta), rng)
+
+    def log_likelihood(self, theta: ArrayLike, x: ArrayLike) -> Array:
+        """Log probability of counts x given theta, with the ``-log x!`` term; leading axes broadcast."""
+        return log_likelihood(self, theta, x)
+
+    def expected_jax(self, theta: Any) -> Any:
+        """Expected counts of one theta, traceable by JAX, inside `double_precision()`."""
+        import jax.numpy as jnp
+
+        return jnp.concatenate(
+            [
+                part.simulator.expected_jax(theta[jnp.asarray(columns)])
+                for part, columns in zip(self.parts, self._columns, strict=True)
+            ]
+        )
+
+    def log_likelihood_jax(self, theta: Any, x: Any) -> Any:
+        """Log likelihood of one theta and one data vector, traceable by JAX, as `expected_jax` is."""
+        return jax_log_likelihood(self.expected_jax(theta), x)
+
+    def with_effect(self, effect: Effect) -> JointSpectra:
+        """The same data with one more effect, in all instruments or in the one that its kind names.
+
+        Raises
+        ------
+        InputError
+            If it names an instrument that is not there, or is not known to the spectra.
+        """
+        chosen, own = self.names, effect
+        if isinstance(effect.kind, OnInstrument):
+            if effect.kind.instrument not in self.names:
+                raise InputError(
+                    f"effect {effect.name}: there is no instrument {effect.kind.instrument!r}; there are "
+                    f"{', '.join(self.names)}"
+                )
+            chosen, own = (effect.kind.instrument,), Effect(effect.name, effect.parameters, effect.kind.kind)
+        label = f"{effect.name}_{1 + sum(other.name == effect.name for other in self.effects)}"
+        parts = tuple(_extended(part, own, label) if part.name in chosen else part for part in self.parts)
+        free = effect.prior(label)
+        prior = self.prior if free is None else self.prior * free
+        return JointSpectra(parts, prior, (*self.effects, effect))
+
+    def effect_library(self, theta: ArrayLike) -> Mapping[str, LibraryEffect]:
+        """What may be missing: of the source once, of an instrument as ``<effect>[<instrument>]``."""
+        array = theta_array(self.prior, theta)
+        return joint_library(
+            self.names,
+            [
+                part.simulator.effect_library(array[..., columns])
+                for part, columns in zip(self.parts, self._columns, strict=True)
+            ],
+        )
+
+    def with_exposure(self, seconds: float) -> JointSpectra:
+        """All instruments, observing longer or shorter by the same factor; `seconds` is the first's."""
+        ratio = seconds / self.exposure
+        parts = (
+            replace(part, simulator=part.simulator.with_exposure(part.simulator.exposure * ratio))
+            for part in self.parts
+        )
+        return JointSpectra(tuple(parts), self.prior, self.effects)
+
+    def describe(self) -> dict[str, Any]:
+        """Plain data that identifies this simulator."""
+        return {
+            "simulator": "xray, several instruments",
+            "parts": {part.name: part.simulator.describe() for part in self.parts},
+            "prior": self.prior.describe(),
+        }
+
+
+def _extended(part: Part, effect: Effect, label: str) -> Part:
+    """An instrument with one more effect, whose parameters the joint theta has under its own label."""
+    simulator = part.simulator.with_effect(effect)
+    called = dict(zip(part.simulator.prior.names, part.parameters, strict=True))
+    names = tuple(called.get(name) or f"{label}.{name.rsplit('.', 1)[1]}" for name in simulator.prior.names)
+    return replace(part, simulator=simulator, parameters=names)
+
+
+def joint_spectra(
+    simulators: Sequence[Any], names: Sequence[str], *, cross_calibration: Marginal = CROSS_CALIBRATION
+) -> JointSpectra:
+    """Join spectra of one source; the data are then concatenated in the same order.
+
+    Parameters
+    ----------
+    simulators : sequence of XraySpectrum or WithBackground
+        Of the same model, with the same prior of the source and the same effects, all of them fixed.
+    names : sequence of str
+        What to call the instruments.
+    cross_calibration : Marginal
+        Prior of the constants that the second and all further instruments have.
+
+    Raises
+    ------
+    InputError
+        If there is no simulator, names are not distinct, or models, priors or effects differ.
+    """
+    if not simulators or len(names) != len(simulators) or len(set(names)) != len(names):
+        raise InputError(
+            f"instruments: {len(simulators)} spectra need as many distinct names, got {', '.join(names)}"
+        )
+    first = _source(simulators[0])
+    marginals: dict[str, Marginal] = {}
+    parts = []
+    for k, (name, simulator) in enumerate(zip(names, simulators, strict=True), start=1):
+        source = _source(simulator)
+        if source.model != first.model or source.prior != first.prior or source.effects != first.effects:
+            raise InputError(f"instruments {names[0]} and {name}: need the same model, prior and effects")
+        if any(effect.free for effect in source.effects):
+            raise InputError(f"instrument {name}: add effects with free parameters after joining")
+        made = simulator if k == 1 else _calibrated(simulator, cross_calibration)
+        called = tuple(_called(parameter, k) for parameter in made.prior.names)
+        marginals |= dict(zip(called, made.prior.marginals.values(), strict=True))
+        parts.append(Part(name, made, called))
+    return JointSpectra(tuple(parts), Prior(marginals), tuple(first.effects))
+
+
+def _source(simulator: Any) -> Any:
+    return simulator.source if isinstance(simulator, WithBackground) else simulator
+
+
+def _calibrated(simulator: Any, factor: Marginal) -> Any:
+    if isinstance(simulator, WithBackground):
+        return WithBackground(CrossCalibrated(simulator.source, factor), simulator.background)
+    return CrossCalibrated(simulator, factor)
+
+
+def _called(parameter: str, k: int) -> str:
+    """What the joint theta calls a parameter of the k-th instrument: what is its own carries its number."""
+    for kind in ("background", "cross_calibration"):
+        if parameter.startswith(f"{kind}_1."):
+            return f"{kind}_{k}." + parameter.partition(".")[2]
+    return parameter

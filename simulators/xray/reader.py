@@ -1,0 +1,160 @@
+"""Reads measured spectra; what many of them share is read and worked out once."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.errors import InputError
+from gaugeblock.simulators.xray.binning import grouped, resolution_grouping
+from gaugeblock.simulators.xray.files import FilePath, load, sha256
+from gaugeblock.simulators.xray.ogip import Detector, read_detector, respond
+from gaugeblock.simulators.xray.pha import Pha, read_pha
+from gaugeblock.simulators.xray.response import Response
+from gaugeblock.simulators.xray.spectrum import Spectrum
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """A spectrum as it was read.
+
+    `identity` is the same for spectra of the same response, channels and groups, whatever their exposure;
+    `instrument` is what the header calls it, "" where it does not.
+    """
+
+    spectrum: Spectrum
+    identity: str
+    instrument: str
+
+
+class Reader:
+    """Reads spectra with the files that their headers name.
+
+    Parameters
+    ----------
+    band : (low, high), optional
+        Energies in keV; only channels that lie wholly inside are kept.
+    regroup : {"never", "ungrouped", "always"}
+        Which spectra are grouped by the detector's resolution (`resolution_grouping`).
+    """
+
+    def __init__(self, *, band: tuple[float, float] | None = None, regroup: str = "never"):
+        if regroup not in {"never", "ungrouped", "always"}:
+            raise InputError(f"grouping: must be never, ungrouped or always, got {regroup!r}")
+        self._band = band
+        self._regroup = regroup
+        self._digests: dict[tuple[str, int, int], str] = {}
+        self._detectors: dict[tuple[str, str], Detector] = {}
+        self._responses: dict[str, Response] = {}
+
+    def read(
+        self,
+        pha: FilePath,
+        rmf: FilePath | None = None,
+        arf: FilePath | None = None,
+        background: FilePath | None = None,
+        *,
+        exposure: float | None = None,
+    ) -> Reading:
+        """One spectrum; ``background="none"`` does without the one that its header names.
+
+        Raises
+        ------
+        InputError
+            In one line that names the file, if one is missing or unreadable, or they do not fit together.
+        """
+        raw = load("PHA", pha, read_pha)
+        rmf = rmf if rmf is not None else _named(pha, "RESPFILE", raw.response_file)
+        arf = arf if arf is not None else _named(pha, "ANCRFILE", raw.area_file)
+        background = background if background is not None else _named(pha, "BACKFILE", raw.background_file)
+        if rmf is None:
+            raise InputError(f"PHA {pha}: its header names no response (RESPFILE); give the RMF")
+        detector = self._detector(rmf, arf)
+        response, identity = self._response(detector, raw, pha)
+        response = replace(
+            response.with_exposure(raw.exposure if exposure is None else exposure),
+            name=Path(pha).name,
+            files={**response.files, "pha": self._digest(pha)},
+        )
+        counts = (response.grouping @ raw.counts).astype(np.int64)
+        spectrum = Spectrum(counts, response)
+        if background is not None and str(background).lower() != "none":
+            spectrum = self._with_background(spectrum, raw, pha, background)
+        return Reading(spectrum, identity, (raw.instrument or "").strip())
+
+    def _with_background(self, spectrum: Spectrum, raw: Pha, pha: FilePath, background: FilePath) -> Spectrum:
+        other = load("background", background, read_pha)
+        if not np.array_equal(other.channel, raw.channel):
+            raise InputError(f"background {background}: has other channels than the spectrum {pha}")
+        response = spectrum.response
+        scale = _scale(raw) / _scale(other)
+        size = np.asarray(response.grouping.sum(axis=1)).ravel()
+        return Spectrum(
+            spectrum.counts,
+            replace(response, files={**response.files, "background": self._digest(background)}),
+            (response.grouping @ other.counts).astype(np.int64),
+            np.asarray(response.grouping @ scale) / size,
+        )
+
+    def _digest(self, path: FilePath) -> str:
+        file = Path(path).resolve()
+        state = file.stat()
+        key = (str(file), state.st_mtime_ns, state.st_size)
+        if key not in self._digests:
+            self._digests[key] = sha256(file)
+        return self._digests[key]
+
+    def _detector(self, rmf: FilePath, arf: FilePath | None) -> Detector:
+        for role, path in (("RMF", rmf), ("ARF", arf)):
+            if path is not None and not Path(path).is_file():
+                raise InputError(f"{role} {path}: no such file; check the path")
+        key = (self._digest(rmf), "" if arf is None else self._digest(arf))
+        if key not in self._detectors:
+            self._detectors[key] = read_detector(rmf, arf)
+        return self._detectors[key]
+
+    def _response(self, detector: Detector, raw: Pha, pha: FilePath) -> tuple[Response, str]:
+        """The response for one second, and a digest of everything that it follows from."""
+        regroup = self._regroup == "always" or (self._regroup == "ungrouped" and not grouped(raw.grouping))
+        flags = np.zeros(0) if raw.grouping is None or regroup else raw.grouping
+        parts = (raw.channel, flags, raw.quality, raw.areascal)
+        key = hashlib.sha256(repr((sorted(detector.files.items()), regroup)).encode())
+        for part in parts:
+            key.update(np.asarray(part, dtype="<f8").tobytes() + b"|")
+        identity = key.hexdigest()
+        if identity not in self._responses:
+            grouping = _by_resolution(detector, raw, pha) if regroup else None
+            self._responses[identity] = respond(
+                detector, raw, band=self._band, grouping=grouping, name=None, pha=pha
+            )
+        return self._responses[identity], identity
+
+
+def _by_resolution(detector: Detector, raw: Pha, pha: FilePath) -> NDArray[np.int64]:
+    whole = respond(detector, raw, band=None, grouping=None, name=None, pha=pha)
+    return resolution_grouping(whole.redistribution, whole.fine_channels)
+
+
+def _scale(raw: Pha) -> NDArray[np.float64]:
+    return raw.exposure * raw.backscal * raw.areascal
+
+
+def _named(pha: FilePath, keyword: str, name: str | None) -> Path | None:
+    """The file that a header names, absolute or beside the spectrum; None where it names none."""
+    text = (name or "").strip()
+    if not text or text.lower() in {"none", "null", "%match%"}:
+        return None
+    here = Path(pha).parent / text
+    # Headers often name a file as it was before it was compressed.
+    packed = here.with_name(here.name + ".gz")
+    found = next((path for path in (here, packed) if path.is_file()), None)
+    if found is None:
+        raise InputError(
+            f"PHA {pha}: its header's {keyword} is {text}, which is not beside it; put it there or name "
+            "another file" + (" (background 'none' does without)" if keyword == "BACKFILE" else "")
+        )
+    return found
