@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
-from pathlib import Path
 
-import jinja2
 import xarray as xr
 
 from gaugeblock.reports.errors_of_trials import trial_errors
 from gaugeblock.reports.figures import sections
+from gaugeblock.reports.page import render
 from gaugeblock.reports.reason import reason
 from gaugeblock.reports.rows import gate_groups, reported_groups
 from gaugeblock.reports.verdict_json import plain
@@ -24,18 +22,6 @@ _HEADLINES = {
     Outcome.FAIL: "The estimator is out of tolerance.",
     Outcome.INCONCLUSIVE: "The audit could not decide.",
 }
-
-
-@cache
-def _environment() -> jinja2.Environment:
-    # Names and messages come from strangers: everything is escaped, and an unset variable is an error.
-    return jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
 
 
 def report_html(verdict: Verdict, findings: Sequence[Finding], trials: xr.DataTree, *, title: str) -> str:
@@ -52,7 +38,8 @@ def report_html(verdict: Verdict, findings: Sequence[Finding], trials: xr.DataTr
         )
         if table is not None
     ]
-    return _environment().get_template("report.html").render(
+    return render(
+        "report.html",
         title=title,
         outcome=verdict.outcome.value,
         headline=_HEADLINES[verdict.outcome],
@@ -67,7 +54,7 @@ def report_html(verdict: Verdict, findings: Sequence[Finding], trials: xr.DataTr
         sections=sections(verdict, findings, errors),
         worst=worst,
         provenance=plain(verdict.provenance),
-    ) + "\n"  # fmt: skip
+    )
 
 
 def _facts(main: xr.Dataset, importance: xr.Dataset | None) -> list[str]:

@@ -108,17 +108,20 @@ class Frame:
         y_label: str,
         *,
         x_ticks: Mapping[float, str] | None = None,
+        y_ticks: Mapping[float, str] | None = None,
     ) -> Markup:
-        """Grid lines, ticks and labels; `x_ticks` gives texts for positions of one's own choosing."""
+        """Grid lines, ticks and labels; `x_ticks` and `y_ticks` give texts for positions of your choice."""
         floor, end = self.height - self.bottom, self.width - self.right
         marks = []
-        for value in round_ticks(*self.y, about=4):
+        if y_ticks is None:
+            y_ticks = {t: tick_label(t) for t in round_ticks(*self.y, about=4)}
+        for value, label in y_ticks.items():
             at = float(self.down(value))
             marks.append(tag("path", d=f"M{self.left:g} {at:.1f}H{end:g}", class_="grid"))
-            marks.append(
-                tag("text", tick_label(value), x=f"{self.left - 6:g}", y=f"{at + 3.5:.1f}", text_anchor="end")
-            )
-        for value, label in (x_ticks or {t: tick_label(t) for t in round_ticks(*self.x)}).items():
+            marks.append(tag("text", label, x=f"{self.left - 6:g}", y=f"{at + 3.5:.1f}", text_anchor="end"))
+        if x_ticks is None:
+            x_ticks = {t: tick_label(t) for t in round_ticks(*self.x)}
+        for value, label in x_ticks.items():
             at = float(self.across(value))
             marks.append(tag("path", d=f"M{at:.1f} {floor:g}v4", class_="axis"))
             # Labels at the very ends lean inwards, or they would be cut off.
@@ -159,6 +162,11 @@ class Frame:
         there = _path(across, self.down(high))
         back = _path(across[::-1], self.down(low)[::-1])
         return tag("path", d=f"{there}L{back[1:]}Z", class_=class_)
+
+    def whiskers(self, x: ArrayLike, low: ArrayLike, high: ArrayLike, class_: str = "whiskers") -> Markup:
+        """Upright error bars, as one path."""
+        lines = zip(self.across(x), self.down(low), self.down(high), strict=True)
+        return tag("path", d="".join(f"M{a:.1f} {b:.1f}V{t:.1f}" for a, b, t in lines), class_=class_)
 
     def dots(self, x: ArrayLike, y: ArrayLike, class_: str = "dots") -> Markup:
         """Points, as one path of zero-length strokes with round ends: small, and quick to draw."""
