@@ -28,10 +28,39 @@ def effects():
             "sigma": LogUniform(1e-3, 0.5),
             "norm": LogUniform(1e-7, 1e-3),
         },
-        "partial_covering": {"fraction": Uniform(0.0, 1.0)},
-        "thermal_continuum": {"kT": Uniform(0.3, 15.0)},
+        "soft_excess": {"kT": Uniform(0.03, 0.5), "norm": Uniform(0.0, 1e4)},
+        "thermal_continuum": {"kT": Uniform(0.3, 15.0), "norm": Uniform(0.0, 1e-2)},
+        "absorption_line": {
+            "energy": Uniform(0.6, 7.5),
+            "sigma": LogUniform(1e-3, 0.5),
+            "strength": Uniform(0.0, 1.0),
+        },
+        "absorption_edge": {"energy": Uniform(0.6, 7.5), "depth": Uniform(0.0, 3.0)},
+        "partial_covering": {"nh": LogUniform(0.01, 100.0), "fraction": Uniform(0.0, 1.0)},
+        "high_energy_cutoff": {"energy": Uniform(0.0, 7.5), "inverse_folding": Uniform(0.0, 2.0)},
+        "reflection": {
+            "energy": Uniform(5.0, 7.0),
+            "width": LogUniform(1e-2, 1.0),
+            "strength": Uniform(0.0, 5.0),
+        },
+        "ionised_absorber": {
+            "energy": Uniform(0.6, 0.8),
+            "ionisation": Uniform(0.0, 4.0),
+            "depth": Uniform(0.0, 5.0),
+        },
         "gain_slope": {"slope": Uniform(0.97, 1.03)},
         "gain_offset": {"offset": Uniform(-0.05, 0.05)},
+        "gain_curve": {"curve": Uniform(-0.05, 0.05)},
+        "effective_area": {
+            "energy": Uniform(0.6, 7.5),
+            "width": LogUniform(0.02, 2.0),
+            "depth": Uniform(-0.9, 3.0),
+        },
+        "resolution": {"variance": Uniform(0.0, 0.02)},
+        "background": {"level": Uniform(0.0, 1.0), "index": Uniform(-1.0, 3.0)},
+        "pileup": {"overlap": Uniform(0.0, 1.0)},
+        "published_partial_covering": {"fraction": Uniform(0.0, 1.0)},
+        "published_thermal_continuum": {"kT": Uniform(0.3, 15.0)},
         "published_gain": {"factor": Uniform(0.97, 1.03)},
     }
     return {name: Effect(name, parameters) for name, parameters in free.items()}
@@ -40,21 +69,29 @@ def effects():
 @pytest.fixture(scope="session")
 def spectra(xray_data):
     """Spectra by name: without effects, on another detector, with each effect, with fixed and free ones."""
-    from gaugeblock.simulators.xray import reference
+    from gaugeblock.simulators.xray import XraySpectrum, reference
 
     plain, each = reference(), effects()
-    several = plain
-    for name in ("emission_line", "partial_covering", "gain_slope", "gain_offset"):
+    # Bright sources pile up; the reference case has no frame time of its own.
+    framed = XraySpectrum(plain.model, plain.response.with_frame_time(0.0734), plain.prior)
+    several = framed
+    for name in (
+        "emission_line",
+        "partial_covering",
+        "effective_area",
+        "gain_slope",
+        "resolution",
+        "gain_offset",
+    ):
         several = several.with_effect(each[name])
+    several = several.with_effect(each["pileup"]).with_effect(each["background"])
     fixed = plain.with_effect(Effect("emission_line", {"energy": 6.4, "sigma": 0.05, "norm": 1e-5}))
     fixed = fixed.with_effect(Effect("gain_slope", {"slope": 1.01}))
     named = {"plain": plain, "nicer": reference("nicer"), "several": several, "fixed": fixed}
-    return named | {name: plain.with_effect(effect) for name, effect in each.items()}
+    return named | {name: framed.with_effect(effect) for name, effect in each.items()}
 
 
-SPECTRA = ("plain", "nicer", "several", "fixed", *(
-    "emission_line", "partial_covering", "thermal_continuum", "gain_slope", "gain_offset", "published_gain"
-))  # fmt: skip
+SPECTRA = ("plain", "nicer", "several", "fixed", *effects())
 
 
 @pytest.fixture(scope="session", params=SPECTRA)

@@ -30,12 +30,12 @@ def jaxspec_model(name):
             ("tbabs_1.nh", *continuum, "gauss_1.El", "gauss_1.sigma", "gauss_1.norm"),
             {},
         ),
-        "partial_covering": lambda: (
+        "published_partial_covering": lambda: (
             Tbpcf() * (Powerlaw() + Blackbodyrad()),
             ("tbpcf_1.nh", *continuum, "tbpcf_1.f"),
             {},
         ),
-        "thermal_continuum": lambda: (
+        "published_thermal_continuum": lambda: (
             Tbabs() * (Cutoffpl() + Blackbodyrad()),
             ("tbabs_1.nh", None, "cutoffpl_1.norm", *continuum[2:], "cutoffpl_1.beta"),
             {"spectrum.cutoffpl_1.alpha": 1.0},
@@ -102,7 +102,9 @@ arviz_announces = pytest.mark.filterwarnings("ignore:\\s*ArviZ is undergoing:Fut
 
 
 @arviz_announces
-@pytest.mark.parametrize("name", ["plain", "emission_line", "partial_covering", "thermal_continuum"])
+@pytest.mark.parametrize(
+    "name", ["plain", "emission_line", "published_partial_covering", "published_thermal_continuum"]
+)
 def test_jaxspecs_own_bayesian_model(name, spectra):
     check_jaxspec(name, spectra[name], lambda exposed: exposed)
 

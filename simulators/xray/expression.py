@@ -127,22 +127,27 @@ def parameter_names(node: Node) -> tuple[str, ...]:
     return tuple(source for leaf in leaves(node) for _, source in leaf.bindings if isinstance(source, str))
 
 
+def instance(leaf: Leaf) -> Any:
+    """The jaxspec component of a leaf, with jaxspec's own parameter values. Inside `double_precision()`."""
+    if leaf.component in TABLES:
+        # Before jaxspec asks its own site for it, at length and in silence.
+        data_path(TABLES[leaf.component])
+    additive_models = require("jaxspec.model.additive", "xray")
+    multiplicative_models = require("jaxspec.model.multiplicative", "xray")
+    module = additive_models if hasattr(additive_models, leaf.component) else multiplicative_models
+    return getattr(module, leaf.component)()
+
+
 def build(node: Node) -> tuple[Any, tuple[tuple[str, str | float], ...]]:
     """The jaxspec model of a tree, and where each of its dotted parameters comes from.
 
     Call inside `double_precision()`.
     """
-    additive_models = require("jaxspec.model.additive", "xray")
-    multiplicative_models = require("jaxspec.model.multiplicative", "xray")
     made: dict[int, Leaf] = {}
 
     def make(node: Node) -> Any:
         if isinstance(node, Leaf):
-            if node.component in TABLES:
-                # Before jaxspec asks its own site for it, at length and in silence.
-                data_path(TABLES[node.component])
-            module = additive_models if hasattr(additive_models, node.component) else multiplicative_models
-            component = getattr(module, node.component)()
+            component = instance(node)
             made[id(component)] = node
             return component
         left, right = make(node.left), make(node.right)

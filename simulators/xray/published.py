@@ -71,9 +71,9 @@ def family(name: str, strength: float) -> Effect:
     if name == "B1":
         return Effect("emission_line", {"energy": 6.4, "sigma": 0.05, "norm": strength})
     if name == "B2":
-        return Effect("partial_covering", {"fraction": strength})
+        return Effect("published_partial_covering", {"fraction": strength})
     if name == "B3":
-        return Effect("thermal_continuum", {"kT": strength})
+        return Effect("published_thermal_continuum", {"kT": strength})
     return Effect("published_gain", {"factor": 1.0 + strength / 100.0})
 
 

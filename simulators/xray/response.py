@@ -46,6 +46,8 @@ class Response:
         sha256 of every file it was read from, by role (``rmf``, ``arf``, ``pha``, ...).
     notes : tuple of str
         What was repaired on reading, one line each.
+    frame_time : float, optional
+        Seconds in which two photons are taken for one, from the spectrum's header or given.
     """
 
     name: str
@@ -58,6 +60,7 @@ class Response:
     exposure: float
     files: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    frame_time: float | None = None
 
     @cached_property
     def transfer(self) -> Array:
@@ -87,6 +90,18 @@ class Response:
             raise InputError(f"exposure must be a positive number of seconds, got {seconds}")
         return replace(self, exposure=float(seconds))
 
+    def with_frame_time(self, seconds: float) -> Response:
+        """The same instrument, read out at another pace.
+
+        Raises
+        ------
+        InputError
+            Unless the frame time is a positive finite number.
+        """
+        if not (np.isfinite(seconds) and seconds > 0):
+            raise InputError(f"frame time must be a positive number of seconds, got {seconds}")
+        return replace(self, frame_time=float(seconds))
+
     def describe(self) -> dict[str, Any]:
         """Plain data that identifies the response."""
         return {
@@ -96,6 +111,7 @@ class Response:
             "channels": len(self.channels),
             "band_kev": [float(self.channels[:, 0].min()), float(self.channels[:, 1].max())],
             "exposure_s": self.exposure,
+            **({} if self.frame_time is None else {"frame_time_s": self.frame_time}),
         }
 
     @classmethod

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
@@ -10,11 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.errors import InputError
 from gaugeblock.simulators.effects import Effect
+from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.prior import Prior
-from gaugeblock.simulators.xray.effects import Assembly
+from gaugeblock.simulators.segments import Segment
+from gaugeblock.simulators.xray.effects import Assembly, extend
 from gaugeblock.simulators.xray.expression import parameter_names, parse
 from gaugeblock.simulators.xray.folding import forward
 from gaugeblock.simulators.xray.forward import ForwardModel
+from gaugeblock.simulators.xray.integration import INTEGRATIONS
+from gaugeblock.simulators.xray.library import effect_library, not_in_library
 from gaugeblock.simulators.xray.response import Response
 from gaugeblock.streams import Rng
 
@@ -34,6 +39,9 @@ class XraySpectrum:
         Over the model's parameters, by their dotted names, in any order; kept in that order.
     effects : tuple of Effect
         Ways in which this spectrum differs from the plain model, applied in order.
+    integration : {"jaxspec", "exact"}
+        How photons are integrated over the response's input bins: by jaxspec's rule, or to fourth order and
+        on either side of every absorption edge, as small gains and bright spectra need it.
 
     Raises
     ------
@@ -41,7 +49,17 @@ class XraySpectrum:
         If prior and model do not have the same parameters, or an effect cannot be applied.
     """
 
-    def __init__(self, model: str, response: Response, prior: Prior, *, effects: tuple[Effect, ...] = ()):
+    def __init__(
+        self,
+        model: str,
+        response: Response,
+        prior: Prior,
+        *,
+        effects: tuple[Effect, ...] = (),
+        integration: str = "jaxspec",
+    ):
+        if integration not in INTEGRATIONS:
+            raise InputError(f"integration: there are {' and '.join(INTEGRATIONS)}, got {integration!r}")
         tree = parse(model)
         needed, given = set(parameter_names(tree)), set(prior.names)
         if needed - given:
@@ -54,8 +72,12 @@ class XraySpectrum:
         self.model = model
         self.response = response
         self.effects = tuple(effects)
+        self.integration = integration
         self._plain_prior = prior
-        self._assembly = Assembly(tree, prior).extend(self.effects)
+        self._assembly = extend(Assembly(tree, prior), self.effects)
+        lacking = [bound.what.lacking(response) for bound in self._assembly.recorded]
+        if any(lacking):
+            raise InputError(f"response {response.name}: {next(filter(None, lacking))}")
 
     @property
     def prior(self) -> Prior:
@@ -80,7 +102,7 @@ class XraySpectrum:
     @cached_property
     def forward(self) -> ForwardModel:
         """The compiled forward model; also holds its pure, traceable functions."""
-        return forward(self._assembly, self.response)
+        return forward(self._assembly, self.response, integration=self.integration)
 
     def expected(self, theta: ArrayLike) -> NDArray[np.float64]:
         """Expected counts ``(..., channel)``, float64, at least 1e-6 per channel."""
@@ -118,7 +140,19 @@ class XraySpectrum:
 
     def with_effect(self, effect: Effect) -> XraySpectrum:
         """The same spectrum with one more effect."""
-        return XraySpectrum(self.model, self.response, self._plain_prior, effects=(*self.effects, effect))
+        return self._with(self.response, (*self.effects, effect))
+
+    def effect_library(self, theta: ArrayLike) -> Mapping[str, LibraryEffect]:
+        """The effects that may be missing, their amplitudes scaled for fitted theta ``(n, parameter)``."""
+        return effect_library(self._assembly, self.response, theta)
+
+    def not_in_library(self) -> Mapping[str, str]:
+        """Effects that this response does not allow: by name, why and how to mend it."""
+        return not_in_library(self.response)
+
+    def segments(self) -> tuple[Segment, ...]:
+        """All channels, with their energies."""
+        return (Segment(self.response.name, 0, len(self.channels), self.channels),)
 
     def with_exposure(self, seconds: float) -> XraySpectrum:
         """The same spectrum, observed for another time; nothing is compiled again.
@@ -129,9 +163,14 @@ class XraySpectrum:
             Unless the exposure is a positive finite number.
         """
         response = self.response.with_exposure(seconds)
-        other = XraySpectrum(self.model, response, self._plain_prior, effects=self.effects)
+        other = self._with(response, self.effects)
         other.__dict__["forward"] = self.forward.with_exposure(response.exposure)
         return other
+
+    def _with(self, response: Response, effects: tuple[Effect, ...]) -> XraySpectrum:
+        return XraySpectrum(
+            self.model, response, self._plain_prior, effects=effects, integration=self.integration
+        )
 
     def __getstate__(self) -> dict[str, Any]:
         # Compiled functions stay in their process; another one compiles its own.
@@ -152,4 +191,6 @@ class XraySpectrum:
                 }
                 for effect in self.effects
             ],
+            # What was identified before there was a choice keeps its identity.
+            **({} if self.integration == "jaxspec" else {"integration": self.integration}),
         }

@@ -1,0 +1,89 @@
+"""Effects that take photons out of the source's spectrum: factors on the photon flux."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.errors import require
+from gaugeblock.simulators.xray import data
+from gaugeblock.simulators.xray.effects.assembly import Append
+from gaugeblock.simulators.xray.effects.averages import above, constant, gaussian, nodes, relative_expm1
+from gaugeblock.simulators.xray.effects.kinds import NONNEGATIVE, POSITIVE, EffectKind
+
+
+def absorption_line(low: Any, high: Any, *, energy: Any, sigma: Any, strength: Any) -> Any:
+    """exp(-strength x Gaussian), the optical depth averaged over each bin; strength in keV."""
+    import jax.numpy as jnp
+
+    return jnp.exp(-strength * gaussian(low, high, energy, sigma))
+
+
+def absorption_edge(low: Any, high: Any, *, energy: Any, depth: Any) -> Any:
+    """exp(-depth (E / energy)^-3) above the edge, 1 below; averaged within the bin that holds it."""
+    import jax.numpy as jnp
+
+    part, points = above(low, high, energy)
+    lost = sum(jnp.expm1(-depth * (point / energy) ** -3) for point in points) / 2.0
+    return 1.0 + part * lost
+
+
+def high_energy_cutoff(low: Any, high: Any, *, energy: Any, inverse_folding: Any) -> Any:
+    """exp(-(E - energy) x inverse_folding) above an energy, 1 below; the mean over each bin, exactly."""
+    import jax.numpy as jnp
+
+    start = jnp.clip(energy, low, high)
+    part, width = (high - start) / (high - low), high - start
+    mean = jnp.exp(-(start - energy) * inverse_folding) * relative_expm1(-width * inverse_folding)
+    return 1.0 + jnp.where(part > 0, part * (mean - 1.0), 0.0)
+
+
+@cache
+def _table(path: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    table = require("astropy.table", "xray").Table.read(path)
+    return np.log(np.asarray(table["ENERGY"], float)), np.log(np.asarray(table["SIGMA"], float))
+
+
+def cross_section(energy: Any) -> Any:
+    """Photoelectric cross-section of tbabs per hydrogen atom, 1e-22 cm2, at energies in keV."""
+    import jax.numpy as jnp
+
+    log_energy, log_sigma = _table(str(data.path("xsect_tbabs_wilm.fits")))
+    if constant(energy):
+        # Only known energies are looked up beyond the table's ends by its last slope, as jaxspec does.
+        x = np.log(energy)
+        inside = np.interp(x, log_energy, log_sigma)
+        for end, side in ((0, x < log_energy[0]), (-1, x > log_energy[-1])):
+            pair = slice(0, 2) if end == 0 else slice(-2, None)
+            slope = np.diff(log_sigma[pair])[0] / np.diff(log_energy[pair])[0]
+            inside = np.where(side, log_sigma[end] + slope * (x - log_energy[end]), inside)
+        return np.exp(inside)
+    looked = jnp.interp(jnp.log(energy), log_energy, log_sigma, left="extrapolate", right="extrapolate")
+    return jnp.exp(looked)
+
+
+def partial_covering(low: Any, high: Any, *, nh: Any, fraction: Any) -> Any:
+    """1 - fraction + fraction x exp(-nh sigma(E)), averaged over each bin; nh in 1e22 cm-2."""
+    import jax.numpy as jnp
+
+    lost = sum(jnp.expm1(-nh * cross_section(point)) for point in nodes(low, high)) / 2.0
+    return 1.0 + fraction * lost
+
+
+ABSORPTION = {
+    "absorption_line": EffectKind(
+        {"energy": POSITIVE, "sigma": POSITIVE, "strength": NONNEGATIVE}, Append("factors", absorption_line)
+    ),
+    "absorption_edge": EffectKind(
+        {"energy": POSITIVE, "depth": NONNEGATIVE}, Append("factors", absorption_edge)
+    ),
+    "partial_covering": EffectKind(
+        {"nh": NONNEGATIVE, "fraction": (0.0, 1.0)}, Append("factors", partial_covering)
+    ),
+    "high_energy_cutoff": EffectKind(
+        {"energy": NONNEGATIVE, "inverse_folding": NONNEGATIVE}, Append("factors", high_energy_cutoff)
+    ),
+}

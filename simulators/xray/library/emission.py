@@ -1,0 +1,84 @@
+"""What a source may send that its model lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators.marginals import LogUniform, Uniform
+from gaugeblock.simulators.xray.library.scale import Scale, spaced
+
+PHOTONS = "photons/cm2/s"
+
+
+def emission(scale: Scale) -> Iterator[LibraryEffect]:
+    """Lines and continua inside the absorber."""
+    yield _line(scale)
+    yield _soft_excess(scale)
+    yield _thermal(scale)
+
+
+def _line(scale: Scale) -> LibraryEffect:
+    low, high = scale.band
+    energies = spaced(scale.response, 60)
+    density = scale.density(energies)
+    iron = float(scale.density(np.clip(6.4, low, high)))
+    return LibraryEffect(
+        name="emission_line",
+        parameters={
+            "energy": Uniform(low, high),
+            "sigma": LogUniform(1e-3, 1.0),
+            # An equivalent width of 1 keV where there is most continuum, and of 5 keV at iron's line.
+            "norm": Uniform(0.0, max(float(density.max()), 5.0 * iron)),
+        },
+        amplitude="norm",
+        neutral=0.0,
+        step=0.1 * float(np.median(density)),
+        scanned={"energy": energies, "sigma": np.array([0.02, 0.15, 0.5])},
+        units={"energy": "keV", "sigma": "keV", "norm": PHOTONS},
+        cause="Atoms or ions give off photons of one energy: iron that is lit by a hard continuum "
+        "fluoresces at 6.4 keV (6.7 and 6.97 keV where it is ionised), hot thin gas and photoionised gas "
+        "shine in lines of oxygen, neon, magnesium, silicon and sulphur. Motion, and gravity near a black "
+        "hole, broaden them.",
+        typical="equivalent widths of 10 to 300 eV; sigma below 0.1 keV from far matter, 0.3 to 0.6 keV for "
+        "iron near a black hole",
+        energies=("energy", "sigma"),
+    )
+
+
+def _soft_excess(scale: Scale) -> LibraryEffect:
+    unit = scale.added("soft_excess", {"kT": 0.1, "norm": 1.0})
+    bright = scale.rate / max(unit, 1e-300)
+    return LibraryEffect(
+        name="soft_excess",
+        parameters={"kT": LogUniform(0.05, 0.6), "norm": Uniform(0.0, bright)},
+        amplitude="norm",
+        neutral=0.0,
+        step=0.001 * bright,
+        scanned={"kT": np.array([0.08, 0.12, 0.18, 0.27, 0.4])},
+        units={"kT": "keV", "norm": "(R_km / D_10kpc)^2"},
+        cause="More soft photons than the continuum's extrapolation: the cool outer disc, a warm layer that "
+        "scatters its photons up, the surface of a neutron star, or blurred reflection off ionised matter. "
+        "A black body stands for all of them.",
+        typical="kT of 0.1 to 0.2 keV and some tens of per cent of the counts below 1 keV in active galaxies",
+        energies=("kT",),
+    )
+
+
+def _thermal(scale: Scale) -> LibraryEffect:
+    bright = scale.rate / max(scale.added("thermal_continuum", {"kT": 2.0, "norm": 1.0}), 1e-300)
+    return LibraryEffect(
+        name="thermal_continuum",
+        parameters={"kT": LogUniform(0.2, 20.0), "norm": Uniform(0.0, 3.0 * bright)},
+        amplitude="norm",
+        neutral=0.0,
+        step=0.05 * bright,
+        scanned={"kT": np.array([0.5, 1.0, 2.0, 5.0, 10.0])},
+        units={"kT": "keV", "norm": "photons/cm2/s/keV at 1 keV, before the exponential"},
+        cause="Electrons of a hot, thin gas are deflected by ions and radiate: the halo of a galaxy or a "
+        "cluster, a supernova remnant, the column above an accreting white dwarf, a wind of the companion.",
+        typical="a few to some tens of per cent of the counts, kT of 0.3 to 10 keV",
+        energies=("kT",),
+    )

@@ -1,0 +1,92 @@
+"""How bright the fitted source is, by which the amplitudes of added emission are scaled."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gaugeblock.simulators.xray.effects import EFFECTS
+from gaugeblock.simulators.xray.effects.assembly import Assembly
+from gaugeblock.simulators.xray.effects.emission import emitted
+from gaugeblock.simulators.xray.expression import Node
+from gaugeblock.simulators.xray.folding import photon_flux
+from gaugeblock.simulators.xray.precision import double_precision
+from gaugeblock.simulators.xray.response import Response
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """A model at one theta, the median of those fitted, in numbers that an amplitude can be compared with."""
+
+    assembly: Assembly
+    response: Response
+    theta: Array
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Lowest and highest energy of the channels, keV."""
+        return float(self.response.channels.min()), float(self.response.channels.max())
+
+    def _photons(self, tree: Node) -> Array:
+        """Photons/cm2/s in each input bin."""
+        low, high = self.response.energies.T
+        with double_precision():
+            flux = photon_flux(tree, self.assembly.prior.names, low, high, "jaxspec")
+            return np.asarray(flux(np.asarray(self.theta), 1))
+
+    def _rate(self, photons: Array) -> float:
+        return float((self.response.with_exposure(1.0).transfer @ photons).sum())
+
+    @property
+    def rate(self) -> float:
+        """Counts per second in the band."""
+        return self._rate(self._photons(self.assembly.tree))
+
+    def added(self, name: str, parameters: Mapping[str, float]) -> float:
+        """Counts per second in the band that an effect adds to the model."""
+        more = EFFECTS[name].apply(self.assembly, parameters)
+        return self._rate(self._photons(more.tree) - self._photons(self.assembly.tree))
+
+    def density(self, energy: ArrayLike) -> Array:
+        """Photons/keV/cm2/s that are emitted, before absorption, at energies in keV."""
+        low, high = self.response.energies.T
+        density = self._photons(emitted(self.assembly.tree)) / (high - low)
+        return np.asarray(np.interp(np.asarray(energy, dtype=float), 0.5 * (low + high), density))
+
+
+def resolution(response: Response) -> tuple[Array, Array]:
+    """Energies of the input bins in the band, and the detector's standard deviation there, keV.
+
+    From the height of the redistribution's peak, which a tail at low energy does not reach.
+    """
+    low, high = response.channels.min(), response.channels.max()
+    middle = response.energies.mean(axis=1)
+    inside = (middle >= low) & (middle <= high)
+    matrix = response.redistribution[:, inside]
+    width = np.diff(response.fine_channels, axis=1)
+    peak = np.asarray(matrix.multiply(1.0 / width).max(axis=0).todense()).ravel()
+    total = np.asarray(matrix.sum(axis=0)).ravel()
+    return middle[inside], total / (np.maximum(peak, 1e-300) * np.sqrt(2.0 * np.pi))
+
+
+def spaced(response: Response, most: int) -> Array:
+    """Energies across the band, as far apart as the detector resolves, or further if those are too many."""
+    energy, sigma = resolution(response)
+    low, high = response.channels.min(), response.channels.max()
+    passed = np.concatenate([[0.0], np.cumsum(np.diff(energy) / (0.5 * (sigma[1:] + sigma[:-1])))])
+    number = int(np.clip(np.ceil(passed[-1]), 2, most))
+    # In the middle of equal shares: a line on the band's edge is half a line.
+    at = (np.arange(number) + 0.5) / number * passed[-1]
+    return np.asarray(np.clip(np.interp(at, passed, energy), low, high))
+
+
+def scale(assembly: Assembly, response: Response, theta: Any) -> Scale:
+    """The scale of fitted theta ``(n, parameter)``."""
+    rows = np.atleast_2d(np.asarray(theta, dtype=float))
+    return Scale(assembly, response, np.median(rows, axis=0))

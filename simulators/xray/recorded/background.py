@@ -1,0 +1,49 @@
+"""Counts that no source sent: a power law in recorded energy, not folded through the response."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.simulators.xray.effects.averages import relative_expm1
+from gaugeblock.simulators.xray.recorded.operation import Changed, Ranges
+from gaugeblock.simulators.xray.response import Response
+
+Array = NDArray[np.float64]
+
+LOWEST = 1e-2
+"""Energy in keV below which there is none: a detector's first channel may begin at zero."""
+
+
+@dataclass(frozen=True)
+class Background:
+    """Adds level x (E / 1 keV)^-index counts/s/keV, integrated over each channel exactly."""
+
+    @property
+    def affine(self) -> bool:
+        """It adds what does not depend on the counts."""
+        return True
+
+    def lacking(self, _: Response, /) -> str | None:
+        """Nothing."""
+        return None
+
+    def reach(self, low: float, high: float, _: Ranges, /) -> tuple[float, float]:
+        """What is added to a channel depends on no other."""
+        return low, high
+
+    def prepare(self, edges: Array, _: Response, /) -> Changed:
+        """The sum."""
+        import jax.numpy as jnp
+
+        start, stop = np.log(np.maximum(edges[:-1], LOWEST)), np.log(np.maximum(edges[1:], LOWEST))
+
+        def change(counts: Any, values: Mapping[str, Any]) -> Any:
+            rest, decades = 1.0 - values["index"], stop - start
+            return counts + values["level"] * jnp.exp(rest * start) * decades * relative_expm1(rest * decades)
+
+        return change

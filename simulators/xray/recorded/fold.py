@@ -1,0 +1,82 @@
+"""From photon flux to counts per channel through operations on the recorded energies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.simulators.prior import Prior
+from gaugeblock.simulators.xray.effects.assembly import Bound
+from gaugeblock.simulators.xray.gain import Gain, crossed
+from gaugeblock.simulators.xray.recorded.broadening import Broadening
+from gaugeblock.simulators.xray.recorded.layout import layout, near, per_second
+from gaugeblock.simulators.xray.response import Response
+
+Fold = Callable[[Any, Any], Any]
+"""Pure JAX function ``(photon flux, theta)`` to counts per second in each channel."""
+
+
+def recorded_fold(
+    response: Response, recorded: Sequence[Bound], prior: Prior
+) -> tuple[Fold, NDArray[np.bool_]]:
+    """Fold with at least one operation; the flux is of the input bins that the second result names.
+
+    Only detector channels from which the operations can bring counts into the band are evaluated. Fixed
+    affine operations are worked into a matrix, and cost nothing per spectrum.
+    """
+    import jax
+    import jax.numpy as jnp
+
+    places = layout(response)
+    low, high = float(places.runs.min()), float(places.runs.max())
+    for bound in reversed(recorded):
+        low, high = bound.what.reach(low, high, bound.ranges(prior))
+    rows = near(places, low, high)
+    dense = per_second(response, places.order[rows])
+    live = np.asarray(dense.any(axis=0))
+    dense = dense[:, live]
+    if len(recorded) == 1 and isinstance(recorded[0].what, Broadening) and recorded[0].free:
+        edges, members = places.edges[rows.start : rows.stop + 1], places.members[:, rows].toarray()
+        broad, names = recorded[0].what.alone(edges, dense, members), prior.names
+        return (lambda flux, theta: broad(flux, recorded[0].values(theta, names))), live
+    group = _grouped(response, recorded, places, rows, prior.names)
+    if any(bound.free or not bound.what.affine for bound in recorded):
+        matrix = jnp.asarray(dense)
+        return (lambda flux, theta: group(matrix @ flux, theta)), live
+    added = group(jnp.zeros(len(dense)), None)
+    transfer = jax.vmap(lambda column: group(column, None) - added, in_axes=1, out_axes=1)(jnp.asarray(dense))
+    return (lambda flux, _: transfer @ flux + added), live
+
+
+def _grouped(
+    response: Response, recorded: Sequence[Bound], places: Any, rows: slice, names: Sequence[str]
+) -> Fold:
+    """Pure function ``(counts per second in the detector's channels, theta)`` to those in each group."""
+    import jax.numpy as jnp
+
+    edges = places.edges[rows.start : rows.stop + 1]
+    members = jnp.asarray(places.members[:, rows].toarray())
+    runs, groups = places.runs, jnp.asarray(places.groups)
+    prepared = [bound.what.prepare(edges, response) for bound in recorded]
+
+    def group(counts: Any, theta: Any) -> Any:
+        gains: list[tuple[Gain, Any]] = []
+        for bound, change in zip(recorded, prepared, strict=True):
+            values = bound.values(theta, names)
+            if isinstance(bound.what, Gain):
+                # One after the other they are one gain: counts are interpolated once.
+                gains.append((bound.what, values))
+                continue
+            if gains:
+                counts = counts + jnp.diff(crossed(counts, edges, edges, gains))
+                gains = []
+            counts = change(counts, values)
+        if not gains:
+            return members @ counts
+        across = crossed(counts, edges, runs, gains)
+        return members @ counts + groups @ (across[:, 1] - across[:, 0])
+
+    return group
