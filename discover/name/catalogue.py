@@ -1,0 +1,182 @@
+"""A catalogue searched for an effect that all its sources share: scores, stack and null in one pass."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.discover.candidates import Candidates
+from gaugeblock.discover.fit import TINY, Fit
+from gaugeblock.discover.name.null import SearchNull
+from gaugeblock.discover.name.score import allowed, projection
+from gaugeblock.discover.name.shared import Term, share
+from gaugeblock.discover.name.shared_scores import SEEN, SharedScores, join, shared_scores
+from gaugeblock.discover.name.stack import Stack, projector, stack
+from gaugeblock.discover.name.templates import Templates, templates
+from gaugeblock.discover.sources import Sources
+from gaugeblock.errors import InputError
+from gaugeblock.streams import Rng
+
+Array = NDArray[np.float64]
+
+BLOCK = 128
+"""Sources whose templates are in memory at once."""
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Sources of one response, their fits, and the candidates worked into their simulator."""
+
+    sources: Sources
+    fit: Fit
+    candidates: Candidates
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """What a catalogue says of every candidate at every scanned value.
+
+    `owner`, `node` and `sign` ``(template,)`` as in `Templates`; `gram` ``(template, template)`` the
+    information that templates share, off the sources' own parameters.
+    """
+
+    owner: NDArray[np.str_]
+    node: NDArray[np.int64]
+    sign: NDArray[np.int64]
+    scores: SharedScores
+    stack: Stack
+    gram: Array
+    null: SearchNull
+
+    @property
+    def p_global(self) -> Array:
+        """Share of simulated effect-free catalogues in which anything stands out as far, ``(template,)``."""
+        return self.null.p_global(allowed(self.stack.z, self.sign))
+
+
+def search(
+    groups: Sequence[Group], terms: Sequence[Term] = (), *, replicates: int = 999, rng: np.random.Generator
+) -> Search:
+    """Search a catalogue for one shared effect, beside the shared nuisances `terms` with their priors.
+
+    An effect is never tested beside a nuisance of its own kind: the slope of the gain beside a free offset,
+    the offset beside a free slope. The null is simulated from the fitted models, nuisances drawn from their
+    priors; the sources' fits to each replicate are taken to first order. It does not depend on how sources
+    are grouped into blocks.
+
+    Raises
+    ------
+    InputError
+        If there are no groups, or they do not have the same candidates.
+    """
+    if not groups or len({tuple(group.candidates.entries) for group in groups}) != 1:
+        raise InputError("discover: a catalogue needs sources, and all its responses the same candidates")
+    passes = [
+        _pass(group, terms, replicates, generator)
+        for group, generator in zip(groups, rng.spawn(len(groups)), strict=True)
+    ]
+    first = passes[0].found
+    scores = join([part.scores for part in passes])
+    gram: Any = sum(part.gram for part in passes)
+    simulated: Any = sum(part.null for part in passes)
+    sd = np.array([term.sd for term in terms], dtype=float)
+    drawn = _drawn(simulated, scores, sd, rng.spawn(1)[0])
+    z, stacked = np.zeros((replicates, len(first.owner))), []
+    pieces = _pieces(first.owner, terms)
+    for columns, beside in pieces:
+        part = scores.with_templates(columns).with_nuisances(beside)
+        stacked.append(stack(part, sd[beside]))
+        count = scores.score.shape[1]
+        z[:, columns] = _simulated_z(
+            drawn[:, :count][:, columns], drawn[:, count:][:, beside], part, sd[beside]
+        )
+    order = np.argsort(np.concatenate([columns for columns, _ in pieces]))
+    whole = Stack(*(np.concatenate([getattr(s, f.name) for s in stacked])[order] for f in fields(Stack)))
+    null = _search_null(allowed(z, first.sign), first.owner)
+    return Search(first.owner, first.node, first.sign, scores, whole, gram, null)
+
+
+def _pieces(
+    owner: NDArray[np.str_], terms: Sequence[Term]
+) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Which templates are tested beside which nuisances: an effect never beside itself."""
+    beside: dict[tuple[int, ...], list[int]] = {}
+    for column, name in enumerate(owner.tolist()):
+        others = tuple(k for k, term in enumerate(terms) if term.entry.name != name)
+        beside.setdefault(others, []).append(column)
+    return [(np.array(columns), np.array(others, dtype=np.int64)) for others, columns in beside.items()]
+
+
+def _rows(fit: Fit, rows: slice) -> Fit:
+    """The fits of some of the sources; the penalty is all sources'."""
+    per_source = [field.name for field in fields(fit) if field.name != "precision"]
+    return replace(fit, **{name: getattr(fit, name)[rows] for name in per_source})
+
+
+@dataclass(frozen=True, eq=False)
+class _Pass:
+    found: Templates
+    scores: SharedScores
+    gram: Array
+    null: Array
+    """Summed scores of templates, then nuisances, ``(replicate, template + nuisance)``."""
+
+
+def _pass(group: Group, terms: Sequence[Term], replicates: int, rng: np.random.Generator) -> _Pass:
+    shared = share(group.sources.simulator, terms)
+    streams = rng.spawn(len(group.sources))
+    scores: list[SharedScores] = []
+    gram: Any = 0.0
+    null: Any = 0.0
+    for start in range(0, len(group.sources), BLOCK):
+        rows = slice(start, start + BLOCK)
+        sources, part = group.sources.select(rows), _rows(group.fit, rows)
+        found = templates(group.candidates, sources, part)
+        beside = shared.templates(part.theta, shared.neutral, sources.scale, sources.redshift)
+        beside = beside.reshape(len(sources), -1, found.values.shape[2])
+        scores.append(shared_scores(sources.counts, part, found.values, beside))
+        project = projection(part)
+        every = project(np.concatenate([found.values, beside], axis=1))
+        own = every[:, : found.values.shape[1]]
+        gram = gram + np.einsum("ntc,nuc->tu", own, found.values / project.root_mean[:, None], optimize=True)
+        null = null + _simulated(every, part.expected, project.root_mean, replicates, streams[rows])
+    return _Pass(found, join(scores), np.asarray(gram), np.asarray(null))
+
+
+def _simulated(every: Array, expected: Array, root: Array, replicates: int, streams: Sequence[Rng]) -> Array:
+    """Scores of simulated counts, summed over sources, ``(replicate, template + nuisance)``."""
+    total = np.zeros((replicates, every.shape[1]))
+    for projected, mean, scale, stream in zip(every, np.maximum(expected, TINY), root, streams, strict=True):
+        counts = stream.poisson(np.broadcast_to(mean, (replicates, len(mean))))
+        total += ((counts - mean) / scale) @ projected.T
+    return total
+
+
+def _drawn(simulated: Array, scores: SharedScores, sd: Array, rng: Rng) -> Array:
+    """Simulated scores with nuisances drawn from their priors; without a prior they leave no trace in z."""
+    known = np.isfinite(sd)
+    amplitude = rng.standard_normal((len(simulated), len(sd))) * np.where(known, sd, 0.0)
+    template = amplitude @ scores.cross.sum(axis=0).T
+    nuisance = amplitude @ scores.nuisance_information.sum(axis=0)
+    return np.asarray(simulated + np.concatenate([template, nuisance], axis=1))
+
+
+def _simulated_z(template: Array, nuisance: Array, scores: SharedScores, sd: Array) -> Array:
+    """z ``(replicate, template)`` of simulated catalogues from their summed scores."""
+    weight = projector(scores, sd)
+    own = scores.information.sum(axis=0)
+    information = own - (weight * scores.cross.sum(axis=0)).sum(axis=1)
+    seen = information > SEEN * own
+    score = template - nuisance @ weight.T
+    return np.where(seen, score / np.sqrt(np.where(seen, information, 1.0)), 0.0)
+
+
+def _search_null(z: Array, owner: NDArray[np.str_]) -> SearchNull:
+    names = list(dict.fromkeys(owner.tolist()))
+    best = np.stack([z[:, owner == name].max(axis=1) for name in names], axis=1)
+    gain = (np.maximum(best, 0.0) ** 2 / 2.0).mean(axis=0)
+    return SearchNull(z.max(axis=1), dict(zip(names, gain.tolist(), strict=True)))

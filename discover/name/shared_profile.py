@@ -1,0 +1,189 @@
+"""Shared amplitudes fitted together with every source: curvature of a finite effect does no harm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import norm
+
+from gaugeblock.discover.fit import Fit
+from gaugeblock.discover.name.shared import Shared, Term, fit_held, share
+from gaugeblock.discover.name.shared_scores import SharedScores, join, shared_scores
+from gaugeblock.discover.name.stack import prior_precision, solved, stack
+from gaugeblock.discover.sources import Sources
+from gaugeblock.errors import InputError
+
+Array = NDArray[np.float64]
+
+ITERATIONS = 8
+CLOSE = 0.05
+"""The fit has converged when no amplitude moves by more than this share of its standard error."""
+
+
+@dataclass(frozen=True, eq=False)
+class SharedAmplitude:
+    """A shared amplitude with its errors, and what was fitted beside it.
+
+    Attributes
+    ----------
+    value, neutral : float
+        Absolute amplitude, and where it would do nothing.
+    standard_error : float
+        From the information, shared nuisances with their priors projected out.
+    sandwich_error : float
+        From the scatter between sources.
+    phi : ndarray, shape (term,)
+        All shared amplitudes, this one first.
+    gain : float
+        Log likelihood, with priors, won over the fit with all shared amplitudes at neutral.
+    fits : tuple of Fit
+        Fits at phi, one a group.
+    converged : bool
+    """
+
+    value: float
+    neutral: float
+    standard_error: float
+    sandwich_error: float
+    phi: Array
+    gain: float
+    fits: tuple[Fit, ...]
+    converged: bool
+
+    @property
+    def z(self) -> float:
+        """Departure from neutral in standard errors."""
+        return (self.value - self.neutral) / self.standard_error
+
+    def interval(self, level: float = 0.9) -> tuple[float, float]:
+        """Central interval, by the larger of the two errors."""
+        reach = float(norm.ppf(0.5 + level / 2.0)) * max(self.standard_error, self.sandwich_error)
+        return self.value - reach, self.value + reach
+
+
+def profile_shared(
+    groups: Sequence[Sources],
+    entry: Term,
+    nuisances: Sequence[Term] = (),
+    *,
+    start: ArrayLike | None = None,
+    fits: Sequence[Fit] | None = None,
+    iterations: int = ITERATIONS,
+) -> SharedAmplitude:
+    """Fit one shared effect beside shared nuisances: Gauss-Newton on these, every source fitted at each step.
+
+    The sources' own parameters are fitted anew at each value of the shared ones, so that the step is that
+    of the profile likelihood, to the order of the templates' change over a standard error.
+
+    Parameters
+    ----------
+    groups : sequence of Sources
+        One a response.
+    entry : Term
+        The effect; with a finite sd its prior holds it back too.
+    start : array, shape (1 + nuisance,), optional
+        Shared amplitudes to start from; without it their neutral values.
+    fits : sequence of Fit, optional
+        Fits of the groups without any shared effect, to start from.
+
+    Raises
+    ------
+    InputError
+        If the data know nothing of the effect beside its nuisances.
+
+    References
+    ----------
+    Murphy & van der Vaart (2000), J. Am. Stat. Assoc. 95, 449: the profile likelihood as a likelihood.
+    """
+    terms = (entry, *nuisances)
+    models = [share(sources.simulator, terms) for sources in groups]
+    first = models[0]
+    phi = first.neutral if start is None else np.array(start, dtype=float)
+    before = [None] * len(groups) if fits is None else [fit.theta for fit in fits]
+    bare = [
+        fit_held(model, sources, first.neutral, theta)
+        for model, sources, theta in zip(models, groups, before, strict=True)
+    ]
+    found, converged = bare, False
+    for number in range(iterations + 1):
+        found = [
+            fit_held(model, sources, phi, fit.theta)
+            for model, sources, fit in zip(models, groups, found, strict=True)
+        ]
+        scores = shared_parts(models, groups, found, phi)
+        step, error = _newton(scores, first.sd, phi - first.neutral)
+        if not np.isfinite(error[0]):
+            raise InputError(
+                f"discover: the catalogue knows nothing of {entry.entry.name} beside its nuisances; "
+                "give fewer nuisances, or priors for them"
+            )
+        # Near the border a step may leave the prior; the fit then stays there.
+        moved = np.clip(phi + step, *_inside(first))
+        converged = bool((np.abs(moved - phi) < CLOSE * error).all())
+        if converged or number == iterations:
+            break
+        phi = moved
+    beside = stack(_effect_first(scores), first.sd[1:])
+    own = 1.0 / entry.sd**2
+    information = float(beside.information[0]) + own
+    gain = _objective(found, phi, first) - _objective(bare, first.neutral, first)
+    return SharedAmplitude(
+        float(phi[0]),
+        float(first.neutral[0]),
+        float(1.0 / np.sqrt(information)),
+        float(beside.sandwich_error[0] * beside.information[0] / information),
+        phi,
+        -gain,
+        tuple(found),
+        converged,
+    )
+
+
+def shared_parts(
+    models: Sequence[Shared], groups: Sequence[Sources], fits: Sequence[Fit], phi: Array
+) -> SharedScores:
+    """Scores of all shared amplitudes around phi, as nuisances of no template."""
+    parts = []
+    for model, sources, fit in zip(models, groups, fits, strict=True):
+        values = model.templates(fit.theta, phi, sources.scale, sources.redshift)
+        parts.append(shared_scores(sources.counts, fit, values[:, :0], values))
+    return join(parts)
+
+
+def _newton(scores: SharedScores, sd: Array, away: Array) -> tuple[Array, Array]:
+    """Step of the shared amplitudes, and their standard errors, ``(term,)``."""
+    matrix = scores.nuisance_information.sum(axis=0) + prior_precision(scores, sd)
+    pull = scores.nuisance_score.sum(axis=0) - away / sd**2
+    step = solved(matrix, pull[None])[0]
+    variance = np.diag(solved(matrix, np.eye(len(sd))))
+    with np.errstate(divide="ignore"):
+        return step, np.sqrt(np.where(variance > 0, variance, np.inf))
+
+
+def _effect_first(scores: SharedScores) -> SharedScores:
+    """The first amplitude as a template, the others as nuisances."""
+    information = scores.nuisance_information
+    return SharedScores(
+        scores.nuisance_score[:, :1],
+        information[:, 0, :1],
+        information[:, 0, :1],
+        scores.nuisance_score[:, 1:],
+        information[:, :1, 1:],
+        information[:, 1:, 1:],
+    )
+
+
+def _inside(model: Shared) -> tuple[Array, Array]:
+    """Amplitudes whose templates still have both sides."""
+    low, high = model.bounds.T
+    edge = np.minimum(np.abs(model.step), 0.1 * (high - low)) * 0.5
+    return np.minimum(low + edge, model.neutral), np.maximum(high - edge, model.neutral)
+
+
+def _objective(fits: Sequence[Fit], phi: Array, model: Shared) -> float:
+    """Negative log likelihood with priors."""
+    away = (phi - model.neutral) / model.sd
+    return float(sum(fit.objective.sum() for fit in fits) + 0.5 * (away**2).sum())
