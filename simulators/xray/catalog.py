@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -121,7 +122,7 @@ def read_catalog(
     background : bool
         Whether to use the backgrounds that headers name.
     seed : int
-        Of the thinning; every source has a stream of its own.
+        Of the thinning; every source has a stream of its own, by its name.
     progress : callable, optional
         Told how many spectra of how many have been read.
 
@@ -141,7 +142,7 @@ def read_catalog(
     groups = _by(sources, lambda source: source.reading.identity)
     prior = _prior(model, priors, groups)
     return tuple(
-        observation for group in groups for observation in _observations(model, prior, group, listed, seed)
+        observation for group in groups for observation in _observations(model, prior, group, seed)
     )
 
 
@@ -168,7 +169,7 @@ def _prior(model: str, priors: Priors, groups: Sequence[Sequence[_Source]]) -> P
 
 
 def _observations(
-    model: str, prior: Prior, group: Sequence[_Source], listed: Sequence[Entry], seed: int
+    model: str, prior: Prior, group: Sequence[_Source], seed: int
 ) -> Iterable[Observation]:
     """The sources of one response: those without background, and those of each background scale."""
     exposures = np.array([source.reading.spectrum.exposure for source in group])
@@ -181,7 +182,7 @@ def _observations(
         counts = np.array([spectrum.counts for spectrum in spectra], dtype=float)
         simulator: Any = source
         if spectra[0].background is not None:
-            seeds = [(seed, listed.index(one.entry)) for one in part]
+            seeds = [(seed, _number(one.entry.name)) for one in part]
             scale, behind = thinned(spectra, seeds)
             simulator = WithBackground(source, pooled(spectra, scale, behind), siblings=siblings)
             counts = np.concatenate([counts, behind], axis=1)
@@ -192,3 +193,8 @@ def _observations(
             np.array([one.entry.redshift for one in part]),
             tuple(one.entry.name for one in part),
         )
+
+
+def _number(name: str) -> int:
+    """A source's own number, whatever else the catalogue holds."""
+    return int.from_bytes(hashlib.sha256(name.encode()).digest()[:8])

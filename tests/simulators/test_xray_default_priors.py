@@ -1,0 +1,103 @@
+"""Default priors: every component has some, norms follow the counts, what is given stays."""
+
+import numpy as np
+import pytest
+
+from gaugeblock.errors import InputError
+from gaugeblock.simulators import LogUniform, Uniform
+
+pytest.importorskip("jaxspec")
+from gaugeblock.simulators.xray import default_prior, reference
+from gaugeblock.simulators.xray.components import COMPONENTS
+from gaugeblock.simulators.xray.default_priors import SHAPES
+from gaugeblock.simulators.xray.expression import parameter_names, parse
+from gaugeblock.simulators.xray.observation import model_prior
+
+pytestmark = pytest.mark.usefixtures("xray_data")
+
+
+@pytest.fixture(scope="module")
+def simulator():
+    return reference()
+
+
+def test_every_component_has_priors_for_all_but_the_norm_of_what_emits():
+    for entry in COMPONENTS.values():
+        expected = set(entry.parameters) - ({"norm"} if entry.additive else set())
+        assert set(SHAPES[entry.component]) == expected
+    assert set(SHAPES) == {entry.component for entry in COMPONENTS.values()}
+
+
+@pytest.mark.parametrize("name", sorted({c.component: n for n, c in COMPONENTS.items()}.values()))
+def test_draws_of_every_model_are_finite_and_some_have_the_counts(simulator, name):
+    model = name if COMPONENTS[name].additive else f"{name}*powerlaw"
+    counts = np.full(102, 10)
+    prior = default_prior(model, simulator.response, counts)
+    assert prior.names == parameter_names(parse(model))
+    made = type(simulator)(model, simulator.response, prior)
+    totals = made.expected(prior.sample(2000, np.random.default_rng(0))).sum(axis=1)
+    assert np.isfinite(totals).mean() > 0.99
+    assert (totals > counts.sum()).mean() > 0.03
+    assert (totals < counts.sum()).mean() > 0.3
+
+
+def test_the_truth_lies_well_inside(simulator):
+    theta = simulator.prior.sample(60, np.random.default_rng(1))
+    x = simulator.simulate(theta, np.random.default_rng(2))
+    for truth, counts in zip(theta[:6], x[:6], strict=True):
+        prior = default_prior(simulator.model, simulator.response, counts)
+        u = prior.to_unit_cube(truth)
+        assert ((u > 0.005) & (u < 0.995)).all()
+    together = default_prior(simulator.model, simulator.response, x)
+    u = together.to_unit_cube(theta)
+    assert ((u > 0.005) & (u < 0.995)).all()
+
+
+def test_norms_follow_the_rate_not_the_exposure(simulator):
+    counts = np.full(102, 10)
+    once = default_prior("powerlaw", simulator.response, counts)
+    longer = default_prior("powerlaw", simulator.response.with_exposure(10 * simulator.exposure), 10 * counts)
+    brighter = default_prior("powerlaw", simulator.response, 10 * counts)
+    other = default_prior("powerlaw", simulator.response, counts, simulator.exposure / 10)
+    low = [p.marginals["powerlaw_1.norm"].support[0] for p in (once, longer, brighter, other)]
+    np.testing.assert_allclose(low[1:] / low[0], [1.0, 10.0, 10.0], rtol=1e-9)
+    span = once.marginals["powerlaw_1.norm"].support
+    assert span[1] / span[0] >= 0.999e6
+
+
+def test_lines_lie_in_the_band(simulator):
+    prior = default_prior("powerlaw+gauss", simulator.response, np.ones(102))
+    low, high = prior.marginals["gauss_1.El"].support
+    assert (low, high) == pytest.approx((0.522, 7.795), abs=1e-3)
+
+
+def test_what_is_given_replaces_the_default(simulator, tmp_path):
+    counts = np.full(102, 10)
+    (tmp_path / "p.toml").write_text('[tbabs_1.nh]\ndistribution = "uniform"\nlow = 0.1\nhigh = 0.3\n')
+    prior = model_prior("tbabs*powerlaw", tmp_path / "p.toml", simulator.response, counts)
+    assert prior.marginals["tbabs_1.nh"] == Uniform(0.1, 0.3)
+    assert prior.marginals["powerlaw_1.alpha"] == SHAPES["Powerlaw"]["alpha"]
+    given = {"powerlaw_1.norm": LogUniform(1e-5, 1e-3)}
+    assert default_prior("powerlaw", simulator.response, counts, given=given).marginals == {
+        "powerlaw_1.alpha": SHAPES["Powerlaw"]["alpha"],
+        "powerlaw_1.norm": LogUniform(1e-5, 1e-3),
+    }
+    whole = model_prior(simulator.model, "reference", simulator.response, counts)
+    assert whole == simulator.prior
+
+
+def test_a_column_that_is_given_narrows_the_norm(simulator):
+    counts = np.full(102, 10)
+    wide = default_prior("tbabs*powerlaw", simulator.response, counts)
+    given = {"tbabs_1.nh": Uniform(10.0, 12.0), "powerlaw_1.alpha": Uniform(1.9, 2.1)}
+    heavy = default_prior("tbabs*powerlaw", simulator.response, counts, given=given)
+    assert heavy.marginals["powerlaw_1.norm"].center > 10 * wide.marginals["powerlaw_1.norm"].support[0]
+    span = heavy.marginals["powerlaw_1.norm"].support
+    assert span[1] / span[0] == pytest.approx(1e6)
+
+
+def test_what_cannot_be_is_refused_in_one_line(simulator):
+    with pytest.raises(InputError, match=r"prior for tbabs_1\.nh, which it does not have"):
+        default_prior("powerlaw", simulator.response, np.ones(102), given={"tbabs_1.nh": Uniform(0, 1)})
+    with pytest.raises(InputError, match="no counts"):
+        default_prior("powerlaw", simulator.response, np.zeros(102))
