@@ -10,7 +10,7 @@ import numpy as np
 from gaugeblock.discover.candidates import Candidates, candidates
 from gaugeblock.discover.discovery import Discovery
 from gaugeblock.discover.fit import fit
-from gaugeblock.discover.record import summary, tree
+from gaugeblock.discover.record import add_evidence, summary, tree
 from gaugeblock.discover.single import Step, discover_single
 from gaugeblock.discover.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
@@ -28,6 +28,7 @@ def discover(
     only: tuple[str, ...] = (),
     library: Candidates | None = None,
     replicates: int = 999,
+    evidence: bool = False,
     step: Step = quiet,
 ) -> Discovery:
     """Find where a simulator and measured counts disagree, name the missing effect, add it, test the name.
@@ -46,6 +47,8 @@ def discover(
         Candidates that an earlier search of the same simulator has worked in: nothing is compiled again.
     replicates : int
         Simulated data sets behind every global p, which is never below 1 / (replicates + 1).
+    evidence : bool
+        Whether to run nested sampling with and without the first named effect.
     step : callable
         Told, in words, what begins.
 
@@ -57,10 +60,13 @@ def discover(
     step("fitting the model as it is")
     base = fit(sources.simulator, sources.counts, scale=sources.scale)
     proposed = library or candidates(sources.simulator, base.theta, own=effects, only=only)
-    search = discover_single(
-        sources, proposed, base, rng=np.random.default_rng(seed), replicates=replicates, step=step
-    )
-    return Discovery(summary(search), tree(search))
+    first, second = np.random.default_rng(seed).spawn(2)
+    search = discover_single(sources, proposed, base, rng=first, replicates=replicates, step=step)
+    made = summary(search)
+    if evidence and search.decision.named_all:
+        step("evidence with and without the effect, by nested sampling")
+        add_evidence(made, search, rng=second)
+    return Discovery(made, tree(search))
 
 
 def library_of(simulator: Any, theta: Any) -> Candidates:

@@ -1,0 +1,55 @@
+"""Bayesian evidence beside the gap, never as the gap."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gaugeblock.discover.confirm.evidence import delta_log_evidence
+from gaugeblock.discover.single import Search
+from gaugeblock.errors import InputError, MissingExtraError
+
+ID = "evidence.delta"
+
+COUNTS = 3_000_000
+"""Counts from which nested sampling is left out: its cost grows with the information in the data."""
+
+
+def add_evidence(summary: dict[str, Any], search: Search, *, rng: np.random.Generator) -> None:
+    """Put delta log Z of the first named effect and its prior sensitivity into a summary.
+
+    What cannot be computed is listed under `not_checked`, with the reason.
+    """
+    try:
+        value = _evidence(search, rng)
+    except (InputError, MissingExtraError) as error:
+        summary["not_checked"].append({"id": ID, "why": str(error)})
+        return
+    summary["gap"]["delta_log_evidence"] = value
+
+
+def _evidence(search: Search, rng: np.random.Generator) -> dict[str, Any]:
+    best, counts = search.rounds[0].best, search.sources.counts[0]
+    if counts.sum() > COUNTS:
+        raise InputError(
+            f"{counts.sum():.2g} counts: nested sampling would take hours; see the held-out scores"
+        )
+    if search.sources.scale[0] != 1.0:
+        raise InputError("the simulator's exposure is not the spectrum's; evidence needs them equal")
+    found = delta_log_evidence(
+        search.sources.simulator,
+        best.candidate.entry,
+        counts,
+        rng=rng,
+        with_entry=best.candidate.simulator,
+    )
+    curve = found.sensitivity
+    return {
+        "value": found.value,
+        "error": found.error,
+        "sensitivity": [
+            {"prior": float(factor), "value": float(value), "lower_bound": bool(bound)}
+            for factor, value, bound in zip(curve.factors, curve.value, curve.lower_bound, strict=True)
+        ],
+    }
