@@ -51,7 +51,7 @@ class Gain:
     def prepare(self, edges: Array, _: Response, /) -> Changed:
         """Counts between the same edges after the move."""
 
-        def change(counts: Any, values: Mapping[str, Any]) -> Any:
+        def change(counts: Any, values: Mapping[str, Any], _: Any) -> Any:
             import jax.numpy as jnp
 
             return counts + jnp.diff(crossed(counts, edges, edges, [(self, values)]))

@@ -134,6 +134,7 @@ def respond(
         exposure=1.0,
         files=detector.files,
         notes=detector.notes,
+        frame_time=None if spectrum is None else spectrum.frame_time,
     )
 
 

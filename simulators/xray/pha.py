@@ -28,6 +28,7 @@ class Pha:
     response_file: str | None
     area_file: str | None
     instrument: str | None = None
+    frame_time: float | None = None
 
 
 def read_pha(path: Path) -> Pha:
@@ -82,7 +83,21 @@ def read_pha(path: Path) -> Pha:
             response_file=header.get("RESPFILE"),
             area_file=header.get("ANCRFILE"),
             instrument=header.get("INSTRUME"),
+            frame_time=_frame_time(header, hdus[0].header),
         )
+
+
+def _frame_time(*headers: Any) -> float | None:
+    """Seconds of one frame: XMM's FRMTIME, in milliseconds, or TIMEDEL, in seconds, where it is a frame.
+
+    Detectors that record photons one by one give there how finely they time them.
+    """
+    for keyword, unit in (("FRMTIME", 1e-3), ("TIMEDEL", 1.0)):
+        for header in headers:
+            value = header.get(keyword)
+            if isinstance(value, int | float) and 1e-5 <= value * unit < 100.0:
+                return float(value * unit)
+    return None
 
 
 def _scale(value: Any) -> Any:

@@ -121,7 +121,7 @@ class Reader:
         """The response for one second, and a digest of everything that it follows from."""
         regroup = self._regroup == "always" or (self._regroup == "ungrouped" and not grouped(raw.grouping))
         flags = np.zeros(0) if raw.grouping is None or regroup else raw.grouping
-        parts = (raw.channel, flags, raw.quality, raw.areascal)
+        parts = (raw.channel, flags, raw.quality, raw.areascal, np.array(raw.frame_time or 0.0))
         key = hashlib.sha256(repr((sorted(detector.files.items()), regroup)).encode())
         for part in parts:
             key.update(np.asarray(part, dtype="<f8").tobytes() + b"|")

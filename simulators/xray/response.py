@@ -111,7 +111,6 @@ class Response:
             "channels": len(self.channels),
             "band_kev": [float(self.channels[:, 0].min()), float(self.channels[:, 1].max())],
             "exposure_s": self.exposure,
-            **({} if self.frame_time is None else {"frame_time_s": self.frame_time}),
         }
 
     @classmethod

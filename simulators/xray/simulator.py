@@ -178,6 +178,7 @@ class XraySpectrum:
 
     def describe(self) -> dict[str, Any]:
         """Plain data that identifies this simulator: model, response by sha256, prior, effects."""
+        names = {effect.name for effect in self.effects}
         return {
             "simulator": "xray",
             "model": self.model,
@@ -188,9 +189,11 @@ class XraySpectrum:
                     "name": effect.name,
                     "fixed": effect.fixed,
                     "free": {name: marginal.describe() for name, marginal in effect.free.items()},
+                    **({} if effect.kind is None else {"kind": effect.kind.identity}),
                 }
                 for effect in self.effects
             ],
+            **({} if "pileup" not in names else {"frame_time_s": self.response.frame_time}),
             # What was identified before there was a choice keeps its identity.
             **({} if self.integration == "jaxspec" else {"integration": self.integration}),
         }

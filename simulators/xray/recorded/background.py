@@ -42,7 +42,7 @@ class Background:
 
         start, stop = np.log(np.maximum(edges[:-1], LOWEST)), np.log(np.maximum(edges[1:], LOWEST))
 
-        def change(counts: Any, values: Mapping[str, Any]) -> Any:
+        def change(counts: Any, values: Mapping[str, Any], _: Any) -> Any:
             rest, decades = 1.0 - values["index"], stop - start
             return counts + values["level"] * jnp.exp(rest * start) * decades * relative_expm1(rest * decades)
 

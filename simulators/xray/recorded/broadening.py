@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,12 +52,12 @@ class Broadening:
         rates, basis, inverse = _modes(edges)
         rates, basis, inverse = jnp.asarray(rates), jnp.asarray(basis), jnp.asarray(inverse)
 
-        def change(counts: Any, values: Mapping[str, Any]) -> Any:
+        def change(counts: Any, values: Mapping[str, Any], _: Any) -> Any:
             return counts + basis @ (jnp.expm1(-values["variance"] * rates) * (inverse @ counts))
 
         return change
 
-    def alone(self, edges: Array, dense: Array, members: Array) -> Changed:
+    def alone(self, edges: Array, dense: Array, members: Array) -> Callable[[Any, Mapping[str, Any]], Any]:
         """The change of a matrix ``(fine, bin)`` that is grouped at once: photon flux to counts per group.
 
         The same as `prepare` between two matrices, which it is multiplied into, so that it costs little.

@@ -36,25 +36,36 @@ def recorded_fold(
         low, high = bound.what.reach(low, high, bound.ranges(prior))
     rows = near(places, low, high)
     dense = per_second(response, places.order[rows])
-    live = np.asarray(dense.any(axis=0))
-    dense = dense[:, live]
+    others = _others(response, recorded, places.order[rows])
+    live = np.asarray(dense.any(axis=0) | (others > 0))
+    dense, others = dense[:, live], others[live]
     if len(recorded) == 1 and isinstance(recorded[0].what, Broadening) and recorded[0].free:
         edges, members = places.edges[rows.start : rows.stop + 1], places.members[:, rows].toarray()
         broad, names = recorded[0].what.alone(edges, dense, members), prior.names
         return (lambda flux, theta: broad(flux, recorded[0].values(theta, names))), live
     group = _grouped(response, recorded, places, rows, prior.names)
     if any(bound.free or not bound.what.affine for bound in recorded):
-        matrix = jnp.asarray(dense)
+        matrix = jnp.asarray(np.concatenate([dense, others[None]]))
         return (lambda flux, theta: group(matrix @ flux, theta)), live
-    added = group(jnp.zeros(len(dense)), None)
-    transfer = jax.vmap(lambda column: group(column, None) - added, in_axes=1, out_axes=1)(jnp.asarray(dense))
+    nothing = jnp.zeros(len(dense) + 1)
+    added = group(nothing, None)
+    columns = jnp.asarray(np.concatenate([dense, others[None]]))
+    transfer = jax.vmap(lambda column: group(column, None) - added, in_axes=1, out_axes=1)(columns)
     return (lambda flux, _: transfer @ flux + added), live
+
+
+def _others(response: Response, recorded: Sequence[Bound], rows: Any) -> NDArray[np.float64]:
+    """Counts per second in all other channels for unit photon flux, where an operation asks for them."""
+    if all(bound.what.affine for bound in recorded):
+        return np.zeros(len(response.area))
+    rest = np.delete(np.arange(response.redistribution.shape[0]), rows)
+    return np.asarray(response.redistribution[rest].sum(axis=0)).ravel() * response.area
 
 
 def _grouped(
     response: Response, recorded: Sequence[Bound], places: Any, rows: slice, names: Sequence[str]
 ) -> Fold:
-    """Pure function ``(counts per second in the detector's channels, theta)`` to those in each group."""
+    """Pure function ``(counts per second in the channels, then in all others; theta)`` to those per group."""
     import jax.numpy as jnp
 
     edges = places.edges[rows.start : rows.stop + 1]
@@ -63,6 +74,7 @@ def _grouped(
     prepared = [bound.what.prepare(edges, response) for bound in recorded]
 
     def group(counts: Any, theta: Any) -> Any:
+        counts, others = counts[:-1], counts[-1]
         gains: list[tuple[Gain, Any]] = []
         for bound, change in zip(recorded, prepared, strict=True):
             values = bound.values(theta, names)
@@ -73,7 +85,7 @@ def _grouped(
             if gains:
                 counts = counts + jnp.diff(crossed(counts, edges, edges, gains))
                 gains = []
-            counts = change(counts, values)
+            counts = change(counts, values, others)
         if not gains:
             return members @ counts
         across = crossed(counts, edges, runs, gains)

@@ -14,8 +14,9 @@ Array = NDArray[np.float64]
 Ranges = Mapping[str, tuple[float, float]]
 """Smallest and largest value of every parameter."""
 
-Changed = Callable[[Any, Mapping[str, Any]], Any]
-"""Pure JAX function ``(counts per second in each channel, parameters)`` to the same, changed."""
+Changed = Callable[[Any, Mapping[str, Any], Any], Any]
+"""Pure JAX function ``(counts per second in each channel, parameters, counts per second in all others)`` to
+counts per second in each channel, changed."""
 
 
 class Operation(Protocol):

@@ -42,9 +42,9 @@ class Pileup:
             return "its detector channels leave gaps in energy or overlap; use a response with all channels"
         return None
 
-    def reach(self, _low: float, _high: float, _: Ranges, /) -> tuple[float, float]:
-        """Everything: photons pile up with all others."""
-        return -np.inf, np.inf
+    def reach(self, _low: float, high: float, _: Ranges, /) -> tuple[float, float]:
+        """Everything below: pairs have more energy than either of the two."""
+        return -np.inf, high
 
     def prepare(self, edges: Array, response: Response, /) -> Changed:
         """Pairs by convolution of the spectrum with itself, on equal bins from zero energy on."""
@@ -55,13 +55,13 @@ class Pileup:
         equal = np.linspace(0.0, top, size + 1)
         length = 1 << (2 * size - 1).bit_length()
 
-        def change(counts: Any, values: Mapping[str, Any]) -> Any:
+        def change(counts: Any, values: Mapping[str, Any], others: Any) -> Any:
             even = _rebinned(counts, edges, equal)
             pairs = jnp.fft.irfft(jnp.fft.rfft(even, length) ** 2, length)[:size]
             # The centres of bins i and j add up to the edge between bins i + j and i + j + 1.
             merged = 0.5 * (pairs + jnp.concatenate([jnp.zeros(1), pairs[:-1]]))
             rate = values["overlap"] * frame
-            escaped = jnp.exp(-rate * jnp.sum(counts))
+            escaped = jnp.exp(-rate * (jnp.sum(counts) + others))
             return escaped * (counts + 0.5 * rate * jnp.maximum(_rebinned(merged, equal, edges), 0.0))
 
         return change
