@@ -21,6 +21,7 @@ from gaugeblock.simulators.xray.simulator import XraySpectrum
 from gaugeblock.simulators.xray.spectrum import Spectrum
 from gaugeblock.simulators.xray.w_statistic import w_statistic
 from gaugeblock.simulators.xray.with_background import WithBackground, with_background
+from gaugeblock.simulators.xray.writing import write_pha
 
 __all__ = [
     "JointSpectra",
@@ -42,4 +43,5 @@ __all__ = [
     "reference",
     "w_statistic",
     "with_background",
+    "write_pha",
 ]
