@@ -10,6 +10,7 @@ find. ``--number 1`` makes one spectrum, long enough to find the shift in it alo
 import argparse
 import csv
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -54,4 +55,4 @@ if __name__ == "__main__":
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     make(given.folder, number=given.number, slope=given.slope, exposure=given.exposure, seed=given.seed)
-    print(f"{given.number} spectra with a gain of {given.slope}: {given.folder}")
+    sys.stdout.write(f"{given.number} spectra with a gain of {given.slope}: {given.folder}\n")
