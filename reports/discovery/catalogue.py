@@ -1,0 +1,166 @@
+"""The chapter on catalogues: frames, single sources, growing numbers of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from markupsafe import Markup
+
+from gaugeblock.reports.discovery.axes import Axis, energy_axis, log_axis
+from gaugeblock.reports.discovery.chapter import Chapter, Column, LeftOut, Rows, Table
+from gaugeblock.reports.discovery.phrases import effect_words, finite, pick, with_unit
+from gaugeblock.reports.discovery.read import Array, Missing, attribute, floats, group, texts
+from gaugeblock.reports.section import Panel
+from gaugeblock.reports.svg import Frame, drawing
+from gaugeblock.reports.words import number, p_equals, short
+
+WIDTH, HEIGHT = 480.0, 240.0
+MOST = 8
+
+
+def catalogue_chapter(tree: xr.DataTree, summary: Mapping[str, Any]) -> Chapter | LeftOut | None:
+    """What many sources say together; None for a single one."""
+    data = group(tree, "catalogue")
+    title = "What the catalogue says"
+    if isinstance(data, Missing):
+        alone = (finite(pick(summary, "data", "n_sources")) or 1) <= 1
+        return None if alone else LeftOut(title, data.why)
+    said = data.attrs.get("statement") or pick(summary, "catalogue", "statement")
+    lead = (
+        "Residuals of all sources added up twice: at the energy at which the detector recorded them, and at "
+        "the energy at which the sources sent them out. What belongs to the instrument stays sharp in the "
+        "first, what belongs to the sources in the second."
+    )
+    lead += f" Here {said}." if said else ""
+    panels = [*_frames(data), *_growth(data, summary), *_influence(data)]
+    return Chapter("catalogue", "Catalogue", title, lead, tuple(panels), _influential(data))
+
+
+def _frames(data: xr.Dataset) -> list[Panel]:
+    made = []
+    both = [
+        ("detector", "In the detector's frame", "recorded energy"),
+        ("rest", "In the sources' frame", "energy at the source"),
+    ]
+    there = [frame for frame in both if {f"{frame[0]}_{k}" for k in ("lo", "hi", "z")} <= set(data)]
+    largest = max(
+        (float(np.nanmax(np.abs(floats(data, f"{f[0]}_z")), initial=3.0)) for f in there), default=3.0
+    )
+    for name, heading, quantity in there:
+        low, high, z = (floats(data, f"{name}_{key}") for key in ("lo", "hi", "z"))
+        axis = energy_axis(low, high, "keV", quantity=quantity)
+        half = 1.15 * largest
+        frame = Frame(x=axis.range, y=(-half, half), width=WIDTH, height=HEIGHT)
+        known = np.isfinite(z)
+        edges = np.append(low, high[-1])
+        marks = [
+            frame.band(axis.range, [-2, -2], [2, 2], "band quiet"),
+            frame.axes(axis.label, "stacked z", x_ticks=axis.ticks),
+            frame.line(axis.range, [0, 0], "zero"),
+            frame.line(axis.at(edges), np.append(np.where(known, z, 0.0), 0.0), "line", steps=True),
+        ]
+        best = int(np.nanargmax(np.abs(z))) if known.any() else 0
+        at = short(float(np.sqrt(low[best] * high[best])))
+        text = f"largest z {number(float(z[best]), 1, sign=True)} at {at} keV"
+        p = p_equals(attribute(data, f"p_{name}"))
+        made.append(
+            Panel(heading, f"{text}{', global ' + p if p else ''}", _drawn(marks, frame, name, heading, text))
+        )
+    return made
+
+
+def _growth(data: xr.Dataset, summary: Mapping[str, Any]) -> list[Panel]:
+    if not {"number", "amplitude", "amplitude_error"} <= set(data):
+        return []
+    size, value, error = (floats(data, key) for key in ("number", "amplitude", "amplitude_error"))
+    unit, neutral = str(data.attrs.get("unit", "")), attribute(data, "neutral")
+    floor = attribute(data, "floor")
+    floor = finite(pick(summary, "catalogue", "floor")) if floor is None else floor
+    axis = log_axis(float(size.min()), float(size.max()), "number of sources")
+    last = float(value[-1])
+    ends = [
+        float(np.min(value - error)),
+        float(np.max(value + error)),
+        *([neutral] if neutral is not None else []),
+    ]
+    ends += [last - floor, last + floor] if floor else []
+    room = 0.08 * (max(ends) - min(ends)) or 0.1
+    frame = Frame(x=axis.range, y=(min(ends) - room, max(ends) + room), width=WIDTH, height=HEIGHT, left=64.0)
+    effect = effect_words(str(data.attrs.get("effect", "effect")))
+    marks = [frame.band(axis.range, [last - floor] * 2, [last + floor] * 2, "band floor")] if floor else []
+    marks.append(frame.axes(axis.label, f"amplitude ({unit})" if unit else "amplitude", x_ticks=axis.ticks))
+    if neutral is not None:
+        marks.append(frame.line(axis.range, [neutral, neutral], "zero"))
+    place = axis.at(size)
+    marks += [
+        frame.band(place, value - error, value + error),
+        frame.line(place, value),
+        frame.dots(place, value, "points small"),
+    ]
+    text = f"{short(last)} ± {with_unit(float(error[-1]), unit)} from {int(size[-1]):,} sources"
+    remark = text
+    if floor:
+        remark += f"; inner band: the error that no number of sources gets below, {with_unit(floor, unit)}"
+    remark += "; dashed: no effect" if neutral is not None else ""
+    return [
+        Panel(
+            f"{effect.capitalize()}: amplitude as the catalogue grows",
+            remark,
+            _drawn(marks, frame, "growth", effect, text),
+        )
+    ]
+
+
+def _influence(data: xr.Dataset) -> list[Panel]:
+    if not {"source", "influence"} <= set(data):
+        return []
+    influence = floats(data, "influence")
+    across = _across(data, len(influence))
+    axis, place = across
+    half = 1.15 * (float(np.abs(influence).max()) or 1.0)
+    frame = Frame(x=axis.range, y=(-half, half), width=WIDTH, height=HEIGHT)
+    marks = [
+        frame.axes(axis.label, "change of Z", x_ticks=axis.ticks), frame.line(axis.range, [0, 0], "zero"),
+        frame.dots(place, influence, "dots"),
+    ]  # fmt: skip
+    best = int(np.argmax(np.abs(influence)))
+    text = f"the largest, {number(float(influence[best]), 2, sign=True)}, is {texts(data, 'source')[best]}"
+    return [Panel("Influence of single sources", f"what Z changes by when one is left out; {text}",
+                  _drawn(marks, frame, "influence", "Influence", text))]  # fmt: skip
+
+
+def _across(data: xr.Dataset, sources: int) -> tuple[Axis, Array]:
+    """By redshift where these differ, else by number."""
+    if "redshift" in data:
+        redshift = floats(data, "redshift")
+        if np.ptp(redshift) > 0:
+            axis = energy_axis(redshift, redshift, "", quantity="redshift")
+            return axis, axis.at(redshift)
+    axis = energy_axis([0.0], [float(sources)], "", quantity="source")
+    return axis, axis.at(np.arange(sources) + 0.5)
+
+
+def _influential(data: xr.Dataset) -> tuple[Table, ...]:
+    if not {"source", "influence"} <= set(data):
+        return ()
+    influence, names = floats(data, "influence"), texts(data, "source")
+    redshift = floats(data, "redshift") if "redshift" in data else None
+    order = np.argsort(-np.abs(influence), kind="stable")[:MOST]
+    rows = []
+    for i in order:
+        shift = [short(float(redshift[i]))] if redshift is not None else []
+        rows.append((names[i], *shift, number(float(influence[i]), 2, sign=True)))
+    shift_column = [Column("Redshift")] if redshift is not None else []
+    columns = (Column("Source", False), *shift_column, Column("Change of Z without it"))
+    note = "A claim that rests on one source is about that source."
+    return (Table("Sources with the most influence", columns, (Rows("", tuple(rows)),), note),)
+
+
+def _drawn(marks: list[Markup], frame: Frame, key: str, title: str, description: str) -> Markup:
+    return drawing(
+        marks, width=frame.width, height=frame.height, key=f"catalogue-{key}", title=title,
+        description=description, class_="chart",
+    )  # fmt: skip

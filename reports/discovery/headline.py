@@ -1,0 +1,194 @@
+"""The paragraph at the top: what disagrees, what it is, how sure, how the gap shrinks; or why no name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from gaugeblock.reports.discovery.phrases import (
+    effect_phrase,
+    effect_words,
+    energy_range,
+    finite,
+    global_p,
+    listed,
+    pick,
+    with_unit,
+)
+from gaugeblock.reports.words import number, short
+
+Kind = Literal["named", "set", "unnamed", "withdrawn", "nothing"]
+
+
+@dataclass(frozen=True)
+class Headline:
+    """One word or two in large letters, the paragraph, and a few figures beside their names."""
+
+    kind: Kind
+    word: str
+    paragraph: str
+    figures: tuple[tuple[str, str, str], ...]
+
+
+def headline(summary: Mapping[str, Any]) -> Headline:
+    """What discovery.json says, in plain language."""
+    kind = kind_of(summary)
+    alike = [str(name) for name in summary.get("indistinguishable") or []]
+    names = [str(name) for name in summary.get("named_all") or []]
+    if kind == "nothing":
+        word, said = "No disagreement", _nothing(summary)
+    elif kind == "withdrawn":
+        word, said = "No name holds", [_where(summary), _withdrawn(summary)]
+    elif kind == "unnamed":
+        word, said = "Unnamed", [_where(summary), _unnamed(summary)]
+    elif kind == "set":
+        word = " or ".join(effect_words(name) for name in alike)
+        said = [_where(summary), _set(alike), *_gap(summary), *_amplitude(summary)]
+    else:
+        word = " + ".join(effect_words(name) for name in names)
+        said = [_where(summary), _named(summary, names), *_gap(summary), *_amplitude(summary)]
+    return Headline(kind, word, " ".join(part for part in said if part), figures(summary))
+
+
+def kind_of(summary: Mapping[str, Any]) -> Kind:
+    """Which of the five stories it is."""
+    named = summary.get("named")
+    if named == "unnamed":
+        return "unnamed"
+    if named is None:
+        return "withdrawn" if summary.get("withdrawn") else "nothing"
+    return "set" if len(summary.get("indistinguishable") or []) > 1 else "named"
+
+
+def figures(summary: Mapping[str, Any]) -> tuple[tuple[str, str, str], ...]:
+    """Name, value and remark of the few figures that stand in the card."""
+    found = []
+    p = finite(pick(summary, "disagreement", "p_global"))
+    if p is not None:
+        found.append(("Global p of the disagreement", short(p, 2), "over every effect, scan and window"))
+    before, after = (finite(pick(summary, "gap", "held_out", key)) for key in ("before", "after"))
+    if before is not None and after is not None:
+        text = f"{number(before, 3)} → {number(after, 3)}"
+        found.append(("Held-out gap", text, "deviance per channel, before and after"))
+    elif before is not None:
+        found.append(("Held-out gap", number(before, 3), "deviance per channel"))
+    for one in amplitudes(summary)[:1]:
+        where = "from data that did not choose the name" if one.get("held_out") else "in sample"
+        value = with_unit(finite(one.get("value")), str(one.get("unit") or ""))
+        found.append((f"{effect_words(str(one.get('effect')))}: {one.get('parameter')}", value, where))
+    return tuple(found)
+
+
+def amplitudes(summary: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The amplitudes, whether one or a list was written."""
+    given = summary.get("amplitude")
+    rows = [given] if isinstance(given, Mapping) else given if isinstance(given, Sequence) else []
+    return [row for row in rows if isinstance(row, Mapping)]
+
+
+def _where(summary: Mapping[str, Any]) -> str:
+    found = summary.get("disagreement") or {}
+    p = global_p(finite(found.get("p_global")), finite(found.get("replicates")))
+    regions = found.get("regions") or []
+    said = f"The data disagree with {summary.get('model_before', 'the model')} ({p})"
+    if not regions:
+        return f"{said}, though no single range of energies stands out."
+    strongest = regions[0]
+    unit = str(strongest.get("unit") or "keV")
+    span = energy_range(strongest["energy_lo_kev"], strongest["energy_hi_kev"], unit)
+    z = finite(strongest.get("z")) or 0.0
+    many = "more counts than expected" if z > 0 else "fewer counts than expected"
+    return f"{said}, most at {span}: {many}, z = {number(z, 1, sign=True)}."
+
+
+def _named(summary: Mapping[str, Any], names: Sequence[str]) -> str:
+    many = len(names) > 1
+    said = f"What the model lacks is {listed([effect_phrase(name) for name in names])}."
+    rivals = [
+        (str(row.get("effect")), finite(row.get("held_out")))
+        for row in summary.get("candidates") or []
+        if row.get("effect") not in names and finite(row.get("held_out")) is not None
+    ]
+    own = next(
+        (finite(r.get("held_out")) for r in summary.get("candidates") or [] if r.get("effect") == names[0]),
+        None,
+    )
+    if many or own is None or not rivals:
+        return said
+    name, score = max(rivals, key=lambda rival: rival[1] or 0.0)
+    behind = own - (score or 0.0)
+    return (
+        f"{said} The next best candidate, {effect_words(name)}, predicts held-out counts "
+        f"{number(behind, 1)} nats worse."
+    )
+
+
+def _set(alike: Sequence[str]) -> str:
+    phrases = [effect_phrase(name) for name in alike]
+    return (
+        f"What the model lacks is {listed(phrases, 'or')}: these data cannot tell "
+        f"{'which of the two' if len(alike) == 2 else 'which of them'}."
+    )
+
+
+def _unnamed(summary: Mapping[str, Any]) -> str:
+    others = [name for name in summary.get("indistinguishable") or [] if name != "unnamed"]
+    said = "No effect of the library explains it well enough to be named; its shape is shown below."
+    if others:
+        said += (
+            f" The nearest is {listed([effect_phrase(name) for name in others], 'or')}, which is not enough."
+        )
+    return said
+
+
+def _withdrawn(summary: Mapping[str, Any]) -> str:
+    given = summary.get("withdrawn") or {}
+    name = effect_phrase(str(given.get("effect", "an effect")))
+    return f"It looked like {name}, but the name did not hold: {given.get('why', 'no reason was recorded')}."
+
+
+def _nothing(summary: Mapping[str, Any]) -> list[str]:
+    p = global_p(finite(pick(summary, "disagreement", "p_global")))
+    said = [
+        f"The data agree with {summary.get('model_before', 'the model')} ({p} over every effect, scan and "
+        "window), so there is nothing to name."
+    ]
+    limits = [
+        (str(row["effect"]), finite(row.get("smallest_detectable")), str(row.get("unit") or ""))
+        for row in summary.get("candidates") or []
+        if finite(row.get("smallest_detectable")) is not None
+    ]
+    if limits:
+        said.append(
+            "That is no proof that nothing is there: each effect would have had to be as large as the table "
+            "below says."
+        )
+    return said
+
+
+def _gap(summary: Mapping[str, Any]) -> list[str]:
+    before, after = (finite(pick(summary, "gap", "held_out", key)) for key in ("before", "after"))
+    if before is None or after is None:
+        return []
+    verb = "shrinks" if after < before else "does not shrink"
+    return [
+        f"With it in the model, the gap on data that did not choose it {verb}: mean deviance per channel "
+        f"{number(before, 3)} before, {number(after, 3)} after."
+    ]
+
+
+def _amplitude(summary: Mapping[str, Any]) -> list[str]:
+    said = []
+    for one in amplitudes(summary)[:1]:
+        low, high = (finite(value) for value in (one.get("interval") or (None, None)))
+        unit = str(one.get("unit") or "")
+        if low is None or high is None:
+            continue
+        level = finite(one.get("level")) or 0.9
+        said.append(
+            f"Its {one.get('parameter')} is {short(finite(one.get('value')))} "
+            f"({100 * level:.0f}% interval {with_unit(low, '')} to {with_unit(high, unit)}"
+            f"{', from the held-out half' if one.get('held_out') else ''})."
+        )
+    return said

@@ -1,0 +1,117 @@
+"""report.html of a discovery: one page that tells what was found, with nothing to load from anywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from gaugeblock.atomic import write_atomically
+from gaugeblock.errors import InputError
+from gaugeblock.reports.discovery.before_after import after_chapter, before_chapter
+from gaugeblock.reports.discovery.candidate_chapter import candidate_chapter
+from gaugeblock.reports.discovery.catalogue import catalogue_chapter
+from gaugeblock.reports.discovery.chapter import Chapter, LeftOut
+from gaugeblock.reports.discovery.confirmed import (
+    amplitude_chapter,
+    evidence_chapter,
+    held_out_chapter,
+    shape_chapter,
+)
+from gaugeblock.reports.discovery.headline import headline
+from gaugeblock.reports.discovery.located import located_chapter
+from gaugeblock.reports.discovery.phrases import effect_words, finite, pick
+from gaugeblock.reports.page import render
+from gaugeblock.reports.verdict_json import plain
+from gaugeblock.reports.words import count
+
+
+def discovery_html(tree: xr.DataTree, summary: Mapping[str, Any]) -> str:
+    """The whole page as text.
+
+    `tree` and `summary` as described in `gaugeblock.reports.discovery.schema`. A chapter whose group is
+    missing is left out, and the page says why.
+
+    Raises
+    ------
+    InputError
+        If a variable of the tree lies along other dimensions than the schema's.
+    """
+    content = plain(summary)
+    made = _chapters(tree, content)
+    unknown = [{"id": chapter.title, "why": chapter.why} for chapter in made if isinstance(chapter, LeftOut)]
+    name = pick(content, "data", "name")
+    return render(
+        "discovery.html",
+        title=f"Discovery: {name}" if name else "Discovery",
+        headline=headline(content),
+        remarks=[str(remark) for remark in content.get("remarks") or []],
+        facts=_facts(content),
+        causes=_causes(content),
+        chapters=[chapter for chapter in made if isinstance(chapter, Chapter)],
+        left_out=unknown,
+        not_checked=content.get("not_checked") or [],
+        provenance=content.get("provenance") or {},
+    )
+
+
+def write_discovery(discovery_tree: xr.DataTree, summary: Mapping[str, Any], out: Path) -> None:
+    """Write report.html into the folder `out`, made where missing; whole or not at all.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be made or written to, or the tree is not as its schema says.
+    """
+    content = discovery_html(discovery_tree, summary)
+    try:
+        Path(out).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot make the folder {out}: {error.strerror}") from error
+    # A file name in the data may hold bytes that are no text; they must not stop the report.
+    write_atomically(Path(out) / "report.html", content.encode("utf-8", "replace"))
+
+
+def _chapters(tree: xr.DataTree, summary: Mapping[str, Any]) -> list[Chapter | LeftOut]:
+    before = str(summary.get("model_before") or "the model")
+    after = str(summary.get("model_after") or "the model with what was added")
+    sources = int(finite(pick(summary, "data", "n_sources")) or 1)
+    added, unnamed = bool(summary.get("named_all")), summary.get("named") == "unnamed"
+    made = [
+        before_chapter(tree, before, sources),
+        located_chapter(tree, summary),
+        candidate_chapter(tree, summary),
+        # What is not there because nothing was found is no gap in the report.
+        after_chapter(tree, after, sources) if added else None,
+        shape_chapter(tree) if "unnamed" in (summary.get("indistinguishable") or []) or unnamed else None,
+        held_out_chapter(tree, summary) if added or "held_out" in tree.children else None,
+        amplitude_chapter(summary) if added else None,
+        catalogue_chapter(tree, summary),
+        evidence_chapter(summary) if added else None,
+    ]
+    return [chapter for chapter in made if chapter is not None]
+
+
+def _facts(summary: Mapping[str, Any]) -> list[str]:
+    data = summary.get("data") or {}
+    facts = []
+    for key, noun in (("n_sources", "source"), ("n_channels", "channel"), ("counts", "count")):
+        value = finite(data.get(key))
+        if value is not None:
+            facts.append(count(int(value), noun))
+    if summary.get("model_before"):
+        facts.append(f"model {summary['model_before']}")
+    return facts
+
+
+def _causes(summary: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """Name, cause and typical size of each effect that was named or cannot be told from it."""
+    names = dict.fromkeys([*(summary.get("named_all") or []), *(summary.get("indistinguishable") or [])])
+    found = []
+    for name in map(str, names):
+        known = pick(summary, "effects", name) or {}
+        if known.get("cause"):
+            found.append((effect_words(name), str(known["cause"]), str(known.get("typical") or "")))
+    return found

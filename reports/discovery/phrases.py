@@ -1,0 +1,104 @@
+"""Effects and energies as people speak of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from gaugeblock.reports.words import MINUS, number, short
+
+_PHRASES = {
+    "gain_slope": "a gain slope (channel energies off by a factor)",
+    "gain_offset": "a gain offset (channel energies off by a constant)",
+    "gain_curve": "a gain that bends with energy",
+    "effective_area": "an error of the effective area",
+    "resolution": "a wrong energy resolution",
+    "background": "a background that the model lacks",
+    "pileup": "pile-up",
+    "partial_covering": "partial covering",
+    "ionised_absorber": "an ionised absorber",
+    "reflection": "reflection",
+    "thermal_continuum": "a thermal continuum",
+    "soft_excess": "a soft excess",
+    "unnamed": "something that no effect of the library explains",
+}
+
+
+def effect_phrase(name: str) -> str:
+    """An effect with its article.
+
+    >>> effect_phrase("emission_line"), effect_phrase("time_bin"), effect_phrase("pileup")
+    ('an emission line', 'a time bin', 'pile-up')
+    """
+    if name in _PHRASES:
+        return _PHRASES[name]
+    words = name.replace("_", " ")
+    return f"{'an' if words[:1].lower() in 'aeiou' else 'a'} {words}"
+
+
+def effect_words(name: str) -> str:
+    """An effect's name as words."""
+    return name.replace("_", " ")
+
+
+def listed(items: Sequence[str], last: str = "and") -> str:
+    """`a, b and c`.
+
+    >>> listed(["a", "b", "c"]), listed(["a"], "or")
+    ('a, b and c', 'a')
+    """
+    if len(items) < 2:
+        return "".join(items)
+    return f"{', '.join(items[:-1])} {last} {items[-1]}"
+
+
+def energy_range(low: float, high: float, unit: str = "keV") -> str:
+    """Ends of a range with as many digits as tell them apart.
+
+    >>> energy_range(6.312, 6.498), energy_range(12.0, 15.0, "channel")
+    ('6.31–6.50 keV', 'channels 12–15')
+    """
+    if unit == "channel":
+        return f"channels {low:.0f}\N{EN DASH}{high:.0f}"
+    width = abs(high - low)
+    decimals = 2 if width < 10 else 1 if width < 100 else 0
+    while width and round(low, decimals) == round(high, decimals) and decimals < 5:
+        decimals += 1
+    text = f"{low:.{decimals}f}\N{EN DASH}{high:.{decimals}f}".replace("-", MINUS)
+    return f"{text} {unit}".rstrip()
+
+
+def global_p(p: float | None, replicates: float | None = None) -> str:
+    """A global p as words: where no simulated data set reached the value, that is what is said.
+
+    >>> global_p(0.03), global_p(0.001, 999)
+    ('global p = 0.030', 'global p ≤ 0.001, none of 999 simulated data sets did as much')
+    """
+    if p is None:
+        return "no global p"
+    if replicates and p <= 1.0001 / (replicates + 1):
+        least = short(1 / (replicates + 1), 2)
+        return f"global p ≤ {least}, none of {int(replicates)} simulated data sets did as much"
+    return f"global p = {number(p, 3 if p < 0.1 else 2)}"
+
+
+def finite(value: Any) -> float | None:
+    """A number, or None for whatever is none."""
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return None
+    return float(value) if value == value and abs(value) != float("inf") else None
+
+
+def pick(mapping: Any, *path: str) -> Any:
+    """A value deep in nested mappings, or None where the way ends."""
+    for key in path:
+        if not isinstance(mapping, Mapping):
+            return None
+        mapping = mapping.get(key)
+    return mapping
+
+
+def with_unit(value: float | None, unit: str, digits: int = 3) -> str:
+    """A value with its unit, if it has one."""
+    text = short(value, digits)
+    return f"{text} {unit}" if unit and value is not None else text
