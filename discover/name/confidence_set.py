@@ -23,7 +23,7 @@ other, so a ratio r is at least sqrt(2 r) standard deviations away.
 
 @dataclass(frozen=True)
 class Comparison:
-    """An effect against the best: `lead` of the best in log likelihood, `z` of that lead were this one true."""
+    """An effect against the best: `lead` of the best in nats, `z` of that lead were this one true."""
 
     key: str
     lead: float
