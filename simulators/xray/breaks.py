@@ -17,22 +17,29 @@ from gaugeblock.simulators.xray.expression import Leaf
 Array = NDArray[np.float64]
 
 BEND = 1.0
-"""Smallest change of slope, d log(cross-section) / d log(energy), that counts as a break. What is left moves
-an input bin by less than (width / energy)^2 / 30 of itself, and only where it absorbs."""
+"""Change of slope, d log(cross-section) / d log(energy), that adds up between two breaks. It counts in full
+above a cross-section of 1e-23 cm2 per hydrogen atom, and in proportion to it below."""
+
+RISE = 0.15
+"""Largest change of log(cross-section) between two breaks across an edge. An edge is a ramp between two or
+three neighbouring nodes of the table, and some rise by more than 1."""
 
 
 @lru_cache
 def table_breaks(file: str) -> Array:
-    """Nodes of a cross-section table where its slope changes by more than `BEND`, keV, ascending.
-
-    An edge is a steep ramp between two or three neighbouring nodes; fine structure has many.
-    """
+    """Where a cross-section table bends or jumps (`BEND`, `RISE`), keV, ascending."""
     with require("astropy.io.fits", "xray").open(data_path(file)) as content:
         energy, cross_section = (
             np.asarray(content[1].data[column], dtype=float) for column in ("ENERGY", "SIGMA")
         )
-    slope = np.diff(np.log(cross_section)) / np.diff(np.log(energy))
-    return np.asarray(energy[1:-1][np.abs(np.diff(slope)) > BEND])
+    rise = np.diff(np.log(cross_section))
+    bend = np.abs(np.diff(rise / np.diff(np.log(energy)))) * np.minimum(10.0 * cross_section[1:-1], 1.0)
+    count = np.floor(np.cumsum(bend) / BEND)
+    ramps = [
+        np.linspace(energy[i], energy[i + 1], 1 + int(np.ceil(abs(rise[i]) / RISE)))
+        for i in np.flatnonzero(np.abs(rise) > RISE)
+    ]
+    return np.unique(np.concatenate([energy[1:-1][np.diff(count, prepend=0.0) > 0], *ramps]))
 
 
 def _of_table(file: str, _: Mapping[str, Any]) -> Array:

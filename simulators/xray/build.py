@@ -32,6 +32,7 @@ def build(
     arf: FilePath | None = None,
     band: Sequence[float] | None = None,
     effects: Sequence[Effect | Description] = (),
+    integration: str = "jaxspec",
 ) -> XraySpectrum:
     """An X-ray simulator from options; without any, the reference case.
 
@@ -53,6 +54,8 @@ def build(
     effects : list of tables
         ``{name = "emission_line", energy = 6.4, sigma = 0.05, norm = {distribution = ...}}``: numbers are
         fixed, tables are priors of free parameters.
+    integration : {"jaxspec", "exact"}
+        How photons are integrated over input bins; ``exact`` for small gains and bright spectra.
 
     Raises
     ------
@@ -60,7 +63,13 @@ def build(
         In one line: for files that cannot be read, options that exclude each other, or unknown names.
     """
     instrument = _response(response, level, exposure, pha, rmf, arf, band)
-    return XraySpectrum(model, instrument, read_prior(priors), effects=tuple(map(read_effect, effects)))
+    return XraySpectrum(
+        model,
+        instrument,
+        read_prior(priors),
+        effects=tuple(map(read_effect, effects)),
+        integration=integration,
+    )
 
 
 def _response(

@@ -1,9 +1,9 @@
 """Photons in each input bin, integrated to fourth order in its width and never across an absorption edge.
 
 jaxspec takes the mean of a factor over a bin from its two ends, and multiplies means. A bin that holds an
-edge is then off by as much as the edge is deep, and the error jumps when the edge leaves the bin: finite steps
-of a gain measure that, not the gain. Here every bin is cut at the energies where the model breaks, and each
-piece is integrated by the two-node rule of Gauss and Legendre.
+edge is then off by as much as the edge is deep, and the error jumps when the edge leaves the bin: finite
+steps of a gain measure that, not the gain. Here every bin is cut at the energies where the model breaks, and
+each piece is integrated by the two-node rule of Gauss and Legendre.
 """
 
 from __future__ import annotations

@@ -37,8 +37,8 @@ class Pieces(NamedTuple):
 
 
 Evaluator = Callable[[Mapping[str, Any], Pieces], Any]
-"""A component's parameters and the pieces to ``(2, piece)``: of a factor its value at the nodes, of emission the
-photons that each node stands for. Their product, summed, is the integral."""
+"""A component's parameters and the pieces to ``(2, piece)``: of a factor its value at the nodes, of emission
+the photons that each node stands for. Their product, summed, is the integral."""
 
 
 def evaluator(leaf: Leaf) -> Evaluator:

@@ -19,6 +19,7 @@ def reference(
     model: str = MODEL,
     rmf: FilePath | None = None,
     arf: FilePath | None = None,
+    integration: str = "jaxspec",
 ) -> XraySpectrum:
     """The reference simulator, ``tbabs*(powerlaw+bbodyrad)`` with five parameters.
 
@@ -38,6 +39,8 @@ def reference(
     rmf, arf : path, optional
         Other files for NICER, for example ``nixtiref20170601v003.rmf`` and
         ``nixtiaveonaxis20170601v005.arf``, which the published study used.
+    integration : {"jaxspec", "exact"}
+        As in `XraySpectrum`.
 
     Raises
     ------
@@ -52,7 +55,7 @@ def reference(
     made = epic_pn() if response == "epic-pn" else nicer(rmf, arf)
     if response == "epic-pn" and (rmf is not None or arf is not None):
         raise InputError("reference: rmf and arf exchange the files of response='nicer' only")
-    return XraySpectrum(model, made.with_exposure(seconds), prior)
+    return XraySpectrum(model, made.with_exposure(seconds), prior, integration=integration)
 
 
 def level_exposure(response: str, level: str) -> float:
