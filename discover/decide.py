@@ -43,8 +43,7 @@ def decide(first: Look, rounds: tuple[Round, ...], last: Look, scored: HeldOut |
         return Decision(
             UNNAMED, (), (UNNAMED,), None, "model and data disagree, and no effect of the library explains it"
         )
-    names = tuple(one.best.candidate.key for one in rounds)
-    full = " + ".join(names)
+    names, full = rounds[-1].best.path, rounds[-1].best.label
     gain = scored.gain(full)
     noise = max(
         (scored.gain(n) for n, k in zip(scored.names, scored.kinds, strict=True) if k == "random"),
@@ -55,10 +54,13 @@ def decide(first: Look, rounds: tuple[Round, ...], last: Look, scored: HeldOut |
         return Decision(None, (), (), names[0], f"{full} does not predict held-out counts better than {what}")
     smooth = scored.gain(UNNAMED, over=full) if UNNAMED in scored.names else -float("inf")
     left = last.p_global
+    if left <= LEVEL and last.p_effects <= LEVEL:
+        why = f"{full} still leaves a disagreement (global p {left:.2g}) that the library does not end"
+        return Decision(UNNAMED, (), (UNNAMED, *dict.fromkeys(names)), None, why)
     if smooth > MARGIN or (left <= LEVEL and smooth > -MARGIN):
         why = f"a smooth correction without a name predicts held-out counts better than {full}"
-        return Decision(UNNAMED, (), (UNNAMED, *names), None, why)
-    alike = _alike(rounds, scored, full)
+        return Decision(UNNAMED, (), (UNNAMED, *dict.fromkeys(names)), None, why)
+    alike = _alike(rounds[-1], scored)
     if left <= ADEQUATE or smooth > -MARGIN:
         alike = (*alike, UNNAMED)
     return Decision(
@@ -66,12 +68,12 @@ def decide(first: Look, rounds: tuple[Round, ...], last: Look, scored: HeldOut |
     )
 
 
-def _alike(rounds: tuple[Round, ...], scored: HeldOut, full: str) -> tuple[str, ...]:
-    """The first name and every effect that could stand in for it, by Cox's test or by held-out score."""
-    names = [one.best.candidate.key for one in rounds]
-    alike = list(rounds[0].indistinguishable)
-    if len(rounds) == 1:
-        for rival in scored.names:
-            if rival in rounds[0].profiles and rival not in alike and scored.gain(full, over=rival) < MARGIN:
-                alike.append(rival)
-    return tuple(key for key in alike if key not in names[1:])
+def _alike(last: Round, scored: HeldOut) -> tuple[str, ...]:
+    """The first name, and effects that could stand in for a name, by Cox's test or by held-out score."""
+    best, alike = last.best, list(last.indistinguishable)
+    for rival in last.profiles:
+        near = rival.label in scored.names and scored.gain(best.label, over=rival.label) < MARGIN
+        if near and rival not in alike:
+            alike.append(rival)
+    others = [key for one in alike for key in one.path if key not in best.path]
+    return tuple(dict.fromkeys([best.path[0], *others]))

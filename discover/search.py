@@ -136,27 +136,41 @@ def source_segments(sources: Sources) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """Candidates profiled on what a look found: the best first, each compared with it."""
+    """Models with one more effect, profiled on what a look found: the best first, each compared with it."""
 
-    look: Look
-    profiles: dict[str, Profile]
-    comparisons: list[Comparison]
+    comparisons: tuple[Comparison, ...]
 
     @property
     def best(self) -> Profile:
-        """The candidate that the data like best, parameters paid for."""
-        return self.profiles[self.comparisons[0].key]
+        """The model that the data like best, parameters paid for."""
+        return self.comparisons[0].profile
 
     @property
-    def indistinguishable(self) -> list[str]:
-        """The best and the candidates that the data cannot tell from it."""
-        return [one.key for one in self.comparisons if one.indistinguishable]
+    def profiles(self) -> list[Profile]:
+        """All of them, the best first."""
+        return [one.profile for one in self.comparisons]
+
+    @property
+    def indistinguishable(self) -> list[Profile]:
+        """The best and the models that the data cannot tell from it."""
+        return [one.profile for one in self.comparisons if one.indistinguishable]
 
 
-def profile_round(seen: Look, sources: Sources, *, most: int = PROFILED) -> Round:
-    """Profile the most promising candidates of a look and compare them."""
-    keys = seen.promising()[:most]
-    profiles = {
-        key: profile(seen.candidates[key], sources, seen.fit, seen.templates, seen.scores) for key in keys
-    }
-    return Round(seen, profiles, confidence_set(list(profiles.values()), sources))
+def profiles_of(
+    seen: Look, sources: Sources, *, most: int = PROFILED, behind: Profile | None = None
+) -> list[Profile]:
+    """Profile the most promising candidates of a look."""
+    return [
+        profile(seen.candidates[key], sources, seen.fit, seen.templates, seen.scores, behind=behind)
+        for key in seen.promising()[:most]
+    ]
+
+
+def compared(profiles: list[Profile], sources: Sources) -> Round:
+    """Compare profiles; of the same effects added in another order only the best counts."""
+    best: dict[tuple[str, ...], Profile] = {}
+    for one in profiles:
+        effects = tuple(sorted(one.path))
+        if effects not in best or one.gain > best[effects].gain:
+            best[effects] = one
+    return Round(tuple(confidence_set(list(best.values()), sources)))

@@ -16,8 +16,9 @@ from gaugeblock.discover.confirm.held_out import HeldOut, Model, held_out
 from gaugeblock.discover.decide import Decision, decide
 from gaugeblock.discover.fit import Fit
 from gaugeblock.discover.locate.quantiles import CumulativeCounts, cumulative_counts
+from gaugeblock.discover.name.profile import Profile
 from gaugeblock.discover.name.unnamed import Correction, correction
-from gaugeblock.discover.search import LEVEL, Look, Round, look, profile_round, source_segments
+from gaugeblock.discover.search import LEVEL, Look, Round, compared, look, profiles_of, source_segments
 from gaugeblock.discover.sources import Sources
 
 Array = NDArray[np.float64]
@@ -27,6 +28,9 @@ MOST = 3
 
 LATER = 6
 """Most candidates that are profiled once an effect is in."""
+
+BEAM = 3
+"""How many first effects the second is looked for behind."""
 
 RIVALS = 5
 """Most rivals whose held-out score is taken."""
@@ -92,9 +96,10 @@ def discover_single(
     )
     decision = decide(first, rounds, last, scored)
     step("measuring the amplitude on the half that had no say")
+    places = _places(sources, candidates, rounds)
     amplitudes = tuple(
         held_out_amplitude(place, sources, rounds[-1].best.fit, rng=stream)
-        for place, stream in zip(_places(rounds), streams["amplitude"].spawn(len(rounds)), strict=True)
+        for place, stream in zip(places, streams["amplitude"].spawn(len(places)), strict=True)
     )
     return Search(sources, candidates, first, rounds, last, curve, smooth, scored, amplitudes, decision)
 
@@ -107,17 +112,36 @@ def _rounds(
     replicates: int,
     step: Step,
 ) -> tuple[tuple[Round, ...], Look]:
-    """Add the best effect, look again, until nothing more has a name, and drop what became needless."""
-    rounds: list[Round] = []
-    seen, current = first, candidates
-    while len(rounds) < MOST and seen.p_effects <= LEVEL:
+    """Add effects while something is left that one of the library explains.
+
+    Two effects that hide each other are not found one after the other: the second is looked for behind each
+    of the few best first ones.
+    """
+    if first.p_effects > LEVEL:
+        return (), first
+
+    def after(one: Profile) -> Look:
+        here = candidates
+        for key in one.path:
+            here = here.after(key)
+        inner = _inner(one.fit, sources)
+        return look(here, sources, one.fit, rng=rng, replicates=replicates, borrowed=(candidates, inner))
+
+    step("profiling the candidates")
+    rounds = [compared(profiles_of(first, sources), sources)]
+    last = after(rounds[-1].best)
+    while last.p_effects <= LEVEL and len(rounds) < MOST:
         step(f"profiling the candidates for effect {len(rounds) + 1}")
-        rounds.append(profile_round(seen, sources, most=LATER if rounds else 10))
-        best = rounds[-1].best
-        current = current.after(best.candidate.key)
-        inner = _inner(best.fit, sources)
-        seen = look(current, sources, best.fit, rng=rng, replicates=replicates, borrowed=(candidates, inner))
-    return tuple(rounds), seen
+        beam = rounds[-1].profiles[: BEAM if len(rounds) == 1 else 1]
+        looks = [last, *(after(one) for one in beam[1:])]
+        more = [
+            found
+            for seen, one in zip(looks, beam, strict=True)
+            for found in profiles_of(seen, sources, most=LATER, behind=one)
+        ]
+        rounds.append(compared(more, sources))
+        last = after(rounds[-1].best)
+    return tuple(rounds), last
 
 
 def _inner(fitted: Fit, sources: Sources) -> Fit:
@@ -138,27 +162,26 @@ def _models(
     models = {"before": Model(sources.simulator, base.theta, "before")}
     dimension = 1
     if rounds:
-        names = [one.best.candidate.key for one in rounds]
-        best = rounds[-1].best
-        models[" + ".join(names)] = Model(best.candidate.simulator, best.fit.theta, "named")
-        for one in rounds[-1].comparisons[1 : RIVALS + 1]:
-            rival = rounds[-1].profiles[one.key]
-            models[" + ".join([*names[:-1], one.key])] = Model(
-                rival.candidate.simulator, rival.fit.theta, "rival"
-            )
-        dimension = sum(len(one.best.candidate.entry.parameters) for one in rounds)
+        final = rounds[-1]
+        for one in final.profiles[: RIVALS + 1]:
+            kind = "named" if one is final.best else "rival"
+            models[one.label] = Model(one.candidate.simulator, one.fit.theta, kind)
+        dimension = final.best.size
     if smooth is not None:
         models["unnamed"] = Model(smooth.simulator, smooth.fit.theta, "unnamed")
     models.update(random_shapes(sources.simulator, base, number=DECOYS, dimension=dimension, rng=rng))
     return models
 
 
-def _places(rounds: tuple[Round, ...]) -> list[Place]:
-    """Every added effect inside the simulator that has them all."""
+def _places(sources: Sources, candidates: Candidates, rounds: tuple[Round, ...]) -> list[Place]:
+    """Every added effect inside the simulator that has them all: effects' parameters come in their order."""
     if not rounds:
         return []
     simulator: Any = rounds[-1].best.candidate.simulator
-    return [
-        Place(one.best.candidate.key, one.best.candidate.entry, simulator, one.best.candidate.amplitude_name)
-        for one in rounds
-    ]
+    places, at = [], int(sources.simulator.prior.size)
+    for key in rounds[-1].best.path:
+        entry = candidates.entries[key]
+        name = simulator.prior.names[at + list(entry.parameters).index(entry.amplitude)]
+        places.append(Place(key, entry, simulator, name))
+        at += len(entry.parameters)
+    return places

@@ -23,21 +23,16 @@ other, so a ratio r is at least sqrt(2 r) standard deviations away.
 
 @dataclass(frozen=True)
 class Comparison:
-    """An effect against the best: `lead` of the best in nats, `z` of that lead were this one true."""
+    """A profile against the best: `lead` of the best in nats, `z` of that lead were this one true."""
 
-    key: str
+    profile: Profile
     lead: float
     z: float
 
     @property
     def indistinguishable(self) -> bool:
-        """Whether this effect may well be the true one."""
+        """Whether this one may well be the true one."""
         return self.z < CRITICAL
-
-
-def merit(profile: Profile) -> float:
-    """Gain in log likelihood less the number of parameters that won it (Akaike)."""
-    return profile.gain - len(profile.candidate.entry.parameters)
 
 
 def compare(best: Profile, rival: Profile, sources: Sources) -> Comparison:
@@ -49,21 +44,20 @@ def compare(best: Profile, rival: Profile, sources: Sources) -> Comparison:
     ----------
     Cox (1961), Proc. 4th Berkeley Symp. 1, 105; Hansen, Lunde & Nason (2011), Econometrica 79, 453.
     """
-    free, others = (len(one.candidate.entry.parameters) for one in (best, rival))
-    lead = best.gain - rival.gain - (free - others) / 2.0
+    lead = best.gain - rival.gain - (best.size - rival.size) / 2.0
     if lead > HOPELESS:
-        return Comparison(rival.candidate.key, lead, float(np.sqrt(2.0 * lead)))
+        return Comparison(rival, lead, float(np.sqrt(2.0 * lead)))
     truth = rival.fit.expected
     start = np.stack([best.fit.theta], axis=1)
     mimic = fit(best.candidate.simulator, truth, scale=sources.scale, start=start).expected
     log_ratio = np.log(truth / mimic)
     distance = float((truth * log_ratio - (truth - mimic)).sum())
-    variance = float((truth * log_ratio**2).sum()) + (free + others) / 2.0
-    return Comparison(rival.candidate.key, lead, (lead + distance) / np.sqrt(variance))
+    variance = float((truth * log_ratio**2).sum()) + (best.size + rival.size) / 2.0
+    return Comparison(rival, lead, (lead + distance) / np.sqrt(variance))
 
 
 def confidence_set(profiles: list[Profile], sources: Sources) -> list[Comparison]:
     """Every profile against the best one, which comes first with lead and z of 0; then by lead."""
-    ranked = sorted(profiles, key=merit, reverse=True)
+    ranked = sorted(profiles, key=lambda one: one.merit, reverse=True)
     rest = [compare(ranked[0], rival, sources) for rival in ranked[1:]]
-    return [Comparison(ranked[0].candidate.key, 0.0, 0.0), *sorted(rest, key=lambda one: one.lead)]
+    return [Comparison(ranked[0], 0.0, 0.0), *sorted(rest, key=lambda one: one.lead)]

@@ -20,11 +20,27 @@ TRIES = 3
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """One candidate fitted with everything else; `gain` is the log likelihood won over the fit without it."""
+    """A candidate, behind effects that were added before, fitted with everything else.
+
+    `path` names the effects in the order they were added; `gain` is the log likelihood won over the model
+    without any of them, `size` how many parameters they have.
+    """
 
     candidate: Candidate
     fit: Fit
     gain: float
+    path: tuple[str, ...]
+    size: int
+
+    @property
+    def label(self) -> str:
+        """The effects as one name."""
+        return " + ".join(self.path)
+
+    @property
+    def merit(self) -> float:
+        """Gain in log likelihood less the number of parameters that won it (Akaike)."""
+        return self.gain - self.size
 
     @property
     def values(self) -> dict[str, float]:
@@ -32,11 +48,25 @@ class Profile:
         return self.candidate.values(self.fit.theta[0])
 
 
-def profile(candidate: Candidate, sources: Sources, base: Fit, found: Templates, tested: Scores) -> Profile:
-    """Fit one candidate to one source from its best scanned values, a step along the score."""
+def profile(
+    candidate: Candidate,
+    sources: Sources,
+    base: Fit,
+    found: Templates,
+    tested: Scores,
+    *,
+    behind: Profile | None = None,
+) -> Profile:
+    """Fit one candidate to one source from its best scanned values, a step along the score.
+
+    `behind` is the profile whose effects the candidate's simulator has already, and whose fit `base` is.
+    """
     start = starts(candidate, sources, base, found, tested)
     fitted = fit(candidate.simulator, sources.counts, scale=sources.scale, start=start)
-    return Profile(candidate, fitted, float(base.objective[0] - fitted.objective[0]))
+    gain, size = float(base.objective[0] - fitted.objective[0]), len(candidate.entry.parameters)
+    if behind is None:
+        return Profile(candidate, fitted, gain, (candidate.key,), size)
+    return Profile(candidate, fitted, behind.gain + gain, (*behind.path, candidate.key), behind.size + size)
 
 
 def starts(candidate: Candidate, sources: Sources, base: Fit, found: Templates, tested: Scores) -> Array:

@@ -8,7 +8,8 @@ import numpy as np
 
 from gaugeblock.discover.confirm.amplitude import Amplitude
 from gaugeblock.discover.confirm.held_out import deviance
-from gaugeblock.discover.search import Look, Round
+from gaugeblock.discover.name.profile import Profile
+from gaugeblock.discover.search import Look
 from gaugeblock.discover.single import Search
 from gaugeblock.simulators.protocol import can
 
@@ -91,17 +92,16 @@ def disagreement(search: Search) -> dict[str, Any]:
 
 def candidate_table(search: Search) -> list[dict[str, Any]]:
     """Every candidate, the most promising first: scores, and profiles and held-out scores where taken."""
-    look, first = search.first, search.rounds[0] if search.rounds else None
-    rows = [_candidate(key, look, first, search) for key in search.candidates.entries]
+    profiled = {one.candidate.key: one for one in search.rounds[0].profiles} if search.rounds else {}
+    rows = [_candidate(key, search.first, profiled.get(key), search) for key in search.candidates.entries]
     return sorted(rows, key=lambda row: (-(row["gain"] or 0.0), -row["z"]))
 
 
-def _candidate(key: str, look: Look, first: Round | None, search: Search) -> dict[str, Any]:
+def _candidate(key: str, look: Look, found: Profile | None, search: Search) -> dict[str, Any]:
     entry = search.candidates.entries[key]
     best = look.best_template(key)
     values = dict(zip(entry.parameters, map(float, entry.nodes[look.templates.node[best]]), strict=True))
     values[entry.amplitude] = entry.neutral + float(look.scores.amplitude[0, best])
-    found = first.profiles.get(key) if first is not None else None
     scored = search.held_out
     held = scored is not None and key in scored.names
     return {
