@@ -51,7 +51,10 @@ def decide(first: Look, rounds: tuple[Round, ...], last: Look, scored: HeldOut |
     )
     if gain <= max(0.0, noise):
         what = "the model without it" if gain <= 0.0 else "a random shape"
-        return Decision(None, (), (), names[0], f"{full} does not predict held-out counts better than {what}")
+        why = f"{full} does not predict held-out counts better than {what}"
+        if UNNAMED in scored.names and scored.gain(UNNAMED) > max(MARGIN, noise):
+            return Decision(UNNAMED, (), (UNNAMED,), names[0], f"{why}, but a smooth correction does")
+        return Decision(None, (), (), names[0], why)
     smooth = scored.gain(UNNAMED, over=full) if UNNAMED in scored.names else -float("inf")
     left = last.p_global
     if left <= LEVEL and last.p_effects <= LEVEL:
