@@ -138,7 +138,7 @@ def _shipped(file: FilePath | None) -> FilePath | None:
 
 
 def _simulator(model: str, spectrum: Spectrum, prior: Prior) -> tuple[Any, Array]:
-    source = XraySpectrum(model, spectrum.response, prior)
+    source = XraySpectrum(model, spectrum.response, prior, integration="exact")
     counts = spectrum.counts.astype(float)
     if spectrum.background is None or spectrum.background_scale is None:
         return source, counts
