@@ -10,9 +10,12 @@ from numpy.typing import NDArray
 
 from gaugeblock.errors import require
 from gaugeblock.simulators.xray import data
+from gaugeblock.simulators.xray.breaks import table_breaks
 from gaugeblock.simulators.xray.effects.assembly import Append
 from gaugeblock.simulators.xray.effects.averages import above, constant, gaussian, nodes, relative_expm1
 from gaugeblock.simulators.xray.effects.kinds import NONNEGATIVE, POSITIVE, EffectKind
+
+Array = NDArray[np.float64]
 
 
 def absorption_line(low: Any, high: Any, *, energy: Any, sigma: Any, strength: Any) -> Any:
@@ -42,7 +45,7 @@ def high_energy_cutoff(low: Any, high: Any, *, energy: Any, inverse_folding: Any
 
 
 @cache
-def _table(path: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _table(path: str) -> tuple[Array, Array]:
     table = require("astropy.table", "xray").Table.read(path)
     return np.log(np.asarray(table["ENERGY"], float)), np.log(np.asarray(table["SIGMA"], float))
 
@@ -66,11 +69,34 @@ def cross_section(energy: Any) -> Any:
 
 
 def partial_covering(low: Any, high: Any, *, nh: Any, fraction: Any) -> Any:
-    """1 - fraction + fraction x exp(-nh sigma(E)), averaged over each bin; nh in 1e22 cm-2."""
+    """1 - fraction + fraction x exp(-nh sigma(E)), averaged over each bin; nh in 1e22 cm-2.
+
+    Bins that are known are cut at the absorption edges; those that a free published gain moves are not.
+    """
     import jax.numpy as jnp
 
-    lost = sum(jnp.expm1(-nh * cross_section(point)) for point in nodes(low, high)) / 2.0
-    return 1.0 + fraction * lost
+    if constant(low):
+        start, stop, place = _cut(low, high)
+        share = (stop - start) / (high - low)[place]
+    else:
+        start, stop, place, share = low, high, None, 1.0
+    lost = sum(jnp.expm1(-nh * cross_section(point)) for point in nodes(start, stop)) / 2.0 * share
+    mean = lost if place is None else jnp.zeros(len(low)).at[place].add(lost)
+    return 1.0 + fraction * mean
+
+
+def _cut(low: Array, high: Array) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Lower and upper ends of the pieces of bins that hold no edge, and the bin that each belongs to."""
+    found = table_breaks("xsect_tbabs_wilm.fits")
+    place, cut = np.nonzero((found > low[:, None]) & (found < high[:, None]))
+    bins = np.concatenate([np.arange(len(low)), place])
+    start = np.concatenate([low, found[cut]])
+    order = np.lexsort((start, bins))
+    start, bins = start[order], bins[order]
+    # A piece ends where the next one of its bin begins.
+    last = np.append(bins[1:] != bins[:-1], True)
+    stop = np.where(last, high[bins], np.append(start[1:], 0.0))
+    return start, stop, bins
 
 
 ABSORPTION = {

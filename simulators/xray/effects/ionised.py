@@ -66,12 +66,19 @@ def ionised_absorber(low: Any, high: Any, *, energy: Any, ionisation: Any, depth
         ion.absorption * jnp.exp(-0.5 * ((ionisation - ion.peak) / WIDTH) ** 2) for ion in IONS.values()
     ]
     total = sum(weights)
-    tau: Any = 0.0
+    # Of the bins that hold a threshold only a part is absorbed by that ion: their mean is not exp(-mean).
+    full: Any = 0.0
+    partly: Any = 0.0
+    share: Any = 0.0
     for ion, weight in zip(IONS.values(), weights, strict=True):
         threshold = ion.threshold * scale
         part, points = above(low, high, threshold)
-        tau = tau + weight / total * part * sum((point / threshold) ** -3 for point in points) / 2.0
-    return jnp.exp(-depth * tau)
+        tau = weight / total * sum((point / threshold) ** -3 for point in points) / 2.0
+        full = full + jnp.where(threshold <= low, tau, 0.0)
+        inside = (threshold > low) & (threshold < high)
+        partly = partly + jnp.where(inside, tau, 0.0)
+        share = share + jnp.where(inside, part, 0.0)
+    return jnp.exp(-depth * full) * (1.0 + jnp.minimum(share, 1.0) * jnp.expm1(-depth * partly))
 
 
 IONISED = {

@@ -1,0 +1,213 @@
+"""What instruments do to recorded energies: gains, broadening, pile-up, background."""
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+from gaugeblock.errors import InputError
+from gaugeblock.simulators import Effect, Prior, Uniform
+
+pytest.importorskip("jaxspec")
+from gaugeblock.simulators.xray import Response, XraySpectrum, data, reference
+from gaugeblock.simulators.xray.pha import read_pha
+
+pytestmark = pytest.mark.usefixtures("xray_data")
+
+THETA = np.array([2.0, 1e-9])
+
+
+def ungrouped(band, norm=(1e-9, 1e-2)):
+    """A power law in EPIC-pn's own channels."""
+    response = Response.from_ogip(
+        data.path(data.EXAMPLE + "PN.rmf"), data.path(data.EXAMPLE + "PN.arf"), band=band, exposure=1e4
+    )
+    return XraySpectrum(
+        "powerlaw", response, Prior({"powerlaw_1.alpha": Uniform(1, 3), "powerlaw_1.norm": Uniform(*norm)})
+    )
+
+
+@pytest.fixture(scope="module")
+def line():
+    """A narrow line on next to nothing, from 5 to 8 keV."""
+    return ungrouped((5.0, 8.0)).with_effect(
+        Effect("emission_line", {"energy": 6.4, "sigma": 0.02, "norm": 1.0})
+    )
+
+
+@pytest.fixture(scope="module")
+def whole():
+    """A bright power law over all channels."""
+    return ungrouped(None)
+
+
+def moments(spectrum, counts):
+    """Mean and variance of the energies near the peak of some counts."""
+    middle = spectrum.channels.mean(axis=1)
+    near = np.abs(middle - middle[np.argmax(counts)]) < 0.4
+    mean = np.average(middle[near], weights=counts[near])
+    return mean, np.average((middle[near] - mean) ** 2, weights=counts[near])
+
+
+@pytest.mark.parametrize("curve", [-0.02, 0.015])
+def test_a_curved_gain_moves_a_line_by_its_formula_and_keeps_its_counts(line, curve):
+    plain = line.expected(THETA)
+    moved = line.with_effect(Effect("gain_curve", {"curve": curve})).expected(THETA)
+    middle = line.channels.mean(axis=1)
+    at = middle[np.argmax(plain)]
+    shift = moments(line, moved)[0] - moments(line, plain)[0]
+    assert shift == pytest.approx(curve * at * (at - 5.9) / 5.9, rel=0.05)
+    assert moved.sum() == pytest.approx(plain.sum(), rel=1e-3)
+
+
+def test_a_curved_gain_is_right_at_its_pivot():
+    at = ungrouped((5.0, 8.0)).with_effect(
+        Effect("emission_line", {"energy": 5.9, "sigma": 0.02, "norm": 1.0})
+    )
+    plain, moved = (s.expected(THETA) for s in (at, at.with_effect(Effect("gain_curve", {"curve": 0.02}))))
+    assert moments(at, moved)[0] == pytest.approx(moments(at, plain)[0], abs=0.003)
+
+
+def test_broadening_is_a_gaussian_of_the_stated_variance(line):
+    variance = 0.0025
+    plain = line.expected(THETA)
+    broad = line.with_effect(Effect("resolution", {"variance": Uniform(0, 0.02)}))
+    counts = broad.expected([*THETA, variance])
+    edges = np.append(line.channels[:, 0], line.channels[-1, 1])
+    width = np.diff(edges).mean()
+    # Diffusion between channels starts from a channel's middle; the Gaussian here starts from all of it.
+    spread = np.sqrt(variance - width**2 / 12)
+    kernel = np.diff(ndtr((edges[:, None] - 0.5 * (edges[:-1] + edges[1:])) / spread), axis=0)
+    inside = (edges[:-1] > 5.6) & (edges[:-1] < 7.2)
+    np.testing.assert_allclose(counts[inside], (kernel @ plain)[inside], rtol=2e-3, atol=1e-4 * plain.max())
+    before, after = (moments(line, c) for c in (plain, counts))
+    assert after[0] == pytest.approx(before[0], abs=1e-3)
+    assert counts.sum() == pytest.approx(plain.sum(), rel=1e-4)
+    smallest = broad.expected([*THETA, 1e-7])
+    assert np.all(smallest >= 0)
+    slope = (smallest - plain) / 1e-7
+    jacobian = broad.jacobian([*THETA, 0.0])[:, -1]
+    np.testing.assert_allclose(slope, jacobian, atol=2e-2 * np.abs(jacobian).max())
+
+
+def test_variances_add_up(line):
+    twice = line.with_effect(Effect("resolution", {"variance": 0.001}))
+    twice = twice.with_effect(Effect("resolution", {"variance": 0.002})).expected(THETA)
+    once = line.with_effect(Effect("resolution", {"variance": 0.003})).expected(THETA)
+    free = line.with_effect(Effect("resolution", {"variance": Uniform(0, 0.01)}))
+    np.testing.assert_allclose(twice, once, rtol=1e-9, atol=1e-9 * once.max())
+    np.testing.assert_allclose(free.expected([*THETA, 0.003]), once, rtol=1e-9, atol=1e-9 * once.max())
+
+
+@pytest.mark.parametrize("index", [0.0, 1.0, 1.7])
+def test_background_knows_neither_area_nor_redistribution(index):
+    spectrum = reference(level="bright")
+    theta = spectrum.prior.center
+    changed = spectrum.with_effect(Effect("background", {"level": 0.05, "index": index}))
+    low, high = spectrum.channels.T
+    # Every group of this spectrum is one run of channels.
+    power = 1.0 - index
+    integral = np.log(high / low) if power == 0 else (high**power - low**power) / power
+    added = changed.expected(theta) - spectrum.expected(theta)
+    np.testing.assert_allclose(added, spectrum.exposure * 0.05 * integral, rtol=1e-9)
+    moved = changed.with_effect(Effect("gain_slope", {"slope": 1.05})).expected(theta)
+    fixed = spectrum.with_effect(Effect("gain_slope", {"slope": 1.05}))
+    fixed = fixed.with_effect(Effect("background", {"level": 0.05, "index": index})).expected(theta)
+    assert np.abs(moved / fixed - 1).max() > 1e-4, "what comes later sees what came before"
+
+
+def test_piled_up_pairs_keep_their_energy(whole):
+    response = whole.response.with_frame_time(0.01)
+    framed = XraySpectrum("powerlaw", response, whole.prior)
+    piled = framed.with_effect(Effect("pileup", {"overlap": Uniform(0, 1)}))
+    theta = np.array([2.0, 5e-3])
+    rate = framed.expected(theta) / framed.exposure
+    middle = framed.channels.mean(axis=1)
+    slope = piled.jacobian([*theta, 0.0])[:, -1] / framed.exposure
+    total = rate.sum()
+    assert slope.sum() == pytest.approx(-0.5 * 0.01 * total**2, rel=1e-3)
+    assert (slope * middle).sum() == pytest.approx(0.0, abs=1e-3 * 0.01 * total * (rate * middle).sum())
+    # Pairs by hand, on a grid of 20 eV.
+    grid = np.arange(0, 20, 0.02)
+    coarse = np.histogram(middle, grid, weights=rate)[0]
+    pairs = 0.5 * 0.01 * np.convolve(coarse, coarse)[: len(coarse)]
+    energy = grid[:-1] + 0.02
+    high = (energy > 4) & (energy < 8)
+    mine = np.histogram(middle, grid, weights=slope + 0.01 * total * rate)[0]
+    assert mine[high].sum() == pytest.approx(pairs[high].sum(), rel=0.02)
+    counts = piled.expected([*theta, 0.5])
+    assert np.all(counts > 0)
+    assert counts.sum() < framed.expected(theta).sum()
+
+
+def test_pile_up_counts_the_photons_outside_the_band(whole):
+    framed = whole.response.with_frame_time(0.01)
+    theta = np.array([2.0, 5e-3])
+    effect = Effect("pileup", {"overlap": Uniform(0, 1)})
+    every = XraySpectrum("powerlaw", framed, whole.prior).with_effect(effect)
+    narrow = ungrouped((1.0, 5.0))
+    band = XraySpectrum("powerlaw", narrow.response.with_frame_time(0.01), narrow.prior).with_effect(effect)
+    inside = np.isin(every.channels[:, 0], band.channels[:, 0])
+    np.testing.assert_allclose(band.expected([*theta, 0.3]), every.expected([*theta, 0.3])[inside], rtol=1e-3)
+
+
+def test_without_a_frame_time_there_is_no_pile_up_and_it_says_why(whole):
+    with pytest.raises(InputError, match="frame time is not known, which pileup needs; give it") as caught:
+        whole.with_effect(Effect("pileup", {"overlap": 0.1}))
+    assert "\n" not in str(caught.value)
+    assert set(whole.not_in_library()) == {"pileup"}
+    framed = XraySpectrum("powerlaw", whole.response.with_frame_time(0.01), whole.prior)
+    assert not framed.not_in_library()
+    with pytest.raises(InputError, match="positive number of seconds"):
+        whole.response.with_frame_time(0.0)
+
+
+def test_frame_times_are_read_from_headers(tmp_path):
+    fits = pytest.importorskip("astropy.io.fits")
+    assert reference().response.frame_time == pytest.approx(0.073)
+    assert reference("nicer").response.frame_time is None
+    path = tmp_path / "frames.pha"
+    for keyword, value, expected in [
+        ("TIMEDEL", 3.2, 3.2),
+        ("TIMEDEL", 4e-8, None),
+        ("FRMTIME", 199, 0.199),
+        ("FRMTIME", 0, None),
+    ]:
+        table = fits.BinTableHDU.from_columns(
+            [fits.Column("CHANNEL", "J", array=np.arange(4)), fits.Column("COUNTS", "J", array=np.ones(4))],
+            name="SPECTRUM",
+        )
+        table.header["EXPOSURE"] = 100.0
+        table.header[keyword] = value
+        fits.HDUList([fits.PrimaryHDU(), table]).writeto(path, overwrite=True)
+        assert read_pha(path).frame_time == expected
+
+
+def test_the_order_of_what_is_recorded_matters_and_of_factors_does_not():
+    spectrum = reference(level="bright")
+    theta = spectrum.prior.sample(20, np.random.default_rng(0))
+    factors = [
+        Effect("absorption_line", {"energy": 1.5, "sigma": 0.04, "strength": 0.03}),
+        Effect("effective_area", {"energy": 2.0, "width": 0.1, "depth": -0.2}),
+        Effect("reflection", {"energy": 6.4, "width": 0.2, "strength": 1.0}),
+        Effect("soft_excess", {"kT": 0.1, "norm": 50.0}),
+    ]
+    recorded = [
+        Effect("resolution", {"variance": 0.002}),
+        Effect("gain_slope", {"slope": 1.02}),
+        Effect("pileup", {"overlap": 0.5}),
+        Effect("background", {"level": 0.02, "index": 1.0}),
+        Effect("gain_offset", {"offset": -0.02}),
+    ]
+
+    def together(effects):
+        changed = spectrum
+        for effect in effects:
+            changed = changed.with_effect(effect)
+        return changed.expected(theta)
+
+    first = together([*factors, *recorded])
+    mixed = together([recorded[0], *factors[:2], *recorded[1:3], *factors[2:], *recorded[3:]])
+    np.testing.assert_allclose(mixed, first, rtol=1e-10)
+    turned = together([*factors[::-1], *recorded])
+    np.testing.assert_allclose(turned, first, rtol=1e-10)
+    assert np.abs(together([*factors, *recorded[::-1]]) / first - 1).max() > 1e-4
