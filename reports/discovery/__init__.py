@@ -1,7 +1,8 @@
 """The report of a discovery: what disagrees, what it is, how sure, and how much the gap shrinks.
 
 `schema` says what the report reads: the groups of discovery.nc and the keys of discovery.json. A file per
-chapter (`before_after`, `located`, `candidate_chapter`, `confirmed`, `catalogue`), `headline` for the
+chapter (`before_after`, `located`, `candidate_chapter`, `held_out`,
+`size`, `catalogue`), `headline` for the
 paragraph at the top, `html` for the page; `gain` draws the comparison with the published schemes.
 """
 

@@ -52,15 +52,10 @@ def _ranking(candidates: Sequence[Candidate], summary: Mapping[str, Any]) -> Tab
     others = [c for c in candidates if c not in chosen]
     gains = [g for c in candidates if (g := finite(c.get("held_out"))) is not None]
     widest = max([abs(g) for g in gains], default=0.0)
-    columns = (
-        Column("Effect", False),
-        Column("z"),
-        Column("Global p"),
-        Column("Gain in held-out log score, nats", False),
-        Column("Best values", False),
-        Column("Information kept"),
-        Column("Smallest seen at 5σ"),
-    )
+    columns = [Column("Effect", False), Column("z"), Column("Global p")]
+    # Where nothing was found, nothing was scored.
+    columns += [Column("Gain in held-out log score, nats", False)] if gains else []
+    columns += [Column("Best values", False), Column("Information kept"), Column("Smallest seen at 5σ")]
 
     def row(candidate: Candidate, index: int) -> tuple[str | Markup, ...]:
         kept = finite(candidate.get("information_kept"))
@@ -68,7 +63,7 @@ def _ranking(candidates: Sequence[Candidate], summary: Mapping[str, Any]) -> Tab
             _name(candidate, str(candidate["effect"]) in named),
             number(finite(candidate.get("z")), 1, sign=True),
             probability(finite(candidate.get("p_global"))),
-            _gain(candidate, widest, index),
+            *([_gain(candidate, widest, index)] if gains else []),
             _values(candidate, summary),
             NOTHING if kept is None else f"{number(100 * kept, 1)}%",
             short(finite(candidate.get("smallest_detectable")), 2),
@@ -88,10 +83,11 @@ def _ranking(candidates: Sequence[Candidate], summary: Mapping[str, Any]) -> Tab
     note = (
         "Information kept: what is left of an effect's signal once the fitted parameters have taken their "
         "share. Smallest seen at 5σ: how far the amplitude (under the name, with its unit) would have to be "
-        "from no effect for a signal of five times its noise. An en dash: not scored on held-out data, "
-        "because others promised more."
+        "from no effect for a signal of five times its noise."
     )
-    return Table("Candidates", columns, tuple(groups), note)
+    if gains:
+        note += " An en dash: not scored on held-out data, because others promised more."
+    return Table("Candidates", tuple(columns), tuple(groups), note)
 
 
 def _name(candidate: Candidate, named: bool) -> Markup:

@@ -45,7 +45,7 @@ def _frames(data: xr.Dataset) -> list[Panel]:
         ("detector", "In the detector's frame", "recorded energy"),
         ("rest", "In the sources' frame", "energy at the source"),
     ]
-    there = [frame for frame in both if {f"{frame[0]}_{k}" for k in ("lo", "hi", "z")} <= set(data)]
+    there = [frame for frame in both if {f"{frame[0]}_{k}" for k in ("lo", "hi", "z")} <= set(data.variables)]
     largest = max(
         (float(np.nanmax(np.abs(floats(data, f"{f[0]}_z")), initial=3.0)) for f in there), default=3.0
     )
@@ -73,7 +73,7 @@ def _frames(data: xr.Dataset) -> list[Panel]:
 
 
 def _growth(data: xr.Dataset, summary: Mapping[str, Any]) -> list[Panel]:
-    if not {"number", "amplitude", "amplitude_error"} <= set(data):
+    if not {"number", "amplitude", "amplitude_error"} <= set(data.variables):
         return []
     size, value, error = (floats(data, key) for key in ("number", "amplitude", "amplitude_error"))
     unit, neutral = str(data.attrs.get("unit", "")), attribute(data, "neutral")
@@ -115,7 +115,7 @@ def _growth(data: xr.Dataset, summary: Mapping[str, Any]) -> list[Panel]:
 
 
 def _influence(data: xr.Dataset) -> list[Panel]:
-    if not {"source", "influence"} <= set(data):
+    if not {"source", "influence"} <= set(data.variables):
         return []
     influence = floats(data, "influence")
     across = _across(data, len(influence))
@@ -144,7 +144,7 @@ def _across(data: xr.Dataset, sources: int) -> tuple[Axis, Array]:
 
 
 def _influential(data: xr.Dataset) -> tuple[Table, ...]:
-    if not {"source", "influence"} <= set(data):
+    if not {"source", "influence"} <= set(data.variables):
         return ()
     influence, names = floats(data, "influence"), texts(data, "source")
     redshift = floats(data, "redshift") if "redshift" in data else None

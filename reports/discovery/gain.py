@@ -37,9 +37,9 @@ def gain_headline(table: xr.Dataset) -> Markup:
     table : Dataset
         Dims ``scheme, case``, both with text coordinates; ``value`` the statistic on data with the hidden
         gain, ``null_low null_high`` the central 95% of effect-free data, ``threshold`` from which it counts
-        as seen. A scheme whose statistics have another unit than z says so in its name; NaN where a scheme
-        was not run. Attributes ``title`` and ``x_label``. Values are drawn in units of the scheme's own
-        null: 0 its centre, 1 its threshold.
+        as seen, on either side of the null's centre alike; NaN where a scheme was not run. Attributes
+        ``title`` and ``x_label``. Values are drawn in units of each scheme's own null: 0 is its centre, 1 its
+        threshold; the number beside the mark is the value itself.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def gain_headline(table: xr.Dataset) -> Markup:
             marks.append(_row(frame, schemes[j], row, float(value[i, j]), down + ROW / 2))
             down += ROW
         down += 10
-    seen = [f"{schemes[j]} in {cases[i]}" for i, j in np.argwhere(known & (drawn["value"] >= 1))]
+    seen = [f"{schemes[j]} in {cases[i]}" for i, j in np.argwhere(known & (np.abs(drawn["value"]) >= 1))]
     description = f"Seen by: {', '.join(seen) or 'none'}. {count(int(known.sum()), 'statistic')} in all."
     title = str(table.attrs.get("title", "What sees a hidden gain shift"))
     picture = drawing(
@@ -91,7 +91,9 @@ def gain_headline(table: xr.Dataset) -> Markup:
 def _axis(frame: Frame, label: str) -> list[Markup]:
     floor = frame.height - frame.bottom
     marks = []
-    for at, text in ((0.0, "as without the gain"), (1.0, "seen from here")):
+    limits = [(0.0, "as without the gain"), (1.0, "seen from here")]
+    limits += [(-1.0, "")] if frame.x[0] < -1.3 else []
+    for at, text in limits:
         across = float(frame.across(at))
         marks.append(
             tag("path", d=f"M{across:.1f} {frame.top - 6:g}V{floor:g}", class_="limit" if at else "grid")
@@ -106,7 +108,7 @@ def _axis(frame: Frame, label: str) -> list[Markup]:
 
 def _row(frame: Frame, scheme: str, drawn: dict[str, float], value: float, down: float) -> Markup:
     start, end, place = (float(frame.across(drawn[name])) for name in ("low", "high", "value"))
-    seen = drawn["value"] >= 1
+    seen = abs(drawn["value"]) >= 1
     shape: dict[str, object] = {"cx": f"{place:.1f}", "cy": f"{down:.1f}", "r": "6"}
     said = f"{scheme}: {short(value)}, {'seen' if seen else 'not seen'}"
     return tag(

@@ -66,10 +66,11 @@ def figures(summary: Mapping[str, Any]) -> tuple[tuple[str, str, str], ...]:
     found = []
     p = finite(pick(summary, "disagreement", "p_global"))
     if p is not None:
-        found.append(("Global p of the disagreement", short(p, 2), "over every effect, scan and window"))
+        shown = number(p, 3 if p < 0.1 else 2)
+        found.append(("Global p of the disagreement", shown, "over every effect, scan and window"))
     before, after = (finite(pick(summary, "gap", "held_out", key)) for key in ("before", "after"))
     if before is not None and after is not None:
-        text = f"{number(before, 3)} → {number(after, 3)}"
+        text = f"{number(before, 3)} \N{RIGHTWARDS ARROW} {number(after, 3)}"
         found.append(("Held-out gap", text, "deviance per channel, before and after"))
     elif before is not None:
         found.append(("Held-out gap", number(before, 3), "deviance per channel"))

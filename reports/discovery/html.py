@@ -14,15 +14,12 @@ from gaugeblock.reports.discovery.before_after import after_chapter, before_chap
 from gaugeblock.reports.discovery.candidate_chapter import candidate_chapter
 from gaugeblock.reports.discovery.catalogue import catalogue_chapter
 from gaugeblock.reports.discovery.chapter import Chapter, LeftOut
-from gaugeblock.reports.discovery.confirmed import (
-    amplitude_chapter,
-    evidence_chapter,
-    held_out_chapter,
-    shape_chapter,
-)
 from gaugeblock.reports.discovery.headline import headline
+from gaugeblock.reports.discovery.held_out import held_out_chapter
 from gaugeblock.reports.discovery.located import located_chapter
 from gaugeblock.reports.discovery.phrases import effect_words, finite, pick
+from gaugeblock.reports.discovery.read import Missing, group, texts
+from gaugeblock.reports.discovery.size import amplitude_chapter, evidence_chapter, shape_chapter
 from gaugeblock.reports.page import render
 from gaugeblock.reports.verdict_json import plain
 from gaugeblock.reports.words import count
@@ -40,6 +37,7 @@ def discovery_html(tree: xr.DataTree, summary: Mapping[str, Any]) -> str:
         If a variable of the tree lies along other dimensions than the schema's.
     """
     content = plain(summary)
+    _tell_units(tree, content)
     made = _chapters(tree, content)
     unknown = [{"id": chapter.title, "why": chapter.why} for chapter in made if isinstance(chapter, LeftOut)]
     name = pick(content, "data", "name")
@@ -49,7 +47,8 @@ def discovery_html(tree: xr.DataTree, summary: Mapping[str, Any]) -> str:
         headline=headline(content),
         remarks=[str(remark) for remark in content.get("remarks") or []],
         facts=_facts(content),
-        causes=_causes(content),
+        # The nearest candidate of what has no name is no explanation.
+        causes=[] if content.get("named") in (None, "unnamed") else _causes(content),
         chapters=[chapter for chapter in made if isinstance(chapter, Chapter)],
         left_out=unknown,
         not_checked=content.get("not_checked") or [],
@@ -72,6 +71,16 @@ def write_discovery(discovery_tree: xr.DataTree, summary: Mapping[str, Any], out
         raise InputError(f"cannot make the folder {out}: {error.strerror}") from error
     # A file name in the data may hold bytes that are no text; they must not stop the report.
     write_atomically(Path(out) / "report.html", content.encode("utf-8", "replace"))
+
+
+def _tell_units(tree: xr.DataTree, summary: dict[str, Any]) -> None:
+    """Give the summary's regions the units of the tree's windows, which come in the same order."""
+    windows = group(tree, "windows")
+    if not isinstance(windows, Missing):
+        for region, unit in zip(
+            pick(summary, "disagreement", "regions") or [], texts(windows, "unit"), strict=False
+        ):
+            region.setdefault("unit", unit)
 
 
 def _chapters(tree: xr.DataTree, summary: Mapping[str, Any]) -> list[Chapter | LeftOut]:

@@ -45,6 +45,8 @@ def located_chapter(tree: xr.DataTree, summary: Mapping[str, Any]) -> Chapter | 
             f"sees broad differences best: {global_p(attribute(quantiles, 'p_global'))}."
         )
         panels += _cumulative(quantiles)
+    else:
+        said += f" No cumulative curve: {quantiles.why}."
     replicates = pick(summary, "disagreement", "replicates")
     if replicates:
         said += f" Both are judged against {replicates:,} data sets simulated from the fitted model."
@@ -79,7 +81,7 @@ def _regions(windows: xr.Dataset) -> Table:
 
 def _strongest(windows: xr.Dataset) -> list[Panel]:
     names = [f"channel_{key}" for key in ("lo", "hi", "segment", "unit")]
-    if "strongest" not in windows or not set(names) <= set(windows):
+    if "strongest" not in windows or not set(names) <= set(windows.variables):
         return []
     limit = float(np.quantile(floats(windows, "null_maximum"), 0.95)) if "null_maximum" in windows else None
     segment, strongest = np.array(texts(windows, "channel_segment")), floats(windows, "strongest")

@@ -1,4 +1,4 @@
-"""The chapters that ask whether the name holds: held-out scores, amplitude, evidence, shape."""
+"""The chapter that asks whether the name holds: scores on data that did not choose it, and decoys."""
 
 from __future__ import annotations
 
@@ -9,11 +9,9 @@ import numpy as np
 import xarray as xr
 from markupsafe import Markup
 
-from gaugeblock.reports.discovery.axes import energy_axis
-from gaugeblock.reports.discovery.chapter import Chapter, Column, LeftOut, Rows, Table
-from gaugeblock.reports.discovery.headline import amplitudes
-from gaugeblock.reports.discovery.phrases import effect_words, finite, pick, with_unit
-from gaugeblock.reports.discovery.read import Array, Missing, attribute, floats, group, parts, texts
+from gaugeblock.reports.discovery.chapter import Chapter, LeftOut
+from gaugeblock.reports.discovery.phrases import effect_words, finite, pick
+from gaugeblock.reports.discovery.read import Array, Missing, attribute, floats, group, texts
 from gaugeblock.reports.section import Panel
 from gaugeblock.reports.svg import Frame, drawing, tag
 from gaugeblock.reports.words import number, probability, short
@@ -39,8 +37,8 @@ def held_out_chapter(tree: xr.DataTree, summary: Mapping[str, Any]) -> Chapter |
     lead = (
         "Each model was fitted to one part of the data and scored on the rest"
         f"{f' ({scheme})' if scheme else ''}. The name holds if it predicts better than the model before, "
-        "than its rivals, and than decoys: random shapes with as much freedom, and a smooth correction that fits "
-        "anything."
+        "than its rivals, and than decoys: random shapes with as much freedom, and a smooth correction that "
+        "fits anything."
     )
     said = _e_value(summary, data)
     names, kinds = texts(data, "model"), texts(data, "kind")
@@ -54,7 +52,8 @@ def held_out_chapter(tree: xr.DataTree, summary: Mapping[str, Any]) -> Chapter |
             "lower is better; dashed: the model before",
             _rows(
                 labels, kinds, deviance, _optional(data, "deviance_error"), order,
-                _of_before(kinds, deviance), key="gap", name="Held-out gap of each model", x_label="mean Poisson deviance per channel",
+                _of_before(kinds, deviance), key="gap", name="Held-out gap of each model",
+                x_label="mean Poisson deviance per channel",
             ),
         )
     )  # fmt: skip
@@ -66,11 +65,12 @@ def held_out_chapter(tree: xr.DataTree, summary: Mapping[str, Any]) -> Chapter |
                 "further right is better; whiskers: one standard error of the paired difference",
                 _rows(
                     labels, kinds, score, _optional(data, "log_score_error"),
-                    np.argsort(-score, kind="stable"), 0.0, key="score", name="Held-out log score of each model", x_label="nats",
+                    np.argsort(-score, kind="stable"), 0.0, key="score",
+                    name="Held-out log score of each model", x_label="nats",
                 ),
             )
         )  # fmt: skip
-    if {"before", "after"} <= set(data):
+    if {"before", "after"} <= set(data.variables):
         panels.append(_folds(floats(data, "before"), floats(data, "after")))
     keys = tuple((f"mark-of {kind}", text) for kind, text in _KINDS.items() if kind in kinds)
     return Chapter("held-out", "Held out", title, f"{lead} {said}".strip(), tuple(panels), keys=keys)
@@ -167,99 +167,3 @@ def _folds(before: Array, after: Array) -> Panel:
             description=said, class_="chart",
         ),
     )  # fmt: skip
-
-
-def amplitude_chapter(summary: Mapping[str, Any]) -> Chapter | LeftOut:
-    """How large the effect is."""
-    rows = []
-    for one in amplitudes(summary):
-        low, high = (finite(value) for value in (one.get("interval") or (None, None)))
-        unit = str(one.get("unit") or "")
-        level = finite(one.get("level")) or 0.9
-        rows.append(
-            (
-                effect_words(str(one.get("effect"))),
-                str(one.get("parameter")),
-                with_unit(finite(one.get("value")), unit),
-                "–" if low is None or high is None else f"{with_unit(low, '')} to {with_unit(high, unit)}",
-                f"{100 * level:.0f}%",
-                with_unit(finite(one.get("neutral")), unit),
-                "yes" if one.get("held_out") else "no, in sample: too large on average",
-            )
-        )
-    title = "How large it is"
-    if not rows:
-        return LeftOut(title, "discovery.json holds no amplitude, because nothing was named")
-    columns = (
-        Column("Effect", False), Column("Parameter", False), Column("Value"), Column("Interval"),
-        Column("Level"), Column("No effect at"), Column("From data that did not choose it", False),
-    )  # fmt: skip
-    lead = (
-        "Measured on data that did not choose the name: an amplitude from the data that did is too large, "
-        "because only large ones get chosen."
-    )
-    return Chapter(
-        "amplitude", "Amplitude", title, lead, (), (Table("Amplitudes", columns, (Rows("", tuple(rows)),)),)
-    )
-
-
-def evidence_chapter(summary: Mapping[str, Any]) -> Chapter | LeftOut:
-    """The difference of log evidences and how it hangs on the prior of the amplitude."""
-    given = pick(summary, "gap", "delta_log_evidence") or {}
-    value = finite(given.get("value"))
-    title = "What the evidence says, and how far it depends on the prior"
-    if value is None:
-        return LeftOut(title, "no nested sampling was run")
-    rows = [("as in the model", number(value, 2, sign=True), number(finite(given.get("error")), 2))]
-    for one in given.get("sensitivity") or []:
-        rows.append(
-            (
-                str(one.get("prior")),
-                number(finite(one.get("value")), 2, sign=True),
-                number(finite(one.get("error")), 2),
-            )
-        )
-    lead = (
-        "The log evidence with the effect minus the one without. It moves with the width of the amplitude's "
-        "prior, as the rows show, and is never the gap."
-    )
-    columns = (Column("Prior of the amplitude", False), Column("Δ log evidence"), Column("Error"))
-    return Chapter(
-        "evidence", "Evidence", title, lead, (), (Table("Evidence", columns, (Rows("", tuple(rows)),)),)
-    )
-
-
-def shape_chapter(tree: xr.DataTree) -> Chapter | LeftOut:
-    """The correction that a disagreement without a name asks for."""
-    data = group(tree, "shape")
-    title = "The shape of what has no name"
-    if isinstance(data, Missing):
-        return LeftOut(title, data.why)
-    panels = []
-    for index, part in enumerate(parts(data)):
-        if part.role == "background":
-            continue
-        factor, low, high = (floats(data, key)[part.where] for key in ("factor", "low", "high"))
-        axis = energy_axis(part.low, part.high, part.unit)
-        least, most = float(np.nanmin([low, factor])), float(np.nanmax([high, factor]))
-        room = 0.1 * (most - least) or 0.1
-        frame = Frame(
-            x=axis.range, y=(min(least, 1.0) - room, max(most, 1.0) + room), width=960.0, height=260.0
-        )
-        middle = axis.at(np.sqrt(part.low * part.high) if axis.logarithmic else (part.low + part.high) / 2)
-        marks = [
-            frame.band(middle, low, high),
-            frame.axes(axis.label, "factor", x_ticks=axis.ticks),
-            frame.line(axis.range, [1, 1], "zero"),
-            frame.line(middle, factor),
-        ]
-        said = f"from {short(float(np.nanmin(factor)))} to {short(float(np.nanmax(factor)))}"
-        panels.append(
-            Panel(
-                part.name, f"factor {said}; shaded: 90% at each energy",
-                drawing(marks, width=frame.width, height=frame.height, key=f"shape-{index}",
-                        title=f"Correction of {part.name}", description=f"Factor {said}.", class_="chart"),
-            )
-        )  # fmt: skip
-    lead = "The smooth factor by which the model's counts would have to be multiplied to explain the data."
-    return Chapter("shape", "Shape", title, lead, tuple(panels), layout="full")

@@ -1,0 +1,114 @@
+"""The chapters on how large it is: amplitude with its interval, evidence, shape of what has no name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from gaugeblock.reports.discovery.axes import energy_axis
+from gaugeblock.reports.discovery.chapter import Chapter, Column, LeftOut, Rows, Table
+from gaugeblock.reports.discovery.headline import amplitudes
+from gaugeblock.reports.discovery.phrases import effect_words, finite, pick
+from gaugeblock.reports.discovery.read import Missing, floats, group, parts
+from gaugeblock.reports.section import Panel
+from gaugeblock.reports.svg import Frame, drawing
+from gaugeblock.reports.words import NOTHING, number, short
+
+
+def amplitude_chapter(summary: Mapping[str, Any]) -> Chapter | LeftOut:
+    """How large the effect is."""
+    rows = []
+    for one in amplitudes(summary):
+        low, high = (finite(value) for value in (one.get("interval") or (None, None)))
+        unit = str(one.get("unit") or "")
+        level = finite(one.get("level")) or 0.9
+        rows.append(
+            (
+                effect_words(str(one.get("effect"))),
+                f"{one.get('parameter')}{f' ({unit})' if unit else ''}",
+                short(finite(one.get("value"))),
+                NOTHING if low is None or high is None else f"{short(low)} to {short(high)}",
+                f"{100 * level:.0f}%",
+                short(finite(one.get("neutral"))),
+                "yes" if one.get("held_out") else "no, in sample: too large on average",
+            )
+        )
+    title = "How large it is"
+    if not rows:
+        return LeftOut(title, "discovery.json holds no amplitude, because nothing was named")
+    columns = (
+        Column("Effect", False), Column("Parameter", False), Column("Value"), Column("Interval"),
+        Column("Level"), Column("No effect at"), Column("From data that did not choose it", False),
+    )  # fmt: skip
+    lead = (
+        "Measured on data that did not choose the name: an amplitude from the data that did is too large, "
+        "because only large ones get chosen."
+    )
+    return Chapter(
+        "amplitude", "Amplitude", title, lead, (), (Table("Amplitudes", columns, (Rows("", tuple(rows)),)),)
+    )
+
+
+def evidence_chapter(summary: Mapping[str, Any]) -> Chapter | LeftOut:
+    """The difference of log evidences and how it hangs on the prior of the amplitude."""
+    given = pick(summary, "gap", "delta_log_evidence") or {}
+    value = finite(given.get("value"))
+    title = "What the evidence says, and how far it depends on the prior"
+    if value is None:
+        return LeftOut(title, "no nested sampling was run")
+    rows = [("as in the model", number(value, 2, sign=True), number(finite(given.get("error")), 2))]
+    for one in given.get("sensitivity") or []:
+        rows.append(
+            (
+                str(one.get("prior")),
+                number(finite(one.get("value")), 2, sign=True),
+                number(finite(one.get("error")), 2),
+            )
+        )
+    lead = (
+        "The log evidence with the effect minus the one without. It moves with the width of the amplitude's "
+        "prior, as the rows show, and is never the gap."
+    )
+    columns = (Column("Prior of the amplitude", False), Column("Δ log evidence"), Column("Error"))
+    return Chapter(
+        "evidence", "Evidence", title, lead, (), (Table("Evidence", columns, (Rows("", tuple(rows)),)),)
+    )
+
+
+def shape_chapter(tree: xr.DataTree) -> Chapter | LeftOut:
+    """The correction that a disagreement without a name asks for."""
+    data = group(tree, "shape")
+    title = "The shape of what has no name"
+    if isinstance(data, Missing):
+        return LeftOut(title, data.why)
+    panels = []
+    for index, part in enumerate(parts(data)):
+        if part.role == "background":
+            continue
+        factor, low, high = (floats(data, key)[part.where] for key in ("factor", "low", "high"))
+        axis = energy_axis(part.low, part.high, part.unit)
+        least, most = float(np.nanmin([low, factor])), float(np.nanmax([high, factor]))
+        room = 0.1 * (most - least) or 0.1
+        frame = Frame(
+            x=axis.range, y=(min(least, 1.0) - room, max(most, 1.0) + room), width=960.0, height=260.0
+        )
+        middle = axis.at(np.sqrt(part.low * part.high) if axis.logarithmic else (part.low + part.high) / 2)
+        marks = [
+            frame.band(middle, low, high),
+            frame.axes(axis.label, "factor", x_ticks=axis.ticks),
+            frame.line(axis.range, [1, 1], "zero"),
+            frame.line(middle, factor),
+        ]
+        said = f"from {short(float(np.nanmin(factor)))} to {short(float(np.nanmax(factor)))}"
+        panels.append(
+            Panel(
+                part.name, f"factor {said}; shaded: 90% at each energy",
+                drawing(marks, width=frame.width, height=frame.height, key=f"shape-{index}",
+                        title=f"Correction of {part.name}", description=f"Factor {said}.", class_="chart"),
+            )
+        )  # fmt: skip
+    lead = "The smooth factor by which the model's counts would have to be multiplied to explain the data."
+    return Chapter("shape", "Shape", title, lead, tuple(panels), layout="full")

@@ -1,0 +1,83 @@
+import pytest
+
+from gaugeblock.reports.discovery.headline import headline, kind_of
+from gaugeblock.reports.discovery.phrases import energy_range, global_p
+
+
+def test_each_ending_has_its_kind_and_word(ending):
+    name, summary = ending
+    made = headline(summary)
+    kind, word = {
+        "named": ("named", "emission line"),
+        "set": ("set", "emission line or partial covering"),
+        "two": ("named", "emission line + gain slope"),
+        "unnamed": ("unnamed", "Unnamed"),
+        "withdrawn": ("withdrawn", "No name holds"),
+        "nothing": ("nothing", "No disagreement"),
+    }[name]
+    assert (made.kind, made.word) == (kind, word)
+
+
+def test_a_name_says_what_where_how_sure_and_how_much_the_gap_shrinks(summary):
+    said = headline(summary).paragraph
+    for part in (
+        "disagree with tbabs*powerlaw", "none of 999 simulated", "6.08–6.72 keV", "more counts", "z = +8.7",
+        "lacks is an emission line", "partial covering, predicts held-out counts 24.3 nats worse",
+        "shrinks: mean deviance per channel 1.420 before, 1.020 after", "90% interval 9e−5 to 1.5e−4",
+        "held-out half",
+    ):  # fmt: skip
+        assert part in said, part
+
+
+def test_a_gap_that_grows_is_not_said_to_shrink(summary):
+    summary["gap"]["held_out"]["after"] = 1.5
+    assert "does not shrink" in headline(summary).paragraph
+
+
+def test_fewer_counts_are_fewer(summary):
+    summary["disagreement"]["regions"][0]["z"] = -5.0
+    assert "fewer counts than expected, z = −5.0" in headline(summary).paragraph
+
+
+def test_a_set_is_never_told_as_one_name(summary):
+    summary["indistinguishable"] = ["emission_line", "partial_covering", "gain_slope"]
+    made = headline(summary)
+    assert "cannot tell which of them" in made.paragraph
+    assert kind_of(summary) == "set"
+
+
+def test_nothing_found_claims_nothing_more(ending):
+    name, summary = ending
+    if name == "nothing":
+        said = headline(summary).paragraph
+        assert "global p = 0.43" in said
+        assert "no proof that nothing is there" in said
+        assert "shrinks" not in said
+
+
+def test_why_a_name_was_withdrawn_is_said(ending):
+    name, summary = ending
+    if name == "withdrawn":
+        assert "did not hold: a random shape does as well" in headline(summary).paragraph
+
+
+def test_holes_are_no_errors():
+    assert headline({}).kind == "nothing"
+    assert headline({"named": "x", "named_all": ["x"]}).word == "x"
+
+
+@pytest.mark.parametrize(
+    ("ends", "said"),
+    [
+        ((6.312, 6.498), "6.31–6.50 keV"),
+        ((0.52001, 0.52009), "0.5200–0.5201 keV"),
+        ((1.0, 1.0), "1.00–1.00 keV"),
+    ],
+)
+def test_ends_of_a_range_can_be_told_apart(ends, said):
+    assert energy_range(*ends) == said
+
+
+def test_a_p_at_its_floor_says_so():
+    assert "none of 199" in global_p(1 / 200, 199)
+    assert "none" not in global_p(2 / 200, 199)

@@ -1,0 +1,159 @@
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from gaugeblock.errors import InputError
+from gaugeblock.reports.discovery import discovery_html, write_discovery
+from gaugeblock.reports.discovery.schema import GROUPS
+
+VOID = {"meta", "link", "br"}
+
+
+class Page(HTMLParser):
+    """Tags, attributes, sections and text; notes every tag that is closed out of turn."""
+
+    def __init__(self, text: str):
+        super().__init__()
+        self.open: list[str] = []
+        self.astray: list[str] = []
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.words: list[str] = []
+        self.feed(text)
+        self.close()
+        self.text = " ".join(" ".join(self.words).split())
+        self.sections = [a.get("id") for tag, a in self.tags if tag == "section"]
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        if not self.open or self.open.pop() != tag:
+            self.astray.append(tag)
+
+    def handle_data(self, data):
+        if "style" not in self.open:
+            self.words.append(data)
+
+
+def well_formed(page):
+    assert page.astray == []
+    assert page.open == []
+    ids = [attributes["id"] for _, attributes in page.tags if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    assert {a["href"].removeprefix("#") for tag, a in page.tags if tag == "a"} <= set(ids)
+    assert not re.search(r"\b(nan|None|NaN|inf)\b", page.text)
+
+
+def test_every_ending_is_a_whole_page(tree, ending):
+    _, summary = ending
+    well_formed(Page(discovery_html(tree, summary)))
+
+
+def test_the_story_is_told_in_order(catalogue, summary):
+    page = Page(discovery_html(catalogue, summary))
+    well_formed(page)
+    assert page.sections == [
+        "causes", "before", "where", "what", "after", "held-out", "amplitude", "catalogue", "evidence",
+        "not-checked", "provenance",
+    ]  # fmt: skip
+    for said in (
+        "emission line", "Atoms shine.", "6.08–6.72 keV", "+36.5 ± 7.1", "82.0%", "the gap shrinks in 3 of 3",
+        "1.18e−4", "9e−5 to 1.5e−4", "log e-value 30.2", "+28.30", "ten times as wide",
+        "the file names no frame time",
+        "abababab", "fixed to the detector", "src", "Influence of single sources", "0.002",
+    ):  # fmt: skip
+        assert said in page.text, said
+
+
+@pytest.mark.parametrize("gone", sorted(set(GROUPS) - {"catalogue", "shape", "candidates", "scan"}))
+def test_without_a_group_its_section_is_left_out_and_the_page_says_why(tree, summary, gone):
+    del tree[gone]
+    page = Page(discovery_html(tree, summary))
+    well_formed(page)
+    assert f"no group {gone}" in page.text
+
+
+def test_without_any_group_the_summary_still_speaks(summary):
+    page = Page(discovery_html(xr.DataTree(), summary))
+    well_formed(page)
+    assert {"what", "amplitude", "evidence", "not-checked"} <= set(page.sections)
+    assert not {"before", "after", "where", "held-out"} & set(page.sections)
+
+
+def test_an_empty_summary_is_no_error():
+    well_formed(Page(discovery_html(xr.DataTree(), {})))
+
+
+def test_a_single_source_misses_no_catalogue_and_a_name_no_shape(tree, summary):
+    page = Page(discovery_html(tree, summary))
+    assert "catalogue" not in page.sections
+    assert "no group catalogue" not in page.text
+    assert "shape" not in page.sections
+
+
+def test_a_variable_along_the_wrong_dimension_is_said(tree, summary):
+    spectrum = tree["spectrum"].to_dataset()
+    spectrum["before"] = ("bin", spectrum["before"].values)
+    tree["spectrum"] = xr.DataTree(spectrum)
+    with pytest.raises(InputError, match="spectrum/before must lie along channel"):
+        discovery_html(tree, summary)
+
+
+def test_background_and_channel_numbers_have_their_own_axes(make_tree, summary):
+    page = Page(discovery_html(make_tree(background=True), summary))
+    assert "pn background (background region)" in page.text
+    page = Page(discovery_html(make_tree(unit="channel"), summary))
+    assert "channels 114–126" in page.text
+    assert "counts / channel" in page.text
+    assert "keV" not in "".join(page.text.split("What it could be")[0])
+
+
+def test_hostile_words_are_shown_and_do_nothing(tree, summary, hostile):
+    summary["named"] = summary["named_all"][0] = summary["indistinguishable"][0] = hostile
+    summary["candidates"][0] |= {"effect": hostile, "unit": hostile, "parameters": {hostile: 1.0}}
+    summary |= {"model_before": hostile, "remarks": [hostile], "provenance": {hostile: [hostile]}}
+    summary["not_checked"] = [{"id": hostile, "why": hostile}]
+    summary["amplitude"] |= {"effect": hostile, "unit": hostile}
+    spectrum = tree["spectrum"].to_dataset()
+    spectrum["segment"] = ("channel", np.full(spectrum.sizes["channel"], hostile))
+    tree["spectrum"] = xr.DataTree(spectrum)
+    text = discovery_html(tree, summary)
+    assert "<script" not in text
+    page = Page(text)
+    assert page.astray == []
+    assert page.text.count("alert('x')") > 8
+
+
+def test_nothing_is_loaded_from_anywhere_and_nothing_runs(catalogue, summary):
+    text = discovery_html(catalogue, summary)
+    page = Page(text)
+    assert not {tag for tag, _ in page.tags} & {"script", "iframe", "img", "object", "embed", "base", "form"}
+    for tag, attributes in page.tags:
+        for name, value in attributes.items():
+            assert not name.startswith("on"), f"{tag} has a handler {name}"
+            if name in ("src", "href"):
+                assert value.startswith("#") or value == "data:,", value
+    assert not re.search(r"url\(|@import|https?:", re.findall(r"<style>(.*?)</style>", text, re.DOTALL)[0])
+
+
+def test_it_is_written_from_what_was_stored(tree, summary, tmp_path):
+    tree.to_netcdf(tmp_path / "discovery.nc")
+    stored = xr.open_datatree(tmp_path / "discovery.nc")
+    write_discovery(stored, json.loads(json.dumps(summary, allow_nan=True)), tmp_path / "out")
+    assert (tmp_path / "out" / "report.html").read_text() == discovery_html(tree, summary)
+    stored.close()
+
+
+def test_a_folder_that_cannot_be_made_is_said(tree, summary, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot make the folder"):
+        write_discovery(tree, summary, tmp_path / "file" / "out")
