@@ -20,6 +20,7 @@ from gaugeblock.simulators.marginals import namespace
 
 STEPS_PER_WEEK = 14
 DAYS = 7.0 / STEPS_PER_WEEK
+LEAST_SHARE = 0.01
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,11 @@ def ramp(value: Any) -> Any:
     return xp.where(real <= 0.0, 0.0, xp.where(real >= 1.0, 1.0, value))
 
 
+def floored(share: Any) -> Any:
+    """A share of the population, or the least that a power is taken of: steps may end below 0 by rounding."""
+    return namespace(share).where(share.real > LEAST_SHARE, share, LEAST_SHARE)
+
+
 def start(zero: Any, infected: float) -> tuple[Any, Any, Any]:
     """Infections so far, infected now and returned to the susceptible, as shares of the population."""
     return zero, zero + infected, zero
@@ -67,7 +73,7 @@ def step(state: tuple[Any, Any, Any], drive: Drive, number: Any, infected: float
         susceptible = 1.0 - infected - case + returned
         new = contact * susceptible * now
         if drive.mixing is not None:
-            new = new * susceptible**drive.mixing
+            new = new * floored(susceptible) ** drive.mixing
         removed = infected + case - now - returned
         back = 0.0 * now if drive.waning is None else drive.waning * removed
         return new, new - drive.recovery * now, back

@@ -129,7 +129,7 @@ EFFECTS: Mapping[str, EpidemicEffect] = {
     "reporting_delay": EpidemicEffect({"share": (0.0, 0.95)}, report=_reporting_delay),
     "missed_week": EpidemicEffect({"share": _LOST, "week": _WEEK}, report=_missed_week),
     "imported_cases": EpidemicEffect({"rate": (0.0, math.inf)}, report=_imported_cases),
-    "contact_change": EpidemicEffect({"factor": (0.0, 10.0), "week": _WEEK}, drive=_contact_change),
+    "contact_change": EpidemicEffect({"factor": (0.0, 4.0), "week": _WEEK}, drive=_contact_change),
     "waning": EpidemicEffect({"rate": (0.0, 1.0)}, drive=_waning),
-    "mixing": EpidemicEffect({"exponent": (-0.9, 10.0)}, drive=_mixing),
+    "mixing": EpidemicEffect({"exponent": (-0.3, 10.0)}, drive=_mixing),
 }

@@ -91,7 +91,7 @@ def library(weeks: int, cases: float) -> dict[str, LibraryEffect]:
         ),
         LibraryEffect(
             name="mixing",
-            parameters={"exponent": Uniform(-0.8, 4.0)},
+            parameters={"exponent": Uniform(-0.3, 4.0)},
             amplitude="exponent",
             neutral=0.0,
             step=0.2,

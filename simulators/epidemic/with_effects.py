@@ -13,10 +13,13 @@ from gaugeblock.simulators.epidemic.course import Drive, weekly, weekly_jax
 from gaugeblock.simulators.epidemic.effects import effect_kind
 from gaugeblock.simulators.epidemic.library import library
 from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators.marginals import namespace
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.protocol import poisson_log_likelihood
 from gaugeblock.simulators.segments import Segment
 from gaugeblock.streams import Rng
+
+LEAST_CASES = 1e-6
 
 COMPLEX_STEP = 1e-30
 """Far below any rounding: a derivative along the imaginary axis takes no difference of two numbers."""
@@ -65,7 +68,7 @@ class EpidemicWithEffects:
         return self._prior
 
     def expected(self, theta: ArrayLike) -> NDArray[np.float64]:
-        """Mean reported cases of each week, ``(..., weeks)``."""
+        """Mean reported cases of each week, ``(..., weeks)``, at least 1e-6."""
         return np.asarray(self._mean(np.asarray(theta, dtype=float), weekly))
 
     def expected_jax(self, theta: Any) -> Any:
@@ -96,7 +99,8 @@ class EpidemicWithEffects:
         cases = integrate(drive, self._weeks, self._infected) * self._scale
         for (kind, _, _), given in zip(self._worked_in, values, strict=True):
             cases = cases if kind.report is None else kind.report(cases, given)
-        return cases
+        # Where an epidemic has burnt out, differences of sums that no longer grow are rounding.
+        return namespace(cases).where(cases.real > LEAST_CASES, cases, LEAST_CASES)
 
     def observe(self, expected: ArrayLike, rng: Rng) -> NDArray[np.int64]:
         """Poisson counts with the given means."""

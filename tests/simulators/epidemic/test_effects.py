@@ -140,6 +140,16 @@ def test_dynamics_solve_the_differential_equation(name, amplitude, week):
         np.testing.assert_allclose(expected, np.diff(solved.y[3]) * 400, rtol=6e-3)
 
 
+@pytest.mark.parametrize("name", sorted(LIBRARY))
+def test_cases_are_positive_over_the_whole_prior(name):
+    # Where an epidemic burns out within weeks, a step may leave fewer than no susceptible.
+    simulator = PLAIN.with_effect(LIBRARY[name].effect())
+    cube = np.random.default_rng(3).random((4000, simulator.prior.size))
+    cube[:2000] = np.round(cube[:2000])
+    expected = simulator.expected(simulator.prior.from_unit_cube(cube))
+    assert np.all((expected > 0) & (expected < 400 * 12))
+
+
 def test_effects_compose_and_count():
     first = PLAIN.with_effect(LIBRARY["waning"].effect()).with_effect(LIBRARY["waning"].effect(rate=0.01))
     assert first.prior.names[2:] == ("waning_1.rate",)
