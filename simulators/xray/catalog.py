@@ -141,9 +141,7 @@ def read_catalog(
             progress(done, len(listed))
     groups = _by(sources, lambda source: source.reading.identity)
     prior = _prior(model, priors, groups)
-    return tuple(
-        observation for group in groups for observation in _observations(model, prior, group, seed)
-    )
+    return tuple(observation for group in groups for observation in _observations(model, prior, group, seed))
 
 
 def _by(sources: Iterable[_Source], key: Callable[[_Source], Any]) -> list[list[_Source]]:
@@ -168,14 +166,12 @@ def _prior(model: str, priors: Priors, groups: Sequence[Sequence[_Source]]) -> P
     return model_prior(model, priors, largest, np.array(counts), np.array(seconds))
 
 
-def _observations(
-    model: str, prior: Prior, group: Sequence[_Source], seed: int
-) -> Iterable[Observation]:
+def _observations(model: str, prior: Prior, group: Sequence[_Source], seed: int) -> Iterable[Observation]:
     """The sources of one response: those without background, and those of each background scale."""
     exposures = np.array([source.reading.spectrum.exposure for source in group])
     exposure = float(np.exp(np.median(np.log(exposures))))
     response = group[0].reading.spectrum.response.with_exposure(exposure)
-    source = XraySpectrum(model, response, prior)
+    source = XraySpectrum(model, response, prior, integration="exact")
     siblings = Siblings()
     for part in with_equal_scales(group, lambda one: one.reading.spectrum):
         spectra = [one.reading.spectrum for one in part]

@@ -63,6 +63,11 @@ class CrossCalibrated:
         )
         return library
 
+    def not_in_library(self) -> Mapping[str, str]:
+        """Effects that the response does not allow: by name, why and how to mend it."""
+        lacking: Mapping[str, str] = self.source.not_in_library()
+        return lacking
+
     def with_exposure(self, seconds: float) -> CrossCalibrated:
         """The same, observed for another time."""
         return CrossCalibrated(self.source.with_exposure(seconds), self.factor)

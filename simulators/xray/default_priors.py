@@ -27,7 +27,7 @@ SHAPES: Mapping[str, Mapping[str, Marginal]] = {
     "Gauss": {"El": Uniform(0.3, 10.0), "sigma": LogUniform(1e-3, 1.0)},
     "Zgauss": {"El": Uniform(0.3, 10.0), "sigma": LogUniform(1e-3, 1.0), "redshift": Uniform(0.0, 1.0)},
     "Lorentz": {"E_l": Uniform(0.3, 10.0), "sigma": LogUniform(1e-3, 1.0)},
-    "Band": {"alpha1": Uniform(-3.0, 2.0), "alpha2": Uniform(-5.0, -1.0), "Ec": LogUniform(1.0, 1000.0)},
+    "Band": {"alpha1": Uniform(-2.0, 2.0), "alpha2": Uniform(-5.0, -2.0), "Ec": LogUniform(1.0, 1000.0)},
     "MultiplicativeConstant": {"norm": LogUniform(0.1, 10.0)},
     "Expfac": {"A": LogUniform(0.01, 10.0), "f": LogUniform(0.01, 10.0), "E_c": LogUniform(0.1, 10.0)},
     "Highecut": {"Ec": LogUniform(0.1, 100.0), "Ef": LogUniform(1.0, 500.0)},

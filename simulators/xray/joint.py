@@ -45,7 +45,7 @@ class Part:
         """Its segments as it has them by itself."""
         if can(self.simulator, "segments"):
             return tuple(self.simulator.segments())
-        return (Segment("source", 0, self.channels, self.simulator.channels),)
+        return (Segment(self.name, 0, self.channels, self.simulator.channels),)
 
 
 class JointSpectra:
@@ -175,6 +175,14 @@ class JointSpectra:
                 for part, columns in zip(self.parts, self._columns, strict=True)
             ],
         )
+
+    def not_in_library(self) -> Mapping[str, str]:
+        """Effects that an instrument's response does not allow, as ``<effect>[<instrument>]``: why."""
+        return {
+            f"{name}[{part.name}]": why
+            for part in self.parts
+            for name, why in part.simulator.not_in_library().items()
+        }
 
     def with_exposure(self, seconds: float) -> JointSpectra:
         """All instruments, observing longer or shorter by the same factor; `seconds` is the first's."""

@@ -176,6 +176,11 @@ class WithBackground:
         library: Mapping[str, LibraryEffect] = self.source.effect_library(array[..., self._source_columns])
         return library
 
+    def not_in_library(self) -> Mapping[str, str]:
+        """Effects that the source's response does not allow: by name, why and how to mend it."""
+        lacking: Mapping[str, str] = self.source.not_in_library()
+        return lacking
+
     def with_exposure(self, seconds: float) -> WithBackground:
         """Both regions, observed longer or shorter by the same factor; nothing is compiled again."""
         return WithBackground(self.source.with_exposure(seconds), self.background, names=self.prior.names)

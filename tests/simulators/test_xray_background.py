@@ -1,4 +1,4 @@
-"""Source and background regions in one simulator: exact where it can be, held against measured backgrounds."""
+"""Source and background regions in one simulator: exact where it can be, held against measured ones."""
 
 import pickle
 
@@ -97,9 +97,7 @@ def test_bad_channels_leave_less_background():
 
 @pytest.mark.parametrize("effects", [(), (LINE, GAIN)])
 def test_the_jacobian_is_the_derivative(both, effects):
-    simulator = both
-    for effect in effects:
-        simulator = simulator.with_effect(effect)
+    simulator = both if not effects else both.with_effect(effects[0]).with_effect(effects[1])
     at = simulator.prior.center
     jacobian = simulator.jacobian(at)
     for k, size in enumerate(np.maximum(np.abs(at), 1e-9) * 1e-5):
@@ -230,7 +228,10 @@ def test_empty_channels_bias_the_w_statistic_and_not_the_joint_likelihood():
     shape = both.source.expected(at[:3])
     grid = np.linspace(0.0, 2.0, 101)
     profiled = np.array(
-        [grid[np.argmin(w_statistic(one[:channels], one[channels:], grid[:, None] * shape, 1.0))] for one in x]
+        [
+            grid[np.argmin(w_statistic(one[:channels], one[channels:], grid[:, None] * shape, 1.0))]
+            for one in x
+        ]
     )
     assert profiled.mean() < 0.7
     assert flux.mean() - profiled.mean() > 10 * profiled.std() / np.sqrt(len(x))

@@ -44,13 +44,12 @@ def test_draws_of_every_model_are_finite_and_some_have_the_counts(simulator, nam
 def test_the_truth_lies_well_inside(simulator):
     theta = simulator.prior.sample(60, np.random.default_rng(1))
     x = simulator.simulate(theta, np.random.default_rng(2))
-    for truth, counts in zip(theta[:6], x[:6], strict=True):
-        prior = default_prior(simulator.model, simulator.response, counts)
-        u = prior.to_unit_cube(truth)
-        assert ((u > 0.005) & (u < 0.995)).all()
     together = default_prior(simulator.model, simulator.response, x)
     u = together.to_unit_cube(theta)
     assert ((u > 0.005) & (u < 0.995)).all()
+    for truth, counts in zip(theta[:3], x[:3], strict=True):
+        u = default_prior(simulator.model, simulator.response, counts).to_unit_cube(truth)
+        assert ((u > 0.005) & (u < 0.995)).all()
 
 
 def test_norms_follow_the_rate_not_the_exposure(simulator):
@@ -59,7 +58,7 @@ def test_norms_follow_the_rate_not_the_exposure(simulator):
     longer = default_prior("powerlaw", simulator.response.with_exposure(10 * simulator.exposure), 10 * counts)
     brighter = default_prior("powerlaw", simulator.response, 10 * counts)
     other = default_prior("powerlaw", simulator.response, counts, simulator.exposure / 10)
-    low = [p.marginals["powerlaw_1.norm"].support[0] for p in (once, longer, brighter, other)]
+    low = np.array([p.marginals["powerlaw_1.norm"].support[0] for p in (once, longer, brighter, other)])
     np.testing.assert_allclose(low[1:] / low[0], [1.0, 10.0, 10.0], rtol=1e-9)
     span = once.marginals["powerlaw_1.norm"].support
     assert span[1] / span[0] >= 0.999e6

@@ -1,0 +1,316 @@
+"""Spectra and catalogues from files: what belongs together shares a simulator, what is wrong is named."""
+
+import gzip
+import json
+
+import numpy as np
+import pytest
+
+from gaugeblock.discover.sources import Sources
+from gaugeblock.errors import InputError
+from gaugeblock.simulators import Effect, LogUniform, Uniform
+from gaugeblock.simulators.prior import Prior
+
+pytest.importorskip("jaxspec")
+from gaugeblock.simulators.xray import (
+    JointSpectra,
+    Response,
+    Spectrum,
+    WithBackground,
+    XraySpectrum,
+    data,
+    read_catalog,
+    read_observation,
+    reader,
+)
+from gaugeblock.simulators.xray.binning import grouped, resolution, resolution_grouping
+from gaugeblock.simulators.xray.catalog import entries
+from gaugeblock.simulators.xray.pha import read_pha
+from gaugeblock.simulators.xray.pooled_background import pooled, thinned, with_equal_scales
+
+pytestmark = pytest.mark.usefixtures("xray_data")
+CHANNELS = 4096
+MODEL = "powerlaw"
+PRIOR = Prior({"powerlaw_1.alpha": Uniform(1.0, 3.0), "powerlaw_1.norm": LogUniform(1e-5, 1e-1)})
+
+
+@pytest.fixture(scope="module")
+def pn():
+    return Response.from_ogip(*(data.path(data.EXAMPLE + n) for n in ("PN.rmf", "PN.arf")), exposure=1.0)
+
+
+@pytest.fixture
+def write(tmp_path, write_spectrum):
+    """Write spectra of EPIC-pn into a folder."""
+    rmf, arf = (str(data.path(data.EXAMPLE + n)) for n in ("PN.rmf", "PN.arf"))
+
+    def one(name, exposure=1e4, rate=0.5, **options):
+        counts = np.random.default_rng(len(name)).poisson(rate * exposure / CHANNELS, CHANNELS)
+        keywords = {"RESPFILE": rmf, "ANCRFILE": arf, "BACKFILE": "none", "INSTRUME": "EPN", **options}
+        return write_spectrum(tmp_path / name, counts, exposure, **keywords)
+
+    return one
+
+
+def read(folder, **options):
+    return read_catalog(folder, **{"model": MODEL, "priors": PRIOR, "band": (0.5, 8.0), **options})
+
+
+def test_one_spectrum_is_one_row(write):
+    observation = read_observation(write("a.pha"), model=MODEL, priors=PRIOR, band=(0.5, 8.0), redshift=0.3)
+    assert isinstance(observation.simulator, XraySpectrum)
+    assert observation.counts.shape == (1, *observation.simulator.data_shape)
+    assert observation.names == ("a.pha",)
+    assert (observation.scale[0], observation.redshift[0]) == (1.0, 0.3)
+    assert observation.simulator.exposure == 1e4
+    longer = read_observation(write("a.pha"), model=MODEL, priors=PRIOR, exposure=2e4)
+    assert longer.simulator.exposure == 2e4
+    Sources(
+        observation.simulator, observation.counts, observation.scale, observation.redshift, observation.names
+    )
+
+
+def test_the_header_names_the_background_and_none_does_without(write):
+    write("a.bkg", rate=2.0, BACKSCAL=4.0)
+    path = write("a.pha", BACKFILE="a.bkg")
+    both = read_observation(path, model=MODEL, priors=PRIOR, band=(0.5, 8.0))
+    assert isinstance(both.simulator, WithBackground)
+    channels = both.simulator.data_shape[0] // 2
+    spectrum = Spectrum.from_ogip(path)
+    assert both.counts.shape == (1, 2 * channels)
+    assert np.all(both.simulator.background.scale == 0.25)
+    assert np.all(spectrum.background_scale == 0.25)
+    alone = read_observation(path, model=MODEL, priors=PRIOR, band=(0.5, 8.0), background="none")
+    assert np.array_equal(alone.counts[0], both.counts[0, :channels])
+
+
+def test_several_spectra_are_several_instruments(write):
+    write("b.bkg")
+    paths = [write("a.pha"), write("b.pha", BACKFILE="b.bkg", INSTRUME="EMOS1")]
+    joint = read_observation(paths, model=MODEL, priors=PRIOR, band=(0.5, 8.0))
+    assert isinstance(joint.simulator, JointSpectra)
+    assert joint.simulator.names == ("epn", "emos1")
+    assert joint.counts.shape == (1, *joint.simulator.data_shape)
+    assert len(joint.simulator.segments()) == 3
+    same = read_observation([paths[0], paths[0]], model=MODEL, priors=PRIOR, names=["first", "second"])
+    assert same.simulator.names == ("first", "second")
+
+
+def test_a_response_that_ships_with_jaxspec_can_be_named(write):
+    path = write("a.pha", RESPFILE="none", ANCRFILE="none")
+    found = read_observation(path, model=MODEL, priors=PRIOR, rmf="PN.rmf", arf="PN.arf", band=(0.5, 8.0))
+    assert found.simulator.response.files.keys() >= {"rmf", "arf", "pha"}
+    with pytest.raises(InputError, match=r"RMF MINE\.rmf: no such file"):
+        read_observation(path, model=MODEL, priors=PRIOR, rmf="MINE.rmf")
+
+
+def test_without_priors_there_are_default_ones(write, tmp_path):
+    given = {"powerlaw_1.alpha": {"distribution": "uniform", "low": 1.5, "high": 2.5}}
+    found = read_observation(write("a.pha"), model="tbabs*powerlaw", priors=given, band=(0.5, 8.0))
+    assert found.simulator.prior.marginals["powerlaw_1.alpha"] == Uniform(1.5, 2.5)
+    assert found.simulator.prior.names == ("tbabs_1.nh", "powerlaw_1.alpha", "powerlaw_1.norm")
+
+
+def test_ungrouped_spectra_are_grouped_by_resolution_and_groups_are_kept(write):
+    bare = read_observation(write("a.pha"), model=MODEL, priors=PRIOR, band=(0.5, 8.0))
+    assert 100 < bare.counts.shape[1] < 200
+    never = read_observation(write("a.pha"), model=MODEL, priors=PRIOR, band=(0.5, 8.0), regroup="never")
+    assert never.counts.shape[1] > 1400
+    flags = np.where(np.arange(CHANNELS) % 64, -1, 1)
+    theirs = read_observation(write("b.pha", grouping=flags), model=MODEL, priors=PRIOR, band=(0.5, 8.0))
+    edges = theirs.simulator.channels
+    np.testing.assert_allclose(np.diff(edges, axis=1), 64 * 0.005, rtol=0.05)
+    np.testing.assert_allclose(edges[1:, 0], edges[:-1, 1], rtol=1e-6)
+    always = read_observation(
+        write("b.pha", grouping=flags), model=MODEL, priors=PRIOR, band=(0.5, 8.0), regroup="always"
+    )
+    assert always.counts.shape == bare.counts.shape
+    with pytest.raises(InputError, match="grouping"):
+        read_observation(write("a.pha"), model=MODEL, priors=PRIOR, regroup="perhaps")
+
+
+def test_sources_of_one_response_share_a_simulator_and_the_response_is_read_once(
+    write, tmp_path, monkeypatch
+):
+    calls = []
+
+    def counted(*arguments):
+        calls.append(arguments)
+        return original(*arguments)
+
+    original = reader.read_detector
+    monkeypatch.setattr(reader, "read_detector", counted)
+    for i, exposure in enumerate((1e3, 4e3, 16e3)):
+        write(f"s{i}.pha", exposure)
+    quality = np.zeros(CHANNELS, int)
+    quality[300] = 5
+    write("s9.pha", quality=quality)
+    told = []
+    first, second = read(tmp_path, progress=lambda done, total: told.append((done, total)))
+    assert first.names == ("s0.pha", "s1.pha", "s2.pha")
+    assert second.names == ("s9.pha",)
+    np.testing.assert_allclose(first.scale * first.simulator.exposure, [1e3, 4e3, 16e3])
+    assert first.counts[2].sum() > 2 * first.counts[1].sum()
+    assert len(calls) == 1
+    assert told == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    Sources(first.simulator, first.counts, first.scale, first.redshift, first.names)
+    json.dumps([first.simulator.describe(), second.simulator.describe()])
+
+
+def test_catalog_csv_says_which_spectra_names_and_redshifts(write, tmp_path):
+    (tmp_path / "sub").mkdir()
+    for name in ("sub/a.pha", "b.pha", "unlisted.pha"):
+        write(name)
+    table = tmp_path / "catalog.csv"
+    table.write_text("redshift, pha, name\n0.1, sub/a.pha, Alpha\n, b.pha,\n")
+    (found,) = read(tmp_path)
+    assert found.names == ("Alpha", "b.pha")
+    assert found.redshift.tolist() == [0.1, 0.0]
+    for text, message in (
+        ("file,redshift\na.pha,1\n", r"catalog\.csv: needs a header line"),
+        ("pha,redshift\n", r"catalog\.csv: lists no spectrum"),
+        ("pha,redshift\nb.pha,near\n", "line 2: redshift 'near' is not a number"),
+        ("pha,redshift\nb.pha,-2\n", "line 2: redshift '-2'"),
+        ("pha,redshift\n,0.1\n", "line 2: names no pha"),
+        ("pha,redshift\ngone.pha,0.1\n", r"gone\.pha: no such file"),
+    ):
+        table.write_text(text)
+        with pytest.raises(InputError, match=message):
+            read(tmp_path)
+
+
+def test_what_counts_as_a_spectrum_of_a_folder(tmp_path):
+    for name in ("a.fits", "b.pi"):
+        (tmp_path / name).touch()
+    assert [entry.name for entry in entries(tmp_path)] == ["a.fits", "b.pi"]
+    with gzip.open(tmp_path / "c.pha.gz", "wb"):
+        pass
+    assert [entry.name for entry in entries(tmp_path)] == ["c.pha.gz"]
+    with pytest.raises(InputError, match="no such folder"):
+        entries(tmp_path / "none")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match=r"neither catalog\.csv nor any"):
+        entries(tmp_path / "empty")
+
+
+def test_backgrounds_of_near_scales_share_a_simulator(write, tmp_path):
+    write("near.bkg", rate=2.0, BACKSCAL=4.0)
+    write("wide.bkg", rate=4.0, BACKSCAL=40.0)
+    for name, background, size in (("a", "near", 1.0), ("b", "near", 0.9), ("c", "wide", 1.0)):
+        write(f"{name}.pha", BACKFILE=f"{background}.bkg", BACKSCAL=size)
+    write("d.pha")
+    groups = read(tmp_path)
+    assert sorted(group.names for group in groups) == [("a.pha", "b.pha"), ("c.pha",), ("d.pha",)]
+    near, wide = (next(g for g in groups if name in g.names) for name in ("a.pha", "c.pha"))
+    np.testing.assert_allclose(near.simulator.background.scale, 0.25)
+    np.testing.assert_allclose(wide.simulator.background.scale, 0.025)
+    assert all(len(group.simulator.segments()) == 2 for group in groups if "d.pha" not in group.names)
+    # One thing is compiled for both, with an effect as without.
+    assert near.simulator.source is wide.simulator.source
+    gain = Effect("gain_slope", {"slope": Uniform(0.9, 1.1)})
+    assert near.simulator.with_effect(gain).source is wide.simulator.with_effect(gain).source
+    other = Effect("gain_slope", {"slope": Uniform(0.8, 1.1)})
+    assert near.simulator.with_effect(other).source is not wide.simulator.with_effect(gain).source
+    (again,) = (g for g in read(tmp_path) if "a.pha" in g.names)
+    assert np.array_equal(again.counts, near.counts)
+    (tmp_path / "c.pha").unlink()
+    (fewer,) = (g for g in read(tmp_path) if "a.pha" in g.names)
+    assert np.array_equal(fewer.counts, near.counts)
+    assert all(isinstance(group.simulator, XraySpectrum) for group in read(tmp_path, background=False))
+
+
+def fake(response, scale, background):
+    return Spectrum(np.zeros(len(response.channels), int), response, background, scale)
+
+
+def test_thinned_backgrounds_are_poisson_of_the_larger_scale(pn):
+    number = len(pn.channels)
+    rng = np.random.default_rng(0)
+    spectra = [fake(pn, np.full(number, s), rng.poisson(5.0 / s, number)) for s in (0.8, 1.0)]
+    scale, counts = thinned(spectra, [(0, 1), (0, 2)])
+    assert np.all(scale == 1.0)
+    assert np.array_equal(counts[1], spectra[1].background)
+    assert np.all(counts[0] <= spectra[0].background)
+    # Mean and variance of Poisson counts, each within four standard errors (one in 16,000 seeds beyond).
+    assert abs(counts[0].mean() - 5.0) < 4 * np.sqrt(5.0 / number)
+    assert abs(counts[0].var() - 5.0) < 4 * np.sqrt((5.0 + 2 * 25.0) / number)
+
+
+def test_scales_that_differ_more_are_apart(pn):
+    number = len(pn.channels)
+    spectra = [fake(pn, np.full(number, s), np.ones(number, int)) for s in (1.0, 0.81, 0.79, 0.1)]
+    spectra.append(Spectrum(np.zeros(number, int), pn))
+    groups = with_equal_scales(range(5), lambda i: spectra[i])
+    assert [sorted(group) for group in groups] == [[0, 1], [2], [3], [4]]
+
+
+def test_a_pooled_prior_holds_the_sources_that_it_is_for(pn):
+    number = len(pn.channels)
+    rng = np.random.default_rng(1)
+    levels = np.exp(rng.normal(0.0, 1.0, 40))
+    shape = np.exp(-pn.channels.mean(axis=1))
+    spectra = [fake(pn, np.ones(number), rng.poisson(level * shape)) for level in levels]
+    scale, counts = thinned(spectra, [(0, i) for i in range(40)])
+    background = pooled(spectra, scale, counts)
+    single = pooled(spectra[:1], scale, counts[:1])
+    assert len(single.prior.names) >= 6
+    deviation = [
+        (np.log(level) - np.log(levels).mean()) / marginal.sd
+        for level in levels
+        for marginal in background.prior.marginals.values()
+    ]
+    assert np.std(deviation) < 1.0
+    assert np.max(np.abs(deviation)) < 3.0
+
+
+def test_resolution_is_the_full_width_at_half_maximum():
+    from scipy.sparse import csr_array
+    from scipy.stats import norm
+
+    edges = np.linspace(0.0, 10.0, 1001)
+    fine = np.stack([edges[:-1], edges[1:]], axis=1)
+    energies = np.linspace(0.5, 9.5, 300)
+    sigma = 0.03 + 0.01 * energies
+    matrix = np.diff(norm.cdf(edges[:, None], energies, sigma), axis=0)
+    matrix[matrix < 1e-6] = 0.0
+    found = resolution(csr_array(matrix), fine)
+    inside = (fine[:, 0] > 0.6) & (fine[:, 1] < 9.4)
+    expected = 2.3548 * (0.03 + 0.01 * fine.mean(axis=1))
+    # Whole channels are counted, of 10 eV.
+    assert np.abs(found - expected)[inside].max() < 0.021
+    flags = resolution_grouping(csr_array(matrix), fine)
+    starts = np.append(np.flatnonzero(flags == 1), 1000)
+    widths = edges[starts[1:]] - edges[starts[:-1]]
+    wanted = found[starts[:-1]] / 3
+    assert np.all(widths[:-1] > wanted[:-1] - 1e-9)
+    assert np.all(widths[:-1] < wanted[:-1] + 0.01 + 1e-9)
+
+
+def test_epic_pn_has_its_resolution(pn):
+    found = resolution(pn.redistribution, pn.fine_channels)
+    energy = pn.fine_channels.mean(axis=1)
+    for line in (1.5, 6.4):
+        nearest = int(np.argmin(np.abs(pn.energies.mean(axis=1) - line)))
+        weight = pn.redistribution[:, [nearest]].toarray()[:, 0] * (np.abs(energy - line) < 0.25)
+        sd = np.sqrt(np.average((energy - line) ** 2, weights=weight))
+        assert np.interp(line, energy, found) == pytest.approx(2.3548 * sd, rel=0.1)
+
+
+def test_flags_group_or_do_not():
+    assert not grouped(None)
+    assert not grouped(np.ones(4, int))
+    assert grouped(np.array([1, -1]))
+
+
+def test_files_that_do_not_fit_are_named(write, tmp_path):
+    path = write("a.pha")
+    with pytest.raises(InputError, match="rmf: 2 given for 1 spectra"):
+        read_observation(path, model=MODEL, priors=PRIOR, rmf=["PN.rmf", "PN.rmf"])
+    with pytest.raises(InputError, match="none given"):
+        read_observation([], model=MODEL, priors=PRIOR)
+    with pytest.raises(InputError, match="single spectrum"):
+        read_observation([path, path], model=MODEL, priors=PRIOR, exposure=1.0)
+    bad = write("b.pha", BACKFILE="gone.bkg")
+    with pytest.raises(InputError, match=r"b\.pha: its header's BACKFILE is gone\.bkg"):
+        read(tmp_path)
+    assert read_pha(bad).instrument == "EPN"
