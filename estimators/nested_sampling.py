@@ -68,6 +68,9 @@ class NestedSampling:
         Stop integrating when this fraction of the evidence is left in the live points.
     min_effective_draws
         Effective sample size the weighted points must reach.
+    batch
+        Points proposed at a time. Most are turned down before the likelihood sees them, so that more of them
+        suit a likelihood that is dear to call and cheap per point.
 
     Raises
     ------
@@ -89,13 +92,15 @@ class NestedSampling:
         dlogz: float = 0.5,
         fraction_remaining: float = 0.01,
         min_effective_draws: int = 400,
+        batch: int = 128,
     ):
         require("ultranest", "ultranest")
         if not can(simulator, "log_likelihood"):
             raise InputError(f"nested_sampling: {type(simulator).__name__} has no log_likelihood(theta, x)")
-        if live_points < 40 or dlogz <= 0:
+        if live_points < 40 or dlogz <= 0 or batch < 1:
             raise InputError(
-                f"nested_sampling: needs live_points >= 40 and dlogz > 0, got {live_points} and {dlogz}"
+                "nested_sampling: needs live_points >= 40, dlogz > 0 and batch >= 1, "
+                f"got {live_points}, {dlogz} and {batch}"
             )
         self._simulator = simulator
         self._settings = {
@@ -103,6 +108,7 @@ class NestedSampling:
             "dlogz": float(dlogz),
             "fraction_remaining": float(fraction_remaining),
             "min_effective_draws": int(min_effective_draws),
+            "batch": int(batch),
         }
 
     def evaluated_log_likelihood(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
@@ -138,6 +144,7 @@ class NestedSampling:
                 lambda theta: self.evaluated_log_likelihood(theta, x_row),
                 prior.from_unit_cube,
                 vectorized=True,
+                ndraw_min=settings["batch"],
             )
             result = sampler.run(
                 show_status=False,

@@ -68,9 +68,10 @@ class Mixture:
         Weights are flattened to a power until enough draws count: a first proposal that misses most of the
         posterior still points the way.
         """
-        z = self.prior.to_unbounded(theta)
+        with np.errstate(divide="ignore"):
+            z = self.prior.to_unbounded(theta)
         size = z.shape[-1]
-        weight = tempered(log_weight, least=min(20.0 * size, 0.25 * z.shape[1]))
+        weight = tempered(log_weight, least=least_effective(size, z.shape[1]))
         usable = np.isfinite(z).all(axis=-1)
         weight = np.where(usable, weight, 0.0)
         weight /= weight.sum(axis=1, keepdims=True)
@@ -80,6 +81,11 @@ class Mixture:
         spread = np.matmul((centred * weight[..., None]).swapaxes(1, 2), centred)
         floor = 1e-10 * np.eye(size)
         return replace(self, mean=mean, root=np.linalg.cholesky(INFLATION * spread + floor))
+
+
+def least_effective(parameters: int, draws: int) -> float:
+    """How many effective draws the moments of so many parameters should rest on, at least."""
+    return min(20.0 * parameters, 0.25 * draws)
 
 
 def tempered(log_weight: ArrayLike, *, least: float) -> Array:
@@ -104,6 +110,11 @@ def _normalised(log_weight: Array, power: Array) -> Array:
     # Weight zero stays zero to whatever power, 0 included.
     raised = np.where(np.isneginf(log_weight), -np.inf, log_weight) * np.maximum(power, 1e-12)[:, None]
     return np.asarray(raised - logsumexp(raised, axis=1, keepdims=True))
+
+
+def effective_draws(log_weight: Array) -> Array:
+    """Kish's effective sample size of rows of log weights ``(batch, n)``, ``(batch,)``."""
+    return _effective(log_weight, np.ones(len(log_weight)))
 
 
 def _effective(log_weight: Array, power: Array) -> Array:
