@@ -10,7 +10,7 @@ import xarray as xr
 from markupsafe import Markup
 
 from gaugeblock.reports.cells import cells
-from gaugeblock.reports.discovery.axes import energy_axis
+from gaugeblock.reports.discovery.axes import energy_axis, log_axis
 from gaugeblock.reports.discovery.chapter import Chapter, Column, LeftOut, Rows, Table
 from gaugeblock.reports.discovery.phrases import effect_words, finite, pick, with_unit
 from gaugeblock.reports.discovery.read import Missing, attribute, floats, group, texts
@@ -149,7 +149,9 @@ def _scans(scan: xr.Dataset, ranked: Sequence[str]) -> list[Panel]:
         if len(places) < 2:
             continue
         largest = np.array([_farthest(z[mine][value[mine] == place]) for place in places])
-        axis = energy_axis(places, places, "keV" if unit == "keV" else unit, quantity=parameter)
+        axis = energy_axis(places, places, unit, quantity=parameter)
+        if unit != "keV" and places[0] > 0 and places[-1] > 20 * places[0]:
+            axis = log_axis(float(places[0]), float(places[-1]), axis.label)
         frame = Frame(x=axis.range, y=(low, top), width=360.0, height=210.0)
         marks = [frame.axes(axis.label, "z", x_ticks=axis.ticks), frame.line(axis.range, [0, 0], "zero")]
         if threshold:

@@ -46,7 +46,7 @@ def headline(summary: Mapping[str, Any]) -> Headline:
         word = " or ".join(effect_words(name) for name in alike)
         said = [_where(summary), _set(alike), *_gap(summary), *_amplitude(summary)]
     else:
-        word = " + ".join(effect_words(name) for name in names)
+        word = " + ".join(repeated(name, effect_words(name), names) for name in dict.fromkeys(names))
         said = [_where(summary), _named(summary, names), *_gap(summary), *_amplitude(summary)]
     return Headline(kind, word, " ".join(part for part in said if part), figures(summary))
 
@@ -88,6 +88,16 @@ def amplitudes(summary: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [row for row in rows if isinstance(row, Mapping)]
 
 
+def repeated(name: str, words: str, names: Sequence[str]) -> str:
+    """An effect's words, with the number of times it was added where that is more than once.
+
+    >>> repeated("a", "an a", ["a", "b", "a"]), repeated("b", "a b", ["a", "b", "a"])
+    ('an a (2 of them)', 'a b')
+    """
+    times = list(names).count(name)
+    return f"{words} ({times} of them)" if times > 1 else words
+
+
 def _where(summary: Mapping[str, Any]) -> str:
     found = summary.get("disagreement") or {}
     p = global_p(finite(found.get("p_global")), finite(found.get("replicates")))
@@ -105,7 +115,8 @@ def _where(summary: Mapping[str, Any]) -> str:
 
 def _named(summary: Mapping[str, Any], names: Sequence[str]) -> str:
     many = len(names) > 1
-    said = f"What the model lacks is {listed([effect_phrase(name) for name in names])}."
+    lacks = [repeated(name, effect_phrase(name), names) for name in dict.fromkeys(names)]
+    said = f"What the model lacks is {listed(lacks)}."
     rivals = [
         (str(row.get("effect")), finite(row.get("held_out")))
         for row in summary.get("candidates") or []
@@ -173,8 +184,9 @@ def _gap(summary: Mapping[str, Any]) -> list[str]:
     if before is None or after is None:
         return []
     verb = "shrinks" if after < before else "does not shrink"
+    it = "it" if len(summary.get("named_all") or []) < 2 else "them"
     return [
-        f"With it in the model, the gap on data that did not choose it {verb}: mean deviance per channel "
+        f"With {it} in the model, the gap on data that did not choose {it} {verb}: mean deviance per channel "
         f"{number(before, 3)} before, {number(after, 3)} after."
     ]
 
@@ -187,8 +199,10 @@ def _amplitude(summary: Mapping[str, Any]) -> list[str]:
         if low is None or high is None:
             continue
         level = finite(one.get("level")) or 0.9
+        many = len(summary.get("named_all") or []) > 1
+        whose = f"The {'first ' if many else ''}{effect_words(str(one.get('effect')))}'s"
         said.append(
-            f"Its {one.get('parameter')} is {short(finite(one.get('value')))} "
+            f"{whose} {one.get('parameter')} is {short(finite(one.get('value')))} "
             f"({100 * level:.0f}% interval {with_unit(low, '')} to {with_unit(high, unit)}"
             f"{', from the held-out half' if one.get('held_out') else ''})."
         )

@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+import html
+import json
+import os
+import re
+import shutil
+import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -96,3 +103,95 @@ def audit(request: pytest.FixtureRequest) -> Audit:
 def make_audit() -> Callable[..., Audit]:
     """`make_audit(policy=..., **gaussian_trials options)`, for audits of one test alone."""
     return lambda *, policy="default", **options: audited(gaussian_trials(**options), policy=policy)
+
+
+FLAGS = [
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--disable-dev-shm-usage",
+    "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync",
+    "--disable-extensions",
+    "--hide-scrollbars", "--enable-logging=stderr", "--v=0", "--virtual-time-budget=2000",
+]  # fmt: skip
+
+# Measures the page and writes what it found into it; runs in a test's copy, from which the policy that
+# forbids every script has been taken out.
+PROBE = """<script>
+addEventListener("load", () => {
+  const boxes = [...document.querySelectorAll("svg")].map(svg => {
+    const box = svg.getBoundingClientRect();
+    return [svg.getAttribute("class") || "key", box.width, box.height];
+  });
+  const texts = [...document.querySelectorAll("svg.chart")].flatMap(svg => {
+    const frame = svg.getBoundingClientRect();
+    return [...svg.querySelectorAll("text")].filter(text => {
+      const box = text.getBoundingClientRect();
+      return box.left < frame.left - 1 || box.right > frame.right + 1 || box.bottom > frame.bottom + 1;
+    }).map(text => text.textContent);
+  });
+  const word = document.querySelector(".verdict .word");
+  const found = {
+    boxes, cutOff: texts,
+    width: innerWidth, content: document.documentElement.scrollWidth,
+    fetched: performance.getEntriesByType("resource").map(entry => entry.name),
+    wordSize: parseFloat(getComputedStyle(word).fontSize),
+    wordTop: word.getBoundingClientRect().top,
+    ground: getComputedStyle(document.body).backgroundColor,
+  };
+  const place = document.createElement("pre");
+  place.id = "measured";
+  place.textContent = JSON.stringify(found);
+  document.body.append(place);
+});
+</script>"""
+
+
+@dataclass(frozen=True)
+class Visit:
+    dom: str
+    log: str
+
+    @property
+    def complaints(self) -> list[str]:
+        """Lines of the page's console, errors and refusals included."""
+        return [line for line in self.log.splitlines() if "CONSOLE" in line]
+
+    @property
+    def measured(self) -> dict:
+        found = re.search(r'<pre id="measured">(.*?)</pre>', self.dom, flags=re.DOTALL)
+        assert found, "the probe did not run"
+        return json.loads(html.unescape(found.group(1)))
+
+
+@pytest.fixture(scope="session")
+def chromium(
+    missing: Callable[[str], None], tmp_path_factory: pytest.TempPathFactory
+) -> Callable[..., Visit]:
+    program = next(
+        (p for p in map(shutil.which, ("chromium", "google-chrome", "chromium-browser")) if p), None
+    )
+    if program is None:
+        missing("neither chromium nor google-chrome is on the PATH (Debian: apt-get install chromium)")
+    profile = tmp_path_factory.mktemp("profile")
+
+    def visit(page: Path, *flags: str) -> Visit:
+        done = subprocess.run(
+            [str(program), *FLAGS, f"--user-data-dir={profile}", *flags, page.as_uri()],
+            capture_output=True, text=True, errors="replace", timeout=120, check=False,
+            env={**os.environ, "LC_ALL": "C.UTF-8"},
+        )  # fmt: skip
+        return Visit(done.stdout, done.stderr)
+
+    return visit
+
+
+@pytest.fixture(scope="session")
+def probed() -> Callable[[Path], Path]:
+    """`probed(page)`: a copy of the page that measures itself."""
+
+    def probe(page: Path) -> Path:
+        text, taken = re.subn(r'<meta http-equiv="Content-Security-Policy"[^>]*>', PROBE, page.read_text())
+        assert taken == 1
+        copy = page.with_name("probed.html")
+        copy.write_text(text)
+        return copy
+
+    return probe

@@ -2,16 +2,9 @@
 
 from __future__ import annotations
 
-import html
-import json
-import os
 import re
-import shutil
 import struct
-import subprocess
 import zlib
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -20,96 +13,11 @@ from gaugeblock.reports import write_reports
 
 pytestmark = pytest.mark.browser
 
-FLAGS = [
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--disable-dev-shm-usage",
-    "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync",
-    "--disable-extensions",
-    "--hide-scrollbars", "--enable-logging=stderr", "--v=0", "--virtual-time-budget=2000",
-]  # fmt: skip
-
-# Measures the page and writes what it found into it; runs in a test's copy, from which the policy that
-# forbids every script has been taken out.
-PROBE = """<script>
-addEventListener("load", () => {
-  const boxes = [...document.querySelectorAll("svg")].map(svg => {
-    const box = svg.getBoundingClientRect();
-    return [svg.getAttribute("class") || "key", box.width, box.height];
-  });
-  const texts = [...document.querySelectorAll("svg.chart")].flatMap(svg => {
-    const frame = svg.getBoundingClientRect();
-    return [...svg.querySelectorAll("text")].filter(text => {
-      const box = text.getBoundingClientRect();
-      return box.left < frame.left - 1 || box.right > frame.right + 1 || box.bottom > frame.bottom + 1;
-    }).map(text => text.textContent);
-  });
-  const word = document.querySelector(".verdict .word");
-  const found = {
-    boxes, cutOff: texts,
-    width: innerWidth, content: document.documentElement.scrollWidth,
-    fetched: performance.getEntriesByType("resource").map(entry => entry.name),
-    wordSize: parseFloat(getComputedStyle(word).fontSize),
-    wordTop: word.getBoundingClientRect().top,
-    ground: getComputedStyle(document.body).backgroundColor,
-  };
-  const place = document.createElement("pre");
-  place.id = "measured";
-  place.textContent = JSON.stringify(found);
-  document.body.append(place);
-});
-</script>"""
-
-
-@dataclass(frozen=True)
-class Visit:
-    dom: str
-    log: str
-
-    @property
-    def complaints(self) -> list[str]:
-        """Lines of the page's console, errors and refusals included."""
-        return [line for line in self.log.splitlines() if "CONSOLE" in line]
-
-    @property
-    def measured(self) -> dict:
-        found = re.search(r'<pre id="measured">(.*?)</pre>', self.dom, flags=re.DOTALL)
-        assert found, "the probe did not run"
-        return json.loads(html.unescape(found.group(1)))
-
-
-@pytest.fixture(scope="session")
-def chromium(
-    missing: Callable[[str], None], tmp_path_factory: pytest.TempPathFactory
-) -> Callable[..., Visit]:
-    program = next(
-        (p for p in map(shutil.which, ("chromium", "google-chrome", "chromium-browser")) if p), None
-    )
-    if program is None:
-        missing("neither chromium nor google-chrome is on the PATH (Debian: apt-get install chromium)")
-    profile = tmp_path_factory.mktemp("profile")
-
-    def visit(page: Path, *flags: str) -> Visit:
-        done = subprocess.run(
-            [str(program), *FLAGS, f"--user-data-dir={profile}", *flags, page.as_uri()],
-            capture_output=True, text=True, errors="replace", timeout=120, check=False,
-            env={**os.environ, "LC_ALL": "C.UTF-8"},
-        )  # fmt: skip
-        return Visit(done.stdout, done.stderr)
-
-    return visit
-
 
 @pytest.fixture
 def page(audit, tmp_path: Path) -> Path:
     write_reports(audit.verdict, audit.findings, audit.trials, tmp_path / "out", title="An audit")
     return tmp_path / "out" / "report.html"
-
-
-def probed(page: Path) -> Path:
-    text, taken = re.subn(r'<meta http-equiv="Content-Security-Policy"[^>]*>', PROBE, page.read_text())
-    assert taken == 1
-    copy = page.with_name("probed.html")
-    copy.write_text(text)
-    return copy
 
 
 def test_it_renders_with_the_verdict_and_without_complaints(audit, page, chromium):
@@ -129,7 +37,7 @@ def test_a_complaint_would_be_seen_and_a_script_would_not_run(page, chromium):
 
 
 @pytest.mark.parametrize("width", [1200, 500])
-def test_every_picture_has_a_size_nothing_overflows_and_nothing_is_fetched(page, chromium, width):
+def test_every_picture_has_a_size_nothing_overflows_and_nothing_is_fetched(page, chromium, probed, width):
     measured = chromium(probed(page), "--dump-dom", f"--window-size={width},900").measured
     assert measured["width"] == width
     assert measured["content"] <= width, "the page scrolls sideways"
@@ -144,7 +52,7 @@ def test_every_picture_has_a_size_nothing_overflows_and_nothing_is_fetched(page,
     assert measured["wordSize"] > 30
 
 
-def test_a_phone_s_width_does_not_overflow(page, chromium, tmp_path):
+def test_a_phone_s_width_does_not_overflow(page, chromium, probed, tmp_path):
     # Chromium's window is never narrower than 500 pixels; a frame can be.
     holder = tmp_path / "out" / "phone.html"
     probed(page)
@@ -169,7 +77,7 @@ HOLDER = """<!DOCTYPE html><title>phone</title><body style="margin:0">
 <iframe src="inner.html" style="width:390px;height:800px;border:0"></iframe></body>"""
 
 
-def test_dark_rooms_get_a_dark_page(passing, tmp_path, chromium):
+def test_dark_rooms_get_a_dark_page(passing, tmp_path, chromium, probed):
     write_reports(passing.verdict, passing.findings, passing.trials, tmp_path, title="An audit")
     copy = probed(tmp_path / "report.html")
     light = chromium(copy, "--dump-dom").measured["ground"]
