@@ -1,6 +1,7 @@
 """Everything in examples/ runs and ends as its comments say."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -74,3 +75,22 @@ def test_a_simulator_and_an_estimator_of_ones_own(estimator: str, code: int, tmp
         *("--set", f"estimator.name=own_simulator:{estimator}", "--out", tmp_path),
     )
     assert done.returncode == code, done.stdout + done.stderr
+
+
+@pytest.mark.usefixtures("xray_data")
+def test_an_effect_of_ones_own() -> None:
+    pytest.importorskip("jaxspec")
+    done = subprocess.run(
+        [sys.executable, "own_effect.py"],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+        cwd=EXAMPLES,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "carbon_1.thickness" in done.stdout
+    # Absorption by the galaxy has nearly the shape of the layer's: data of this kind cannot name it.
+    size, left = map(float, re.findall(r"([\d.]+) sigma, ([\d.]+) of them", done.stdout)[0])
+    assert size > 1.5
+    assert left < 0.2 * size

@@ -10,7 +10,9 @@ from gaugeblock.simulators.xray.build import build
 from gaugeblock.simulators.xray.catalog import read_catalog
 from gaugeblock.simulators.xray.data import fetch
 from gaugeblock.simulators.xray.default_priors import default_prior
-from gaugeblock.simulators.xray.joint import JointSpectra, joint_spectra
+from gaugeblock.simulators.xray.effects import EffectKind, factor_effect
+from gaugeblock.simulators.xray.joining import joint_spectra
+from gaugeblock.simulators.xray.joint import JointSpectra
 from gaugeblock.simulators.xray.joint_library import OnInstrument, on_instrument
 from gaugeblock.simulators.xray.observation import Observation, read_observation
 from gaugeblock.simulators.xray.precision import double_precision
@@ -24,6 +26,7 @@ from gaugeblock.simulators.xray.with_background import WithBackground, with_back
 from gaugeblock.simulators.xray.writing import write_pha
 
 __all__ = [
+    "EffectKind",
     "JointSpectra",
     "Observation",
     "OnInstrument",
@@ -34,6 +37,7 @@ __all__ = [
     "build",
     "default_prior",
     "double_precision",
+    "factor_effect",
     "family",
     "fetch",
     "joint_spectra",

@@ -38,12 +38,18 @@ class Background:
 
     def prepare(self, edges: Array, _: Response, /) -> Changed:
         """The sum."""
-        import jax.numpy as jnp
-
-        start, stop = np.log(np.maximum(edges[:-1], LOWEST)), np.log(np.maximum(edges[1:], LOWEST))
+        low, high = edges[:-1], edges[1:]
 
         def change(counts: Any, values: Mapping[str, Any], _: Any) -> Any:
-            rest, decades = 1.0 - values["index"], stop - start
-            return counts + values["level"] * jnp.exp(rest * start) * decades * relative_expm1(rest * decades)
+            return counts + counted(low, high, **values)
 
         return change
+
+
+def counted(low: Array, high: Array, *, level: Any, index: Any) -> Any:
+    """Counts per second between energies, keV: the integral, also at index 1, where it is a logarithm."""
+    import jax.numpy as jnp
+
+    start, stop = np.log(np.maximum(low, LOWEST)), np.log(np.maximum(high, LOWEST))
+    rest, ratio = 1.0 - index, stop - start
+    return level * jnp.exp(rest * start) * ratio * relative_expm1(rest * ratio)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray.effects.assembly import Bound
 from gaugeblock.simulators.xray.gain import Gain, crossed
+from gaugeblock.simulators.xray.recorded.background import Background, counted
 from gaugeblock.simulators.xray.recorded.broadening import Broadening
 from gaugeblock.simulators.xray.recorded.layout import layout, near, per_second
 from gaugeblock.simulators.xray.response import Response
@@ -30,6 +31,8 @@ def recorded_fold(
     import jax
     import jax.numpy as jnp
 
+    if all(isinstance(bound.what, Background) for bound in recorded):
+        return _background_fold(response, recorded, prior.names)
     places = layout(response)
     low, high = float(places.runs.min()), float(places.runs.max())
     for bound in reversed(recorded):
@@ -52,6 +55,25 @@ def recorded_fold(
     columns = jnp.asarray(np.concatenate([dense, others[None]]))
     transfer = jax.vmap(lambda column: group(column, None) - added, in_axes=1, out_axes=1)(columns)
     return (lambda flux, _: transfer @ flux + added), live
+
+
+def _background_fold(
+    response: Response, recorded: Sequence[Bound], names: Sequence[str]
+) -> tuple[Fold, NDArray[np.bool_]]:
+    """Background alone moves no counts between channels: they are grouped as ever."""
+    import jax.numpy as jnp
+
+    dense = response.with_exposure(1.0).transfer
+    live = np.asarray(dense.any(axis=0))
+    used = np.asarray(response.grouping.sum(axis=0)).ravel() > 0
+    transfer, members = jnp.asarray(dense[:, live]), jnp.asarray(response.grouping[:, used].toarray())
+    low, high = response.fine_channels[used].T
+
+    def fold(flux: Any, theta: Any) -> Any:
+        added = sum(counted(low, high, **bound.values(theta, names)) for bound in recorded)
+        return transfer @ flux + members @ added
+
+    return fold, live
 
 
 def _others(response: Response, recorded: Sequence[Bound], rows: Any) -> NDArray[np.float64]:

@@ -1,0 +1,243 @@
+"""The library of effects: complete, scaled to the source, neutral where it says, and described."""
+
+import inspect
+import pickle
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaugeblock.errors import InputError
+from gaugeblock.simulators import Effect, LogUniform, Prior, Uniform
+from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators.segments import segments
+
+pytest.importorskip("jaxspec")
+from gaugeblock.simulators.xray import EffectKind, XraySpectrum, factor_effect, reference
+from gaugeblock.simulators.xray.effects import EFFECTS
+from gaugeblock.simulators.xray.library.scale import resolution, spaced
+
+pytestmark = pytest.mark.usefixtures("xray_data")
+
+NAMES = {
+    "emission_line", "absorption_line", "absorption_edge", "partial_covering", "soft_excess",
+    "high_energy_cutoff", "thermal_continuum", "gain_slope", "gain_offset", "gain_curve", "effective_area",
+    "resolution", "background", "pileup", "reflection", "ionised_absorber",
+}  # fmt: skip
+DOCS = Path(__file__).resolve().parent.parent.parent / "docs" / "effects.md"
+
+
+@pytest.fixture(scope="module")
+def simulator():
+    return reference(level="bright")
+
+
+@pytest.fixture(scope="module")
+def theta(simulator):
+    return simulator.prior.sample(40, np.random.default_rng(3))
+
+
+@pytest.fixture(scope="module")
+def library(simulator, theta):
+    return simulator.effect_library(theta)
+
+
+def test_every_effect_is_there(library, simulator):
+    assert set(library) == NAMES
+    assert {name for name in EFFECTS if not name.startswith("published_")} == NAMES
+    assert all(library[name].name == name for name in NAMES)
+    assert not simulator.not_in_library()
+    counts = {name: len(entry.nodes) for name, entry in library.items()}
+    assert sum(counts.values()) <= 500
+    assert max(counts.values()) <= 180
+
+
+@pytest.mark.parametrize("name", sorted(NAMES))
+def test_an_entry_is_sound(library, simulator, theta, name):
+    entry = library[name]
+    assert list(entry.parameters) == list(EFFECTS[name].parameters)
+    assert set(entry.units) == set(entry.parameters)
+    assert set(entry.energies) <= set(entry.parameters)
+    assert isinstance(entry.parameters[entry.amplitude], Uniform)
+    assert entry.two_sided == (name in {"gain_slope", "gain_offset", "gain_curve", "effective_area"})
+    assert len(entry.cause.split()) >= 20
+    prior = Prior(entry.parameters)
+    assert np.all(prior.contains(entry.nodes))
+
+    changed = simulator.with_effect(entry.effect())
+    assert changed.prior.names[5:] == tuple(f"{name}_1.{key}" for key in entry.parameters)
+    plain = simulator.expected(theta)
+    amplitude = changed.prior.names.index(f"{name}_1.{entry.amplitude}")
+    node = entry.nodes[len(entry.nodes) // 2]
+    rows = np.column_stack([theta, np.tile(node, (len(theta), 1))])
+    stepped = changed.expected(rows)
+    assert np.all(np.isfinite(stepped))
+    assert np.any(np.abs(stepped - plain) > 1e-4 * plain)
+    neutral = rows.copy()
+    neutral[:, amplitude] = entry.neutral
+    np.testing.assert_allclose(changed.expected(neutral), plain, rtol=1e-12)
+
+    jacobian = changed.jacobian(rows[:4])
+    assert np.isfinite(changed.jacobian(neutral[:4])).all()
+    for column in range(amplitude, amplitude + 1):
+        small = 1e-4 * entry.step
+        up, down = rows[:4].copy(), rows[:4].copy()
+        up[:, column] += small
+        down[:, column] -= small
+        difference = (changed.expected(up) - changed.expected(down)) / (2 * small)
+        scale = np.abs(difference).max()
+        np.testing.assert_allclose(jacobian[..., column], difference, atol=1e-5 * scale)
+
+
+@pytest.mark.parametrize(
+    "name", sorted(NAMES - {"gain_slope", "gain_offset", "gain_curve", "resolution", "pileup"})
+)
+def test_derivatives_by_the_other_parameters(library, simulator, theta, name):
+    entry = library[name]
+    changed = simulator.with_effect(entry.effect())
+    # A quarter of the way up the prior: no scanned value, so nothing lies on the edge of a bin by design.
+    middle = Prior(entry.parameters).from_unit_cube(np.full(len(entry.parameters), 0.2713))
+    rows = np.column_stack([theta[:4], np.tile(middle, (4, 1))])
+    jacobian = changed.jacobian(rows)
+    for column in range(5, rows.shape[1]):
+        small = 1e-6 * abs(rows[0, column])
+        up, down = rows.copy(), rows.copy()
+        up[:, column] += small
+        down[:, column] -= small
+        difference = (changed.expected(up) - changed.expected(down)) / (2 * small)
+        scale = np.abs(difference).max()
+        np.testing.assert_allclose(jacobian[..., column], difference, atol=1e-4 * scale + 1e-6)
+
+
+def test_amplitudes_follow_the_brightness(simulator, theta, library):
+    brighter = theta.copy()
+    brighter[:, [2, 4]] *= 10.0
+    other = simulator.effect_library(brighter)
+    for name in ("emission_line", "soft_excess", "thermal_continuum", "background"):
+        ratio = other[name].step / library[name].step
+        assert ratio == pytest.approx(10.0, rel=1e-6), name
+        upper = [lib[name].parameters[lib[name].amplitude].support[1] for lib in (other, library)]
+        assert upper[0] / upper[1] == pytest.approx(10.0, rel=1e-6)
+    assert other["gain_slope"] == library["gain_slope"]
+
+
+def test_a_line_may_have_five_kev_equivalent_width_at_iron(simulator, theta, library):
+    alpha, norm, kt, bb = np.median(theta, axis=0)[1:]
+    continuum = norm * 6.4**-alpha + bb * 1.0344e-3 * 6.4**2 / np.expm1(6.4 / kt)
+    assert library["emission_line"].parameters["norm"].support[1] >= 4.99 * continuum
+
+
+@pytest.mark.parametrize("response", ["epic-pn", "nicer"])
+def test_lines_are_tried_across_the_band(response):
+    spectrum = reference(response)
+    energies = spaced(spectrum.response, 60)
+    assert len(energies) == 60
+    assert np.all(np.diff(energies) > 0)
+    assert spectrum.channels.min() < energies[0] < energies[-1] < spectrum.channels.max()
+    energy, sigma = resolution(spectrum.response)
+    at_iron = np.interp(6.4, energy, sigma)
+    # Both detectors resolve 120 to 170 eV full width at half maximum there.
+    assert 0.11 < 2.355 * at_iron < 0.18
+
+
+def test_it_works_after_an_extension_too(simulator, theta, library):
+    once = simulator.with_effect(library["emission_line"].effect(energy=6.4, sigma=0.05))
+    rows = np.column_stack([theta, np.full(len(theta), 1e-4)])
+    again = once.effect_library(rows)
+    assert set(again) == NAMES
+    twice = once.with_effect(again["emission_line"].effect())
+    assert twice.prior.names[5:7] == ("emission_line_1.norm", "emission_line_2.energy")
+
+
+def test_the_data_are_one_segment(simulator):
+    (segment,) = segments(simulator, 102)
+    assert (segment.start, segment.stop, segment.unit, segment.role) == (0, 102, "keV", "source")
+    np.testing.assert_array_equal(segment.edges, simulator.channels)
+
+
+def test_every_effect_and_parameter_is_described(library):
+    text = DOCS.read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| `(\w+)` \| (.+?) \|", text, re.MULTILINE))
+    assert set(rows) >= set(EFFECTS)
+    for name, kind in EFFECTS.items():
+        for parameter in kind.parameters:
+            assert re.search(rf"\b{parameter}\b", rows[name]), f"{name}: {parameter}"
+    for name, entry in library.items():
+        for parameter, unit in entry.units.items():
+            assert unit.split(" at ")[0].split(",")[0].replace("cm2", "cm²") in rows[name] or not unit, (
+                f"{name}: {parameter} in {unit}"
+            )
+
+
+def bump(energy, height, width):
+    """An effect of a user's own."""
+    import jax.numpy as jnp
+
+    return 1.0 + height * jnp.exp(-((energy - 3.0) ** 2) / width)
+
+
+def test_an_effect_of_ones_own_needs_a_function(simulator, theta):
+    kind = factor_effect(bump, limits={"width": (0.01, 10.0)})
+    effect = Effect("bump", {"height": Uniform(-0.5, 0.5), "width": 0.5}, kind=kind)
+    changed = simulator.with_effect(effect).with_effect(effect)
+    assert changed.prior.names[5:] == ("bump_1.height", "bump_2.height")
+    counts = changed.expected(np.column_stack([theta, np.full((len(theta), 2), 0.1)]))
+    nearest = np.argmin(np.abs(simulator.channels.mean(axis=1) - 3.0))
+    np.testing.assert_allclose((counts / simulator.expected(theta))[:, nearest], 1.21, rtol=5e-3)
+    assert changed.describe()["effects"][0]["kind"].endswith("test_xray_library.bump")
+    copy = pickle.loads(pickle.dumps(changed))
+    np.testing.assert_array_equal(copy.expected(copy.prior.center), changed.expected(changed.prior.center))
+    entry = LibraryEffect(
+        name="bump", parameters={"height": Uniform(-0.5, 0.5), "width": LogUniform(0.1, 1.0)},
+        amplitude="height", neutral=0.0, step=0.1, scanned={"width": [0.5]}, cause="Made up.",
+        typical="a tenth", kind=kind,
+    )  # fmt: skip
+    assert simulator.with_effect(entry.effect(width=0.5)).prior.names[5:] == ("bump_1.height",)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: factor_effect(lambda energy: energy), "at least one parameter"),
+        (lambda: factor_effect(bump, limits={"depth": (0, 1)}), "limits of depth; it takes height, width"),
+        (lambda: Effect("bump", {"height": 0.1, "width": 0.5}), "one of your own needs its kind"),
+        (lambda: Effect("bump", {"height": 0.1, "width": 0.5}, kind=bump), "must be an EffectKind"),
+        (
+            lambda: Effect(
+                "bump", {"height": 0.1, "width": -1.0}, kind=factor_effect(bump, limits={"width": (0, 1)})
+            ),
+            "width must lie between 0 and 1, got -1",
+        ),
+        (lambda: Effect("resolution", {"variance": -1e-3}), "variance must lie between 0"),
+        (lambda: Effect("effective_area", {"energy": 2, "width": 0.1, "depth": -1.5}), "depth must lie"),
+        (lambda: Effect("pileup", {"overlap": 1.5}), "overlap must lie between 0 and 1"),
+    ],
+)
+def test_wrong_ones_are_one_line(simulator, make, words):
+    with pytest.raises(InputError, match=re.escape(words)) as caught:
+        simulator.with_effect(make())
+    assert "\n" not in str(caught.value)
+
+
+def test_a_kind_says_what_it_takes():
+    for name, kind in EFFECTS.items():
+        assert isinstance(kind, EffectKind)
+        what = getattr(kind.apply, "what", None)
+        if inspect.isfunction(what):
+            taken = list(inspect.signature(what).parameters)[2:]
+            assert taken == list(kind.parameters), name
+
+
+def test_channels_with_gaps_cannot_be_shifted_and_the_library_says_so(simulator):
+    from dataclasses import replace
+
+    response = simulator.response
+    holes = response.fine_channels.copy()
+    holes[::2, 1] -= 0.5 * np.diff(holes[::2], axis=1).ravel()
+    gappy = XraySpectrum(simulator.model, replace(response, fine_channels=holes), simulator.prior)
+    assert set(gappy.not_in_library()) == {"gain_slope", "gain_offset", "gain_curve", "resolution", "pileup"}
+    with pytest.raises(InputError, match="leave gaps in energy or overlap"):
+        gappy.with_effect(Effect("gain_slope", {"slope": 1.01}))
+    noisy = gappy.with_effect(Effect("background", {"level": 0.01, "index": 0.0}))
+    assert np.all(noisy.expected(noisy.prior.center) > gappy.expected(noisy.prior.center))
