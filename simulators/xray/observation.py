@@ -17,7 +17,7 @@ from gaugeblock.simulators.xray.build import read_prior
 from gaugeblock.simulators.xray.default_priors import default_prior
 from gaugeblock.simulators.xray.expression import parameter_names, parse
 from gaugeblock.simulators.xray.files import FilePath
-from gaugeblock.simulators.xray.joint import joint_spectra
+from gaugeblock.simulators.xray.joining import joint_spectra
 from gaugeblock.simulators.xray.reader import Reader, Reading
 from gaugeblock.simulators.xray.response import Response
 from gaugeblock.simulators.xray.simulator import XraySpectrum
