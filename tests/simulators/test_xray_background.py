@@ -233,14 +233,13 @@ def test_empty_channels_bias_the_w_statistic_and_not_the_joint_likelihood():
             for one in x
         ]
     )
-    assert profiled.mean() < 0.7
-    assert flux.mean() - profiled.mean() > 10 * profiled.std() / np.sqrt(len(x))
+    assert profiled.mean() < 0.3
 
 
 def test_a_source_is_found_under_a_background_that_dominates_it():
     both, at, x = faint(exposure=800.0, number=8000, knots=[0.5, 2.0, 8.0])
     share = both.source.expected(at[:3]).sum() / both.expected(at)[: x.shape[1] // 2].sum()
-    assert share < 0.1
+    assert share < 0.05
     joint = fit(both, x, start=np.tile(at, (len(x), 1)), fixed=("tbabs_1.nh", "powerlaw_1.alpha"))
     flux = joint.theta[:, 2] / at[2]
     assert abs(flux.mean() - 1.0) < 4 * flux.std() / np.sqrt(len(flux))
