@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 DEFENSIVE = 0.2
 """Share of draws that stay with the proposal one began with, so that nothing it covers is ever lost."""
 
-DEGREES = 5.0
+DEGREES = 5
 """Degrees of freedom of the learnt part: tails heavier than any posterior's here."""
 
 INFLATION = 1.2
@@ -45,7 +45,8 @@ class Mixture:
         if self.mean is None or self.root is None:
             return np.asarray(draws), np.asarray(log_q)
         noise = rng.standard_normal(draws.shape)
-        stretch = np.sqrt(DEGREES / rng.chisquare(DEGREES, draws.shape[:2]))[..., None]
+        square = (rng.standard_normal((*draws.shape[:2], DEGREES)) ** 2).sum(axis=-1)
+        stretch = np.sqrt(DEGREES / square)[..., None]
         z = self.mean[:, None] + np.matmul(noise * stretch, self.root.swapaxes(1, 2))
         learnt = rng.random(draws.shape[:2]) >= DEFENSIVE
         theta = np.where(learnt[..., None], self.prior.from_unbounded(z), draws)
@@ -60,7 +61,7 @@ class Mixture:
         learnt = _log_t(z, self.mean, self.root) - self.prior.log_jacobian_unbounded(z)
         # On the very border of the prior the coordinates are infinite; the wide proposal alone is there.
         learnt = np.where(np.isfinite(learnt), learnt, -np.inf)
-        return np.logaddexp(np.log(DEFENSIVE) + wide, np.log1p(-DEFENSIVE) + learnt)
+        return np.asarray(np.logaddexp(np.log(DEFENSIVE) + wide, np.log1p(-DEFENSIVE) + learnt))
 
     def learn(self, theta: Array, log_weight: Array) -> Mixture:
         """The mixture whose learnt part has the moments of weighted draws, ``(batch, n, parameter)``.
