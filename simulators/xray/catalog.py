@@ -18,8 +18,9 @@ from gaugeblock.simulators.xray.files import FilePath
 from gaugeblock.simulators.xray.observation import Observation, Priors, model_prior, source_counts
 from gaugeblock.simulators.xray.pooled_background import pooled, thinned, with_equal_scales
 from gaugeblock.simulators.xray.reader import Reader, Reading
+from gaugeblock.simulators.xray.siblings import Siblings
 from gaugeblock.simulators.xray.simulator import XraySpectrum
-from gaugeblock.simulators.xray.with_background import Siblings, WithBackground
+from gaugeblock.simulators.xray.with_background import WithBackground
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]

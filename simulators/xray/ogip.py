@@ -2,76 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.errors import InputError, require
+from gaugeblock.errors import InputError
+from gaugeblock.simulators.xray.detector import Detector, read_detector
 from gaugeblock.simulators.xray.files import FilePath, load, sha256
 from gaugeblock.simulators.xray.pha import Pha, read_pha
 from gaugeblock.simulators.xray.response import Response
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Detector:
-    """A redistribution matrix with its effective area, before a spectrum says what is used of it.
-
-    Attributes
-    ----------
-    rmf, arf : path
-        Where it was read from.
-    channel : ndarray, shape (fine,)
-        Numbers of the detector's channels.
-    fine_channels : ndarray, shape (fine, 2)
-        Their edges in keV.
-    energies : ndarray, shape (bin, 2)
-        Edges of the input bins in keV.
-    area : ndarray, shape (bin,)
-        cm2.
-    redistribution : scipy.sparse.csr_array, shape (fine, bin)
-    files, notes
-        As `Response` has them.
-    """
-
-    rmf: FilePath
-    arf: FilePath | None
-    channel: NDArray[np.int64]
-    fine_channels: Array
-    energies: Array
-    area: Array
-    redistribution: Any
-    files: Mapping[str, str]
-    notes: tuple[str, ...]
-
-
-def read_detector(rmf: FilePath, arf: FilePath | None) -> Detector:
-    """Read an RMF, and the ARF that belongs to it.
-
-    Raises
-    ------
-    InputError
-        In one line that names the file, if one is missing or unreadable, or they do not fit together.
-    """
-    matrix = load("RMF", rmf, require("jaxspec.data.ogip", "xray").DataRMF.from_file)
-    redistribution = matrix.sparse_matrix.to_scipy_sparse().tocsr().astype(float)
-    area, redistribution, notes = _effective_area(rmf, arf, matrix, redistribution)
-    return Detector(
-        rmf,
-        arf,
-        np.asarray(matrix.channel),
-        np.stack([matrix.e_min, matrix.e_max], axis=1),
-        np.stack([matrix.energ_lo, matrix.energ_hi], axis=1),
-        area,
-        redistribution,
-        {role: sha256(path) for role, path in (("rmf", rmf), ("arf", arf)) if path is not None},
-        notes,
-    )
 
 
 def read_response(
@@ -136,54 +80,6 @@ def respond(
         notes=detector.notes,
         frame_time=None if spectrum is None else spectrum.frame_time,
     )
-
-
-def _effective_area(
-    rmf: FilePath, arf: FilePath | None, matrix: Any, redistribution: Any
-) -> tuple[Array, Any, tuple[str, ...]]:
-    """Area in cm2 per bin, the redistribution without it, and what was repaired."""
-    sums = np.asarray(redistribution.sum(axis=0)).ravel()
-    if arf is None:
-        # Probabilities add up to one at most; areas in cm2 to more.
-        if not matrix.includes_effective_area and sums.max(initial=0.0) <= 1.5:
-            raise InputError(f"RMF {rmf}: holds no effective area; give the ARF that belongs to it")
-        safe = np.where(sums > 0, sums, 1.0)
-        return sums, redistribution.multiply(1.0 / safe[None, :]).tocsr(), ()
-    if matrix.includes_effective_area:
-        raise InputError(f"RMF {rmf}: already includes the effective area; leave out the ARF {arf}")
-    theirs, area = load("ARF", arf, _read_arf)
-    ours = np.stack([matrix.energ_lo, matrix.energ_hi])
-    if ours.shape != theirs.shape:
-        raise InputError(
-            f"ARF {arf} has {theirs.shape[1]} energy bins and RMF {rmf} has {ours.shape[1]}; "
-            "they do not belong together"
-        )
-    difference = float(np.max(np.abs(ours - theirs) / (ours[1] - ours[0])))
-    if difference > 0.05:
-        raise InputError(
-            f"ARF {arf} and RMF {rmf}: their energy bins differ by up to {difference:.3g} of a bin; "
-            "make both on the same energy grid"
-        )
-    note = f"ARF edges differ from the RMF's by up to {difference:.1e} of a bin; the RMF's are used"
-    return area, redistribution, (note,) if difference > 0 else ()
-
-
-def _read_arf(path: Path) -> tuple[Array, Array]:
-    """Energy bins in keV ``(2, bin)`` and effective area in cm2.
-
-    Not jaxspec's reader, which refuses bins that overlap in the last digit: they only have to be recognised
-    as those of the RMF.
-    """
-    table = require("astropy.table", "xray").QTable.read(path, "SPECRESP")
-
-    def values(name: str, unit: str) -> Array:
-        values = table[name]
-        return np.asarray(values.to_value(unit) if getattr(values, "unit", None) else values, dtype=float)
-
-    area = values("SPECRESP", "cm2")
-    if not np.all(np.isfinite(area)) or np.any(area < 0):
-        raise InputError("holds areas that are negative or not finite; make it anew")
-    return np.stack([values("ENERG_LO", "keV"), values("ENERG_HI", "keV")]), area
 
 
 def match_channels(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gaugeblock.simulators.marginals import Normal
 from gaugeblock.simulators.prior import Prior
-from gaugeblock.simulators.xray.background_shape import WIDEST, MeasuredBackground
+from gaugeblock.simulators.xray.measured_background import WIDEST, MeasuredBackground
 from gaugeblock.simulators.xray.spectrum import Spectrum
 
 Array = NDArray[np.float64]

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from gaugeblock.errors import InputError
 from gaugeblock.simulators.xray.binning import grouped, resolution_grouping
+from gaugeblock.simulators.xray.detector import Detector, read_detector
 from gaugeblock.simulators.xray.files import FilePath, load, sha256
-from gaugeblock.simulators.xray.ogip import Detector, read_detector, respond
+from gaugeblock.simulators.xray.ogip import respond
 from gaugeblock.simulators.xray.pha import Pha, read_pha
 from gaugeblock.simulators.xray.response import Response
 from gaugeblock.simulators.xray.spectrum import Spectrum

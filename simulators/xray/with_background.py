@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,35 +13,13 @@ from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.segments import Segment
-from gaugeblock.simulators.xray.background_shape import MeasuredBackground
 from gaugeblock.simulators.xray.forward import FLOOR
+from gaugeblock.simulators.xray.measured_background import MeasuredBackground
 from gaugeblock.simulators.xray.poisson import jax_log_likelihood, log_likelihood, theta_array
+from gaugeblock.simulators.xray.siblings import Siblings
 from gaugeblock.streams import Rng
 
 Array = NDArray[np.float64]
-
-
-class Siblings:
-    """Sources made by adding effects, remembered for simulators that differ in their backgrounds alone.
-
-    They then share what has been compiled. The latest 64 are kept.
-    """
-
-    def __init__(self) -> None:
-        self._made: list[tuple[Any, Effect, Any]] = []
-
-    def extended(self, source: Any) -> Callable[[Effect], Any]:
-        """The source's `with_effect`, which gives the same object for the same effect."""
-
-        def with_effect(effect: Effect) -> Any:
-            for origin, known, made in self._made:
-                if origin is source and known == effect and known.kind == effect.kind:
-                    return made
-            made = source.with_effect(effect)
-            self._made = [*self._made[-63:], (source, effect, made)]
-            return made
-
-        return with_effect
 
 
 class WithBackground:

@@ -12,10 +12,12 @@ from scipy.stats import poisson
 from gaugeblock.discover.fit import fit
 from gaugeblock.errors import InputError
 from gaugeblock.simulators import Effect, Simulator, Uniform, can
+from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.segments import segments
 
 pytest.importorskip("jaxspec")
 from gaugeblock.simulators.xray import (
+    Response,
     Spectrum,
     XraySpectrum,
     data,
@@ -24,7 +26,8 @@ from gaugeblock.simulators.xray import (
     w_statistic,
     with_background,
 )
-from gaugeblock.simulators.xray.background_shape import BackgroundShape, MeasuredBackground
+from gaugeblock.simulators.xray.background_shape import BackgroundShape
+from gaugeblock.simulators.xray.measured_background import MeasuredBackground
 from gaugeblock.simulators.xray.w_statistic import profiled_background
 
 pytestmark = pytest.mark.usefixtures("xray_data")
@@ -95,9 +98,14 @@ def test_bad_channels_leave_less_background():
     assert shape.rate(np.log([3.0, 3.0])).round(9).tolist() == [3.0, 1.5]
 
 
-@pytest.mark.parametrize("effects", [(), (LINE, GAIN)])
-def test_the_jacobian_is_the_derivative(both, effects):
-    simulator = both if not effects else both.with_effect(effects[0]).with_effect(effects[1])
+@pytest.fixture(scope="module")
+def extended(both):
+    return both.with_effect(LINE).with_effect(GAIN)
+
+
+@pytest.mark.parametrize("changed", [False, True])
+def test_the_jacobian_is_the_derivative(both, extended, changed):
+    simulator = extended if changed else both
     at = simulator.prior.center
     jacobian = simulator.jacobian(at)
     for k, size in enumerate(np.maximum(np.abs(at), 1e-9) * 1e-5):
@@ -129,14 +137,14 @@ def test_batch_and_place_in_it_change_no_bit(both, theta, size):
     assert np.array_equal(both.expected(theta[-size:]), everything[-size:])
 
 
-def test_effects_act_on_the_source_alone_and_their_parameters_come_last(both, source, theta):
-    extended = both.with_effect(LINE).with_effect(GAIN)
+def test_effects_act_on_the_source_alone_and_their_parameters_come_last(both, extended, source, theta):
     assert extended.prior.names == (*both.prior.names, "emission_line_1.norm")
     assert extended.effects == (LINE, GAIN)
     longer = np.concatenate([theta[:4], np.full((4, 1), 5e-5)], axis=1)
     expected = extended.expected(longer)
     assert np.array_equal(expected[:, 102:], both.expected(theta[:4])[:, 102:])
-    plain = source.with_effect(LINE).with_effect(GAIN)
+    plain = extended.source
+    assert plain.effects == (LINE, GAIN)
     np.testing.assert_allclose(
         expected[:, :102] - plain.expected(longer[:, [0, 1, 2, 3, 4, -1]]),
         both.expected(theta[:4])[:, :102] - source.expected(theta[:4, :5]),
@@ -198,26 +206,28 @@ def test_the_background_of_mcg_6_is_followed(shared_file):
     assert excess(spectrum, knots=[0.4, 2.0, 10.0]) > 5.0
 
 
-def faint(exposure, number, knots):
-    """Simulated spectra in 5 eV channels, few of which hold any background count, and their simulator."""
+@pytest.fixture(scope="module")
+def bare():
+    """A power law in 5 eV channels."""
     names = (f"{data.EXAMPLE}PN.rmf", f"{data.EXAMPLE}PN.arf")
-    from gaugeblock.simulators.xray import Response
-
-    response = Response.from_ogip(*map(data.path, names), band=(0.5, 8.0), exposure=exposure)
+    response = Response.from_ogip(*map(data.path, names), band=(0.5, 8.0), exposure=800.0)
     prior = reference().prior
-    powerlaw = {name: prior.marginals[name] for name in ("tbabs_1.nh", "powerlaw_1.alpha", "powerlaw_1.norm")}
-    source = XraySpectrum("tbabs*powerlaw", response, type(prior)(powerlaw))
-    edges = response.channels
+    powerlaw = ("tbabs_1.nh", "powerlaw_1.alpha", "powerlaw_1.norm")
+    return XraySpectrum("tbabs*powerlaw", response, Prior({n: prior.marginals[n] for n in powerlaw}))
+
+
+def observed(source, number):
+    """A simulator with `number` counts of background, its theta, and 150 data of 250 counts of source."""
+    edges = source.channels
     level = np.exp(-edges.mean(axis=1) / 3.0) * (edges[:, 1] - edges[:, 0])
     rng = np.random.default_rng(3)
-    pilot = rng.poisson(number * level / level.sum())
-    both = with_background(source, pilot, 1.0, knots=knots)
+    both = with_background(source, rng.poisson(number * level / level.sum()), 1.0, knots=[0.5, 2.0, 8.0])
     at = np.concatenate([[0.25, 2.0, 3e-4], both.prior.center[3:]])
-    return both, at, both.simulate(np.tile(at, (300, 1)), rng)
+    return both, at, both.simulate(np.tile(at, (150, 1)), rng)
 
 
-def test_empty_channels_bias_the_w_statistic_and_not_the_joint_likelihood():
-    both, at, x = faint(exposure=800.0, number=400, knots=[0.5, 2.0, 8.0])
+def test_empty_channels_bias_the_w_statistic_and_not_the_joint_likelihood(bare):
+    both, at, x = observed(bare, 400)
     channels = x.shape[1] // 2
     assert (x[:, channels:] == 0).mean() > 0.66
     start = np.tile(at, (len(x), 1))
@@ -236,8 +246,8 @@ def test_empty_channels_bias_the_w_statistic_and_not_the_joint_likelihood():
     assert profiled.mean() < 0.3
 
 
-def test_a_source_is_found_under_a_background_that_dominates_it():
-    both, at, x = faint(exposure=800.0, number=8000, knots=[0.5, 2.0, 8.0])
+def test_a_source_is_found_under_a_background_that_dominates_it(bare):
+    both, at, x = observed(bare, 8000)
     share = both.source.expected(at[:3]).sum() / both.expected(at)[: x.shape[1] // 2].sum()
     assert share < 0.05
     joint = fit(both, x, start=np.tile(at, (len(x), 1)), fixed=("tbabs_1.nh", "powerlaw_1.alpha"))

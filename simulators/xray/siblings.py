@@ -1,0 +1,31 @@
+"""Simulators that differ in their backgrounds alone share what has been compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from gaugeblock.simulators.effects import Effect
+
+
+class Siblings:
+    """Sources made by adding effects, remembered for simulators that differ in their backgrounds alone.
+
+    They then share what has been compiled. The latest 64 are kept.
+    """
+
+    def __init__(self) -> None:
+        self._made: list[tuple[Any, Effect, Any]] = []
+
+    def extended(self, source: Any) -> Callable[[Effect], Any]:
+        """The source's `with_effect`, which gives the same object for the same effect."""
+
+        def with_effect(effect: Effect) -> Any:
+            for origin, known, made in self._made:
+                if origin is source and known == effect and known.kind == effect.kind:
+                    return made
+            made = source.with_effect(effect)
+            self._made = [*self._made[-63:], (source, effect, made)]
+            return made
+
+        return with_effect
