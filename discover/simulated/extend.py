@@ -1,0 +1,153 @@
+"""Fit the model with an effect, and compare fitted models with each other by learned log ratios."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.discover.candidates import Candidate
+from gaugeblock.discover.simulated.features import Features
+from gaugeblock.discover.simulated.fit import Budget, Observed, SimulatedFit, fit_simulated, inflation
+from gaugeblock.discover.simulated.model import Model
+from gaugeblock.discover.simulated.scores import Base, learn, simulate_base
+from gaugeblock.discover.simulated.search import Found
+
+Array = NDArray[np.float64]
+
+DISTINCT = 1e-3
+"""Combinations of scores that vary less than this, in units of the most varied one, are left out."""
+
+SHARE = 0.04
+"""Steps of scanned parameters, as a share of their prior's width."""
+
+
+@dataclass(frozen=True, eq=False)
+class Extended:
+    """A candidate fitted with everything else; `path` are all effects of the model, this one last.
+
+    `ratio` is the learned log ratio of this model over the one before.
+    """
+
+    candidate: Candidate
+    path: tuple[str, ...]
+    fit: SimulatedFit
+    ratio: LogRatio
+    gain: float
+
+    @property
+    def merit(self) -> float:
+        """Gain in log likelihood, as far as features tell, less the number of parameters (Akaike)."""
+        return self.gain - len(self.candidate.entry.parameters)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The effect's fitted parameters."""
+        return self.candidate.values(self.fit.state)
+
+    @property
+    def amplitude(self) -> tuple[float, float]:
+        """The amplitude and its standard error."""
+        index = self.candidate.amplitude_index
+        return float(self.fit.state[index]), float(self.fit.error[index])
+
+
+@dataclass(frozen=True, eq=False)
+class LogRatio:
+    """Log ratio of two models' densities of a data set, learned: ``weights . (features - middle)``.
+
+    Exact to second order in the difference of the two; its sign tells them apart however large that is.
+    Sought in the span of the learned scores of all effects and of the population: what tells one from another.
+    """
+
+    weights: Array
+    middle: Array
+
+    @classmethod
+    def learned(cls, scores: Array, numerator: Base, denominator: Base) -> LogRatio:
+        """From simulations of both models with the same random numbers; `scores` ``(score, feature)``."""
+        covariance = 0.5 * (numerator.covariance(scores) + denominator.covariance(scores))
+        scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        inverse = np.linalg.pinv(covariance / np.outer(scale, scale), rcond=DISTINCT, hermitian=True)
+        span = scores / scale[:, None]
+        weights = span.T @ (inverse @ (span @ (numerator.mean - denominator.mean)))
+        return cls(weights, 0.5 * (numerator.mean + denominator.mean))
+
+    def __call__(self, rows: Array) -> Array:
+        """Log ratio of each data set, features ``(n, feature)``."""
+        return np.asarray((rows - self.middle) @ self.weights)
+
+
+def extend(
+    candidate: Candidate,
+    path: tuple[str, ...],
+    found: Found,
+    before: SimulatedFit,
+    features: Features,
+    observed: Observed,
+    budget: Budget,
+) -> Extended:
+    """Fit one candidate, starting from its best scanned value and the amplitude that one step promises."""
+    entry = candidate.entry
+    best = found.best(candidate.key)
+    low, high = entry.parameters[entry.amplitude].support
+    departure = found.amplitude[best]
+    # No farther than a third of the prior, and never neutral: there the other parameters mean nothing.
+    departure = np.sign(departure or entry.step) * np.clip(
+        abs(departure), 0.1 * abs(entry.step), (high - low) / 3.0
+    )
+    steps = np.array([SHARE * np.ptp(marginal.support) for marginal in entry.parameters.values()])
+    steps[candidate.amplitude_index] = min(abs(entry.step), max(abs(departure), 0.2 * abs(entry.step)))
+    values = found.scores.node[best].copy()
+    values[candidate.amplitude_index] = np.clip(entry.neutral + departure, low, high)
+    model = before.model.extended(candidate.simulator, steps)
+    state = np.concatenate([before.state, values])
+    base = simulate_base(model, features, state, budget.simulations, budget.seed)
+    lesson = learn(
+        model, features, base, state, budget.differences, budget.seed + 1, known=before.lesson
+    )  # fmt: skip
+    fitted = fit_simulated(model, features, observed, budget, start=state, lesson=lesson)
+    return _compared(candidate, path, fitted, before, found, observed)
+
+
+def _compared(
+    candidate: Candidate,
+    path: tuple[str, ...],
+    fitted: SimulatedFit,
+    before: SimulatedFit,
+    found: Found,
+    observed: Observed,
+) -> Extended:
+    ratio = LogRatio.learned(found.span, fitted.base, before.base)
+    return Extended(candidate, path, fitted, ratio, float(ratio(observed.rows).sum()))
+
+
+def refine(
+    one: Extended, found: Found, before: SimulatedFit, features: Features, observed: Observed, budget: Budget
+) -> Extended:
+    """Learn all scores anew where the fit ended, and fit again: for amplitude and interval."""
+    fitted = fit_simulated(one.fit.model, features, observed, budget, start=one.fit.state, rounds=2)
+    return _compared(one.candidate, one.path, fitted, before, found, observed)
+
+
+def departure_from(rival: Extended, best: Extended, span: Array, observed: Observed) -> float:
+    """z of the data's departure from a fitted rival towards the best, were the rival true.
+
+    The log ratio of both, orthogonal to all that the rival has free: Cox's test with simulated moments.
+
+    References
+    ----------
+    Cox (1961), Proc. 4th Berkeley Symp. 1, 105.
+    """
+    base = rival.fit.base
+    weights = rival.fit.lesson.orthogonal(LogRatio.learned(span, best.fit.base, base).weights)
+    variance = float(base.variance(weights)) * inflation(len(observed), len(base.rows)) / len(observed)
+    return float(weights @ (observed.mean - base.mean) / np.sqrt(max(variance, 1e-300)))
+
+
+def refit(
+    model: Model, like: SimulatedFit, features: Features, observed: Observed, budget: Budget
+) -> SimulatedFit:
+    """Fit other data of the same kind with the scores that were learned before."""
+    return fit_simulated(model, features, observed, budget, start=like.state, lesson=like.lesson)

@@ -1,0 +1,170 @@
+"""Fit population and effects to the data's mean features: simulated moments, weighed by learned scores."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.discover.simulated.features import Features
+from gaugeblock.discover.simulated.model import Model
+from gaugeblock.discover.simulated.scores import Base, Lesson, learn, simulate_base
+
+Array = NDArray[np.float64]
+
+ROUNDS = 3
+"""Times that the scores are learned anew where the last fit ended."""
+
+STEPS = 4
+CLOSE = 0.1
+"""Standard errors of a step that are as good as none."""
+
+WEAK = 2.0
+"""Prior standard deviation of the hyper-parameters; at 30 data sets it weighs next to nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """What was measured, as features ``(n, feature)``."""
+
+    rows: Array
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @property
+    def mean(self) -> Array:
+        """Mean of each feature."""
+        return np.asarray(self.rows.mean(axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedFit:
+    """A model fitted to data: its state with covariance, simulations there, and the scores learned there.
+
+    `converged` where the last steps were small beside the errors.
+    """
+
+    model: Model
+    state: Array
+    covariance: Array
+    base: Base
+    lesson: Lesson
+    converged: bool
+
+    @property
+    def error(self) -> Array:
+        """Standard error of everything in the state."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+
+@dataclass(frozen=True)
+class Budget:
+    """How much is simulated: `simulations` at a state, a half of it for derivatives; and from which seed."""
+
+    simulations: int
+    seed: int
+
+    @property
+    def differences(self) -> int:
+        """Simulations on each side of a derivative."""
+        return max(self.simulations // 2, 500)
+
+
+def inflation(n: int, simulations: int) -> float:
+    """Factor on the variance of a mean over n data sets, for that the simulated mean has noise too."""
+    return 1.0 + n / simulations
+
+
+def fit_simulated(
+    model: Model,
+    features: Features,
+    observed: Observed,
+    budget: Budget,
+    *,
+    start: Array,
+    rounds: int = ROUNDS,
+    lesson: Lesson | None = None,
+) -> SimulatedFit:
+    """Find the state at which the mean of every learned score is that of the data.
+
+    Consistent whatever was learned: a poor score costs precision, not truth. All simulations come from one
+    seed, so that the mean is a steady function of the state.
+
+    Parameters
+    ----------
+    start : array, shape (state,)
+    rounds : int
+        Times that the scores are learned anew; none with a `lesson` given.
+    lesson : Lesson, optional
+        Learned before, at a state near by.
+
+    References
+    ----------
+    McFadden (1989), Econometrica 57, 995; Wood (2010), Nature 466, 1102.
+    """
+    n, simulations = len(observed), budget.simulations
+    state, found, close = np.clip(start, *model.bounds.T), lesson, False
+    base = simulate_base(model, features, state, simulations, budget.seed)
+    for _ in range(rounds if lesson is None else 1):
+        if lesson is None:
+            found = learn(model, features, base, state, budget.differences, budget.seed + 1)
+        assert found is not None
+        begin = state
+        state, base, last = _solve(model, features, observed, budget, found, state, base)
+        noise = _noise(found, base, n, simulations)
+        error = np.sqrt(np.maximum(np.diag(noise), 1e-300))
+        close = bool(np.all(np.abs(last) < 3.0 * CLOSE * error))
+        if close and np.all(np.abs(state - begin) < 3.0 * error):
+            break
+    assert found is not None
+    return SimulatedFit(model, state, _noise(found, base, n, simulations), base, found, close)
+
+
+def _solve(
+    model: Model,
+    features: Features,
+    observed: Observed,
+    budget: Budget,
+    lesson: Lesson,
+    state: Array,
+    base: Base,
+) -> tuple[Array, Base, Array]:
+    """Steps with the scores held; each is halved until it brings the means closer."""
+    hyper, mean, n = model.hyper, observed.mean, len(observed)
+    weak = np.zeros(len(state))
+    weak[:hyper] = 1.0 / (n * WEAK**2)
+    metric = np.linalg.pinv(base.covariance(lesson.weights), hermitian=True)
+
+    def distance(at: Base, where: Array) -> float:
+        left = lesson.weights @ (mean - at.mean)
+        return float(left @ metric @ left + (weak * where**2).sum())
+
+    last = np.zeros(len(state))
+    for _ in range(STEPS):
+        left = lesson.weights @ (mean - base.mean) - weak * state
+        step = np.linalg.lstsq(lesson.response + np.diag(weak), left, rcond=1e-6)[0]
+        limit = np.where(np.arange(len(state)) < hyper, 1.0, np.ptp(model.bounds, axis=1) / 3.0)
+        step *= min(1.0, float((limit / np.maximum(np.abs(step), 1e-300)).min()))
+        before, moved = distance(base, state), False
+        for _ in range(3):
+            target = np.clip(state + step, *model.bounds.T)
+            there = simulate_base(model, features, target, budget.simulations, budget.seed)
+            if distance(there, target) < before:
+                moved = True
+                break
+            step = step / 3.0
+        if not moved:
+            break
+        last, state, base = target - state, target, there
+        if np.all(np.abs(last) < CLOSE * np.sqrt(np.diag(_noise(lesson, base, n, budget.simulations)))):
+            break
+    return state, base, last
+
+
+def _noise(lesson: Lesson, base: Base, n: int, simulations: int) -> Array:
+    """Covariance of the fitted state: the scores' own, carried through their response (a sandwich)."""
+    scores = base.covariance(lesson.weights) * (inflation(n, simulations) / n)
+    inverse = np.linalg.pinv(lesson.response, rcond=1e-6)
+    return np.asarray(inverse @ scores @ inverse.T)

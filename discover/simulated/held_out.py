@@ -1,0 +1,108 @@
+"""Held-out data sets: each half of a catalogue judges models that were fitted to the other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.discover.simulated.extend import Extended, LogRatio, refit
+from gaugeblock.discover.simulated.features import Features
+from gaugeblock.discover.simulated.fit import Budget, Observed, SimulatedFit, inflation
+
+Array = NDArray[np.float64]
+
+FOLDS = 2
+RANDOM = 3
+SMALL = 1e-2
+BEFORE = "before"
+UNNAMED = "unnamed"
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutGap:
+    """Models judged on data that did not fit them.
+
+    `gain` (nats, over all folds) and `error` are of the learned log ratio over the model before; for decoys,
+    which have no simulator, of the same ratio with Gaussian moments. `gap` is the mean square of the moments.
+    """
+
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    gain: Array
+    error: Array
+    gap: Array
+
+    def of(self, name: str) -> tuple[float, float, float]:
+        """Gain, its error and gap of one model."""
+        row = self.names.index(name)
+        return float(self.gain[row]), float(self.error[row]), float(self.gap[row])
+
+
+def moments(fitted: SimulatedFit, features: Features, observed: Observed) -> Array:
+    """Moments ``(moment,)`` under a fitted model, orthogonal to everything in its state, of unit covariance.
+
+    Combinations of moments that hardly vary, those that were fitted among them, are 0.
+    """
+    weights = fitted.lesson.orthogonal(features.moments())
+    covariance = fitted.base.covariance(weights)
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    noise = np.sqrt(inflation(len(observed), len(fitted.base.rows)) / len(observed))
+    z = vectors.T @ (weights @ (observed.mean - fitted.base.mean) / scale) / noise
+    return np.asarray(np.where(values > SMALL, z / np.sqrt(np.maximum(values, SMALL)), 0.0))
+
+
+def gap(fitted: SimulatedFit, features: Features, observed: Observed) -> float:
+    """Mean square of the moments: about 1, or a little less, where the model holds."""
+    return float((moments(fitted, features, observed) ** 2).mean())
+
+
+def held_out(
+    before: SimulatedFit,
+    models: Mapping[str, Extended],
+    span: Array,
+    features: Features,
+    observed: Observed,
+    budget: Budget,
+    *,
+    rng: np.random.Generator,
+) -> HeldOutGap:
+    """Fit each model to either half of the data sets, judge it on the other; the first model is the named one.
+
+    Log ratios are sought in the span ``(score, feature)`` of learned scores.
+
+    Decoys live in the space of the moments of the model before: `unnamed` moves all of them, shrunk
+    (James & Stein 1961), random shapes move them along one direction each.
+    """
+    fold = rng.permutation(np.arange(len(observed)) % FOLDS)
+    names = (BEFORE, *models, UNNAMED, *(f"random {i + 1}" for i in range(RANDOM)))
+    kinds = (BEFORE, *("rival" if i else "named" for i in range(len(models))), UNNAMED, *["random"] * RANDOM)
+    size = 2 * features.coordinates
+    shapes = rng.normal(size=(RANDOM, size))
+    shapes /= np.linalg.norm(shapes, axis=1, keepdims=True)
+    scores: list[list[Array]] = [[] for _ in names]
+    gaps = np.zeros((len(names), FOLDS))
+    for k in range(FOLDS):
+        fitting, judging = Observed(observed.rows[fold != k]), Observed(observed.rows[fold == k])
+        plain = refit(before.model, before, features, fitting, budget)
+        there, here = moments(plain, features, fitting), moments(plain, features, judging)
+        gaps[0, k] = (here**2).mean()
+        scores[0].append(np.zeros(len(judging)))
+        for row, one in enumerate(models.values(), start=1):
+            fitted = refit(one.fit.model, one.fit, features, fitting, budget)
+            scores[row].append(LogRatio.learned(span, fitted.base, plain.base)(judging.rows))
+            gaps[row, k] = gap(fitted, features, judging)
+        shrink = max(0.0, 1.0 - 1.0 / float((there**2).mean()))
+        moved = [shrink * there, *((shape @ there) * shape for shape in shapes)]
+        for row, move in enumerate(moved, start=1 + len(models)):
+            gaps[row, k] = ((here - move) ** 2).mean()
+            won = 0.5 * size * (gaps[0, k] - gaps[row, k])
+            scores[row].append(np.full(len(judging), won / len(judging)))
+    each = [np.concatenate(parts) for parts in scores]
+    return HeldOutGap(
+        names, kinds, np.array([s.sum() for s in each]),
+        np.array([s.std() * np.sqrt(len(s)) for s in each]), gaps.mean(axis=1),
+    )  # fmt: skip

@@ -1,0 +1,70 @@
+"""The population: how the parameters of the data sets are distributed, itself to be fitted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from gaugeblock.simulators.prior import Prior
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Population:
+    """Gaussian in the prior's normal scores: mean ``centre + root u``, covariance that of ``root L normal``.
+
+    L is lower triangular with ``exp(log_scale)`` on its diagonal. The hyper-parameters are u and, for a
+    population of several data sets, the log scales and what is below L's diagonal; all of them 0 is the
+    reference, which for a catalogue is the prior itself. Around a single data set only u is free, in units
+    of the posterior's width, and `width` makes the population so narrow that it is a point.
+    """
+
+    prior: Prior
+    centre: Array
+    root: Array
+    shape_free: bool = True
+    width: float = 1.0
+
+    @classmethod
+    def of(cls, prior: Prior) -> Population:
+        """The prior, with a free mean and covariance."""
+        return cls(prior, np.zeros(prior.size), np.eye(prior.size))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the hyper-parameters."""
+        own = self.prior.names
+        found = [f"mean[{name}]" for name in own]
+        if self.shape_free:
+            found += [f"log_sd[{name}]" for name in own]
+            found += [
+                f"mixing[{own[i]},{own[j]}]" for i, j in zip(*np.tril_indices(len(own), -1), strict=True)
+            ]
+        return tuple(found)
+
+    @property
+    def steps(self) -> Array:
+        """Steps over which derivatives by the hyper-parameters are taken."""
+        return np.full(len(self.names), 0.15 if self.shape_free else 0.5)
+
+    @property
+    def bounds(self) -> Array:
+        """Lowest and highest value of every hyper-parameter, ``(hyper, 2)``."""
+        p = self.prior.size
+        found = np.tile([-4.0, 4.0], (len(self.names), 1))
+        found[p : 2 * p] = [-3.0, 1.0]  # from a twentieth of the prior's width to beyond it
+        return found
+
+    def theta(self, hyper: Array, normal: Array) -> Array:
+        """Parameters ``(n, parameter)`` from standard normal numbers of that shape."""
+        p = self.prior.size
+        shape = np.eye(p)
+        if self.shape_free:
+            np.fill_diagonal(shape, np.exp(hyper[p : 2 * p]))
+            shape[np.tril_indices(p, -1)] = hyper[2 * p :]
+        z = self.centre + (hyper[:p] + self.width * (normal @ shape.T)) @ self.root.T
+        return self.prior.from_unit_cube(np.clip(ndtr(z), 1e-12, 1.0 - 1e-12))

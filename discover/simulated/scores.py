@@ -1,0 +1,162 @@
+"""Scores and information learned from simulations: the regression of the score on features of the data.
+
+The score t(x) = d log p(x | a) / da of an effect's amplitude, with everything else integrated out, is not known for
+a simulator that can only simulate; its regression on features needs no more than their mean's derivative, for
+E[t f] = dE[f] / da. So the weights are ``covariance^-1 dE[f] / da``, in closed form, from simulations on either
+side: what SALLY's network learns by descent, where the joint score is at hand, is learned here where it is not.
+Simulations are dealt into two halves: ridge and response come from the half that did not make the weights.
+
+References
+----------
+Brehmer, Louppe, Pavez & Cranmer (2020), PNAS 117, 5242 (SALLY); Alsing & Wandelt (2018), MNRAS 476, L60.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.discover.simulated.features import Features
+from gaugeblock.discover.simulated.model import Model
+
+Array = NDArray[np.float64]
+
+RIDGES = (1e-4, 1e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Base:
+    """Simulations of one state of a model, as features ``(n, feature)``, with their mean and spread."""
+
+    rows: Array
+    mean: Array
+    scale: Array
+    values: Array
+    vectors: Array
+
+    @classmethod
+    def of(cls, rows: Array) -> Base:
+        """From features of simulated data."""
+        mean, scale = rows.mean(axis=0), rows.std(axis=0)
+        scale = np.where(scale > 1e-9, scale, np.inf)  # what never varies has no part in any score
+        standard = (rows - mean) / scale
+        values, vectors = np.linalg.eigh(standard.T @ standard / len(rows))
+        return cls(rows, mean, scale, np.maximum(values, 0.0), vectors)
+
+    def covariance(self, weights: Array) -> Array:
+        """Covariance of scores with the given weights ``(score, feature)``."""
+        along = (weights * self._scale) @ self.vectors
+        return np.asarray((along * self.values) @ along.T)
+
+    def variance(self, weights: Array) -> Array:
+        """Variance of scores with the given weights ``(..., feature)``."""
+        along = (weights * self._scale) @ self.vectors
+        return np.asarray((along**2 * self.values).sum(axis=-1))
+
+    @property
+    def _scale(self) -> Array:
+        return np.where(np.isfinite(self.scale), self.scale, 0.0)
+
+    def learn(self, halves: Array) -> Array:
+        """Weights ``(2, feature)`` of a score, one from each of two estimates ``(2, feature)`` of dE[f].
+
+        The ridge is the one whose weights from one half respond best, for their noise, in the other.
+        """
+        along = (halves / self.scale) @ self.vectors
+        best, chosen = -np.inf, along
+        for ridge in RIDGES:
+            weights = along / (self.values + ridge)
+            across = (weights * along[::-1]).sum(axis=1)
+            noise = (weights**2 * self.values).sum(axis=1)
+            merit = float((np.sign(across) * across**2 / np.maximum(noise, 1e-300)).mean())
+            if merit > best:
+                best, chosen = merit, weights
+        return np.asarray(chosen @ self.vectors.T / self.scale)
+
+
+def simulate_base(model: Model, features: Features, state: Array, number: int, seed: int) -> Base:
+    """Features of so many simulations at one state."""
+    return Base.of(features(model.draw(state, number, seed)))
+
+
+def derivative(model: Model, features: Features, state: Array, index: int, number: int, seed: int) -> Array:
+    """Two independent estimates ``(2, feature)`` of the derivative of the mean features by one of the state.
+
+    From both sides where the bounds leave room, else from one.
+    """
+    low, high = model.bounds[index]
+    step = model.steps[index]
+    ends = np.clip([state[index] - step, state[index] + step], low, high)
+    sides = []
+    for end in ends:
+        moved = state.copy()
+        moved[index] = end
+        sides.append(features(model.draw(moved, number, seed)))
+    difference = (sides[1] - sides[0]) / (ends[1] - ends[0])
+    return np.stack([half.mean(axis=0) for half in np.array_split(difference, 2)])
+
+
+@dataclass(frozen=True, eq=False)
+class Lesson:
+    """Scores of everything in a model's state, learned at one state.
+
+    `halves` ``(state, 2, feature)`` are two estimates of the mean features' derivatives, `learned` of the same
+    shape the weights made from each. `response` ``(state, state)`` says how each score's mean (row) answers to
+    each of the state (column), from the half that did not make it.
+    """
+
+    state: Array
+    learned: Array
+    halves: Array
+
+    @property
+    def weights(self) -> Array:
+        """Weights of the scores, ``(state, feature)``."""
+        return np.asarray(self.learned.mean(axis=1))
+
+    @property
+    def slope(self) -> Array:
+        """Derivatives of the mean features, ``(state, feature)``."""
+        return np.asarray(self.halves.mean(axis=1))
+
+    @property
+    def response(self) -> Array:
+        """How the scores' means answer to the state."""
+        first, second = (self.learned[:, k] @ self.halves[:, 1 - k].T for k in (0, 1))
+        return np.asarray(0.5 * (first + second))
+
+    def extended(self, state: Array, learned: Array, halves: Array) -> Lesson:
+        """With scores of what was added to the state."""
+        return Lesson(state, np.concatenate([self.learned, learned]), np.concatenate([self.halves, halves]))
+
+    def orthogonal(self, weights: Array) -> Array:
+        """Weights ``(..., feature)`` less what any of the state could bring about in them to first order."""
+        share = np.linalg.solve(self.response.T, self.slope @ np.atleast_2d(weights).T)
+        return np.asarray(weights - (share.T @ self.weights).reshape(np.shape(weights)))
+
+
+def learn(
+    model: Model,
+    features: Features,
+    base: Base,
+    state: Array,
+    number: int,
+    seed: int,
+    *,
+    known: Lesson | None = None,
+) -> Lesson:
+    """Learn the scores of everything in the state, from `number` simulations on each side of each.
+
+    The first ones are taken over where a lesson is given that has them already.
+    """
+    first = 0 if known is None else len(known.state)
+    halves = np.array(
+        [
+            derivative(model, features, state, index, number, seed + index)
+            for index in range(first, len(state))
+        ]
+    )
+    learned = np.array([base.learn(pair) for pair in halves])
+    return Lesson(state, learned, halves) if known is None else known.extended(state, learned, halves)

@@ -1,0 +1,178 @@
+"""Score tests of every effect at every scanned value, from learned scores, with a null that is simulated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.discover.candidates import Candidates
+from gaugeblock.discover.simulated.features import Features
+from gaugeblock.discover.simulated.fit import Budget, Observed, SimulatedFit, inflation
+from gaugeblock.discover.simulated.scores import Base, derivative
+
+Array = NDArray[np.float64]
+
+SCAN_SEED = 1000
+"""Seeds of the scan's simulations begin so far behind the fit's."""
+
+CELLS = 2_000_000
+"""Numbers gathered at once when the null is drawn."""
+
+
+@dataclass(frozen=True, eq=False)
+class LearnedScores:
+    """Scores of every effect at every scanned value, before anything that was fitted is projected out.
+
+    `owner` ``(score,)`` names the effect, `node` ``(score,)`` its parameters' values; `learned` and `halves`
+    ``(score, 2, feature)`` are weights and the derivatives they were made from, as in `Lesson`; `sign` is 0
+    where the amplitude may go both ways, else the way it may go.
+    """
+
+    owner: NDArray[np.str_]
+    node: tuple[Array, ...]
+    learned: Array
+    halves: Array
+    sign: NDArray[np.int64]
+
+    def allowed(self, z: Array) -> Array:
+        """z ``(..., score)`` counted in the direction that the amplitude may take."""
+        return np.where(self.sign == 0, np.abs(z), z * self.sign)
+
+
+def learn_effects(
+    candidates: Candidates, fitted: SimulatedFit, features: Features, budget: Budget
+) -> LearnedScores:
+    """Learn the score of every effect at the fitted state; all effects see the same random numbers."""
+    owner, node, learned, halves, sign = [], [], [], [], []
+    for candidate in candidates:
+        entry = candidate.entry
+        model = fitted.model.extended(candidate.simulator, np.full(len(entry.parameters), abs(entry.step)))
+        index = len(model.steps) + candidate.amplitude_index
+        for values in entry.nodes:
+            neutral = values.copy()
+            neutral[candidate.amplitude_index] = entry.neutral
+            state = np.concatenate([fitted.state, neutral])
+            seed = budget.seed + SCAN_SEED
+            pair = derivative(model, features, state, index, budget.differences, seed)
+            owner.append(candidate.key)
+            node.append(values)
+            halves.append(pair)
+            learned.append(fitted.base.learn(pair))
+            sign.append(0 if entry.two_sided else int(np.sign(entry.step)))
+    return LearnedScores(np.array(owner), tuple(node), np.array(learned), np.array(halves), np.array(sign))
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What learned scores find in the data, orthogonal to everything that was fitted.
+
+    `z`, `amplitude` (departure from neutral, one step), `error`, `information` (of a data set) and `kept`
+    (its share after projection) are ``(score,)``. `moment_z` ``(2 coordinate,)`` says how far each
+    coordinate is off in the mean, and the square along each principal axis. The nulls ``(replicate,)`` hold
+    of each simulated catalogue the largest allowed z, the largest moment and the mean square of all moments.
+    """
+
+    scores: LearnedScores
+    z: Array
+    amplitude: Array
+    error: Array
+    information: Array
+    kept: Array
+    moment_z: Array
+    null_largest: Array
+    null_moment: Array
+    null_square: Array
+    span: Array
+    """Weights ``(score, feature)`` of all scores that were learned, the fitted state's among them."""
+
+    @property
+    def allowed(self) -> Array:
+        """z in the direction that the amplitude may take."""
+        return self.scores.allowed(self.z)
+
+    @property
+    def p_effects(self) -> float:
+        """Global p over the library, all scanned values counted."""
+        return beyond(self.null_largest, float(self.allowed.max()))
+
+    @property
+    def p_moments(self) -> float:
+        """Global p over the moments: the largest one, and all together (Bonferroni)."""
+        largest = beyond(self.null_moment, float(np.abs(self.moment_z).max()))
+        return min(1.0, 2.0 * min(largest, beyond(self.null_square, float((self.moment_z**2).mean()))))
+
+    @property
+    def p_global(self) -> float:
+        """Global p of any disagreement (Bonferroni)."""
+        return min(1.0, 2.0 * min(self.p_effects, self.p_moments))
+
+    def best(self, key: str) -> int:
+        """The score of an effect with the largest allowed z."""
+        mine = np.flatnonzero(self.scores.owner == key)
+        return int(mine[np.argmax(self.allowed[mine])])
+
+
+def beyond(null: Array, value: float) -> float:
+    """Share of a simulated null at or beyond a value, the data counted among them."""
+    return float((1 + np.count_nonzero(null >= value - 1e-12)) / (1 + len(null)))
+
+
+def find(
+    scores: LearnedScores,
+    fitted: SimulatedFit,
+    features: Features,
+    observed: Observed,
+    *,
+    replicates: int,
+    rng: np.random.Generator,
+) -> Found:
+    """Test learned scores on the data, beside catalogues of as many data sets simulated from the fit.
+
+    A simulated catalogue is drawn from the fit's simulations; that its population would be fitted anew is
+    taken into account to first order, by the projection. Scores learned at another state keep their size;
+    only their power suffers.
+    """
+    base, lesson, n = fitted.base, fitted.lesson, len(observed)
+    first, second = (lesson.orthogonal(scores.learned[:, k]) for k in (0, 1))
+    weights = np.concatenate([0.5 * (first + second), lesson.orthogonal(features.moments())])
+    sd = np.sqrt(np.maximum(base.variance(weights), 1e-300))
+    factor = inflation(n, len(base.rows))
+    error = sd * np.sqrt(factor / n)
+    difference = weights @ (observed.mean - base.mean)
+    z = difference / error
+    drawn = resampled((base.rows - base.mean) @ (weights / sd[:, None]).T, n, replicates, rng) * np.sqrt(n)
+    j = len(scores.learned)
+    response = 0.5 * ((first * scores.halves[:, 1]).sum(axis=1) + (second * scores.halves[:, 0]).sum(axis=1))
+    answer = np.where(response > 0, response, np.inf)
+    information = response**2 / sd[:j] ** 2
+    return Found(
+        scores,
+        z[:j],
+        difference[:j] / answer,
+        error[:j] / answer,
+        information,
+        np.clip(information / np.maximum(_unprojected(scores, base), 1e-300), 0.0, 1.0),
+        z[j:],
+        scores.allowed(drawn[:, :j]).max(axis=1),
+        np.abs(drawn[:, j:]).max(axis=1),
+        (drawn[:, j:] ** 2).mean(axis=1),
+        np.concatenate([lesson.weights, scores.learned.mean(axis=1)]),
+    )
+
+
+def _unprojected(scores: LearnedScores, base: Base) -> Array:
+    """Information ``(score,)`` of a data set were nothing else free."""
+    response = 0.5 * (scores.learned * scores.halves[:, ::-1]).sum(axis=(1, 2))
+    return np.asarray(response**2 / np.maximum(base.variance(scores.learned.mean(axis=1)), 1e-300))
+
+
+def resampled(rows: Array, n: int, replicates: int, rng: np.random.Generator) -> Array:
+    """Means over n rows drawn at random, ``(replicate, column)``, rows drawn a replicate at a time."""
+    chunk = max(1, CELLS // (n * rows.shape[1]))
+    found = []
+    for start in range(0, replicates, chunk):
+        index = rng.integers(0, len(rows), size=(min(chunk, replicates - start), n))
+        found.append(rows[index].mean(axis=1))
+    return np.concatenate(found)
