@@ -1,49 +1,57 @@
 """How far a truth lies from the best that every effect of the library can do, in sigma, without noise.
 
 The square of a distance is the deviance of the best fit to noise-free counts: twice the log likelihood that a
-test between the two would win on average.
+test between the two would win on average. Every rival is first placed where score tests like it best; those that
+seem near are then fitted with all their parameters free.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.candidates import Candidate, candidates
+from gaugeblock.discover.candidates import Candidate, Candidates
 from gaugeblock.discover.fit import Fit, fit
 from gaugeblock.discover.name.score import allowed, scores
 
 Array = NDArray[np.float64]
-Progress = Callable[[str, int, int], None]
 
-TRIES = 3
+TRIES = 2
+"""Places at which a rival's fit begins."""
 
-CHUNK = 64
-"""Spectra whose templates are held at once."""
+FITTED = 3
+"""Rivals that are always fitted, the nearest first."""
+
+DOUBT = 1.5
+"""A rival is fitted too if score tests put it at no more than this many times the nearest distance found."""
+
+BLOCK = 128
 
 
-def distances(
-    simulator: Any, mean: Array, scale: Array, *, progress: Progress | None = None, tries: int = TRIES
-) -> dict[str, Array]:
-    """Distance of expected counts ``(n, channel)`` from each rival ``(n,)``; ``nothing`` is the plain model.
+class Blocks:
+    """A simulator that is asked about `BLOCK` rows at a time, always: one shape to compile."""
 
-    Rivals begin at the scanned values that noise-free score tests favour, and are then fitted freely.
-    """
-    base = fit(simulator, mean, scale=scale)
-    found = {"nothing": deviance(mean, base.expected)}
-    rivals = candidates(simulator, base.theta)
-    for number, rival in enumerate(rivals):
-        start = starts(rival, mean, scale, base, tries)
-        fitted = fit(rival.simulator, mean, scale=scale, start=start)
-        found[rival.entry.name] = np.minimum(
-            found.get(rival.entry.name, np.inf), np.minimum(found["nothing"], deviance(mean, fitted.expected))
-        )
-        if progress is not None:
-            progress("distances", number + 1, len(rivals))
-    return {name: np.sqrt(np.maximum(value, 0.0)) for name, value in found.items()}
+    def __init__(self, simulator: Any):
+        self.prior = simulator.prior
+        self._simulator = simulator
+
+    def _in_blocks(self, function: Any, theta: Any) -> Array:
+        rows = np.asarray(theta, dtype=float)
+        short = -len(rows) % BLOCK
+        padded = np.concatenate([rows, np.repeat(rows[-1:], short, axis=0)])
+        made = [function(padded[i : i + BLOCK]) for i in range(0, len(padded), BLOCK)]
+        return np.concatenate(made)[: len(rows)]
+
+    def expected(self, theta: Any) -> Array:
+        """Expected counts ``(n, channel)``."""
+        return self._in_blocks(self._simulator.expected, theta)
+
+    def jacobian(self, theta: Any) -> Array:
+        """Their derivative ``(n, channel, parameter)``."""
+        return self._in_blocks(self._simulator.jacobian, theta)
 
 
 def deviance(mean: Array, other: Array) -> Array:
@@ -52,14 +60,51 @@ def deviance(mean: Array, other: Array) -> Array:
     return np.asarray(2.0 * (safe * np.log(safe / np.maximum(other, 1e-12)) - safe + other).sum(axis=1))
 
 
-def starts(rival: Candidate, mean: Array, scale: Array, base: Fit, tries: int) -> Array:
-    """Extended theta ``(n, try, parameter)`` where noise-free score tests are largest."""
-    return np.concatenate(
-        [
-            _starts(rival, mean[rows], scale[rows], _rows(base, rows), tries)
-            for rows in (slice(i, i + CHUNK) for i in range(0, len(mean), CHUNK))
-        ]
-    )
+def distances(
+    library: Candidates, mean: Array, scale: Array, own: Iterable[tuple[str, ...]]
+) -> dict[str, Array]:
+    """Distance of expected counts ``(n, channel)`` from each rival ``(n,)``; ``nothing`` is the plain model.
+
+    `own` are the names that each case hides: they are no rivals to it. Distances of rivals that are far away
+    are what score tests say.
+    """
+    plain = Blocks(library.simulator)
+    base = fit(plain, mean, scale=scale, bank=4 * BLOCK)
+    nothing = np.maximum(deviance(mean, base.expected), 0.0)
+    names, mine = list(library.entries), list(own)
+    bound, start = np.zeros((len(names), len(mean))), []
+    for k, name in enumerate(names):
+        gain, places = _placed(library[name], mean, scale, base)
+        bound[k] = np.maximum(nothing - gain, 0.0)
+        start.append(places)
+    rivals = np.array([[name not in hidden for hidden in mine] for name in names])
+    fitted = np.zeros_like(rivals)
+    wanted = rivals & (_rank(np.where(rivals, bound, np.inf)) < FITTED)
+    while wanted.any():
+        for k in np.flatnonzero(wanted.any(axis=1)):
+            rows = np.flatnonzero(wanted[k])
+            model = Blocks(library[names[k]].simulator)
+            found = fit(model, mean[rows], scale=scale[rows], start=start[k][rows])
+            bound[k, rows] = np.clip(deviance(mean[rows], found.expected), 0.0, nothing[rows])
+        fitted |= wanted
+        nearest = np.where(fitted & rivals, bound, np.inf).min(axis=0)
+        wanted = rivals & ~fitted & (bound <= DOUBT**2 * nearest)
+    return {"nothing": np.sqrt(nothing), **{name: np.sqrt(bound[k]) for k, name in enumerate(names)}}
+
+
+def _rank(values: Array) -> NDArray[np.int64]:
+    return np.asarray(np.argsort(np.argsort(values, axis=0), axis=0))
+
+
+def _placed(rival: Candidate, mean: Array, scale: Array, base: Fit) -> tuple[Array, Array]:
+    """What noise-free scores promise ``(n,)``, and extended theta ``(n, try, parameter)`` where they do."""
+    gains, places = [], []
+    for i in range(0, len(mean), BLOCK // 2):
+        rows = slice(i, i + BLOCK // 2)
+        gain, place = _some(rival, mean[rows], scale[rows], _rows(base, rows))
+        gains.append(gain)
+        places.append(place)
+    return np.concatenate(gains), np.concatenate(places)
 
 
 def _rows(base: Fit, rows: slice) -> Fit:
@@ -74,7 +119,7 @@ def _rows(base: Fit, rows: slice) -> Fit:
     )
 
 
-def _starts(rival: Candidate, mean: Array, scale: Array, base: Fit, tries: int) -> Array:
+def _some(rival: Candidate, mean: Array, scale: Array, base: Fit) -> tuple[Array, Array]:
     entry, nodes, n = rival.entry, rival.entry.nodes, len(mean)
     theta = np.concatenate(
         [
@@ -83,17 +128,22 @@ def _starts(rival: Candidate, mean: Array, scale: Array, base: Fit, tries: int) 
         ],
         axis=-1,
     )
-    shape = theta.shape
-    at = np.asarray(rival.simulator.expected(theta.reshape(n * len(nodes), -1))).reshape(n, len(nodes), -1)
+    at = Blocks(rival.simulator).expected(theta.reshape(n * len(nodes), -1)).reshape(n, len(nodes), -1)
     tested = scores(mean, base, (at * scale[:, None, None] - base.expected[:, None]) / entry.step)
     side = np.full(len(nodes), 0 if entry.two_sided else int(np.sign(entry.step)))
-    best = np.argsort(-allowed(tested.z, side), axis=1)[:, :tries]
+    z = allowed(tested.z, side)
+    best = np.argsort(-z, axis=1)[:, :TRIES]
     chosen = np.take_along_axis(theta, best[..., None], axis=1)
-    low, high = entry.parameters[entry.amplitude].support
     step = np.take_along_axis(tested.amplitude, best, axis=1)
-    least = 0.05 * abs(entry.step)
-    sign = np.where(step == 0, np.sign(entry.step), np.sign(step)) if entry.two_sided else np.sign(entry.step)
-    amplitude = entry.neutral + sign * np.maximum(np.abs(step) * (sign * step > 0), least)
+    chosen[..., rival.amplitude_index] = begun(entry, step)
+    return np.maximum(z.max(axis=1), 0.0) ** 2, chosen
+
+
+def begun(entry: Any, step: Array) -> Array:
+    """Amplitudes a step from neutral, never at neutral itself, where the other parameters do nothing."""
+    low, high = entry.parameters[entry.amplitude].support
+    side = np.sign(step) if entry.two_sided else np.full_like(step, np.sign(entry.step))
+    side = np.where(side == 0, np.sign(entry.step), side)
     margin = 1e-6 * (high - low)
-    chosen[..., rival.amplitude_index] = np.clip(amplitude, low + margin, high - margin)
-    return np.asarray(chosen.reshape(n, best.shape[1], shape[-1]))
+    moved = entry.neutral + side * np.maximum(side * step, 0.05 * abs(entry.step))
+    return np.asarray(np.clip(moved, low + margin, high - margin))

@@ -222,15 +222,14 @@ def area_error(rng: Rng, sd: float) -> dict[str, Any]:
 
 
 def theta(rng: Rng, *, surface: bool, edge: bool) -> Theta:
-    """From the bulk of the reference prior, or with every parameter within 3% of one of its ends."""
-    unit = rng.uniform(0.0, 0.03, 5) if edge else rng.uniform(0.1, 0.9, 5)
+    """Parameters of one source.
+
+    Column, index and temperature come from the bulk of the reference prior, or from within 3% of its ends; norms
+    from the middle of it, so that all sources are about as bright and exposure decides how many counts there are.
+    """
+    unit = rng.uniform(0.0, 0.03, 3) if edge else rng.uniform(0.1, 0.9, 3)
     if edge:
-        unit = np.where(rng.random(5) < 0.5, unit, 1.0 - unit)
-    values = (
-        0.15 + 0.2 * unit[0],
-        1.0 + 2.0 * unit[1],
-        10.0 ** (-4.0 + 2.0 * unit[2]),
-        0.3 + 2.7 * unit[3],
-        10.0 ** (-2.0 + 2.0 * unit[4]),
-    )
+        unit = np.where(rng.random(3) < 0.5, unit, 1.0 - unit)
+    norm, area = log_uniform(rng, 6e-4, 2e-3), log_uniform(rng, 0.05, 0.4)
+    values = (0.15 + 0.2 * unit[0], 1.0 + 2.0 * unit[1], norm, 0.3 + 2.7 * unit[2], area)
     return tuple(map(float, values if surface else values[:3]))

@@ -24,6 +24,9 @@ BACKGROUND = 30.0
 SIGMA = (5.5, 15.0)
 """Wanted distance from the nearest rival."""
 
+CATALOGUE_SIGMA = (10.0, 30.0)
+"""Wanted distance of a catalogue from the plain model; that from the nearest rival is what it comes to."""
+
 
 @dataclass(frozen=True)
 class Stratum:

@@ -1,0 +1,74 @@
+"""The engine under test: `gaugeblock.discover`, told nothing but counts, exposures and the claimed model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from gaugeblock.discover import Candidates, Discovery, Sources, candidates, discover
+from studies.hidden.distance import distances
+from studies.hidden.runner import Engine
+from studies.hidden.score import Found
+from studies.hidden.seal import Case
+from studies.hidden.setups import simulator
+from studies.hidden.shared_distance import shared_distances
+from studies.hidden.strata import BRIGHT
+
+REPLICATES = 499
+"""Simulated data sets behind a global p."""
+
+TYPICAL = {"powerlaw_1.norm": 2e-3, "blackbodyrad_1.norm": 0.4}
+"""The brightest sources: a library scaled for them can be shared by all cases of a setup."""
+
+
+@cache
+def library(setup: str) -> Candidates:
+    """The candidates of a setup, worked in once."""
+    model = simulator(setup)
+    theta = [TYPICAL.get(name, marginal.center) for name, marginal in model.prior.marginals.items()]
+    return candidates(model, np.array([theta]))
+
+
+def engine() -> Engine:
+    """Discovery on one case at a time, compiled functions shared."""
+
+    def search(case: Case, seed: int) -> Found:
+        sources = Sources.of(simulator(case.setup), case.counts, scale=case.exposure / BRIGHT)
+        shared = None if len(case.counts) > 1 else library(case.setup)
+        return found(case.number, discover(sources, seed=seed, replicates=REPLICATES, library=shared))
+
+    return search
+
+
+def found(number: int, discovery: Discovery) -> Found:
+    """What a discovery says, in the words of the study."""
+    summary: Mapping[str, Any] = discovery.summary
+    gap, withdrawn = summary["gap"]["held_out"], summary.get("withdrawn") or {}
+    return Found(
+        number=number,
+        named=discovery.named or "",
+        named_all=tuple(discovery.named_all),
+        alike=tuple(discovery.indistinguishable),
+        p_global=discovery.p_global,
+        amplitude={
+            one["effect"]: (float(one["value"]), *map(float, one["interval"]))
+            for one in reversed(summary.get("amplitude") or [])
+        },
+        gap=tuple(float("nan") if gap[side] is None else float(gap[side]) for side in ("before", "after")),
+        withdrawn=str(withdrawn.get("effect", "")),
+        why="; ".join(map(str, summary.get("remarks") or [])),
+        seconds=0.0,
+    )
+
+
+def apart(setup: str, mean: Any, scale: Any, own: Any) -> dict[str, Any]:
+    """Distances of single spectra, with the engine's own simulators and library."""
+    return distances(library(setup), mean, scale, own)
+
+
+def apart_shared(setup: str, mean: Any, scale: Any, own: Any) -> dict[str, float]:
+    """Distances of a catalogue."""
+    return shared_distances(library(setup), mean, scale, own)

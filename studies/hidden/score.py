@@ -1,0 +1,151 @@
+"""Was the answer right? One row a case, once the answers are open."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from studies.hidden.design import nearest
+from studies.hidden.draws import AMPLITUDE
+from studies.hidden.hidden_effects import LIBRARY
+from studies.hidden.seal import Answer
+from studies.hidden.unlisted import COMPOSED
+
+FAIR = 5.0
+"""Distance from the nearest rival, in sigma, from which on a name is asked for."""
+
+HEDGE = 0.01
+"""Probability that an answer leaves to everything it did not name, for its log score."""
+
+UNNAMED, NOTHING = "unnamed", "nothing"
+
+
+@dataclass(frozen=True)
+class Found:
+    """What discovery said of one case.
+
+    `named` is ``""`` where it named nothing; `alike` the set that it cannot tell apart, itself included;
+    `amplitude` ``(value, low, high)`` by effect, with the 90% interval; `gap` the held-out one, before and
+    after.
+    """
+
+    number: int
+    named: str
+    named_all: tuple[str, ...]
+    alike: tuple[str, ...]
+    p_global: float
+    amplitude: Mapping[str, tuple[float, float, float]]
+    gap: tuple[float, float]
+    withdrawn: str
+    why: str
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Scored:
+    """One case, found and true. NaN where a number has no meaning."""
+
+    number: int
+    stratum: str
+    kind: str
+    truth: str
+    level: str
+    sources: int
+    nearest: float
+    rival: str
+    from_nothing: float
+    named: str
+    named_all: str
+    alike: str
+    set_size: int
+    right: float
+    log_score: float
+    confident: bool
+    wrong: bool
+    p_global: float
+    amplitude: float
+    amplitude_true: float
+    amplitude_low: float
+    amplitude_high: float
+    gap_before: float
+    gap_after: float
+    why: str
+    seconds: float
+
+
+def scored(answer: Answer, found: Found) -> Scored:
+    """One case's row.
+
+    `right` is 1 for the right name alone and 1/2 for one of two; of two effects at once, either will do.
+    `confident` says that one library effect was named and nothing beside it; `wrong` that it was, and is not
+    what is there.
+    """
+    alike = found.alike or ((found.named,) if found.named else (NOTHING,))
+    hits = [name for name in answer.names if name in alike]
+    right = {1: 1.0, 2: 0.5}.get(len(alike), 0.0) if hits else 0.0
+    confident = found.named in LIBRARY and len(alike) == 1
+    composed = answer.kind == "unlisted" and sorted(found.named_all) == sorted(
+        COMPOSED.get(answer.names[0], ("",))
+    )
+    truth = answer.truths[0]
+    own = answer.names if answer.kind == "listed" else ()
+    rivals = {name: np.array([value]) for name, value in answer.distances.items() if name not in own}
+    value, low, high, true = _amplitude(answer, found)
+    return Scored(
+        number=found.number,
+        stratum=answer.stratum,
+        kind=answer.kind,
+        truth=" + ".join(answer.names),
+        level=str(truth.notes.get("level", "")),
+        sources=len(answer.truths),
+        nearest=float(nearest(rivals, [()])[0]) if rivals else float("nan"),
+        rival=min(rivals, key=lambda name: float(rivals[name][0])) if rivals else "",
+        from_nothing=answer.distances.get(NOTHING, float("nan")),
+        named=found.named,
+        named_all=" + ".join(found.named_all),
+        alike=", ".join(found.alike),
+        set_size=len(found.alike),
+        right=right,
+        log_score=_log_score(answer, alike),
+        confident=confident,
+        wrong=confident and found.named not in answer.names and not composed,
+        p_global=found.p_global,
+        amplitude=value,
+        amplitude_true=true,
+        amplitude_low=low,
+        amplitude_high=high,
+        gap_before=found.gap[0],
+        gap_after=found.gap[1],
+        why=found.why,
+        seconds=found.seconds,
+    )
+
+
+def _log_score(answer: Answer, alike: Sequence[str]) -> float:
+    """Log probability of the truth, when a set's members share all but `HEDGE` evenly."""
+    truths = answer.names if answer.kind in ("listed", "pair") else ()
+    truths = truths or ((UNNAMED,) if answer.kind == "unlisted" else (NOTHING,))
+    others = len(LIBRARY) + 2 - len(alike)
+    chance = sum((1.0 - HEDGE) / len(alike) if name in alike else HEDGE / others for name in truths)
+    return float(np.log(chance))
+
+
+def _amplitude(answer: Answer, found: Found) -> tuple[float, float, float, float]:
+    """Value, interval and truth of the named effect's amplitude, if it is there."""
+    name = found.named
+    if name not in answer.names or name not in found.amplitude:
+        return (float("nan"),) * 4
+    hidden = dict(answer.truths[0].hidden)
+    return (*found.amplitude[name], float(hidden[name][AMPLITUDE[name]]))
+
+
+def table(rows: Sequence[Scored]) -> xr.Dataset:
+    """All rows as columns by name."""
+    columns: dict[str, Any] = {
+        name: ("row", np.array([asdict(row)[name] for row in rows])) for name in asdict(rows[0])
+    }
+    return xr.Dataset(columns)
