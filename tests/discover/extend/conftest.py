@@ -52,3 +52,28 @@ def bent(line, parabola):
 def data(bent):
     """Two data sets with a strong bend."""
     return bent.simulate([[0.5, -0.5, 1.5], [-1.0, 0.3, -2.0]], np.random.default_rng(5))
+
+
+@pytest.fixture(scope="session")
+def epidemic():
+    from gaugeblock.simulators import build_simulator
+
+    return build_simulator("epidemic")
+
+
+class ExactDensity:
+    """Exact posterior draws with their density, and the parameters that they are of, as a flow has them."""
+
+    def __init__(self, simulator):
+        self._simulator, self.prior = simulator, simulator.prior
+
+    def sample(self, x, n, rng):
+        return self._simulator.posterior_sample(x, n, rng)
+
+    def log_prob(self, theta, x):
+        return self._simulator.posterior_log_prob(theta, x)
+
+
+@pytest.fixture(scope="session")
+def exact_density():
+    return ExactDensity

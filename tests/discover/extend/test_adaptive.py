@@ -1,0 +1,70 @@
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+
+from gaugeblock.discover.extend.adaptive import Mixture, effective_draws, tempered
+from gaugeblock.simulators import LogUniform, Normal, Prior, Uniform
+
+PRIOR = Prior({"a": Uniform(-1.0, 3.0), "b": LogUniform(0.1, 10.0), "c": Normal(0.0, 2.0)})
+
+
+class Wide:
+    def sample_and_log_prob(self, x, n, rng):
+        draws = PRIOR.from_unit_cube(rng.random((len(x), n, 3)))
+        return draws, PRIOR.log_prob(draws)
+
+    def log_prob(self, theta, x):
+        return PRIOR.log_prob(theta)
+
+
+@pytest.fixture(scope="module")
+def learnt():
+    rng = np.random.default_rng(1)
+    x = np.zeros((2, 1))
+    theta, log_q = Wide().sample_and_log_prob(x, 4000, rng)
+    # Two rows whose targets lie apart; the second's is narrow in the unbounded coordinates.
+    z = PRIOR.to_unbounded(theta)
+    target = np.stack([-0.5 * (z[0] ** 2).sum(-1), -0.5 * (((z[1] - 1.0) / 0.3) ** 2).sum(-1)])
+    target = target - PRIOR.log_jacobian_unbounded(z)
+    return Mixture(Wide(), PRIOR).learn(theta, target - log_q), x
+
+
+def test_the_density_of_the_mixture_is_normalised(learnt):
+    mixture, x = learnt
+    theta, log_q = Wide().sample_and_log_prob(x, 200_000, np.random.default_rng(2))
+    ratio = mixture.log_prob(theta, x) - log_q
+    error = np.exp(ratio).std(axis=1) / 200_000**0.5
+    np.testing.assert_array_less(np.abs(np.exp(ratio).mean(axis=1) - 1.0), 4.5 * error)
+    assert np.all(error < 0.05)
+
+
+def test_draws_have_the_density_that_they_come_with(learnt):
+    mixture, x = learnt
+    theta, log_q = mixture.sample_and_log_prob(x, 100_000, np.random.default_rng(3))
+    np.testing.assert_allclose(log_q, mixture.log_prob(theta, x))
+    assert np.all(PRIOR.contains(theta))
+    # The mean of any density over q, here the prior's, is 1: bounded weights, as the wide part is a fifth.
+    ratio = PRIOR.log_prob(theta) - log_q
+    assert np.exp(ratio).max() <= 5.0 + 1e-9
+    np.testing.assert_allclose(np.exp(logsumexp(ratio, axis=1)) / 100_000, 1.0, atol=0.03)
+
+
+def test_it_goes_where_the_weights_are(learnt):
+    mixture, _ = learnt
+    np.testing.assert_allclose(mixture.mean, [[0.0] * 3, [1.0] * 3], atol=0.25)
+
+
+def test_weights_are_flattened_no_more_than_they_must():
+    log_weight = np.random.default_rng(4).normal(size=(3, 500)) * np.array([[0.1], [3.0], [300.0]])
+    weight = tempered(log_weight, least=60.0)
+    count = 1.0 / (weight**2).sum(axis=1)
+    np.testing.assert_allclose(weight.sum(axis=1), 1.0)
+    assert count[0] == pytest.approx(effective_draws(log_weight)[0])
+    np.testing.assert_allclose(count[1:], 60.0, rtol=1e-3)
+    assert np.all(np.argsort(weight[1]) == np.argsort(log_weight[1]))
+
+
+def test_points_of_weight_zero_stay_out():
+    weight = tempered([[0.0, -np.inf, np.nan, -1.0] * 10], least=15.0)
+    assert np.all(weight[0, 1::4] == 0.0)
+    assert np.all(weight[0, 2::4] == 0.0)
