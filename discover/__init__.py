@@ -6,7 +6,7 @@ data that did not choose it).
 
 from gaugeblock.discover.candidates import Candidates, candidates
 from gaugeblock.discover.discovery import Discovery
-from gaugeblock.discover.run import discover
+from gaugeblock.discover.run import discover, discover_catalogue
 from gaugeblock.discover.sources import Sources
 
-__all__ = ["Candidates", "Discovery", "Sources", "candidates", "discover"]
+__all__ = ["Candidates", "Discovery", "Sources", "candidates", "discover", "discover_catalogue"]

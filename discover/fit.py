@@ -102,12 +102,19 @@ def fit(
     return pieces[0] if len(pieces) == 1 else _joined(pieces)
 
 
+PER_SOURCE = ("theta", "expected", "jacobian", "log_likelihood", "objective", "converged")
+
+
+def select(found: Fit, rows: Any) -> Fit:
+    """The fits of some of the sources, by index or mask."""
+    return replace(found, **{name: getattr(found, name)[rows] for name in PER_SOURCE})
+
+
 def _joined(pieces: list[Fit]) -> Fit:
     def join(name: str) -> Any:
         return np.concatenate([getattr(piece, name) for piece in pieces])
 
-    names = ("theta", "expected", "jacobian", "log_likelihood", "objective", "converged")
-    return replace(pieces[0], **{name: join(name) for name in names})
+    return replace(pieces[0], **{name: join(name) for name in PER_SOURCE})
 
 
 def _likeliest_draws(simulator: Any, counts: Array, scale: Array, bank: int, tries: int, seed: int) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,8 @@ import numpy as np
 from gaugeblock.discover.candidates import Candidates, candidates
 from gaugeblock.discover.discovery import Discovery
 from gaugeblock.discover.fit import fit
-from gaugeblock.discover.record import add_evidence, summary, tree
+from gaugeblock.discover.many import search_catalogue
+from gaugeblock.discover.record import add_evidence, discovery_of, summary, tree
 from gaugeblock.discover.single import Step, discover_single
 from gaugeblock.discover.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
@@ -67,6 +68,24 @@ def discover(
         step("evidence with and without the effect, by nested sampling")
         add_evidence(made, search, rng=second)
     return Discovery(made, tree(search))
+
+
+def discover_catalogue(
+    groups: Sequence[Sources],
+    *,
+    seed: int = 0,
+    effects: Mapping[str, LibraryEffect] | None = None,
+    only: tuple[str, ...] = (),
+    replicates: int = 999,
+    step: Step = quiet,
+) -> Discovery:
+    """The same over many sources: an effect that all of them share, confirmed on held-out sources.
+
+    Parameters are those of `discover`; `groups` holds the sources of each response.
+    """
+    first, second = np.random.default_rng(seed).spawn(2)
+    found = search_catalogue(groups, own=effects, only=only, rng=first, replicates=replicates, step=step)
+    return discovery_of(found, rng=second, replicates=replicates)
 
 
 def library_of(simulator: Any, theta: Any) -> Candidates:

@@ -10,7 +10,7 @@ from typing import Any
 
 from gaugeblock.atomic import atomic_path, write_atomically
 from gaugeblock.digest import digest
-from gaugeblock.discover import Discovery, Sources, discover
+from gaugeblock.discover import Discovery, Sources, discover, discover_catalogue
 from gaugeblock.errors import InputError
 from gaugeblock.identity import versions
 from gaugeblock.reports.verdict_json import plain

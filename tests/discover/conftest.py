@@ -5,6 +5,7 @@ import pytest
 
 from gaugeblock.simulators import LogUniform, Prior, Uniform
 from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators.segments import Segment
 
 EDGES = np.geomspace(0.5, 8.0, 61)
 CENTRES = np.sqrt(EDGES[1:] * EDGES[:-1])
@@ -72,6 +73,9 @@ class PowerLaw:
                           cause="absorption", typical="10%"),
         ]  # fmt: skip
         return {entry.name: entry for entry in made}
+
+    def segments(self):
+        return (Segment("toy", 0, 60, np.stack([EDGES[:-1], EDGES[1:]], axis=1)),)
 
     def describe(self):
         return {"simulator": "power law", "effects": [effect.name for effect in self.effects]}
