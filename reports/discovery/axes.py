@@ -37,16 +37,19 @@ class Axis:
         return np.asarray(np.log10(np.maximum(array, 10.0**self.low / 10.0)))
 
 
-def energy_axis(low: ArrayLike, high: ArrayLike, unit: str, *, quantity: str = "energy") -> Axis:
-    """Axis of channels from their edges: logarithmic in keV where that is possible, linear otherwise."""
+def energy_axis(low: ArrayLike, high: ArrayLike, unit: str, *, quantity: str = "") -> Axis:
+    """Axis of channels from their edges: logarithmic in keV where that is possible, linear otherwise.
+
+    Without a `quantity`, keV are energies, and of other units only the unit is known.
+    """
     first, last = float(np.min(np.asarray(low))), float(np.max(np.asarray(high)))
     if unit != "keV":
-        label = "channel" if unit == "channel" else f"{quantity} ({unit})" if unit else quantity
+        label = f"{quantity} ({unit})" if quantity and unit else quantity or unit
         return linear_axis(first, last, label)
     if first <= 0:
         positive = np.asarray(high, dtype=float)
         first = float(positive[positive > 0].min()) / 2
-    return log_axis(first, last, f"{quantity} (keV)")
+    return log_axis(first, last, f"{quantity or 'energy'} (keV)")
 
 
 def linear_axis(first: float, last: float, label: str) -> Axis:

@@ -104,7 +104,7 @@ def _where(summary: Mapping[str, Any]) -> str:
     regions = found.get("regions") or []
     said = f"The data disagree with {summary.get('model_before', 'the model')} ({p})"
     if not regions:
-        return f"{said}, though no single range of energies stands out."
+        return f"{said}, though no single range of channels stands out."
     strongest = regions[0]
     unit = str(strongest.get("unit") or "keV")
     span = energy_range(strongest["energy_lo_kev"], strongest["energy_hi_kev"], unit)

@@ -70,7 +70,7 @@ def held_out_chapter(tree: xr.DataTree, summary: Mapping[str, Any]) -> Chapter |
                 ),
             )
         )  # fmt: skip
-    if {"before", "after"} <= set(data.variables):
+    if {"before", "after"} <= set(data.variables) and data.sizes["fold"]:
         panels.append(_folds(floats(data, "before"), floats(data, "after")))
     keys = tuple((f"mark-of {kind}", text) for kind, text in _KINDS.items() if kind in kinds)
     return Chapter("held-out", "Held out", title, f"{lead} {said}".strip(), tuple(panels), keys=keys)

@@ -33,7 +33,7 @@ def located_chapter(tree: xr.DataTree, summary: Mapping[str, Any]) -> Chapter | 
         tables = (_regions(windows),)
         p = global_p(attribute(windows, "p_global"), attribute(windows, "replicates"))
         said += (
-            " The scan slides windows of many widths over the energies and asks of each whether it holds too "
+            " The scan slides windows of many widths over the channels and asks of each whether it holds too "
             f"many counts or too few, given that the model was fitted: {p}."
         )
         panels += _strongest(windows)
@@ -41,7 +41,7 @@ def located_chapter(tree: xr.DataTree, summary: Mapping[str, Any]) -> Chapter | 
         said += f" No windows: {windows.why}."
     if not isinstance(quantiles, Missing):
         said += (
-            " The cumulative (QQ) curve adds up observed minus expected counts from the lowest energy on; it "
+            " The cumulative (QQ) curve adds up observed minus expected counts from the first channel on; it "
             f"sees broad differences best: {global_p(attribute(quantiles, 'p_global'))}."
         )
         panels += _cumulative(quantiles)
@@ -70,7 +70,7 @@ def _regions(windows: xr.Dataset) -> Table:
     columns += [Column("Counts observed minus expected")] if excess is not None else []
     note = "z from the second row on: once the stronger ranges have been given levels of their own."
     if not rows:
-        rows, note = [("no range of energies stands out", *[""] * len(columns))], ""
+        rows, note = [("no range stands out", *[""] * len(columns))], ""
     return Table(
         "Ranges that hold more or fewer counts than chance allows",
         (*columns, Column("Global p")),
@@ -100,7 +100,7 @@ def _strongest(windows: xr.Dataset) -> list[Panel]:
         panels.append(
             Panel(
                 f"Scan over windows: {name}",
-                "strongest z of all windows that hold an energy"
+                "strongest z of all windows that hold a channel"
                 + (f"; dashed: |z| that 5% of exact models reach ({number(limit, 1)})" if limit else ""),
                 _curve(
                     low[order], high[order], z[order], unit, limit, key=f"windows-{index}", name=str(name)

@@ -105,7 +105,7 @@ def shape_chapter(tree: xr.DataTree) -> Chapter | LeftOut:
         said = f"from {short(float(np.nanmin(factor)))} to {short(float(np.nanmax(factor)))}"
         panels.append(
             Panel(
-                part.name, f"factor {said}; shaded: 90% at each energy",
+                part.name, f"factor {said}; shaded: 90% at each channel",
                 drawing(marks, width=frame.width, height=frame.height, key=f"shape-{index}",
                         title=f"Correction of {part.name}", description=f"Factor {said}.", class_="chart"),
             )

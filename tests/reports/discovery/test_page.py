@@ -100,6 +100,20 @@ def test_a_single_source_misses_no_catalogue_and_a_name_no_shape(tree, summary):
     assert "shape" not in page.sections
 
 
+def test_empty_groups_are_no_errors(tree, ending):
+    for name, dimension in (("windows", "window"), ("scan", "node"), ("held_out", "fold")):
+        tree[name] = xr.DataTree(tree[name].to_dataset().isel({dimension: []}))
+    page = Page(discovery_html(tree, ending[1]))
+    well_formed(page)
+    assert "no range stands out" in page.text
+
+
+def test_other_units_are_not_called_energies(make_tree, summary):
+    text = Page(discovery_html(make_tree(unit="day"), summary)).text
+    assert "counts / day" in text
+    assert "energy (day)" not in text
+
+
 def test_a_variable_along_the_wrong_dimension_is_said(tree, summary):
     spectrum = tree["spectrum"].to_dataset()
     spectrum["before"] = ("bin", spectrum["before"].values)
