@@ -7,12 +7,12 @@ from gaugeblock.discover import Sources, discover_catalogue
 from gaugeblock.simulators.effects import Effect
 
 
-def catalogue(power_law, hidden, *, number=60, seed=1, counts=3000.0):
+def catalogue(power_law, hidden, *, number=60, seed=1, counts=10_000.0):
     rng = np.random.default_rng(seed)
     plain = power_law()
     true = plain if hidden is None else plain.with_effect(hidden)
     theta = np.stack([counts * np.exp(rng.uniform(-1, 1, number)), rng.uniform(0.5, 2.5, number)], axis=1)
-    return Sources.of(plain, true.simulate(theta, rng), redshift=rng.uniform(0.0, 0.6, number))
+    return Sources.of(plain, true.simulate(theta, rng), redshift=rng.uniform(0.0, 2.0, number))
 
 
 @pytest.fixture(scope="module")
