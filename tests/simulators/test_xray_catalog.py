@@ -23,7 +23,6 @@ from gaugeblock.simulators.xray import (
     read_observation,
     reader,
 )
-from gaugeblock.simulators.xray.binning import grouped, resolution, resolution_grouping
 from gaugeblock.simulators.xray.catalog import entries
 from gaugeblock.simulators.xray.pha import read_pha
 from gaugeblock.simulators.xray.pooled_background import pooled, thinned, with_equal_scales
@@ -261,45 +260,6 @@ def test_a_pooled_prior_holds_the_sources_that_it_is_for(pn):
     ]
     assert np.std(deviation) < 1.0
     assert np.max(np.abs(deviation)) < 3.0
-
-
-def test_resolution_is_the_full_width_at_half_maximum():
-    from scipy.sparse import csr_array
-    from scipy.stats import norm
-
-    edges = np.linspace(0.0, 10.0, 1001)
-    fine = np.stack([edges[:-1], edges[1:]], axis=1)
-    energies = np.linspace(0.5, 9.5, 300)
-    sigma = 0.03 + 0.01 * energies
-    matrix = np.diff(norm.cdf(edges[:, None], energies, sigma), axis=0)
-    matrix[matrix < 1e-6] = 0.0
-    found = resolution(csr_array(matrix), fine)
-    inside = (fine[:, 0] > 0.6) & (fine[:, 1] < 9.4)
-    expected = 2.3548 * (0.03 + 0.01 * fine.mean(axis=1))
-    # Whole channels are counted, of 10 eV.
-    assert np.abs(found - expected)[inside].max() < 0.021
-    flags = resolution_grouping(csr_array(matrix), fine)
-    starts = np.append(np.flatnonzero(flags == 1), 1000)
-    widths = edges[starts[1:]] - edges[starts[:-1]]
-    wanted = found[starts[:-1]] / 3
-    assert np.all(widths[:-1] > wanted[:-1] - 1e-9)
-    assert np.all(widths[:-1] < wanted[:-1] + 0.01 + 1e-9)
-
-
-def test_epic_pn_has_its_resolution(pn):
-    found = resolution(pn.redistribution, pn.fine_channels)
-    energy = pn.fine_channels.mean(axis=1)
-    for line in (1.5, 6.4):
-        nearest = int(np.argmin(np.abs(pn.energies.mean(axis=1) - line)))
-        weight = pn.redistribution[:, [nearest]].toarray()[:, 0] * (np.abs(energy - line) < 0.25)
-        sd = np.sqrt(np.average((energy - line) ** 2, weights=weight))
-        assert np.interp(line, energy, found) == pytest.approx(2.3548 * sd, rel=0.1)
-
-
-def test_flags_group_or_do_not():
-    assert not grouped(None)
-    assert not grouped(np.ones(4, int))
-    assert grouped(np.array([1, -1]))
 
 
 def test_files_that_do_not_fit_are_named(write, tmp_path):
