@@ -17,6 +17,10 @@ class Siblings:
     def __init__(self) -> None:
         self._made: list[tuple[Any, Effect, Any]] = []
 
+    def __getstate__(self) -> dict[str, Any]:
+        # Another process compiles its own.
+        return {"_made": []}
+
     def extended(self, source: Any) -> Callable[[Effect], Any]:
         """The source's `with_effect`, which gives the same object for the same effect."""
 
