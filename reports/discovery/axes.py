@@ -72,7 +72,7 @@ def log_axis(first: float, last: float, label: str, *, decades: bool = False) ->
     values = [float(f"{step}e{power}") for power in powers for step in steps]
     inside = [value for value in values if first * 0.999 <= value <= last * 1.001]
     if len(inside) < 3 and not decades:
-        inside = [value for value in round_ticks(first, last, 5) if value > 0]
+        inside = [value for value in round_ticks(first, last, 8) if value > 0]
     while len(inside) > 8:
         inside = inside[::2]
     ticks = {float(np.log10(value)): _power(value) if decades else tick_label(value) for value in inside}

@@ -152,7 +152,7 @@ def _scans(scan: xr.Dataset, ranked: Sequence[str]) -> list[Panel]:
         axis = energy_axis(places, places, unit, quantity=parameter)
         if unit != "keV" and places[0] > 0 and places[-1] > 20 * places[0]:
             axis = log_axis(float(places[0]), float(places[-1]), axis.label)
-        frame = Frame(x=axis.range, y=(low, top), width=360.0, height=210.0)
+        frame = Frame(x=axis.range, y=(low, top), width=480.0, height=230.0)
         marks = [frame.axes(axis.label, "z", x_ticks=axis.ticks), frame.line(axis.range, [0, 0], "zero")]
         if threshold:
             marks.append(frame.line(axis.range, [threshold, threshold], "threshold"))

@@ -43,8 +43,8 @@ def headline(summary: Mapping[str, Any]) -> Headline:
     elif kind == "unnamed":
         word, said = "Unnamed", [_where(summary), _unnamed(summary)]
     elif kind == "set":
-        word = " or ".join(effect_words(name) for name in alike)
-        said = [_where(summary), _set(alike), *_gap(summary), *_amplitude(summary)]
+        word = listed([effect_words(name) for name in alike], "or")
+        said = [_where(summary), _set(alike, names), *_gap(summary), *_amplitude(summary)]
     else:
         word = " + ".join(repeated(name, effect_words(name), names) for name in dict.fromkeys(names))
         said = [_where(summary), _named(summary, names), *_gap(summary), *_amplitude(summary)]
@@ -136,12 +136,18 @@ def _named(summary: Mapping[str, Any], names: Sequence[str]) -> str:
     )
 
 
-def _set(alike: Sequence[str]) -> str:
+def _set(alike: Sequence[str], names: Sequence[str]) -> str:
     phrases = [effect_phrase(name) for name in alike]
-    return (
+    said = (
         f"What the model lacks is {listed(phrases, 'or')}: these data cannot tell "
         f"{'which of the two' if len(alike) == 2 else 'which of them'}."
     )
+    if len(names) > 1:
+        beside = [repeated(name, effect_phrase(name), names[1:]) for name in dict.fromkeys(names[1:])]
+        said += (
+            f" {effect_words(names[0]).capitalize()} left something over, so {listed(beside)} was added too."
+        )
+    return said
 
 
 def _unnamed(summary: Mapping[str, Any]) -> str:
@@ -199,8 +205,8 @@ def _amplitude(summary: Mapping[str, Any]) -> list[str]:
         if low is None or high is None:
             continue
         level = finite(one.get("level")) or 0.9
-        many = len(summary.get("named_all") or []) > 1
-        whose = f"The {'first ' if many else ''}{effect_words(str(one.get('effect')))}'s"
+        names, effect = list(summary.get("named_all") or []), str(one.get("effect"))
+        whose = f"The {'first ' if names.count(effect) > 1 else ''}{effect_words(effect)}'s"
         said.append(
             f"{whose} {one.get('parameter')} is {short(finite(one.get('value')))} "
             f"({100 * level:.0f}% interval {with_unit(low, '')} to {with_unit(high, unit)}"

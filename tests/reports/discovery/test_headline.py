@@ -46,6 +46,21 @@ def test_a_set_is_never_told_as_one_name(summary):
     assert kind_of(summary) == "set"
 
 
+def test_what_was_added_beside_a_set_is_said(summary):
+    summary["indistinguishable"] = ["emission_line", "partial_covering"]
+    summary["named_all"] = ["emission_line", "gain_slope"]
+    said = headline(summary).paragraph
+    assert "Emission line left something over, so a gain slope" in said
+    assert "With them in the model" in said
+
+
+def test_an_effect_that_was_added_twice_is_told_once(summary):
+    summary["named_all"] = ["emission_line", "emission_line"]
+    made = headline(summary)
+    assert made.word == "emission line (2 of them)"
+    assert "The first emission line's norm" in made.paragraph
+
+
 def test_nothing_found_claims_nothing_more(ending):
     name, summary = ending
     if name == "nothing":
