@@ -58,7 +58,7 @@ class LogRatio:
     """Log ratio of two models' densities of a data set, learned: ``weights . (features - middle)``.
 
     Exact to second order in the difference of the two; its sign tells them apart however large that is.
-    Sought in the span of the learned scores of all effects and of the population: what tells one from another.
+    Sought in the span of the learned scores of all effects and of the population.
     """
 
     weights: Array

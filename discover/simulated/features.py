@@ -60,7 +60,7 @@ class Features:
         return np.stack([np.interp(column, knots, scores) for column, knots, scores in columns], axis=1)
 
     def moments(self) -> Array:
-        """Weights ``(2 coordinate, feature)`` of each coordinate, and of the square along each principal axis.
+        """Weights ``(2 coordinate, feature)`` of coordinates, and of squares along the principal axes.
 
         The squares along the axes of least variance are where a data set does not fit its own theta. Where
         products are of components only, the squares are the coordinates' own.

@@ -70,7 +70,7 @@ def held_out(
     *,
     rng: np.random.Generator,
 ) -> HeldOutGap:
-    """Fit each model to either half of the data sets, judge it on the other; the first model is the named one.
+    """Fit each model to either half of the data sets, judge it on the other; the named one comes first.
 
     Log ratios are sought in the span ``(score, feature)`` of learned scores.
 

@@ -1,10 +1,11 @@
 """Scores and information learned from simulations: the regression of the score on features of the data.
 
-The score t(x) = d log p(x | a) / da of an effect's amplitude, with everything else integrated out, is not known for
-a simulator that can only simulate; its regression on features needs no more than their mean's derivative, for
-E[t f] = dE[f] / da. So the weights are ``covariance^-1 dE[f] / da``, in closed form, from simulations on either
-side: what SALLY's network learns by descent, where the joint score is at hand, is learned here where it is not.
-Simulations are dealt into two halves: ridge and response come from the half that did not make the weights.
+The score t(x) = d log p(x | a) / da of an effect's amplitude, with everything else integrated out, is not
+known for a simulator that can only simulate; its regression on features f needs no more than the derivative
+of their mean, for E[t f] = dE[f] / da. So the weights are ``covariance^-1 dE[f] / da``, in closed form, from
+simulations on either side: what SALLY's network learns by descent where the joint score is at hand is
+learned here where it is not. Simulations are dealt into two halves: ridge and response come from the half
+that did not make the weights.
 
 References
 ----------
@@ -102,9 +103,9 @@ def derivative(model: Model, features: Features, state: Array, index: int, numbe
 class Lesson:
     """Scores of everything in a model's state, learned at one state.
 
-    `halves` ``(state, 2, feature)`` are two estimates of the mean features' derivatives, `learned` of the same
-    shape the weights made from each. `response` ``(state, state)`` says how each score's mean (row) answers to
-    each of the state (column), from the half that did not make it.
+    `halves` ``(state, 2, feature)`` are two estimates of the mean features' derivatives, `learned` of the
+    same shape the weights made from each. `response` ``(state, state)`` says how each score's mean (row)
+    answers to each of the state (column), from the half that did not make it.
     """
 
     state: Array

@@ -32,6 +32,9 @@ Array = NDArray[np.float64]
 FEWEST = 30
 """Data sets from which a population can be fitted."""
 
+FEWEST_REPLICATES = 399
+"""Four p-values are combined, and each is at least 1 / (replicates + 1)."""
+
 SIMULATIONS = 10_000
 PROFILED = 4
 """Most candidates of a round that are fitted."""
@@ -80,13 +83,13 @@ def discover_simulated(
 ) -> Discovery:
     """Find where simulations and data disagree, name the missing effect, add it, test the name.
 
-    Uses ``simulate`` of the simulator and of ``with_effect(...)`` alone: no likelihood, no mean, no derivative.
+    Uses ``simulate`` of the simulator and of ``with_effect(...)`` alone: neither likelihood nor mean.
 
     Parameters
     ----------
     simulator
-        With ``prior``, ``simulate(theta, rng)``, ``with_effect(effect)``, and ``effect_library(theta)`` unless a
-        library is given.
+        With ``prior``, ``simulate(theta, rng)``, ``with_effect(effect)``, and ``effect_library(theta)``
+        unless a library is given.
     x : array, shape (n, ...)
         Independent data sets: at least 30, whose population of theta is fitted with everything else, or one.
     library : mapping of str to LibraryEffect, optional
@@ -96,7 +99,7 @@ def discover_simulated(
     simulations : int
         Simulations at each state; a half of them on each side of a derivative.
     replicates : int
-        Simulated catalogues behind every global p, which is never below 1 / (replicates + 1).
+        Simulated catalogues behind every global p, which is never below 1 / (replicates + 1), at least 399.
     summaries : callable, optional
         From data ``(n, ...)`` to numbers ``(n, k)``; without it the data themselves, up to 400 numbers.
     step : callable
@@ -106,7 +109,7 @@ def discover_simulated(
     ------
     InputError
         If the simulator lacks what is needed, the data are between 2 and 29 or not finite, or there are fewer
-        than 1,000 simulations.
+        than 1,000 simulations or 399 replicates.
     """
     search = search_simulated(
         simulator, x, library=library, seed=seed, simulations=simulations, replicates=replicates,
@@ -127,6 +130,11 @@ def search_simulated(
     step: Callable[[str], None],
 ) -> SimulatedSearch:
     """The search behind `discover_simulated`."""
+    if replicates < FEWEST_REPLICATES:
+        raise InputError(
+            f"discover: needs at least {FEWEST_REPLICATES} replicates, got {replicates}: with fewer no "
+            f"disagreement could reach a global p of {LEVEL}"
+        )
     budget = Budget(simulations, int(np.random.default_rng(seed).integers(2**31)))
     streams = np.random.default_rng(seed).spawn(4)
     step("fitting the population of theta")

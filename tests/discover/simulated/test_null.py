@@ -1,0 +1,56 @@
+"""Without an effect: every p-value is as rare as it says, and nothing is named."""
+
+import numpy as np
+import pytest
+
+from gaugeblock.discover.simulated import discover_simulated
+from gaugeblock.discover.simulated.extend import refit
+from gaugeblock.discover.simulated.fit import Budget, Observed
+from gaugeblock.discover.simulated.held_out import gap
+from gaugeblock.discover.simulated.search import find
+from gaugeblock.discover.simulated.workflow import prepare
+
+CATALOGUES = 200
+BUDGET = Budget(3000, 21)
+
+
+@pytest.fixture(scope="module")
+def nulls(ruler, readings):
+    """Global p-values of effect-free catalogues: scores learned once, population fitted to each."""
+    before = prepare(ruler, readings(80, 0), library=None, budget=BUDGET, summaries=None, step=lambda _: None)
+    rows = []
+    for k in range(CATALOGUES):
+        observed = Observed(before.features(readings(80, 1000 + k)))
+        fitted = refit(before.fit.model, before.fit, before.features, observed, BUDGET)
+        found = find(
+            before.scores, fitted, before.features, observed, replicates=199, rng=np.random.default_rng(k)
+        )
+        rows.append(
+            (found.p_effects, found.p_moments, found.p_global, gap(fitted, before.features, observed))
+        )
+    return np.array(rows).T
+
+
+def test_global_p_values_are_as_rare_as_they_say(nulls):
+    # 200 catalogues. At 5%: at most 21 (binomial, 1 seed in 1,000); at 20%: at most 58; Bonferroni keeps
+    # the second and third below that. And no p-value hides an excess of large ones: at least 10 below 20%.
+    effects, moments, whole, _ = nulls
+    for p in (effects, moments, whole):
+        assert np.count_nonzero(p <= 0.05) <= 21
+        assert np.count_nonzero(p <= 0.2) <= 58
+    assert np.count_nonzero(effects <= 0.2) >= 20
+    assert np.count_nonzero(whole <= 0.01) <= 8
+
+
+def test_the_gap_is_about_one(nulls):
+    # Mean of 200 mean squares of some fourteen moments: standard error near 0.03.
+    assert 0.85 < nulls[3].mean() < 1.15
+
+
+def test_nothing_is_named(ruler, readings):
+    found = discover_simulated(ruler, readings(80, 3), seed=5, simulations=2000, replicates=399)
+    assert found.named is None
+    assert found.named_all == ()
+    assert found.p_global > 0.01
+    assert found.summary["decoys"] == []
+    assert found.summary["gap"]["held_out"] == {"before": None, "after": None}

@@ -1,0 +1,112 @@
+"""Learned scores against exact ones: what they weigh, how much of the information they keep."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from gaugeblock.discover.candidates import candidates
+from gaugeblock.discover.simulated.features import learn_features
+from gaugeblock.discover.simulated.fit import Budget, Observed, fit_simulated
+from gaugeblock.discover.simulated.model import Model
+from gaugeblock.discover.simulated.population import Population
+from gaugeblock.discover.simulated.search import find, learn_effects
+from gaugeblock.errors import InputError
+
+BUDGET = Budget(6000, 5)
+
+
+@pytest.fixture(scope="module")
+def learned(ruler, readings):
+    model = Model.plain(ruler, Population.of(ruler.prior))
+    features = learn_features(model.draw(np.zeros(2), 6000, 3), np.random.default_rng(1))
+    observed = Observed(features(readings(400, 7)))
+    fitted = fit_simulated(model, features, observed, BUDGET, start=np.zeros(2))
+    scores = learn_effects(candidates(ruler, np.zeros((1, 1))), fitted, features, BUDGET)
+    return SimpleNamespace(features=features, fit=fitted, scores=scores, observed=observed)
+
+
+def exact_information(shape, width):
+    """Of the height of a shape in one set of readings, the mean length of the population unknown."""
+    inverse = np.linalg.inv(np.eye(8) + width**2)
+    ones = np.ones(8)
+    return shape @ inverse @ shape - (shape @ inverse @ ones) ** 2 / (ones @ inverse @ ones)
+
+
+def shape_of(owner, node):
+    mark = np.arange(8.0)
+    if owner == "tilt":
+        return mark - 3.5
+    at = node[1]
+    return (mark >= at).astype(float) if owner == "step" else (mark == at).astype(float)
+
+
+def test_the_population_is_fitted(learned):
+    # Mean 0.5 and width 0.6, with errors near 0.035 and 0.045: 4 errors, a false alarm for 1 seed in 8,000.
+    mean, log_width = learned.fit.state
+    assert learned.fit.converged
+    assert learned.fit.error == pytest.approx([0.035, 0.055], rel=0.4)
+    assert abs(mean - 0.5) < 4 * learned.fit.error[0]
+    assert abs(log_width - np.log(0.6)) < 4 * learned.fit.error[1]
+
+
+def test_learned_scores_keep_nearly_all_the_information(learned):
+    found = find(
+        learned.scores, learned.fit, learned.features, learned.observed,
+        replicates=99, rng=np.random.default_rng(2),
+    )  # fmt: skip
+    width = np.exp(learned.fit.state[1])
+    exact = [
+        exact_information(shape_of(o, n), width)
+        for o, n in zip(learned.scores.owner, learned.scores.node, strict=True)
+    ]
+    fraction = found.information / np.array(exact)
+    # A learned score cannot hold more than there is, but for the error of its estimate.
+    assert np.all((fraction > 0.75) & (fraction < 1.1)), fraction
+    assert np.median(fraction) > 0.88
+    np.testing.assert_allclose(found.error, 1.0 / np.sqrt(found.information * 400 * 6000 / 6400), rtol=1e-6)
+
+
+def test_scores_are_blind_to_the_population(learned, readings):
+    # Rulers of other lengths, by four times the error of the fit, move no score by more than chance.
+    moved = Observed(learned.features(readings(4000, 8, centre=0.64)))
+    weights = learned.fit.lesson.orthogonal(learned.scores.learned.mean(axis=1))
+    plain = learned.scores.learned.mean(axis=1)
+    sd = np.sqrt(learned.fit.base.variance(weights) / 4000)
+    z = weights @ (moved.mean - learned.fit.base.mean) / sd / np.sqrt(1 + 4000 / 6000)
+    assert np.abs(z).max() < 4.5
+    naked = plain @ (moved.mean - learned.fit.base.mean) / np.sqrt(learned.fit.base.variance(plain) / 4000)
+    assert np.abs(naked).max() > 6
+
+
+def test_features_say_what_they_cannot_use():
+    rng = np.random.default_rng(0)
+    with pytest.raises(InputError, match="too many to learn from; give summaries"):
+        learn_features(np.zeros((10, 401)), rng)
+    with pytest.raises(InputError, match="NaN or infinite"):
+        learn_features(np.full((10, 2), np.nan), rng)
+    with pytest.raises(InputError, match=r"must give \(n, k\) numbers"):
+        learn_features(np.zeros((10, 2)), rng, summaries=lambda x: x[:, 0])
+
+
+def test_features_of_many_coordinates_and_of_summaries():
+    rng = np.random.default_rng(0)
+    long = rng.normal(size=(800, 50))
+    features = learn_features(long, rng)
+    # Coordinates, squares, products of 24 components, 64 random functions.
+    assert features(long[:3]).shape == (3, 100 + 276 + 64)
+    assert features.moments().shape == (100, 440)
+    short = learn_features(long, rng, summaries=lambda x: np.stack([x.mean(axis=1), x.std(axis=1)], axis=1))
+    assert short.coordinates == 2
+    constant = learn_features(np.zeros((50, 3)), rng)
+    assert np.isfinite(constant(np.ones((2, 3)))).all()
+
+
+def test_moments_are_coordinates_and_squares_along_the_axes():
+    rng = np.random.default_rng(3)
+    x = rng.normal(size=(4000, 3)) @ np.array([[1.0, 0.9, 0.0], [0.0, 0.3, 0.5], [0.0, 0.0, 1.0]])
+    features = learn_features(x, rng)
+    rows = features(x)
+    values = rows @ features.moments().T
+    np.testing.assert_allclose(values[:, :3], features.normal_scores(x))
+    np.testing.assert_allclose(values[:, 3:], (features.normal_scores(x) @ features.axes) ** 2, atol=1e-9)
