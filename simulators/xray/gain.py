@@ -2,7 +2,7 @@
 
 ``recorded = slope * true + offset``, or a curve. A channel labelled with energies (low, high) then holds what
 a well-calibrated detector would have put between the true energies of its two ends: the detector channels'
-counts are redistributed by interpolating their cumulative sum, then grouped.
+counts are redistributed by interpolating their cumulative sum smoothly, then grouped.
 """
 
 from __future__ import annotations
@@ -70,5 +70,24 @@ def crossed(counts: Any, edges: Array, wanted: Array, gains: Sequence[tuple[Gain
     for gain, values in reversed(gains):
         true = gain.true_energy(true, **values)
     cumulative = jnp.concatenate([jnp.zeros(1), jnp.cumsum(counts)])
-    at = jnp.interp(true.ravel(), edges, cumulative).reshape(wanted.shape)
-    return at - cumulative[np.searchsorted(edges, wanted)]
+    return _interpolated(true, edges, cumulative, counts) - cumulative[np.searchsorted(edges, wanted)]
+
+
+def _interpolated(energy: Any, edges: Array, cumulative: Any, counts: Any) -> Any:
+    """Cumulative counts at any energy: a cubic between edges, so that its derivative has no steps.
+
+    Its slope at an edge lies between the counts per keV on both sides. Beyond the ends there are no counts.
+    """
+    import jax.numpy as jnp
+
+    width = np.diff(edges)
+    share = width[:-1] / (width[:-1] + width[1:])
+    density = counts / width
+    inner = (1.0 - share) * density[:-1] + share * density[1:]
+    slope = jnp.concatenate([density[:1], inner, density[-1:]])
+    place = jnp.clip(jnp.searchsorted(edges, energy, side="right") - 1, 0, len(width) - 1)
+    step = jnp.asarray(width)[place]
+    t = jnp.clip((energy - jnp.asarray(edges)[place]) / step, 0.0, 1.0)
+    start, rise = cumulative[place], counts[place]
+    first, last = slope[place] * step, slope[place + 1] * step
+    return start + t * (first + t * (3.0 * rise - 2.0 * first - last + t * (first + last - 2.0 * rise)))

@@ -1,7 +1,6 @@
 """The library of effects: complete, scaled to the source, neutral where it says, and described."""
 
 import inspect
-import pickle
 import re
 from pathlib import Path
 
@@ -9,12 +8,11 @@ import numpy as np
 import pytest
 
 from gaugeblock.errors import InputError
-from gaugeblock.simulators import Effect, LogUniform, Prior, Uniform
-from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators import Effect, Prior, Uniform
 from gaugeblock.simulators.segments import segments
 
 pytest.importorskip("jaxspec")
-from gaugeblock.simulators.xray import EffectKind, XraySpectrum, factor_effect, reference
+from gaugeblock.simulators.xray import EffectKind, XraySpectrum, reference
 from gaugeblock.simulators.xray.effects import EFFECTS
 from gaugeblock.simulators.xray.library.scale import resolution, spaced
 
@@ -35,12 +33,25 @@ def simulator():
 
 @pytest.fixture(scope="module")
 def theta(simulator):
-    return simulator.prior.sample(40, np.random.default_rng(3))
+    return simulator.prior.sample(32, np.random.default_rng(3))
 
 
 @pytest.fixture(scope="module")
 def library(simulator, theta):
     return simulator.effect_library(theta)
+
+
+@pytest.fixture(scope="module")
+def extended(simulator, library):
+    """The simulator with one effect, compiled once for all tests of it."""
+    made = {}
+
+    def extend(name):
+        if name not in made:
+            made[name] = simulator.with_effect(library[name].effect())
+        return made[name]
+
+    return extend
 
 
 def test_every_effect_is_there(library, simulator):
@@ -54,7 +65,7 @@ def test_every_effect_is_there(library, simulator):
 
 
 @pytest.mark.parametrize("name", sorted(NAMES))
-def test_an_entry_is_sound(library, simulator, theta, name):
+def test_an_entry_is_sound(library, extended, simulator, theta, name):
     entry = library[name]
     assert list(entry.parameters) == list(EFFECTS[name].parameters)
     assert set(entry.units) == set(entry.parameters)
@@ -65,7 +76,7 @@ def test_an_entry_is_sound(library, simulator, theta, name):
     prior = Prior(entry.parameters)
     assert np.all(prior.contains(entry.nodes))
 
-    changed = simulator.with_effect(entry.effect())
+    changed = extended(name)
     assert changed.prior.names[5:] == tuple(f"{name}_1.{key}" for key in entry.parameters)
     plain = simulator.expected(theta)
     amplitude = changed.prior.names.index(f"{name}_1.{entry.amplitude}")
@@ -80,22 +91,20 @@ def test_an_entry_is_sound(library, simulator, theta, name):
 
     jacobian = changed.jacobian(rows[:4])
     assert np.isfinite(changed.jacobian(neutral[:4])).all()
-    for column in range(amplitude, amplitude + 1):
-        small = 1e-4 * entry.step
-        up, down = rows[:4].copy(), rows[:4].copy()
-        up[:, column] += small
-        down[:, column] -= small
-        difference = (changed.expected(up) - changed.expected(down)) / (2 * small)
-        scale = np.abs(difference).max()
-        np.testing.assert_allclose(jacobian[..., column], difference, atol=1e-5 * scale)
+    small = 1e-4 * entry.step
+    up, down = rows[:4].copy(), rows[:4].copy()
+    up[:, amplitude] += small
+    down[:, amplitude] -= small
+    difference = (changed.expected(up) - changed.expected(down)) / (2 * small)
+    np.testing.assert_allclose(jacobian[..., amplitude], difference, atol=1e-5 * np.abs(difference).max())
 
 
 @pytest.mark.parametrize(
     "name", sorted(NAMES - {"gain_slope", "gain_offset", "gain_curve", "resolution", "pileup"})
 )
-def test_derivatives_by_the_other_parameters(library, simulator, theta, name):
+def test_derivatives_by_the_other_parameters(library, extended, theta, name):
     entry = library[name]
-    changed = simulator.with_effect(entry.effect())
+    changed = extended(name)
     # A quarter of the way up the prior: no scanned value, so nothing lies on the edge of a bin by design.
     middle = Prior(entry.parameters).from_unit_cube(np.full(len(entry.parameters), 0.2713))
     rows = np.column_stack([theta[:4], np.tile(middle, (4, 1))])
@@ -137,8 +146,8 @@ def test_lines_are_tried_across_the_band(response):
     assert spectrum.channels.min() < energies[0] < energies[-1] < spectrum.channels.max()
     energy, sigma = resolution(spectrum.response)
     at_iron = np.interp(6.4, energy, sigma)
-    # Both detectors resolve 120 to 170 eV full width at half maximum there.
-    assert 0.11 < 2.355 * at_iron < 0.18
+    # Full width at half maximum: 0.2 keV of this EPIC-pn spectrum, 0.14 of NICER's.
+    assert 0.12 < 2.355 * at_iron < 0.22
 
 
 def test_it_works_after_an_extension_too(simulator, theta, library):
@@ -158,7 +167,8 @@ def test_the_data_are_one_segment(simulator):
 
 def test_every_effect_and_parameter_is_described(library):
     text = DOCS.read_text(encoding="utf-8")
-    rows = dict(re.findall(r"^\| `(\w+)` \| (.+?) \|", text, re.MULTILINE))
+    # The first table has the parameters, the second the causes.
+    rows = dict(reversed(re.findall(r"^\| `(\w+)` \| (.+?) \|", text, re.MULTILINE)))
     assert set(rows) >= set(EFFECTS)
     for name, kind in EFFECTS.items():
         for parameter in kind.parameters:
@@ -168,56 +178,6 @@ def test_every_effect_and_parameter_is_described(library):
             assert unit.split(" at ")[0].split(",")[0].replace("cm2", "cm²") in rows[name] or not unit, (
                 f"{name}: {parameter} in {unit}"
             )
-
-
-def bump(energy, height, width):
-    """An effect of a user's own."""
-    import jax.numpy as jnp
-
-    return 1.0 + height * jnp.exp(-((energy - 3.0) ** 2) / width)
-
-
-def test_an_effect_of_ones_own_needs_a_function(simulator, theta):
-    kind = factor_effect(bump, limits={"width": (0.01, 10.0)})
-    effect = Effect("bump", {"height": Uniform(-0.5, 0.5), "width": 0.5}, kind=kind)
-    changed = simulator.with_effect(effect).with_effect(effect)
-    assert changed.prior.names[5:] == ("bump_1.height", "bump_2.height")
-    counts = changed.expected(np.column_stack([theta, np.full((len(theta), 2), 0.1)]))
-    nearest = np.argmin(np.abs(simulator.channels.mean(axis=1) - 3.0))
-    np.testing.assert_allclose((counts / simulator.expected(theta))[:, nearest], 1.21, rtol=5e-3)
-    assert changed.describe()["effects"][0]["kind"].endswith("test_xray_library.bump")
-    copy = pickle.loads(pickle.dumps(changed))
-    np.testing.assert_array_equal(copy.expected(copy.prior.center), changed.expected(changed.prior.center))
-    entry = LibraryEffect(
-        name="bump", parameters={"height": Uniform(-0.5, 0.5), "width": LogUniform(0.1, 1.0)},
-        amplitude="height", neutral=0.0, step=0.1, scanned={"width": [0.5]}, cause="Made up.",
-        typical="a tenth", kind=kind,
-    )  # fmt: skip
-    assert simulator.with_effect(entry.effect(width=0.5)).prior.names[5:] == ("bump_1.height",)
-
-
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda: factor_effect(lambda energy: energy), "at least one parameter"),
-        (lambda: factor_effect(bump, limits={"depth": (0, 1)}), "limits of depth; it takes height, width"),
-        (lambda: Effect("bump", {"height": 0.1, "width": 0.5}), "one of your own needs its kind"),
-        (lambda: Effect("bump", {"height": 0.1, "width": 0.5}, kind=bump), "must be an EffectKind"),
-        (
-            lambda: Effect(
-                "bump", {"height": 0.1, "width": -1.0}, kind=factor_effect(bump, limits={"width": (0, 1)})
-            ),
-            "width must lie between 0 and 1, got -1",
-        ),
-        (lambda: Effect("resolution", {"variance": -1e-3}), "variance must lie between 0"),
-        (lambda: Effect("effective_area", {"energy": 2, "width": 0.1, "depth": -1.5}), "depth must lie"),
-        (lambda: Effect("pileup", {"overlap": 1.5}), "overlap must lie between 0 and 1"),
-    ],
-)
-def test_wrong_ones_are_one_line(simulator, make, words):
-    with pytest.raises(InputError, match=re.escape(words)) as caught:
-        simulator.with_effect(make())
-    assert "\n" not in str(caught.value)
 
 
 def test_a_kind_says_what_it_takes():

@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from gaugeblock.simulators.xray.effects.assembly import Append
 from gaugeblock.simulators.xray.effects.averages import above
 from gaugeblock.simulators.xray.effects.kinds import NONNEGATIVE, POSITIVE, EffectKind
@@ -61,24 +63,17 @@ def ionised_absorber(low: Any, high: Any, *, energy: Any, ionisation: Any, depth
     """
     import jax.numpy as jnp
 
-    scale = energy / REFERENCE
-    weights = [
-        ion.absorption * jnp.exp(-0.5 * ((ionisation - ion.peak) / WIDTH) ** 2) for ion in IONS.values()
-    ]
-    total = sum(weights)
+    thresholds, absorption, peaks = (np.array(column)[:, None] for column in zip(*IONS.values(), strict=True))
+    weight = absorption * jnp.exp(-0.5 * ((ionisation - peaks) / WIDTH) ** 2)
+    threshold = thresholds * energy / REFERENCE
+    part, points = above(low, high, threshold)
+    tau = weight / weight.sum() * sum((point / threshold) ** -3 for point in points) / 2.0
+    full = jnp.where(threshold <= low, tau, 0.0).sum(axis=0)
     # Of the bins that hold a threshold only a part is absorbed by that ion: their mean is not exp(-mean).
-    full: Any = 0.0
-    partly: Any = 0.0
-    share: Any = 0.0
-    for ion, weight in zip(IONS.values(), weights, strict=True):
-        threshold = ion.threshold * scale
-        part, points = above(low, high, threshold)
-        tau = weight / total * sum((point / threshold) ** -3 for point in points) / 2.0
-        full = full + jnp.where(threshold <= low, tau, 0.0)
-        inside = (threshold > low) & (threshold < high)
-        partly = partly + jnp.where(inside, tau, 0.0)
-        share = share + jnp.where(inside, part, 0.0)
-    return jnp.exp(-depth * full) * (1.0 + jnp.minimum(share, 1.0) * jnp.expm1(-depth * partly))
+    inside = (threshold > low) & (threshold < high)
+    partly = jnp.where(inside, tau, 0.0).sum(axis=0)
+    share = jnp.minimum(jnp.where(inside, part, 0.0).sum(axis=0), 1.0)
+    return jnp.exp(-depth * full) * (1.0 + share * jnp.expm1(-depth * partly))
 
 
 IONISED = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -63,16 +64,15 @@ class Scale:
 def resolution(response: Response) -> tuple[Array, Array]:
     """Energies of the input bins in the band, and the detector's standard deviation there, keV.
 
-    From the height of the redistribution's peak, which a tail at low energy does not reach.
+    From the width of the redistribution's peak at half its height, which no tail reaches.
     """
     low, high = response.channels.min(), response.channels.max()
     middle = response.energies.mean(axis=1)
     inside = (middle >= low) & (middle <= high)
-    matrix = response.redistribution[:, inside]
     width = np.diff(response.fine_channels, axis=1)
-    peak = np.asarray(matrix.multiply(1.0 / width).max(axis=0).todense()).ravel()
-    total = np.asarray(matrix.sum(axis=0)).ravel()
-    return middle[inside], total / (np.maximum(peak, 1e-300) * np.sqrt(2.0 * np.pi))
+    density = response.redistribution[:, inside].toarray() / width
+    core = density > 0.5 * density.max(axis=0)
+    return middle[inside], (core * width).sum(axis=0) / math.sqrt(8.0 * math.log(2.0))
 
 
 def spaced(response: Response, most: int) -> Array:
