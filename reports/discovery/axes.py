@@ -73,6 +73,9 @@ def log_axis(first: float, last: float, label: str, *, decades: bool = False) ->
     inside = [value for value in values if first * 0.999 <= value <= last * 1.001]
     if len(inside) < 3 and not decades:
         inside = [value for value in round_ticks(first, last, 8) if value > 0]
+    if len(inside) > 8 and not decades:
+        whole = [value for value in inside if np.isclose(np.log10(value) % 1, 0)]
+        inside = whole if len(whole) > 2 else inside[::2]
     while len(inside) > 8:
         inside = inside[::2]
     ticks = {float(np.log10(value)): _power(value) if decades else tick_label(value) for value in inside}

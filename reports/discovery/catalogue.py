@@ -36,7 +36,31 @@ def catalogue_chapter(tree: xr.DataTree, summary: Mapping[str, Any]) -> Chapter 
     )
     lead += f" Here {said}." if said else ""
     panels = [*_frames(data), *_growth(data, summary), *_influence(data)]
-    return Chapter("catalogue", "Catalogue", title, lead, tuple(panels), _influential(data))
+    tables = (*_claim(summary, data), *_influential(data))
+    return Chapter("catalogue", "Catalogue", title, lead, tuple(panels), tables)
+
+
+_CLAIM = {
+    "z": "Z of all sources together",
+    "z_beside_nuisances": "Z beside shared nuisances of the instrument",
+    "sandwich_error": "Error of the amplitude if sources scatter of themselves (sandwich)",
+    "effective_sources": "Sources that carry the information, effectively",
+    "floor": "Error that no number of sources gets below",
+}
+
+
+def _claim(summary: Mapping[str, Any], data: xr.Dataset) -> tuple[Table, ...]:
+    """The numbers that every claim on a catalogue comes with."""
+    given = summary.get("catalogue") or {}
+    rows = tuple(
+        (text, short(value)) for key, text in _CLAIM.items() if (value := finite(given.get(key))) is not None
+    )
+    if not rows:
+        return ()
+    effect = effect_words(str(data.attrs.get("effect", "the effect")))
+    return (
+        Table("The claim in numbers", (Column(effect.capitalize(), False), Column("")), (Rows("", rows),)),
+    )
 
 
 def _frames(data: xr.Dataset) -> list[Panel]:
@@ -81,11 +105,8 @@ def _growth(data: xr.Dataset, summary: Mapping[str, Any]) -> list[Panel]:
     floor = finite(pick(summary, "catalogue", "floor")) if floor is None else floor
     axis = log_axis(float(size.min()), float(size.max()), "number of sources")
     last = float(value[-1])
-    ends = [
-        float(np.min(value - error)),
-        float(np.max(value + error)),
-        *([neutral] if neutral is not None else []),
-    ]
+    ends = [float(np.min(value - error)), float(np.max(value + error))]
+    ends += [neutral] if neutral is not None else []
     ends += [last - floor, last + floor] if floor else []
     room = 0.08 * (max(ends) - min(ends)) or 0.1
     frame = Frame(x=axis.range, y=(min(ends) - room, max(ends) + room), width=WIDTH, height=HEIGHT, left=64.0)
@@ -100,18 +121,22 @@ def _growth(data: xr.Dataset, summary: Mapping[str, Any]) -> list[Panel]:
         frame.line(place, value),
         frame.dots(place, value, "points small"),
     ]
-    text = f"{short(last)} ± {with_unit(float(error[-1]), unit)} from {int(size[-1]):,} sources"
-    remark = text
+    number_now = finite(pick(summary, "data", "n_sources"))
+    if number_now and size.min() <= number_now <= size.max():
+        marks.append(frame.upright(float(axis.at(number_now)), "this catalogue", "mark mark-1"))
+    # One amplitude with the errors that numbers of sources would give it, or one from each number.
+    foreseen = float(np.ptp(value)) == 0
+    remark = (
+        "band: the error that so many sources would leave"
+        if foreseen
+        else f"{short(last)} ± {with_unit(float(error[-1]), unit)} from {int(size[-1]):,} sources"
+    )
     if floor:
         remark += f"; inner band: the error that no number of sources gets below, {with_unit(floor, unit)}"
     remark += "; dashed: no effect" if neutral is not None else ""
-    return [
-        Panel(
-            f"{effect.capitalize()}: amplitude as the catalogue grows",
-            remark,
-            _drawn(marks, frame, "growth", effect, text),
-        )
-    ]
+    what = "what more sources would bring" if foreseen else "amplitude as the catalogue grows"
+    heading = f"{effect.capitalize()}: {what}"
+    return [Panel(heading, remark, _drawn(marks, frame, "growth", heading, remark))]
 
 
 def _influence(data: xr.Dataset) -> list[Panel]:

@@ -16,7 +16,8 @@ The summary (discovery.json)
     The contract's keys, and these further ones, each optional::
 
         "amplitude": {"effect", "parameter", "value", "interval": [lo, hi], "level", "unit", "neutral",
-                      "held_out": bool}             of the first named effect; a list of such for several
+                      "held_out": bool, "beside_nuisances": {"value", "interval", "nuisances": [text]}}
+                                                    of the first named effect; a list of such for several
         "candidates": [{..., "held_out", "held_out_error", "in_set": bool, "amplitude",
                         "amplitude_interval": [lo, hi], "unit", "z_orthogonal", "z_marginal", "cause"}]
                                                     held_out: gain in log score over the model before, nats
@@ -25,7 +26,8 @@ The summary (discovery.json)
                 "delta_log_evidence": {"value", "error", "sensitivity": [{"prior", "value"}]}}
         "e_value": {"log", "p"}                     split likelihood ratio, natural log
         "disagreement": {..., "p_quantiles", "replicates"}
-        "catalogue": {"n", "fixed_to", "statement", "floor", "sandwich_error", "effective_sources"}
+        "catalogue": {"n", "fixed_to", "statement", "floor", "sandwich_error", "effective_sources", "z",
+                      "z_beside_nuisances"}
         "withdrawn": {"effect", "why"}              a name that was found and did not hold
         "remarks": [text]                           said under the headline
         "not_checked": [{"id", "why"}]

@@ -20,7 +20,7 @@ from gaugeblock.reports.words import NOTHING, number, short
 
 def amplitude_chapter(summary: Mapping[str, Any]) -> Chapter | LeftOut:
     """How large the effect is."""
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for one in amplitudes(summary):
         low, high = (finite(value) for value in (one.get("interval") or (None, None)))
         unit = str(one.get("unit") or "")
@@ -36,6 +36,7 @@ def amplitude_chapter(summary: Mapping[str, Any]) -> Chapter | LeftOut:
                 "yes" if one.get("held_out") else "no, in sample: too large on average",
             )
         )
+        rows += _beside(one)
     title = "How large it is"
     if not rows:
         return LeftOut(title, "discovery.json holds no amplitude, because nothing was named")
@@ -50,6 +51,25 @@ def amplitude_chapter(summary: Mapping[str, Any]) -> Chapter | LeftOut:
     return Chapter(
         "amplitude", "Amplitude", title, lead, (), (Table("Amplitudes", columns, (Rows("", tuple(rows)),)),)
     )
+
+
+def _beside(one: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """The amplitude once nuisances that all sources share have taken their part, where that was asked."""
+    given = one.get("beside_nuisances")
+    if not isinstance(given, Mapping):
+        return []
+    low, high = (finite(value) for value in (given.get("interval") or (None, None)))
+    return [
+        (
+            f"beside {', '.join(str(name) for name in given.get('nuisances') or ['shared nuisances'])}",
+            str(one.get("parameter")),
+            short(finite(given.get("value"))),
+            NOTHING if low is None or high is None else f"{short(low)} to {short(high)}",
+            f"{100 * (finite(one.get('level')) or 0.9):.0f}%",
+            short(finite(one.get("neutral"))),
+            "as above",
+        )
+    ]
 
 
 def evidence_chapter(summary: Mapping[str, Any]) -> Chapter | LeftOut:

@@ -131,6 +131,27 @@ def test_background_and_channel_numbers_have_their_own_axes(make_tree, summary):
     assert "keV" not in "".join(page.text.split("What it could be")[0])
 
 
+def test_what_every_claim_on_a_catalogue_comes_with(catalogue, summary):
+    summary["catalogue"] = {"n": 500, "z": 10.1, "z_beside_nuisances": 4.2, "effective_sources": 317.0}
+    summary["amplitude"]["beside_nuisances"] = {
+        "value": 1.1e-4, "interval": [0.5e-4, 1.7e-4], "nuisances": ["gain_offset (sd 0.01)"],
+    }  # fmt: skip
+    text = Page(discovery_html(catalogue, summary)).text
+    for said in ("Z beside shared nuisances", "4.2", "317", "beside gain_offset (sd 0.01)", "5e−5 to 1.7e−4"):
+        assert said in text
+
+
+def test_errors_foreseen_for_more_sources_are_not_told_as_measured(catalogue, summary):
+    data = catalogue["catalogue"].to_dataset()
+    data["amplitude"] = ("size", np.full(6, 1.03))
+    catalogue["catalogue"] = xr.DataTree(data)
+    summary["data"]["n_sources"] = 100
+    text = Page(discovery_html(catalogue, summary)).text
+    assert "what more sources would bring" in text
+    assert "this catalogue" in text
+    assert "from 500 sources" not in text
+
+
 def test_hostile_words_are_shown_and_do_nothing(tree, summary, hostile):
     summary["named"] = summary["named_all"][0] = summary["indistinguishable"][0] = hostile
     summary["candidates"][0] |= {"effect": hostile, "unit": hostile, "parameters": {hostile: 1.0}}
