@@ -37,7 +37,7 @@ def catalogue_chapter(tree: xr.DataTree, summary: Mapping[str, Any]) -> Chapter 
     lead += f" Here {said}." if said else ""
     panels = [*_frames(data), *_growth(data, summary), *_influence(data)]
     tables = (*_claim(summary, data), *_influential(data))
-    return Chapter("catalogue", "Catalogue", title, lead, tuple(panels), tables)
+    return Chapter("catalogue", "Catalogue", title, lead, tuple(panels), tables, pictures_first=True)
 
 
 _CLAIM = {

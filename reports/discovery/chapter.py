@@ -41,7 +41,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Chapter:
-    """One step of the story: what its figures and tables say, in that order; `keys` explain marks."""
+    """One step of the story: what its tables and figures say; `keys` explain the figures' marks."""
 
     anchor: str
     title: str
@@ -51,6 +51,7 @@ class Chapter:
     tables: tuple[Table, ...] = ()
     keys: tuple[tuple[str, str], ...] = ()
     layout: Layout = "wide"
+    pictures_first: bool = False
 
 
 @dataclass(frozen=True)

@@ -146,6 +146,6 @@ def test_p_is_never_zero_and_the_tail_goes_on_falling():
 @pytest.mark.slow
 def test_a_thousand_channels_take_about_a_second(power_laws):
     data = power_laws(1, channels=1000, total=1e5)
-    started = time.perf_counter()
+    started = time.process_time()
     scan_windows(*data.one, rng=np.random.default_rng(1))
-    assert time.perf_counter() - started < 3.0
+    assert time.process_time() - started < 3.0
