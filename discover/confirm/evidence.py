@@ -20,8 +20,8 @@ from gaugeblock.validate.evidence import LogEvidence, evidence_difference, threa
 
 Array = NDArray[np.float64]
 
-LIVE_POINTS = 200
-"""Enough for an error of about a quarter of a nat on one spectrum with five parameters."""
+LIVE_POINTS = 150
+"""Enough for an error of about 0.3 nat on one spectrum of medium counts with five parameters and an effect."""
 
 
 @dataclass(frozen=True, eq=False)
