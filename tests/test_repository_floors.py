@@ -22,6 +22,8 @@ FLOORS = {
     "reports": 4,
     "__main__": 6,
     "cli": 6,
+    "cli_discover": 6,
+    "cli_options": 6,
     "pytest_plugin": 6,
     "pytest_gate": 6,
     "pytest_settings": 6,

@@ -103,7 +103,7 @@ def read_observation(
     columns = [_each(role, files, len(paths)) for role, files in (("rmf", rmf), ("arf", arf))]
     behind = _each("background", background, len(paths))
     readings = [
-        reader.read(path, _shipped(r), _shipped(a), _shipped(b), exposure=exposure)
+        reader.read(_shipped(path) or path, _shipped(r), _shipped(a), _shipped(b), exposure=exposure)
         for path, r, a, b in zip(paths, *columns, behind, strict=True)
     ]
     prior = model_prior(

@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gaugeblock.cli_discover import EXIT_CODES as DISCOVER_EXIT_CODES
+from gaugeblock.cli_discover import discover
+from gaugeblock.cli_options import Debug, Out, PolicyName, Quiet, Seed, Settings, command
 from gaugeblock.errors import GaugeblockError
 
 if TYPE_CHECKING:
@@ -28,19 +31,7 @@ app = typer.Typer(
 )
 data_app = typer.Typer(no_args_is_help=True, help="Real responses, spectra and tables.")
 app.add_typer(data_app, name="data")
-
-Out = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder that gets the files.")]
-Seed = Annotated[int | None, typer.Option(min=0, help="Seed of everything random.")]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="TABLE.KEY=VALUE", help="Change one key of the configuration; repeatable."),
-]
-PolicyName = Annotated[
-    str | None,
-    typer.Option("--policy", metavar="P.toml", help="Policy: default, strict or a TOML file."),
-]
-Debug = Annotated[bool, typer.Option("--debug", help="Show a traceback with an error.")]
-Quiet = Annotated[bool, typer.Option("--quiet", help="No progress on stderr.")]
+app.command(epilog=DISCOVER_EXIT_CODES)(discover)
 
 
 @app.command(epilog=EXIT_CODES)
@@ -95,11 +86,11 @@ def audit(
                 policy=rules,
                 seed=seed or 0,
                 select=chosen.validators,
-                command=_command(),
+                command=command(),
                 progress=bars.show,
             )
         else:
-            result = run(chosen, out, policy=rules, command=_command(), progress=bars.show)
+            result = run(chosen, out, policy=rules, command=command(), progress=bars.show)
     _finish(result, out)
 
 
@@ -118,7 +109,7 @@ def gate(
     from gaugeblock.validate import read_policy
 
     rules = read_policy(policy or "default")
-    result = judge_again(folder, policy=rules, out=out, seed=seed, command=_command())
+    result = judge_again(folder, policy=rules, out=out, seed=seed, command=command())
     _finish(result, out or folder)
 
 
@@ -186,84 +177,6 @@ def train(
     typer.echo(f"trained: {folder}")
 
 
-@app.command(epilog="Exit codes: 0 when the workflow ran to its end, whatever it found; 2 bad input.")
-def discover(
-    pha: Annotated[
-        list[Path] | None,
-        typer.Argument(metavar="[PHA ...]", help="Spectra of one source; several: as many instruments."),
-    ] = None,
-    model: Annotated[
-        str, typer.Option(help="What should explain them, as in XSPEC: 'tbabs*(powerlaw+bbodyrad)'.")
-    ] = "tbabs*powerlaw",
-    catalog: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR", help="Many sources of one instrument: catalog.csv (pha, redshift) or *.pha."
-        ),
-    ] = None,
-    priors: Annotated[
-        Path | None, typer.Option(metavar="FILE.toml", help="Priors; parameters left out have defaults.")
-    ] = None,
-    band: Annotated[
-        tuple[float, float] | None, typer.Option(metavar="LOW HIGH", help="Energies in keV.")
-    ] = None,
-    rmf: Annotated[list[Path] | None, typer.Option(help="Instead of the header's; one a spectrum.")] = None,
-    arf: Annotated[list[Path] | None, typer.Option(help="Instead of the header's; one a spectrum.")] = None,
-    background: Annotated[
-        list[str] | None, typer.Option(help="Instead of the header's; 'none' does without.")
-    ] = None,
-    redshift: Annotated[float, typer.Option(help="Of the source.")] = 0.0,
-    effect: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="Search for this effect only; repeatable.")
-    ] = None,
-    own: Annotated[
-        list[str] | None,
-        typer.Option(metavar="MODULE:OBJECT", help="An effect of your own beside the library; repeatable."),
-    ] = None,
-    replicates: Annotated[int, typer.Option(min=99, help="Simulated data sets behind a global p.")] = 999,
-    evidence: Annotated[
-        bool, typer.Option(help="Evidence of the named effect by nested sampling (slow, one source).")
-    ] = True,
-    out: Out = Path("gaugeblock-discovery"),
-    seed: Seed = None,
-    quiet: Quiet = False,
-    debug: Debug = False,  # noqa: ARG001
-) -> None:
-    """Find where model and measured spectra disagree, name the missing effect, add it, test the name.
-
-    Writes discovery.json, discovery.nc and report.html.
-    """
-    from gaugeblock.discovering import Measured, run
-    from gaugeblock.progress import Bars
-    from gaugeblock.reports.discovery.headline import headline
-
-    measured = Measured(
-        pha=tuple(pha or ()),
-        catalog=catalog,
-        model=model,
-        priors=priors,
-        band=band,
-        rmf=tuple(rmf or ()),
-        arf=tuple(arf or ()),
-        background=tuple(background or ()),
-        redshift=redshift,
-    )
-    with Bars(quiet=quiet) as bars:
-        found = run(
-            measured,
-            out,
-            seed=seed or 0,
-            own=own or (),
-            only=effect or (),
-            replicates=replicates,
-            evidence=evidence,
-            command=_command(),
-            progress=bars.show,
-        )
-    typer.echo(headline(found.summary).paragraph)
-    typer.echo(f"report: {out / 'report.html'}")
-
-
 @data_app.command()
 def fetch(
     debug: Debug = False,  # noqa: ARG001
@@ -277,10 +190,6 @@ def fetch(
             typer.echo(line, err=True)
 
     typer.echo(run(progress=tell).summary())
-
-
-def _command() -> str:
-    return " ".join(["gaugeblock", *sys.argv[1:]])
 
 
 def _finish(result: Audit, out: Path) -> None:

@@ -33,6 +33,7 @@ class Measured:
     arf: tuple[Path, ...] = ()
     background: tuple[str, ...] = ()
     redshift: float = 0.0
+    regroup: str = "ungrouped"
 
 
 def read(measured: Measured, *, progress: Progress, seed: int = 0) -> list[Sources]:
@@ -59,6 +60,7 @@ def read(measured: Measured, *, progress: Progress, seed: int = 0) -> list[Sourc
             arf=next(iter(measured.arf), None),
             background=measured.background != ("none",),
             band=measured.band,
+            regroup=measured.regroup,
             seed=seed,
             progress=lambda done, total: progress("reading spectra", done, total),
         )
@@ -73,6 +75,7 @@ def read(measured: Measured, *, progress: Progress, seed: int = 0) -> list[Sourc
                 background=measured.background or None,
                 band=measured.band,
                 redshift=measured.redshift,
+                regroup=measured.regroup,
             ),
         )
     return [Sources(o.simulator, o.counts, o.scale, o.redshift, o.names) for o in found]
