@@ -25,8 +25,11 @@ def forward(assembly: Assembly, response: Response, *, integration: str = "jaxsp
 
     Everything that is fixed is worked into constants here, so a fixed effect costs nothing per spectrum.
     """
+    import jax
+
     names = assembly.prior.names
-    with double_precision():
+    # Whoever asks first may be tracing: without this the constants would belong to that trace alone.
+    with double_precision(), jax.ensure_compile_time_eval():
         fold, live = _fold(assembly, response)
         low, high = _photon_energies(assembly, response)[:, live]
         flux = photon_flux(assembly.tree, names, low, high, integration)
