@@ -21,7 +21,7 @@ from gaugeblock.validate.evidence import LogEvidence, evidence_difference, threa
 Array = NDArray[np.float64]
 
 LIVE_POINTS = 150
-"""Enough for an error of about 0.3 nat on one spectrum of medium counts with five parameters and an effect."""
+"""Enough for an error of about 0.3 nat on a spectrum of medium counts with five parameters and an effect."""
 
 
 @dataclass(frozen=True, eq=False)
