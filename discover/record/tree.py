@@ -120,7 +120,7 @@ def alike(look: Look) -> xr.Dataset:
 
 
 def scan(look: Look) -> xr.Dataset:
-    """z at every scanned value of every effect that has something to scan."""
+    """z, in the direction that an effect may take, at every scanned value of those that have any."""
     effects, parameters, values, units, z = [], [], [], [], []
     for key, entry in look.candidates.entries.items():
         shown = next(
@@ -134,7 +134,7 @@ def scan(look: Look) -> xr.Dataset:
         parameters += [shown] * len(mine)
         units += [entry.units.get(shown, "")] * len(mine)
         values += entry.nodes[look.templates.node[mine], column].tolist()
-        z += look.scores.z[0, mine].tolist()
+        z += look.z[mine].tolist()
     return xr.Dataset(
         {
             "effect": ("node", np.array(effects, dtype=str)),

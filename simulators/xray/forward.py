@@ -24,17 +24,18 @@ here on a spectrum's expected counts have the same bits whatever batch it comes 
 
 
 class Compiled:
-    """A pure function of rows, jitted over batches that are padded to powers of two and cut into chunks.
+    """A pure function of rows, jitted over batches that are padded to a few sizes and cut into chunks.
 
     `function` maps one row of each argument, and one scalar that all rows share, to an array. Padding
-    repeats the last row, so nothing is evaluated that nobody asked about; only the few powers of two
-    between `SMALLEST` and `chunk` are ever compiled.
+    repeats the last row, so nothing is evaluated that nobody asked about; only `SMALLEST`, eight
+    times that and `chunk` are ever compiled: compiling takes longer than evaluating what is padded.
     """
 
     def __init__(self, function: Callable[..., Any], rows: int, *, chunk: int = CHUNK):
         import jax
 
         self._chunk = chunk
+        self._sizes = (*(size for size in (SMALLEST, 8 * SMALLEST) if size < chunk), chunk)
         self._compiled = jax.jit(jax.vmap(function, in_axes=(*(0,) * rows, None)))
 
     @property
@@ -49,7 +50,7 @@ class Compiled:
             for start in range(0, len(rows[0]), self._chunk):
                 part = [row[start : start + self._chunk] for row in rows]
                 size = len(part[0])
-                padded = max(SMALLEST, 1 << (size - 1).bit_length())
+                padded = next(fixed for fixed in self._sizes if size <= fixed)
                 part = [np.concatenate([p, np.repeat(p[-1:], padded - size, axis=0)]) for p in part]
                 pieces.append(np.asarray(self._compiled(*part, np.float64(shared)))[:size])
         return np.concatenate(pieces)
