@@ -2,7 +2,7 @@
 
 `features` turns data into numbers, `population` and `model` say what is simulated, `scores` learns how the
 features answer to everything that may change, `fit` fits population and effects by that, `search` tests every
-effect, `extend` adds one, `held_out` judges it on other data sets, `local` closes in on a single one.
+effect, `extend` adds one, `held_out` judges it on other data sets, `close_in` finds where theta lies.
 """
 
 from gaugeblock.discover.simulated.workflow import discover_simulated

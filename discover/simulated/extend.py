@@ -47,6 +47,12 @@ class Extended:
         return self.candidate.values(self.fit.state)
 
     @property
+    def significance(self) -> float:
+        """Standard errors of the amplitude from neutral."""
+        value, error = self.amplitude
+        return abs(value - self.candidate.entry.neutral) / max(error, 1e-300)
+
+    @property
     def amplitude(self) -> tuple[float, float]:
         """The amplitude and its standard error."""
         index = self.candidate.amplitude_index

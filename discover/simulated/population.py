@@ -19,8 +19,8 @@ class Population:
 
     L is lower triangular with ``exp(log_scale)`` on its diagonal. The hyper-parameters are u and, for a
     population of several data sets, the log scales and what is below L's diagonal; all of them 0 is the
-    reference, which for a catalogue is the prior itself. Around a single data set only u is free, in units
-    of the posterior's width, and `width` makes the population so narrow that it is a point.
+    reference, where the search for them began. Around a single data set only u is free, in units of the
+    posterior's width, and `width` makes the population so narrow that it is a point.
     """
 
     prior: Prior
@@ -59,12 +59,28 @@ class Population:
         found[p : 2 * p] = [-3.0, 1.0]  # from a twentieth of the prior's width to beyond it
         return found
 
-    def theta(self, hyper: Array, normal: Array) -> Array:
-        """Parameters ``(n, parameter)`` from standard normal numbers of that shape."""
+    def described(self, hyper: Array) -> dict[str, float]:
+        """Median of every parameter, and its 16% and 84% quantiles in the population, by name."""
+        shape = self._shape(hyper)
+        centre = self.centre + self.root @ hyper[: self.prior.size]
+        sd = self.width * np.sqrt(((self.root @ shape) ** 2).sum(axis=1))
+        rows = self.prior.from_unit_cube(ndtr(centre + np.outer([0.0, -1.0, 1.0], sd)))
+        return {
+            f"{word}[{name}]": float(value)
+            for word, row in zip(("median", "low", "high"), rows, strict=True)
+            for name, value in zip(self.prior.names, row, strict=True)
+        }
+
+    def _shape(self, hyper: Array) -> Array:
         p = self.prior.size
         shape = np.eye(p)
         if self.shape_free:
             np.fill_diagonal(shape, np.exp(hyper[p : 2 * p]))
             shape[np.tril_indices(p, -1)] = hyper[2 * p :]
-        z = self.centre + (hyper[:p] + self.width * (normal @ shape.T)) @ self.root.T
+        return shape
+
+    def theta(self, hyper: Array, normal: Array) -> Array:
+        """Parameters ``(n, parameter)`` from standard normal numbers of that shape."""
+        shape = self._shape(hyper)
+        z = self.centre + (hyper[: self.prior.size] + self.width * (normal @ shape.T)) @ self.root.T
         return self.prior.from_unit_cube(np.clip(ndtr(z), 1e-12, 1.0 - 1e-12))

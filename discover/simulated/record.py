@@ -44,7 +44,7 @@ def summary(search: SimulatedSearch) -> dict[str, Any]:
         "named": decision.named,
         "named_all": list(decision.named_all),
         "indistinguishable": list(decision.indistinguishable),
-        "model_before": before.fit.model.hyper and _state(search, None),
+        "model_before": _state(search, None),
         "model_after": _state(search, chosen if decision.named_all else None),
         "gap": {
             "in_sample": {
@@ -122,10 +122,14 @@ def _amplitude(one: Extended) -> dict[str, Any]:
 
 
 def _state(search: SimulatedSearch, one: Extended | None) -> dict[str, Any]:
-    """The fitted model: hyper-parameters of the population, and values of the effects."""
+    """The fitted model: the population of theta, and values of the effects."""
     fit = search.before.fit if one is None else one.fit
-    names = (*fit.model.population.names, *fit.model.simulator.prior.names[fit.model.population.prior.size :])
-    return {name: float(value) for name, value in zip(names, fit.state, strict=True)}
+    model, population = fit.model, fit.model.population
+    added = model.simulator.prior.names[population.prior.size :]
+    return {
+        **population.described(fit.state[: model.hyper]),
+        **{name: float(value) for name, value in zip(added, fit.state[model.hyper :], strict=True)},
+    }
 
 
 def _decoys(search: SimulatedSearch, label: str | None) -> list[dict[str, Any]]:

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from gaugeblock.discover.simulated import discover_simulated
+from gaugeblock.discover.simulated.before import prepare
 from gaugeblock.discover.simulated.extend import refit
 from gaugeblock.discover.simulated.fit import Budget, Observed
 from gaugeblock.discover.simulated.held_out import gap
 from gaugeblock.discover.simulated.search import find
-from gaugeblock.discover.simulated.workflow import prepare
 
 CATALOGUES = 200
 BUDGET = Budget(3000, 21)

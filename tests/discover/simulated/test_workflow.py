@@ -55,7 +55,7 @@ def test_the_same_seed_finds_the_same(ruler, readings):
 
 def test_two_effects_are_both_named(ruler, readings):
     x = readings(300, 13, spike={"height": 0.7, "mark": 1.0}, tilt={"slope": 0.15})
-    found = discover_simulated(ruler, x, seed=3, **SMALL)
+    found = discover_simulated(ruler, x, seed=3, effects=2, **SMALL)
     assert set(found.named_all) == {"spike", "tilt"}
 
 

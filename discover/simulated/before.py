@@ -1,0 +1,74 @@
+"""The model without an effect: fitted, with features and the scores of all effects learned there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gaugeblock.discover.candidates import Candidates, candidates
+from gaugeblock.discover.simulated.close_in import close_in
+from gaugeblock.discover.simulated.features import Features, Summaries, learn_features
+from gaugeblock.discover.simulated.fit import Budget, Observed, SimulatedFit, fit_simulated
+from gaugeblock.discover.simulated.model import Model
+from gaugeblock.discover.simulated.search import LearnedScores, learn_effects
+from gaugeblock.errors import InputError
+from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators.protocol import can
+
+FEWEST = 30
+"""Data sets from which a population can be fitted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Before:
+    """The model without any effect, fitted, with features and the scores of all effects learned there."""
+
+    features: Features
+    observed: Observed
+    fit: SimulatedFit
+    candidates: Candidates
+    scores: LearnedScores
+
+
+def prepare(
+    simulator: Any,
+    x: ArrayLike,
+    *,
+    library: Mapping[str, LibraryEffect] | None,
+    budget: Budget,
+    summaries: Summaries | None,
+    step: Callable[[str], None],
+) -> Before:
+    """Fit the model without an effect and learn the score of every effect there."""
+    data = np.asarray(x)
+    for needed in ("simulate", "with_effect"):
+        if not can(simulator, needed):
+            raise InputError(f"discover: {type(simulator).__name__} has no {needed}(...), which naming needs")
+    if data.ndim < 2 or (1 < len(data) < FEWEST) or not len(data):
+        raise InputError(
+            f"discover: give one data set (1, ...) or at least {FEWEST} (n, ...), got shape {data.shape}; a "
+            "population cannot be fitted to fewer"
+        )
+    if budget.simulations < 1000:
+        raise InputError(f"discover: needs at least 1,000 simulations a state, got {budget.simulations}")
+    population = close_in(
+        simulator, data, simulations=budget.simulations, seed=budget.seed, summaries=summaries
+    )
+    model = Model.plain(simulator, population)
+    state, rng = np.zeros(model.hyper), np.random.default_rng(budget.seed)
+    # Features of the first guess's data find the population; features of its own then serve it better.
+    for _ in range(2):
+        reference = model.draw(state, budget.simulations, budget.seed + 1)
+        features = learn_features(reference, rng, summaries=summaries)
+        observed = Observed(features(data))
+        fitted = fit_simulated(model, features, observed, budget, start=state)
+        state = fitted.state
+    theta = model.population.theta(state[: model.hyper], model.normal(1000, budget.seed))
+    own = library is None
+    proposed = candidates(simulator, theta) if own else Candidates(simulator, dict(library or {}))
+    step("learning the score of every effect")
+    return Before(features, observed, fitted, proposed, learn_effects(proposed, fitted, features, budget))
