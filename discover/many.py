@@ -112,21 +112,21 @@ def search_catalogue(
         )
     rounds, last = _rounds(groups, fits, proposed, first, streams["search"], replicates, step)
     step("scoring on held-out sources")
-    models = {"before": before()}
+    models = {"before": before(fits)}
     names = [one.profiles[0] for one in rounds]
     terms = [one.term for one in names]
     models[" + ".join(one.key for one in names)] = effect_model(
-        terms, "named", np.array([one.amplitude.value for one in names])
+        groups, terms, np.array([one.amplitude.value for one in names]), "named"
     )
     for rival in rounds[-1].profiles[1 : RIVALS + 1]:
         path = [*names[:-1], rival]
         models[" + ".join(one.key for one in path)] = effect_model(
-            [one.term for one in path], "rival", np.array([one.amplitude.value for one in path])
+            groups, [one.term for one in path], np.array([one.amplitude.value for one in path]), "rival"
         )
-    smooth = smooth_model(groups)
+    smooth = smooth_model(groups, fits)
     if smooth is not None:
         models["unnamed"] = smooth
-    models.update(random_models(groups, number=DECOYS, rng=streams["decoys"]))
+    models.update(random_models(groups, fits, number=DECOYS, rng=streams["decoys"]))
     scored = held_out_sources(models, groups, fits, rng=streams["held_out"])
     step("measuring the amplitude beside shared nuisances")
     nuisances = shared_nuisances(proposed[0].entries, names[0].key)

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.confirm.held_out_sources import SharedModel, Trained
-from gaugeblock.discover.fit import Fit, fit
-from gaugeblock.discover.name.score import projection, scores
+from gaugeblock.discover.confirm.held_out_sources import Judge, Rows, SharedModel
+from gaugeblock.discover.fit import Fit, fit, select
+from gaugeblock.discover.name.score import projection
 from gaugeblock.discover.name.shared import Term, fit_held, share
-from gaugeblock.discover.name.shared_profile import profile_shared
+from gaugeblock.discover.name.shared_profile import newton, shared_parts
+from gaugeblock.discover.name.shared_scores import join
 from gaugeblock.discover.name.unnamed import curves
 from gaugeblock.discover.sources import Sources
 from gaugeblock.simulators.protocol import can
@@ -24,21 +25,37 @@ SIZE = 0.1
 """Prior standard deviation of the log of a shared smooth correction, at each of its curves."""
 
 
-def before() -> SharedModel:
+def before(fits: Sequence[Fit]) -> SharedModel:
     """The model as it was given."""
-    return SharedModel(lambda _groups, _fits: lambda _tested, found: found, "before")
+    return SharedModel(
+        lambda _: lambda held: [select(f, r) for f, r in zip(fits, held, strict=True)], "before"
+    )
 
 
-def effect_model(terms: Sequence[Term], kind: str, start: Array) -> SharedModel:
-    """Effects with shared amplitudes, the first of them profiled with all others."""
+def effect_model(groups: Sequence[Sources], terms: Sequence[Term], phi: Array, kind: str) -> SharedModel:
+    """Effects with shared amplitudes, learned by one Newton step from the whole catalogue's phi.
 
-    def train(groups: Sequence[Sources], fits: Sequence[Fit]) -> Trained:
-        phi = profile_shared(groups, terms[0], terms[1:], start=start, fits=fits).phi
+    The step uses the training sources alone; where it starts has no say in where it ends, but for the third
+    order of its length.
+    """
+    models = [share(group.simulator, terms) for group in groups]
+    fits = [fit_held(model, group, phi) for model, group in zip(models, groups, strict=True)]
+    parts = [
+        shared_parts([model], [group], [found], phi)
+        for model, group, found in zip(models, groups, fits, strict=True)
+    ]
+    first = models[0]
 
-        def judge(tested: Sequence[Sources], found: Sequence[Fit]) -> list[Fit]:
+    def train(kept: Rows) -> Judge:
+        scores = join([part.select(rows) for part, rows in zip(parts, kept, strict=True)])
+        step, _ = newton(scores, first.sd, phi - first.neutral)
+        low, high = first.bounds.T
+        trained = np.clip(phi + step, low + 1e-3 * (high - low), high - 1e-3 * (high - low))
+
+        def judge(held: Rows) -> list[Fit]:
             return [
-                fit_held(share(one.simulator, terms), one, phi, old.theta)
-                for one, old in zip(tested, found, strict=True)
+                fit_held(model, group.select(rows), trained, found.theta[rows])
+                for model, group, found, rows in zip(models, groups, fits, held, strict=True)
             ]
 
         return judge
@@ -70,24 +87,29 @@ class Multiplied:
         return np.asarray(self.simulator.jacobian(theta) * self.factor[:, None])
 
 
-def curve_model(shapes: Array, size: float, kind: str) -> SharedModel:
+def curve_model(
+    groups: Sequence[Sources], fits: Sequence[Fit], shapes: Array, size: float, kind: str
+) -> SharedModel:
     """``exp(shapes @ b)`` on every source, b from one Gauss-Newton step over all training sources.
 
     `shapes` is ``(channel, curve)``; b has a Gaussian prior of standard deviation `size`.
     """
+    statistics = [shared_statistics(group, found, shapes) for group, found in zip(groups, fits, strict=True)]
 
-    def train(groups: Sequence[Sources], fits: Sequence[Fit]) -> Trained:
-        log_factor = shapes @ shared_step(groups, fits, shapes, size)[0]
+    def train(kept: Rows) -> Judge:
+        score = sum(one.score[rows].sum(axis=0) for one, rows in zip(statistics, kept, strict=True))
+        known = sum(one.information[rows].sum(axis=0) for one, rows in zip(statistics, kept, strict=True))
+        factor = np.exp(shapes @ np.linalg.solve(known + np.eye(shapes.shape[1]) / size**2, score))
 
-        def judge(tested: Sequence[Sources], found: Sequence[Fit]) -> list[Fit]:
+        def judge(held: Rows) -> list[Fit]:
             return [
                 fit(
-                    Multiplied(one.simulator, np.exp(log_factor)),
-                    one.counts,
-                    scale=one.scale,
-                    start=old.theta,
+                    Multiplied(group.simulator, factor),
+                    group.counts[rows],
+                    scale=group.scale[rows],
+                    start=found.theta[rows],
                 )
-                for one, old in zip(tested, found, strict=True)
+                for group, found, rows in zip(groups, fits, held, strict=True)
             ]
 
         return judge
@@ -95,34 +117,36 @@ def curve_model(shapes: Array, size: float, kind: str) -> SharedModel:
     return SharedModel(train, kind)
 
 
-def shared_step(
-    groups: Sequence[Sources], fits: Sequence[Fit], shapes: Array, size: float
-) -> tuple[Array, Array]:
-    """Coefficients ``(curve,)`` of shared log factors, one step from 0, and their covariance."""
-    score = np.zeros(shapes.shape[1])
-    information = np.eye(shapes.shape[1]) / size**2
-    for group, found in zip(groups, fits, strict=True):
-        values = found.expected[:, None] * shapes.T
-        tested = scores(group.counts, found, values)
-        score += tested.score.sum(axis=0)
-        projected = projection(found)(values)
-        information += np.einsum(
-            "ntc,nuc->tu", projected, values / np.sqrt(found.expected)[:, None], optimize=True
-        )
-    covariance = np.asarray(np.linalg.inv(information), dtype=float)
-    return covariance @ score, covariance
+@dataclass(frozen=True, eq=False)
+class CurveStatistics:
+    """Scores ``(source, curve)`` and information ``(source, curve, curve)`` of shared log factors at 0."""
+
+    score: Array
+    information: Array
 
 
-def smooth_model(groups: Sequence[Sources]) -> SharedModel | None:
+def shared_statistics(group: Sources, found: Fit, shapes: Array) -> CurveStatistics:
+    """Each source's part, its own parameters projected out."""
+    values = found.expected[:, None] * shapes.T
+    project = projection(found)
+    projected = project(values)
+    residual = (group.counts - found.expected) / project.root_mean
+    whitened = values / project.root_mean[:, None]
+    return CurveStatistics(
+        np.einsum("ntc,nc->nt", projected, residual), np.matmul(projected, whitened.swapaxes(1, 2))
+    )
+
+
+def smooth_model(groups: Sequence[Sources], fits: Sequence[Fit]) -> SharedModel | None:
     """`unnamed`: a smooth correction in channel space; None where responses differ."""
     if len(groups) != 1:
         return None
     shapes = curves(groups[0].simulator, groups[0].counts.shape[1])
-    return curve_model(shapes, SIZE, "unnamed") if shapes.shape[1] else None
+    return curve_model(groups, fits, shapes, SIZE, "unnamed") if shapes.shape[1] else None
 
 
 def random_models(
-    groups: Sequence[Sources], *, number: int, rng: np.random.Generator
+    groups: Sequence[Sources], fits: Sequence[Fit], *, number: int, rng: np.random.Generator
 ) -> dict[str, SharedModel]:
     """Random smooth shapes in channel space, each with one free amplitude."""
     if len(groups) != 1:
@@ -131,6 +155,8 @@ def random_models(
     if not basis.shape[1]:
         return {}
     return {
-        f"random {i + 1}": curve_model(basis @ rng.normal(size=(basis.shape[1], 1)), 1.0, "random")
+        f"random {i + 1}": curve_model(
+            groups, fits, basis @ rng.normal(size=(basis.shape[1], 1)), 1.0, "random"
+        )
         for i in range(number)
     }

@@ -9,22 +9,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.discover.confirm.held_out import deviance
-from gaugeblock.discover.fit import Fit, select
+from gaugeblock.discover.fit import Fit
 from gaugeblock.discover.sources import Sources
 
 Array = NDArray[np.float64]
 
 FOLDS = 3
 
-Trained = Callable[[Sequence[Sources], Sequence[Fit]], Sequence[Fit]]
-"""Fits of held-out sources, whose fits before are given, under a model whose shared part is known already."""
+Rows = Sequence[NDArray[np.bool_]]
+"""Which sources of every group."""
+
+Judge = Callable[[Rows], Sequence[Fit]]
+"""Fits of held-out sources, one a group, under a model whose shared part is known already."""
 
 
 @dataclass(frozen=True, eq=False)
 class SharedModel:
     """A model of a catalogue: `train` learns what is shared from some sources and returns a fitter."""
 
-    train: Callable[[Sequence[Sources], Sequence[Fit]], Trained]
+    train: Callable[[Rows], Judge]
     kind: str
 
 
@@ -76,21 +79,14 @@ def held_out_sources(
         for group, fit in zip(groups, fits, strict=True)
     ]
     for number in range(folds):
-        kept = [part != number for part in parts]
-        training = [
-            (group.select(k), select(fit, k)) for group, fit, k in zip(groups, fits, kept, strict=True)
-        ]
-        training = [(group, fit) for group, fit in training if len(group)]
-        held = [(i, ~k) for i, k in enumerate(kept) if not k.all()]
+        held = [part == number for part in parts]
         for m, model in enumerate(models.values()):
             if model.kind == "before":
                 continue
-            judge = model.train([group for group, _ in training], [fit for _, fit in training])
-            tested = [groups[i].select(rows) for i, rows in held]
-            start = [select(fits[i], rows) for i, rows in held]
-            for (i, rows), sources, fit in zip(held, tested, judge(tested, start), strict=True):
+            found = model.train([~rows for rows in held])(held)
+            for i, (rows, fit) in enumerate(zip(held, found, strict=True)):
                 gains[i][m, rows] = fits[i].objective[rows] - fit.objective
-                gaps[i][m, rows] = deviance(sources.counts, fit.expected)
+                gaps[i][m, rows] = deviance(groups[i].counts[rows], fit.expected)
     return HeldOutSources(
         tuple(models),
         tuple(model.kind for model in models.values()),

@@ -98,15 +98,27 @@ def profile_shared(
     ----------
     Murphy & van der Vaart (2000), J. Am. Stat. Assoc. 95, 449: the profile likelihood as a likelihood.
     """
-    terms = (entry, *nuisances)
-    models = [share(sources.simulator, terms) for sources in groups]
+    models = [share(sources.simulator, (entry, *nuisances)) for sources in groups]
+    return profile_models(models, groups, start=start, fits=fits, iterations=iterations)
+
+
+def profile_models(
+    models: Sequence[Shared],
+    groups: Sequence[Sources],
+    *,
+    start: ArrayLike | None = None,
+    fits: Sequence[Fit] | None = None,
+    iterations: int = ITERATIONS,
+) -> SharedAmplitude:
+    """`profile_shared` for simulators that have the shared effects already: the first term is the effect."""
     first = models[0]
+    entry = first.terms[0]
     phi = first.neutral if start is None else np.array(start, dtype=float)
-    before = [None] * len(groups) if fits is None else [fit.theta for fit in fits]
-    bare = [
-        fit_held(model, sources, first.neutral, theta)
-        for model, sources, theta in zip(models, groups, before, strict=True)
-    ]
+    bare = (
+        list(fits)
+        if fits is not None
+        else [fit_held(model, sources, first.neutral) for model, sources in zip(models, groups, strict=True)]
+    )
     found, converged = bare, False
     for number in range(iterations + 1):
         found = [
@@ -114,7 +126,7 @@ def profile_shared(
             for model, sources, fit in zip(models, groups, found, strict=True)
         ]
         scores = shared_parts(models, groups, found, phi)
-        step, error = _newton(scores, first.sd, phi - first.neutral)
+        step, error = newton(scores, first.sd, phi - first.neutral)
         if not np.isfinite(error[0]):
             raise InputError(
                 f"discover: the catalogue knows nothing of {entry.entry.name} beside its nuisances; "
@@ -153,7 +165,7 @@ def shared_parts(
     return join(parts)
 
 
-def _newton(scores: SharedScores, sd: Array, away: Array) -> tuple[Array, Array]:
+def newton(scores: SharedScores, sd: Array, away: Array) -> tuple[Array, Array]:
     """Step of the shared amplitudes, and their standard errors, ``(term,)``."""
     matrix = scores.nuisance_information.sum(axis=0) + prior_precision(scores, sd)
     pull = scores.nuisance_score.sum(axis=0) - away / sd**2
