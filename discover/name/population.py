@@ -43,6 +43,23 @@ class Tilt:
         products = basis[..., first, 0] * basis[..., second, 0]
         return np.concatenate([columns, products], axis=-1)
 
+    def slope(self, unit: Array, eta: Array) -> Array:
+        """Derivative of ``eta . features`` by the unit coordinates, ``(..., parameter)``."""
+        place = 2.0 * unit - 1.0
+        size = unit.shape[-1]
+        scale = np.sqrt(2.0 * np.arange(self.degree + 1) + 1.0)
+        own = (
+            np.concatenate([np.zeros((size, 1)), eta[: size * self.degree].reshape(size, -1)], axis=1) * scale
+        )
+        columns = [legendre.legval(place[..., k], legendre.legder(own[k])) for k in range(size)]
+        total = np.stack(columns, axis=-1)
+        if self.pairs:
+            first, second = np.triu_indices(size, 1)
+            for a, b, weight in zip(first, second, eta[size * self.degree :], strict=True):
+                total[..., a] += 3.0 * weight * place[..., b]
+                total[..., b] += 3.0 * weight * place[..., a]
+        return np.asarray(2.0 * total)
+
 
 @dataclass(frozen=True, eq=False)
 class Population:

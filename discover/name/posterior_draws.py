@@ -33,12 +33,14 @@ class Draws:
     """Weighted posterior draws under the prior.
 
     `unit` ``(source, draw, parameter)`` in the prior's unit cube; `theta` the same in physical units;
-    `weight` ``(source, draw)`` sums to 1; `effective` ``(source,)`` is Kish's number of draws.
+    `weight` ``(source, draw)`` sums to 1; `effective` ``(source,)`` is Kish's number of draws; `log_evidence`
+    ``(source,)`` lacks the term of the counts' factorials.
     """
 
     unit: Array
     theta: Array
     weight: Array
+    log_evidence: Array
 
     @property
     def effective(self) -> Array:
@@ -65,7 +67,8 @@ def posterior_draws(
         for i, stream in zip(starts, rng.spawn(len(starts)), strict=True)
     ]
     unit = np.concatenate([part[0] for part in parts])
-    return Draws(unit, simulator.prior.from_unit_cube(unit), np.concatenate([part[1] for part in parts]))
+    weight, log_evidence = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
+    return Draws(unit, simulator.prior.from_unit_cube(unit), weight, log_evidence)
 
 
 def _block(
@@ -76,7 +79,7 @@ def _block(
     scale: Array,
     draws: int,
     rng: np.random.Generator,
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, Array]:
     center, covariance = around(simulator.prior, fit, rows)
     root = np.linalg.cholesky(covariance)[:, None] * WIDTHS[:, None, None]
     proposals = [TruncatedNormal(np.repeat(center[:, None], len(WIDTHS), axis=1), root)]
@@ -89,7 +92,8 @@ def _block(
         fresh = _round(proposals[-1], more, rng)
         unit = np.concatenate([unit, fresh], axis=1)
         likelihood = np.concatenate([likelihood, _log_likelihood(simulator, counts, scale, fresh)], axis=1)
-    return unit, _normalised(likelihood - _log_proposal(proposals, unit))
+    log_weight = likelihood - _log_proposal(proposals, unit)
+    return unit, _normalised(log_weight), logsumexp(log_weight, axis=1) - np.log(draws)
 
 
 def around(prior: Any, fit: Fit, rows: slice) -> tuple[Array, Array]:

@@ -116,6 +116,25 @@ class Shared:
             return np.empty((len(theta), 0, 0))
         return np.stack(columns, axis=1)
 
+    def held(self, phi: Array) -> Any:
+        """The simulator of a source's own parameters, the shared amplitudes held at phi."""
+        return Held(self, np.array(phi, dtype=float)) if self.terms else self.base
+
+    def jacobian(self, theta: Array, phi: Array, scale: Array, redshift: Array) -> Array:
+        """Derivative of the expected counts by sources' own parameters, ``(source, channel, parameter)``."""
+        own, place = self.parameters, self.at(theta, phi, redshift)
+        if can(self.simulator, "jacobian"):
+            return np.asarray(self.simulator.jacobian(place))[..., :own] * scale[:, None, None]
+        columns = []
+        for k in range(own):
+            width = 1e-5 * np.maximum(np.abs(theta[:, k]), 1e-300)
+            ends = [theta.copy(), theta.copy()]
+            ends[0][:, k] -= width
+            ends[1][:, k] += width
+            low, high = (self.expected(end, phi, scale, redshift) for end in ends)
+            columns.append((high - low) / (2.0 * width[:, None]))
+        return np.stack(columns, axis=-1)
+
 
 def share(simulator: Any, terms: Sequence[Term]) -> Shared:
     """The simulator with all terms worked in, in order."""
@@ -167,10 +186,8 @@ def fit_held(shared: Shared, sources: Sources, phi: Array, start: Array | None =
 
     `start` is ``(source, parameter)``; the result's theta and derivatives are of a source's own alone.
     """
-    if not shared.terms:
-        return fit(shared.base, sources.counts, scale=sources.scale, start=start)
     if not any(term.entry.energies for term in shared.terms):
-        return fit(Held(shared, np.asarray(phi, float)), sources.counts, scale=sources.scale, start=start)
+        return fit(shared.held(phi), sources.counts, scale=sources.scale, start=start)
     own = shared.parameters
     if start is None:
         start = fit(shared.base, sources.counts, scale=sources.scale).theta

@@ -32,8 +32,8 @@ class TruncatedNormal:
     def sample(self, uniform: Array) -> Array:
         """Draws ``(..., draw, parameter)`` from uniform numbers of that shape."""
         center, root = self.center[..., None, :], self.root[..., None, :, :]
-        z = np.zeros(np.broadcast_shapes(uniform.shape, center.shape))
-        for k in range(z.shape[-1]):
+        z = np.zeros_like(uniform)
+        for k in range(self.center.shape[-1]):
             start = center[..., k] + (root[..., k, :k] * z[..., :k]).sum(axis=-1)
             low, high = ndtr(-start / root[..., k, k]), ndtr((1.0 - start) / root[..., k, k])
             inside = low + uniform[..., k] * (high - low)
@@ -47,7 +47,7 @@ class TruncatedNormal:
         away = place - center
         z = np.zeros(away.shape)
         total = np.zeros(away.shape[:-1])
-        for k in range(place.shape[-1]):
+        for k in range(away.shape[-1]):
             width = root[..., k, k]
             before = (root[..., k, :k] * z[..., :k]).sum(axis=-1)
             z[..., k] = (away[..., k] - before) / width
