@@ -9,15 +9,19 @@ from numpy.typing import NDArray
 
 from gaugeblock.discover.candidates import Candidate
 from gaugeblock.discover.simulated.features import Features
-from gaugeblock.discover.simulated.fit import Budget, Observed, SimulatedFit, fit_simulated, inflation
+from gaugeblock.discover.simulated.fit import (
+    DISTINCT,
+    Budget,
+    Observed,
+    SimulatedFit,
+    fit_simulated,
+    inflation,
+)
 from gaugeblock.discover.simulated.model import Model
 from gaugeblock.discover.simulated.scores import Base, learn, simulate_base
 from gaugeblock.discover.simulated.search import Found
 
 Array = NDArray[np.float64]
-
-DISTINCT = 1e-3
-"""Combinations of scores that vary less than this, in units of the most varied one, are left out."""
 
 SHARE = 0.04
 """Steps of scanned parameters, as a share of their prior's width."""
@@ -113,7 +117,7 @@ def extend(
     lesson = learn(
         model, features, base, state, budget.differences, budget.seed + 1, known=before.lesson
     )  # fmt: skip
-    fitted = fit_simulated(model, features, observed, budget, start=state, lesson=lesson)
+    fitted = fit_simulated(model, features, observed, budget, start=state, lesson=lesson, span=found.span)
     return _compared(candidate, path, fitted, before, found, observed)
 
 
@@ -133,7 +137,7 @@ def refine(
     one: Extended, found: Found, before: SimulatedFit, features: Features, observed: Observed, budget: Budget
 ) -> Extended:
     """Learn all scores anew where the fit ended, and fit again: for amplitude and interval."""
-    fitted = fit_simulated(one.fit.model, features, observed, budget, start=one.fit.state, rounds=2)
+    fitted = fit_simulated(one.fit.model, features, observed, budget, start=one.fit.state, span=found.span)
     return _compared(one.candidate, one.path, fitted, before, found, observed)
 
 
@@ -153,7 +157,13 @@ def departure_from(rival: Extended, best: Extended, span: Array, observed: Obser
 
 
 def refit(
-    model: Model, like: SimulatedFit, features: Features, observed: Observed, budget: Budget
+    model: Model,
+    like: SimulatedFit,
+    features: Features,
+    observed: Observed,
+    budget: Budget,
+    *,
+    span: Array | None = None,
 ) -> SimulatedFit:
     """Fit other data of the same kind with the scores that were learned before."""
-    return fit_simulated(model, features, observed, budget, start=like.state, lesson=like.lesson)
+    return fit_simulated(model, features, observed, budget, start=like.state, lesson=like.lesson, span=span)

@@ -20,6 +20,9 @@ STEPS = 4
 CLOSE = 0.1
 """Standard errors of a step that are as good as none."""
 
+DISTINCT = 1e-3
+"""Combinations of scores that vary less than this, in units of the most varied one, are left out."""
+
 WEAK = 2.0
 """Prior standard deviation of the hyper-parameters; at 30 data sets it weighs next to nothing."""
 
@@ -86,8 +89,9 @@ def fit_simulated(
     start: Array,
     rounds: int = ROUNDS,
     lesson: Lesson | None = None,
+    span: Array | None = None,
 ) -> SimulatedFit:
-    """Find the state at which the mean of every learned score is that of the data.
+    """Find the state at which the means of learned scores are nearest to those of the data.
 
     Consistent whatever was learned: a poor score costs precision, not truth. All simulations come from one
     seed, so that the mean is a steady function of the state.
@@ -99,6 +103,8 @@ def fit_simulated(
         Times that the scores are learned anew; none with a `lesson` given.
     lesson : Lesson, optional
         Learned before, at a state near by.
+    span : array, shape (score, feature), optional
+        Weights of further scores whose means must agree: they keep a fit from where its own agree by chance.
 
     References
     ----------
@@ -112,14 +118,14 @@ def fit_simulated(
             found = learn(model, features, base, state, budget.differences, budget.seed + 1)
         assert found is not None
         begin = state
-        state, base, last = _solve(model, features, observed, budget, found, state, base)
-        noise = _noise(found, base, n, simulations)
+        state, base, last = _solve(model, features, observed, budget, found, state, base, span)
+        noise = _noise(found, base, n, simulations, span)
         error = np.sqrt(np.maximum(np.diag(noise), 1e-300))
         close = bool(np.all(np.abs(last) < 3.0 * CLOSE * error))
         if close and np.all(np.abs(state - begin) < 3.0 * error):
             break
     assert found is not None
-    return SimulatedFit(model, state, _noise(found, base, n, simulations), base, found, close)
+    return SimulatedFit(model, state, _noise(found, base, n, simulations, span), base, found, close)
 
 
 def _solve(
@@ -130,22 +136,25 @@ def _solve(
     lesson: Lesson,
     state: Array,
     base: Base,
+    span: Array | None,
 ) -> tuple[Array, Base, Array]:
-    """Steps with the scores held; each is halved until it brings the means closer."""
+    """Gauss-Newton steps with the scores held; each is shortened until it brings the means closer."""
     hyper, mean, n = model.hyper, observed.mean, len(observed)
+    weights, slope, metric = _system(lesson, base, span)
     weak = np.zeros(len(state))
     weak[:hyper] = 1.0 / (n * WEAK**2)
-    metric = np.linalg.pinv(base.covariance(lesson.weights), hermitian=True)
+    curvature = slope.T @ metric @ slope + np.diag(weak)
+    limit = np.where(np.arange(len(state)) < hyper, 1.0, np.ptp(model.bounds, axis=1) / 3.0)
 
     def distance(at: Base, where: Array) -> float:
-        left = lesson.weights @ (mean - at.mean)
+        left = weights @ (mean - at.mean)
         return float(left @ metric @ left + (weak * where**2).sum())
 
-    last = np.zeros(len(state))
+    error = np.sqrt(np.maximum(np.diag(_noise(lesson, base, n, budget.simulations, span)), 1e-300))
+    last: Array = np.zeros(len(state))
     for _ in range(STEPS):
-        left = lesson.weights @ (mean - base.mean) - weak * state
-        step = np.linalg.lstsq(lesson.response + np.diag(weak), left, rcond=1e-6)[0]
-        limit = np.where(np.arange(len(state)) < hyper, 1.0, np.ptp(model.bounds, axis=1) / 3.0)
+        left = slope.T @ metric @ (weights @ (mean - base.mean)) - weak * state
+        step = np.linalg.lstsq(curvature, left, rcond=1e-8)[0]
         step *= min(1.0, float((limit / np.maximum(np.abs(step), 1e-300)).min()))
         before, moved = distance(base, state), False
         for _ in range(3):
@@ -156,15 +165,29 @@ def _solve(
                 break
             step = step / 3.0
         if not moved:
+            last = step if np.any(np.abs(step) > CLOSE * error) else np.zeros(len(state))
             break
         last, state, base = target - state, target, there
-        if np.all(np.abs(last) < CLOSE * np.sqrt(np.diag(_noise(lesson, base, n, budget.simulations)))):
+        if np.all(np.abs(last) < CLOSE * error):
             break
     return state, base, last
 
 
-def _noise(lesson: Lesson, base: Base, n: int, simulations: int) -> Array:
-    """Covariance of the fitted state: the scores' own, carried through their response (a sandwich)."""
-    scores = base.covariance(lesson.weights) * (inflation(n, simulations) / n)
-    inverse = np.linalg.pinv(lesson.response, rcond=1e-6)
-    return np.asarray(inverse @ scores @ inverse.T)
+def _system(lesson: Lesson, base: Base, span: Array | None) -> tuple[Array, Array, Array]:
+    """Weights ``(score, feature)``, their means' derivatives ``(score, state)``, inverse covariance."""
+    weights: Array = lesson.weights
+    slope: Array = lesson.response
+    if span is not None:
+        weights = np.concatenate([weights, span])
+        slope = np.concatenate([slope, span @ lesson.slope.T])
+    covariance = base.covariance(weights)
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    inverse = np.linalg.pinv(covariance / np.outer(scale, scale), rcond=DISTINCT, hermitian=True)
+    return weights, slope, inverse / np.outer(scale, scale)
+
+
+def _noise(lesson: Lesson, base: Base, n: int, simulations: int, span: Array | None) -> Array:
+    """Covariance of the fitted state, with the simulated means' own noise."""
+    _, slope, metric = _system(lesson, base, span)
+    information = slope.T @ metric @ slope * (n / inflation(n, simulations))
+    return np.asarray(np.linalg.pinv(information, rcond=1e-8, hermitian=True))

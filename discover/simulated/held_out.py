@@ -87,12 +87,12 @@ def held_out(
     gaps = np.zeros((len(names), FOLDS))
     for k in range(FOLDS):
         fitting, judging = Observed(observed.rows[fold != k]), Observed(observed.rows[fold == k])
-        plain = refit(before.model, before, features, fitting, budget)
+        plain = refit(before.model, before, features, fitting, budget, span=span)
         there, here = moments(plain, features, fitting), moments(plain, features, judging)
         gaps[0, k] = (here**2).mean()
         scores[0].append(np.zeros(len(judging)))
         for row, one in enumerate(models.values(), start=1):
-            fitted = refit(one.fit.model, one.fit, features, fitting, budget)
+            fitted = refit(one.fit.model, one.fit, features, fitting, budget, span=span)
             scores[row].append(LogRatio.learned(span, fitted.base, plain.base)(judging.rows))
             gaps[row, k] = gap(fitted, features, judging)
         shrink = max(0.0, 1.0 - 1.0 / float((there**2).mean()))
