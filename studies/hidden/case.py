@@ -33,7 +33,7 @@ class Laboratory:
         return cls(read(*files, band=(0.5, 8.0)), CrossSection(folder / "xsect_tbabs_wilm.fits"))
 
     def mean(self, truth: Truth) -> Array:
-        """Expected counts: groups of the source region, then those of the background region if there is one."""
+        """Expected counts: groups of the source region, then those of the background region if any."""
         rows = [expected(truth, self.instrument, self.sigma)]
         if truth.background > 0:
             rows.append(background_expected(truth, self.instrument))

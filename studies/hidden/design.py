@@ -1,13 +1,12 @@
 """From drawn designs to cases: effects get the size, and spectra the exposure, that a case needs to be fair.
 
-A case is eligible if it lies at least 5 sigma from the nearest rival: from every other effect of the library, free
-in all its parameters, with theta free, and from the plain model. Sizes are chosen so that most are.
+A case is eligible if it lies at least 5 sigma from the nearest rival: from every other effect of the library,
+free in all its parameters, with theta free, and from the plain model. Sizes are chosen so that most are.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +19,8 @@ from studies.hidden.truth import Truth
 Array = NDArray[np.float64]
 Names = tuple[str, ...]
 Distances = Callable[[str, Array, Array, Sequence[Names]], Mapping[str, Array]]
-"""From a setup, noise-free counts ``(n, channel)``, exposures in `BRIGHT` ``(n,)`` and what each case hides to
-distances by rival."""
+"""From a setup, noise-free counts ``(n, channel)``, exposures in `BRIGHT` ``(n,)`` and what each case hides
+to distances by rival."""
 Shared = Callable[[str, Array, Array, Names], dict[str, float]]
 """The same for one catalogue."""
 
@@ -119,7 +118,7 @@ def _chosen(curve: Array, stratum: Stratum, rng: Rng) -> tuple[float, str]:
     # On logarithmic scales distance grows with size almost along a line.
     log = np.log(np.maximum(curve, 1e-6))
     steepness = float(np.clip((log[1] - log[0]) / np.log(SIZES[1] / SIZES[0]), 0.7, 2.5))
-    levels = list(LEVELS) if single else ["medium", "bright"]
+    levels = list(LEVELS)[: 4 if single and stratum.setup != "background" else 3 if single else 2]
 
     def size(name: str) -> float:
         short = np.log(target) - (log[1] + 0.5 * np.log(LEVELS[name] / USUAL))

@@ -1,4 +1,4 @@
-"""What a detector does to the recorded counts, channel by channel, after the photons have been redistributed."""
+"""What a detector does to recorded counts, channel by channel, after photons have been redistributed."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ Array = NDArray[np.float64]
 def relabelled(counts: Array, edges: Array, moved: Callable[[Array], Array]) -> Array:
     """Counts after the energy label of every event has gone from E to ``moved(E)``, which must increase.
 
-    Each channel's counts, spread evenly over the channel, are laid out between its moved edges and shared among
-    the channels that they then overlap.
+    Each channel's counts, spread evenly over the channel, are laid out between its moved edges and shared
+    among the channels that they then overlap.
     """
     new = moved(edges)
     width = np.diff(new)

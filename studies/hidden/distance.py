@@ -1,8 +1,8 @@
 """How far a truth lies from the best that every effect of the library can do, in sigma, without noise.
 
 The square of a distance is the deviance of the best fit to noise-free counts: twice the log likelihood that a
-test between the two would win on average. Every rival is first placed where score tests like it best; those that
-seem near are then fitted with all their parameters free.
+test between the two would win on average. Every rival is first placed where score tests like it best; those
+that seem near are then fitted with all their parameters free.
 """
 
 from __future__ import annotations
@@ -28,30 +28,33 @@ FITTED = 3
 DOUBT = 1.5
 """A rival is fitted too if score tests put it at no more than this many times the nearest distance found."""
 
-BLOCK = 128
+BLOCK, FEW = 128, 32
+"""Rows that a simulator is asked about at a time: many means, or few means or derivatives."""
+
+ITERATIONS = 30
 
 
 class Blocks:
-    """A simulator that is asked about `BLOCK` rows at a time, always: one shape to compile."""
+    """A simulator that is always asked about blocks of the same size: few shapes to compile."""
 
     def __init__(self, simulator: Any):
         self.prior = simulator.prior
         self._simulator = simulator
 
-    def _in_blocks(self, function: Any, theta: Any) -> Array:
+    def _in_blocks(self, function: Any, theta: Any, block: int) -> Array:
         rows = np.asarray(theta, dtype=float)
-        short = -len(rows) % BLOCK
+        short = -len(rows) % block
         padded = np.concatenate([rows, np.repeat(rows[-1:], short, axis=0)])
-        made = [function(padded[i : i + BLOCK]) for i in range(0, len(padded), BLOCK)]
+        made = [function(padded[i : i + block]) for i in range(0, len(padded), block)]
         return np.concatenate(made)[: len(rows)]
 
     def expected(self, theta: Any) -> Array:
         """Expected counts ``(n, channel)``."""
-        return self._in_blocks(self._simulator.expected, theta)
+        return self._in_blocks(self._simulator.expected, theta, BLOCK if len(theta) > 2 * FEW else FEW)
 
     def jacobian(self, theta: Any) -> Array:
         """Their derivative ``(n, channel, parameter)``."""
-        return self._in_blocks(self._simulator.jacobian, theta)
+        return self._in_blocks(self._simulator.jacobian, theta, FEW)
 
 
 def deviance(mean: Array, other: Array) -> Array:
@@ -65,8 +68,9 @@ def distances(
 ) -> dict[str, Array]:
     """Distance of expected counts ``(n, channel)`` from each rival ``(n,)``; ``nothing`` is the plain model.
 
-    `own` are the names that each case hides: they are no rivals to it. Distances of rivals that are far away
-    are what score tests say.
+    `own` are the names that each case hides: they are no rivals to it, and what even they leave unexplained
+    (that a background has lines, say) is no distance. Distances of rivals that are far away are what score
+    tests say.
     """
     plain = Blocks(library.simulator)
     base = fit(plain, mean, scale=scale, bank=4 * BLOCK)
@@ -79,17 +83,20 @@ def distances(
         start.append(places)
     rivals = np.array([[name not in hidden for hidden in mine] for name in names])
     fitted = np.zeros_like(rivals)
-    wanted = rivals & (_rank(np.where(rivals, bound, np.inf)) < FITTED)
+    wanted = ~rivals | (_rank(np.where(rivals, bound, np.inf)) < FITTED)
     while wanted.any():
         for k in np.flatnonzero(wanted.any(axis=1)):
             rows = np.flatnonzero(wanted[k])
             model = Blocks(library[names[k]].simulator)
-            found = fit(model, mean[rows], scale=scale[rows], start=start[k][rows])
+            found = fit(model, mean[rows], scale=scale[rows], start=start[k][rows], iterations=ITERATIONS)
             bound[k, rows] = np.clip(deviance(mean[rows], found.expected), 0.0, nothing[rows])
         fitted |= wanted
         nearest = np.where(fitted & rivals, bound, np.inf).min(axis=0)
         wanted = rivals & ~fitted & (bound <= DOUBT**2 * nearest)
-    return {"nothing": np.sqrt(nothing), **{name: np.sqrt(bound[k]) for k, name in enumerate(names)}}
+    left = np.where(rivals, np.inf, bound).min(axis=0)
+    left = np.where(np.isfinite(left), left, 0.0)
+    found = {"nothing": nothing, **{name: bound[k] for k, name in enumerate(names)}}
+    return {name: np.sqrt(np.maximum(value - left, 0.0)) for name, value in found.items()}
 
 
 def _rank(values: Array) -> NDArray[np.int64]:

@@ -54,9 +54,9 @@ def _partial_covering(rng: Rng, _: Theta) -> Sized:
 
 
 def _soft_excess(rng: Rng, theta: Theta) -> Sized:
-    temperature = rng.uniform(0.07, 0.22)
+    temperature = rng.uniform(0.075, 0.22)
     unit = float(blackbody(np.array([0.8]), temperature, 1.0)[0])
-    largest = 3.0 * continuum(0.8, theta) / unit
+    largest = min(3.0 * continuum(0.8, theta) / unit, 3e4)
     return lambda size: {"kT": temperature, "norm": size * largest}
 
 
@@ -66,8 +66,8 @@ def _high_energy_cutoff(rng: Rng, _: Theta) -> Sized:
 
 
 def _thermal_continuum(rng: Rng, theta: Theta) -> Sized:
-    temperature = log_uniform(rng, 0.35, 6.0)
-    largest = 3.0 * continuum(1.0, theta) * np.exp(1.0 / temperature)
+    temperature = log_uniform(rng, 0.5, 6.0)
+    largest = min(3.0 * continuum(1.0, theta) * float(np.exp(1.0 / temperature)), 9e-3)
     return lambda size: {"kT": temperature, "norm": size * largest}
 
 
@@ -97,8 +97,8 @@ def _resolution(_: Rng, __: Theta) -> Sized:
 
 def _background(rng: Rng, theta: Theta) -> Sized:
     index = rng.uniform(-0.3, 1.7)
-    # About as many counts as the source: its area is near 500 cm2.
-    largest = 500.0 * continuum(2.0, theta) * 2.0**index
+    # Nearly as many counts as the source: its area is about 500 cm2.
+    largest = 400.0 * continuum(2.0, theta) * 2.0**index
     return lambda size: {"level": size * largest, "index": index}
 
 
@@ -224,8 +224,9 @@ def area_error(rng: Rng, sd: float) -> dict[str, Any]:
 def theta(rng: Rng, *, surface: bool, edge: bool) -> Theta:
     """Parameters of one source.
 
-    Column, index and temperature come from the bulk of the reference prior, or from within 3% of its ends; norms
-    from the middle of it, so that all sources are about as bright and exposure decides how many counts there are.
+    Column, index and temperature come from the bulk of the reference prior, or from within 3% of its ends;
+    norms from the middle of it, so that all sources are about as bright and exposure decides how many counts
+    there are.
     """
     unit = rng.uniform(0.0, 0.03, 3) if edge else rng.uniform(0.1, 0.9, 3)
     if edge:

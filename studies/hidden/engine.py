@@ -25,19 +25,19 @@ TYPICAL = {"powerlaw_1.norm": 2e-3, "blackbodyrad_1.norm": 0.4}
 
 
 @cache
-def library(setup: str) -> Candidates:
-    """The candidates of a setup, worked in once."""
+def library(setup: str, only: tuple[str, ...] = ()) -> Candidates:
+    """The candidates of a setup, worked in once; `only` some of them."""
     model = simulator(setup)
     theta = [TYPICAL.get(name, marginal.center) for name, marginal in model.prior.marginals.items()]
-    return candidates(model, np.array([theta]))
+    return candidates(model, np.array([theta]), only=only)
 
 
-def engine() -> Engine:
+def engine(only: tuple[str, ...] = ()) -> Engine:
     """Discovery on one case at a time, compiled functions shared."""
 
     def search(case: Case, seed: int) -> Found:
         sources = Sources.of(simulator(case.setup), case.counts, scale=case.exposure / BRIGHT)
-        shared = None if len(case.counts) > 1 else library(case.setup)
+        shared = None if len(case.counts) > 1 else library(case.setup, only)
         return found(case.number, discover(sources, seed=seed, replicates=REPLICATES, library=shared))
 
     return search
@@ -64,9 +64,9 @@ def found(number: int, discovery: Discovery) -> Found:
     )
 
 
-def apart(setup: str, mean: Any, scale: Any, own: Any) -> dict[str, Any]:
+def apart(setup: str, mean: Any, scale: Any, own: Any, *, only: tuple[str, ...] = ()) -> dict[str, Any]:
     """Distances of single spectra, with the engine's own simulators and library."""
-    return distances(library(setup), mean, scale, own)
+    return distances(library(setup, only), mean, scale, own)
 
 
 def apart_shared(setup: str, mean: Any, scale: Any, own: Any) -> dict[str, float]:

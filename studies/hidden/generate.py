@@ -42,7 +42,5 @@ def generate(
         exposure = np.array([truth.exposure for truth in truths])
         data.append(Case(number, design.stratum.setup, counts, exposure))
         rounded = {rival: round(float(value), 3) for rival, value in apart.items()}
-        answers.append(
-            Answer(design.stratum.name, design.stratum.kind, design.names, tuple(truths), rounded)
-        )
+        answers.append(Answer(design.stratum.name, design.stratum.kind, design.names, tuple(truths), rounded))
     return seal(folder, data, answers, seed=chosen)

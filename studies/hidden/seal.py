@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """What the one who looks is given: counts ``(source, channel)``, exposures, and which model is claimed."""
+    """What the one who looks is given: counts ``(source, channel)``, exposures, the claimed model."""
 
     number: int
     setup: str
@@ -71,7 +71,7 @@ def seal(folder: Path, cases: Sequence[Case], answers: Sequence[Answer], *, seed
     data.to_netcdf(target, engine="netcdf4", encoding={"counts": {"zlib": True}})
     sealed = {"seed": seed, "salt": secrets.token_hex(16), "answers": [asdict(answer) for answer in answers]}
     write_atomically(folder / "answers.json", json.dumps(sealed))
-    hashes = {"cases": len(cases), "cases.nc": sha256(target), "answers.json": sha256(folder / "answers.json")}
+    hashes = {"cases": len(cases), **{name: sha256(folder / name) for name in ("cases.nc", "answers.json")}}
     write_atomically(folder / "seal.json", json.dumps(hashes, indent=2) + "\n")
     return hashes
 

@@ -1,4 +1,4 @@
-"""Distances of a catalogue: the rival's parameters are the same for all sources, theta is each source's own."""
+"""Distances of a catalogue: the rival's parameters are shared by all sources, theta is each one's own."""
 
 from __future__ import annotations
 
@@ -31,9 +31,10 @@ def shared_distances(
     promised = {rival.key: _promise(rival, mean, scale, base) for rival in library}
     found = {"nothing": nothing, **{key: max(nothing - gain, 0.0) for key, (gain, _) in promised.items()}}
     rivals = sorted((key for key in promised if key not in own), key=lambda key: found[key])
-    for key in rivals[:NEAR]:
+    for key in [*own, *rivals[:NEAR]]:
         found[key] = min(nothing, _fitted(library[key], mean, scale, base.theta, promised[key][1]))
-    return {name: float(np.sqrt(max(value, 0.0))) for name, value in found.items()}
+    left = min((found[key] for key in own), default=0.0)
+    return {name: float(np.sqrt(max(value - left, 0.0))) for name, value in found.items()}
 
 
 def _promise(rival: Candidate, mean: Array, scale: Array, base: Any) -> tuple[float, Array]:

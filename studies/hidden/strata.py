@@ -18,8 +18,8 @@ BRIGHT = 3534.0
 LEVELS = {"medium": 0.1, "bright": 1.0, "bright x 10": 10.0, "bright x 100": 100.0}
 """Exposure in units of `BRIGHT`."""
 
-BACKGROUND = 30.0
-"""Background in units of a quiet one, in the setup that has one: a faint source, or a bad day."""
+BACKGROUND = 5.0
+"""Background in units of a quiet one, in the setup that has one."""
 
 SIGMA = (5.5, 15.0)
 """Wanted distance from the nearest rival."""
@@ -54,23 +54,27 @@ INSTRUMENT = ("gain_slope", "gain_offset", "gain_curve", "effective_area", "reso
 _ALL, _OTHERS = tuple(LIBRARY), tuple(UNLISTED)
 
 STRATA = (
-    Stratum("two components", "listed", "two", 12, hidden=_ALL),
+    Stratum("two components", "listed", "two", 10, hidden=_ALL),
     Stratum("one component", "listed", "one", 9, hidden=_ALL),
     Stratum("edge of the prior", "listed", "two", 3, hidden=_ALL, edge=True),
-    Stratum("with background", "listed", "background", 3, hidden=_ALL),
-    Stratum("catalogue", "listed", "two", 5, hidden=INSTRUMENT, sources=40),
-    Stratum("unlisted, two components", "unlisted", "two", 7, hidden=_OTHERS),
+    Stratum("with background", "listed", "background", 2, hidden=_ALL),
+    Stratum("unlisted, two components", "unlisted", "two", 5, hidden=_OTHERS),
     Stratum("unlisted, one component", "unlisted", "one", 7, hidden=_OTHERS),
-    Stratum("two effects at once", "pair", "one", 4, hidden=_ALL),
+    Stratum("two effects at once", "pair", "one", 1, hidden=_ALL),
     Stratum("nothing, medium", "nothing", "two", 60, level="medium"),
     Stratum("nothing, bright", "nothing", "two", 80, level="bright"),
-    Stratum("nothing, bright x 10", "nothing", "two", 30, level="bright x 10"),
-    Stratum("nothing, bright x 100", "nothing", "two", 30, level="bright x 100"),
-    Stratum("nothing, one component", "nothing", "one", 60, level="bright"),
-    Stratum("nothing, one component, bright x 100", "nothing", "one", 30, level="bright x 100"),
+    Stratum("nothing, bright x 10", "nothing", "two", 20, level="bright x 10"),
+    Stratum("nothing, bright x 100", "nothing", "two", 20, level="bright x 100"),
+    Stratum("nothing, one component", "nothing", "one", 50, level="bright"),
+    Stratum("nothing, one component, bright x 100", "nothing", "one", 20, level="bright x 100"),
     Stratum("nothing, edge of the prior", "nothing", "two", 40, level="bright", edge=True),
     Stratum("nothing, with background", "nothing", "background", 40, level="bright"),
-    Stratum("nothing, area wrong by 1%", "nothing", "two", 30, level="bright", area=0.01),
-    Stratum("nothing, area wrong by 3%", "nothing", "two", 30, level="bright", area=0.03),
-    Stratum("nothing, catalogue", "nothing", "two", 12, level="bright", sources=40),
+    Stratum("nothing, area wrong by 1%", "nothing", "two", 40, level="bright", area=0.01),
+    Stratum("nothing, area wrong by 3%", "nothing", "two", 40, level="bright", area=0.03),
 )
+
+CATALOGUES = (
+    Stratum("catalogue", "listed", "two", 5, hidden=INSTRUMENT, sources=40),
+    Stratum("nothing, catalogue", "nothing", "two", 10, level="bright", sources=40),
+)
+"""Strata of many sources that share one instrument; a set of their own, for a search takes much longer."""

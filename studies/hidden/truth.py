@@ -68,7 +68,7 @@ def expected(truth: Truth, instrument: Instrument, sigma: CrossSection) -> Array
 
 
 def quiescent(instrument: Instrument) -> Array:
-    """A background like a measured one, counts/s in every channel: a steep sky, a flat detector, its lines."""
+    """A background like a measured one, counts/s in every channel: steep sky, flat detector, its lines."""
     energy = np.maximum(instrument.centres, 0.1)
     density = 2.2e-3 * energy**-1.7 * np.exp(-((0.35 / energy) ** 3)) + 8e-4 * energy**-0.15
     for line, size, width in ((1.487, 6e-4, 0.055), (5.41, 1e-4, 0.07), (7.48, 2e-4, 0.08)):

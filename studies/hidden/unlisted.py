@@ -1,4 +1,4 @@
-"""What may be hidden and is in nobody's library; and errors of an effective area that are not worth a name."""
+"""What may be hidden and is in nobody's library; and errors of an area that are not worth a name."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ COMPOSED: Mapping[str, tuple[str, ...]] = {
 
 
 def _area_error(energy: Array, p: Parameters, _: CrossSection) -> Array:
-    """A smooth error of the effective area: Gaussian noise at knots in ln E, correlated, joined by a spline."""
+    """A smooth error of the effective area: correlated Gaussian noise at knots in ln E, and a spline."""
     from scipy.interpolate import CubicSpline
 
     knots = np.log(np.geomspace(0.1, 15.0, len(p["values"])))

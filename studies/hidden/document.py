@@ -1,0 +1,192 @@
+"""``docs/hidden-effects.md`` and its figures, from the stored tables."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from gaugeblock.atomic import write_atomically
+from studies.document import read
+from studies.hidden.plots import draw
+from studies.hidden.targets import Target, eligible, targets
+from studies.table import rows
+
+PAGE = "hidden-effects.md"
+
+TABLES = {"hidden": "spectra", "hidden-catalogues": "catalogues"}
+"""Stored tables, and what the page calls them."""
+
+
+def document(folder: Path, docs: Path) -> None:
+    """Fill in the page's tables and draw its figures from the tables in `folder`."""
+    path = docs / PAGE
+    text = path.read_text(encoding="utf-8")
+    for name, label in TABLES.items():
+        if (folder / f"{name}.nc").exists():
+            table = read(name, folder)
+            text = filled(text, table, label)
+            draw(table, docs / "figures", label)
+    write_atomically(path, text)
+
+
+def filled(text: str, table: xr.Dataset, label: str) -> str:
+    """The text with every table of this label in its place, between its marks."""
+    for name, make in MAKERS.items():
+        mark = f"{label} {name}"
+        before, begin, rest = text.partition(f"<!-- {mark} -->\n")
+        _, end, after = rest.partition(f"<!-- /{mark} -->")
+        if begin and end:
+            text = f"{before}{begin}{make(table)}\n{end}{after}"
+    return text
+
+
+def _percent(target: Target) -> str:
+    if not target.number:
+        return "none"
+    low, high = (100 * value for value in target.interval)
+    return f"{100 * target.rate:.1f}% ({low:.1f} to {high:.1f})"
+
+
+def _wanted(target: Target) -> str:
+    if target.low > 0 and target.high < 1:
+        return f"{100 * target.low:.0f}% to {100 * target.high:.0f}%"
+    return f"at least {100 * target.low:.0f}%" if target.low > 0 else f"at most {100 * target.high:.0f}%"
+
+
+def target_table(table: xr.Dataset) -> str:
+    """Every target beside what was measured."""
+    lines = [
+        (
+            one.name,
+            _wanted(one),
+            f"{int(one.number):,}",
+            _percent(one),
+            "met" if one.met else "missed",
+        )
+        for one in targets(table)
+        if one.number
+    ]
+    header = ("", "target", "cases", "measured (95% interval)", "at its 99% limit")
+    return rows(header, lines) + "\n\n" + said(table)
+
+
+def said(table: xr.Dataset) -> str:
+    """What the numbers are of."""
+    seal = json.loads(table.attrs["sealed"])
+    hours = float(table["seconds"].sum()) / 3600.0
+    return (
+        f"{table.sizes['row']:,} cases, {hours:.1f} hours of one core. Sealed: answers "
+        f"`{seal['answers.json'][:16]}`, data `{seal['cases.nc'][:16]}`; the generator's seed was "
+        f"{table.attrs['generator_seed']}. Made by `{table.attrs['command']}`."
+    )
+
+
+def effect_table(table: xr.Dataset) -> str:
+    """Library effects: how many cases were fair, and how they were named."""
+    every, fair = table.isel(row=table["kind"].values == "listed"), eligible(table, "listed")
+    lines = []
+    for name in sorted(set(every["truth"].values.tolist())):
+        mine = fair.isel(row=fair["truth"].values == name)
+        number = mine.sizes["row"]
+        if not number:
+            lines.append((f"`{name}`", f"0 of {int((every['truth'] == name).sum())}", "", "", "", "", ""))
+            continue
+        right = mine["right"].values
+        others = [str(value) for value in mine["alike"].values[right < 1]]
+        known = np.isfinite(mine["amplitude_low"].values) & (mine["named"].values == name)
+        inside = (mine["amplitude_low"] <= mine["amplitude_true"]) & (
+            mine["amplitude_true"] <= mine["amplitude_high"]
+        )
+        lines.append(
+            (
+                f"`{name}`",
+                f"{number} of {int((every['truth'] == name).sum())}",
+                f"{100 * right.mean():.0f}%",
+                f"{int((right == 1).sum())} / {int((right == 0.5).sum())} / {int((right == 0).sum())}",
+                _most(others),
+                _most(mine["rival"].values.tolist()),
+                f"{int((inside.values & known).sum())} of {int(known.sum())}",
+            )
+        )
+    header = (
+        "hidden",
+        "fair",
+        "right",
+        "alone / one of two / not",
+        "else said",
+        "nearest rival",
+        "amplitude in its 90% interval",
+    )
+    log, size = float(fair["log_score"].mean()), float(fair["set_size"].mean())
+    return rows(header, lines) + f"\n\nMean log score {log:.2f}, mean size of the set {size:.2f}."
+
+
+def _most(names: list[str]) -> str:
+    """The most frequent two of a list."""
+    values, counts = np.unique([name or "nothing" for name in names], return_counts=True)
+    order = np.argsort(-counts)[:2]
+    return "; ".join(f"{values[i]} ({counts[i]})" for i in order)
+
+
+def nothing_table(table: xr.Dataset) -> str:
+    """Effect-free strata: what was said."""
+    nothing = table.isel(row=table["kind"].values == "nothing")
+    return _answers(nothing, "stratum")
+
+
+def unlisted_table(table: xr.Dataset) -> str:
+    """What the library lacks: what was said."""
+    return _answers(eligible(table, "unlisted"), "truth")
+
+
+def pair_table(table: xr.Dataset) -> str:
+    """Two effects at once: was the first right, were both?"""
+    pairs = table.isel(row=table["kind"].values == "pair")
+    number = pairs.sizes["row"]
+    if not number:
+        return "none"
+    parts = [
+        (set(truth.split(" + ")), set(named.split(" + ")))
+        for truth, named in zip(pairs["truth"].values, pairs["named_all"].values, strict=True)
+    ]
+    first = sum(
+        named in truth.split(" + ")
+        for truth, named in zip(pairs["truth"].values, pairs["named"].values, strict=True)
+    )
+    both = sum(truth == named for truth, named in parts)
+    wrong = int(pairs["wrong"].sum())
+    line = (f"{number}", f"{first}", f"{both}", f"{wrong}")
+    return rows(("cases", "first name is one of the two", "both named", "confident and neither"), [line])
+
+
+def _answers(part: xr.Dataset, by: str) -> str:
+    lines = []
+    for name in sorted(set(part[by].values.tolist())):
+        mine = part.isel(row=part[by].values == name)
+        named, alike = mine["named"].values, mine["set_size"].values
+        library = ~np.isin(named, ("", "unnamed"))
+        lines.append(
+            (
+                name,
+                f"{mine.sizes['row']}",
+                f"{int((named == '').sum())}",
+                f"{int((named == 'unnamed').sum())}",
+                f"{int((library & (alike > 1)).sum())}",
+                f"{int((library & (alike == 1)).sum())}",
+                _most([str(value) for value in named[library & (alike == 1)]]) if library.any() else "",
+            )
+        )
+    return rows(("", "cases", "nothing", "`unnamed`", "a set", "one name", "which"), lines)
+
+
+MAKERS: Mapping[str, Callable[[xr.Dataset], str]] = {
+    "targets": target_table,
+    "effects": effect_table,
+    "nothing": nothing_table,
+    "unlisted": unlisted_table,
+    "pairs": pair_table,
+}
