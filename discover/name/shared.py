@@ -181,13 +181,18 @@ class Held:
         return self.shared.at(rows, self.phi, np.zeros(len(rows)))
 
 
+COLD, WARM = 60, 15
+"""Most steps of a fit from nowhere, and of one from the fit at nearby amplitudes."""
+
+
 def fit_held(shared: Shared, sources: Sources, phi: Array, start: Array | None = None) -> Fit:
     """Fit every source's own parameters, the shared amplitudes held at phi ``(term,)``.
 
     `start` is ``(source, parameter)``; the result's theta and derivatives are of a source's own alone.
     """
     if not any(term.entry.energies for term in shared.terms):
-        return fit(shared.held(phi), sources.counts, scale=sources.scale, start=start)
+        steps = COLD if start is None else WARM
+        return fit(shared.held(phi), sources.counts, scale=sources.scale, start=start, iterations=steps)
     own = shared.parameters
     if start is None:
         start = fit(shared.base, sources.counts, scale=sources.scale).theta
@@ -197,6 +202,7 @@ def fit_held(shared: Shared, sources: Sources, phi: Array, start: Array | None =
         scale=sources.scale,
         start=shared.at(start, phi, sources.redshift),
         fixed=tuple(shared.simulator.prior.names[own:]),
+        iterations=WARM,
     )
     return replace(
         found,
