@@ -165,7 +165,7 @@ def _solve(
                 break
             step = step / 3.0
         if not moved:
-            last = step if np.any(np.abs(step) > CLOSE * error) else np.zeros(len(state))
+            last = np.where(np.any(np.abs(step) > CLOSE * error), step, 0.0)
             break
         last, state, base = target - state, target, there
         if np.all(np.abs(last) < CLOSE * error):
