@@ -85,9 +85,11 @@ def _interpolated(energy: Any, edges: Array, cumulative: Any, counts: Any) -> An
     density = counts / width
     inner = (1.0 - share) * density[:-1] + share * density[1:]
     slope = jnp.concatenate([density[:1], inner, density[-1:]])
-    place = jnp.clip(jnp.searchsorted(edges, energy, side="right") - 1, 0, len(width) - 1)
+    # Not by jnp.clip: where an energy lies on an edge, as all do at the neutral gain, its derivative is half.
+    inside = jnp.where(energy < edges[0], edges[0], jnp.where(energy > edges[-1], edges[-1], energy))
+    place = jnp.clip(jnp.searchsorted(edges, inside, side="right") - 1, 0, len(width) - 1)
     step = jnp.asarray(width)[place]
-    t = jnp.clip((energy - jnp.asarray(edges)[place]) / step, 0.0, 1.0)
+    t = (inside - jnp.asarray(edges)[place]) / step
     start, rise = cumulative[place], counts[place]
     first, last = slope[place] * step, slope[place + 1] * step
     return start + t * (first + t * (3.0 * rise - 2.0 * first - last + t * (first + last - 2.0 * rise)))

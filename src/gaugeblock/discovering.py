@@ -152,10 +152,10 @@ def write(found: Discovery, out: Path) -> None:
     from gaugeblock.reports.discovery import write_discovery
 
     out.mkdir(parents=True, exist_ok=True)
+    write_atomically(out / "discovery.json", json.dumps(found.summary, indent=2, allow_nan=False) + "\n")
     with atomic_path(out / "discovery.nc") as path:
         found.tree.to_netcdf(path, engine="netcdf4")
     write_discovery(found.tree, dict(found.summary), out)
-    write_atomically(out / "discovery.json", json.dumps(found.summary, indent=2, allow_nan=False) + "\n")
 
 
 def own_effects(names: Sequence[str]) -> dict[str, LibraryEffect]:

@@ -224,3 +224,19 @@ def test_an_effect_that_finds_nothing_to_change_says_so():
         spectrum.with_effect(Effect("published_partial_covering", {"fraction": 0.5}))
     with pytest.raises(InputError, match="no powerlaw"):
         spectrum.with_effect(Effect("published_thermal_continuum", {"kT": 5.0}))
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter", "neutral"), [("gain_slope", "slope", 1.0), ("gain_offset", "offset", 0.0)]
+)
+def test_a_gains_derivative_at_neutral_is_whole(name, parameter, neutral):
+    # There every channel's energy lies on an edge, where a clipped interpolation has half its derivative.
+    simulator = reference(level="bright").with_effect(
+        Effect(name, {parameter: Uniform(neutral - 0.05, neutral + 0.05)})
+    )
+    theta = np.append(reference(level="bright").prior.center, neutral)
+    step = np.zeros(6)
+    step[5] = 1e-4
+    difference = (simulator.expected(theta + step) - simulator.expected(theta - step)) / 2e-4
+    slope = simulator.jacobian(theta)[:, 5]
+    assert np.abs(slope - difference).max() < 0.02 * np.abs(difference).max()
