@@ -26,11 +26,11 @@ Array = NDArray[np.float64]
 MOST = 3
 """Most effects that are added one after the other."""
 
-LATER = 6
+LATER = 5
 """Most candidates that are profiled once an effect is in."""
 
 BEAM = 3
-"""How many first effects the second is looked for behind."""
+"""How many first effects the second is looked for behind, if they gain at least half of what the best does."""
 
 RIVALS = 5
 """Most rivals whose held-out score is taken."""
@@ -132,7 +132,8 @@ def _rounds(
     last = after(rounds[-1].best)
     while last.p_effects <= LEVEL and len(rounds) < MOST:
         step(f"profiling the candidates for effect {len(rounds) + 1}")
-        beam = rounds[-1].profiles[: BEAM if len(rounds) == 1 else 1]
+        near = [one for one in rounds[-1].profiles if one.gain >= 0.5 * rounds[-1].best.gain]
+        beam = near[: BEAM if len(rounds) == 1 else 1]
         looks = [last, *(after(one) for one in beam[1:])]
         more = [
             found
