@@ -30,7 +30,7 @@ LATER = 5
 """Most candidates that are profiled once an effect is in."""
 
 BEAM = 3
-"""How many first effects the second is looked for behind, if they gain at least half of what the best does."""
+"""How many first effects the second is looked for behind, of those that gain half of the best or more."""
 
 RIVALS = 5
 """Most rivals whose held-out score is taken."""
