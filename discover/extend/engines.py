@@ -101,8 +101,8 @@ def by_importance(
     rng: np.random.Generator,
     *,
     estimator: Any,
-    proposals: int = 8000,
-    rounds: int = 4,
+    proposals: int = 20_000,
+    rounds: int = 6,
 ) -> Drawn:
     """Draws of an estimator of the plain simulator, widened, adapted in some rounds, weighted, resampled."""
     if rounds < 0 or proposals < 100:

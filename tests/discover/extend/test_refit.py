@@ -45,7 +45,7 @@ def test_every_engine_says_how_it_went(found):
     good = {
         "nested_sampling": lambda d: d["insertion_order_converged"].all() and (d["calls"] > 500).all(),
         "nuts": lambda d: (d["rhat"] < 1.05).all() and (d["divergences"] < 20).all(),
-        "importance": lambda d: (d["khat"] < 0.5).all() and (d["effective_draws"] > 4000).all(),
+        "importance": lambda d: (d["khat"] < 0.5).all() and (d["effective_draws"] > 8000).all(),
         "flow": lambda d: (d["khat"] < 0.5).all() and (d["effective_draws"] > 1999).all(),
     }
     assert good[found.by](found.diagnostics)
