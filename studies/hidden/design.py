@@ -7,6 +7,7 @@ free in all its parameters, with theta free, and from the plain model. Sizes are
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +25,8 @@ to distances by rival."""
 Shared = Callable[[str, Array, Array, Names], dict[str, float]]
 """The same for one catalogue."""
 
-SIZES = (0.15, 0.6)
-"""Sizes at which distances are computed before one is chosen."""
+SIZE = 0.4
+"""Size at which distances are computed before one is chosen; they grow about in proportion to it."""
 
 USUAL = 10.0
 """Exposure at which that is done; distances grow as the root of the exposure."""
@@ -75,10 +76,9 @@ def own(design: Design) -> Names:
 
 def _placed(drawn: Sequence[Design], lab: Laboratory, distances: Distances, rng: Rng) -> list[list[Truth]]:
     """Truths with a size and a level for each."""
-    curves = _curves(drawn, lab, distances)
     truths = []
-    for design, curve in zip(drawn, curves, strict=True):
-        size, level = _chosen(curve, design.stratum, rng)
+    for design, apart in zip(drawn, _usual(drawn, lab, distances), strict=True):
+        size, level = _chosen(float(apart), design.stratum, rng)
         sizes = [size] + [size * rng.uniform(0.7, 1.4) for _ in design.names[1:]]
         made = design.truths([min(s, 1.0) for s in sizes], LEVELS[level])
         truths.append([renamed(truth, level=level, size=size) for truth in made])
@@ -86,43 +86,38 @@ def _placed(drawn: Sequence[Design], lab: Laboratory, distances: Distances, rng:
 
 
 def _stacked(truths: Sequence[Sequence[Truth]], lab: Laboratory) -> tuple[Array, Array]:
-    every = [truth for made in truths for truth in made]
+    # Without the background, which is a few per cent: what a simulator makes of it is no effect to be found.
+    every = [replace(truth, background=0.0) for made in truths for truth in made]
     return np.array([lab.mean(truth) for truth in every]), np.array([t.exposure / BRIGHT for t in every])
 
 
-def _curves(drawn: Sequence[Design], lab: Laboratory, distances: Distances) -> Array:
-    """Distance ``(design, size)`` at the usual exposure: of a single spectrum from its nearest rival, of a
-    catalogue's first five sources, scaled to all, from nothing.
+def _usual(drawn: Sequence[Design], lab: Laboratory, distances: Distances) -> Array:
+    """Distance ``(design,)`` at the usual size and exposure: of a single spectrum from its nearest rival, of
+    a catalogue's first five sources, scaled to all, from nothing.
     """
     few = [min(5, d.stratum.sources) for d in drawn]
-    truths = [
-        d.truths([size] * len(d.names), USUAL)[:n] for d, n in zip(drawn, few, strict=True) for size in SIZES
-    ]
-    each = [own(d) for d, n in zip(drawn, few, strict=True) for _ in SIZES for _ in range(n)]
+    truths = [d.truths([SIZE] * len(d.names), USUAL)[:n] for d, n in zip(drawn, few, strict=True)]
+    each = [own(d) for d, n in zip(drawn, few, strict=True) for _ in range(n)]
     found = distances(drawn[0].stratum.setup, *_stacked(truths, lab), each)
     values, row = np.zeros(len(truths)), 0
-    for i, (design, made) in enumerate(zip([d for d in drawn for _ in SIZES], truths, strict=True)):
+    for i, (design, made) in enumerate(zip(drawn, truths, strict=True)):
         rows = {rival: value[row : row + len(made)] for rival, value in found.items()}
         row += len(made)
         if len(made) == 1:
             values[i] = nearest(rows, [own(design)])[0]
         else:
             values[i] = np.sqrt((rows["nothing"] ** 2).mean() * design.stratum.sources)
-    return values.reshape(len(drawn), len(SIZES))
+    return values
 
 
-def _chosen(curve: Array, stratum: Stratum, rng: Rng) -> tuple[float, str]:
+def _chosen(apart: float, stratum: Stratum, rng: Rng) -> tuple[float, str]:
     """Size and level that bring a design to a distance drawn from `SIGMA`, or as near as it gets."""
     single = stratum.sources == 1
     target = rng.uniform(*(SIGMA if single else CATALOGUE_SIGMA))
-    # On logarithmic scales distance grows with size almost along a line.
-    log = np.log(np.maximum(curve, 1e-6))
-    steepness = float(np.clip((log[1] - log[0]) / np.log(SIZES[1] / SIZES[0]), 0.7, 2.5))
     levels = list(LEVELS)[: 4 if single and stratum.setup != "background" else 3 if single else 2]
 
     def size(name: str) -> float:
-        short = np.log(target) - (log[1] + 0.5 * np.log(LEVELS[name] / USUAL))
-        return float(SIZES[1] * np.exp(short / steepness))
+        return float(SIZE * target / (max(apart, 1e-6) * np.sqrt(LEVELS[name] / USUAL)))
 
     reached = [name for name in levels if size(name) <= 1.0]
     if not reached:

@@ -68,9 +68,8 @@ def distances(
 ) -> dict[str, Array]:
     """Distance of expected counts ``(n, channel)`` from each rival ``(n,)``; ``nothing`` is the plain model.
 
-    `own` are the names that each case hides: they are no rivals to it, and what even they leave unexplained
-    (that a background has lines, say) is no distance. Distances of rivals that are far away are what score
-    tests say.
+    `own` are the names that each case hides: they are no rivals to it. Distances of rivals that are far away
+    are what score tests say.
     """
     plain = Blocks(library.simulator)
     base = fit(plain, mean, scale=scale, bank=4 * BLOCK)
@@ -83,20 +82,17 @@ def distances(
         start.append(places)
     rivals = np.array([[name not in hidden for hidden in mine] for name in names])
     fitted = np.zeros_like(rivals)
-    wanted = ~rivals | (_rank(np.where(rivals, bound, np.inf)) < FITTED)
+    wanted = rivals & (_rank(np.where(rivals, bound, np.inf)) < FITTED)
     while wanted.any():
         for k in np.flatnonzero(wanted.any(axis=1)):
             rows = np.flatnonzero(wanted[k])
             model = Blocks(library[names[k]].simulator)
-            found = fit(model, mean[rows], scale=scale[rows], start=start[k][rows], iterations=ITERATIONS)
-            bound[k, rows] = np.clip(deviance(mean[rows], found.expected), 0.0, nothing[rows])
+            best = fit(model, mean[rows], scale=scale[rows], start=start[k][rows], iterations=ITERATIONS)
+            bound[k, rows] = np.clip(deviance(mean[rows], best.expected), 0.0, nothing[rows])
         fitted |= wanted
         nearest = np.where(fitted & rivals, bound, np.inf).min(axis=0)
         wanted = rivals & ~fitted & (bound <= DOUBT**2 * nearest)
-    left = np.where(rivals, np.inf, bound).min(axis=0)
-    left = np.where(np.isfinite(left), left, 0.0)
-    found = {"nothing": nothing, **{name: bound[k] for k, name in enumerate(names)}}
-    return {name: np.sqrt(np.maximum(value - left, 0.0)) for name, value in found.items()}
+    return {"nothing": np.sqrt(nothing), **{name: np.sqrt(bound[k]) for k, name in enumerate(names)}}
 
 
 def _rank(values: Array) -> NDArray[np.int64]:

@@ -39,7 +39,7 @@ def _emission_line(rng: Rng, theta: Theta) -> Sized:
 
 def _absorption_line(rng: Rng, _: Theta) -> Sized:
     energy, sigma = log_uniform(rng, 0.8, 7.0), log_uniform(rng, 0.012, 0.18)
-    largest = 0.06 + 2.0 * sigma
+    largest = 0.09 + 2.2 * sigma
     return lambda size: {"energy": energy, "sigma": sigma, "strength": size * largest}
 
 
@@ -67,7 +67,7 @@ def _high_energy_cutoff(rng: Rng, _: Theta) -> Sized:
 
 def _thermal_continuum(rng: Rng, theta: Theta) -> Sized:
     temperature = log_uniform(rng, 0.5, 6.0)
-    largest = min(3.0 * continuum(1.0, theta) * float(np.exp(1.0 / temperature)), 9e-3)
+    largest = min(3.0 * continuum(1.0, theta) * float(np.exp(1.0 / temperature)), 2e-2 if theta[3:] else 9e-3)
     return lambda size: {"kT": temperature, "norm": size * largest}
 
 

@@ -66,7 +66,8 @@ def found(number: int, discovery: Discovery) -> Found:
 
 def apart(setup: str, mean: Any, scale: Any, own: Any, *, only: tuple[str, ...] = ()) -> dict[str, Any]:
     """Distances of single spectra, with the engine's own simulators and library."""
-    return distances(library(setup, only), mean, scale, own)
+    model = "two" if setup == "background" else setup
+    return distances(library(model, only), mean, scale, own)
 
 
 def apart_shared(setup: str, mean: Any, scale: Any, own: Any) -> dict[str, float]:

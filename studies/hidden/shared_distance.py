@@ -31,10 +31,9 @@ def shared_distances(
     promised = {rival.key: _promise(rival, mean, scale, base) for rival in library}
     found = {"nothing": nothing, **{key: max(nothing - gain, 0.0) for key, (gain, _) in promised.items()}}
     rivals = sorted((key for key in promised if key not in own), key=lambda key: found[key])
-    for key in [*own, *rivals[:NEAR]]:
+    for key in rivals[:NEAR]:
         found[key] = min(nothing, _fitted(library[key], mean, scale, base.theta, promised[key][1]))
-    left = min((found[key] for key in own), default=0.0)
-    return {name: float(np.sqrt(max(value - left, 0.0))) for name, value in found.items()}
+    return {name: float(np.sqrt(max(value, 0.0))) for name, value in found.items()}
 
 
 def _promise(rival: Candidate, mean: Array, scale: Array, base: Any) -> tuple[float, Array]:
