@@ -116,12 +116,12 @@ def search_catalogue(
     names = [one.profiles[0] for one in rounds]
     terms = [one.term for one in names]
     models[" + ".join(one.key for one in names)] = effect_model(
-        groups, terms, np.array([one.amplitude.value for one in names]), "named"
+        groups, fits, terms, np.array([one.amplitude.value for one in names]), "named"
     )
     for rival in rounds[-1].profiles[1 : RIVALS + 1]:
         path = [*names[:-1], rival]
         models[" + ".join(one.key for one in path)] = effect_model(
-            groups, [one.term for one in path], np.array([one.amplitude.value for one in path]), "rival"
+            groups, fits, [one.term for one in path], np.array([one.amplitude.value for one in path]), "rival"
         )
     smooth = smooth_model(groups, fits)
     if smooth is not None:

@@ -32,14 +32,19 @@ def before(fits: Sequence[Fit]) -> SharedModel:
     )
 
 
-def effect_model(groups: Sequence[Sources], terms: Sequence[Term], phi: Array, kind: str) -> SharedModel:
+def effect_model(
+    groups: Sequence[Sources], before: Sequence[Fit], terms: Sequence[Term], phi: Array, kind: str
+) -> SharedModel:
     """Effects with shared amplitudes, learned by one Newton step from the whole catalogue's phi.
 
     The step uses the training sources alone; where it starts has no say in where it ends, but for the third
     order of its length.
     """
     models = [share(group.simulator, terms) for group in groups]
-    fits = [fit_held(model, group, phi) for model, group in zip(models, groups, strict=True)]
+    fits = [
+        fit_held(model, group, phi, old.theta)
+        for model, group, old in zip(models, groups, before, strict=True)
+    ]
     parts = [
         shared_parts([model], [group], [found], phi)
         for model, group, found in zip(models, groups, fits, strict=True)
