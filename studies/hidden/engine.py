@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from gaugeblock.discover import Candidates, Discovery, Sources, candidates, discover
+from gaugeblock.discover.run import discover_catalogue
 from studies.hidden.distance import distances
 from studies.hidden.runner import Engine
 from studies.hidden.score import Found
@@ -37,7 +38,10 @@ def engine(only: tuple[str, ...] = ()) -> Engine:
 
     def search(case: Case, seed: int) -> Found:
         sources = Sources.of(simulator(case.setup), case.counts, scale=case.exposure / BRIGHT)
-        shared = None if len(case.counts) > 1 else library(case.setup, only)
+        if len(sources) > 1:
+            several = discover_catalogue([sources], seed=seed, only=only, replicates=REPLICATES)
+            return found(case.number, several)
+        shared = library(case.setup, only)
         return found(case.number, discover(sources, seed=seed, replicates=REPLICATES, library=shared))
 
     return search

@@ -1,0 +1,174 @@
+"""Tables and figure of ``docs/gain.md``, made of the stored results."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from gaugeblock.atomic import write_atomically
+from gaugeblock.reports.discovery.gain import gain_headline
+from studies.gain.table import THRESHOLD
+from studies.table import rows
+
+OURS = {
+    "alone": "shared score",
+    "offset and area": "shared score, offset and area free",
+    "marginal": "marginal score",
+}
+
+
+def headline(sums: xr.Dataset, beside: xr.Dataset) -> xr.Dataset:
+    """What the headline figure shows: dims ``scheme, case``, the cases that the published schemes saw."""
+    labels = beside["case"].values.tolist()
+    parts = []
+    for label in labels:
+        lines = []
+        for scheme in beside["scheme"].values.tolist():
+            value, low, high = (
+                float(beside[k].sel(case=label, scheme=scheme)) for k in ("value", "null_low", "null_high")
+            )
+            middle, sd = 0.5 * (low + high), (high - low) / (2 * 1.96)
+            # An AUC below the centre is as telling as one above: the side is of no matter.
+            lines.append((middle + abs(value - middle), low, high, middle + THRESHOLD * sd))
+        for statistic in OURS:
+            lines.append(_own(sums, label, statistic))
+        parts.append(np.array(lines))
+    names = [*beside["scheme"].values.tolist(), *OURS.values()]
+    values = np.stack(parts, axis=1)
+    return xr.Dataset(
+        {
+            name: (("scheme", "case"), values[..., k])
+            for k, name in enumerate(("value", "null_low", "null_high", "threshold"))
+        },
+        coords={"scheme": names, "case": labels},
+        attrs={
+            "title": "A gain shift of 3 per cent",
+            "x_label": f"distance from effect-free data over the threshold ({THRESHOLD:g} of their sd)",
+        },
+    )
+
+
+def _own(sums: xr.Dataset, label: str, statistic: str) -> tuple[float, float, float, float]:
+    if label not in sums["case"].values or statistic not in sums["statistic"].values:
+        return (np.nan,) * 4
+    cell = sums.sel(case=label, statistic=statistic)
+    mean, sd, z = (float(cell[name]) for name in ("null_mean", "null_sd", "z"))
+    return mean + abs(z - mean), mean - 1.96 * sd, mean + 1.96 * sd, mean + THRESHOLD * sd
+
+
+def schemes_table(beside: xr.Dataset, sums: xr.Dataset) -> str:
+    """Scheme, statistic, null and what each case reads."""
+    labels = beside["case"].values.tolist()
+    lines: list[tuple[str, ...]] = []
+    for scheme in beside["scheme"].values.tolist():
+        part = beside.sel(scheme=scheme)
+        low, high = (float(part[k].values[0]) for k in ("null_low", "null_high"))
+        digits = 2 if scheme != "paired evidence" else 1
+        lines.append(
+            (scheme, f"{low:.{digits}f} to {high:.{digits}f}")
+            + tuple(f"{float(v):.{digits}f}" for v in part["value"].values)
+        )
+    for statistic, name in OURS.items():
+        cells = []
+        null = ""
+        for label in labels:
+            if statistic not in sums["statistic"].values or label not in sums["case"].values:
+                cells.append("")
+                continue
+            cell = sums.sel(case=label, statistic=statistic)
+            if not np.isfinite(float(cell["z"])):
+                cells.append("")
+                continue
+            cells.append(f"**{float(cell['z']):+.1f}**")
+            null = f"{float(cell['null_low']):+.1f} to {float(cell['null_high']):+.1f}"
+        lines.append((name, null, *cells))
+    return rows(("scheme", "effect-free", *labels), lines)
+
+
+def catalogues_table(sums: xr.Dataset) -> str:
+    """z and amplitude of every case and set of nuisances."""
+    lines: list[tuple[str, ...]] = []
+    for label in sums["case"].values.tolist():
+        for statistic in sums["statistic"].values.tolist():
+            cell = {name: float(sums[name].sel(case=label, statistic=statistic)) for name in sums}
+            if not np.isfinite(cell["z"]):
+                continue
+            lines.append(
+                (
+                    label,
+                    statistic,
+                    f"{cell['z']:+.1f} ({cell['z_mean']:+.1f})",
+                    f"{cell['null_mean']:+.2f} ± {cell['null_sd']:.2f}",
+                    f"{cell['null_largest']:.1f}",
+                    f"{100 * cell['amplitude']:+.3f} ± {100 * cell['standard_error']:.3f}",
+                    f"{100 * cell['amplitude_mean']:+.3f}",
+                    f"{100 * cell['power']:.0f}%",
+                )
+            )
+    header = (
+        "catalogue",
+        "beside",
+        "z (mean)",
+        "z, effect-free",
+        "largest",
+        "one step, %",
+        "mean of steps, %",
+        "seen",
+    )
+    return rows(header, lines)
+
+
+def profiles_table(profiles: xr.Dataset) -> str:
+    """Profiled amplitudes with their intervals."""
+    lines: list[tuple[str, ...]] = []
+    for label in profiles["case"].values.tolist():
+        cell = {name: float(profiles[name].sel(case=label)) for name in profiles}
+        lines.append(
+            (
+                label,
+                f"{100 * cell['value']:+.3f} ± {100 * cell['standard_error']:.3f}",
+                f"{100 * cell['low']:+.3f} to {100 * cell['high']:+.3f}",
+                f"{cell['z']:+.1f}",
+            )
+        )
+    return rows(("catalogue", "profiled amplitude, %", "90% interval", "z"), lines)
+
+
+def marginal_table(marginal: xr.Dataset) -> str:
+    """Marginal scores with the population fitted."""
+    lines: list[tuple[str, ...]] = [
+        (
+            label,
+            f"{float(marginal['z'].sel(case=label)):+.1f}",
+            f"{100 * float(marginal['amplitude'].sel(case=label)):+.2f} ± "
+            f"{100 * float(marginal['standard_error'].sel(case=label)):.2f}",
+        )
+        for label in marginal["case"].values.tolist()
+    ]
+    return rows(("catalogue", "z, population fitted", "one step, %"), lines)
+
+
+def document(path: Path, docs: Path) -> None:
+    """Draw the figure and fill in the tables."""
+    groups = {}
+    for name in ("", "profiles", "marginal", "schemes", "headline"):
+        with xr.open_dataset(path, group=name or None, engine="netcdf4") as stored:
+            groups[name] = stored.load()
+    tables = {
+        "schemes": schemes_table(groups["schemes"], groups[""]),
+        "catalogues": catalogues_table(groups[""]),
+        "profiles": profiles_table(groups["profiles"]),
+        "marginal": marginal_table(groups["marginal"]),
+        "made": f"Made by `{groups[''].attrs['command']}`, seed {groups[''].attrs['seed']}.",
+    }
+    page = docs / "gain.md"
+    text = page.read_text(encoding="utf-8")
+    for name, content in tables.items():
+        block = f"<!-- {name} -->\n{content}\n<!-- /{name} -->"
+        text = re.sub(rf"<!-- {name} -->.*?<!-- /{name} -->", lambda _: block, text, flags=re.DOTALL)  # noqa: B023
+    write_atomically(page, text)
+    (docs / "figures").mkdir(exist_ok=True)
+    write_atomically(docs / "figures" / "gain.svg", str(gain_headline(groups["headline"])) + "\n")

@@ -1,0 +1,155 @@
+"""What is hidden and what is projected out: gains, and instrument nuisances that all sources share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.discover.name.shared import Term
+from gaugeblock.simulators.effects import Effect
+from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators.marginals import Uniform
+from gaugeblock.simulators.xray import reference
+from studies.gain.tabulated import Tabulated
+
+Array = NDArray[np.float64]
+
+MEDIUM = 0.1
+"""Exposure of a medium spectrum in units of a bright one's."""
+
+AREA_ENERGIES = np.geomspace(0.6, 7.0, 8)
+AREA_WIDTH = 0.3
+"""Of a bump in the effective area, in units of its energy."""
+
+AREA_SD = 0.01
+"""One per cent: the priors' sd of every bump."""
+
+
+def gain(name: str, parameter: str, neutral: float, span: float) -> LibraryEffect:
+    """One of the gains as a shared effect; the study sets its own steps."""
+    return LibraryEffect(
+        name=name,
+        parameters={parameter: Uniform(neutral - span, neutral + span)},
+        amplitude=parameter,
+        neutral=neutral,
+        step=span / 10.0,
+        cause="",
+        typical="",
+        origin="instrument",
+    )
+
+
+GAINS = {
+    "published_gain": gain("published_gain", "factor", 1.0, 0.2),
+    "gain_slope": gain("gain_slope", "slope", 1.0, 0.1),
+    "gain_offset": gain("gain_offset", "offset", 0.0, 0.2),
+}
+
+
+@cache
+def bright(integration: str, name: str = "") -> Any:
+    """The bright reference spectrum, with an effect all of whose parameters are free: compiled once."""
+    simulator: Any = reference(level="bright", integration=integration)
+    if name == "effective_area":
+        free = {"energy": Uniform(0.3, 10.0), "width": Uniform(0.01, 5.0), "depth": Uniform(-0.5, 0.5)}
+        return simulator.with_effect(Effect(name, free))
+    return simulator.with_effect(GAINS[name].effect()) if name else simulator
+
+
+@cache
+def table(integration: str, name: str = "", *values: float) -> Tabulated:
+    """The bright reference spectrum under an effect of these parameters, tabulated once."""
+    return Tabulated(bright(integration, name), values)
+
+
+@dataclass(frozen=True, eq=False)
+class TabulatedShared:
+    """A shared gain by tables: `Shared`, but one table for every amplitude asked for."""
+
+    name: str
+    step: float
+    integration: str = "jaxspec"
+    terms: tuple[Term, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "terms", (Term(GAINS[self.name]),))
+
+    @property
+    def base(self) -> Tabulated:
+        """Without the gain."""
+        return table(self.integration)
+
+    @property
+    def parameters(self) -> int:
+        """Of a source's own."""
+        return 5
+
+    @property
+    def neutral(self) -> Array:
+        """Where the gain is right."""
+        return np.array([GAINS[self.name].neutral])
+
+    @property
+    def sd(self) -> Array:
+        """Nothing is known of the gain."""
+        return np.array([np.inf])
+
+    @property
+    def bounds(self) -> Array:
+        """Of the amplitude."""
+        return np.array([GAINS[self.name].parameters[GAINS[self.name].amplitude].support])
+
+    def held(self, phi: Array) -> Tabulated:
+        """The table at an amplitude, which is rounded to a thousandth of a step."""
+        unit = self.step * 1e-3
+        steps = round((float(phi[0]) - self.neutral[0]) / unit)
+        return table(self.integration, self.name, self.neutral[0] + steps * unit) if steps else self.base
+
+    def expected(self, theta: Array, phi: Array, scale: Array, redshift: Array) -> Array:  # noqa: ARG002
+        """As `Shared.expected`; nothing here is redshifted."""
+        return self.held(phi).expected(theta) * scale[:, None]
+
+    def jacobian(self, theta: Array, phi: Array, scale: Array, redshift: Array) -> Array:  # noqa: ARG002
+        """As `Shared.jacobian`."""
+        return self.held(phi).jacobian(theta) * scale[:, None, None]
+
+    def templates(self, theta: Array, phi: Array, scale: Array, redshift: Array) -> Array:
+        """As `Shared.templates`."""
+        ends = [self.expected(theta, phi + side * self.step, scale, redshift) for side in (-1.0, 1.0)]
+        return ((ends[1] - ends[0]) / (2.0 * self.step))[:, None]
+
+
+NUISANCES = ("gain_slope", "gain_offset", *(f"area_{k}" for k in range(len(AREA_ENERGIES))))
+"""The columns of every pool's nuisances; `BESIDE` says which of them stand beside a gain."""
+
+SETS = {
+    "alone": (),
+    "offset": ("gain_offset",),
+    "offset and area": ("gain_offset", *NUISANCES[2:]),
+}
+
+
+def nuisance_sd(name: str) -> float:
+    """Prior sd of a nuisance: gains are free."""
+    return AREA_SD if name.startswith("area") else np.inf
+
+
+def nuisance_templates(theta: Array, scale: Array, integration: str, steps: dict[str, float]) -> Array:
+    """Change of the expected counts by unit of each nuisance, ``(source, nuisance, channel)``."""
+    phi, redshift = np.zeros(1), np.zeros(len(theta))
+    columns = []
+    for name in NUISANCES[:2]:
+        shared = TabulatedShared(name, steps[name], integration)
+        columns.append(shared.templates(theta, shared.neutral + phi, scale, redshift)[:, 0])
+    plain = table(integration).expected(theta)
+    for energy in AREA_ENERGIES:
+        # The area is linear in a bump's depth.
+        bumped = table(
+            integration, "effective_area", float(energy), AREA_WIDTH * float(energy), 0.1
+        ).expected(theta)
+        columns.append((bumped - plain) / 0.1 * scale[:, None])
+    return np.stack(columns, axis=1)

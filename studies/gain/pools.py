@@ -1,0 +1,131 @@
+"""Pools of simulated spectra, fitted once: their scores are resampled into any number of catalogues."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.atomic import atomic_path
+from gaugeblock.digest import digest
+from gaugeblock.discover.fit import fit
+from gaugeblock.discover.name.marginal import marginal_scores
+from gaugeblock.discover.name.shared_scores import SharedScores, join, shared_scores
+from gaugeblock.discover.sources import Sources
+from gaugeblock.simulators.effects import Effect
+from gaugeblock.simulators.xray import reference
+from studies.gain.models import GAINS, MEDIUM, TabulatedShared, nuisance_templates, table
+
+Array = NDArray[np.float64]
+
+CHUNK = 500
+"""Spectra that are simulated, fitted and stored together."""
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Spectra of one level with one hidden gain. `steps` are those of the templates, by effect."""
+
+    level: str
+    hidden: str
+    value: float
+    number: int
+    marginal: int = 0
+    """How many of them have marginal scores of `published_gain` too."""
+    integration: str = "jaxspec"
+    small: bool = False
+
+    @property
+    def name(self) -> str:
+        """Of its checkpoint."""
+        hidden = f"{self.hidden}_{self.value:g}" if self.hidden else "clean"
+        return f"{self.level}_{hidden}{'_small' if self.small else ''}"
+
+    @property
+    def steps(self) -> dict[str, float]:
+        """Half widths of the templates' differences: of the size of what is looked for."""
+        if self.small:
+            return {"published_gain": 0.006, "gain_slope": 0.004, "gain_offset": 0.01}
+        return {"published_gain": 0.03, "gain_slope": 0.01, "gain_offset": 0.01}
+
+    @property
+    def scale(self) -> float:
+        """Exposure in units of a bright spectrum's."""
+        return MEDIUM if self.level == "medium" else 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """A pool's scores: templates are the slope and the published gain, nuisances those of `models`."""
+
+    scores: SharedScores
+    marginal: Array
+    population: Array
+
+
+TEMPLATES = ("published_gain", "gain_slope")
+
+
+@cache
+def simulator_of(hidden: str, value: float, integration: str) -> Any:
+    """The simulator that hides a gain, compiled once."""
+    simulator: Any = reference(level="bright", integration=integration)
+    return simulator.with_effect(Effect(hidden, {GAINS[hidden].amplitude: value})) if hidden else simulator
+
+
+def draw(pool: Pool, chunk: int, seed: int) -> tuple[Array, Array]:
+    """Theta and counts of one chunk, by the simulator itself."""
+    key = [int(digest([pool.name, chunk])[:8], 16)]
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
+    simulator = simulator_of(pool.hidden, pool.value, pool.integration)
+    theta = simulator.prior.sample(CHUNK, rng)
+    return theta, rng.poisson(simulator.expected(theta) * pool.scale).astype(float)
+
+
+def score(pool: Pool, chunk: int, seed: int, number: int) -> dict[str, Array]:
+    """Scores of one chunk, as arrays to be stored."""
+    counts = draw(pool, chunk, seed)[1][:number]
+    sources = Sources.of(table(pool.integration), counts, scale=pool.scale)
+    fitted = fit(sources.simulator, counts, scale=sources.scale, seed=chunk)
+    shared = [TabulatedShared(name, pool.steps[name], pool.integration) for name in TEMPLATES]
+    values = [s.templates(fitted.theta, s.neutral, sources.scale, sources.redshift) for s in shared]
+    beside = nuisance_templates(fitted.theta, sources.scale, pool.integration, pool.steps)
+    found = shared_scores(counts, fitted, np.concatenate(values, axis=1), beside)
+    stored = {name.name: getattr(found, name.name).astype(np.float32) for name in fields(found)}
+    if chunk * CHUNK < pool.marginal:
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=[chunk, 1]))
+        # At the prior, which is the truth here: a catalogue's own tilt is fitted in `run.whole`.
+        posterior = marginal_scores(shared[0], sources, fitted, draws=192, iterations=0, rng=rng)  # type: ignore[arg-type]
+        stored |= {"marginal": posterior.score, "population": posterior.population}
+    return stored
+
+
+def scored(
+    pool: Pool, folder: Path, *, seed: int, progress: Callable[[str, int, int], None] | None = None
+) -> Scored:
+    """All of a pool, chunk after chunk; chunks on disk are not made again."""
+    folder.mkdir(parents=True, exist_ok=True)
+    parts = []
+    chunks = -(-pool.number // CHUNK)
+    for chunk in range(chunks):
+        number = min(CHUNK, pool.number - chunk * CHUNK)
+        path = folder / f"{pool.name}_{seed}_{number}_{chunk}.npz"
+        if not path.exists():
+            with atomic_path(path) as partial, open(partial, "wb") as file:
+                np.savez(file, **score(pool, chunk, seed, number))  # type: ignore[arg-type]
+        with np.load(path) as stored:
+            parts.append({name: stored[name].astype(float) for name in stored.files})
+        if progress is not None:
+            progress(pool.name, chunk + 1, chunks)
+    names = [field.name for field in fields(SharedScores)]
+    with_marginal = [part for part in parts if "marginal" in part]
+    return Scored(
+        join([SharedScores(*(part[name] for name in names)) for part in parts]),
+        np.concatenate([p["marginal"] for p in with_marginal]) if with_marginal else np.empty((0, 1)),
+        np.concatenate([p["population"] for p in with_marginal]) if with_marginal else np.empty((0, 0)),
+    )

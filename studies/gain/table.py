@@ -1,0 +1,181 @@
+"""What the pools say: every catalogue's z and amplitude, their null, and the schemes beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from studies.gain.catalogues import FIELDS, catalogues, marginal, orthogonal
+from studies.gain.models import GAINS, SETS
+from studies.gain.pools import Pool, Scored
+
+Array = NDArray[np.float64]
+
+CATALOGUES = 400
+"""Effect-free catalogues that make a null."""
+
+SIZES = {"bright": 500, "medium": 1000}
+SMALL = 5000
+
+THRESHOLD = 3.0
+"""Standard deviations of the null at which an effect counts as seen."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """Catalogues of one level that hide one gain."""
+
+    level: str
+    hidden: str
+    value: float
+    size: int
+
+    @property
+    def small(self) -> bool:
+        """Whether the gain is the realistic one, of 0.3 per cent."""
+        return abs(self.value - GAINS[self.hidden].neutral) < 0.01
+
+    @property
+    def label(self) -> str:
+        """As figures and tables name it."""
+        percent = 100 * (self.value - GAINS[self.hidden].neutral)
+        return f"{self.size} {self.level}, {self.hidden.replace('_', ' ')} {percent:+.1f}%"
+
+    def pool(self, pools: Mapping[str, Pool]) -> Pool:
+        """The spectra that hide it."""
+        return next(
+            p
+            for p in pools.values()
+            if (p.level, p.hidden, p.value, p.small) == (self.level, self.hidden, self.value, self.small)
+        )
+
+    def clean(self, pools: Mapping[str, Pool]) -> Pool:
+        """Those that hide nothing."""
+        return next(p for p in pools.values() if (p.level, p.hidden, p.small) == (self.level, "", self.small))
+
+
+def cases(share: float = 1.0) -> list[Case]:
+    """All cases, in the order of the tables."""
+
+    def n(size: int) -> int:
+        return max(2, round(size * share))
+
+    large = [
+        Case(level, name, value, n(SIZES[level]))
+        for level in ("bright", "medium")
+        for name in ("published_gain", "gain_slope")
+        for value in (1.03, 0.97)
+    ]
+    return large + [
+        Case("bright", name, value, n(SMALL))
+        for name in ("published_gain", "gain_slope")
+        for value in (1.003, 0.997)
+    ]
+
+
+Statistic = Callable[[Scored, NDArray[np.int64]], dict[str, float]]
+
+
+def distribution(
+    pool: Scored, statistic: Statistic, *, sources: int, size: int, number: int, seed: int
+) -> dict[str, Array]:
+    """A statistic of `number` catalogues of a pool's first `sources`, each field ``(catalogue,)``."""
+    rng = np.random.default_rng(seed)
+    found = [statistic(pool, rows) for rows in catalogues(size, sources, number, rng)]
+    return {name: np.array([values[name] for values in found]) for name in FIELDS}
+
+
+def summary(
+    scored: Mapping[str, Scored],
+    pools: Mapping[str, Pool],
+    *,
+    share: float = 1.0,
+    number: int = CATALOGUES,
+    seed: int = 0,
+) -> xr.Dataset:
+    """Table ``(case, statistic)``: z and amplitude of hidden gains, and of effect-free catalogues.
+
+    `z` is of the first catalogue, `z_mean` over all catalogues; `null_mean_error` says how well the pool's
+    size lets the null's mean be known; `power` is the share of catalogues past `THRESHOLD` null sd.
+    """
+    rows: list[dict[str, Any]] = []
+    for case in cases(share):
+        hidden, clean = case.pool(pools), case.clean(pools)
+        if not {hidden.name, clean.name} <= set(scored):
+            continue
+        for label, statistic in _statistics(case, scored[hidden.name]).items():
+            with_marginal = label == "marginal"
+            sources = [
+                len(scored[p.name].marginal if with_marginal else scored[p.name].scores)
+                for p in (hidden, clean)
+            ]
+            null = distribution(
+                scored[clean.name], statistic, sources=sources[1], size=case.size, number=number, seed=seed
+            )
+            found = distribution(
+                scored[hidden.name],
+                statistic,
+                sources=sources[0],
+                size=case.size,
+                number=max(1, sources[0] // case.size),
+                seed=seed,
+            )
+            rows.append(_row(case, label, null, found, sources[1]))
+    return _dataset(rows)
+
+
+def _statistics(case: Case, pool: Scored) -> dict[str, Statistic]:
+    made: dict[str, Statistic] = {
+        chosen: lambda scored, rows, chosen=chosen: orthogonal(scored, case.hidden, chosen, rows)  # type: ignore[misc]
+        for chosen in SETS
+    }
+    if len(pool.marginal) and case.hidden == "published_gain":
+        made["marginal"] = marginal
+    return made
+
+
+def _row(
+    case: Case, label: str, null: dict[str, Array], found: dict[str, Array], sources: int
+) -> dict[str, Any]:
+    mean, sd = float(null["z"].mean()), float(null["z"].std(ddof=1))
+    truth = case.value - GAINS[case.hidden].neutral
+    return {
+        "case": case.label,
+        "statistic": label,
+        "truth": truth,
+        "z": found["z"][0],
+        "z_mean": found["z"].mean(),
+        "amplitude": found["amplitude"][0],
+        "amplitude_mean": found["amplitude"].mean(),
+        "standard_error": found["standard_error"].mean(),
+        "sandwich_error": found["sandwich_error"].mean(),
+        "catalogues": len(found["z"]),
+        "null_mean": mean,
+        "null_mean_error": np.sqrt(case.size / sources),
+        "null_sd": sd,
+        "null_low": np.quantile(null["z"], 0.005),
+        "null_high": np.quantile(null["z"], 0.995),
+        "null_largest": np.abs(null["z"]).max(),
+        "null_catalogues": len(null["z"]),
+        "power": np.mean(np.abs(found["z"] - mean) > THRESHOLD * sd),
+    }
+
+
+def _dataset(rows: list[dict[str, Any]]) -> xr.Dataset:
+    labels = list(dict.fromkeys(row["case"] for row in rows))
+    kinds = list(dict.fromkeys(row["statistic"] for row in rows))
+    names = [name for name in rows[0] if name not in ("case", "statistic")] if rows else []
+    values = {name: np.full((len(labels), len(kinds)), np.nan) for name in names}
+    for row in rows:
+        place = labels.index(row["case"]), kinds.index(row["statistic"])
+        for name in names:
+            values[name][place] = row[name]
+    return xr.Dataset(
+        {name: (("case", "statistic"), array) for name, array in values.items()},
+        coords={"case": labels, "statistic": kinds},
+    )

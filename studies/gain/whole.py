@@ -1,0 +1,72 @@
+"""Whole catalogues, analysed as a user would: the population fitted, the amplitude profiled."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from gaugeblock.discover.fit import fit
+from gaugeblock.discover.name.marginal import marginal_scores
+from gaugeblock.discover.name.shared_profile import profile_models
+from gaugeblock.discover.name.stack import stack
+from gaugeblock.discover.sources import Sources
+from studies.gain.models import GAINS, TabulatedShared, table
+from studies.gain.pools import CHUNK, Pool, draw
+
+COLUMNS = ("value", "standard_error", "sandwich_error", "low", "high", "z", "gain", "converged")
+
+
+def first_sources(pool: Pool, size: int, seed: int) -> Sources:
+    """The first `size` spectra of a pool."""
+    size = min(size, pool.number)
+    counts = np.concatenate([draw(pool, chunk, seed)[1] for chunk in range(-(-size // CHUNK))])[:size]
+    return Sources.of(table(pool.integration), counts, scale=pool.scale)
+
+
+def profiled(pool: Pool, name: str, size: int, seed: int) -> dict[str, float]:
+    """Profile of a gain on the first catalogue of a pool; `gain` is in log likelihood, interval of 90%."""
+    sources = first_sources(pool, size, seed)
+    shared: Any = TabulatedShared(name, pool.steps[name], pool.integration)
+    fits = fit(sources.simulator, sources.counts, scale=sources.scale)
+    found = profile_models([shared], [sources], fits=[fits])
+    low, high = found.interval(0.9)
+    neutral = GAINS[name].neutral
+    values = (
+        found.value - neutral,
+        found.standard_error,
+        found.sandwich_error,
+        low - neutral,
+        high - neutral,
+        found.z,
+        found.gain,
+        float(found.converged),
+    )
+    return dict(zip(COLUMNS, values, strict=True))
+
+
+def marginalised(pool: Pool, size: int, seed: int) -> dict[str, float]:
+    """Marginal score of the published gain on a whole catalogue, its population fitted."""
+    sources = first_sources(pool, size, seed)
+    shared: Any = TabulatedShared("published_gain", pool.steps["published_gain"], pool.integration)
+    fits = fit(sources.simulator, sources.counts, scale=sources.scale)
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=[2]))
+    found = marginal_scores(shared, sources, fits, draws=192, rng=rng)
+    told = stack(found.efficient())
+    return {
+        "z": float(told.z[0]),
+        "amplitude": float(told.amplitude[0]),
+        "standard_error": float(told.standard_error[0]),
+        "sandwich_error": float(told.sandwich_error[0]),
+        "effective": float(np.median(found.effective)),
+    }
+
+
+def as_dataset(rows: dict[str, dict[str, float]]) -> xr.Dataset:
+    """Rows by case as a Dataset with dim ``case``."""
+    names = list(next(iter(rows.values()))) if rows else []
+    return xr.Dataset(
+        {name: ("case", np.array([row[name] for row in rows.values()])) for name in names},
+        coords={"case": list(rows)},
+    )
