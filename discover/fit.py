@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 TINY = 1e-12
 """Smallest mean that a residual is divided by."""
 
-BLOCK = 2048
+BLOCK = 1024
 """Sources fitted side by side: bounds memory."""
 
 
@@ -54,8 +54,8 @@ def fit(
     start: ArrayLike | None = None,
     fixed: tuple[str, ...] = (),
     iterations: int = 60,
-    bank: int = 2048,
-    tries: int = 3,
+    bank: int = 4096,
+    tries: int = 8,
     seed: int = 0,
 ) -> Fit:
     """Maximise the Poisson likelihood of each row of counts, times the Gaussian part of the prior.

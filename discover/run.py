@@ -59,7 +59,7 @@ def discover(
         If the simulator proposes no effect, or `only` names one that is not there.
     """
     step("fitting the model as it is")
-    base = fit(sources.simulator, sources.counts, scale=sources.scale, bank=8192, tries=12)
+    base = fit(sources.simulator, sources.counts, scale=sources.scale, bank=16384, tries=16)
     proposed = library or candidates(sources.simulator, base.theta, own=effects, only=only)
     first, second = np.random.default_rng(seed).spawn(2)
     search = discover_single(sources, proposed, base, rng=first, replicates=replicates, step=step)
