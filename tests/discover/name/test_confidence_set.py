@@ -27,7 +27,7 @@ def profiles(library, counts, base_objective, starts):
 
 
 def compared(library, strength, seed):
-    """A line hidden, the dip its rival: the line against the dip were the dip true, and the other way round."""
+    """A line hidden, the dip its rival: the line against the dip were the dip true, and back."""
     simulator = library.simulator
     truth = np.array([[*THETA, 3.3, strength]])
     rng = np.random.default_rng(seed)
