@@ -17,7 +17,7 @@ from studies.hidden import engine
 from studies.hidden.document import document
 from studies.hidden.generate import generate
 from studies.hidden.identity import settings
-from studies.hidden.runner import run
+from studies.hidden.runner import run, so_far
 from studies.hidden.score import Found, scored, table
 from studies.hidden.seal import opened
 from studies.hidden.setups import laboratory
@@ -38,6 +38,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--share", type=float, default=1.0, help="part of every stratum")
     parser.add_argument("--generator-seed", type=int, help="in place of the system's entropy")
     parser.add_argument("--seed", type=int, default=20260611, help="of the search")
+    parser.add_argument("--so-far", action="store_true", help="score the cases that were searched so far")
     parser.add_argument("--workers", type=int, default=1, help="processes; results do not depend on it")
     chosen = parser.parse_args(arguments)
     command = shlex.join(["python", "-m", "studies.hidden", *(arguments or sys.argv[1:])])
@@ -65,7 +66,7 @@ def _step(step: str, chosen: argparse.Namespace, command: str) -> None:
     elif step == "run":
         _run(chosen)
     elif step == "score":
-        found = _run(chosen)
+        found = so_far(chosen.folder) if chosen.so_far else _run(chosen)
         seed, answers = opened(chosen.folder)
         rows = [scored(answers[number], one) for number, one in sorted(found.items())]
         seal = json.loads((chosen.folder / "seal.json").read_text(encoding="utf-8"))

@@ -79,8 +79,8 @@ def said(table: xr.Dataset) -> str:
     seal = json.loads(table.attrs["sealed"])
     hours = float(table["seconds"].sum()) / 3600.0
     return (
-        f"{table.sizes['row']:,} cases, {hours:.1f} hours of one core. Sealed: answers "
-        f"`{seal['answers.json'][:16]}`, data `{seal['cases.nc'][:16]}`; the generator's seed was "
+        f"{table.sizes['row']:,} of {seal['cases']:,} sealed cases, {hours:.1f} hours of one core. Sealed: "
+        f"answers `{seal['answers.json'][:16]}`, data `{seal['cases.nc'][:16]}`; the generator's seed was "
         f"{table.attrs['generator_seed']}. Made by `{table.attrs['command']}`."
     )
 

@@ -114,6 +114,20 @@ def _some(
     return work
 
 
+def so_far(folder: Path) -> dict[int, Found]:
+    """What was found so far: a fair sample, for the order of cases is random.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    paths = sorted((folder / "found").glob("[0-9]*.json"), key=lambda path: int(path.stem))
+    if not paths:
+        raise InputError(f"{folder}: no case has been searched; run the study first")
+    return {int(path.stem): read(path) for path in paths}
+
+
 def seed_of(number: int, seed: int) -> int:
     """Seed of a case, independent of all others."""
     sequence = np.random.SeedSequence(seed, spawn_key=(number,))

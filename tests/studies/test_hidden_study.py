@@ -15,7 +15,7 @@ pytest.importorskip("astropy")
 
 from studies.hidden.document import MAKERS, PAGE, filled
 from studies.hidden.plots import FIGURE, draw
-from studies.hidden.runner import run, seed_of
+from studies.hidden.runner import run, seed_of, so_far
 from studies.hidden.seal import Answer, Case, cases, opened, seal
 from studies.hidden.truth import Truth
 
@@ -162,11 +162,14 @@ def toy():
 
 def test_a_run_goes_on_where_it_stopped(folder):
     ASKED.clear()
+    with pytest.raises(InputError, match="no case has been searched"):
+        so_far(folder)
     run(folder, toy, seed=3, settings={"a": 1}, numbers=[0, 1])
     found = run(folder, toy, seed=3, settings={"a": 1})
     assert ASKED == [0, 1, 2, 3, 4]
     assert [found[k].p_global for k in range(5)] == [seed_of(k, 3) / 2**63 for k in range(5)]
     assert len({seed_of(k, 3) for k in range(5)}) == 5
+    assert so_far(folder) == found
     with pytest.raises(InputError, match="another seed"):
         run(folder, toy, seed=4, settings={"a": 1})
     with pytest.raises(InputError, match="other code"):
@@ -176,7 +179,7 @@ def test_a_run_goes_on_where_it_stopped(folder):
 @pytest.fixture
 def stored():
     attributes = {
-        "sealed": json.dumps({"answers.json": "a" * 64, "cases.nc": "b" * 64, "cases": 40}),
+        "sealed": json.dumps({"answers.json": "a" * 64, "cases.nc": "b" * 64, "cases": 41}),
         "generator_seed": "12",
         "command": "python -m studies.hidden",
     }
@@ -193,7 +196,7 @@ def test_the_page_is_made_of_the_table(stored):
     assert filled(once, stored, "spectra") == once
     assert "| `gain_slope` | 10 of 15 | 90% | 9 / 0 / 1 |" in once
     assert "at most 5% | 20 | 5.0%" in once
-    assert "40 cases" in once
+    assert "40 of 41 sealed cases" in once
 
 
 def test_figures_are_drawn(stored, tmp_path):
