@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
+from scipy.stats import qmc
 
 from gaugeblock.discover.coordinates import Coordinates
 from gaugeblock.discover.fit import TINY, Fit
@@ -22,7 +23,15 @@ WIDTHS = np.array([1.0, 3.0])
 """Of the first round's proposals, in units of the fit's own."""
 
 CENTERS = 6
-ROUNDS = 3
+BANK = 13
+"""Log2 of the draws from the prior among which other peaks are looked for."""
+
+PILOTS = 2
+"""Rounds of half as many draws that shape the proposals."""
+
+POOR = 0.08
+AGAIN = 5
+"""Sources with a smaller share of draws that count are sampled again, with this many times as many."""
 
 BROAD = 0.15
 """Share of proposals from the prior itself: bounds every weight, and finds what the fit did not."""
@@ -51,10 +60,11 @@ class Draws:
 def posterior_draws(
     simulator: Any, counts: Any, fit: Fit, *, scale: Array, draws: int = 512, rng: np.random.Generator
 ) -> Draws:
-    """Draws from the posterior of each source by three rounds of multiple importance sampling.
+    """Draws from the posterior of each source, by importance sampling from a mixture that pilots shape.
 
-    First from normal distributions around the fit, then around draws of the rounds before, with their
-    covariance; a share from the prior each time. All draws count, weighted by the mixture of proposals.
+    Half of the mixture lies around the fit, half around draws of the pilot rounds, with their covariance,
+    but for a share from the prior itself. Pilots are thrown away: weights that knew which draws were heavy
+    would make light of them, and posteriors too narrow.
 
     References
     ----------
@@ -62,8 +72,19 @@ def posterior_draws(
     """
     rows = np.asarray(counts, dtype=float)
     starts = range(0, len(rows), BLOCK)
+    bank = qmc.Sobol(simulator.prior.size, seed=rng.spawn(1)[0]).random_base2(BANK)
+    known = np.maximum(np.asarray(simulator.expected(simulator.prior.from_unit_cube(bank))), TINY)
     parts = [
-        _block(simulator, rows[i : i + BLOCK], fit, slice(i, i + BLOCK), scale[i : i + BLOCK], draws, stream)
+        _block(
+            simulator,
+            rows[i : i + BLOCK],
+            fit,
+            slice(i, i + BLOCK),
+            scale[i : i + BLOCK],
+            draws,
+            (bank, known),
+            stream,
+        )
         for i, stream in zip(starts, rng.spawn(len(starts)), strict=True)
     ]
     unit = np.concatenate([part[0] for part in parts])
@@ -78,22 +99,69 @@ def _block(
     rows: slice,
     scale: Array,
     draws: int,
+    bank: tuple[Array, Array],
     rng: np.random.Generator,
 ) -> tuple[Array, Array, Array]:
-    center, covariance = around(simulator.prior, fit, rows)
+    place = around(simulator.prior, fit, rows)
+    unit, log_weight = _sampled(simulator, counts, scale, place, bank, draws, rng)
+    weight, log_evidence = _normalised(log_weight), logsumexp(log_weight, axis=1) - np.log(draws)
+    poor = np.flatnonzero((weight**2).sum(axis=1) * POOR * draws > 1.0)
+    if len(poor):
+        more, log_more = _sampled(
+            simulator, counts[poor], scale[poor], tuple(x[poor] for x in place), bank, AGAIN * draws, rng
+        )
+        kept = _systematic(_normalised(log_more), draws, rng)
+        unit[poor] = np.take_along_axis(more, kept[..., None], axis=1)
+        weight[poor] = 1.0 / draws
+        log_evidence[poor] = logsumexp(log_more, axis=1) - np.log(AGAIN * draws)
+    return unit, weight, log_evidence
+
+
+def _sampled(
+    simulator: Any,
+    counts: Array,
+    scale: Array,
+    place: tuple[Array, ...],
+    bank: tuple[Array, Array],
+    draws: int,
+    rng: np.random.Generator,
+) -> tuple[Array, Array]:
+    """Draws in the unit cube around a centre and covariance, and their log weights."""
+    center, covariance = place
     root = np.linalg.cholesky(covariance)[:, None] * WIDTHS[:, None, None]
-    proposals = [TruncatedNormal(np.repeat(center[:, None], len(WIDTHS), axis=1), root)]
-    unit, likelihood = np.empty((len(counts), 0, center.shape[1])), np.empty((len(counts), 0))
-    for number in range(ROUNDS):
-        if number:
-            weight = _normalised(likelihood - _log_proposal(proposals, unit))
-            proposals.append(TruncatedNormal(*_spread(unit, weight, covariance, rng)))
-        more = draws * (number + 1) // ROUNDS - draws * number // ROUNDS
-        fresh = _round(proposals[-1], more, rng)
-        unit = np.concatenate([unit, fresh], axis=1)
-        likelihood = np.concatenate([likelihood, _log_likelihood(simulator, counts, scale, fresh)], axis=1)
-    log_weight = likelihood - _log_proposal(proposals, unit)
-    return unit, _normalised(log_weight), logsumexp(log_weight, axis=1) - np.log(draws)
+    wide = TruncatedNormal(np.repeat(center[:, None], len(WIDTHS), axis=1), root)
+    elsewhere = _bank_centers(*bank, counts, scale, rng)
+    proposals = [wide, TruncatedNormal(elsewhere, np.repeat(root[:, 1:], CENTERS, axis=1))]
+    for number in range(PILOTS + 1):
+        unit = _drawn(proposals, draws if number == PILOTS else draws // 2, rng)
+        log_weight = _log_likelihood(simulator, counts, scale, unit) - _log_proposal(proposals, unit)
+        if number < PILOTS:
+            proposals = [wide, TruncatedNormal(*_spread(unit, _normalised(log_weight), covariance, rng))]
+    return unit, log_weight
+
+
+def _systematic(weight: Array, number: int, rng: np.random.Generator) -> NDArray[np.int64]:
+    """Draws ``(source, number)`` picked in proportion to their weights, evenly."""
+    place = (np.arange(number) + rng.random((len(weight), 1))) / number
+    cumulative = np.cumsum(weight, axis=1)
+    picked = [np.searchsorted(row[:-1], at) for row, at in zip(cumulative, place, strict=True)]
+    return np.stack(picked)
+
+
+def _bank_centers(bank: Array, known: Array, counts: Array, scale: Array, rng: np.random.Generator) -> Array:
+    """Centres ``(source, centre, parameter)`` among draws from the prior that do not fit badly.
+
+    The likelihood is tempered until some ten of them count: where the posterior has a second peak, far from
+    the fit, they find it.
+    """
+    likelihood = counts @ np.log(known).T - scale[:, None] * known.sum(axis=1)
+    likelihood = likelihood - likelihood.max(axis=1, keepdims=True)
+    power = np.ones((len(counts), 1))
+    for _ in range(12):
+        weight = np.exp(power * likelihood)
+        few = weight.sum(axis=1) ** 2 < 10.0 * (weight**2).sum(axis=1)
+        power[few] *= 0.6
+    return np.asarray(bank[_systematic(weight / weight.sum(axis=1, keepdims=True), CENTERS, rng)])
 
 
 def around(prior: Any, fit: Fit, rows: slice) -> tuple[Array, Array]:
@@ -111,9 +179,7 @@ def around(prior: Any, fit: Fit, rows: slice) -> tuple[Array, Array]:
 
 def _spread(unit: Array, weight: Array, covariance: Array, rng: np.random.Generator) -> tuple[Array, Array]:
     """Centres ``(source, centre, parameter)`` drawn by weight, and a common narrower root."""
-    place = (np.arange(CENTERS) + rng.random((len(unit), 1))) / CENTERS
-    picked = (np.cumsum(weight, axis=1)[:, None] < place[..., None]).sum(axis=-1)
-    picked = np.minimum(picked, unit.shape[1] - 1)
+    picked = _systematic(weight, CENTERS, rng)
     mean = np.einsum("nm,nmp->np", weight, unit)
     away = unit - mean[:, None]
     found = np.einsum("nm,nmp,nmq->npq", weight, away, away, optimize=True)
@@ -125,19 +191,25 @@ def _spread(unit: Array, weight: Array, covariance: Array, rng: np.random.Genera
     return np.take_along_axis(unit, picked[..., None], axis=1), root[:, None]
 
 
-def _round(proposal: TruncatedNormal, draws: int, rng: np.random.Generator) -> Array:
-    """Draws ``(source, draw, parameter)``: the prior's share first, then the centres' in equal parts."""
-    n, k, p = proposal.center.shape
+def _drawn(proposals: list[TruncatedNormal], draws: int, rng: np.random.Generator) -> Array:
+    """Draws ``(source, draw, parameter)`` in equal parts from all centres, after the prior's share."""
+    n, _, p = proposals[0].center.shape
     broad = round(BROAD * draws)
-    each = -(-(draws - broad) // k)
-    near = proposal.sample(rng.random((n, k, each, p))).reshape(n, -1, p)
-    return np.concatenate([rng.random((n, broad, p)), near[:, : draws - broad]], axis=1)
+    parts, near = [rng.random((n, broad, p))], draws - broad
+    for number, proposal in enumerate(proposals):
+        k = proposal.center.shape[1]
+        mine = near * (number + 1) // len(proposals) - near * number // len(proposals)
+        each = -(-mine // k)
+        # Centre after centre, so that what is cut off is shared out.
+        part = proposal.sample(rng.random((n, k, each, p))).swapaxes(1, 2).reshape(n, -1, p)
+        parts.append(part[:, :mine])
+    return np.concatenate(parts, axis=1)
 
 
 def _log_proposal(proposals: list[TruncatedNormal], unit: Array) -> Array:
-    """Log density of the mixture of all rounds and the prior, ``(source, draw)``."""
-    rounds = [logsumexp(q.log_density(unit[:, None]), axis=1) - np.log(q.center.shape[1]) for q in proposals]
-    near = logsumexp(rounds, axis=0) - np.log(len(rounds))
+    """Log density of the mixture of all proposals and the prior, ``(source, draw)``."""
+    each = [logsumexp(q.log_density(unit[:, None]), axis=1) - np.log(q.center.shape[1]) for q in proposals]
+    near = logsumexp(each, axis=0) - np.log(len(each))
     return np.asarray(np.logaddexp(np.log1p(-BROAD) + near, np.log(BROAD)))
 
 

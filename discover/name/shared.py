@@ -188,19 +188,21 @@ COLD, WARM = 60, 15
 def fit_held(shared: Shared, sources: Sources, phi: Array, start: Array | None = None) -> Fit:
     """Fit every source's own parameters, the shared amplitudes held at phi ``(term,)``.
 
-    `start` is ``(source, parameter)``; the result's theta and derivatives are of a source's own alone.
+    `start` is ``(source, parameter)`` or ``(source, try, parameter)``; the result's theta and derivatives are
+    of a source's own alone.
     """
     if not any(term.entry.energies for term in shared.terms):
-        steps = COLD if start is None else WARM
-        return fit(shared.held(phi), sources.counts, scale=sources.scale, start=start, iterations=steps)
+        return fit(shared.held(phi), sources.counts, scale=sources.scale, start=start)
     own = shared.parameters
     if start is None:
         start = fit(shared.base, sources.counts, scale=sources.scale).theta
+    tries = start[:, None] if start.ndim == 2 else start
+    places = [shared.at(tries[:, k], phi, sources.redshift) for k in range(tries.shape[1])]
     found = fit(
         shared.simulator,
         sources.counts,
         scale=sources.scale,
-        start=shared.at(start, phi, sources.redshift),
+        start=np.stack(places, axis=1),
         fixed=tuple(shared.simulator.prior.names[own:]),
         iterations=WARM,
     )

@@ -19,6 +19,9 @@ from gaugeblock.errors import InputError
 Array = NDArray[np.float64]
 
 ITERATIONS = 8
+SLACK = 0.05
+"""Log likelihood that fits, which end within their tolerance, may lose at a step that is no worse."""
+
 CLOSE = 0.05
 """The fit has converged when no amplitude moves by more than this share of its standard error."""
 
@@ -112,46 +115,62 @@ def profile_models(
 ) -> SharedAmplitude:
     """`profile_shared` for simulators that have the shared effects already: the first term is the effect."""
     first = models[0]
-    entry = first.terms[0]
     phi = first.neutral if start is None else np.array(start, dtype=float)
-    bare = (
-        list(fits)
-        if fits is not None
-        else [fit_held(model, sources, first.neutral) for model, sources in zip(models, groups, strict=True)]
-    )
-    found, converged = bare, False
+    before = [None] * len(groups) if fits is None else [fit.theta for fit in fits]
+    bare = [
+        fit_held(model, sources, first.neutral, theta)
+        for model, sources, theta in zip(models, groups, before, strict=True)
+    ]
+    found = _refitted(models, groups, phi, bare, bare)
+    objective = _objective(found, phi, first)
+    converged, shorter = False, 1.0
     for number in range(iterations + 1):
-        found = [
-            fit_held(model, sources, phi, fit.theta)
-            for model, sources, fit in zip(models, groups, found, strict=True)
-        ]
         scores = shared_parts(models, groups, found, phi)
-        step, error = newton(scores, first.sd, phi - first.neutral)
-        if not np.isfinite(error[0]):
+        if not stack(_effect_first(scores), first.sd[1:]).information[0] + first.sd[0] ** -2.0 > 0:
             raise InputError(
-                f"discover: the catalogue knows nothing of {entry.entry.name} beside its nuisances; "
+                f"discover: the catalogue knows nothing of {first.terms[0].entry.name} beside its nuisances; "
                 "give fewer nuisances, or priors for them"
             )
+        step, error = newton(scores, first.sd, phi - first.neutral)
         # Near the border a step may leave the prior; the fit then stays there.
-        moved = np.clip(phi + step, *_inside(first))
+        moved = np.clip(phi + shorter * step, *_inside(first))
         converged = bool((np.abs(moved - phi) < CLOSE * error).all())
         if converged or number == iterations:
             break
-        phi = moved
+        tried = _refitted(models, groups, moved, found, bare)
+        reached = _objective(tried, moved, first)
+        # Templates are of finite size: past the peak a step may lead back and forth unless it is halved.
+        if reached < objective + SLACK:
+            phi, found, objective = moved, tried, reached
+        else:
+            shorter *= 0.5
     beside = stack(_effect_first(scores), first.sd[1:])
-    own = 1.0 / entry.sd**2
-    information = float(beside.information[0]) + own
-    gain = _objective(found, phi, first) - _objective(bare, first.neutral, first)
+    information = float(beside.information[0]) + first.sd[0] ** -2.0
+    gain = _objective(bare, first.neutral, first) - objective
     return SharedAmplitude(
         float(phi[0]),
         float(first.neutral[0]),
         float(1.0 / np.sqrt(information)),
         float(beside.sandwich_error[0] * beside.information[0] / information),
         phi,
-        -gain,
+        gain,
         tuple(found),
         converged,
     )
+
+
+def _refitted(
+    models: Sequence[Shared],
+    groups: Sequence[Sources],
+    phi: Array,
+    near: Sequence[Fit],
+    bare: Sequence[Fit],
+) -> list[Fit]:
+    """Fits at phi, from the fit nearby and from that without effect: two peaks may trade places."""
+    return [
+        fit_held(model, sources, phi, np.stack([one.theta, other.theta], axis=1))
+        for model, sources, one, other in zip(models, groups, near, bare, strict=True)
+    ]
 
 
 def shared_parts(

@@ -122,19 +122,24 @@ def catalogues_table(sums: xr.Dataset) -> str:
 
 
 def profiles_table(profiles: xr.Dataset) -> str:
-    """Profiled amplitudes with their intervals."""
-    lines: list[tuple[str, ...]] = []
+    """Profiled amplitudes of every case's catalogues, and how many 90% intervals hold the truth."""
+    found: dict[str, list[dict[str, float]]] = {}
     for label in profiles["case"].values.tolist():
-        cell = {name: float(profiles[name].sel(case=label)) for name in profiles}
-        lines.append(
-            (
-                label,
-                f"{100 * cell['value']:+.3f} ± {100 * cell['standard_error']:.3f}",
-                f"{100 * cell['low']:+.3f} to {100 * cell['high']:+.3f}",
-                f"{cell['z']:+.1f}",
-            )
-        )
-    return rows(("catalogue", "profiled amplitude, %", "90% interval", "z"), lines)
+        cell = {str(name): float(profiles[name].sel(case=label)) for name in profiles}
+        found.setdefault(label.rpartition(", catalogue")[0], []).append(cell)
+    lines: list[tuple[str, ...]] = []
+    for case, cells in found.items():
+        held = sum(cell["low"] < cell["truth"] < cell["high"] for cell in cells)
+        values = ", ".join(f"{100 * cell['value']:+.2f}" for cell in cells)
+        error = 100 * float(np.mean([cell["standard_error"] for cell in cells]))
+        lines.append((case, values, f"{error:.3f}", f"{held} of {len(cells)}"))
+    header = (
+        "catalogues",
+        "profiled amplitudes, %",
+        "standard error, %",
+        "90% intervals that hold the truth",
+    )
+    return rows(header, lines)
 
 
 def marginal_table(marginal: xr.Dataset) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +68,9 @@ class Scored:
     population: Array
 
 
+DRAWS = 192
+"""Posterior draws a spectrum."""
+
 TEMPLATES = ("published_gain", "gain_slope")
 
 
@@ -96,13 +99,21 @@ def score(pool: Pool, chunk: int, seed: int, number: int) -> dict[str, Array]:
     values = [s.templates(fitted.theta, s.neutral, sources.scale, sources.redshift) for s in shared]
     beside = nuisance_templates(fitted.theta, sources.scale, pool.integration, pool.steps)
     found = shared_scores(counts, fitted, np.concatenate(values, axis=1), beside)
-    stored = {name.name: getattr(found, name.name).astype(np.float32) for name in fields(found)}
-    if chunk * CHUNK < pool.marginal:
-        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=[chunk, 1]))
-        # At the prior, which is the truth here: a catalogue's own tilt is fitted in `run.whole`.
-        posterior = marginal_scores(shared[0], sources, fitted, draws=192, iterations=0, rng=rng)  # type: ignore[arg-type]
-        stored |= {"marginal": posterior.score, "population": posterior.population}
-    return stored
+    return {name.name: getattr(found, name.name).astype(np.float32) for name in fields(found)}
+
+
+def marginal(pool: Pool, chunk: int, seed: int, number: int) -> dict[str, Array]:
+    """Marginal scores of the published gain in one chunk, and of the population, at the prior.
+
+    The prior is the truth here; a catalogue's own tilt is fitted in `whole`.
+    """
+    counts = draw(pool, chunk, seed)[1][:number]
+    sources = Sources.of(table(pool.integration), counts, scale=pool.scale)
+    fitted = fit(sources.simulator, counts, scale=sources.scale, seed=chunk)
+    shared: Any = TabulatedShared("published_gain", pool.steps["published_gain"], pool.integration)
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=[chunk, 1]))
+    found = marginal_scores(shared, sources, fitted, draws=DRAWS, iterations=0, rng=rng)
+    return {"marginal": found.score, "population": found.population}
 
 
 def scored(
@@ -110,22 +121,30 @@ def scored(
 ) -> Scored:
     """All of a pool, chunk after chunk; chunks on disk are not made again."""
     folder.mkdir(parents=True, exist_ok=True)
-    parts = []
+    parts: list[dict[str, Array]] = []
+    averaged: list[dict[str, Array]] = []
     chunks = -(-pool.number // CHUNK)
     for chunk in range(chunks):
         number = min(CHUNK, pool.number - chunk * CHUNK)
-        path = folder / f"{pool.name}_{seed}_{number}_{chunk}.npz"
-        if not path.exists():
-            with atomic_path(path) as partial, open(partial, "wb") as file:
-                np.savez(file, **score(pool, chunk, seed, number))  # type: ignore[arg-type]
-        with np.load(path) as stored:
-            parts.append({name: stored[name].astype(float) for name in stored.files})
+        end = f"{seed}_{number}_{chunk}.npz"
+        parts.append(_kept(folder / f"{pool.name}_{end}", partial(score, pool, chunk, seed, number)))
+        if chunk * CHUNK < pool.marginal:
+            path = folder / f"{pool.name}_marginal_{end}"
+            averaged.append(_kept(path, partial(marginal, pool, chunk, seed, number)))
         if progress is not None:
             progress(pool.name, chunk + 1, chunks)
     names = [field.name for field in fields(SharedScores)]
-    with_marginal = [part for part in parts if "marginal" in part]
     return Scored(
         join([SharedScores(*(part[name] for name in names)) for part in parts]),
-        np.concatenate([p["marginal"] for p in with_marginal]) if with_marginal else np.empty((0, 1)),
-        np.concatenate([p["population"] for p in with_marginal]) if with_marginal else np.empty((0, 0)),
+        np.concatenate([part["marginal"] for part in averaged]) if averaged else np.empty((0, 1)),
+        np.concatenate([part["population"] for part in averaged]) if averaged else np.empty((0, 0)),
     )
+
+
+def _kept(path: Path, make: Callable[[], dict[str, Array]]) -> dict[str, Array]:
+    """Arrays from disk, or made and kept there."""
+    if not path.exists():
+        with atomic_path(path) as partial_path, open(partial_path, "wb") as file:
+            np.savez(file, **make())  # type: ignore[arg-type]
+    with np.load(path) as stored:
+        return {name: stored[name].astype(float) for name in stored.files}

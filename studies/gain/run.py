@@ -33,6 +33,9 @@ from studies.gain.whole import as_dataset, marginalised, profiled
 FOLDER = Path(__file__).resolve().parents[1]
 RESULTS, DOCS = FOLDER / "results", FOLDER.parent / "docs"
 
+PROFILED = 4
+"""Catalogues of a case whose amplitude is profiled, where a pool has so many."""
+
 NUMBER, PAIRS = 300, 100
 """Spectra, clean and shifted each, that every published scheme sees, and pairs for the evidence."""
 
@@ -81,15 +84,17 @@ def study(work: Path, *, seed: int, share: float = 1.0, number: int = CATALOGUES
         for place, case in enumerate(wanted):
             bars.show("whole catalogues", place, len(wanted))
             hidden, clean = case.pool(planned), case.clean(planned)
-            profiles[case.label] = _kept(
-                work / f"profile_{hidden.name}_{case.size}.json",
-                partial(profiled, hidden, case.hidden, case.size, seed),
-            )
-            if hidden.marginal:
-                marginals[case.label] = _kept(
-                    work / f"marginal_{hidden.name}_{case.size}.json",
-                    partial(marginalised, hidden, case.size, seed),
+            for k in range(max(1, min(PROFILED, hidden.number // case.size))):
+                profiles[f"{case.label}, catalogue {k + 1}"] = _kept(
+                    work / f"profile_{hidden.name}_{case.size}_{k}.json",
+                    partial(profiled, hidden, case.hidden, case.size, seed, k),
                 )
+            if hidden.marginal:
+                for label, pool in ((case.label, hidden), (f"{case.size} {case.level}, no gain", clean)):
+                    marginals[label] = _kept(
+                        work / f"marginal_{pool.name}_{case.size}.json",
+                        partial(marginalised, pool, case.size, seed),
+                    )
             if not case.small:
                 count = max(20, round(NUMBER * min(1.0, share)))
                 path = work / f"schemes_{hidden.name}_{count}.nc"

@@ -13,27 +13,30 @@ from gaugeblock.discover.name.shared_profile import profile_models
 from gaugeblock.discover.name.stack import stack
 from gaugeblock.discover.sources import Sources
 from studies.gain.models import GAINS, TabulatedShared, table
-from studies.gain.pools import CHUNK, Pool, draw
+from studies.gain.pools import CHUNK, DRAWS, Pool, draw
 
-COLUMNS = ("value", "standard_error", "sandwich_error", "low", "high", "z", "gain", "converged")
-
-
-def first_sources(pool: Pool, size: int, seed: int) -> Sources:
-    """The first `size` spectra of a pool."""
-    size = min(size, pool.number)
-    counts = np.concatenate([draw(pool, chunk, seed)[1] for chunk in range(-(-size // CHUNK))])[:size]
-    return Sources.of(table(pool.integration), counts, scale=pool.scale)
+COLUMNS = ("truth", "value", "standard_error", "sandwich_error", "low", "high", "z", "gain", "converged")
 
 
-def profiled(pool: Pool, name: str, size: int, seed: int) -> dict[str, float]:
-    """Profile of a gain on the first catalogue of a pool; `gain` is in log likelihood, interval of 90%."""
-    sources = first_sources(pool, size, seed)
+def sources_of(pool: Pool, size: int, seed: int, *, catalogue: int = 0) -> Sources:
+    """One of the catalogues of `size` spectra into which a pool falls, in order."""
+    first, last = catalogue * size, min((catalogue + 1) * size, pool.number)
+    chunks = range(first // CHUNK, -(-last // CHUNK))
+    counts = np.concatenate([draw(pool, chunk, seed)[1] for chunk in chunks])
+    start = first - chunks[0] * CHUNK
+    return Sources.of(table(pool.integration), counts[start : start + last - first], scale=pool.scale)
+
+
+def profiled(pool: Pool, name: str, size: int, seed: int, catalogue: int) -> dict[str, float]:
+    """Profile of a gain on one catalogue of a pool; `gain` is in log likelihood, interval of 90%."""
+    sources = sources_of(pool, size, seed, catalogue=catalogue)
     shared: Any = TabulatedShared(name, pool.steps[name], pool.integration)
     fits = fit(sources.simulator, sources.counts, scale=sources.scale)
     found = profile_models([shared], [sources], fits=[fits])
     low, high = found.interval(0.9)
     neutral = GAINS[name].neutral
     values = (
+        pool.value - neutral,
         found.value - neutral,
         found.standard_error,
         found.sandwich_error,
@@ -48,11 +51,11 @@ def profiled(pool: Pool, name: str, size: int, seed: int) -> dict[str, float]:
 
 def marginalised(pool: Pool, size: int, seed: int) -> dict[str, float]:
     """Marginal score of the published gain on a whole catalogue, its population fitted."""
-    sources = first_sources(pool, size, seed)
+    sources = sources_of(pool, size, seed)
     shared: Any = TabulatedShared("published_gain", pool.steps["published_gain"], pool.integration)
     fits = fit(sources.simulator, sources.counts, scale=sources.scale)
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=[2]))
-    found = marginal_scores(shared, sources, fits, draws=192, rng=rng)
+    found = marginal_scores(shared, sources, fits, draws=DRAWS, rng=rng)
     told = stack(found.efficient())
     return {
         "z": float(told.z[0]),

@@ -1,0 +1,107 @@
+"""The marginal score: exact where that is known, unbiased without effect, stronger than fits."""
+
+import numpy as np
+import pytest
+
+from gaugeblock.discover.fit import fit
+from gaugeblock.discover.name.marginal import MarginalScores, controlled, marginal_scores
+from gaugeblock.discover.name.population import Tilt
+from gaugeblock.discover.name.shared import Term, share
+from gaugeblock.discover.name.shared_scores import shared_scores
+from gaugeblock.discover.name.stack import stack
+from gaugeblock.discover.sources import Sources
+from gaugeblock.simulators import Effect, Prior, Uniform
+from gaugeblock.simulators.library import LibraryEffect
+
+PRIOR = Prior({"norm": Uniform(20.0, 60.0), "index": Uniform(1.0, 2.0)})
+TILT_LIKE = {"energy": 0.5}
+"""A wide dip at the soft end: nearly a change of norm and index, which single spectra cannot tell from it."""
+
+
+def dip(depth=0.2):
+    return LibraryEffect(
+        name="dip", parameters={"energy": Uniform(0.3, 7.5), "depth": Uniform(-0.9, 2.0)}, amplitude="depth",
+        neutral=0.0, step=depth, scanned={"energy": np.array([0.5])}, cause="area", typical="20%",
+        origin="instrument",
+    )  # fmt: skip
+
+
+def catalogue(power_law, n, seed, *, depth=0.0, draw=None):
+    rng = np.random.default_rng(seed)
+    simulator = power_law(prior=PRIOR)
+    theta = PRIOR.sample(n, rng) if draw is None else draw(n, rng)
+    truth = simulator.with_effect(Effect("dip", {**TILT_LIKE, "depth": depth}))
+    return Sources.of(simulator, truth.simulate(theta, rng))
+
+
+def both(sources, **options):
+    shared = share(sources.simulator, [Term(dip(), TILT_LIKE)])
+    fitted = fit(sources.simulator, sources.counts)
+    values = shared.templates(fitted.theta, shared.neutral, sources.scale, sources.redshift)
+    orthogonal = stack(shared_scores(sources.counts, fitted, values))
+    options = {"draws": 128, "rng": np.random.default_rng(9), **options}
+    return orthogonal, marginal_scores(shared, sources, fitted, **options)
+
+
+def test_control_variates_keep_the_mean_and_lose_the_noise():
+    rng = np.random.default_rng(0)
+    # Posterior: a normal at 0.3 with sd 0.2, cut off at 0; value: its own gradient plus a little else.
+    unit = rng.random((400, 200, 1))
+    weight = np.exp(-0.5 * ((unit[..., 0] - 0.3) / 0.2) ** 2)
+    weight /= weight.sum(axis=1, keepdims=True)
+    pull = -(unit - 0.3) / 0.04
+    values = pull + 0.1 * unit
+    plain = np.einsum("nm,nmt->nt", weight, values)[:, 0]
+    better = controlled(values, weight, unit, pull)[:, 0]
+    side = (np.arange(100_000) + 0.5) / 100_000
+    density = np.exp(-0.5 * ((side - 0.3) / 0.2) ** 2)
+    exact = np.average(-(side - 0.3) / 0.04 + 0.1 * side, weights=density)
+    assert better.std() < 0.4 * plain.std()
+    assert better.mean() == pytest.approx(exact, abs=0.03)
+
+
+def test_effect_free_catalogues_have_mean_nought_and_sd_one(power_law):
+    _, found = both(catalogue(power_law, 2000, 1), iterations=0)
+    z = np.array([stack(found.select(rows).efficient()).z[0] for rows in np.split(np.arange(2000), 40)])
+    # Limits of 1e-4 either side.
+    assert abs(z.mean()) < 3.9 / np.sqrt(40)
+    assert z.std() == pytest.approx(1.0, abs=3.9 / np.sqrt(80))
+
+
+def test_the_marginal_score_sees_what_fits_absorb(power_law):
+    orthogonal, found = both(catalogue(power_law, 1500, 2, depth=0.2))
+    efficient = stack(found.efficient())
+    assert efficient.z[0] > 5
+    assert efficient.information[0] > 1.5 * orthogonal.information[0]
+    assert efficient.amplitude[0] == pytest.approx(0.2, abs=4 * efficient.standard_error[0] + 0.06)
+
+
+def test_an_unexpected_population_is_not_taken_for_an_effect(power_law):
+    def steep(n, rng):
+        unit = np.column_stack([np.sqrt(rng.random(n)), rng.random(n) ** 0.7])
+        return PRIOR.from_unit_cube(unit)
+
+    sources = catalogue(power_law, 800, 3, draw=steep)
+    _, trusting = both(sources, iterations=0, tilt=Tilt(degree=1, pairs=False))
+    _, fitted = both(sources)
+    naive = trusting.score[:, 0].sum() / np.sqrt((trusting.score[:, 0] ** 2).sum())
+    assert abs(naive) > 6
+    assert abs(stack(fitted.efficient()).z[0]) < 3.5
+
+
+def test_scores_at_the_true_amplitude_add_up_to_nothing(power_law):
+    sources = catalogue(power_law, 800, 4, depth=0.2)
+    _, here = both(sources, phi=[0.2])
+    _, neutral = both(sources)
+    assert abs(stack(here.efficient()).z[0]) < 3.5
+    assert abs(stack(neutral.efficient()).z[0]) > 5
+
+
+def test_nuisances_stand_beside():
+    rng = np.random.default_rng(5)
+    common = rng.normal(size=200)
+    score = np.column_stack([common + 0.3 * rng.normal(size=200), common])
+    found = MarginalScores(score, np.empty((200, 0)), np.empty(0), np.ones(200))
+    alone = stack(MarginalScores(score[:, :1], np.empty((200, 0)), np.empty(0), np.ones(200)).efficient())
+    beside = stack(found.efficient(), [np.inf])
+    assert beside.information[0] < 0.2 * alone.information[0]

@@ -1,0 +1,170 @@
+"""Shared effects over a catalogue: exact projections, priors, influence, the search and its null."""
+
+import numpy as np
+import pytest
+
+from gaugeblock.discover.candidates import candidates
+from gaugeblock.discover.fit import fit
+from gaugeblock.discover.name import catalogue
+from gaugeblock.discover.name.catalogue import Group, search
+from gaugeblock.discover.name.influence import influence, without
+from gaugeblock.discover.name.shared import Term, share
+from gaugeblock.discover.name.shared_scores import join, shared_scores
+from gaugeblock.discover.name.stack import stack
+from gaugeblock.discover.sources import Sources
+from gaugeblock.errors import InputError
+from gaugeblock.simulators import Effect
+
+
+def population(power_law, n, seed, *, depth=0.0, energy=2.0):
+    rng = np.random.default_rng(seed)
+    simulator = power_law()
+    theta = np.column_stack([rng.uniform(200, 2000, n), rng.uniform(1.0, 2.5, n)])
+    truth = simulator.with_effect(Effect("dip", {"energy": energy, "depth": depth}))
+    return Sources.of(simulator, truth.simulate(theta, rng)), theta
+
+
+@pytest.fixture
+def made(power_law):
+    """Eight sources, their fits, two templates and two nuisances."""
+    sources, _ = population(power_law, 8, 1)
+    fitted = fit(sources.simulator, sources.counts)
+    entry = sources.simulator.effect_library(fitted.theta)["dip"]
+    shared = share(sources.simulator, [Term(entry, {"energy": e}) for e in (1.0, 2.0, 3.0, 4.0)])
+    values = shared.templates(fitted.theta, shared.neutral, sources.scale, sources.redshift)
+    return sources, fitted, values
+
+
+def test_the_information_is_that_of_one_large_fit(made):
+    sources, fitted, values = made
+    sd = np.array([0.02, np.inf])
+    found = stack(shared_scores(sources.counts, fitted, values[:, :1], values[:, 1:3]), sd)
+    n, p = fitted.theta.shape
+    size = n * p + 3
+    information, gradient = np.zeros((size, size)), np.zeros(size)
+    for i in range(n):
+        columns = np.zeros((fitted.expected.shape[1], size))
+        columns[:, i * p : (i + 1) * p] = fitted.jacobian[i]
+        columns[:, n * p :] = values[i, :3].T
+        information += columns.T @ (columns / fitted.expected[i][:, None])
+        gradient += columns.T @ (sources.counts[i] / fitted.expected[i] - 1.0)
+    information[-2, -2] += 1 / sd[0] ** 2
+    covariance = np.linalg.inv(information)
+    # Fits are at their optimum up to their tolerance, so a whole step agrees with the projected one.
+    assert found.standard_error[0] == pytest.approx(np.sqrt(covariance[-3, -3]), rel=1e-6)
+    assert found.amplitude[0] == pytest.approx(
+        (covariance @ gradient)[-3], abs=0.02 * found.standard_error[0]
+    )
+
+
+def test_influence_is_what_the_others_say(made):
+    sources, fitted, values = made
+    scores = shared_scores(sources.counts, fitted, values[:, :1], values[:, 1:3])
+    sd = np.array([0.02, np.inf])
+    others = stack(scores.select(np.arange(8) != 3), sd)
+    assert without(scores, sd)[3, 0] == pytest.approx(others.z[0], abs=1e-9)
+    assert influence(scores, sd)[3, 0] == pytest.approx(stack(scores, sd).z[0] - others.z[0], abs=1e-9)
+
+
+def test_more_freedom_never_adds_information(made):
+    sources, fitted, values = made
+    alone = stack(shared_scores(sources.counts, fitted, values[:, :1]))
+    held = stack(shared_scores(sources.counts, fitted, values[:, :1], values[:, 1:3]), [1e-9, 1e-9])
+    loose = stack(shared_scores(sources.counts, fitted, values[:, :1], values[:, 1:3]), [0.02, 0.02])
+    free = stack(shared_scores(sources.counts, fitted, values[:, :1], values[:, 1:3]), [np.inf, np.inf])
+    assert held.information == pytest.approx(alone.information, rel=1e-6)
+    assert alone.information > loose.information > free.information > 0
+    assert 0 < free.kept[0] < loose.kept[0] < alone.kept[0] < 1
+    assert 1 < alone.effective_sources[0] <= 8
+
+
+def test_a_template_inside_the_nuisances_knows_nothing(made):
+    sources, fitted, values = made
+    found = stack(shared_scores(sources.counts, fitted, values[:, :1], values[:, :1]), [np.inf])
+    assert found.z[0] == 0
+    assert np.isinf(found.standard_error[0])
+
+
+def test_z_is_standard_normal_with_nuisances_drawn_from_their_priors(made):
+    _, fitted, values = made
+    rng = np.random.default_rng(2)
+    sd = np.array([0.02, 0.02])
+    z = []
+    for _ in range(600):
+        drawn = np.einsum("nkc,k->nc", values[:, 1:3], rng.normal(0, sd))
+        counts = rng.poisson(np.maximum(fitted.expected + drawn, 0))
+        z.append(stack(shared_scores(counts, fitted, values[:, :1], values[:, 1:3]), sd).z[0])
+    # Limits of 1e-4 either side: 3.9 standard errors of a mean and of a standard deviation.
+    assert abs(np.mean(z)) < 3.9 / np.sqrt(600)
+    assert np.std(z) == pytest.approx(1, abs=3.9 / np.sqrt(1200))
+
+
+def test_the_sandwich_sees_scatter_between_sources(made):
+    _, fitted, values = made
+    rng = np.random.default_rng(3)
+    many = [
+        shared_scores(
+            rng.poisson(np.maximum(fitted.expected + spread * rng.normal(size=(8, 1)) * values[:, 0], 0)),
+            fitted,
+            values[:, :1],
+        )
+        for spread in (0.0, 0.2)
+        for _ in range(25)
+    ]
+    calm, wild = stack(join(many[:25])), stack(join(many[25:]))
+    assert calm.sandwich_error[0] == pytest.approx(calm.standard_error[0], rel=0.25)
+    assert wild.sandwich_error[0] > 1.5 * wild.standard_error[0]
+
+
+def group(power_law, seed, **hidden):
+    sources, _ = population(power_law, 60, seed, **hidden)
+    fitted = fit(sources.simulator, sources.counts)
+    return Group(sources, fitted, candidates(sources.simulator, fitted.theta, only=("dip", "edge")))
+
+
+def test_a_hidden_dip_is_found_where_it_is(power_law):
+    found = search([group(power_law, 4, depth=-0.08)], replicates=199, rng=np.random.default_rng(0))
+    best = np.argmax(np.abs(found.stack.z))
+    assert found.owner[best] == "dip"
+    assert found.p_global[best] == 1 / 200
+    library = power_law().effect_library(np.array([[1000.0, 2.0]]))
+    assert library["dip"].nodes[found.node[best], 0] == pytest.approx(2.0, rel=0.1)
+    assert found.stack.amplitude[best] == pytest.approx(-0.08, abs=4 * found.stack.standard_error[best])
+
+
+def test_effect_free_catalogues_are_quiet(power_law):
+    # Twelve searches: more than four below 0.1 in fewer than one of two hundred.
+    p = [
+        search([group(power_law, 20 + k)], replicates=99, rng=np.random.default_rng(k)).p_global.min()
+        for k in range(12)
+    ]
+    assert np.sum(np.array(p) <= 0.1) <= 4
+    assert max(p) > 0.3
+
+
+def test_a_search_does_not_depend_on_blocks_or_on_the_order_of_terms(power_law, monkeypatch):
+    one = group(power_law, 5)
+    entry = one.candidates.entries["edge"]
+    terms = [Term(entry, {"energy": 3.0}, sd=0.05)]
+    whole = search([one], terms, replicates=50, rng=np.random.default_rng(0))
+    monkeypatch.setattr(catalogue, "BLOCK", 7)
+    parts = search([one], terms, replicates=50, rng=np.random.default_rng(0))
+    np.testing.assert_allclose(parts.stack.z, whole.stack.z, atol=1e-9)
+    np.testing.assert_allclose(parts.null.largest, whole.null.largest, atol=1e-9)
+    # An effect is not tested beside itself.
+    alone = search([one], replicates=50, rng=np.random.default_rng(0))
+    edge = whole.owner == "edge"
+    np.testing.assert_allclose(whole.stack.z[edge], alone.stack.z[edge], atol=1e-12)
+    assert np.abs(whole.stack.z[~edge] - alone.stack.z[~edge]).max() > 1e-3
+
+
+def test_terms_are_checked(power_law):
+    entry = power_law().effect_library(np.array([[1000.0, 2.0]]))["dip"]
+    with pytest.raises(InputError, match="shared dip: give a positive sd and values of energy"):
+        Term(entry)
+    with pytest.raises(InputError, match="positive sd"):
+        Term(entry, {"energy": 2.0}, sd=-1.0)
+    with pytest.raises(InputError, match="a catalogue needs sources"):
+        search([], rng=np.random.default_rng(0))
+    with pytest.raises(InputError, match="at least one source"):
+        join([])
