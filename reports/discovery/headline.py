@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from gaugeblock.reports.discovery.phrases import (
+    digits_of,
     effect_phrase,
     effect_words,
     energy_range,
@@ -76,7 +77,9 @@ def figures(summary: Mapping[str, Any]) -> tuple[tuple[str, str, str], ...]:
         found.append(("Held-out gap", number(before, 3), "deviance per channel"))
     for one in amplitudes(summary)[:1]:
         where = "from data that did not choose the name" if one.get("held_out") else "in sample"
-        value = with_unit(finite(one.get("value")), str(one.get("unit") or ""))
+        low, high = (finite(end) for end in (one.get("interval") or (None, None)))
+        amount = finite(one.get("value"))
+        value = with_unit(amount, str(one.get("unit") or ""), digits_of(amount, low, high))
         found.append((f"{effect_words(str(one.get('effect')))}: {one.get('parameter')}", value, where))
     return tuple(found)
 
@@ -207,9 +210,11 @@ def _amplitude(summary: Mapping[str, Any]) -> list[str]:
         level = finite(one.get("level")) or 0.9
         names, effect = list(summary.get("named_all") or []), str(one.get("effect"))
         whose = f"The {'first ' if names.count(effect) > 1 else ''}{effect_words(effect)}'s"
+        value = finite(one.get("value"))
+        digits = digits_of(value, low, high)
         said.append(
-            f"{whose} {one.get('parameter')} is {short(finite(one.get('value')))} "
-            f"({100 * level:.0f}% interval {with_unit(low, '')} to {with_unit(high, unit)}"
+            f"{whose} {one.get('parameter')} is {short(value, digits)} "
+            f"({100 * level:.0f}% interval {short(low, digits)} to {with_unit(high, unit, digits)}"
             f"{', from the held-out half' if one.get('held_out') else ''})."
         )
     return said

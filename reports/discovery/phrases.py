@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -102,3 +103,14 @@ def with_unit(value: float | None, unit: str, digits: int = 3) -> str:
     """A value with its unit, if it has one."""
     text = short(value, digits)
     return f"{text} {unit}" if unit and value is not None else text
+
+
+def digits_of(value: float | None, low: float | None, high: float | None) -> int:
+    """How many digits of a value its interval gives a meaning to: two of the interval, three at least.
+
+    >>> digits_of(1.0299, 1.0282, 1.0316), digits_of(4.2, 1.0, 9.0), digits_of(None, 0.0, 1.0)
+    (4, 3, 3)
+    """
+    if value is None or low is None or high is None or not high > low or value == 0:
+        return 3
+    return max(3, math.ceil(math.log10(abs(value) / (high - low))) + 1)

@@ -11,7 +11,7 @@ import xarray as xr
 from gaugeblock.reports.discovery.axes import energy_axis
 from gaugeblock.reports.discovery.chapter import Chapter, Column, LeftOut, Rows, Table
 from gaugeblock.reports.discovery.headline import amplitudes
-from gaugeblock.reports.discovery.phrases import effect_words, finite, pick
+from gaugeblock.reports.discovery.phrases import digits_of, effect_words, finite, pick
 from gaugeblock.reports.discovery.read import Missing, floats, group, parts
 from gaugeblock.reports.section import Panel
 from gaugeblock.reports.svg import Frame, drawing
@@ -25,12 +25,14 @@ def amplitude_chapter(summary: Mapping[str, Any]) -> Chapter | LeftOut:
         low, high = (finite(value) for value in (one.get("interval") or (None, None)))
         unit = str(one.get("unit") or "")
         level = finite(one.get("level")) or 0.9
+        value = finite(one.get("value"))
+        digits = digits_of(value, low, high)
         rows.append(
             (
                 effect_words(str(one.get("effect"))),
                 f"{one.get('parameter')}{f' ({unit})' if unit else ''}",
-                short(finite(one.get("value"))),
-                NOTHING if low is None or high is None else f"{short(low)} to {short(high)}",
+                short(value, digits),
+                NOTHING if low is None or high is None else f"{short(low, digits)} to {short(high, digits)}",
                 f"{100 * level:.0f}%",
                 short(finite(one.get("neutral"))),
                 "yes" if one.get("held_out") else "no, in sample: too large on average",
@@ -59,12 +61,14 @@ def _beside(one: Mapping[str, Any]) -> list[tuple[str, ...]]:
     if not isinstance(given, Mapping):
         return []
     low, high = (finite(value) for value in (given.get("interval") or (None, None)))
+    value = finite(given.get("value"))
+    digits = digits_of(value, low, high)
     return [
         (
             f"beside {', '.join(str(name) for name in given.get('nuisances') or ['shared nuisances'])}",
             str(one.get("parameter")),
-            short(finite(given.get("value"))),
-            NOTHING if low is None or high is None else f"{short(low)} to {short(high)}",
+            short(value, digits),
+            NOTHING if low is None or high is None else f"{short(low, digits)} to {short(high, digits)}",
             f"{100 * (finite(one.get('level')) or 0.9):.0f}%",
             short(finite(one.get("neutral"))),
             "as above",
