@@ -29,7 +29,7 @@ def discover(
     only: tuple[str, ...] = (),
     library: Candidates | None = None,
     replicates: int = 999,
-    evidence: bool = False,
+    evidence: bool | None = False,
     step: Step = quiet,
 ) -> Discovery:
     """Find where a simulator and measured counts disagree, name the missing effect, add it, test the name.
@@ -48,8 +48,8 @@ def discover(
         Candidates that an earlier search of the same simulator has worked in: nothing is compiled again.
     replicates : int
         Simulated data sets behind every global p, which is never below 1 / (replicates + 1).
-    evidence : bool
-        Whether to run nested sampling with and without the first named effect.
+    evidence : bool or None
+        Whether to run nested sampling with and without the first named effect; None: where it is quick.
     step : callable
         Told, in words, what begins.
 
@@ -64,9 +64,9 @@ def discover(
     first, second = np.random.default_rng(seed).spawn(2)
     search = discover_single(sources, proposed, base, rng=first, replicates=replicates, step=step)
     made = summary(search)
-    if evidence and search.decision.named_all:
+    if evidence is not False and search.decision.named_all:
         step("evidence with and without the effect, by nested sampling")
-        add_evidence(made, search, rng=second)
+        add_evidence(made, search, rng=second, always=bool(evidence))
     return Discovery(made, tree(search))
 
 

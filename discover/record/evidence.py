@@ -12,24 +12,27 @@ from gaugeblock.errors import InputError, MissingExtraError
 
 ID = "evidence.delta"
 
-COUNTS = 3_000_000
-"""Counts from which nested sampling is left out: its cost grows with the information in the data."""
+COUNTS = 20_000
+"""Counts from which nested sampling is left out unless it is asked for: its cost grows with what data know."""
 
 
-def add_evidence(summary: dict[str, Any], search: Search, *, rng: np.random.Generator) -> None:
+def add_evidence(
+    summary: dict[str, Any], search: Search, *, rng: np.random.Generator, always: bool = False
+) -> None:
     """Put delta log Z of the first named effect and its prior sensitivity into a summary.
 
-    What cannot be computed is listed under `not_checked`, with the reason.
+    What cannot be computed is listed under `not_checked`, with the reason; so is, unless `always`, what
+    would take many minutes.
     """
     try:
-        value = _evidence(search, rng)
+        value = _evidence(search, rng, always)
     except (InputError, MissingExtraError) as error:
         summary["not_checked"].append({"id": ID, "why": str(error)})
         return
     summary["gap"]["delta_log_evidence"] = value
 
 
-def _evidence(search: Search, rng: np.random.Generator) -> dict[str, Any]:
+def _evidence(search: Search, rng: np.random.Generator, always: bool) -> dict[str, Any]:
     best, counts = search.rounds[0].best, search.sources.counts[0]
     if counts.sum() > COUNTS:
         raise InputError(

@@ -53,8 +53,12 @@ def discover(
     ] = None,
     replicates: Annotated[int, typer.Option(min=99, help="Simulated data sets behind a global p.")] = 999,
     evidence: Annotated[
-        bool, typer.Option(help="Evidence of the named effect by nested sampling (slow, one source).")
-    ] = True,
+        bool | None,
+        typer.Option(
+            "--evidence/--no-evidence",
+            help="Evidence of the named effect by nested sampling; default: up to 20,000 counts.",
+        ),
+    ] = None,
     out: Out = Path("gaugeblock-discovery"),
     seed: Seed = None,
     quiet: Quiet = False,

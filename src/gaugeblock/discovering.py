@@ -89,7 +89,7 @@ def run(
     own: Sequence[str] = (),
     only: Sequence[str] = (),
     replicates: int = 999,
-    evidence: bool = True,
+    evidence: bool | None = None,
     command: str = "",
     progress: Progress,
 ) -> Discovery:
@@ -101,8 +101,8 @@ def run(
         Effects of one's own as ``module:object``, a `LibraryEffect` or several.
     only : sequence of str
         Effects to which the search is restricted.
-    evidence : bool
-        Whether to run nested sampling for the evidence of the named effect.
+    evidence : bool or None
+        Whether to run nested sampling for the evidence of the named effect; None: where it is quick.
 
     Raises
     ------
