@@ -13,7 +13,7 @@ from gaugeblock.errors import InputError, MissingExtraError
 ID = "evidence.delta"
 
 COUNTS = 20_000
-"""Counts from which nested sampling is left out unless it is asked for: its cost grows with what data know."""
+"""Counts from which nested sampling is left out unless it is asked for: its cost grows with the data."""
 
 
 def add_evidence(
@@ -34,9 +34,9 @@ def add_evidence(
 
 def _evidence(search: Search, rng: np.random.Generator, always: bool) -> dict[str, Any]:
     best, counts = search.rounds[0].best, search.sources.counts[0]
-    if counts.sum() > COUNTS:
+    if counts.sum() > COUNTS and not always:
         raise InputError(
-            f"{counts.sum():.2g} counts: nested sampling would take hours; see the held-out scores"
+            f"{int(counts.sum()):,} counts: nested sampling would take many minutes; ask for it with --evidence"
         )
     if search.sources.scale[0] != 1.0:
         raise InputError("the simulator's exposure is not the spectrum's; evidence needs them equal")
