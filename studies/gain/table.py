@@ -48,15 +48,18 @@ class Case:
 
     def pool(self, pools: Mapping[str, Pool]) -> Pool:
         """The spectra that hide it."""
-        return next(
-            p
-            for p in pools.values()
-            if (p.level, p.hidden, p.value, p.small) == (self.level, self.hidden, self.value, self.small)
-        )
+        return pools[Pool(self.level, self.hidden, self.value, 0, small=self.small).name]
 
     def clean(self, pools: Mapping[str, Pool]) -> Pool:
         """Those that hide nothing."""
-        return next(p for p in pools.values() if (p.level, p.hidden, p.small) == (self.level, "", self.small))
+        return pools[Pool(self.level, "", 0.0, 0, small=self.small).name]
+
+    def known(self, pools: Mapping[str, Pool]) -> bool:
+        """Whether there are spectra of both kinds."""
+        try:
+            return bool(self.pool(pools) and self.clean(pools))
+        except KeyError:
+            return False
 
 
 def cases(share: float = 1.0) -> list[Case]:
@@ -105,9 +108,9 @@ def summary(
     """
     rows: list[dict[str, Any]] = []
     for case in cases(share):
-        hidden, clean = case.pool(pools), case.clean(pools)
-        if not {hidden.name, clean.name} <= set(scored):
+        if not case.known(pools):
             continue
+        hidden, clean = case.pool(pools), case.clean(pools)
         for label, statistic in _statistics(case, scored[hidden.name]).items():
             with_marginal = label == "marginal"
             sources = [

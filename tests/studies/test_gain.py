@@ -1,0 +1,147 @@
+"""The gain study on a small scale: its table of spectra, pools, catalogues, schemes, and its document."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from gaugeblock.simulators import Effect
+
+pytest.importorskip("jaxspec")
+from studies.gain import document as page
+from studies.gain.catalogues import catalogues, orthogonal
+from studies.gain.models import SETS, TabulatedShared, bright, table
+from studies.gain.plan import pools
+from studies.gain.pools import CHUNK, TEMPLATES, Pool, draw, scored
+from studies.gain.run import DOCS, RESULTS
+from studies.gain.table import cases, summary
+from studies.gain.whole import profiled, sources_of
+
+from gaugeblock.simulators.xray import reference
+
+pytestmark = pytest.mark.usefixtures("xray_data")
+
+SEED = 3
+SMALL = [Pool("bright", "", 0.0, 120), Pool("bright", "gain_slope", 1.03, 60)]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """Two small pools, scored twice: the second time from disk."""
+    folder = tmp_path_factory.mktemp("pools")
+    first = {pool.name: scored(pool, folder, seed=SEED) for pool in SMALL}
+    again = {pool.name: scored(pool, folder, seed=SEED) for pool in SMALL}
+    for name, pool in first.items():
+        np.testing.assert_array_equal(again[name].scores.score, pool.scores.score)
+    return first
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "effect"),
+    [
+        ("", (), None),
+        ("gain_slope", (1.03,), Effect("gain_slope", {"slope": 1.03})),
+    ],
+)
+def test_the_table_agrees_with_the_simulator(name, values, effect):
+    simulator = reference(level="bright")
+    if effect is not None:
+        simulator = simulator.with_effect(effect)
+    theta = simulator.prior.sample(50, np.random.default_rng(0))
+    made = table("jaxspec", name, *values)
+    np.testing.assert_allclose(made.expected(theta), simulator.expected(theta), rtol=2e-5)
+    exact = simulator.jacobian(theta[:5])
+    size = np.abs(exact).max(axis=1, keepdims=True)
+    assert (np.abs(made.jacobian(theta[:5]) - exact) / size).max() < 1e-4
+    assert made.prior.names == bright("jaxspec").prior.names
+
+
+def test_a_shift_stands_out_and_its_absence_does_not(made):
+    rows = np.arange(60)
+    for chosen in SETS:
+        hidden = orthogonal(made["bright_gain_slope_1.03"], "gain_slope", chosen, rows)
+        clean = orthogonal(made["bright_clean"], "gain_slope", chosen, rows)
+        assert hidden["z"] > 5
+        assert abs(clean["z"]) < 4
+        assert hidden["amplitude"] == pytest.approx(0.03, abs=0.012)
+    alone, beside = (
+        orthogonal(made["bright_clean"], "gain_slope", chosen, rows)
+        for chosen in ("alone", "offset and area")
+    )
+    assert beside["standard_error"] > 1.5 * alone["standard_error"]
+
+
+def test_the_profile_reads_the_amplitude():
+    found = profiled(SMALL[1], "gain_slope", 60, SEED, 0)
+    assert found["converged"]
+    assert abs(found["value"] - found["truth"]) < 4 * found["standard_error"]
+    assert found["gain"] > 20
+
+
+def test_spectra_are_the_same_whoever_draws_them():
+    pool = SMALL[1]
+    sources = sources_of(pool, 20, SEED, catalogue=1)
+    np.testing.assert_array_equal(sources.counts, draw(pool, 0, SEED)[1][20:40])
+    assert not np.array_equal(draw(pool, 0, SEED)[1], draw(pool, 0, SEED + 1)[1])
+
+
+def test_catalogues_are_disjoint_first():
+    rows = catalogues(10, 35, 6, np.random.default_rng(0))
+    assert len(rows) == 6
+    assert len(set(np.concatenate(rows[:3]).tolist())) == 30
+    assert all(len(set(row.tolist())) == 10 for row in rows)
+
+
+def test_every_case_has_its_pools():
+    planned = pools()
+    for case in cases():
+        assert case.pool(planned).value == case.value
+        assert case.clean(planned).hidden == ""
+        assert case.pool(planned).number % CHUNK == 0
+        assert case.pool(planned).number >= case.size
+    assert sum(case.small for case in cases()) == 4
+    assert len(set(planned)) == 15
+
+
+def test_templates_are_changes_by_unit_amplitude():
+    shared = TabulatedShared("gain_slope", 0.01)
+    theta = shared.base.prior.sample(4, np.random.default_rng(1))
+    one = np.ones(4)
+    template = shared.templates(theta, shared.neutral, one, 0 * one)[:, 0]
+    change = table("jaxspec", "gain_slope", 1.005).expected(theta) - shared.base.expected(theta)
+    assert np.abs(template * 0.005 - change).max() < 0.1 * np.abs(change).max()
+
+
+def test_the_summary_has_a_row_a_case(made):
+    planned = {pool.name: pool for pool in SMALL}
+    found = summary(made, planned, share=0.04, number=20, seed=1)
+    assert found["statistic"].values.tolist() == list(SETS)
+    assert found["case"].values.tolist() == ["20 bright, gain slope +3.0%"]
+    assert (found["null_catalogues"] == 20).all()
+    assert float(found["z"].sel(statistic="alone").squeeze()) > 4
+    assert TEMPLATES == ("published_gain", "gain_slope")
+
+
+def test_the_document_says_what_the_results_say(tmp_path):
+    (tmp_path / "gain.md").write_text((DOCS / "gain.md").read_text(encoding="utf-8"), encoding="utf-8")
+    page.document(RESULTS / "gain.nc", tmp_path)
+    assert (tmp_path / "gain.md").read_text() == (DOCS / "gain.md").read_text()
+    assert (tmp_path / "figures" / "gain.svg").read_text() == (DOCS / "figures" / "gain.svg").read_text()
+
+
+def test_what_is_promised_holds():
+    with xr.open_dataset(RESULTS / "gain.nc", engine="netcdf4") as stored:
+        sums = stored.load()
+    alone = sums.sel(statistic="alone")
+    assert (sums["null_catalogues"].isel(statistic=0) >= 200).all()
+    # The sd of 400 resampled catalogues: within three of its standard errors, pools being finite.
+    assert (np.abs(alone["null_sd"] - 1) < 0.2).all()
+    assert (np.abs(alone["null_mean"]) < 3 * alone["null_mean_error"]).all()
+    large = [case for case in sums["case"].values.tolist() if "3.0%" in case]
+    assert (np.abs(alone["z_mean"].sel(case=large)) > 3.5).all()
+    assert (np.sign(alone["z_mean"]) == np.sign(alone["truth"])).all()
+    with xr.open_dataset(RESULTS / "gain.nc", group="headline", engine="netcdf4") as stored:
+        table = stored.load()
+    assert {"scheme", "case"} == set(table.dims)
+    assert (table["threshold"] > table["null_low"]).where(np.isfinite(table["value"]), True).all()
