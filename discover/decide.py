@@ -13,6 +13,9 @@ ADEQUATE = 0.05
 MARGIN = 1.0
 """Held-out log score (nats) by which a name must beat what it is told apart from."""
 
+MANY = 2
+"""Effects beyond which an answer is no name: with so many, any shape can be put together."""
+
 UNNAMED = "unnamed"
 
 
@@ -64,7 +67,8 @@ def decide(first: Look, rounds: tuple[Round, ...], last: Look, scored: HeldOut |
         why = f"a smooth correction without a name predicts held-out counts better than {full}"
         return Decision(UNNAMED, (), (UNNAMED, *dict.fromkeys(names)), None, why)
     alike = _alike(rounds[-1], scored)
-    if left <= ADEQUATE or smooth > -MARGIN:
+    # Three effects in a row are how a shape that no library has is eaten up.
+    if left <= ADEQUATE or smooth > -MARGIN or len(names) > MANY:
         alike = (*alike, UNNAMED)
     return Decision(
         names[0], names, alike, None, f"{full} predicts held-out counts better by {gain:.1f} nats"

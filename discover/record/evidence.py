@@ -36,7 +36,7 @@ def _evidence(search: Search, rng: np.random.Generator, always: bool) -> dict[st
     best, counts = search.rounds[0].best, search.sources.counts[0]
     if counts.sum() > COUNTS and not always:
         raise InputError(
-            f"{int(counts.sum()):,} counts: nested sampling would take many minutes; ask for it with --evidence"
+            f"{int(counts.sum()):,} counts: nested sampling would take minutes; ask for it with --evidence"
         )
     if search.sources.scale[0] != 1.0:
         raise InputError("the simulator's exposure is not the spectrum's; evidence needs them equal")
