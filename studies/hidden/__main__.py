@@ -23,6 +23,8 @@ from studies.hidden.seal import opened
 from studies.hidden.setups import laboratory
 from studies.hidden.strata import CATALOGUES, STRATA
 
+PLACES = ("--folder", "--out", "--docs")
+
 STEPS = ("generate", "run", "score", "document")
 
 
@@ -41,7 +43,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--so-far", action="store_true", help="score the cases that were searched so far")
     parser.add_argument("--workers", type=int, default=1, help="processes; results do not depend on it")
     chosen = parser.parse_args(arguments)
-    command = shlex.join(["python", "-m", "studies.hidden", *(arguments or sys.argv[1:])])
+    command = shlex.join(["python", "-m", "studies.hidden", *_without_places(arguments or sys.argv[1:])])
     try:
         for step in chosen.steps or STEPS:
             _step(step, chosen, command)
@@ -49,6 +51,23 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stderr.write(f"{error}\n")
         return 2
     return 0
+
+
+def _without_places(arguments: list[str]) -> list[str]:
+    """Arguments that decide numbers: which folders were used is nobody's concern.
+
+    >>> _without_places(["score", "--folder", "/tmp/sealed", "--so-far"])
+    ['score', '--so-far']
+    """
+    kept = []
+    rest = iter(arguments)
+    for argument in rest:
+        name, _, value = argument.partition("=")
+        if name not in PLACES:
+            kept.append(argument)
+        elif not value:
+            next(rest, None)
+    return kept
 
 
 def _step(step: str, chosen: argparse.Namespace, command: str) -> None:

@@ -17,6 +17,9 @@ from studies.table import rows
 
 PAGE = "hidden-effects.md"
 
+ENOUGH = 90
+"""Cases below which a target that is not missed is not called met either."""
+
 TABLES = {"hidden": "spectra", "hidden-catalogues": "catalogues"}
 """Stored tables, and what the page calls them."""
 
@@ -57,6 +60,12 @@ def _wanted(target: Target) -> str:
     return f"at least {100 * target.low:.0f}%" if target.low > 0 else f"at most {100 * target.high:.0f}%"
 
 
+def _verdict(target: Target) -> str:
+    if not target.met:
+        return "missed"
+    return "met" if target.number >= ENOUGH else "not missed, but too few cases to say"
+
+
 def target_table(table: xr.Dataset) -> str:
     """Every target beside what was measured."""
     lines = [
@@ -65,7 +74,7 @@ def target_table(table: xr.Dataset) -> str:
             _wanted(one),
             f"{int(one.number):,}",
             _percent(one),
-            "met" if one.met else "missed",
+            _verdict(one),
         )
         for one in targets(table)
         if one.number
@@ -82,6 +91,16 @@ def said(table: xr.Dataset) -> str:
         f"{table.sizes['row']:,} of {seal['cases']:,} sealed cases, {hours:.1f} hours of one core. Sealed: "
         f"answers `{seal['answers.json'][:16]}`, data `{seal['cases.nc'][:16]}`; the generator's seed was "
         f"{table.attrs['generator_seed']}. Made by `{table.attrs['command']}`."
+    ) + _incomplete(table.sizes["row"], seal["cases"])
+
+
+def _incomplete(searched: int, sealed: int) -> str:
+    if searched == sealed:
+        return ""
+    return (
+        f"\n\n**This is a random {100 * searched / sealed:.0f}% of the set; the rest has not been searched "
+        "yet.** The targets are set for 400 cases without an effect, 300 fair ones and 100 of what the library "
+        "lacks."
     )
 
 

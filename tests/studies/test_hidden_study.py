@@ -196,7 +196,17 @@ def test_the_page_is_made_of_the_table(stored):
     assert filled(once, stored, "spectra") == once
     assert "| `gain_slope` | 10 of 15 | 90% | 9 / 0 / 1 |" in once
     assert "at most 5% | 20 | 5.0%" in once
+    assert "| met |" not in once
     assert "40 of 41 sealed cases" in once
+    assert "random 98% of the set" in once
+    assert "too few cases to say" in once
+
+
+def test_the_command_is_kept_without_places():
+    from studies.hidden.__main__ import _without_places
+
+    given = ["score", "--folder", "somewhere", "--out=there", "--so-far", "--seed", "3"]
+    assert _without_places(given) == ["score", "--so-far", "--seed", "3"]
 
 
 def test_figures_are_drawn(stored, tmp_path):
