@@ -83,12 +83,12 @@ def _gain_offset(rng: Rng, _: Theta) -> Sized:
 
 def _gain_curve(rng: Rng, _: Theta) -> Sized:
     sign = _sign(rng)
-    return lambda size: {"curve": sign * 0.04 * size}
+    return lambda size: {"curve": sign * 0.048 * size}
 
 
 def _effective_area(rng: Rng, _: Theta) -> Sized:
     energy, width, sign = log_uniform(rng, 0.8, 6.5), log_uniform(rng, 0.12, 0.55), _sign(rng)
-    return lambda size: {"energy": energy, "width": width, "depth": sign * 0.6 * size}
+    return lambda size: {"energy": energy, "width": width, "depth": sign * 0.85 * size}
 
 
 def _resolution(_: Rng, __: Theta) -> Sized:

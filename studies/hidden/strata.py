@@ -21,7 +21,7 @@ LEVELS = {"medium": 0.1, "bright": 1.0, "bright x 10": 10.0, "bright x 100": 100
 BACKGROUND = 5.0
 """Background in units of a quiet one, in the setup that has one."""
 
-SIGMA = (5.5, 15.0)
+SIGMA = (6.0, 15.0)
 """Wanted distance from the nearest rival."""
 
 CATALOGUE_SIGMA = (10.0, 30.0)
@@ -54,8 +54,8 @@ INSTRUMENT = ("gain_slope", "gain_offset", "gain_curve", "effective_area", "reso
 _ALL, _OTHERS = tuple(LIBRARY), tuple(UNLISTED)
 
 STRATA = (
-    Stratum("two components", "listed", "two", 10, hidden=_ALL),
-    Stratum("one component", "listed", "one", 9, hidden=_ALL),
+    Stratum("two components", "listed", "two", 12, hidden=_ALL),
+    Stratum("one component", "listed", "one", 10, hidden=_ALL),
     Stratum("edge of the prior", "listed", "two", 3, hidden=_ALL, edge=True),
     Stratum("with background", "listed", "background", 2, hidden=_ALL),
     Stratum("unlisted, two components", "unlisted", "two", 5, hidden=_OTHERS),
