@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 from scipy.stats import qmc
 
-from gaugeblock.discover.coordinates import Coordinates
 from gaugeblock.discover.fit import TINY, Fit
+from gaugeblock.discover.name.peaks import peaks, rows_of, systematic
 from gaugeblock.discover.name.truncated import TruncatedNormal
 
 Array = NDArray[np.float64]
@@ -19,12 +19,12 @@ Array = NDArray[np.float64]
 BLOCK = 256
 """Sources in one block: each has a stream of random numbers of its own."""
 
-WIDTHS = np.array([1.0, 3.0])
-"""Of the first round's proposals, in units of the fit's own."""
-
 CENTERS = 6
-BANK = 13
-"""Log2 of the draws from the prior among which other peaks are looked for."""
+BANK = 15
+"""Log2 of the draws from the prior that all sources share, and among which other peaks are looked for."""
+
+ENOUGH = 60
+"""A source of which so many of them count needs no draws of its own."""
 
 PILOTS = 2
 """Rounds of half as many draws that shape the proposals."""
@@ -62,9 +62,10 @@ def posterior_draws(
 ) -> Draws:
     """Draws from the posterior of each source, by importance sampling from a mixture that pilots shape.
 
-    Half of the mixture lies around the fit, half around draws of the pilot rounds, with their covariance,
-    but for a share from the prior itself. Pilots are thrown away: weights that knew which draws were heavy
-    would make light of them, and posteriors too narrow.
+    Half of the mixture lies around the fit and around fits from elsewhere, half around draws of the pilot
+    rounds, with their covariance, but for a share from the prior itself. Pilots are thrown away: weights that
+    knew which draws were heavy would make light of them, and posteriors too narrow. Faint sources take
+    draws of the prior that all share.
 
     References
     ----------
@@ -102,18 +103,24 @@ def _block(
     bank: tuple[Array, Array],
     rng: np.random.Generator,
 ) -> tuple[Array, Array, Array]:
-    place = around(simulator.prior, fit, rows)
-    unit, log_weight = _sampled(simulator, counts, scale, place, bank, draws, rng)
+    likelihood = _log_likelihood_of(bank[1], counts, scale)
+    center, root = peaks(simulator, counts, scale, rows_of(fit, rows), (bank[0], likelihood), rng)
+    unit, log_weight = _sampled(simulator, counts, scale, (center, root), draws, rng)
     weight, log_evidence = _normalised(log_weight), logsumexp(log_weight, axis=1) - np.log(draws)
     poor = np.flatnonzero((weight**2).sum(axis=1) * POOR * draws > 1.0)
     if len(poor):
-        more, log_more = _sampled(
-            simulator, counts[poor], scale[poor], tuple(x[poor] for x in place), bank, AGAIN * draws, rng
-        )
-        kept = _systematic(_normalised(log_more), draws, rng)
+        place = center[poor], root[poor]
+        more, log_more = _sampled(simulator, counts[poor], scale[poor], place, AGAIN * draws, rng)
+        kept = systematic(_normalised(log_more), draws, rng)
         unit[poor] = np.take_along_axis(more, kept[..., None], axis=1)
         weight[poor] = 1.0 / draws
         log_evidence[poor] = logsumexp(log_more, axis=1) - np.log(AGAIN * draws)
+    # Faint sources are known best by the prior's own draws, which miss nothing.
+    prior = _normalised(likelihood)
+    faint = np.flatnonzero((prior**2).sum(axis=1) * ENOUGH < 1.0)
+    unit[faint] = bank[0][systematic(prior[faint], draws, rng)]
+    weight[faint] = 1.0 / draws
+    log_evidence[faint] = logsumexp(likelihood[faint], axis=1) - np.log(len(bank[0]))
     return unit, weight, log_evidence
 
 
@@ -121,74 +128,40 @@ def _sampled(
     simulator: Any,
     counts: Array,
     scale: Array,
-    place: tuple[Array, ...],
-    bank: tuple[Array, Array],
+    place: tuple[Array, Array],
     draws: int,
     rng: np.random.Generator,
 ) -> tuple[Array, Array]:
-    """Draws in the unit cube around a centre and covariance, and their log weights."""
-    center, covariance = place
-    root = np.linalg.cholesky(covariance)[:, None] * WIDTHS[:, None, None]
-    wide = TruncatedNormal(np.repeat(center[:, None], len(WIDTHS), axis=1), root)
-    elsewhere = _bank_centers(*bank, counts, scale, rng)
-    proposals = [wide, TruncatedNormal(elsewhere, np.repeat(root[:, 1:], CENTERS, axis=1))]
+    """Draws in the unit cube around several centres, and their log weights."""
+    start = TruncatedNormal(*place)
+    proposals = [start]
     for number in range(PILOTS + 1):
         unit = _drawn(proposals, draws if number == PILOTS else draws // 2, rng)
         log_weight = _log_likelihood(simulator, counts, scale, unit) - _log_proposal(proposals, unit)
         if number < PILOTS:
-            proposals = [wide, TruncatedNormal(*_spread(unit, _normalised(log_weight), covariance, rng))]
+            proposals = [start, TruncatedNormal(*_spread(unit, _normalised(log_weight), place[1], rng))]
     return unit, log_weight
 
 
-def _systematic(weight: Array, number: int, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Draws ``(source, number)`` picked in proportion to their weights, evenly."""
-    place = (np.arange(number) + rng.random((len(weight), 1))) / number
-    cumulative = np.cumsum(weight, axis=1)
-    picked = [np.searchsorted(row[:-1], at) for row, at in zip(cumulative, place, strict=True)]
-    return np.stack(picked)
+def _log_likelihood_of(known: Array, counts: Array, scale: Array) -> Array:
+    """Log likelihood ``(source, draw)`` of draws that all sources share, from their expected counts."""
+    shared = counts @ np.log(known).T - scale[:, None] * known.sum(axis=1)
+    return np.asarray(shared + (counts.sum(axis=1) * np.log(scale))[:, None])
 
 
-def _bank_centers(bank: Array, known: Array, counts: Array, scale: Array, rng: np.random.Generator) -> Array:
-    """Centres ``(source, centre, parameter)`` among draws from the prior that do not fit badly.
-
-    The likelihood is tempered until some ten of them count: where the posterior has a second peak, far from
-    the fit, they find it.
-    """
-    likelihood = counts @ np.log(known).T - scale[:, None] * known.sum(axis=1)
-    likelihood = likelihood - likelihood.max(axis=1, keepdims=True)
-    power = np.ones((len(counts), 1))
-    for _ in range(12):
-        weight = np.exp(power * likelihood)
-        few = weight.sum(axis=1) ** 2 < 10.0 * (weight**2).sum(axis=1)
-        power[few] *= 0.6
-    return np.asarray(bank[_systematic(weight / weight.sum(axis=1, keepdims=True), CENTERS, rng)])
-
-
-def around(prior: Any, fit: Fit, rows: slice) -> tuple[Array, Array]:
-    """Centre and widened covariance of a normal proposal in the unit cube, from the fit's information."""
-    coordinates = Coordinates(prior)
-    unit = np.clip(prior.to_unit_cube(fit.theta[rows]), 1e-6, 1.0 - 1e-6)
-    place = coordinates.of(fit.theta[rows])
-    # Unbounded parameters move in sd; their unit coordinate changes by the normal density a sd.
-    by_unit = np.where(coordinates.bounded, 1.0, np.exp(-0.5 * place**2) / np.sqrt(2.0 * np.pi))
-    root = np.sqrt(np.maximum(fit.expected[rows], TINY))
-    slope = fit.jacobian[rows] / root[..., None] / np.maximum(by_unit, 1e-3)[:, None]
-    information = np.matmul(slope.swapaxes(1, 2), slope) + 12.0 * np.eye(unit.shape[1])
-    return unit, 1.5 * np.linalg.inv(information)
-
-
-def _spread(unit: Array, weight: Array, covariance: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+def _spread(unit: Array, weight: Array, root: Array, rng: np.random.Generator) -> tuple[Array, Array]:
     """Centres ``(source, centre, parameter)`` drawn by weight, and a common narrower root."""
-    picked = _systematic(weight, CENTERS, rng)
+    picked = systematic(weight, CENTERS, rng)
     mean = np.einsum("nm,nmp->np", weight, unit)
     away = unit - mean[:, None]
     found = np.einsum("nm,nmp,nmq->npq", weight, away, away, optimize=True)
+    first = np.matmul(root[:, 0], root[:, 0].swapaxes(1, 2))
     # A few draws' covariance is no covariance: there the fit's stays.
     trust = np.clip(1.0 / (weight**2).sum(axis=1) / 40.0, 0.0, 1.0)[:, None, None]
-    mixed = trust * 0.7 * found + (1.0 - trust) * 0.5 * covariance
-    floor = 1e-4 * np.einsum("npp->np", covariance)
-    root = np.linalg.cholesky(mixed + np.eye(unit.shape[2]) * floor[:, None])
-    return np.take_along_axis(unit, picked[..., None], axis=1), root[:, None]
+    mixed = trust * 0.7 * found + (1.0 - trust) * 0.5 * first
+    floor = 1e-4 * np.einsum("npp->np", first)
+    narrow = np.linalg.cholesky(mixed + np.eye(unit.shape[2]) * floor[:, None])
+    return np.take_along_axis(unit, picked[..., None], axis=1), narrow[:, None]
 
 
 def _drawn(proposals: list[TruncatedNormal], draws: int, rng: np.random.Generator) -> Array:

@@ -35,9 +35,13 @@ class TruncatedNormal:
         z = np.zeros_like(uniform)
         for k in range(self.center.shape[-1]):
             start = center[..., k] + (root[..., k, :k] * z[..., :k]).sum(axis=-1)
-            low, high = ndtr(-start / root[..., k, k]), ndtr((1.0 - start) / root[..., k, k])
+            width = root[..., k, k]
+            # By the lower tail on either side: the upper one has no digits left beyond eight sd.
+            flip = np.where(start < 0.5, -1.0, 1.0)
+            ends = np.sort(np.stack([-flip * start / width, flip * (1.0 - start) / width]), axis=0)
+            low, high = ndtr(ends)
             inside = low + uniform[..., k] * (high - low)
-            z[..., k] = ndtri(np.clip(inside, 1e-300, 1.0 - 1e-16))
+            z[..., k] = flip * ndtri(np.clip(inside, 1e-300, 1.0 - 1e-16))
         moved = center + np.einsum("...pq,...mq->...mp", self.root, z)
         return np.asarray(np.clip(moved, 1e-12, 1.0 - 1e-12))
 

@@ -39,7 +39,7 @@ def both(sources, **options):
     fitted = fit(sources.simulator, sources.counts)
     values = shared.templates(fitted.theta, shared.neutral, sources.scale, sources.redshift)
     orthogonal = stack(shared_scores(sources.counts, fitted, values))
-    options = {"draws": 128, "rng": np.random.default_rng(9), **options}
+    options = {"draws": 96, "rng": np.random.default_rng(9), **options}
     return orthogonal, marginal_scores(shared, sources, fitted, **options)
 
 
@@ -61,15 +61,15 @@ def test_control_variates_keep_the_mean_and_lose_the_noise():
 
 
 def test_effect_free_catalogues_have_mean_nought_and_sd_one(power_law):
-    _, found = both(catalogue(power_law, 2000, 1), iterations=0)
-    z = np.array([stack(found.select(rows).efficient()).z[0] for rows in np.split(np.arange(2000), 40)])
+    _, found = both(catalogue(power_law, 1200, 1), iterations=0)
+    z = np.array([stack(found.select(rows).efficient()).z[0] for rows in np.split(np.arange(1200), 24)])
     # Limits of 1e-4 either side.
-    assert abs(z.mean()) < 3.9 / np.sqrt(40)
-    assert z.std() == pytest.approx(1.0, abs=3.9 / np.sqrt(80))
+    assert abs(z.mean()) < 3.9 / np.sqrt(24)
+    assert z.std() == pytest.approx(1.0, abs=3.9 / np.sqrt(48))
 
 
 def test_the_marginal_score_sees_what_fits_absorb(power_law):
-    orthogonal, found = both(catalogue(power_law, 1500, 2, depth=0.2))
+    orthogonal, found = both(catalogue(power_law, 800, 2, depth=0.2))
     efficient = stack(found.efficient())
     assert efficient.z[0] > 5
     assert efficient.information[0] > 1.5 * orthogonal.information[0]
