@@ -170,7 +170,9 @@ class LogUniform:
         return self._clip(np.exp(self._log.from_unit(u)))
 
     def to_real(self, value: Array) -> Array:
-        return self._log.to_real(namespace(value).log(value))
+        # The logarithm of an end may round to beyond it.
+        xp = namespace(value)
+        return self._log.to_real(xp.clip(xp.log(value), self._log.low, self._log.high))
 
     def from_real(self, z: Array) -> Array:
         return self._clip(namespace(z).exp(self._log.from_real(z)))
