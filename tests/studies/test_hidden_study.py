@@ -8,15 +8,15 @@ from functools import partial
 
 import numpy as np
 import pytest
-from studies.hidden.score import Found, scored, table
-from studies.hidden.targets import by_effect, target, targets
 
 pytest.importorskip("astropy")
 
 from studies.hidden.document import MAKERS, PAGE, filled
 from studies.hidden.plots import FIGURE, draw
 from studies.hidden.runner import run, seed_of, so_far
+from studies.hidden.score import Found, scored, table
 from studies.hidden.seal import Answer, Case, cases, opened, seal
+from studies.hidden.targets import by_effect, target, targets
 from studies.hidden.truth import Truth
 
 from gaugeblock.errors import InputError
