@@ -24,6 +24,16 @@ NARROWEST, WIDEST = 0.2, 2.0
 """Smallest and largest standard deviation of the prior, in the logarithm of the rate."""
 
 
+LINES = 8
+"""Most lines that are set on the smooth shape."""
+
+LINE_Z = 4.5
+"""Root of the deviance that a line must win: several hundred energies and widths are tried."""
+
+LINE_WIDTHS = (0.02, 0.04, 0.08)
+"""Standard deviations tried, in keV at 1 keV; they grow with the root of energy, as a detector's do."""
+
+
 @dataclass(frozen=True, eq=False)
 class MeasuredBackground:
     """What is known of a background before its counts are used together with the source's.
@@ -35,7 +45,8 @@ class MeasuredBackground:
     scale : ndarray, shape (channel,)
         Expected background in the source region per count in the background region.
     prior : Prior
-        Of ``background_1.rate_1``, ...: the natural logarithm of counts/s/keV at every knot.
+        Of ``background_1.rate_1``, ...: the natural logarithm of counts/s/keV at every knot; and of
+        ``background_1.line_1``, ...: what the lines add to it at their peaks.
     """
 
     shape: BackgroundShape
@@ -56,9 +67,10 @@ class MeasuredBackground:
         """Shape and prior from the counts in the background region.
 
         The knots are 6 to 14, as many as Akaike's criterion asks for, placed evenly half in log energy and
-        half in the counts. The prior of every log rate is a Gaussian around
-        the fit, five standard errors wide (0.2 at least, 2 at most): wide enough to leave the measured
-        counts the word, narrow enough to be sampled.
+        half in the counts. Lines narrower than the knots, as the detector's own fluorescence, are set on top
+        one after the other while one stands out by `LINE_Z`. The prior of every log rate and line is a
+        Gaussian around the fit, five standard errors wide (0.2 at least, 2 at most): wide enough to leave the
+        measured counts the word, narrow enough to be sampled.
 
         Parameters
         ----------
@@ -71,7 +83,7 @@ class MeasuredBackground:
         width : array, shape (channel,), optional
             Usable keV of every channel, where bad detector channels leave less than the edges enclose.
         knots : array, optional
-            Energies in keV, instead of those chosen here.
+            Energies in keV, instead of those chosen here; then no line is looked for.
 
         Raises
         ------
@@ -93,17 +105,38 @@ class MeasuredBackground:
             log_rate, error, deviance = _likeliest(shape, found, exposure / share)
             score = deviance + 2.0 * len(places)
             if score < best_score:
-                best, best_score = (shape, log_rate, error), score
+                best, best_score = (shape, log_rate, error, deviance), score
         assert best is not None
-        shape, log_rate, error = best
+        shape, log_rate, error, best_score = best
+        while knots is None and len(shape.lines) < LINES:
+            line = _line(shape, log_rate, found, exposure / share, bounds)
+            with_line = BackgroundShape.over(bounds, span, shape.knots, [*shape.lines.tolist(), line])
+            fitted, errors, deviance = _likeliest(with_line, found, exposure / share)
+            if fitted[-1] < 0 or best_score - deviance < LINE_Z**2:
+                break
+            shape, log_rate, error, best_score = with_line, fitted, errors, deviance
         sd = np.clip(ERRORS * error, NARROWEST, WIDEST)
-        prior = Prior(
-            {
-                f"background_1.rate_{k}": Normal(float(m), float(s))
-                for k, (m, s) in enumerate(zip(log_rate, sd, strict=True), start=1)
-            }
-        )
-        return cls(shape, share, prior)
+        names = [f"background_1.rate_{k + 1}" for k in range(len(shape.knots))]
+        names += [f"background_1.line_{k + 1}" for k in range(len(shape.lines))]
+        marginals = zip(names, log_rate.tolist(), sd.tolist(), strict=True)
+        return cls(shape, share, Prior({name: Normal(m, s) for name, m, s in marginals}))
+
+
+def _line(
+    shape: BackgroundShape, log_rate: Array, counts: Array, seconds: Array, edges: Array
+) -> tuple[float, float]:
+    """Energy and width of the line that stands out most from the fitted shape, by its counts' deviance."""
+    centers = edges.mean(axis=1)
+    energy = np.repeat(centers, len(LINE_WIDTHS))
+    least = 0.5 * np.repeat(edges[:, 1] - edges[:, 0], len(LINE_WIDTHS))
+    sigma = np.maximum(np.sqrt(energy) * np.tile(LINE_WIDTHS, len(centers)), least)
+    bump = np.exp(-0.5 * ((centers[:, None] - energy) / sigma) ** 2)
+    mean = np.maximum(shape.rate(log_rate) * seconds, 1e-300)
+    expected, seen = mean @ bump, counts @ bump
+    # Not a z: where hardly a count is expected, one alone would be many standard deviations.
+    apart = seen * np.log(np.maximum(seen, 1e-12) / expected) - (seen - expected)
+    best = int(np.argmax(np.where(seen > expected, apart, -np.inf)))
+    return float(energy[best]), float(sigma[best])
 
 
 def _checked(counts: ArrayLike, scale: ArrayLike, edges: ArrayLike) -> tuple[Array, Array, Array]:
@@ -137,21 +170,22 @@ def _places(counts: Array, edges: Array, number: int) -> Array:
 def _likeliest(shape: BackgroundShape, counts: Array, seconds: Array) -> tuple[Array, Array, float]:
     """Log rates, their standard errors, and the deviance, by Newton steps on a concave likelihood.
 
-    A weak pull (3 in the logarithm) towards a constant rate settles what no count speaks of.
+    A weak pull (3 in the logarithm) towards a constant rate without lines settles what no count speaks of.
     """
     level = np.log((counts.sum() + 0.5) / (seconds * shape.width.sum(axis=1)).sum())
-    log_rate = np.full(len(shape.knots), level)
+    middle = np.append(np.full(len(shape.knots), level), np.zeros(len(shape.lines)))
+    log_rate = middle.copy()
     precision = 1.0 / 9.0
 
     def objective(place: Array) -> float:
         mean = np.maximum(shape.rate(place) * seconds, 1e-300)
-        return float((mean - counts * np.log(mean)).sum() + 0.5 * precision * ((place - level) ** 2).sum())
+        return float((mean - counts * np.log(mean)).sum() + 0.5 * precision * ((place - middle) ** 2).sum())
 
     value = objective(log_rate)
     for _ in range(100):
         mean = np.maximum(shape.rate(log_rate) * seconds, 1e-300)
         slope = shape.derivative(log_rate) * seconds[:, None]
-        gradient = slope.T @ (counts / mean - 1.0) - precision * (log_rate - level)
+        gradient = slope.T @ (counts / mean - 1.0) - precision * (log_rate - middle)
         information = (slope / mean[:, None]).T @ slope + precision * np.eye(len(log_rate))
         step = np.linalg.solve(information, gradient)
         promise = 0.5 * float(step @ gradient)

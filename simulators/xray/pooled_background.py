@@ -69,7 +69,10 @@ def pooled(spectra: Sequence[Spectrum], scale: Array, counts: Array) -> Measured
     spread = float(np.clip(1.5 * level.std(ddof=1), 0.5, WIDEST))
     shift = float(level.mean() - np.log((counts.sum() + 0.5) / exposures.sum()))
     marginals = {
-        name: Normal(marginal.center + shift, max(spread, getattr(marginal, "sd", spread)))
+        # Lines stand on the level: they move with it.
+        name: marginal
+        if ".line_" in name
+        else Normal(marginal.center + shift, max(spread, getattr(marginal, "sd", spread)))
         for name, marginal in background.prior.marginals.items()
     }
     return MeasuredBackground(background.shape, scale, Prior(marginals))

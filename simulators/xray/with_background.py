@@ -26,8 +26,9 @@ class WithBackground:
     """Counts in the source region, then counts in the background region: ``(..., 2 channel)``.
 
     Expected are ``source(theta) + background(phi)`` and ``background(phi) / scale``, the background a smooth
-    function of energy whose log rate at some knots is phi (`MeasuredBackground`). phi joins the prior as
-    ``background_1.rate_1``, ..., behind the source's parameters.
+    function of energy with a few narrow lines; phi is its log rate at some knots, and the lines' heights
+    (`MeasuredBackground`). phi joins the prior as ``background_1.rate_1``, ..., ``background_1.line_1``, ...,
+    behind the source's parameters.
 
     Effects, those of the instrument too, act on the source alone: the background is fitted where it is
     recorded, and needs no energy scale.
@@ -169,6 +170,7 @@ class WithBackground:
             "simulator": "xray with background",
             "source": self.source.describe(),
             "knots_kev": self.background.shape.knots.tolist(),
+            "lines_kev": self.background.shape.lines.tolist(),
             "scale": np.unique(self.background.scale).tolist(),
             "prior": self.prior.describe(),
         }
