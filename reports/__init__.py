@@ -9,6 +9,6 @@ from gaugeblock.reports.html import report_html
 from gaugeblock.reports.junit import junit_xml
 from gaugeblock.reports.summary import summary_markdown
 from gaugeblock.reports.verdict_json import verdict_json
-from gaugeblock.reports.write import write_reports
+from gaugeblock.reports.write import rendered, write_reports
 
-__all__ = ["junit_xml", "report_html", "summary_markdown", "verdict_json", "write_reports"]
+__all__ = ["junit_xml", "rendered", "report_html", "summary_markdown", "verdict_json", "write_reports"]

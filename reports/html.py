@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import xarray as xr
 
@@ -53,8 +54,23 @@ def report_html(verdict: Verdict, findings: Sequence[Finding], trials: xr.DataTr
         reported=reported_groups(verdict, findings),
         sections=sections(verdict, findings, errors),
         worst=worst,
-        provenance=plain(verdict.provenance),
+        provenance=_in_order(plain(verdict.provenance)),
     )
+
+
+# What a person looks for first; verdict.json, from which the page can be made again, keeps no order.
+_FIRST = ("title", "command", "seed", "simulator", "estimator", "trials", "observation", "policy")
+
+
+def _in_order(provenance: dict[str, Any]) -> dict[str, Any]:
+    first = {name: provenance[name] for name in _FIRST if name in provenance}
+    return {name: _sorted(value) for name, value in (first | _sorted(provenance)).items()}
+
+
+def _sorted(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _sorted(value[name]) for name in sorted(value)}
+    return [_sorted(item) for item in value] if isinstance(value, list) else value
 
 
 def _facts(main: xr.Dataset, importance: xr.Dataset | None) -> list[str]:

@@ -21,4 +21,7 @@ def terminal_summary(verdict: Verdict, folder: Path) -> str:
         lines.append(f"  and {len(others) - SHOWN} more")
     lines += [f"  not checked  {item.id}: {item.why}" for item in verdict.not_checked]
     lines.append(f"Report: {folder / 'report.html'}")
+    kept = verdict.provenance.get("sha256", {}).get("trials")
+    if kept:
+        lines.append(f"trials.nc sha256 {kept} (kept elsewhere, it shows an edit: gaugeblock verify)")
     return "\n".join(lines)

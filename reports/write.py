@@ -29,6 +29,19 @@ def write_reports(
     InputError
         If the folder cannot be made or written to.
     """
+    contents = rendered(verdict, findings, trials, title=title)
+    try:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot make the folder {folder}: {error.strerror}") from error
+    for name, content in contents.items():
+        write_atomically(Path(folder) / name, content)
+
+
+def rendered(
+    verdict: Verdict, findings: Sequence[Finding], trials: xr.DataTree, *, title: str = "Audit"
+) -> dict[str, bytes]:
+    """What each report holds, by its file's name; the same inputs give the same bytes."""
     contents = {
         "junit.xml": junit_xml(verdict, title=title),
         "summary.md": summary_markdown(verdict, title=title),
@@ -36,10 +49,5 @@ def write_reports(
         # Last, so that a verdict never stands beside an older report.
         "verdict.json": verdict_json(verdict, findings),
     }
-    try:
-        Path(folder).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot make the folder {folder}: {error.strerror}") from error
-    for name, content in contents.items():
-        # A file name on a command line may hold bytes that are no text; they must not stop the report.
-        write_atomically(Path(folder) / name, content.encode("utf-8", "replace"))
+    # A file name on a command line may hold bytes that are no text; they must not stop the report.
+    return {name: content.encode("utf-8", "replace") for name, content in contents.items()}

@@ -24,6 +24,7 @@ FLOORS = {
     "cli": 6,
     "cli_discover": 6,
     "cli_options": 6,
+    "cli_verify": 6,
     "pytest_plugin": 6,
     "pytest_gate": 6,
     "pytest_settings": 6,

@@ -17,7 +17,7 @@ from gaugeblock.validate.trials import (
     trials_tree,
     write_trials,
 )
-from gaugeblock.validate.validators import VALIDATORS, run_validators
+from gaugeblock.validate.validators import VALIDATORS, check_validators, run_validators
 from gaugeblock.validate.verdict import Gate, Outcome, Verdict, combine
 
 __all__ = [
@@ -31,6 +31,7 @@ __all__ = [
     "Verdict",
     "assert_same_likelihood",
     "check_trials",
+    "check_validators",
     "combine",
     "findings_tree",
     "importance_trials",

@@ -16,17 +16,18 @@ from gaugeblock.errors import InputError
 from gaugeblock.estimators.protocol import Estimator
 from gaugeblock.identity import identity, versions
 from gaugeblock.observation import read_observation, trials_around
-from gaugeblock.provenance import earlier_provenance, intrinsic, named, title
+from gaugeblock.provenance import digests, earlier_provenance, named, title
 from gaugeblock.reports import write_reports
+from gaugeblock.reports.verdict_json import plain
 from gaugeblock.samples import Plan
 from gaugeblock.simulators import Simulator, build_simulator
 from gaugeblock.validate import Finding, NotChecked, Policy, Verdict, judge, run_validators
 from gaugeblock.validate.findings_file import read_findings, write_findings
 from gaugeblock.validate.trials import POSTERIOR, add_group, read_trials, write_trials
+from gaugeblock.validate.validators import default_validators
 from gaugeblock.watch import Watch, watched
 
 CHUNKS = ".chunks"
-DIGESTED = ("simulator", "estimator", "policy")
 
 
 @dataclass(frozen=True)
@@ -214,15 +215,16 @@ def _judged(
     (out / "verdict.json").unlink(missing_ok=True)
     write_trials(trials, out / "trials.nc")
     write_findings(findings, not_checked, out / "findings.nc")
-    record = {
-        **provenance,
-        "policy": policy.model_dump(mode="json"),
-        "versions": versions(),
-    }
-    record["sha256"] = {
-        **{name: digest(intrinsic(record[name])) for name in DIGESTED if name in record},
-        "trials": file_digest(out / "trials.nc"),
-    }
+    record = plain(
+        {
+            **provenance,
+            "title": title(provenance),
+            "policy": policy.model_dump(mode="json"),
+            "validators": default_validators() if select is None else list(select),
+            "versions": versions(),
+        }
+    )
+    record["sha256"] = {**digests(record), "trials": file_digest(out / "trials.nc")}
     verdict = replace(verdict, provenance=record)
     write_reports(verdict, findings, trials, out, title=title(record))
     return Audit(trials, findings, not_checked, verdict)

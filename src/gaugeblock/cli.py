@@ -14,6 +14,8 @@ import typer
 from gaugeblock.cli_discover import EXIT_CODES as DISCOVER_EXIT_CODES
 from gaugeblock.cli_discover import discover
 from gaugeblock.cli_options import Debug, Out, PolicyName, Quiet, Seed, Settings, command
+from gaugeblock.cli_verify import EXIT_CODES as VERIFY_EXIT_CODES
+from gaugeblock.cli_verify import verify
 from gaugeblock.errors import GaugeblockError
 
 if TYPE_CHECKING:
@@ -32,6 +34,7 @@ app = typer.Typer(
 data_app = typer.Typer(no_args_is_help=True, help="Real responses, spectra and tables.")
 app.add_typer(data_app, name="data")
 app.command(epilog=DISCOVER_EXIT_CODES)(discover)
+app.command(epilog=VERIFY_EXIT_CODES)(verify)
 
 
 @app.command(epilog=EXIT_CODES)

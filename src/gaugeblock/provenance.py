@@ -7,8 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from gaugeblock.digest import digest
 from gaugeblock.errors import InputError
 from gaugeblock.tables import Named
+
+DIGESTED = ("simulator", "estimator", "policy")
 
 
 def named(choice: Named) -> dict[str, Any]:
@@ -17,7 +20,12 @@ def named(choice: Named) -> dict[str, Any]:
 
 
 def title(provenance: Mapping[str, Any]) -> str:
-    """What the audit is called: its estimator on its simulator, or the file that the draws came from."""
+    """What the audit is called: its estimator on its simulator, or the file that the draws came from.
+
+    Once it is called something, it stays so: the order of options, which decides the words, is not kept.
+    """
+    if isinstance(provenance.get("title"), str):
+        return str(provenance["title"])
     estimator, simulator = provenance.get("estimator"), provenance.get("simulator")
     if isinstance(estimator, Mapping) and isinstance(simulator, Mapping):
         return f"{_subject(estimator)} on {_subject(simulator)}"
@@ -36,6 +44,11 @@ def _subject(choice: Mapping[str, Any]) -> str:
 def intrinsic(record: Mapping[str, Any]) -> dict[str, Any]:
     """What a thing is, without how it was asked for: the same model has one digest wherever it lies."""
     return {key: value for key, value in record.items() if key not in ("name", "options")}
+
+
+def digests(record: Mapping[str, Any]) -> dict[str, str]:
+    """SHA-256 of what a record says of simulator, estimator and policy, where it does."""
+    return {name: digest(intrinsic(record[name])) for name in DIGESTED if name in record}
 
 
 def earlier_provenance(folder: Path) -> dict[str, Any]:
