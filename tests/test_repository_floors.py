@@ -19,6 +19,7 @@ FLOORS = {
     "estimators": 2,
     "validate": 2,
     "discover": 3,
+    "trials_from": 3,
     "reports": 4,
     "__main__": 6,
     "cli": 6,
