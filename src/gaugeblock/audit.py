@@ -21,6 +21,7 @@ from gaugeblock.reports import write_reports
 from gaugeblock.reports.verdict_json import plain
 from gaugeblock.samples import Plan
 from gaugeblock.simulators import Simulator, build_simulator
+from gaugeblock.trials_from import read_any_trials
 from gaugeblock.validate import Finding, NotChecked, Policy, Verdict, judge, run_validators
 from gaugeblock.validate.findings_file import read_findings, write_findings
 from gaugeblock.validate.trials import POSTERIOR, add_group, read_trials, write_trials
@@ -143,12 +144,14 @@ def audit_trials(
 ) -> Audit:
     """Judge draws from disk: run what the file allows and list what it does not.
 
+    The file holds Trials, or many fits in ArviZ's groups.
+
     Raises
     ------
     InputError
-        If the file cannot be read or breaks the schema of Trials.
+        If the file cannot be read, breaks the schema of Trials, or its groups cannot be mapped.
     """
-    trials = read_trials(file)
+    trials = read_any_trials(file)
     provenance = {
         "command": command,
         "seed": seed,
