@@ -183,13 +183,10 @@ def _climb(
     value, mean = objective(position, active)
     damping = np.full(len(position), 1e-3)
     converged = np.zeros(len(position), dtype=bool)
-    for _ in range(iterations):
+    jacobian = _jacobian(simulator, coordinates, position, scale) if iterations else np.empty(0)
+    for number in range(iterations):
         gradient, information = _normal_equations(
-            _jacobian(simulator, coordinates, position[active], scale[active]),
-            counts[active],
-            mean[active],
-            position[active],
-            coordinates.precision,
+            jacobian, counts[active], mean[active], position[active], coordinates.precision
         )
         step, promise = _step(
             gradient, information, damping[active], _movable(position[active], gradient, coordinates, free)
@@ -203,9 +200,14 @@ def _climb(
         position[kept], value[kept], mean[kept] = tried[better], new_value[better], new_mean[better]
         damping[active] = np.where(better, damping[active] / 8.0, damping[active] * 6.0)
         converged[active[done]] = True
-        active = active[~done & (damping[active] < 1e8)]
-        if not len(active):
+        goes_on = ~done & (damping[active] < 1e8)
+        active, moved, jacobian = active[goes_on], better[goes_on], jacobian[goes_on]
+        if not len(active) or number == iterations - 1:
             break
+        # Where a step was refused the derivatives are those of before.
+        if moved.any():
+            rows = active[moved]
+            jacobian[moved] = _jacobian(simulator, coordinates, position[rows], scale[rows])
     return position, value, converged
 
 
