@@ -33,6 +33,18 @@ def missing() -> Callable[[str], None]:
 
 
 @pytest.fixture(scope="session")
+def sandbox() -> Any:
+    """The sandbox that strangers' estimators run in; tests that need it skip where none works."""
+    from gaugeblock.errors import InputError
+    from gaugeblock.estimators.stranger.sandbox import working_sandbox
+
+    try:
+        return working_sandbox()
+    except InputError as error:
+        return _missing(str(error))
+
+
+@pytest.fixture(scope="session")
 def xray_data() -> Any:
     """The responses, spectra and tables of the reference cases, in the cache; fetched where they are not."""
     pytest.importorskip("jaxspec")

@@ -18,6 +18,7 @@ ESTIMATORS: Table = {
     "nuts": ("gaugeblock.estimators.nuts", "Nuts", "nuts"),
     "conformal": ("gaugeblock.estimators.conformal", "Conformal", None),
     "importance_refined": ("gaugeblock.estimators.importance_refined", "ImportanceRefined", None),
+    "stranger": ("gaugeblock.estimators.stranger.stranger", "build", None),
     "broken": ("gaugeblock.estimators.broken", "Broken", None),
 }
 

@@ -9,18 +9,21 @@ from typing import Any
 
 import xarray as xr
 
-from gaugeblock.collect import Progress, collect, discard
+from gaugeblock.collect import Progress, collect, discard, fingerprint
 from gaugeblock.config import AuditConfig
 from gaugeblock.digest import digest, file_digest
 from gaugeblock.errors import InputError
 from gaugeblock.estimators.protocol import Estimator
 from gaugeblock.identity import identity, versions
+from gaugeblock.kept_seed import kept_seed
 from gaugeblock.observation import read_observation, trials_around
+from gaugeblock.phases import ended
 from gaugeblock.provenance import digests, earlier_provenance, named, title
 from gaugeblock.reports import write_reports
 from gaugeblock.reports.verdict_json import plain
-from gaugeblock.samples import Plan
+from gaugeblock.samples import Plan, untrusted
 from gaugeblock.simulators import Simulator, build_simulator
+from gaugeblock.simulators.protocol import can
 from gaugeblock.trials_from import read_any_trials
 from gaugeblock.validate import Finding, NotChecked, Policy, Verdict, judge, run_validators
 from gaugeblock.validate.findings_file import read_findings, write_findings
@@ -59,19 +62,26 @@ def audit(
         If anything in the configuration cannot be used, or simulator and estimator do not fit.
     """
     simulator = build_simulator(config.simulator.name, **config.simulator.options)
-    return audit_objects(
-        simulator,
-        _estimator(config, simulator),
-        config.trials.plan(),
-        out,
-        policy=policy or config.read_policy(),
-        select=config.validators,
-        anytime=config.trials.anytime,
-        observation=None if config.trials.observation is None else Path(config.trials.observation),
-        names=(named(config.simulator), named(config.estimator)),
-        command=command,
-        progress=progress,
-    )
+    estimator = _estimator(config, simulator)
+    plan = config.trials.plan()
+    with ended(estimator):
+        if untrusted(estimator) and "seed" not in config.trials.model_fields_set:
+            # A stranger that can foresee the seed could draw the truths again.
+            key = fingerprint(simulator, estimator, replace(plan, seed=0))
+            plan = replace(plan, seed=kept_seed(_folder(out) / CHUNKS, key))
+        return audit_objects(
+            simulator,
+            estimator,
+            plan,
+            out,
+            policy=policy or config.read_policy(),
+            select=config.validators,
+            anytime=config.trials.anytime,
+            observation=None if config.trials.observation is None else Path(config.trials.observation),
+            names=(named(config.simulator), named(config.estimator)),
+            command=command,
+            progress=progress,
+        )
 
 
 def audit_objects(
@@ -117,6 +127,8 @@ def audit_objects(
         "estimator": {**names[1], **identity(estimator)},
         "trials": {**vars(plan), **stopped},
     }
+    if can(estimator, "confinement"):
+        provenance["confinement"] = estimator.confinement()  # type: ignore[attr-defined]
     if observation is not None:
         provenance["observation"] = {"file": str(observation), "file_sha256": file_digest(observation)}
     result = _judged(

@@ -13,7 +13,23 @@ import typer
 
 from gaugeblock.cli_discover import EXIT_CODES as DISCOVER_EXIT_CODES
 from gaugeblock.cli_discover import discover
-from gaugeblock.cli_options import Debug, Out, PolicyName, Quiet, Seed, Settings, command
+from gaugeblock.cli_options import (
+    Debug,
+    Out,
+    PolicyName,
+    Quiet,
+    Seed,
+    Settings,
+    SimulatorName,
+    StrangerBuilder,
+    StrangerCommand,
+    StrangerFormat,
+    StrangerPath,
+    StrangerPython,
+    Trust,
+    command,
+    stranger_settings,
+)
 from gaugeblock.cli_verify import EXIT_CODES as VERIFY_EXIT_CODES
 from gaugeblock.cli_verify import verify
 from gaugeblock.errors import GaugeblockError
@@ -47,6 +63,13 @@ def audit(
         Path | None,
         typer.Option("--trials", metavar="FILE.nc", help="Audit draws from disk; nothing is sampled."),
     ] = None,
+    estimator: StrangerPath = None,
+    simulator: SimulatorName = None,
+    estimator_command: StrangerCommand = None,
+    estimator_python: StrangerPython = None,
+    estimator_format: StrangerFormat = None,
+    estimator_builder: StrangerBuilder = None,
+    trust: Trust = False,
     out: Out = Path("gaugeblock-audit"),
     policy: PolicyName = None,
     seed: Seed = None,
@@ -62,7 +85,8 @@ def audit(
 ) -> None:
     """Audit an estimator: simulate, estimate, validate, judge, report.
 
-    Without a configuration it audits the flow that ships for XMM EPIC-pn spectra at medium counts.
+    Without a configuration it audits the flow that ships for XMM EPIC-pn spectra at medium counts. With
+    --estimator it audits a file that nobody vouches for: that runs in a sandbox, and sees data only.
     An interrupted audit goes on where it stopped when the same command runs again.
     """
     from gaugeblock.audit import audit as run
@@ -72,7 +96,19 @@ def audit(
     from gaugeblock.settings import parse_settings
     from gaugeblock.validate import read_policy
 
-    changes = parse_settings(settings or [])
+    changes = stranger_settings(
+        path=estimator,
+        command=estimator_command,
+        python=estimator_python,
+        format=estimator_format,
+        builder=estimator_builder,
+        trust=trust,
+    )
+    if changes and config is None and simulator is None:
+        raise GaugeblockError("say what the estimator is for: --simulator NAME, or a configuration")
+    if simulator is not None:
+        changes["simulator.name"] = simulator
+    changes |= parse_settings(settings or [])
     if seed is not None and trials is None:
         changes["trials.seed"] = seed
     if anytime:

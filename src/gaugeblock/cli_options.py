@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -20,6 +20,56 @@ PolicyName = Annotated[
 ]
 Debug = Annotated[bool, typer.Option("--debug", help="Show a traceback with an error.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress on stderr.")]
+StrangerPath = Annotated[
+    Path | None,
+    typer.Option("--estimator", metavar="PATH", help="Audit somebody else's estimator, in a sandbox."),
+]
+StrangerCommand = Annotated[
+    str | None,
+    typer.Option("--estimator-command", metavar="WORDS", help="Any program that speaks the protocol."),
+]
+StrangerPython = Annotated[
+    Path | None,
+    typer.Option("--estimator-python", metavar="FILE", help="Interpreter of its environment."),
+]
+StrangerFormat = Annotated[
+    str | None, typer.Option("--estimator-format", metavar="NAME", help="How to load it; default: guessed.")
+]
+StrangerBuilder = Annotated[
+    str | None,
+    typer.Option("--estimator-builder", metavar="FILE.py:NAME", help="What builds it around its weights."),
+]
+Trust = Annotated[
+    bool,
+    typer.Option("--i-trust-this-estimator", help="Run it without a sandbox, whatever may be in it."),
+]
+SimulatorName = Annotated[
+    str | None, typer.Option("--simulator", metavar="NAME", help="The simulator that it is for.")
+]
+
+
+def stranger_settings(
+    *,
+    path: Path | None,
+    command: str | None,
+    python: Path | None,
+    format: str | None,
+    builder: str | None,
+    trust: bool,
+) -> dict[str, Any]:
+    """Keys of a configuration that these options stand for; none where there is no stranger."""
+    given = {
+        "path": None if path is None else str(path),
+        "command": command,
+        "python": None if python is None else str(python),
+        "format": format,
+        "builder": builder,
+        "trust": trust or None,
+    }
+    said = {f"estimator.{key}": value for key, value in given.items() if value is not None}
+    if path is None and command is None:
+        return said
+    return {"estimator.name": "stranger", **said}
 
 
 def command() -> str:

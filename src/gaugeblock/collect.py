@@ -16,13 +16,15 @@ from gaugeblock.digest import digest
 from gaugeblock.errors import InputError
 from gaugeblock.estimators.protocol import Estimator
 from gaugeblock.identity import identity, versions
-from gaugeblock.samples import ImportanceTrials, JointTrials, MainTrials, Plan, has_density
+from gaugeblock.phases import DensityTrials, ImportanceDraws, WeighedDraws, end_phase
+from gaugeblock.samples import ImportanceTrials, JointTrials, MainTrials, Plan, has_density, untrusted
 from gaugeblock.simulators.protocol import Simulator, can
 from gaugeblock.validate.storage import open_groups, read_groups, write_groups
 from gaugeblock.validate.trials import trials_tree
 from gaugeblock.watch import Watch
 
 Progress = Callable[[str, int, int], None]
+Make = Callable[[range], xr.Dataset]
 
 
 def collect(
@@ -37,7 +39,8 @@ def collect(
     """Trials of an estimator on a simulator, resumed from `folder` where it holds chunks of the same run.
 
     The result does not depend on where a run was interrupted. It depends on the chunk size only as far as
-    the estimator's arithmetic does, and with a `watch` also because it stops at the end of a chunk.
+    the estimator's arithmetic does, and with a `watch` also because it stops at the end of a chunk. An
+    estimator that is `untrusted` gives all its draws before anything is said of densities.
 
     Raises
     ------
@@ -50,10 +53,21 @@ def collect(
     main = _chunks("trials", plan.number, plan.chunk, work, progress, sampler, watch)
     plan = plan.at_most(main.sizes["trial"])
     importance = None
-    if plan.importance_number and _weighable(simulator, estimator):
-        size = max(1, plan.chunk * plan.draws // plan.importance_draws)
-        weigh = ImportanceTrials(simulator, estimator, plan, main)
-        importance = _chunks("importance sampling", plan.importance_number, size, work, progress, weigh)
+    number = plan.importance_number if _weighable(simulator, estimator) else 0
+    size = max(1, plan.chunk * plan.draws // plan.importance_draws)
+    weigh: Make | None = ImportanceTrials(simulator, estimator, plan, main) if number else None
+    if untrusted(estimator):
+        drawn = None
+        if number:
+            draw = ImportanceDraws(simulator, estimator, plan, main)
+            drawn = _chunks("importance draws", number, size, work, progress, draw)
+        end_phase(estimator)
+        if has_density(estimator):
+            ask = DensityTrials(simulator, estimator, plan, main)
+            main = _chunks("densities", plan.number, plan.chunk, work, progress, ask)
+        weigh = None if drawn is None else WeighedDraws(simulator, estimator, plan, main, drawn)
+    if weigh is not None:
+        importance = _chunks("importance sampling", number, size, work, progress, weigh)
     joint = None
     if plan.joint_number and can(simulator, "log_likelihood"):
         size = max(1, plan.chunk * plan.draws // plan.joint_draws)
@@ -88,7 +102,7 @@ def _chunks(
     size: int,
     work: Path,
     progress: Progress | None,
-    make: Callable[[range], xr.Dataset],
+    make: Make,
     watch: Watch | None = None,
 ) -> xr.Dataset:
     parts: list[Path] = []
@@ -128,10 +142,10 @@ def _intact(path: Path) -> bool:
 
 
 def discard(folder: Path) -> None:
-    """Remove the chunks below `folder`, once what they were for is written."""
-    for path in sorted(folder.glob("*/*.nc")):
+    """Remove the chunks below `folder` and their seeds, once what they were for is written."""
+    for path in sorted([*folder.glob("*/*.nc"), *folder.glob("*.seed")]):
         path.unlink(missing_ok=True)
-        if not any(path.parent.iterdir()):
+        if path.parent != folder and not any(path.parent.iterdir()):
             path.parent.rmdir()
     if folder.is_dir() and not any(folder.iterdir()):
         folder.rmdir()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -125,6 +126,10 @@ def read_config(
     """
     where = "command line" if path is None else str(path)
     table = {} if path is None else _anchored(read_toml(path), Path(path).resolve().parent)
+    if "trust" in (table.get("estimator") or {}):
+        raise InputError(
+            f"{where}: estimator.trust cannot be said by a file; say --i-trust-this-estimator yourself"
+        )
     table = apply_settings(table, settings or {})
     idle = [name for name in ("simulator", "estimator", "trials") if name in table]
     if draws_given and idle:
@@ -136,7 +141,7 @@ def read_config(
 
 _PATHS = (
     ("simulator", ("pha", "rmf", "arf", "priors")),
-    ("estimator", ("path",)),
+    ("estimator", ("path", "python")),
     ("trials", ("observation",)),
     ("policy", ("base",)),
 )
@@ -148,10 +153,30 @@ def _anchored(table: dict[str, Any], folder: Path) -> dict[str, Any]:
     for name, keys in _PATHS:
         entry = anchored.get(name)
         if isinstance(entry, dict):
-            found = {key: folder / entry[key] for key in keys if isinstance(entry.get(key), str)}
-            there = {key: str(path) for key, path in found.items() if path.exists()}
-            anchored[name] = {**entry, **there}
+            found = {key: _beside(folder, entry[key]) for key in keys if isinstance(entry.get(key), str)}
+            anchored[name] = {**entry, **found}
+    estimator = anchored.get("estimator")
+    if isinstance(estimator, dict):
+        anchored["estimator"] = {**estimator, **_anchored_program(estimator, folder)}
     return anchored
+
+
+def _anchored_program(estimator: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """The files that a stranger's builder and command name."""
+    found: dict[str, Any] = {}
+    builder, command = estimator.get("builder"), estimator.get("command")
+    if isinstance(builder, str):
+        file, colon, function = builder.rpartition(":")
+        found["builder"] = f"{_beside(folder, file)}{colon}{function}" if colon else builder
+    if isinstance(command, str | list):
+        words = shlex.split(command) if isinstance(command, str) else command
+        found["command"] = [_beside(folder, word, file=True) for word in map(str, words)]
+    return found
+
+
+def _beside(folder: Path, name: str, *, file: bool = False) -> str:
+    path = folder / name
+    return str(path) if (path.is_file() if file else path.exists()) else name
 
 
 def _completed(table: dict[str, Any]) -> dict[str, Any]:

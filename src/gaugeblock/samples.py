@@ -50,8 +50,13 @@ def has_density(estimator: Estimator) -> bool:
     return can(estimator, "log_prob") or can(estimator, "sample_and_log_prob")
 
 
+def untrusted(estimator: object) -> bool:
+    """Whether nobody vouches for it, so that draws and densities have to be asked for apart."""
+    return bool(getattr(estimator, "untrusted", False))
+
+
 @contextmanager
-def _blamed(who: str, trials: range) -> Iterator[None]:
+def blamed(who: str, trials: range) -> Iterator[None]:
     """Say whose code failed, and on which trials; what gaugeblock itself says passes unchanged."""
     try:
         yield
@@ -74,7 +79,7 @@ class MainTrials:
 
     def truth_and_data(self, trials: range) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
         theta = self.simulator.prior.sample(len(trials), self.streams("truth", trials))
-        with _blamed("simulator", trials):
+        with blamed("simulator", trials):
             x = np.asarray(self.simulator.simulate(theta, self.streams("data", trials)))
         if x.shape[:1] != (len(trials),):
             raise InputError(
@@ -103,13 +108,14 @@ class MainTrials:
         theta, x = self.truth_and_data(trials)
         n, stream = self.plan.draws, self.streams("draws", trials)
         log_q = log_q_true = None
-        with _blamed("estimator", trials):
-            if has_density(self.estimator):
+        with blamed("estimator", trials):
+            # Densities of a stranger are asked for after all draws (`phases`).
+            if untrusted(self.estimator) or not has_density(self.estimator):
+                sampled = self.estimator.sample(x, n, stream)
+            else:
                 sampled, density = sample_and_log_prob(self.estimator, x, n, stream)
                 log_q = self.checked(density, trials, n, what="log_q")
-            else:
-                sampled = self.estimator.sample(x, n, stream)
-            if can(self.estimator, "log_prob"):
+            if can(self.estimator, "log_prob") and not untrusted(self.estimator):
                 at_truth = self.estimator.log_prob(theta[:, None], x)  # type: ignore[attr-defined]
                 log_q_true = self.checked(at_truth, trials, 1, what="log_q of the truth")[:, 0]
         draws = self.checked(sampled, trials, n)
@@ -125,7 +131,7 @@ class MainTrials:
         ).assign_coords(trial=np.asarray(trials))
 
 
-class _Again(MainTrials):
+class Again(MainTrials):
     """Something further on the truths and data of the main trials."""
 
     def __init__(self, simulator: Simulator, estimator: Estimator, plan: Plan, main: xr.Dataset):
@@ -149,7 +155,7 @@ class _Again(MainTrials):
         return log_prior, np.where(inside, likelihood, np.where(finite, -np.inf, np.nan))
 
 
-class ImportanceTrials(_Again):
+class ImportanceTrials(Again):
     """Draws with their log densities, for importance weights."""
 
     def __call__(self, trials: range) -> xr.Dataset:
@@ -157,7 +163,7 @@ class ImportanceTrials(_Again):
         theta, x = rows["theta_true"].values, rows["x"].values
         n = self.plan.importance_draws
         stream = self.streams("importance draws", trials)
-        with _blamed("estimator", trials):
+        with blamed("estimator", trials):
             sampled, density = sample_and_log_prob(self.estimator, x, n, stream)
         draws = self.checked(sampled, trials, n)
         log_q = self.checked(density, trials, n, what="log_q")
@@ -173,7 +179,7 @@ class ImportanceTrials(_Again):
         ).assign_coords(trial=np.asarray(trials))
 
 
-class JointTrials(_Again):
+class JointTrials(Again):
     """The likelihood at the truth and at the first draws of the main trials."""
 
     def __call__(self, trials: range) -> xr.Dataset:

@@ -44,8 +44,26 @@ CASES = {
         trials=256,
     ),
     "npe": Case(needs="sbi", chunk_tolerance=1e-5),
+    "stranger": Case(options={"format": "python"}, chunk_tolerance=None, trials=1000),
     "broken": Case(options={"fault": "narrow"}),
 }
+
+
+FOREIGN = """
+import numpy as np
+MATRIX = np.vander(np.linspace(-1.0, 1.0, 3), 2, increasing=True)
+COVARIANCE = np.linalg.inv(np.eye(2) + MATRIX.T @ MATRIX / 0.25)
+SPREAD = np.linalg.cholesky(COVARIANCE)
+
+def sample(x, n, seed):
+    noise = np.random.default_rng(seed).standard_normal((len(x), n, 2))
+    return (x @ MATRIX @ COVARIANCE / 0.25)[:, None] + noise @ SPREAD.T
+
+def log_prob(theta, x):
+    from_mean = theta - (x @ MATRIX @ COVARIANCE / 0.25)[:, None]
+    scaled = from_mean @ np.linalg.inv(SPREAD).T
+    return -0.5 * (scaled**2).sum(-1) - np.log(np.diag(SPREAD)).sum() - np.log(2 * np.pi)
+"""
 
 
 def test_the_table_covers_the_registry():
@@ -79,6 +97,14 @@ def trained(simulator, tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="module")
+def foreign(sandbox, tmp_path_factory):
+    """A file with the exact posterior, that knows nothing of gaugeblock."""
+    path = tmp_path_factory.mktemp("foreign") / "exact.py"
+    path.write_text(FOREIGN)
+    return path
+
+
 @pytest.fixture(scope="module", params=sorted(CASES))
 def member(request, simulator):
     case = CASES[request.param]
@@ -87,7 +113,12 @@ def member(request, simulator):
         pytest.importorskip(case.needs)
     if request.param == "npe":
         options["path"] = str(request.getfixturevalue("trained"))
-    return case, build_estimator(request.param, simulator, **options)
+    if request.param == "stranger":
+        options["path"] = str(request.getfixturevalue("foreign"))
+    estimator = build_estimator(request.param, simulator, **options)
+    yield case, estimator
+    if can(estimator, "close"):
+        estimator.close()
 
 
 def test_signature_is_the_protocol_s(member):

@@ -1,0 +1,92 @@
+"""A stranger's files, read once: what is hashed is what the child gets to see."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import tempfile
+import weakref
+from pathlib import Path
+
+from gaugeblock.digest import digest
+from gaugeblock.errors import InputError
+
+MOST_FILES = 10_000
+
+
+class Material:
+    """A private folder with copies of a stranger's files, removed by `close` or with the object.
+
+    >>> material = Material()
+    >>> copy = material.take(Path(__file__), "model")
+    >>> copy.name, len(material.sha256["model"])
+    ('material.py', 64)
+    >>> material.close()
+    >>> copy.exists()
+    False
+    """
+
+    def __init__(self) -> None:
+        self.folder = Path(tempfile.mkdtemp(prefix="gaugeblock-stranger-"))
+        self._remove = weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
+        self.sha256: dict[str, str] = {}
+
+    def close(self) -> None:
+        """Remove the copies."""
+        self._remove()
+
+    def take(self, source: Path, what: str) -> Path:
+        """Copy a file or a folder and note the hash of the very bytes that were copied; the copy's path.
+
+        Raises
+        ------
+        InputError
+            If it cannot be read, or a folder holds a link or something else than files.
+        """
+        target = self.folder / what / source.name
+        target.parent.mkdir(mode=0o755)
+        try:
+            if source.is_dir():
+                self.sha256[what] = digest(_copy_folder(source, target))
+            else:
+                self.sha256[what] = _copy(source, target)
+        except OSError as error:
+            raise InputError(f"{source}: cannot be read ({error.strerror or error})") from None
+        return target
+
+    def write(self, name: str, text: str) -> Path:
+        """A file of our own for the child to see."""
+        path = self.folder / name
+        path.write_text(text, encoding="utf-8")
+        path.chmod(0o644)
+        return path
+
+
+def _copy(source: Path, target: Path) -> str:
+    hashed = hashlib.sha256()
+    with open(source, "rb") as reader, open(target, "wb") as writer:
+        while part := reader.read(1 << 20):
+            hashed.update(part)
+            writer.write(part)
+    # Executable for a program; readable for the child, which is another user.
+    target.chmod(0o755 if os.access(source, os.X_OK) else 0o644)
+    return hashed.hexdigest()
+
+
+def _copy_folder(source: Path, target: Path) -> dict[str, str]:
+    """Hash of every file, by its name in the folder."""
+    found: dict[str, str] = {}
+    for where, folders, names in os.walk(source):
+        here = target / Path(where).relative_to(source)
+        here.mkdir(mode=0o755)
+        for name in [*folders, *names]:
+            path = Path(where) / name
+            if path.is_symlink() or not (path.is_file() or path.is_dir()):
+                raise InputError(f"{path}: is a link or no plain file; a stranger's folder may hold neither")
+        for name in names:
+            path = Path(where) / name
+            found[path.relative_to(source).as_posix()] = _copy(path, here / name)
+            if len(found) > MOST_FILES:
+                raise InputError(f"{source}: holds more than {MOST_FILES:,} files; give the model's alone")
+    return found

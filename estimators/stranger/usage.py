@@ -1,0 +1,82 @@
+"""What a child and everything it started use, read from /proc."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+PROC = Path("/proc")
+
+
+@dataclass(frozen=True)
+class Usage:
+    """Resident memory in bytes, processor seconds, and threads, of a process and all below it."""
+
+    memory: int = 0
+    cpu_seconds: float = 0.0
+    threads: int = 0
+
+
+@dataclass(frozen=True)
+class _Process:
+    parent: int
+    usage: Usage
+
+
+def usage(root: int) -> Usage:
+    """Of the process `root` and its descendants; nothing where there is no /proc.
+
+    Pages that several processes share are counted for each of them.
+
+    >>> usage(os.getpid()).threads >= 1 or not PROC.is_dir()
+    True
+    """
+    table = _processes()
+    found = [table[number].usage for number in _below(root, table)]
+    return Usage(
+        memory=sum(one.memory for one in found),
+        cpu_seconds=sum(one.cpu_seconds for one in found),
+        threads=sum(one.threads for one in found),
+    )
+
+
+def children(root: int) -> list[int]:
+    """Processes that `root` itself started and that are not gone."""
+    return [number for number, process in _processes().items() if process.parent == root]
+
+
+def _below(root: int, table: dict[int, _Process]) -> list[int]:
+    started: dict[int, list[int]] = {}
+    for number, process in table.items():
+        started.setdefault(process.parent, []).append(number)
+    found, waiting = [], [root] if root in table else []
+    while waiting:
+        number = waiting.pop()
+        found.append(number)
+        waiting += started.get(number, [])
+    return found
+
+
+def _processes() -> dict[int, _Process]:
+    try:
+        numbers = [int(name) for name in os.listdir(PROC) if name.isdigit()]
+    except OSError:
+        return {}
+    return {number: process for number in numbers if (process := _read(number)) is not None}
+
+
+def _read(number: int) -> _Process | None:
+    try:
+        text = (PROC / str(number) / "stat").read_text(encoding="utf-8", errors="replace")
+    except OSError:  # gone meanwhile
+        return None
+    # The name in brackets may hold anything, brackets and spaces too.
+    field = text.rpartition(")")[2].split()
+    ticks, page = os.sysconf("SC_CLK_TCK"), os.sysconf("SC_PAGE_SIZE")
+    own = Usage(
+        memory=int(field[21]) * page,
+        cpu_seconds=sum(int(value) for value in field[11:15]) / ticks,
+        threads=int(field[17]),
+    )
+    return _Process(parent=int(field[1]), usage=own)
