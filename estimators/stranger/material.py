@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import os
 import shutil
+import stat
 import tempfile
+import time
 import weakref
+from contextlib import suppress
 from pathlib import Path
 
 from gaugeblock.digest import digest
 from gaugeblock.errors import InputError
 
 MOST_FILES = 10_000
+PREFIX = "gaugeblock-stranger-"
+OLD_SECONDS = 60
 
 
 class Material:
@@ -28,8 +34,10 @@ class Material:
     """
 
     def __init__(self) -> None:
-        self.folder = Path(tempfile.mkdtemp(prefix="gaugeblock-stranger-"))
-        self._remove = weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
+        _sweep()
+        self.folder = Path(tempfile.mkdtemp(prefix=PREFIX))
+        lock = _lock(self.folder)
+        self._remove = weakref.finalize(self, _remove, self.folder, lock)
         self.sha256: dict[str, str] = {}
 
     def close(self) -> None:
@@ -61,6 +69,33 @@ class Material:
         path.write_text(text, encoding="utf-8")
         path.chmod(0o644)
         return path
+
+
+def _lock(folder: Path) -> int | None:
+    """A descriptor that holds the folder's lock for as long as this process lives; None where it is taken."""
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(handle)
+        return None
+    return handle
+
+
+def _remove(folder: Path, lock: int | None) -> None:
+    shutil.rmtree(folder, ignore_errors=True)
+    if lock is not None:
+        os.close(lock)
+
+
+def _sweep() -> None:
+    """Remove what processes that were killed have left: old folders of ours that nobody holds."""
+    for folder in Path(tempfile.gettempdir()).glob(f"{PREFIX}*"):
+        with suppress(OSError):
+            about = folder.lstat()
+            ours = stat.S_ISDIR(about.st_mode) and about.st_uid == os.geteuid()
+            if ours and time.time() - about.st_mtime > OLD_SECONDS and (lock := _lock(folder)) is not None:
+                _remove(folder, lock)
 
 
 def _copy(source: Path, target: Path) -> str:

@@ -7,9 +7,11 @@ import selectors
 import signal
 import subprocess
 import time
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+import weakref
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.errors import InputError
 from gaugeblock.estimators.stranger.limits import Limits
+from gaugeblock.estimators.stranger.system_calls import filtered
 from gaugeblock.estimators.stranger.usage import Usage, children
 from gaugeblock.estimators.stranger.watchdog import Watchdog
 from gaugeblock.estimators.stranger.wire import pack, plain, read_array, read_header
@@ -48,20 +51,9 @@ class Child:
     """
 
     def __init__(self, launch: Launch, limits: Limits):
-        self._limits, self._sandboxed = limits, launch.sandboxed
-        try:
-            self._process = subprocess.Popen(
-                list(launch.command),
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                bufsize=0,
-                env=dict(launch.environment),
-                cwd=launch.folder,
-                start_new_session=True,
-            )
-        except OSError as error:
-            raise InputError(f"the stranger cannot be started: {launch.command[0]}: {error}") from None
+        self._limits = limits
+        with (filtered if launch.sandboxed else _unfiltered)(launch.command) as (words, handles):
+            self._process = _started(words, launch, handles)
         self._stderr = bytearray()
         self._pending: list[memoryview] = []
         self._buffer = bytearray()
@@ -78,13 +70,15 @@ class Child:
         )
         self._selector.register(self._output, selectors.EVENT_READ)
         self._selector.register(self._errors, selectors.EVENT_READ)
-        self._watchdog = Watchdog(self._process.pid, limits, self._kill)
-        self._open = True
+        kill = partial(_kill, self._process, launch.sandboxed)
+        self._watchdog = Watchdog(self._process.pid, limits, kill)
+        # Also where nobody calls `close`, and when the interpreter ends.
+        self._end = weakref.finalize(self, _end, self._process, self._watchdog, kill)
 
     @property
     def closed(self) -> bool:
         """Whether it is gone."""
-        return not self._open
+        return not self._end.alive
 
     @property
     def usage(self) -> Usage:
@@ -125,41 +119,9 @@ class Child:
 
     def close(self) -> None:
         """End it and everything it started; nothing is left, no zombie either."""
-        if not self._open:
-            return
-        self._open = False
-        self._watchdog.stop()
-        if self._process.poll() is None:
-            self._kill()
-        with suppress(subprocess.TimeoutExpired):
-            self._process.wait(timeout=10)
-        if self._process.poll() is None:  # the sandbox itself hangs
-            self._process.kill()
-            self._process.wait()
-        self._selector.close()
-        for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
-            if stream is not None:
-                with suppress(OSError):
-                    stream.close()
-
-    def _kill(self) -> None:
-        if not self._sandboxed:
-            with suppress(ProcessLookupError):
-                os.killpg(self._process.pid, signal.SIGKILL)
-            return
-        # The first process of the namespace, and with it the kernel ends all others there. The sandbox's own
-        # process then collects it, which whoever inherits it if that one is killed first may never do.
-        first = children(self._process.pid)
-        if not first:
-            self._process.kill()
-        for number in first:
-            with suppress(OSError):
-                handle = os.pidfd_open(number)
-                try:
-                    if number in children(self._process.pid):
-                        signal.pidfd_send_signal(handle, signal.SIGKILL)
-                finally:
-                    os.close(handle)
+        if self._end.alive:
+            self._end()
+            self._selector.close()
 
     def _read(self, size: int, what: str) -> bytes:
         """Exactly so many bytes of an answer."""
@@ -244,3 +206,55 @@ class Child:
         if number in {one.value for one in signal.Signals}:
             return f"the stranger was ended by signal {signal.Signals(number).name}{said}"
         return f"the stranger ended by itself (exit {code}){said}"
+
+
+@contextmanager
+def _unfiltered(words: Sequence[str]) -> Iterator[tuple[list[str], tuple[int, ...]]]:
+    yield list(words), ()
+
+
+def _started(words: list[str], launch: Launch, handles: tuple[int, ...]) -> subprocess.Popen[bytes]:
+    try:
+        return subprocess.Popen(
+            words,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            bufsize=0,
+            env=dict(launch.environment),
+            cwd=launch.folder,
+            start_new_session=True,
+            pass_fds=handles,
+        )
+    except OSError as error:
+        raise InputError(f"the stranger cannot be started: {launch.command[0]}: {error}") from None
+
+
+def _kill(process: subprocess.Popen[bytes], sandboxed: bool) -> None:
+    if not sandboxed:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        return
+    # The first process of the namespace, and with it the kernel ends all others there. The sandbox's own
+    # process then collects it, which whoever inherits it if that one is killed first may never do.
+    first = children(process.pid)
+    for number in first:
+        with suppress(ProcessLookupError):
+            os.kill(number, signal.SIGKILL)
+    if not first:
+        process.kill()
+
+
+def _end(process: subprocess.Popen[bytes], watchdog: Watchdog, kill: Callable[[], None]) -> None:
+    watchdog.stop()
+    if process.poll() is None:
+        kill()
+    try:
+        process.wait(timeout=10)
+    except subprocess.TimeoutExpired:  # the sandbox itself hangs
+        process.kill()
+        process.wait()
+    for stream in (process.stdin, process.stdout, process.stderr):
+        if stream is not None:
+            with suppress(OSError):
+                stream.close()

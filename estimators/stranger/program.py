@@ -48,6 +48,12 @@ class Places:
         return place if self.inside else str(copy)
 
 
+def formats() -> list[str]:
+    """Names of the formats that a model file may have; what they share begins with ``stranger_``."""
+    stems = [file.stem for file in (CHILD / "formats").glob("*.py")]
+    return sorted(stem for stem in stems if not stem.startswith("stranger_"))
+
+
 def python_program(
     places: Places,
     path: Path,
@@ -57,16 +63,15 @@ def python_program(
     builder: str | None,
     options: Mapping[str, Any],
 ) -> Program:
-    """A model file that one of the formats loads.
+    """A model file that one of the formats loads; the option `source` names a file that it needs to see.
 
     Raises
     ------
     InputError
         If there is no such format, file or interpreter, or `builder` is no ``FILE.py:function``.
     """
-    known = sorted(file.stem for file in (CHILD / "formats").glob("*.py"))
-    if format not in known:
-        raise InputError(f"estimator.format = {format!r}: there are {', '.join(known)}")
+    if format not in formats():
+        raise InputError(f"estimator.format = {format!r}: there are {', '.join(formats())}")
     interpreter = find_interpreter(python or sys.executable)
     setting: dict[str, Any] = {"format": format, "path": places.of(path, "model"), "options": dict(options)}
     if builder is not None:
@@ -74,6 +79,8 @@ def python_program(
         if not colon or not function.isidentifier():
             raise InputError(f"estimator.builder = {builder!r}: expected FILE.py:function")
         setting["options"]["builder"] = f"{places.of(Path(file), 'builder')}:{function}"
+    if isinstance(setting["options"].get("source"), str):
+        setting["options"]["source"] = places.of(Path(setting["options"]["source"]), "source")
     server = f"{ROOT}/child" if places.inside else str(CHILD)
     seen = {f"{ROOT}/child": CHILD, **{str(folder): folder for folder in interpreter.folders}}
     words = (str(interpreter.executable), "-I", "-B", f"{server}/serve.py", _json(setting))

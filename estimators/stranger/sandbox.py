@@ -12,6 +12,7 @@ from pathlib import Path
 
 from gaugeblock.errors import InputError
 from gaugeblock.estimators.stranger.limits import Limits
+from gaugeblock.estimators.stranger.system_calls import filtered, seccomp_filter
 
 INSTALL = (
     "install bubblewrap (Debian, Ubuntu: apt-get install bubblewrap), or run the file as it is, "
@@ -86,21 +87,24 @@ class Sandbox:
         """How it is made, for provenance."""
         said = subprocess.run([self.bwrap, "--version"], capture_output=True, text=True, check=False)
         way = "namespace of users" if self.user is None else "unprivileged user of its own"
-        return {"program": said.stdout.strip(), "privileges": way}
+        calls = "filtered" if seccomp_filter() else "not filtered on this processor"
+        return {"program": said.stdout.strip(), "privileges": way, "system_calls": calls}
 
     def works(self) -> str:
         """Empty if a program runs in it; else why not."""
         command = self.words([_program("true")], limits=Limits(), environment={}, show={})
         try:
-            done = subprocess.run(
-                command,
-                capture_output=True,
-                text=True,
-                check=False,
-                timeout=TRIAL_SECONDS,
-                stdin=subprocess.DEVNULL,
-                env={},
-            )
+            with filtered(command) as (words, handles):
+                done = subprocess.run(
+                    words,
+                    capture_output=True,
+                    text=True,
+                    check=False,
+                    timeout=TRIAL_SECONDS,
+                    stdin=subprocess.DEVNULL,
+                    env={},
+                    pass_fds=handles,
+                )
         except (OSError, subprocess.TimeoutExpired) as error:
             return str(error)
         return "" if done.returncode == 0 else done.stderr.strip() or f"exit {done.returncode}"

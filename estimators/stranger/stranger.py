@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.errors import InputError
 from gaugeblock.estimators.stranger.claims import Claims
+from gaugeblock.estimators.stranger.detect import detect
 from gaugeblock.estimators.stranger.limits import Limits
 from gaugeblock.estimators.stranger.mapping import Mapping as ParameterMapping
 from gaugeblock.estimators.stranger.material import Material
@@ -96,7 +97,7 @@ class Stranger:
             elif model is None:
                 raise InputError("estimator: give the stranger's file as path, or a command that answers")
             else:
-                self._format = format or _detected(model)
+                self._format = format or detect(model)
                 program = python_program(
                     places, model, self._format, python=python, builder=builder, options=options or {}
                 )
@@ -240,11 +241,3 @@ def build(simulator: Simulator, path: str | os.PathLike[str] | None = None, **op
         As `Stranger` does, and if there is no such option.
     """
     return call(Stranger, "estimator 'stranger'", path, simulator, **options)  # type: ignore[no-any-return]
-
-
-def _detected(path: Path) -> str:
-    if not path.exists():
-        raise InputError(f"{path}: no such file; give the stranger's model file or folder")
-    if path.suffix == ".py":
-        return "python"
-    raise InputError(f"{path}: say how it is to be loaded: estimator.format, or --estimator-format")

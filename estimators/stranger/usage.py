@@ -46,6 +46,16 @@ def children(root: int) -> list[int]:
     return [number for number, process in _processes().items() if process.parent == root]
 
 
+def memory_left() -> float:
+    """Share of the machine's memory that can still be had; 1 where nobody says."""
+    try:
+        text = (PROC / "meminfo").read_text(encoding="ascii")
+        entry = {line.split(":")[0]: int(line.split()[1]) for line in text.splitlines()}
+        return entry["MemAvailable"] / entry["MemTotal"]
+    except (OSError, ValueError, KeyError, IndexError):
+        return 1.0
+
+
 def _below(root: int, table: dict[int, _Process]) -> list[int]:
     started: dict[int, list[int]] = {}
     for number, process in table.items():

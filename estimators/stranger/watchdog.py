@@ -7,10 +7,13 @@ import time
 from collections.abc import Callable
 
 from gaugeblock.estimators.stranger.limits import GIGABYTE, Limits
-from gaugeblock.estimators.stranger.usage import Usage, usage
+from gaugeblock.estimators.stranger.usage import Usage, memory_left, usage
 
 # Memory is filled at about a gigabyte a second and core: this is how far a limit can be overrun.
 PERIOD = 0.1
+# Not all memory of the kernel is counted for the process that asked for it. Below this share of the machine's
+# the child goes, before the kernel chooses somebody else.
+SHORT = 0.03
 
 
 class Watchdog:
@@ -50,6 +53,8 @@ class Watchdog:
             return f"it used more memory than {limits.bytes / GIGABYTE:g} GB (estimator.limits.memory_gb)"
         if now.cpu_seconds > limits.cpu_seconds:
             return f"it used more processor time than {limits.cpu_seconds:g} s (estimator.limits.cpu_seconds)"
+        if memory_left() < SHORT:
+            return "the machine ran short of memory"
         # The sandbox itself is a few processes more.
         if now.threads > limits.processes + 8:
             return f"it had more than {limits.processes} processes (estimator.limits.processes)"

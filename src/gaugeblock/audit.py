@@ -17,7 +17,7 @@ from gaugeblock.estimators.protocol import Estimator
 from gaugeblock.identity import identity, versions
 from gaugeblock.kept_seed import kept_seed
 from gaugeblock.observation import read_observation, trials_around
-from gaugeblock.phases import ended
+from gaugeblock.phases import end_phase, ended
 from gaugeblock.provenance import digests, earlier_provenance, named, title
 from gaugeblock.reports import write_reports
 from gaugeblock.reports.verdict_json import plain
@@ -129,6 +129,7 @@ def audit_objects(
     }
     if can(estimator, "confinement"):
         provenance["confinement"] = estimator.confinement()  # type: ignore[attr-defined]
+    end_phase(estimator)
     if observation is not None:
         provenance["observation"] = {"file": str(observation), "file_sha256": file_digest(observation)}
     result = _judged(

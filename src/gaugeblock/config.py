@@ -162,12 +162,15 @@ def _anchored(table: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _anchored_program(estimator: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """The files that a stranger's builder and command name."""
+    """The files that a stranger's builder, source and command name."""
     found: dict[str, Any] = {}
     builder, command = estimator.get("builder"), estimator.get("command")
     if isinstance(builder, str):
         file, colon, function = builder.rpartition(":")
         found["builder"] = f"{_beside(folder, file)}{colon}{function}" if colon else builder
+    options = estimator.get("options")
+    if isinstance(options, dict) and isinstance(options.get("source"), str):
+        found["options"] = {**options, "source": _beside(folder, options["source"])}
     if isinstance(command, str | list):
         words = shlex.split(command) if isinstance(command, str) else command
         found["command"] = [_beside(folder, word, file=True) for word in map(str, words)]
