@@ -58,7 +58,7 @@ def pack(header: Mapping[str, Any], arrays: Mapping[str, ArrayLike] | None = Non
 
 def _plain_numbers(array: ArrayLike) -> NDArray[Any]:
     values = np.asarray(array)
-    return np.ascontiguousarray(values, dtype="<i8" if values.dtype.kind in "iub" else "<f8")
+    return np.asarray(values, dtype="<i8" if values.dtype.kind in "iub" else "<f8", order="C")
 
 
 def read_header(read: Read) -> dict[str, Any]:
@@ -142,4 +142,4 @@ def _fits(found: tuple[int, ...], shape: tuple[int | None, ...]) -> bool:
 
 
 def _shown(shape: tuple[int | None, ...]) -> str:
-    return plain("(" + ", ".join("any" if n is None else str(n) for n in shape) + ")", 60)
+    return plain(str(tuple("any" if n is None else n for n in shape)).replace("'", ""), 60)

@@ -39,7 +39,7 @@ def send(target, header, np=None, **arrays):
     content = []
     for array in arrays.values():
         buffer = io.BytesIO()
-        values = np.ascontiguousarray(np.asarray(array), dtype="<f8")
+        values = np.asarray(array, dtype="<f8", order="C")
         np.lib.format.write_array(buffer, values, version=(1, 0), allow_pickle=False)
         content.append(buffer.getvalue())
     if arrays:
