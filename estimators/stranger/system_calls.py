@@ -44,6 +44,10 @@ REFUSED = {
 }
 CLONE = (56, 220)
 NEW_USER_NAMESPACE = 0x10000000
+SOCKET = (41, 198)
+# Unix, both internets and netlink, which a namespace of networks holds. Others it does not hold: by vsock a
+# program in a virtual machine talks to the machine around it.
+FAMILIES = (1, 2, 10, 16)
 MACHINES = {"x86_64": (0, 0xC000003E), "aarch64": (1, 0xC00000B7)}
 FOREIGN_CALLS = 0x40000000
 
@@ -73,6 +77,11 @@ def seccomp_filter(machine: str | None = None) -> bytes:
     for numbers in REFUSED.values():
         program += [(JUMP_IF_EQUAL, 0, 1, numbers[column]), refuse]
     program += [
+        (JUMP_IF_EQUAL, 0, len(FAMILIES) + 3, SOCKET[column]),
+        (LOAD, 0, 0, FIRST_ARGUMENT),
+        *((JUMP_IF_EQUAL, len(FAMILIES) - i, 0, family) for i, family in enumerate(FAMILIES)),
+        refuse,
+        (RETURN, 0, 0, ALLOW),
         (JUMP_IF_EQUAL, 0, 3, CLONE[column]),
         (LOAD, 0, 0, FIRST_ARGUMENT),
         (JUMP_IF_ANY_BIT, 0, 1, NEW_USER_NAMESPACE),
