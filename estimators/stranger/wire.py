@@ -75,8 +75,9 @@ def read_header(read: Read) -> dict[str, Any]:
             f"the stranger announced a header of {size:,} bytes; at most {HEADER_BYTES:,} are read: "
             "is it something else than an answer that it writes to its output?"
         )
+    text = read(size, "the header of an answer")
     try:
-        header = json.loads(read(size, "the header of an answer"))
+        header = json.loads(text)
     except (ValueError, RecursionError):
         raise InputError("the stranger's answer begins with something that is no JSON header") from None
     if not isinstance(header, dict):
