@@ -58,7 +58,7 @@ class Child:
         self._pending: list[memoryview] = []
         self._buffer = bytearray()
         self._deadline = 0.0
-        self._seconds = 0.0
+        self._seconds, self._limit = 0.0, ""
         self._selector = selectors.DefaultSelector()
         for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
             assert stream is not None
@@ -101,6 +101,7 @@ class Child:
     ) -> tuple[dict[str, Any], dict[str, NDArray[np.float64]]]:
         """Send one request; the header and the arrays of its answer, of the shapes in `expect`."""
         name = request["request"]
+        self._limit = "wall_seconds" if seconds is None else "startup_seconds"
         self._seconds = self._limits.wall_seconds if seconds is None else seconds
         self._deadline = time.monotonic() + self._seconds
         try:
@@ -137,7 +138,7 @@ class Child:
         if remaining <= 0:
             raise InputError(
                 f"the stranger did not answer within {self._seconds:g} s (waiting for {what}): stopped; "
-                "estimator.limits.wall_seconds is how long it may take"
+                f"estimator.limits.{self._limit} is how long it may take"
             )
         self._wait_to_write()
         ended = False
