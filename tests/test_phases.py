@@ -15,9 +15,11 @@ from gaugeblock.config import AuditConfig
 from gaugeblock.errors import InputError
 from gaugeblock.estimators.exact import Exact
 from gaugeblock.kept_seed import kept_seed
+from gaugeblock.observation import trials_around
 from gaugeblock.samples import Plan
 from gaugeblock.simulators import build_simulator
-from gaugeblock.validate import importance_trials, main_trials
+from gaugeblock.validate import importance_trials, main_trials, read_policy
+from gaugeblock.watch import Watch
 
 PLAN = Plan(
     number=60, draws=12, chunk=20, importance_number=10, importance_draws=30, joint_number=20, joint_draws=8,
@@ -119,6 +121,26 @@ def test_a_density_of_the_wrong_shape_is_named(simulator: Any, tmp_path: Path) -
 
     with pytest.raises(InputError, match=r"log_q of shape \(3,\) for 20 trials; expected \(20, 13\)"):
         collect(simulator, Wrong(simulator), PLAN, tmp_path)
+
+
+def test_stopped_early_it_asks_for_densities_of_the_trials_that_there_are(
+    simulator: Any, tmp_path: Path
+) -> None:
+    class NoNumbers(Recorder):
+        def sample(self, x: Any, n: int, rng: Any) -> Any:
+            return super().sample(x, n, rng) * np.nan
+
+    one = NoNumbers(simulator)
+    watch = Watch(read_policy("default"), PLAN.seed)
+    tree = collect(simulator, one, replace(PLAN, importance_number=0), tmp_path, watch=watch)
+    assert main_trials(tree).sizes["trial"] == 20
+    assert [what for what, _ in one.asked] == ["sample", "end", "log_prob"]
+
+
+def test_around_an_observation_it_is_said_who_chose_the_truths(simulator: Any) -> None:
+    made = trials_around(simulator, Recorder(simulator), np.zeros(3), number=10, draws=20, seed=1)
+    assert "foresee the truths" in made.attrs["caveat"]
+    assert "caveat" not in trials_around(simulator, Exact(simulator), np.zeros(3), number=9, seed=1).attrs
 
 
 def test_the_seed_is_of_nobodys_choice_and_kept_for_its_owner(tmp_path: Path) -> None:

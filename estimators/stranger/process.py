@@ -251,7 +251,7 @@ def _end(process: subprocess.Popen[bytes], watchdog: Watchdog, kill: Callable[[]
     if process.poll() is None:
         kill()
     try:
-        process.wait(timeout=10)
+        process.wait(timeout=60)  # a machine full of its processes takes its time to end them
     except subprocess.TimeoutExpired:  # the sandbox itself hangs
         process.kill()
         process.wait()

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.errors import InputError
 from gaugeblock.estimators._rows import resample
 from gaugeblock.estimators.protocol import Estimator, sample_and_log_prob
-from gaugeblock.samples import has_density
+from gaugeblock.samples import has_density, untrusted
 from gaugeblock.simulators.protocol import Simulator, can
 from gaugeblock.streams import TrialStreams
 from gaugeblock.validate.joint.importance import log_weights
@@ -27,6 +27,10 @@ RANGE = 700.0
 OWN_TRUTHS = (
     "truths are the estimator's own draws at the observation, for want of its density: a posterior that is "
     "exact under another prior goes unseen"
+)
+THEIR_TRUTHS = (
+    "truths were chosen among draws of an estimator that nobody vouches for, by its own density: one that "
+    "knows its draws again can foresee the truths"
 )
 
 
@@ -44,10 +48,11 @@ def trials_around(
 
     Each truth is one of `proposals` draws of the estimator at x_obs, chosen by likelihood x prior / density:
     a draw of p(theta | x_obs), exactly if the estimator is exact there and nearly where it covers the
-    posterior. An estimator without density chooses its own truths; the attribute `caveat` says so. Data are
-    simulated at the truth, and the estimator answers with `draws` draws. `weight` ``(trial, draw)`` and
-    `weight_true` ``(trial,)`` are the likelihood of x_obs there, relative to the largest among the trial's
-    draws. Bits depend on the seed, not on chunks.
+    posterior. An estimator without density chooses its own truths; the attribute `caveat` says so, and where
+    one that nobody vouches for had a part in choosing them. Data are simulated at the truth, and the
+    estimator answers with `draws` draws. `weight` ``(trial, draw)`` and `weight_true` ``(trial,)`` are the
+    likelihood of x_obs there, relative to the largest among the trial's draws. Bits depend on the seed, not
+    on chunks.
 
     >>> from gaugeblock.estimators.registry import build_estimator
     >>> from gaugeblock.simulators import build_simulator
@@ -95,9 +100,15 @@ def trials_around(
         weight=weight,
         circular=tuple(getattr(simulator, "circular", ())),
         autocorrelated=bool(getattr(estimator, "autocorrelated", False)),
-        attrs={} if has_density(estimator) else {"caveat": OWN_TRUTHS},
+        attrs=_caveat(estimator),
     )
     return made.assign(weight_true=("trial", weight_true))
+
+
+def _caveat(estimator: Estimator) -> dict[str, str]:
+    said = [] if has_density(estimator) else [OWN_TRUTHS]
+    said += [THEIR_TRUTHS] if untrusted(estimator) else []
+    return {"caveat": "; ".join(said)} if said else {}
 
 
 def _chunks(number: int) -> Iterator[range]:
