@@ -7,6 +7,8 @@ from typing import Any
 
 import xarray as xr
 
+from gaugeblock.reports.baseline import comparison
+from gaugeblock.reports.contents import contents
 from gaugeblock.reports.errors_of_trials import trial_errors
 from gaugeblock.reports.figures import sections
 from gaugeblock.reports.page import render
@@ -50,6 +52,9 @@ def report_html(verdict: Verdict, findings: Sequence[Finding], trials: xr.DataTr
         facts=_facts(main, importance),
         groups=gate_groups(verdict, findings),
         tally=_tally(verdict),
+        suggestions=verdict.suggestions,
+        baseline=[] if verdict.baseline is None else comparison(verdict.baseline),
+        contents=contents(verdict.provenance.get("listing")),
         not_checked=verdict.not_checked,
         reported=reported_groups(verdict, findings),
         sections=sections(verdict, findings, errors),

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import re
-
+from gaugeblock.reports.baseline import comparison
+from gaugeblock.reports.markdown import code as _code
+from gaugeblock.reports.markdown import text as _text
 from gaugeblock.reports.reason import reason
 from gaugeblock.reports.words import count, decimals_of, interval, number, short
 from gaugeblock.validate import Gate, Outcome, Verdict
@@ -12,7 +13,7 @@ MAXIMUM_BYTES = 1_000_000  # a GitHub step summary may hold 1 MiB
 
 _MARKS = {Outcome.PASS: "✅", Outcome.FAIL: "❌", Outcome.INCONCLUSIVE: "❔"}
 _WORST_FIRST = {Outcome.FAIL: 0, Outcome.INCONCLUSIVE: 1, Outcome.PASS: 2}
-_LONGEST = 600  # characters of one message
+_LINES = 50  # lines of one suggestion, or of a comparison
 
 
 def summary_markdown(verdict: Verdict, *, title: str) -> str:
@@ -33,6 +34,7 @@ def summary_markdown(verdict: Verdict, *, title: str) -> str:
     if missing:
         missing = ["", "**Not checked**", "", *missing]
     foot = ["", "Everything in full is in `report.html`; for machines, in `verdict.json`."]
+    foot = [*_advice(verdict), *_compared(verdict), *foot]
     room = MAXIMUM_BYTES - _size(head) - _size(foot) - 500
     rows, rows_left_out = _fitting(rows, room - min(_size(missing), room // 4))
     missing, missing_left_out = _fitting(missing, room - _size(rows))
@@ -41,6 +43,25 @@ def summary_markdown(verdict: Verdict, *, title: str) -> str:
     if missing_left_out:
         missing += ["", f"… and {missing_left_out:,} more not checked."]
     return "\n".join([*head, *rows, *missing, *foot]) + "\n"
+
+
+def _advice(verdict: Verdict) -> list[str]:
+    """What may be the matter, and what to write into the configuration."""
+    lines = []
+    for item in verdict.suggestions:
+        lines += ["", f"**Suggestion.** {_text(item.text)}"]
+        if item.toml:
+            # Four spaces make code of it, in which nothing a stranger wrote is Markdown.
+            lines += ["", *(f"    {line}" for line in item.toml.splitlines()[:_LINES])]
+    return lines
+
+
+def _compared(verdict: Verdict) -> list[str]:
+    """What is otherwise than in the baseline."""
+    if verdict.baseline is None:
+        return []
+    said = comparison(verdict.baseline)
+    return ["", "**Against the baseline**", "", *(f"- {_text(line)}" for line in said[:_LINES])]
 
 
 def _row(gate: Gate) -> str:
@@ -56,21 +77,6 @@ def _row(gate: Gate) -> str:
         _text(gate.message),
     ]
     return f"| {' | '.join(cells)} |"
-
-
-def _text(text: str) -> str:
-    """A stranger's text on one line, in which nothing is Markdown or HTML."""
-    one_line = " ".join(text.split())
-    if len(one_line) > _LONGEST:
-        one_line = one_line[: _LONGEST - 1] + "…"
-    escaped = one_line.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
-    # Also @ and #: they would notify people and link issues. A zero-width joiner is invisible and stops that.
-    return re.sub(r"([\\`*_\[\]|~!])", r"\\\1", escaped).replace("@", "@\u2060").replace("#", "#\u2060")
-
-
-def _code(text: str) -> str:
-    """Text for inside backticks, which in a table still must not hold a bar."""
-    return " ".join(text.split()).replace("`", "'").replace("|", "/")[:_LONGEST]
 
 
 def _size(lines: list[str]) -> int:

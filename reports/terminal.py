@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
+from gaugeblock.reports.baseline import comparison
 from gaugeblock.validate import Outcome, Verdict
 
 SHOWN = 20
 
 
-def terminal_summary(verdict: Verdict, folder: Path) -> str:
-    """The verdict, the gates that did not PASS with their messages, and where to read on."""
+def terminal_summary(
+    verdict: Verdict, folder: Path, *, resources: Mapping[str, Mapping[str, Any]] | None = None
+) -> str:
+    """The verdict, the gates that did not PASS with their messages, and where to read on.
+
+    `resources` are what each child of a stranger used, as `resources.json` holds it.
+    """
     passed = [gate for gate in verdict.gates if gate.outcome is Outcome.PASS]
     others = [gate for gate in verdict.gates if gate.outcome is not Outcome.PASS]
     order = {Outcome.FAIL: 0, Outcome.INCONCLUSIVE: 1}
@@ -20,6 +28,13 @@ def terminal_summary(verdict: Verdict, folder: Path) -> str:
     if len(others) > SHOWN:
         lines.append(f"  and {len(others) - SHOWN} more")
     lines += [f"  not checked  {item.id}: {item.why}" for item in verdict.not_checked]
+    for item in verdict.suggestions:
+        lines += [f"Suggestion: {item.text}", *(f"    {line}" for line in item.toml.splitlines())]
+    if verdict.baseline is not None:
+        lines += ["Against the baseline:", *(f"  {line}" for line in comparison(verdict.baseline)[:SHOWN])]
+    for purpose, used in (resources or {}).items():
+        said = ", ".join(f"{name.replace('_', ' ')} {value:g}" for name, value in used.items())
+        lines.append(f"Used for {purpose}: {said}")
     lines.append(f"Report: {folder / 'report.html'}")
     kept = verdict.provenance.get("sha256", {}).get("trials")
     if kept:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import xarray as xr
 
 from gaugeblock.atomic import write_atomically
 from gaugeblock.errors import InputError
+from gaugeblock.reports.card import model_card
 from gaugeblock.reports.html import report_html
 from gaugeblock.reports.junit import junit_xml
 from gaugeblock.reports.summary import summary_markdown
@@ -20,6 +21,8 @@ def write_reports(
     verdict: Verdict, findings: Sequence[Finding], trials: xr.DataTree, folder: Path, *, title: str = "Audit"
 ) -> None:
     """Write verdict.json, junit.xml, summary.md and report.html into `folder`, made where missing.
+
+    Of an estimator (rather than of draws from disk) also model_card.md.
 
     The same inputs give the same bytes: the only times in the reports are those in `verdict.provenance`.
     Everything is rendered before anything is written.
@@ -42,10 +45,13 @@ def rendered(
     verdict: Verdict, findings: Sequence[Finding], trials: xr.DataTree, *, title: str = "Audit"
 ) -> dict[str, bytes]:
     """What each report holds, by its file's name; the same inputs give the same bytes."""
+    audited = isinstance(verdict.provenance.get("estimator"), Mapping)
+    card = {"model_card.md": model_card(verdict, title=title)} if audited else {}
     contents = {
         "junit.xml": junit_xml(verdict, title=title),
         "summary.md": summary_markdown(verdict, title=title),
         "report.html": report_html(verdict, findings, trials, title=title),
+        **card,
         # Last, so that a verdict never stands beside an older report.
         "verdict.json": verdict_json(verdict, findings),
     }

@@ -13,7 +13,10 @@ import pytest
 
 from gaugeblock.validate import main_trials, make_trials, read_trials, write_trials
 
-FILES = ("trials.nc", "findings.nc", "verdict.json", "junit.xml", "summary.md", "report.html")
+FILES = (
+    *("trials.nc", "findings.nc", "verdict.json", "junit.xml", "summary.md", "report.html"),
+    "model_card.md",
+)
 TOY = ("--set", "simulator.name=linear_gaussian", "--set", "estimator.name=exact")
 
 

@@ -4,7 +4,7 @@ Nothing here imports an estimator or a simulator: validators see arrays and Tria
 """
 
 from gaugeblock.validate.check import check_trials
-from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.finding import Finding, NotChecked, Suggestion
 from gaugeblock.validate.findings_file import findings_tree, read_findings, write_findings
 from gaugeblock.validate.judge import judge
 from gaugeblock.validate.likelihood.same_likelihood import LikelihoodComparison, assert_same_likelihood
@@ -28,6 +28,7 @@ __all__ = [
     "NotChecked",
     "Outcome",
     "Policy",
+    "Suggestion",
     "Verdict",
     "assert_same_likelihood",
     "check_trials",

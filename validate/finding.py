@@ -14,6 +14,14 @@ Kind = Literal["mean", "quantile", "count", "test", "sequence"]
 Sense = Literal["two-sided", "at-least", "at-most"]
 
 
+@dataclass(frozen=True)
+class Suggestion:
+    """What may be the matter and can be mended: in words, and as lines of TOML where there are any."""
+
+    text: str
+    toml: str = ""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Finding:
     """One statistic, what it is an estimate of, how well it is known, and on how many trials.
@@ -54,6 +62,8 @@ class Finding:
         Arrays worth plotting, as a Dataset.
     caveats
         What a reader must know before leaning on the number.
+    suggestions
+        What may be the matter, where the statistic can tell; no verdict rests on it.
     """
 
     id: str
@@ -74,6 +84,7 @@ class Finding:
     p_value: float | None = None
     details: xr.Dataset = field(default_factory=xr.Dataset)
     caveats: tuple[str, ...] = ()
+    suggestions: tuple[Suggestion, ...] = ()
 
     @property
     def validator(self) -> str:
@@ -105,6 +116,7 @@ class Finding:
             "p_value": np.nan if self.p_value is None else float(self.p_value),
             "caveats": json.dumps(self.caveats),
             "components": json.dumps(self.components),
+            "suggestions": json.dumps([[item.text, item.toml] for item in self.suggestions]),
         }
         return xr.Dataset(data, attrs=attributes).merge(details, combine_attrs="override")
 
@@ -135,6 +147,7 @@ class Finding:
             p_value=None if np.isnan(p_value) else p_value,
             details=details,
             caveats=tuple(json.loads(attributes["caveats"])),
+            suggestions=tuple(Suggestion(*item) for item in json.loads(attributes.get("suggestions", "[]"))),
         )
 
 

@@ -51,6 +51,7 @@ def judge(
         outcome=Outcome.FAIL if failed else combine(required),
         gates=tuple(gates),
         not_checked=tuple(not_checked),
+        suggestions=tuple(item for finding in findings for item in finding.suggestions),
     )
 
 

@@ -16,6 +16,7 @@ from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.joint.importance import importance
 from gaugeblock.validate.joint.joint import STATISTICS, joint
 from gaugeblock.validate.joint.normalisation import density, ratios
+from gaugeblock.validate.layout.layout import layout
 from gaugeblock.validate.learned.c2st import c2st
 from gaugeblock.validate.learned.lc2st import lc2st
 from gaugeblock.validate.learned.learned import candidates
@@ -53,6 +54,7 @@ VALIDATORS: Mapping[str, Validator] = {
     "c2st": Validator(c2st, (candidates,)),
     "lc2st": Validator(lc2st, (candidates,)),
     "posterior_sbc": Validator(posterior_sbc),
+    "layout": Validator(layout),
     "conformal": Validator(conformal, (effective_draws, stretch)),
     "importance": Validator(importance),
     "evidence": Validator(evidence),

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from gaugeblock.validate.finding import NotChecked
+from gaugeblock.validate.finding import NotChecked, Suggestion
 
 
 class Outcome(StrEnum):
@@ -90,12 +90,18 @@ class Gate:
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """Outcome over all gates, the gates, what could not be checked, and where it all came from."""
+    """Outcome over all gates, the gates, what could not be checked, and where it all came from.
+
+    `suggestions` say what may be the matter, and `baseline` what is otherwise than in an earlier audit;
+    the outcome rests on neither.
+    """
 
     outcome: Outcome
     gates: tuple[Gate, ...]
     not_checked: tuple[NotChecked, ...] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
+    suggestions: tuple[Suggestion, ...] = ()
+    baseline: dict[str, Any] | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Plain data with the contract's keys."""
@@ -103,5 +109,7 @@ class Verdict:
             "verdict": self.outcome.value,
             "gates": [gate.to_json() for gate in self.gates],
             "not_checked": [{"id": item.id, "why": item.why} for item in self.not_checked],
+            "suggestions": [{"text": item.text, "toml": item.toml} for item in self.suggestions],
+            "baseline": self.baseline,
             "provenance": self.provenance,
         }

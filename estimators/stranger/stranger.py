@@ -15,6 +15,7 @@ from gaugeblock.errors import InputError
 from gaugeblock.estimators.stranger.claims import Claims
 from gaugeblock.estimators.stranger.detect import detect
 from gaugeblock.estimators.stranger.limits import Limits
+from gaugeblock.estimators.stranger.listing import listing
 from gaugeblock.estimators.stranger.mapping import Mapping as ParameterMapping
 from gaugeblock.estimators.stranger.material import Material
 from gaugeblock.estimators.stranger.process import Child, Launch
@@ -102,6 +103,8 @@ class Stranger:
                     places, model, self._format, python=python, builder=builder, options=options or {}
                 )
             self._options = dict(options or {})
+            copy = None if model is None else self._material.folder / "model" / model.name
+            self._model = copy if copy is not None and copy.exists() else None
             self._launch = self._launched(program.words, program.show)
             self._claims = self._introduced()
             self._mapping = self._mapped(parameters)
@@ -203,6 +206,10 @@ class Stranger:
             "limits": self._limits.describe(),
             "used": {purpose: dict(peak) for purpose, peak in self._peaks.items()},
         }
+
+    def listing(self) -> dict[str, Any]:
+        """What loading its model would import and call, read without loading it; of a command, nothing."""
+        return {} if self._model is None else listing(self._model)
 
     def end_phase(self) -> None:
         """End the children: whatever they remember is gone."""

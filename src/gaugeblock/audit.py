@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
+from gaugeblock.atomic import write_atomically
+from gaugeblock.baseline import compared, read_baseline
 from gaugeblock.collect import Progress, collect, discard, fingerprint
 from gaugeblock.config import AuditConfig
 from gaugeblock.digest import digest, file_digest
 from gaugeblock.errors import InputError
 from gaugeblock.estimators.protocol import Estimator
+from gaugeblock.explain import explained
 from gaugeblock.identity import identity, versions
 from gaugeblock.kept_seed import kept_seed
 from gaugeblock.observation import read_observation, trials_around
@@ -32,16 +36,21 @@ from gaugeblock.validate.validators import default_validators
 from gaugeblock.watch import Watch, watched
 
 CHUNKS = ".chunks"
+RESOURCES = "resources.json"
 
 
 @dataclass(frozen=True)
 class Audit:
-    """Everything an audit found: the trials, the findings, what could not be checked, and the verdict."""
+    """Everything an audit found: the trials, the findings, what could not be checked, and the verdict.
+
+    `resources` are what an estimator of somebody else's used, where that was watched.
+    """
 
     trials: xr.DataTree
     findings: tuple[Finding, ...]
     not_checked: tuple[NotChecked, ...]
     verdict: Verdict
+    resources: Mapping[str, Any] = field(default_factory=dict)
 
 
 def audit(
@@ -49,6 +58,7 @@ def audit(
     out: Path,
     *,
     policy: Policy | None = None,
+    baseline: Path | None = None,
     command: str = "",
     progress: Progress | None = None,
 ) -> Audit:
@@ -79,6 +89,7 @@ def audit(
             anytime=config.trials.anytime,
             observation=None if config.trials.observation is None else Path(config.trials.observation),
             names=(named(config.simulator), named(config.estimator)),
+            baseline=baseline,
             command=command,
             progress=progress,
         )
@@ -95,6 +106,7 @@ def audit_objects(
     anytime: bool = False,
     observation: Path | None = None,
     names: tuple[Mapping[str, Any], Mapping[str, Any]] = ({}, {}),
+    baseline: Path | None = None,
     command: str = "",
     progress: Progress | None = None,
 ) -> Audit:
@@ -110,6 +122,7 @@ def audit_objects(
         If simulator and estimator do not fit, or one of them fails.
     """
     made = _folder(out)
+    earlier = None if baseline is None else read_baseline(baseline)
     watch = Watch(policy, plan.seed) if anytime else None
     observed = None if observation is None else read_observation(observation)
     trials = collect(simulator, estimator, plan, made / CHUNKS, watch=watch, progress=progress)
@@ -127,8 +140,14 @@ def audit_objects(
         "estimator": {**names[1], **identity(estimator)},
         "trials": {**vars(plan), **stopped},
     }
+    resources: dict[str, Any] = {}
     if can(estimator, "confinement"):
-        provenance["confinement"] = estimator.confinement()  # type: ignore[attr-defined]
+        confinement = dict(estimator.confinement())  # type: ignore[attr-defined]
+        # What was used differs from run to run, and so stays out of everything that must not.
+        resources = dict(confinement.pop("used", {}))
+        provenance["confinement"] = confinement
+    if can(estimator, "listing"):
+        provenance["listing"] = estimator.listing()  # type: ignore[attr-defined]
     end_phase(estimator)
     if observation is not None:
         provenance["observation"] = {"file": str(observation), "file_sha256": file_digest(observation)}
@@ -139,10 +158,13 @@ def audit_objects(
         select=watched(select) if anytime else select,
         provenance=provenance,
         out=made,
+        earlier=earlier,
         progress=progress,
     )
     discard(made / CHUNKS)
-    return result
+    if resources:
+        write_atomically(made / RESOURCES, json.dumps(resources, indent=2, sort_keys=True) + "\n")
+    return replace(result, resources=resources)
 
 
 def audit_trials(
@@ -152,6 +174,7 @@ def audit_trials(
     policy: Policy,
     seed: int = 0,
     select: Iterable[str] | None = None,
+    baseline: Path | None = None,
     command: str = "",
     progress: Progress | None = None,
 ) -> Audit:
@@ -164,6 +187,7 @@ def audit_trials(
     InputError
         If the file cannot be read, breaks the schema of Trials, or its groups cannot be mapped.
     """
+    earlier = None if baseline is None else read_baseline(baseline)
     trials = read_any_trials(file)
     provenance = {
         "command": command,
@@ -177,6 +201,7 @@ def audit_trials(
         select=select,
         provenance=provenance,
         out=_folder(out),
+        earlier=earlier,
         progress=progress,
     )
 
@@ -206,7 +231,7 @@ def judge_again(
         "policy": rules,
         "sha256": {**dict(earlier.get("sha256") or {}), "policy": digest(rules)},
     }
-    verdict = replace(verdict, provenance=record)
+    verdict = explained(replace(verdict, provenance=record), trials)
     write_reports(verdict, findings, trials, _folder(out or folder), title=title(record))
     return Audit(trials, findings, not_checked, verdict)
 
@@ -219,6 +244,7 @@ def _judged(
     select: Iterable[str] | None,
     provenance: Mapping[str, Any],
     out: Path,
+    earlier: Mapping[str, Any] | None,
     progress: Progress | None,
 ) -> Audit:
     if progress is not None:
@@ -241,7 +267,9 @@ def _judged(
         }
     )
     record["sha256"] = {**digests(record), "trials": file_digest(out / "trials.nc")}
-    verdict = replace(verdict, provenance=record)
+    verdict = explained(replace(verdict, provenance=record), trials)
+    if earlier is not None:
+        verdict = replace(verdict, baseline=compared(earlier, verdict, findings))
     write_reports(verdict, findings, trials, out, title=title(record))
     return Audit(trials, findings, not_checked, verdict)
 

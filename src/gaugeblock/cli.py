@@ -14,6 +14,7 @@ import typer
 from gaugeblock.cli_discover import EXIT_CODES as DISCOVER_EXIT_CODES
 from gaugeblock.cli_discover import discover
 from gaugeblock.cli_options import (
+    Baseline,
     Debug,
     Out,
     PolicyName,
@@ -80,6 +81,7 @@ def audit(
     anytime: Annotated[
         bool, typer.Option("--anytime", help="Stop as soon as it is certain; valid at any trial.")
     ] = False,
+    baseline: Baseline = None,
     quiet: Quiet = False,
     debug: Debug = False,  # noqa: ARG001 - read by main()
 ) -> None:
@@ -125,11 +127,12 @@ def audit(
                 policy=rules,
                 seed=seed or 0,
                 select=chosen.validators,
+                baseline=baseline,
                 command=command(),
                 progress=bars.show,
             )
         else:
-            result = run(chosen, out, policy=rules, command=command(), progress=bars.show)
+            result = run(chosen, out, policy=rules, baseline=baseline, command=command(), progress=bars.show)
     _finish(result, out)
 
 
@@ -234,7 +237,7 @@ def fetch(
 def _finish(result: Audit, out: Path) -> None:
     from gaugeblock.reports.terminal import terminal_summary
 
-    typer.echo(terminal_summary(result.verdict, out))
+    typer.echo(terminal_summary(result.verdict, out, resources=result.resources))
     raise typer.Exit(result.verdict.outcome.exit_code)
 
 

@@ -20,6 +20,10 @@ PolicyName = Annotated[
 ]
 Debug = Annotated[bool, typer.Option("--debug", help="Show a traceback with an error.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress on stderr.")]
+Baseline = Annotated[
+    Path | None,
+    typer.Option("--baseline", metavar="DIR", help="Folder of an earlier audit to compare with."),
+]
 StrangerPath = Annotated[
     Path | None,
     typer.Option("--estimator", metavar="PATH", help="Audit somebody else's estimator, in a sandbox."),

@@ -16,6 +16,7 @@ from typing import Any
 
 import xarray as xr
 
+from gaugeblock.baseline import compared
 from gaugeblock.compare import (
     NEAR,
     dataset_differences,
@@ -25,6 +26,7 @@ from gaugeblock.compare import (
 )
 from gaugeblock.digest import file_digest
 from gaugeblock.errors import InputError
+from gaugeblock.explain import explained
 from gaugeblock.identity import versions
 from gaugeblock.provenance import digests, earlier_provenance, title
 from gaugeblock.reports import rendered
@@ -78,7 +80,7 @@ def verify(
     found = file_digest(source)
     tree = read_trials(source)
     near, notes = _nearness(record, tolerance)
-    findings, not_checked, verdict = _derived(tree, record)
+    findings, not_checked, verdict = _derived(tree, record, _earlier(folder))
     contents = rendered(verdict, findings, tree, title=title(record))
     lines = list(_digests(record, found, trials_sha256))
     lines += [f"verdict.json: provenance: {line}" for line in _recorded(record, tree)]
@@ -107,7 +109,7 @@ def _nearness(record: Mapping[str, Any], tolerance: float | None) -> tuple[float
 
 
 def _derived(
-    tree: xr.DataTree, record: Mapping[str, Any]
+    tree: xr.DataTree, record: Mapping[str, Any], earlier: Mapping[str, Any] | None
 ) -> tuple[tuple[Finding, ...], tuple[NotChecked, ...], Verdict]:
     """Findings and verdict, from the trials and what the record says of policy, seeds and validators."""
     where = "verdict.json: provenance"
@@ -124,7 +126,21 @@ def _derived(
     seed = _seed(record, "seed", 0)
     findings, not_checked = run_validators(tree, seed=seed, select=select)
     verdict = judge(findings, not_checked, policy, seed=_seed(record, "judge_seed", seed))
-    return findings, not_checked, replace(verdict, provenance=dict(record))
+    verdict = explained(replace(verdict, provenance=dict(record)), tree)
+    if earlier is not None:
+        verdict = replace(verdict, baseline=compared(earlier, verdict, findings))
+    return findings, not_checked, verdict
+
+
+def _earlier(folder: Path) -> Mapping[str, Any] | None:
+    """What was kept of the baseline, where the audit had one: that is taken as it stands."""
+    baseline = json.loads((folder / "verdict.json").read_text(encoding="utf-8")).get("baseline")
+    if baseline is None:
+        return None
+    earlier = baseline.get("earlier") if isinstance(baseline, Mapping) else None
+    if not isinstance(earlier, Mapping):
+        raise InputError("verdict.json: baseline is no comparison with an earlier audit")
+    return earlier
 
 
 def _seed(record: Mapping[str, Any], name: str, default: int) -> int:

@@ -18,7 +18,10 @@ def refuse(constant: str) -> None:
 def test_it_is_strict_json_with_the_contract_s_keys(audit):
     content = json.loads(verdict_json(audit.verdict, audit.findings), parse_constant=refuse)
     assert content["verdict"] == audit.verdict.outcome.value
-    assert set(content) == {"verdict", "gates", "not_checked", "provenance", "reported"}
+    assert set(content) == {
+        *("verdict", "gates", "not_checked", "provenance", "reported"),
+        *("suggestions", "baseline"),
+    }
     assert [gate["id"] for gate in content["gates"]] == [gate.id for gate in audit.verdict.gates]
     assert all(set(gate) >= GATE_KEYS and len(gate["interval"]) == 2 for gate in content["gates"])
     assert all(set(item) == {"id", "why"} for item in content["not_checked"])

@@ -1,0 +1,1 @@
+"""Are the draws' columns what they are taken for? In another order, unit or on another scale, say which."""
