@@ -37,6 +37,8 @@ def detect(path: Path) -> str:
         if (path / "model.py").is_file():
             return "python"
         raise InputError(f"{path}: a folder without model.py; say how it is to be loaded: estimator.format")
+    if not path.is_file():  # whoever opened a named pipe would wait for its other end
+        raise InputError(f"{path}: is no plain file; give the stranger's model file or folder")
     if path.suffix in SUFFIXES:
         return SUFFIXES[path.suffix]
     found = _by_bytes(path)

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from gaugeblock.digest import digest
 from gaugeblock.errors import InputError
+from gaugeblock.estimators.stranger.wire import plain
 
 MOST_FILES = 10_000
 PREFIX = "gaugeblock-stranger-"
@@ -60,7 +61,7 @@ class Material:
             else:
                 self.sha256[what] = _copy(source, target)
         except OSError as error:
-            raise InputError(f"{source}: cannot be read ({error.strerror or error})") from None
+            raise InputError(f"{plain(source)}: cannot be read ({error.strerror or error})") from None
         return target
 
     def write(self, name: str, text: str) -> Path:
@@ -98,14 +99,28 @@ def _sweep() -> None:
                 _remove(folder, lock)
 
 
-def _copy(source: Path, target: Path) -> str:
+def _copy(source: Path, target: Path, *, follow: bool = True) -> str:
     hashed = hashlib.sha256()
-    with open(source, "rb") as reader, open(target, "wb") as writer:
-        while part := reader.read(1 << 20):
+    # Without waiting for whoever writes to a named pipe; looked at when it is open, so that nothing can be
+    # put in its place between.
+    handle = os.open(source, os.O_RDONLY | os.O_NONBLOCK | (0 if follow else os.O_NOFOLLOW))
+    with open(handle, "rb") as reader, open(target, "wb") as writer:
+        about = os.fstat(handle)
+        if not stat.S_ISREG(about.st_mode):
+            raise InputError(f"{plain(source)}: is no plain file; give the stranger's model file or folder")
+        left = about.st_size
+        room = shutil.disk_usage(target.parent).free
+        if left > room:
+            raise InputError(
+                f"{plain(source)}: is {left / 1e9:.1f} GB long, and {target.parent} has room for "
+                f"{room / 1e9:.1f} GB; TMPDIR names another folder for the copy"
+            )
+        while left and (part := reader.read(min(left, 1 << 20))):
             hashed.update(part)
             writer.write(part)
+            left -= len(part)
     # Executable for a program; readable for the child, which is another user.
-    target.chmod(0o755 if os.access(source, os.X_OK) else 0o644)
+    target.chmod(0o755 if about.st_mode & 0o111 else 0o644)
     return hashed.hexdigest()
 
 
@@ -118,10 +133,12 @@ def _copy_folder(source: Path, target: Path) -> dict[str, str]:
         for name in [*folders, *names]:
             path = Path(where) / name
             if path.is_symlink() or not (path.is_file() or path.is_dir()):
-                raise InputError(f"{path}: is a link or no plain file; a stranger's folder may hold neither")
+                raise InputError(
+                    f"{plain(path)}: is a link or no plain file; a stranger's folder may hold neither"
+                )
         for name in names:
             path = Path(where) / name
-            found[path.relative_to(source).as_posix()] = _copy(path, here / name)
+            found[path.relative_to(source).as_posix()] = _copy(path, here / name, follow=False)
             if len(found) > MOST_FILES:
                 raise InputError(f"{source}: holds more than {MOST_FILES:,} files; give the model's alone")
     return found
