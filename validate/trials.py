@@ -97,15 +97,21 @@ def make_trials(
             data, coords={"trial": np.arange(theta.shape[0]), "parameter": names}, attrs=attributes
         )
     except ValueError as error:
+        exchanged = sampled.shape[1] == len(theta) != len(sampled)
+        meant = (
+            "; draws look like (draw, trial, parameter): exchange their first two axes" if exchanged else ""
+        )
         raise InputError(
-            f"the arrays of trials do not fit together: {' '.join(str(error).split())}"
+            f"the arrays of trials do not fit together: {' '.join(str(error).split())}{meant}"
         ) from None
     return check_trials(dataset, source="trials")
 
 
 def _put(data: dict[str, Any], name: str, values: np.ndarray[Any, Any], dims: tuple[str, ...]) -> None:
     if values.ndim != len(dims):
-        raise InputError(f"{name} has shape {values.shape}; it needs the axes ({', '.join(dims)})")
+        single = values.ndim == len(dims) - 1 and dims[-1] == "parameter"
+        meant = "; of one parameter, give it a last axis of length 1: [..., None]" if single else ""
+        raise InputError(f"{name} has shape {values.shape}; it needs the axes ({', '.join(dims)}){meant}")
     data[name] = (dims, values)
 
 

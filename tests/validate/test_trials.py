@@ -183,6 +183,8 @@ def test_make_trials_says_what_does_not_fit():
         ((theta, draws[0], NAMES), "draws has shape"),
         ((theta, draws, ["a"]), "2 columns but 1 parameter names"),
         ((theta[:3], draws, NAMES), "do not fit together"),
+        ((theta, draws.swapaxes(0, 1), NAMES), r"look like \(draw, trial, parameter\): exchange their first"),
+        ((theta[:, 0], draws, NAMES), "of one parameter, give it a last axis of length 1"),
     ]:
         with pytest.raises(InputError, match=said):
             make_trials(*arguments)

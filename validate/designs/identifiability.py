@@ -61,7 +61,10 @@ def _captures(prepared: Prepared) -> list[Finding | NotChecked]:
     trials, population = prepared.importance
     missing = [name for name in NEEDED if name not in trials]
     if missing:
-        why = f"needs log_q, log_likelihood and log_prior at the draws; the trials lack {', '.join(missing)}"
+        why = (
+            "needs log_q, log_likelihood and log_prior at the draws (make_trials takes them by these names); "
+            f"the trials lack {', '.join(missing)}"
+        )
         return [NotChecked("identifiability.capture", why)]
     counted = min(trials.sizes["trial"], MOST_TRIALS)
     estimated, exact, khat = _widths(trials.isel(trial=slice(0, counted)))

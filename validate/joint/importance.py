@@ -86,7 +86,10 @@ def importance(prepared: Prepared) -> list[Finding | NotChecked]:
     trials, population = prepared.importance
     missing = [name for name in NEEDED if name not in trials]
     if missing:
-        why = f"needs log_q, log_likelihood and log_prior at the draws; the trials lack {', '.join(missing)}"
+        why = (
+            "needs log_q, log_likelihood and log_prior at the draws (make_trials takes them by these names); "
+            f"the trials lack {', '.join(missing)}"
+        )
         return [NotChecked(name, why) for name in IDS]
     counted = prepared.not_finite if population == "trials" else count_not_finite(trials)
     finite = counted.sum(axis=1) == 0

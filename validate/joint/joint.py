@@ -36,10 +36,11 @@ IDS = ("joint.likelihood", "joint.hpd", "joint.tarp", "joint.projections")
 STATISTICS = (likelihood, quantities, hpd, tarp, projections)
 NO_LIKELIHOOD = (
     "needs log_likelihood at the draws and log_likelihood_true at the truth, in the trials or in a group "
-    "joint beside them; the trials lack {}"
+    "joint beside them (make_trials takes both by these names); the trials lack {}"
 )
 NO_DENSITY = (
-    "needs the estimator's log density: log_q at the draws and log_q_true at the truth; the trials lack {}"
+    "needs the estimator's log density: log_q at the draws and log_q_true at the truth (make_trials takes "
+    "both by these names); the trials lack {}"
 )
 
 

@@ -57,7 +57,8 @@ def density(prepared: Prepared) -> list[Finding | NotChecked]:
     if n < LEAST_TRIALS:
         return [NotChecked(ID, f"{n} trial(s) with finite draws; at least {LEAST_TRIALS} are needed")]
     if "log_q" not in prepared.main:
-        return [NotChecked(ID, "needs the estimator's log density at the draws; the trials lack log_q")]
+        why = "needs the estimator's log density at the draws (make_trials takes it as log_q)"
+        return [NotChecked(ID, f"{why}; the trials lack log_q")]
     if "weight" in prepared.main:
         return [NotChecked(ID, "weighted draws: log_q is not the density of what the weights represent")]
     found = prepared.per_trial(ratios)

@@ -35,7 +35,7 @@ CHUNK = 1 << 22
 def lc2st(prepared: Prepared) -> list[Finding | NotChecked]:
     """Coverage gaps of the learned score within regions of the data's features, ranked."""
     if prepared.features is None:
-        why = "needs the data of each trial (variable x of the Trials), to say where in data space"
+        why = "needs the data of each trial (make_trials takes them as x), to say where in data space"
         return [NotChecked("lc2st.local", why)]
     n = len(prepared.trial)
     # The first stage only teaches; the others must make at least two regions.
