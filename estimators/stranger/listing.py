@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import pickletools
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from gaugeblock.estimators.stranger.opcodes import Machine
+from gaugeblock.estimators.stranger.wire import plain
 
 NOTE = "what loading would import and call, as far as can be read without loading; no proof of safety"
 # Nothing a stranger wrote decides how long this takes: opcodes and pickles of one file, its entries, names
@@ -21,6 +22,7 @@ NOTE = "what loading would import and call, as far as can be read without loadin
 OPCODES, PICKLES, ENTRIES, NAMES = 2_000_000, 64, 10_000, 500
 LONGEST = 1 << 28
 LINE = 1 << 16
+LONGEST_NAME = 200
 PICKLED = (".pkl", ".pickle", ".pck", ".pcl")
 
 # Modules, and names in modules, with which a program reaches out of itself.
@@ -124,14 +126,19 @@ def listing(path: Path) -> dict[str, Any]:
     return {
         "kind": kind,
         "pickles": found.pickles,
-        "imports": sorted(found.imports)[:NAMES],
-        "calls": sorted(found.calls)[:NAMES],
+        "imports": _shown(found.imports),
+        "calls": _shown(found.calls),
         "left_out": max(0, len(found.imports) - NAMES) + max(0, len(found.calls) - NAMES),
-        "notable": sorted(name for name in named if _notable(name))[:NAMES],
+        "notable": _shown(name for name in named if _notable(name)),
         "unresolved": found.unresolved,
-        "problems": found.problems[:20],
+        "problems": [plain(problem) for problem in found.problems[:20]],
         "note": NOTE,
     }
+
+
+def _shown(names: Iterable[str]) -> list[str]:
+    """Names that a stranger chose, as they may be printed."""
+    return sorted(plain(name, LONGEST_NAME) for name in sorted(names)[:NAMES])
 
 
 def _see(path: Path, name: str, found: _Found) -> str:
