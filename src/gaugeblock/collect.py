@@ -25,6 +25,7 @@ from gaugeblock.watch import Watch
 
 Progress = Callable[[str, int, int], None]
 Make = Callable[[range], xr.Dataset]
+WEIGHING = "importance sampling"
 
 
 def collect(
@@ -52,28 +53,46 @@ def collect(
     sampler = MainTrials(simulator, estimator, plan)
     main = _chunks("trials", plan.number, plan.chunk, work, progress, sampler, watch)
     plan = plan.at_most(main.sizes["trial"])
-    importance = None
-    number = plan.importance_number if _weighable(simulator, estimator) else 0
-    size = max(1, plan.chunk * plan.draws // plan.importance_draws)
-    weigh: Make | None = ImportanceTrials(simulator, estimator, plan, main) if number else None
+    importance, joint = None, None
     if untrusted(estimator):
-        drawn = None
-        if number:
-            draw = ImportanceDraws(simulator, estimator, plan, main)
-            drawn = _chunks("importance draws", number, size, work, progress, draw)
-        end_phase(estimator)
-        if has_density(estimator):
-            ask = DensityTrials(simulator, estimator, plan, main)
-            main = _chunks("densities", plan.number, plan.chunk, work, progress, ask)
-        weigh = None if drawn is None else WeighedDraws(simulator, estimator, plan, main, drawn)
-    if weigh is not None:
-        importance = _chunks("importance sampling", number, size, work, progress, weigh)
-    joint = None
+        main, importance = _in_phases(simulator, estimator, plan, main, work, progress)
+    elif plan.importance_number and _weighable(simulator, estimator):
+        weigh = ImportanceTrials(simulator, estimator, plan, main)
+        importance = _chunks(WEIGHING, plan.importance_number, _size(plan), work, progress, weigh)
     if plan.joint_number and can(simulator, "log_likelihood"):
         size = max(1, plan.chunk * plan.draws // plan.joint_draws)
         evaluate = JointTrials(simulator, estimator, plan, main)
         joint = _chunks("joint likelihood", plan.joint_number, size, work, progress, evaluate)
     return trials_tree(main, importance, joint=joint)
+
+
+def _in_phases(
+    simulator: Simulator,
+    estimator: Estimator,
+    plan: Plan,
+    main: xr.Dataset,
+    work: Path,
+    progress: Progress | None,
+) -> tuple[xr.Dataset, xr.Dataset | None]:
+    """The main trials and those for importance weights: the draws that lack, and only then densities."""
+    number = plan.importance_number if _weighable(simulator, estimator) else 0
+    importance = None
+    if number:
+        draw = ImportanceDraws(simulator, estimator, plan, main)
+        importance = _chunks("importance draws", number, _size(plan), work, progress, draw)
+    end_phase(estimator)
+    if has_density(estimator):
+        ask = DensityTrials(simulator, estimator, plan, main)
+        main = _chunks("densities", plan.number, plan.chunk, work, progress, ask)
+    if importance is not None:
+        weigh = WeighedDraws(simulator, estimator, plan, main, importance)
+        importance = _chunks(WEIGHING, number, _size(plan), work, progress, weigh)
+    return main, importance
+
+
+def _size(plan: Plan) -> int:
+    """Trials in a chunk of draws for importance weights."""
+    return max(1, plan.chunk * plan.draws // plan.importance_draws)
 
 
 def _weighable(simulator: Simulator, estimator: Estimator) -> bool:
