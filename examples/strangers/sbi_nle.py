@@ -1,0 +1,45 @@
+"""A likelihood or a likelihood ratio learned with sbi, and its posterior by MCMC; sbi_npe.py tells the model.
+
+python sbi_nle.py [--method nle|nre] [--simulations N] [--noise SD] [--out posterior.pkl]
+"""
+
+import argparse
+import pickle
+
+import numpy as np
+import torch
+from sbi.inference import NLE, NRE
+from torch.distributions import MultivariateNormal
+
+
+def simulate(number, noise, rng):
+    """Parameters from the prior, and data: intercept and slope at eight points in [-1, 1]."""
+    theta = rng.standard_normal((number, 2))
+    design = np.stack([np.ones(8), np.linspace(-1.0, 1.0, 8)], axis=1)
+    return theta, theta @ design.T + noise * rng.standard_normal((number, 8))
+
+
+parser = argparse.ArgumentParser()
+parser.add_argument("--method", choices=["nle", "nre"], default="nle")
+parser.add_argument("--simulations", type=int, default=5_000)
+parser.add_argument("--noise", type=float, default=0.5)
+parser.add_argument("--epochs", type=int, default=2**31 - 1)
+parser.add_argument("--seed", type=int, default=1)
+parser.add_argument("--out", default="posterior.pkl")
+arguments = parser.parse_args()
+
+torch.manual_seed(arguments.seed)
+theta, x = simulate(arguments.simulations, arguments.noise, np.random.default_rng(arguments.seed))
+theta, x = torch.as_tensor(theta, dtype=torch.float32), torch.as_tensor(x, dtype=torch.float32)
+
+prior = MultivariateNormal(torch.zeros(2), torch.eye(2))
+inference = NLE(prior=prior) if arguments.method == "nle" else NRE(prior=prior)
+inference.append_simulations(theta, x)
+inference.train(training_batch_size=500, learning_rate=2e-3, max_num_epochs=arguments.epochs)
+posterior = inference.build_posterior(
+    mcmc_method="slice_np_vectorized",
+    mcmc_parameters={"num_chains": 10, "warmup_steps": 20, "thin": 2},
+)
+
+with open(arguments.out, "wb") as handle:
+    pickle.dump(posterior, handle)

@@ -1,0 +1,99 @@
+"""Every block of docs/recipes.md runs, and ends as it says: trained by the library, audited end to end."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLES = ROOT / "examples" / "strangers"
+CODES = {"PASS": 0, "FAIL": 1, "INCONCLUSIVE": 3}
+# Heading of a recipe -> the environment that it needs; None: gaugeblock's own.
+NEEDS = {
+    "sbi": "sbi",
+    "sbi: NLE and NRE": "sbi",
+    "sbi 0.22": "sbi-0.22",
+    "zuko": "zuko",
+    "lampe": "lampe",
+    "flowjax": "flowjax",
+    "BayesFlow": "bayesflow",
+    "A Python file": None,
+    "Any program": None,
+}
+
+
+@dataclass(frozen=True)
+class Block:
+    """Commands, the heading they stand under, and the verdict they say they end with."""
+
+    heading: str
+    commands: str
+    verdict: str
+    slow: bool
+
+
+def blocks() -> Iterator[Block]:
+    text = (ROOT / "docs" / "recipes.md").read_text(encoding="utf-8")
+    for section in text.split("\n## ")[1:]:
+        heading = section.partition("\n")[0]
+        for mark, commands in re.findall(r"```(.*?)\n(.*?)```", section, re.DOTALL):
+            assert mark in ("sh", "sh slow"), f"{heading}: a block of {mark!r} that nothing runs"
+            verdict = re.search(r"^# (\w+)$", commands, re.MULTILINE)
+            assert verdict is not None, f"{heading}: a block that does not say how it ends"
+            yield Block(heading, commands, verdict[1], mark == "sh slow")
+
+
+def parameters() -> Iterator[Any]:
+    counts: dict[str, int] = {}
+    for block in blocks():
+        number = counts[block.heading] = counts.get(block.heading, 0) + 1
+        marks = [pytest.mark.slow] if block.slow else []
+        yield pytest.param(block, id=f"{block.heading}-{number}".replace(" ", "_"), marks=marks)
+
+
+@pytest.mark.parametrize("block", list(parameters()))
+def test_a_recipe_ends_as_it_says(
+    block: Block, environment: Callable[[str], Path], sandbox: Any, tmp_path: Path
+) -> None:
+    needed = NEEDS[block.heading]
+    own = Path(sys.prefix) if needed is None else environment(needed)
+    work = tmp_path / "strangers"
+    shutil.copytree(EXAMPLES, work, ignore=shutil.ignore_patterns("__pycache__"))
+    command = tmp_path / "bin" / "gaugeblock"
+    command.parent.mkdir()
+    command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m gaugeblock "$@"\n')
+    command.chmod(0o755)
+    done = subprocess.run(
+        ["sh", "-e", "-c", block.commands],
+        cwd=work,
+        env={**os.environ, "ENV": str(own), "PATH": f"{command.parent}{os.pathsep}{os.environ['PATH']}"},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=3000,
+    )
+    assert done.returncode == CODES[block.verdict], done.stdout + done.stderr[-3000:]
+    assert done.stdout.startswith(block.verdict)
+    verdict = json.loads((work / "gaugeblock-audit" / "verdict.json").read_text())
+    gates = {gate["id"]: gate for gate in verdict["gates"]}
+    assert gates["draws.finite"]["verdict"] == "PASS"
+    if block.verdict == "FAIL":
+        failed = {name.partition("[")[0] for name, gate in gates.items() if gate["verdict"] == "FAIL"}
+        assert failed & {"sbc.bias", "sbc.log_width", "coverage.central"}, failed
+
+
+def test_every_recipe_is_run_and_every_example_is_in_one() -> None:
+    found = list(blocks())
+    assert {block.heading for block in found} == set(NEEDS)
+    text = "".join(block.commands for block in found)
+    assert not [path.name for path in EXAMPLES.glob("*.py") if path.name not in text]
