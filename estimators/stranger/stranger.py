@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 from collections.abc import Callable, Mapping, Sequence
@@ -94,15 +95,15 @@ class Stranger:
             places = Places(self._material, inside=not trust)
             model = None if path is None else Path(path)
             if command is not None:
-                self._format, program = "command", own_program(places, command, model, python=python)
+                program = own_program(places, command, model, python=python)
             elif model is None:
                 raise InputError("estimator: give the stranger's file as path, or a command that answers")
             else:
-                self._format = format or detect(model)
+                chosen = format or detect(model)
                 program = python_program(
-                    places, model, self._format, python=python, builder=builder, options=options or {}
+                    places, model, chosen, python=python, builder=builder, options=options or {}
                 )
-            self._options = dict(options or {})
+            self._said = dict(program.said)
             copy = None if model is None else self._material.folder / "model" / model.name
             self._model = copy if copy is not None and copy.exists() else None
             self._launch = self._launched(program.words, program.show)
@@ -151,7 +152,7 @@ class Stranger:
     def sample(self, x: ArrayLike, n: int, rng: Rng) -> Array:
         """Draws of the stranger, ``(batch, n, parameter)``, in the simulator's parameters."""
         data = np.asarray(x)
-        seed = int(rng.integers(0, SEEDS, (len(data),))[0])
+        seed = _one_way(rng.integers(0, SEEDS, (len(data),)))
         _, arrays = self._child("draws").ask(
             {"request": "sample", "n": n, "seed": seed},
             {"x": data},
@@ -189,8 +190,7 @@ class Stranger:
         return {
             "estimator": "stranger",
             "sha256": dict(self._material.sha256),
-            "format": self._format,
-            "options": self._options,
+            **self._said,
             "claims": self._claims.describe(),
             "mapping": self._mapping.to_json(),
             "threads": self._limits.threads,
@@ -248,3 +248,11 @@ def build(simulator: Simulator, path: str | os.PathLike[str] | None = None, **op
         As `Stranger` does, and if there is no such option.
     """
     return call(Stranger, "estimator 'stranger'", path, simulator, **options)  # type: ignore[no-any-return]
+
+
+def _one_way(numbers: NDArray[np.int64]) -> int:
+    """A seed that does not lead back to the stream of the numbers, and so to the truths of the audit.
+
+    What a generator gives can be computed backwards; a hash cannot.
+    """
+    return int.from_bytes(hashlib.sha256(numbers.astype("<i8").tobytes()).digest()[:8], "big") % SEEDS
