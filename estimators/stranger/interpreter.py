@@ -37,9 +37,10 @@ def find_interpreter(path: str | os.PathLike[str]) -> Interpreter:
                 f"{path}: is a script that finds an interpreter; give the interpreter itself, as "
                 '`python -c "import sys; print(sys.executable)"` prints it'
             )
-    environment = next((hop for hop in _hops(start) if _is_environment(_prefix(hop))), None)
-    real = start.resolve()
-    folders = [_prefix(real)] if _has_library(_prefix(real)) else [real]
+    hops, real = _hops(start), start.resolve()
+    environment = next((hop for hop in hops if _is_environment(_prefix(hop))), None)
+    # Under every name that leads there: folders on the way may be links too.
+    folders = [_prefix(hop) for hop in [*hops, real] if _has_library(_prefix(hop))] or [real]
     if environment is not None:
         folders.insert(0, _prefix(environment))
         home = _home(_prefix(environment))

@@ -24,11 +24,12 @@ MODEL, PYTHON = "{model}", "{python}"
 class Program:
     """Words to run, and what has to be seen where: place -> path.
 
-    With `inside` the words name places in a sandbox, else the paths themselves.
+    `said` is how it was asked for, without the folders that files lie in: it is the same wherever that is.
     """
 
     words: tuple[str, ...]
     show: Mapping[str, Path]
+    said: Mapping[str, Any]
 
 
 class Places:
@@ -73,18 +74,22 @@ def python_program(
     if format not in formats():
         raise InputError(f"estimator.format = {format!r}: there are {', '.join(formats())}")
     interpreter = find_interpreter(python or sys.executable)
+    said: dict[str, Any] = {"format": format, "options": dict(options)}
     setting: dict[str, Any] = {"format": format, "path": places.of(path, "model"), "options": dict(options)}
     if builder is not None:
         file, colon, function = builder.rpartition(":")
         if not colon or not function.isidentifier():
             raise InputError(f"estimator.builder = {builder!r}: expected FILE.py:function")
+        said["builder"] = f"{Path(file).name}:{function}"
         setting["options"]["builder"] = f"{places.of(Path(file), 'builder')}:{function}"
     if isinstance(setting["options"].get("source"), str):
-        setting["options"]["source"] = places.of(Path(setting["options"]["source"]), "source")
+        source = Path(setting["options"]["source"])
+        said["options"]["source"] = source.name
+        setting["options"]["source"] = places.of(source, "source")
     server = f"{ROOT}/child" if places.inside else str(CHILD)
     seen = {f"{ROOT}/child": CHILD, **{str(folder): folder for folder in interpreter.folders}}
     words = (str(interpreter.executable), "-I", "-B", f"{server}/serve.py", _json(setting))
-    return Program(words=words, show={**places.show, **_outside_the_system(seen)})
+    return Program(words=words, show={**places.show, **_outside_the_system(seen)}, said=said)
 
 
 def own_program(
@@ -103,6 +108,7 @@ def own_program(
     words = shlex.split(command) if isinstance(command, str) else [str(word) for word in command]
     if not words:
         raise InputError("estimator.command is empty; give the program that answers, and its arguments")
+    said = list(words)
     show: dict[str, Path] = {}
     if PYTHON in words:
         interpreter = find_interpreter(python or sys.executable)
@@ -111,11 +117,13 @@ def own_program(
     known = set(show)
     place = next((i for i, word in enumerate(words) if _is_own(word, known)), None)
     if place is not None:
+        said[place] = Path(words[place]).name
         words[place] = places.of(Path(words[place]), "program")
     if path is not None:
         model = places.of(path, "model")
         words = [word.replace(MODEL, model) for word in words]
-    return Program(words=tuple(words), show={**places.show, **_outside_the_system(show)})
+    seen = {**places.show, **_outside_the_system(show)}
+    return Program(words=tuple(words), show=seen, said={"format": "command", "command": said})
 
 
 def _is_own(word: str, shown: Iterable[str]) -> bool:

@@ -179,3 +179,20 @@ def test_only_folders_of_an_interpreter_are_shown(tmp_path: Path) -> None:
         find_interpreter(script)
     with pytest.raises(InputError, match="is no Python interpreter"):
         find_interpreter(home / "bin" / "nothing")
+
+
+def test_an_installation_is_shown_under_every_name_that_leads_there(tmp_path: Path) -> None:
+    installation, latest = tmp_path / "python-3.11.9", tmp_path / "python-3.11"
+    (installation / "bin").mkdir(parents=True)
+    (installation / "bin" / "python3").write_bytes(Path(sys.executable).resolve().read_bytes())
+    (installation / "bin" / "python3").chmod(0o755)
+    (installation / "lib" / "python3.11").mkdir(parents=True)
+    (installation / "lib" / "python3.11" / "os.py").write_text("")
+    latest.symlink_to(installation)
+    environment = tmp_path / "environment"
+    (environment / "bin").mkdir(parents=True)
+    (environment / "pyvenv.cfg").write_text(f"home = {latest / 'bin'}\n")
+    (environment / "bin" / "python").symlink_to(latest / "bin" / "python3")
+    found = find_interpreter(environment / "bin" / "python")
+    assert found.executable == environment / "bin" / "python"
+    assert set(found.folders) == {environment, latest, installation}

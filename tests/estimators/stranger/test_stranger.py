@@ -171,9 +171,25 @@ def test_a_program_in_another_language_is_asked(sandbox: Any, simulator: Any, tm
         assert one.sample(X, 3, np.random.default_rng(1)).ravel().tolist() == [k / 10 for k in range(1, 13)]
         record = one.describe()  # type: ignore[attr-defined]
         assert record["claims"]["library"] == "perl"
+        assert record["command"] == ["answer.pl"]
         assert record["sha256"] == {"program": hashlib.sha256(PERL.encode()).hexdigest()}
     finally:
         one.close()  # type: ignore[attr-defined]
+
+
+def test_what_decides_the_bits_is_described_and_where_it_lies_is_not(
+    sandbox: Any, simulator: Any, tmp_path: Path, file: Any
+) -> None:
+    said = []
+    for folder, width in (("here", 1), ("there", 1), ("there", 2)):
+        path = tmp_path / folder / "theirs.py"
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(file().read_bytes())
+        one = Stranger(path, simulator, options={"width": width})
+        said.append(one.describe())
+        one.close()
+    assert said[0] == said[1] != said[2]
+    assert said[2]["options"] == {"width": 2}
 
 
 def test_a_command_can_name_model_and_interpreter(sandbox: Any, simulator: Any, file: Any) -> None:
