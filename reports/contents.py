@@ -18,24 +18,31 @@ def contents(record: object) -> list[str]:
     'Of 1 pickle in it: loading would import 1 name and call 1.'
     """
     table: Mapping[str, Any] = record if isinstance(record, Mapping) else {}
-    if not table.get("pickles") and not table.get("problems"):
+    amount = {key: _whole(table.get(key)) for key in ("pickles", "unresolved", "left_out")}
+    if not amount["pickles"] and not table.get("problems"):
         return []
     imports, calls, notable, problems = (
-        [str(item) for item in table.get(key) or []] for key in ("imports", "calls", "notable", "problems")
+        _names(table.get(key)) for key in ("imports", "calls", "notable", "problems")
     )
-    pickles = int(table.get("pickles") or 0)
     said = [
-        f"Of {count(pickles, 'pickle')} in it: loading would import {count(len(imports), 'name')} and call "
-        f"{len(calls):,}."
+        f"Of {count(amount['pickles'], 'pickle')} in it: loading would import {count(len(imports), 'name')} "
+        f"and call {len(calls):,}."
     ]
     if imports:
         said.append(f"Imported: {listed(imports, SHOWN)}.")
     if notable:
         said.append(f"With these a program reaches out of itself: {listed(notable, SHOWN)}.")
-    if table.get("unresolved"):
-        said.append(
-            f"{count(int(table['unresolved']), 'import')} with a name that is only made while loading."
-        )
-    if table.get("left_out"):
-        said.append(f"{int(table['left_out']):,} more names are left out.")
+    if amount["unresolved"]:
+        made = count(amount["unresolved"], "import")
+        said.append(f"{made} with a name that is only made while loading.")
+    if amount["left_out"]:
+        said.append(f"{amount['left_out']:,} more names are left out.")
     return said + [f"Not read to the end: {problem}." for problem in problems[:SHOWN]]
+
+
+def _names(value: object) -> list[str]:
+    return [str(item) for item in value] if isinstance(value, list) else []
+
+
+def _whole(value: object) -> int:
+    return value if isinstance(value, int) else 0

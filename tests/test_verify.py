@@ -43,6 +43,16 @@ def audited(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of an audit that takes no time."""
+    folder = tmp_path_factory.mktemp("tiny")
+    draws = np.random.default_rng(2).standard_normal((12, 5, 1))
+    write_trials(make_trials(np.zeros((12, 1)), draws, ["a"]), folder / "t.nc")
+    audit_trials(folder / "t.nc", folder / "out", policy=read_policy("default"), select=("draws",))
+    return folder / "out"
+
+
 @pytest.fixture
 def folder(audited: Path, tmp_path: Path) -> Path:
     """A copy to be edited."""
@@ -245,6 +255,29 @@ def test_a_record_that_cannot_be(folder: Path, change: Any, says: str) -> None:
     edited(folder / "verdict.json", lambda content: change(content["provenance"]))
     with pytest.raises(InputError, match=says):
         verify(folder)
+
+
+@pytest.mark.parametrize(
+    "name", ["sha256", "trials", "versions", "listing", "estimator", "confinement", "title"]
+)
+@pytest.mark.parametrize("value", [3, ["\x1b[31m"], {"pickles": "x", "imports": 1}, None])
+def test_a_record_that_somebody_made_up_is_different_and_no_more(
+    tiny: Path, tmp_path: Path, name: str, value: Any
+) -> None:
+    copy = Path(shutil.copytree(tiny, tmp_path / "copy"))
+    edited(copy / "verdict.json", lambda content: content["provenance"].update({name: value}))
+    done = CliRunner().invoke(app, ["verify", str(copy)])
+    assert done.exit_code == 1
+    assert "\x1b" not in done.stdout
+
+
+def test_a_model_card(folder: Path) -> None:
+    rewritten(
+        folder / "model_card.md",
+        "value: PASS" if "value: PASS" in (folder / "model_card.md").read_text() else "value: INCONCLUSIVE",
+        "value: GOOD",
+    )
+    assert "line 18 is" in only(folder, "model_card.md")
 
 
 def test_the_command(folder: Path, tmp_path: Path) -> None:

@@ -12,6 +12,11 @@ from gaugeblock.cli_options import Debug
 EXIT_CODES = "Exit codes: 0 the same, 1 different, 2 cannot be read."
 
 
+def _harmless(line: str) -> str:
+    """On one line, and without what would command a terminal: an audit's folder may be anybody's."""
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(line.split()))
+
+
 def verify(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a finished audit.")],
     trials: Annotated[
@@ -35,9 +40,9 @@ def verify(
 
     found = run(folder, trials=trials, trials_sha256=trials_sha256, tolerance=tolerance)
     for note in found.notes:
-        typer.echo(f"note: {note}")
+        typer.echo(_harmless(f"note: {note}"))
     for line in found.differences:
-        typer.echo(" ".join(line.split()))
+        typer.echo(_harmless(line))
     word = "DIFFERENT" if found.differences else "SAME"
     says = {
         "SAME": "findings, verdict and reports are what the trials, the policy and the seed give",

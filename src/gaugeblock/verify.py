@@ -95,7 +95,7 @@ def verify(
 
 def _nearness(record: Mapping[str, Any], tolerance: float | None) -> tuple[float, tuple[str, ...]]:
     """How near numbers must be, and what to say about it."""
-    there, here = dict(record.get("versions") or {}), versions()
+    there, here = _table(record, "versions"), versions()
     if there == here:
         near = tolerance or 0.0
         return near, ((f"numbers are compared to {near:g}",) if near else ())
@@ -119,7 +119,7 @@ def _derived(
     policy = make_policy(rules, source=f"{where}.policy")
     select = record.get("validators")
     if select is None:  # an audit from before this was recorded
-        select = watched(None) if dict(record.get("trials") or {}).get("anytime") else None
+        select = watched(None) if _table(record, "trials").get("anytime") else None
     elif not isinstance(select, list):
         raise InputError(f"{where}.validators is {select!r}; it must be a list of names")
     check_validators(select or ())
@@ -143,6 +143,12 @@ def _earlier(folder: Path) -> Mapping[str, Any] | None:
     return earlier
 
 
+def _table(record: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """A table of the record; an empty one where somebody put something else there."""
+    value = record.get(name)
+    return dict(value) if isinstance(value, Mapping) else {}
+
+
 def _seed(record: Mapping[str, Any], name: str, default: int) -> int:
     value = record.get(name, default)
     if not isinstance(value, int) or isinstance(value, bool) or value < 0:
@@ -152,7 +158,7 @@ def _seed(record: Mapping[str, Any], name: str, default: int) -> int:
 
 def _digests(record: Mapping[str, Any], found: str, kept: str | None) -> Iterator[str]:
     """Whether the trials are those that were audited."""
-    stated = dict(record.get("sha256") or {}).get("trials")
+    stated = _table(record, "sha256").get("trials")
     if stated != found:
         yield f"trials.nc: has sha256 {found}, verdict.json says {stated}"
     if kept is not None:
@@ -164,11 +170,11 @@ def _digests(record: Mapping[str, Any], found: str, kept: str | None) -> Iterato
 
 def _recorded(record: Mapping[str, Any], tree: xr.DataTree) -> Iterator[str]:
     """What the record says of itself and of the trials, and does not hold."""
-    stated = dict(record.get("sha256") or {})
+    stated = _table(record, "sha256")
     for name, value in digests(record).items():
         if stated.get(name) != value:
             yield f"sha256.{name} is {stated.get(name)}, should be {value}"
-    plan, sizes = dict(record.get("trials") or {}), main_trials(tree).sizes
+    plan, sizes = _table(record, "trials"), main_trials(tree).sizes
     said = {"used" if plan.get("anytime") else "number": "trial", "draws": "draw"}
     for name, axis in said.items():
         if name in plan and plan[name] != sizes[axis]:

@@ -1,0 +1,36 @@
+from dataclasses import replace
+
+from gaugeblock.reports import report_html
+from gaugeblock.reports.contents import contents
+
+LISTED = {
+    "kind": "pickle",
+    "pickles": 1,
+    "imports": ["numpy.dtype", "os.system"],
+    "calls": ["os.system"],
+    "notable": ["os.system"],
+    "unresolved": 2,
+    "left_out": 0,
+    "problems": ["m.pkl: not a whole pickle"],
+}
+
+
+def test_what_a_file_would_import_in_sentences():
+    assert contents(LISTED) == [
+        "Of 1 pickle in it: loading would import 2 names and call 1.",
+        "Imported: numpy.dtype and os.system.",
+        "With these a program reaches out of itself: os.system.",
+        "2 imports with a name that is only made while loading.",
+        "Not read to the end: m.pkl: not a whole pickle.",
+    ]
+    for nothing in (None, {}, 3, {"kind": "other", "pickles": 0}):
+        assert contents(nothing) == []
+
+
+def test_the_report_has_a_chapter_on_it(passing):
+    plain = report_html(passing.verdict, passing.findings, passing.trials, title="t")
+    assert "What is in the file" not in plain
+    verdict = replace(passing.verdict, provenance={"listing": {**LISTED, "imports": ["<script>"]}})
+    page = report_html(verdict, passing.findings, passing.trials, title="t")
+    assert "no proof of safety" in page
+    assert "Imported: &lt;script&gt;." in page
