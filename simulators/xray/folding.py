@@ -14,7 +14,8 @@ from gaugeblock.simulators.xray.expression import Node, build
 from gaugeblock.simulators.xray.forward import ForwardModel
 from gaugeblock.simulators.xray.integration import exact_flux
 from gaugeblock.simulators.xray.precision import double_precision
-from gaugeblock.simulators.xray.recorded.fold import Fold, recorded_fold
+from gaugeblock.simulators.xray.rate import Folding, Rate
+from gaugeblock.simulators.xray.recorded.fold import recorded_folding
 from gaugeblock.simulators.xray.response import Response
 
 Array = NDArray[np.float64]
@@ -30,17 +31,17 @@ def forward(assembly: Assembly, response: Response, *, integration: str = "jaxsp
     names = assembly.prior.names
     # Whoever asks first may be tracing: without this the constants would belong to that trace alone.
     with double_precision(), jax.ensure_compile_time_eval():
-        fold, live = _fold(assembly, response)
-        low, high = _photon_energies(assembly, response)[:, live]
+        folding = _folding(assembly, response)
+        low, high = _photon_energies(assembly, response)[:, folding.live]
         flux = photon_flux(assembly.tree, names, low, high, integration)
         source = _factors(assembly.factors, names, low, high)
-        area = _factors(assembly.areas, names, *response.energies.T[:, live])
+        area = _factors(assembly.areas, names, *response.energies.T[:, folding.live])
 
-        def rate(theta: Any) -> Any:
+        def photons(theta: Any) -> Any:
             factor = math.prod(_value(s, theta, names) for s in assembly.photon_gain if isinstance(s, str))
-            return fold(area(source(flux(theta, factor), theta, factor), theta, 1), theta)
+            return area(source(flux(theta, factor), theta, factor), theta, 1)
 
-    return ForwardModel(names, len(response.channels), rate, response.exposure)
+    return ForwardModel(names, len(response.channels), Rate(photons, folding), response.exposure)
 
 
 def _value(source: Source, theta: Any, names: Sequence[str]) -> Any:
@@ -96,17 +97,16 @@ def _factors(
     return multiply
 
 
-def _fold(assembly: Assembly, response: Response) -> tuple[Fold, NDArray[np.bool_]]:
-    """Pure JAX function ``(photon flux, theta)`` to counts per second in each channel.
+def _folding(assembly: Assembly, response: Response) -> Folding:
+    """From photon flux to counts per second in each channel.
 
-    The flux is that of the input bins that reach any channel at all, which are the second result: the rest,
-    more than a quarter for EPIC-pn, are never evaluated.
+    Input bins that reach no channel, more than a quarter for EPIC-pn, are never evaluated.
     """
     import jax.numpy as jnp
 
     if assembly.recorded:
-        return recorded_fold(response, assembly.recorded, assembly.prior)
+        return recorded_folding(response, assembly.recorded, assembly.prior)
     dense = response.with_exposure(1.0).transfer
     live = np.asarray(dense.any(axis=0))
     transfer = jnp.asarray(dense[:, live])
-    return (lambda flux, _: transfer @ flux), live
+    return Folding(lambda flux, _: transfer @ flux, live)

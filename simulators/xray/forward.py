@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.errors import InputError
+from gaugeblock.simulators.xray.held import HeldModel, HeldSpectrum
 from gaugeblock.simulators.xray.precision import double_precision
+from gaugeblock.simulators.xray.rate import Rate
 
 FLOOR = 1e-6
 """Smallest expected counts per channel; jaxspec's own, so that the two likelihoods agree."""
@@ -26,16 +28,18 @@ here on a spectrum's expected counts have the same bits whatever batch it comes 
 class Compiled:
     """A pure function of rows, jitted over batches that are padded to a few sizes and cut into chunks.
 
-    `function` maps one row of each argument, and one scalar that all rows share, to an array. Padding
-    repeats the last row, so nothing is evaluated that nobody asked about; only `SMALLEST`, eight
+    `function` maps one row of each argument, and numbers that all rows share, to an array. Padding
+    repeats the last row, so nothing is evaluated that nobody asked about; only `smallest`, eight
     times that and `chunk` are ever compiled: compiling takes longer than evaluating what is padded.
     """
 
-    def __init__(self, function: Callable[..., Any], rows: int, *, chunk: int = CHUNK):
+    def __init__(
+        self, function: Callable[..., Any], rows: int, *, chunk: int = CHUNK, smallest: int = SMALLEST
+    ):
         import jax
 
         self._chunk = chunk
-        self._sizes = (*(size for size in (SMALLEST, 8 * SMALLEST) if size < chunk), chunk)
+        self._sizes = (*(size for size in (smallest, 8 * smallest) if size < chunk), chunk)
         self._compiled = jax.jit(jax.vmap(function, in_axes=(*(0,) * rows, None)))
 
     @property
@@ -43,8 +47,8 @@ class Compiled:
         """How many batch shapes have been compiled so far."""
         return int(self._compiled._cache_size())
 
-    def __call__(self, shared: float, *rows: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Values for each row, stacked; at least one row."""
+    def __call__(self, shared: Any, *rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values for each row, stacked; at least one row. `shared` is a number, or a tree of arrays."""
         pieces = []
         with double_precision():
             for start in range(0, len(rows[0]), self._chunk):
@@ -52,7 +56,7 @@ class Compiled:
                 size = len(part[0])
                 padded = next(fixed for fixed in self._sizes if size <= fixed)
                 part = [np.concatenate([p, np.repeat(p[-1:], padded - size, axis=0)]) for p in part]
-                pieces.append(np.asarray(self._compiled(*part, np.float64(shared)))[:size])
+                pieces.append(np.asarray(self._compiled(*part, shared))[:size])
         return np.concatenate(pieces)
 
 
@@ -65,13 +69,13 @@ class ForwardModel:
         Names in theta, in order.
     channels : int
         Number of channels.
-    rate : callable
+    rate : Rate
         Pure JAX function, theta ``(parameter,)`` to counts per second ``(channel,)``.
     exposure : float
         Seconds.
     """
 
-    def __init__(self, parameters: Sequence[str], channels: int, rate: Callable[[Any], Any], exposure: float):
+    def __init__(self, parameters: Sequence[str], channels: int, rate: Rate, exposure: float):
         import jax
 
         self.parameters = tuple(parameters)
@@ -81,6 +85,7 @@ class ForwardModel:
         self._expected = Compiled(self._mean, 1)
         self._jacobian = Compiled(jax.jacfwd(self._mean), 1, chunk=128)
         self._log_likelihood = Compiled(self._log_probability, 2)
+        self._held: dict[int, HeldModel] = {}
 
     def _mean(self, theta: Any, exposure: Any) -> Any:
         import jax.numpy as jnp
@@ -99,6 +104,14 @@ class ForwardModel:
         other = copy.copy(self)
         other.exposure = seconds
         return other
+
+    def held(self, values: ArrayLike) -> HeldSpectrum:
+        """The model with its last parameters held at values ``(k,)``, whatever these are compiled once."""
+        tail = np.asarray(values, dtype=float)
+        own = len(self.parameters) - len(tail)
+        if own not in self._held:
+            self._held[own] = HeldModel(self._rate, self.parameters, own)
+        return HeldSpectrum(self._held[own], tail, self.exposure)
 
     def expected_jax(self, theta: Any) -> Any:
         """Expected counts ``(channel,)`` of one theta ``(parameter,)``; pure, to be transformed by JAX."""
@@ -128,7 +141,7 @@ class ForwardModel:
         shape = (*array.shape[:-1], self.channels)
         if not array.size:
             return np.empty(shape)
-        return self._expected(self.exposure, array.reshape(-1, array.shape[-1])).reshape(shape)
+        return self._expected(np.float64(self.exposure), array.reshape(-1, array.shape[-1])).reshape(shape)
 
     def jacobian(self, theta: ArrayLike) -> NDArray[np.float64]:
         """Derivative of the expected counts, ``(..., channel, parameter)``."""
@@ -136,7 +149,7 @@ class ForwardModel:
         shape = (*array.shape[:-1], self.channels, array.shape[-1])
         if not array.size:
             return np.empty(shape)
-        return self._jacobian(self.exposure, array.reshape(-1, array.shape[-1])).reshape(shape)
+        return self._jacobian(np.float64(self.exposure), array.reshape(-1, array.shape[-1])).reshape(shape)
 
     def log_likelihood(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
         """Log likelihood, broadcast over the leading axes of theta and x."""
@@ -156,4 +169,4 @@ class ForwardModel:
             return np.empty(shape)
         array = np.broadcast_to(array, (*shape, array.shape[-1])).reshape(-1, array.shape[-1])
         counts = np.broadcast_to(counts, (*shape, self.channels)).reshape(-1, self.channels)
-        return self._log_likelihood(self.exposure, array, counts).reshape(shape)
+        return self._log_likelihood(np.float64(self.exposure), array, counts).reshape(shape)

@@ -18,6 +18,7 @@ from gaugeblock.simulators.xray.effects import Assembly, extend
 from gaugeblock.simulators.xray.expression import parameter_names, parse
 from gaugeblock.simulators.xray.folding import forward
 from gaugeblock.simulators.xray.forward import ForwardModel
+from gaugeblock.simulators.xray.held import HeldSpectrum
 from gaugeblock.simulators.xray.integration import INTEGRATIONS
 from gaugeblock.simulators.xray.library import effect_library, not_in_library
 from gaugeblock.simulators.xray.response import Response
@@ -126,6 +127,13 @@ class XraySpectrum:
     def jacobian(self, theta: ArrayLike) -> NDArray[np.float64]:
         """Derivative of the expected counts by the parameters, ``(..., channel, parameter)``."""
         return self.forward.jacobian(theta)
+
+    def held(self, values: ArrayLike) -> HeldSpectrum:
+        """`expected` and `jacobian` of the first parameters, the last ones held at values ``(k,)`` for all.
+
+        Nothing is compiled again at other values, and what they decide is computed once for many spectra.
+        """
+        return self.forward.held(values)
 
     def expected_jax(self, theta: Any) -> Any:
         """Expected counts of one theta, traceable by JAX.

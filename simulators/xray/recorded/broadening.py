@@ -16,6 +16,9 @@ from gaugeblock.simulators.xray.response import Response
 
 Array = NDArray[np.float64]
 
+Fold = Callable[[Any, Mapping[str, Any]], Any]
+Matrix = Callable[[Mapping[str, Any]], Any]
+
 REACH = 8.0
 """Standard deviations beyond which nothing is carried."""
 
@@ -57,10 +60,11 @@ class Broadening:
 
         return change
 
-    def alone(self, edges: Array, dense: Array, members: Array) -> Callable[[Any, Mapping[str, Any]], Any]:
+    def alone(self, edges: Array, dense: Array, members: Array) -> tuple[Fold, Matrix]:
         """The change of a matrix ``(fine, bin)`` that is grouped at once: photon flux to counts per group.
 
-        The same as `prepare` between two matrices, which it is multiplied into, so that it costs little.
+        The same as `prepare` between two matrices, which it is multiplied into, so that it costs little. The
+        first result takes photon flux and parameters, the second parameters alone: it gives the matrix.
         """
         import jax.numpy as jnp
 
@@ -71,7 +75,10 @@ class Broadening:
         def fold(flux: Any, values: Mapping[str, Any]) -> Any:
             return plain @ flux + after @ (jnp.expm1(-values["variance"] * rates) * (before @ flux))
 
-        return fold
+        def matrix(values: Mapping[str, Any]) -> Any:
+            return plain + (after * jnp.expm1(-values["variance"] * rates)) @ before
+
+        return fold, matrix
 
 
 def _modes(edges: Array) -> tuple[Array, Array, Array]:

@@ -11,19 +11,15 @@ from numpy.typing import NDArray
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray.effects.assembly import Bound
 from gaugeblock.simulators.xray.gain import Gain, crossed
+from gaugeblock.simulators.xray.rate import Folding
 from gaugeblock.simulators.xray.recorded.background import Background, counted
 from gaugeblock.simulators.xray.recorded.broadening import Broadening
 from gaugeblock.simulators.xray.recorded.layout import layout, near, per_second
 from gaugeblock.simulators.xray.response import Response
 
-Fold = Callable[[Any, Any], Any]
-"""Pure JAX function ``(photon flux, theta)`` to counts per second in each channel."""
 
-
-def recorded_fold(
-    response: Response, recorded: Sequence[Bound], prior: Prior
-) -> tuple[Fold, NDArray[np.bool_]]:
-    """Fold with at least one operation; the flux is of the input bins that the second result names.
+def recorded_folding(response: Response, recorded: Sequence[Bound], prior: Prior) -> Folding:
+    """Folding with at least one operation.
 
     Only detector channels from which the operations can bring counts into the band are evaluated. Fixed
     affine operations are worked into a matrix, and cost nothing per spectrum.
@@ -31,8 +27,9 @@ def recorded_fold(
     import jax
     import jax.numpy as jnp
 
+    names = prior.names
     if all(isinstance(bound.what, Background) for bound in recorded):
-        return _background_fold(response, recorded, prior.names)
+        return _background_folding(response, recorded, names)
     places = layout(response)
     low, high = float(places.runs.min()), float(places.runs.max())
     for bound in reversed(recorded):
@@ -42,24 +39,35 @@ def recorded_fold(
     others = _others(response, recorded, places.order[rows])
     live = np.asarray(dense.any(axis=0) | (others > 0))
     dense, others = dense[:, live], others[live]
+    reads = tuple(s for bound in recorded for s in bound.sources.values() if isinstance(s, str))
     if len(recorded) == 1 and isinstance(recorded[0].what, Broadening) and recorded[0].free:
         edges, members = places.edges[rows.start : rows.stop + 1], places.members[:, rows].toarray()
-        broad, names = recorded[0].what.alone(edges, dense, members), prior.names
-        return (lambda flux, theta: broad(flux, recorded[0].values(theta, names))), live
-    group = _grouped(response, recorded, places, rows, prior.names)
-    if any(bound.free or not bound.what.affine for bound in recorded):
-        matrix = jnp.asarray(np.concatenate([dense, others[None]]))
-        return (lambda flux, theta: group(matrix @ flux, theta)), live
-    nothing = jnp.zeros(len(dense) + 1)
-    added = group(nothing, None)
+        broad, matrix = recorded[0].what.alone(edges, dense, members)
+        return Folding(
+            lambda flux, theta: broad(flux, recorded[0].values(theta, names)),
+            live,
+            lambda theta: (matrix(recorded[0].values(theta, names)), jnp.zeros(len(members))),
+            reads,
+        )
+    group = _grouped(response, recorded, places, rows, names)
     columns = jnp.asarray(np.concatenate([dense, others[None]]))
-    transfer = jax.vmap(lambda column: group(column, None) - added, in_axes=1, out_axes=1)(columns)
-    return (lambda flux, _: transfer @ flux + added), live
+
+    def transfer(theta: Any) -> tuple[Any, Any]:
+        # The compiler would spend minutes on what it can fold of constants this large.
+        given = jax.lax.optimization_barrier(columns)
+        added = group(jnp.zeros(len(columns)), theta)
+        made = jax.vmap(lambda column: group(column, theta) - added, in_axes=1, out_axes=1)(given)
+        return made, added
+
+    if all(bound.what.affine for bound in recorded):
+        if not reads:
+            matrix, added = transfer(None)
+            return Folding(lambda flux, _: matrix @ flux + added, live)
+        return Folding(lambda flux, theta: group(columns @ flux, theta), live, transfer, reads)
+    return Folding(lambda flux, theta: group(columns @ flux, theta), live)
 
 
-def _background_fold(
-    response: Response, recorded: Sequence[Bound], names: Sequence[str]
-) -> tuple[Fold, NDArray[np.bool_]]:
+def _background_folding(response: Response, recorded: Sequence[Bound], names: Sequence[str]) -> Folding:
     """Background alone moves no counts between channels: they are grouped as ever."""
     import jax.numpy as jnp
 
@@ -73,7 +81,7 @@ def _background_fold(
         added = sum(counted(low, high, **bound.values(theta, names)) for bound in recorded)
         return transfer @ flux + members @ added
 
-    return fold, live
+    return Folding(fold, live)
 
 
 def _others(response: Response, recorded: Sequence[Bound], rows: Any) -> NDArray[np.float64]:
@@ -86,7 +94,7 @@ def _others(response: Response, recorded: Sequence[Bound], rows: Any) -> NDArray
 
 def _grouped(
     response: Response, recorded: Sequence[Bound], places: Any, rows: slice, names: Sequence[str]
-) -> Fold:
+) -> Callable[[Any, Any], Any]:
     """Pure function ``(counts per second in the channels, then in all others; theta)`` to those per group."""
     import jax.numpy as jnp
 

@@ -1,0 +1,46 @@
+"""Parameters that many spectra share: held for all at once they give what each spectrum would give alone."""
+
+import numpy as np
+import pytest
+
+from gaugeblock.simulators import Effect, Uniform
+
+pytest.importorskip("jaxspec")
+from gaugeblock.simulators.xray import reference
+from gaugeblock.simulators.xray.held import CHUNK
+
+pytestmark = pytest.mark.usefixtures("xray_data")
+
+EFFECTS = {
+    "gain": (Effect("gain_slope", {"slope": Uniform(0.9, 1.1)}), [0.985]),
+    "area": (Effect("effective_area", {"energy": 2.0, "width": 0.3, "depth": Uniform(-0.5, 0.5)}), [0.1]),
+}
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_equals_the_whole_theta(name):
+    effect, values = EFFECTS[name]
+    plain = reference()
+    theta = plain.prior.sample(CHUNK + 3, np.random.default_rng(1))
+    extended = plain.with_effect(effect)
+    whole = np.concatenate([theta, np.broadcast_to(values, (len(theta), 1))], axis=1)
+    held = extended.held(values)
+    np.testing.assert_allclose(held.expected(theta), extended.expected(whole), rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(
+        held.jacobian(theta), extended.jacobian(whole)[..., :5], rtol=1e-7, atol=1e-9 * np.abs(whole).max()
+    )
+
+
+def test_other_values_and_exposures_compile_nothing_again():
+    effect, values = EFFECTS["gain"]
+    extended = reference().with_effect(effect)
+    theta = extended.prior.sample(40, np.random.default_rng(2))[:, :5]
+    first, second = extended.held(values), extended.held([1.02])
+    one, two = first.expected(theta), second.expected(theta)
+    assert first._model is second._model
+    assert first._model._expected.compilations == 1
+    # Going back gives the same numbers: no value is taken for another's.
+    np.testing.assert_array_equal(first.expected(theta), one)
+    assert np.abs(two / one - 1.0).max() > 0.01
+    longer = extended.with_exposure(2.0 * extended.exposure).held(values)
+    np.testing.assert_allclose(longer.expected(theta), 2.0 * one, rtol=1e-9, atol=2e-6)
