@@ -16,9 +16,9 @@ from gaugeblock.discover.many_decide import SharedDecision, decide_shared
 from gaugeblock.discover.name.catalogue import Group, search
 from gaugeblock.discover.name.catalogue import Search as SharedSearch
 from gaugeblock.discover.name.score import allowed
-from gaugeblock.discover.name.shared import Term
-from gaugeblock.discover.name.shared_profile import SharedAmplitude, profile_shared
-from gaugeblock.discover.search import LEVEL
+from gaugeblock.discover.name.shared import Shared, Term, share
+from gaugeblock.discover.name.shared_profile import SharedAmplitude, profile_models, profile_shared
+from gaugeblock.discover.search import BEHIND, LEVEL
 from gaugeblock.discover.shared_models import before, effect_model, random_models, smooth_model
 from gaugeblock.discover.single import Step
 from gaugeblock.discover.sources import Sources
@@ -28,6 +28,9 @@ Array = NDArray[np.float64]
 
 PROFILED = 5
 """Most candidates that are profiled in a round."""
+
+AT_LEAST = 3
+"""Candidates that are profiled however far behind they are."""
 
 RIVALS = 3
 """Most rivals whose held-out score is taken."""
@@ -45,6 +48,7 @@ class SharedProfile:
     term: Term
     template: int
     amplitude: SharedAmplitude
+    models: tuple[Shared, ...]
 
     @property
     def size(self) -> int:
@@ -115,13 +119,16 @@ def search_catalogue(
     models = {"before": before(fits)}
     names = [one.profiles[0] for one in rounds]
     terms = [one.term for one in names]
-    models[" + ".join(one.key for one in names)] = effect_model(
-        groups, fits, terms, np.array([one.amplitude.value for one in names]), "named"
-    )
-    for rival in rounds[-1].profiles[1 : RIVALS + 1]:
-        path = [*names[:-1], rival]
+    for place, last_one in enumerate(rounds[-1].profiles[: RIVALS + 1]):
+        path = [*names[:-1], last_one]
         models[" + ".join(one.key for one in path)] = effect_model(
-            groups, fits, [one.term for one in path], np.array([one.amplitude.value for one in path]), "rival"
+            groups,
+            fits,
+            [one.term for one in path],
+            np.array([one.amplitude.value for one in path]),
+            "rival" if place else "named",
+            # Of one effect alone everything is compiled and fitted.
+            known=(last_one.models, last_one.amplitude.fits) if len(path) == 1 else None,
         )
     smooth = smooth_model(groups, fits)
     if smooth is not None:
@@ -176,7 +183,7 @@ def _rounds(
     beside: list[Term] = []
     while len(rounds) < MOST and float(seen.p_global.min()) <= LEVEL:
         step(f"profiling shared effect {len(rounds) + 1}")
-        rounds.append(_profiled(seen, now, found, proposed[0], beside))
+        rounds.append(_profiled(seen, now, found, proposed[0]))
         best = rounds[-1].profiles[0]
         fixed = {best.term.entry.amplitude: best.amplitude.value, **best.term.values}
         now = [
@@ -198,7 +205,6 @@ def _profiled(
     groups: Sequence[Sources],
     fits: Sequence[Fit],
     proposed: Candidates,
-    beside: Sequence[Term],
 ) -> SharedRound:
     z = allowed(seen.stack.z, seen.sign)
     promise = {}
@@ -207,21 +213,29 @@ def _profiled(
         best = int(mine[np.argmax(z[mine])])
         promise[key] = (max(z[best], 0.0) ** 2 / 2.0 - len(entry.parameters), best)
     profiles = []
-    for key in sorted(promise, key=lambda one: -promise[one][0])[:PROFILED]:
+    for key in _promising({key: value for key, (value, _) in promise.items()}):
         entry, template = proposed.entries[key], promise[key][1]
         term = term_at(entry, entry.nodes[seen.node[template]])
         start = entry.neutral + float(seen.stack.amplitude[template])
         low, high = entry.parameters[entry.amplitude].support
         inside = np.clip(start, low + 0.02 * (high - low), high - 0.02 * (high - low))
-        phi = np.array([inside, *(one.entry.neutral for one in beside)])
-        profiles.append(
-            SharedProfile(key, term, template, profile_shared(groups, term, [], start=phi[:1], fits=fits))
-        )
+        phi = np.array([inside])
+        models = tuple(share(group.simulator, [term]) for group in groups)
+        found = profile_models(models, groups, start=phi, fits=fits)
+        profiles.append(SharedProfile(key, term, template, found, models))
     ranked = sorted(profiles, key=lambda one: -one.merit)
     compared = [_compare(ranked[0], one, seen) for one in ranked]
     return SharedRound(
         seen, tuple(ranked), tuple(lead for lead, _ in compared), tuple(value for _, value in compared)
     )
+
+
+def _promising(promise: Mapping[str, float]) -> list[str]:
+    """Effects by what their best template promises, but for those far behind the best."""
+    ranked = sorted(promise, key=lambda one: -promise[one])
+    most = promise[ranked[0]]
+    near = [one for one in ranked if promise[one] >= min(2.0 / 3.0 * most, most - BEHIND)]
+    return ranked[: min(max(AT_LEAST, len(near)), PROFILED)]
 
 
 def _compare(best: SharedProfile, rival: SharedProfile, seen: SharedSearch) -> tuple[float, float]:

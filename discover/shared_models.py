@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gaugeblock.discover.confirm.held_out_sources import Judge, Rows, SharedModel
 from gaugeblock.discover.fit import Fit, fit, select
 from gaugeblock.discover.name.score import projection
-from gaugeblock.discover.name.shared import Term, fit_held, share
+from gaugeblock.discover.name.shared import Shared, Term, fit_held, share
 from gaugeblock.discover.name.shared_profile import newton, shared_parts
 from gaugeblock.discover.name.shared_scores import join
 from gaugeblock.discover.name.unnamed import curves
@@ -33,18 +33,21 @@ def before(fits: Sequence[Fit]) -> SharedModel:
 
 
 def effect_model(
-    groups: Sequence[Sources], before: Sequence[Fit], terms: Sequence[Term], phi: Array, kind: str
+    groups: Sequence[Sources],
+    before: Sequence[Fit],
+    terms: Sequence[Term],
+    phi: Array,
+    kind: str,
+    *,
+    known: tuple[Sequence[Shared], Sequence[Fit]] | None = None,
 ) -> SharedModel:
     """Effects with shared amplitudes, learned by one Newton step from the whole catalogue's phi.
 
     The step uses the training sources alone; where it starts has no say in where it ends, but for the third
-    order of its length.
+    order of its length. `known` holds the simulators with these terms and the fits at phi, where there are
+    any.
     """
-    models = [share(group.simulator, terms) for group in groups]
-    fits = [
-        fit_held(model, group, phi, old.theta)
-        for model, group, old in zip(models, groups, before, strict=True)
-    ]
+    models, fits = known or _at(groups, before, terms, phi)
     parts = [
         shared_parts([model], [group], [found], phi)
         for model, group, found in zip(models, groups, fits, strict=True)
@@ -66,6 +69,16 @@ def effect_model(
         return judge
 
     return SharedModel(train, kind)
+
+
+def _at(
+    groups: Sequence[Sources], before: Sequence[Fit], terms: Sequence[Term], phi: Array
+) -> tuple[Sequence[Shared], Sequence[Fit]]:
+    models = [share(group.simulator, terms) for group in groups]
+    return models, [
+        fit_held(model, group, phi, old.theta)
+        for model, group, old in zip(models, groups, before, strict=True)
+    ]
 
 
 @dataclass(frozen=True, eq=False)

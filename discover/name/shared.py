@@ -95,8 +95,21 @@ class Shared:
 
     def expected(self, theta: Array, phi: Array, scale: Array, redshift: Array) -> Array:
         """Expected counts ``(source, channel)`` of theta under shared amplitudes."""
-        mean = np.asarray(self.simulator.expected(self.at(theta, phi, redshift)))
+        mean = (
+            self.once(phi).expected(theta)
+            if self.alike
+            else self.simulator.expected(self.at(theta, phi, redshift))
+        )
         return np.asarray(mean * scale[:, None])
+
+    @property
+    def alike(self) -> bool:
+        """Whether the effects are the same for all sources, and the simulator makes use of that."""
+        return can(self.simulator, "held") and not any(term.entry.energies for term in self.terms)
+
+    def once(self, phi: Array) -> Any:
+        """The simulator with what all sources share held at phi: its own `expected` and `jacobian`."""
+        return self.simulator.held(self.at(np.empty((1, 0)), phi, np.zeros(1))[0])
 
     def templates(self, theta: Array, phi: Array, scale: Array, redshift: Array) -> Array:
         """Change of the expected counts by unit of each amplitude around phi, ``(source, term, channel)``.
@@ -118,11 +131,16 @@ class Shared:
 
     def held(self, phi: Array) -> Any:
         """The simulator of a source's own parameters, the shared amplitudes held at phi."""
-        return Held(self, np.array(phi, dtype=float)) if self.terms else self.base
+        if not self.terms:
+            return self.base
+        values = np.array(phi, dtype=float)
+        return Held(self, values, self.once(values) if self.alike else None)
 
     def jacobian(self, theta: Array, phi: Array, scale: Array, redshift: Array) -> Array:
         """Derivative of the expected counts by sources' own parameters, ``(source, channel, parameter)``."""
         own, place = self.parameters, self.at(theta, phi, redshift)
+        if self.alike:
+            return np.asarray(self.once(phi).jacobian(theta)) * scale[:, None, None]
         if can(self.simulator, "jacobian"):
             return np.asarray(self.simulator.jacobian(place))[..., :own] * scale[:, None, None]
         columns = []
@@ -155,10 +173,14 @@ def free_parameters(term: Term) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """A simulator of the sources' own parameters, the shared amplitudes held."""
+    """A simulator of the sources' own parameters, the shared amplitudes held.
+
+    `inner` is the simulator's own of that kind, where it has one: much faster than folding every source.
+    """
 
     shared: Shared
     phi: Array
+    inner: Any = None
 
     @property
     def prior(self) -> Any:
@@ -167,12 +189,18 @@ class Held:
 
     def expected(self, theta: Any) -> Array:
         """Expected counts ``(n, channel)`` for the simulator's own exposure."""
+        if self.inner is not None:
+            return np.asarray(self.inner.expected(theta))
         return np.asarray(self.shared.simulator.expected(self._at(theta)))
 
     def __getattr__(self, name: str) -> Any:
+        if name != "jacobian":
+            raise AttributeError(name)
+        if self.inner is not None:
+            return self.inner.jacobian
         # Derivatives by many shared parameters too would cost more than differences by a source's own.
         simulator, own = self.shared.simulator, self.shared.parameters
-        if name == "jacobian" and can(simulator, "jacobian") and simulator.prior.size <= 2 * own:
+        if can(simulator, "jacobian") and simulator.prior.size <= 2 * own:
             return lambda theta: np.asarray(simulator.jacobian(self._at(theta)))[..., :own]
         raise AttributeError(name)
 

@@ -45,6 +45,8 @@ class SharedAmplitude:
     fits : tuple of Fit
         Fits at phi, one a group.
     converged : bool
+    at_edge : bool
+        Whether the amplitude stopped at the border of its prior.
     """
 
     value: float
@@ -55,6 +57,7 @@ class SharedAmplitude:
     gain: float
     fits: tuple[Fit, ...]
     converged: bool
+    at_edge: bool
 
     @property
     def z(self) -> float:
@@ -116,14 +119,15 @@ def profile_models(
     """`profile_shared` for simulators that have the shared effects already: the first term is the effect."""
     first = models[0]
     phi = first.neutral if start is None else np.array(start, dtype=float)
-    before = [None] * len(groups) if fits is None else [fit.theta for fit in fits]
-    bare = [
-        fit_held(model, sources, first.neutral, theta)
-        for model, sources, theta in zip(models, groups, before, strict=True)
-    ]
-    found = _refitted(models, groups, phi, bare, bare)
+    # Shared amplitudes at neutral change nothing: fits without them are the fits there.
+    bare = (
+        list(fits)
+        if fits is not None
+        else [fit_held(model, sources, first.neutral) for model, sources in zip(models, groups, strict=True)]
+    )
+    found = _refitted(models, groups, phi, bare)
     objective = _objective(found, phi, first)
-    converged, shorter = False, 1.0
+    converged, shorter, checked = False, 1.0, False
     for number in range(iterations + 1):
         scores = shared_parts(models, groups, found, phi)
         if not stack(_effect_first(scores), first.sd[1:]).information[0] + first.sd[0] ** -2.0 > 0:
@@ -135,9 +139,16 @@ def profile_models(
         # Near the border a step may leave the prior; the fit then stays there.
         moved = np.clip(phi + shorter * step, *_inside(first))
         converged = bool((np.abs(moved - phi) < CLOSE * error).all())
+        if converged and not checked and number < iterations:
+            # Two peaks of a source may trade places on the way: look from the fit without effect again.
+            again = _refitted(models, groups, phi, found, bare)
+            gained = objective - _objective(again, phi, first)
+            checked, found, objective = True, again, objective - gained
+            if gained > SLACK:
+                continue
         if converged or number == iterations:
             break
-        tried = _refitted(models, groups, moved, found, bare)
+        tried = _refitted(models, groups, moved, found)
         reached = _objective(tried, moved, first)
         # Templates are of finite size: past the peak a step may lead back and forth unless it is halved.
         if reached < objective + SLACK:
@@ -156,20 +167,17 @@ def profile_models(
         gain,
         tuple(found),
         converged,
+        _stopped(float(phi[0]), first),
     )
 
 
 def _refitted(
-    models: Sequence[Shared],
-    groups: Sequence[Sources],
-    phi: Array,
-    near: Sequence[Fit],
-    bare: Sequence[Fit],
+    models: Sequence[Shared], groups: Sequence[Sources], phi: Array, *starts: Sequence[Fit]
 ) -> list[Fit]:
-    """Fits at phi, from the fit nearby and from that without effect: two peaks may trade places."""
+    """Fits at phi, from fits nearby."""
     return [
-        fit_held(model, sources, phi, np.stack([one.theta, other.theta], axis=1))
-        for model, sources, one, other in zip(models, groups, near, bare, strict=True)
+        fit_held(model, sources, phi, np.stack([one[i].theta for one in starts], axis=1))
+        for i, (model, sources) in enumerate(zip(models, groups, strict=True))
     ]
 
 
@@ -212,6 +220,13 @@ def _inside(model: Shared) -> tuple[Array, Array]:
     low, high = model.bounds.T
     edge = np.minimum(np.abs(model.step), 0.1 * (high - low)) * 0.5
     return np.minimum(low + edge, model.neutral), np.maximum(high - edge, model.neutral)
+
+
+def _stopped(value: float, model: Shared) -> bool:
+    """Whether the first amplitude went as far as its prior lets it go; neutral is no end."""
+    low, high = (float(end[0]) for end in _inside(model))
+    tiny = 1e-9 * (high - low)
+    return value != float(model.neutral[0]) and not low + tiny < value < high - tiny
 
 
 def _objective(fits: Sequence[Fit], phi: Array, model: Shared) -> float:

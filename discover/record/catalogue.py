@@ -8,17 +8,39 @@ import numpy as np
 
 from gaugeblock.discover.discovery import Discovery
 from gaugeblock.discover.locate.frames import Frames, compare_frames
+from gaugeblock.discover.locate.quantiles import cumulative_counts
 from gaugeblock.discover.locate.stacking import stack_excess, stacking_bins
+from gaugeblock.discover.locate.windows import scan_windows
 from gaugeblock.discover.many import CatalogueSearch
 from gaugeblock.discover.record.catalogue_summary import catalogue_summary
-from gaugeblock.discover.record.catalogue_tree import catalogue_tree
+from gaugeblock.discover.record.catalogue_tree import Located, catalogue_tree
+from gaugeblock.discover.search import source_segments
 from gaugeblock.simulators.segments import segments
 
 
 def discovery_of(found: CatalogueSearch, *, rng: np.random.Generator, replicates: int) -> Discovery:
     """Summary and arrays of a catalogue's search."""
     frames = _frames(found, rng, replicates)
-    return Discovery(catalogue_summary(found, frames), catalogue_tree(found, frames))
+    located = locate(found, rng=rng.spawn(1)[0], replicates=replicates)
+    return Discovery(catalogue_summary(found, frames, located), catalogue_tree(found, frames, located))
+
+
+def locate(found: CatalogueSearch, *, rng: np.random.Generator, replicates: int) -> Located:
+    """Windows and cumulative counts of the first response's sources, added up channel by channel."""
+    sources, fitted = found.groups[0], found.fits[0]
+    parts = segments(sources.simulator, sources.counts.shape[1])
+    streams = rng.spawn(2)
+    told: dict[str, Any] = {
+        "segments": source_segments(sources),
+        "replicates": replicates,
+        "prior_precision": fitted.precision,
+    }
+    measured = (sources.counts, fitted.expected, fitted.jacobian)
+    edges = np.concatenate([part.edges for part in parts])
+    return Located(
+        scan_windows(*measured, edges, rng=streams[0], **told),
+        cumulative_counts(*measured, rng=streams[1], **told),
+    )
 
 
 def _frames(found: CatalogueSearch, rng: np.random.Generator, replicates: int) -> Frames | None:

@@ -10,11 +10,11 @@ from gaugeblock.discover.confirm.held_out import deviance
 from gaugeblock.discover.locate.frames import Frames
 from gaugeblock.discover.many import CatalogueSearch, SharedProfile
 from gaugeblock.discover.name.score import allowed
-from gaugeblock.discover.record.catalogue_tree import floor_and_errors, tested_template
-from gaugeblock.discover.record.summary import model_name, not_checked
+from gaugeblock.discover.record.catalogue_tree import Located, floor_and_errors, tested_template
+from gaugeblock.discover.record.summary import at_edge, held_out_path, model_name, not_checked, regions
 
 
-def catalogue_summary(found: CatalogueSearch, frames: Frames | None) -> dict[str, Any]:
+def catalogue_summary(found: CatalogueSearch, frames: Frames | None, located: Located) -> dict[str, Any]:
     """Plain data that a person or a program reads first."""
     decision, first = found.decision, found.first
     before, added = model_name(found.groups[0].simulator), found.decision.named_all
@@ -27,15 +27,17 @@ def catalogue_summary(found: CatalogueSearch, frames: Frames | None) -> dict[str
         "model_after": " with ".join([before, *([", ".join(added)] if added else [])]),
         "disagreement": {
             "p_global": float(first.p_global.min()),
+            "p_windows": located.windows.p_overall,
+            "p_quantiles": located.quantiles.p_global,
             "p_left": float(found.last.p_global.min()),
             "replicates": len(first.null.largest),
-            "regions": _regions(frames),
+            "regions": regions(located.windows),
         },
         "candidates": _candidates(found),
         "gap": _gap(found),
         "decoys": _decoys(found),
         "amplitude": _amplitudes(found),
-        "remarks": [decision.why],
+        "remarks": list(dict.fromkeys([decision.why, *_edges(found)])),
         "not_checked": not_checked(found.groups[0].simulator),
         "effects": {
             key: {"cause": e.cause, "typical": e.typical, "origin": e.origin, "units": dict(e.units)}
@@ -69,22 +71,6 @@ def _statement(frames: Frames | None) -> dict[str, Any]:
     return {"fixed_to": frames.fixed.name.lower(), "statement": frames.fixed.value}
 
 
-def _regions(frames: Frames | None) -> list[dict[str, Any]]:
-    """Bins of the detector's frame in which stacked residuals exceed four standard deviations."""
-    if frames is None:
-        return []
-    strong = np.flatnonzero(np.abs(np.nan_to_num(frames.detector)) > 4.0)
-    return [
-        {
-            "energy_lo_kev": float(frames.edges[i]),
-            "energy_hi_kev": float(frames.edges[i + 1]),
-            "z": float(frames.detector[i]),
-            "p_global": frames.p_detector,
-        }
-        for i in strong
-    ]
-
-
 def _candidates(found: CatalogueSearch) -> list[dict[str, Any]]:
     profiles = {one.key: one for one in found.rounds[0].profiles} if found.rounds else {}
     rows = [_candidate(key, found, profiles.get(key)) for key in found.candidates[0].entries]
@@ -100,7 +86,8 @@ def _candidate(key: str, found: CatalogueSearch, profiled: SharedProfile | None)
     values[entry.amplitude] = entry.neutral + float(first.stack.amplitude[best])
     if profiled is not None:
         values[entry.amplitude] = profiled.amplitude.value
-    held = scored.total(key) if scored is not None and key in scored.names else (None, None)
+    path = None if scored is None else held_out_path(key, scored.names)
+    held = (None, None) if scored is None or path is None else scored.total(path)
     return {
         "effect": key,
         "parameters": values,
@@ -114,8 +101,17 @@ def _candidate(key: str, found: CatalogueSearch, profiled: SharedProfile | None)
         "unit": entry.units.get(entry.amplitude, ""),
         "held_out": held[0],
         "held_out_error": held[1],
+        "held_out_model": path,
         "in_set": key in found.decision.indistinguishable,
     }
+
+
+def _edges(found: CatalogueSearch) -> list[str]:
+    """What to say of amplitudes that their priors stopped."""
+    if not found.decision.named_all:
+        return []
+    best = [one.profiles[0] for one in found.rounds]
+    return [at_edge(one.key, one.term.entry.amplitude) for one in best if one.amplitude.at_edge]
 
 
 def _gap(found: CatalogueSearch) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,11 +10,13 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gaugeblock.discover.locate.frames import Frames
+from gaugeblock.discover.locate.quantiles import CumulativeCounts
+from gaugeblock.discover.locate.windows import WindowScan
 from gaugeblock.discover.many import CatalogueSearch
 from gaugeblock.discover.name.floor import reach
 from gaugeblock.discover.name.influence import influence
 from gaugeblock.discover.name.score import allowed
-from gaugeblock.simulators.segments import segments
+from gaugeblock.discover.record.tree import axis, quantiles, residual, windows
 
 Array = NDArray[np.float64]
 
@@ -39,9 +42,23 @@ def floor_and_errors(found: CatalogueSearch) -> tuple[Array, float]:
     return errors, float(floor)
 
 
-def catalogue_tree(found: CatalogueSearch, frames: Frames | None) -> xr.DataTree:
+@dataclass(frozen=True, eq=False)
+class Located:
+    """Where the sources of the first response, added up channel by channel, disagree with their models."""
+
+    windows: WindowScan
+    quantiles: CumulativeCounts
+
+
+def catalogue_tree(found: CatalogueSearch, frames: Frames | None, located: Located) -> xr.DataTree:
     """Everything that the figures of a catalogue's discovery draw."""
-    groups: dict[str, xr.Dataset] = {"spectrum": _spectrum(found), "candidates": _alike(found)}
+    places = axis(found.groups[0])
+    groups: dict[str, xr.Dataset] = {
+        "spectrum": _spectrum(found),
+        "windows": windows(located.windows, places),
+        "quantiles": quantiles(located.quantiles, places),
+        "candidates": _alike(found),
+    }
     values: dict[str, Any] = {}
     attributes: dict[str, Any] = {}
     if frames is not None:
@@ -82,24 +99,16 @@ def catalogue_tree(found: CatalogueSearch, frames: Frames | None) -> xr.DataTree
 def _spectrum(found: CatalogueSearch) -> xr.Dataset:
     """Counts of all sources of the first response, added up, and what the models expect of them."""
     group, before = found.groups[0], found.fits[0]
-    parts = segments(group.simulator, group.counts.shape[1])
-    edges = np.concatenate([part.edges for part in parts])
-    counts, mean = group.counts.sum(axis=0), before.expected.sum(axis=0)
     values: dict[str, Any] = {
-        "counts": ("channel", counts),
-        "before": ("channel", mean),
-        "residual_before": ("channel", (counts - mean) / np.sqrt(np.maximum(mean, 1.0))),
-        "energy_lo": ("channel", edges.min(axis=1)),
-        "energy_hi": ("channel", edges.max(axis=1)),
+        "counts": ("channel", group.counts.sum(axis=0)),
+        "before": ("channel", before.expected.sum(axis=0)),
+        "residual_before": ("channel", residual(group.counts, before)),
     }
-    for name in ("name", "unit", "role"):
-        text = np.concatenate([np.full(part.stop - part.start, getattr(part, name)) for part in parts])
-        values["segment" if name == "name" else name] = ("channel", text)
     if found.decision.named_all:
-        after = found.rounds[-1].profiles[0].amplitude.fits[0].expected.sum(axis=0)
-        values["after"] = ("channel", after)
-        values["residual_after"] = ("channel", (counts - after) / np.sqrt(np.maximum(after, 1.0)))
-    return xr.Dataset(values)
+        after = found.rounds[-1].profiles[0].amplitude.fits[0]
+        values["after"] = ("channel", after.expected.sum(axis=0))
+        values["residual_after"] = ("channel", residual(group.counts, after))
+    return xr.Dataset(values | axis(group))
 
 
 def _alike(found: CatalogueSearch) -> xr.Dataset:

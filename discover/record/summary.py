@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from gaugeblock.discover.confirm.amplitude import Amplitude
 from gaugeblock.discover.confirm.held_out import deviance
+from gaugeblock.discover.locate.windows import WindowScan
 from gaugeblock.discover.name.profile import Profile
 from gaugeblock.discover.search import Look
 from gaugeblock.discover.single import Search
@@ -30,7 +32,7 @@ def summary(search: Search) -> dict[str, Any]:
         "gap": gap(search),
         "decoys": decoys(search),
         "amplitude": [amplitude(one) for one in search.amplitudes] if added else [],
-        "remarks": [decision.why],
+        "remarks": list(dict.fromkeys([decision.why, *_edges(search)])),
         "not_checked": not_checked(simulator),
         "effects": {
             key: {
@@ -75,19 +77,24 @@ def disagreement(search: Search) -> dict[str, Any]:
         "p_quantiles": search.quantiles.p_global,
         "p_left": search.last.p_global,
         "replicates": len(first.null.largest),
-        "regions": [
-            {
-                "energy_lo_kev": float(low),
-                "energy_hi_kev": float(high),
-                "z": float(z),
-                "p_global": float(p),
-                "excess": float(excess),
-            }
-            for low, high, z, p, excess in zip(
-                windows.low, windows.high, windows.z, windows.p_global, windows.excess, strict=True
-            )
-        ],
+        "regions": regions(windows),
     }
+
+
+def regions(windows: WindowScan) -> list[dict[str, Any]]:
+    """The windows that stand out."""
+    return [
+        {
+            "energy_lo_kev": float(low),
+            "energy_hi_kev": float(high),
+            "z": float(z),
+            "p_global": float(p),
+            "excess": float(excess),
+        }
+        for low, high, z, p, excess in zip(
+            windows.low, windows.high, windows.z, windows.p_global, windows.excess, strict=True
+        )
+    ]
 
 
 def candidate_table(search: Search) -> list[dict[str, Any]]:
@@ -103,7 +110,7 @@ def _candidate(key: str, look: Look, found: Profile | None, search: Search) -> d
     values = dict(zip(entry.parameters, map(float, entry.nodes[look.templates.node[best]]), strict=True))
     values[entry.amplitude] = entry.neutral + float(look.scores.amplitude[0, best])
     scored = search.held_out
-    held = scored is not None and key in scored.names
+    path = None if scored is None else held_out_path(key, scored.names)
     return {
         "effect": key,
         "parameters": found.values if found is not None else values,
@@ -114,12 +121,55 @@ def _candidate(key: str, look: Look, found: Profile | None, search: Search) -> d
         "gain": None if found is None else found.gain,
         "amplitude": entry.amplitude,
         "unit": entry.units.get(entry.amplitude, ""),
-        "held_out": scored.gain(key) if held and scored is not None else None,
-        "held_out_error": float(scored.spread[scored.names.index(key)])
-        if held and scored is not None
-        else None,
+        "held_out": None if scored is None or path is None else scored.gain(path),
+        "held_out_error": None
+        if scored is None or path is None
+        else float(scored.spread[scored.names.index(path)]),
+        "held_out_model": path,
         "in_set": key in search.decision.indistinguishable,
     }
+
+
+def held_out_path(key: str, names: Sequence[str]) -> str | None:
+    """The model whose held-out score tells most of an effect: alone, else the first of those that end in it.
+
+    After several rounds only whole paths were scored; the first one listed is the best.
+
+    >>> held_out_path("edge", ["before", "gain_slope + edge", "gain_slope + line"])
+    'gain_slope + edge'
+    """
+    paths = [name for name in names if key in name.split(" + ")]
+    return min(paths, key=lambda name: (name != key, name.split(" + ")[-1] != key), default=None)
+
+
+def at_edge(effect: str, parameter: str) -> str:
+    """What to say of an amplitude that its prior stopped."""
+    return (
+        f"the {parameter} of {effect} stands at the edge of its prior: the effect may be larger than that, "
+        "or another one stands behind it"
+    )
+
+
+EDGE_SHARE = 0.01
+"""Share of a prior's range within which a value is at its edge."""
+
+
+def _edges(search: Search) -> list[str]:
+    """Remarks on amplitudes of the named effects at the edge of their priors."""
+    if not search.decision.named_all:
+        return []
+    best, made = search.rounds[-1].best, []
+    at = int(search.sources.simulator.prior.size)
+    for key in best.path:
+        entry = search.candidates.entries[key]
+        value = float(best.fit.theta[0, at + list(entry.parameters).index(entry.amplitude)])
+        low, high = entry.parameters[entry.amplitude].support
+        room = EDGE_SHARE * (high - low)
+        # One-sided effects begin at an edge: neutral is none to speak of.
+        if any(abs(value - end) < room and end != entry.neutral for end in (low, high)):
+            made.append(at_edge(key, entry.amplitude))
+        at += len(entry.parameters)
+    return made
 
 
 def gap(search: Search) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,12 @@ from numpy.typing import NDArray
 
 from gaugeblock.discover.fit import Fit
 from gaugeblock.discover.locate.fitted import FittedCounts
+from gaugeblock.discover.locate.quantiles import CumulativeCounts
 from gaugeblock.discover.locate.residuals import channel_scores
+from gaugeblock.discover.locate.windows import WindowScan
 from gaugeblock.discover.search import Look
 from gaugeblock.discover.single import Search
+from gaugeblock.discover.sources import Sources
 from gaugeblock.simulators.segments import segments
 
 Array = NDArray[np.float64]
@@ -20,10 +24,11 @@ Array = NDArray[np.float64]
 
 def tree(search: Search) -> xr.DataTree:
     """Everything that the figures of a discovery draw."""
+    names = axis(search.sources)
     groups: dict[str, xr.Dataset] = {
         "spectrum": spectrum(search),
-        "windows": windows(search),
-        "quantiles": quantiles(search),
+        "windows": windows(search.first.windows, names),
+        "quantiles": quantiles(search.quantiles, names),
         "candidates": alike(search.first),
         "scan": scan(search.first),
     }
@@ -32,14 +37,14 @@ def tree(search: Search) -> xr.DataTree:
     if search.correction is not None:
         one = search.correction
         groups["shape"] = xr.Dataset(
-            {name: ("channel", getattr(one, name)) for name in ("factor", "low", "high")} | axis(search)
+            {name: ("channel", getattr(one, name)) for name in ("factor", "low", "high")} | names
         )
     return xr.DataTree.from_dict(groups)
 
 
-def axis(search: Search) -> dict[str, Any]:
+def axis(sources: Sources) -> dict[str, Any]:
     """Energies and the segment of every channel."""
-    parts = segments(search.sources.simulator, search.sources.counts.shape[1])
+    parts = segments(sources.simulator, sources.counts.shape[1])
     edges = np.concatenate([part.edges for part in parts])
 
     def text(name: str) -> NDArray[np.str_]:
@@ -66,19 +71,18 @@ def spectrum(search: Search) -> xr.Dataset:
         after = search.rounds[-1].best.fit
         values["after"] = ("channel", after.expected[0])
         values["residual_after"] = ("channel", residual(counts, after))
-    return xr.Dataset(values | axis(search))
+    return xr.Dataset(values | axis(search.sources))
 
 
 def residual(counts: Array, fitted: Fit) -> Array:
-    """z of every channel, corrected for the fitted parameters, ``(channel,)``."""
+    """z of every channel summed over sources, corrected for their fitted parameters, ``(channel,)``."""
     return channel_scores(
-        FittedCounts.of(counts[0], fitted.expected[0], fitted.jacobian[0], prior_precision=fitted.precision)
+        FittedCounts.of(counts, fitted.expected, fitted.jacobian, prior_precision=fitted.precision)
     )
 
 
-def windows(search: Search) -> xr.Dataset:
-    """The windows that stand out, and the strongest of all windows at every channel."""
-    found, names = search.first.windows, axis(search)
+def windows(found: WindowScan, names: Mapping[str, Any]) -> xr.Dataset:
+    """The windows that stand out, and the strongest of all windows at every channel; `names` from `axis`."""
     first = np.asarray(found.start, dtype=int)
     return xr.Dataset(
         {
@@ -100,12 +104,11 @@ def windows(search: Search) -> xr.Dataset:
     )
 
 
-def quantiles(search: Search) -> xr.Dataset:
-    """The cumulative counts with their band."""
-    curve = search.quantiles
+def quantiles(curve: CumulativeCounts, names: Mapping[str, Any]) -> xr.Dataset:
+    """The cumulative counts with their band; `names` from `axis`."""
     return xr.Dataset(
         {name: ("channel", getattr(curve, name)) for name in ("expected", "difference", "low", "high")}
-        | axis(search),
+        | dict(names),
         attrs={"p_global": curve.p_global},
     )
 

@@ -18,9 +18,11 @@ The summary (discovery.json)
         "amplitude": {"effect", "parameter", "value", "interval": [lo, hi], "level", "unit", "neutral",
                       "held_out": bool, "beside_nuisances": {"value", "interval", "nuisances": [text]}}
                                                     of the first named effect; a list of such for several
-        "candidates": [{..., "held_out", "held_out_error", "in_set": bool, "amplitude",
+        "candidates": [{..., "held_out", "held_out_error", "held_out_model", "in_set": bool, "amplitude",
                         "amplitude_interval": [lo, hi], "unit", "z_orthogonal", "z_marginal", "cause"}]
-                                                    held_out: gain in log score over the model before, nats
+                                                    held_out: gain in log score over the model before, nats,
+                                                    of held_out_model: after several rounds effects are
+                                                    scored together with those found before
         "decoys": [{"name", "kind", "held_out", "held_out_error", "deviance"}]
         "gap": {"held_out": {..., "before_error", "after_error"},
                 "delta_log_evidence": {"value", "error", "sensitivity": [{"prior", "value"}]}}

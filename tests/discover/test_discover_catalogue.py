@@ -1,9 +1,13 @@
 """The workflow on many sources that share an instrument."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from gaugeblock.discover import Sources, discover_catalogue
+from gaugeblock.discover.record.summary import held_out_path
+from gaugeblock.simulators import Uniform
 from gaugeblock.simulators.effects import Effect
 
 
@@ -56,3 +60,43 @@ def test_the_same_seed_gives_the_same_answer(power_law, dip):
         [catalogue(power_law, Effect("dip", {"energy": 1.7, "depth": -0.12}))], replicates=199
     )
     assert again.summary == dip.summary
+
+
+def test_where_the_summed_sources_disagree(dip):
+    windows, quantiles = dip.tree["windows"], dip.tree["quantiles"]
+    first = dip.summary["disagreement"]["regions"][0]
+    assert first["energy_lo_kev"] < 1.7 < first["energy_hi_kev"]
+    assert first["z"] < -5
+    assert windows.attrs["p_global"] == dip.summary["disagreement"]["p_windows"] <= 0.01
+    assert windows["strongest"].shape == quantiles["difference"].shape == (60,)
+
+
+def test_residuals_know_that_sources_were_fitted(dip):
+    # Sixty fits of two parameters take more than a channel's share each: Pearson's z would be too narrow.
+    after = dip.tree["spectrum"]["residual_after"].values
+    assert 0.6 < np.sqrt(np.mean(after**2)) < 1.4
+    assert np.abs(dip.tree["spectrum"]["residual_before"].values).max() > 5
+
+
+def test_candidates_say_what_model_their_held_out_score_is_of(dip):
+    best = dip.candidate("dip")
+    # The dip lies between two scanned energies, and takes two of them: only pairs were scored.
+    assert best["held_out_model"] == "dip + dip"
+    assert dip.candidate("edge")["held_out_model"] == "dip + edge"
+    assert best["held_out"] > 0
+    assert held_out_path("dip", ["before", "line + dip", "edge", "dip"]) == "dip"
+    assert held_out_path("dip", ["before", "dip + line", "line + dip"]) == "line + dip"
+    assert held_out_path("dip", ["before", "edge"]) is None
+
+
+def test_an_amplitude_at_the_edge_of_its_prior_is_said(power_law):
+    narrow = power_law().effect_library(np.array([[1000.0, 2.0]]))["dip"]
+    narrow = replace(narrow, parameters={**narrow.parameters, "depth": Uniform(-0.06, 0.06)}, step=0.02)
+    sources = catalogue(power_law, Effect("dip", {"energy": 1.7, "depth": -0.12}))
+    found = discover_catalogue([sources], effects={"dip": narrow}, only=("dip",), replicates=99)
+    assert found.named == "dip"
+    assert any("edge of its prior" in remark for remark in found.summary["remarks"])
+
+
+def test_an_amplitude_inside_its_prior_is_not_remarked_on(dip):
+    assert not any("edge of its prior" in remark for remark in dip.summary["remarks"])
