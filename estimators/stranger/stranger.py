@@ -93,7 +93,7 @@ class Stranger:
         self._peaks: dict[str, dict[str, float]] = {}
         try:
             places = Places(self._material, inside=not trust)
-            model = None if path is None else Path(path)
+            model = None if path is None else Path(os.path.abspath(path))
             if command is not None:
                 program = own_program(places, command, model, python=python)
             elif model is None:
