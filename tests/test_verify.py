@@ -13,7 +13,6 @@ from typer.testing import CliRunner
 
 from gaugeblock.audit import audit_objects, audit_trials, judge_again
 from gaugeblock.cli import app
-from gaugeblock.compare import NEAR, plain_differences, text_differences
 from gaugeblock.config import TrialsTable
 from gaugeblock.errors import InputError
 from gaugeblock.estimators.exact import Exact
@@ -294,26 +293,3 @@ def test_the_command(folder: Path, tmp_path: Path) -> None:
     assert "64 hexadecimal digits" in str(bad.exception)
     (folder / "trials.nc").write_bytes(b"no")
     assert isinstance(runner.invoke(app, ["verify", str(folder)]).exception, InputError)
-
-
-def test_comparing_plain_data() -> None:
-    assert list(plain_differences([1, 2], [1])) == [" has 2 entries, should have 1"]
-    assert list(plain_differences({"a": 1}, {"a": True})) == ["a is 1, should be True"]
-    assert list(plain_differences({"a": None, "c": 1}, {"a": 0, "b": 1})) == [
-        "a is None, should be 0",
-        "b is missing",
-        "c should not be there",
-    ]
-    ids = [{"id": "a"}, {"id": "b"}]
-    assert list(plain_differences({"x": ids}, {"x": ids[::-1]})) == ["x is in another order"]
-
-
-def test_comparing_texts() -> None:
-    assert list(text_differences(b"a 1.25\n", b"a 1.26\n", near=NEAR)) == []
-    assert list(text_differences(b"a 1.25\n", b"a 1.27\n", near=NEAR)) == [
-        "line 1 is 'a 1.25', should be 'a 1.27'"
-    ]
-    assert list(text_differences(b"12 gates\n", b"13 gates\n", near=NEAR)) != []
-    assert list(text_differences(b"a\r\n", b"a\n")) != []
-    assert list(text_differences(b"a\nb\nc\n", b"a\nc\n")) == ["line 2: 'b' should not be there"]
-    assert list(text_differences(b"a\nc\nd\n", b"a\nX\n")) == ["line 2 is 'c', should be 'X'"]
