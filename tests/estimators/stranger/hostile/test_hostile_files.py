@@ -33,7 +33,7 @@ def folder(tmp_path: Path) -> Path:
     ("name", "make"),
     [
         ("link", lambda path: path.symlink_to("/etc/shadow")),
-        ("link-to-folder", lambda path: path.symlink_to("/root")),
+        ("link-to-folder", lambda path: path.symlink_to(Path.home())),
         ("loop", lambda path: path.symlink_to(path)),
         ("broken", lambda path: path.symlink_to("/none")),
         ("pipe", os.mkfifo),

@@ -32,7 +32,7 @@ NOTHING = "could not answer sample: RuntimeError: nothing that is not mine is to
 def test_files_of_the_machine_are_not_there(attack: Callable[..., Any], place: Any, tmp_path: Path) -> None:
     beside = tmp_path / "beside.txt"
     beside.write_text("next to the model")
-    places = ["/etc/shadow", "/etc/hostname", "/etc/machine-id", "/etc/resolv.conf", "/root", "/home", "/var",
+    places = ["/etc/shadow", "/etc/hostname", "/etc/machine-id", "/etc/resolv.conf", str(Path.home()), "/home", "/var",
               "/sys", "/run", "/dev/sda", "/dev/mem", "/dev/kmsg", "/dev/fuse", "/proc/kcore", "/proc/kmsg",
               str(Path.home() / ".ssh"), str(Path.home() / ".bash_history"),
               str(place.canary), str(beside), str(tmp_path), os.getcwd(), __file__]  # fmt: skip
@@ -74,15 +74,15 @@ def sample(x, n, seed):
         got.append("environment")
     numbers = {{int(name) for name in os.listdir("/proc") if name.isdigit()}}
     for number in {{1, {parent}, os.getppid()}} - {{os.getpid()}}:
-        for name in ("environ", "mem", "maps", "io", "root/etc/shadow", "cwd/canary.txt"):
+        for name in ("environ", "mem", "root/etc/shadow", "cwd/canary.txt"):
             attempt(f"{{number}} {{name}}", lambda: content(f"/proc/{{number}}/{{name}}") or os.stat("/none"))
-        attempt(f"{{number}} fd", lambda: os.listdir(f"/proc/{{number}}/fd"))
     if len(numbers) > 3:
         got.append(f"processes {{numbers}}")
     # Pipes to the audit, and nothing that was open there.
-    for name in os.listdir("/proc/self/fd"):
-        attempt("descriptor", lambda: not (link := os.readlink(f"/proc/self/fd/{{name}}")).startswith(
-            ("pipe:", "/dev/null", "/proc/")) and link or os.stat("/none"))
+    # Those of the sandbox's own first process can be seen where it has no other user.
+    for path in [f"/proc/{{one}}/fd/{{number}}" for one in numbers for number in range(64)]:
+        attempt(path, lambda: not (link := os.readlink(path)).startswith(
+            ("pipe:", "anon_inode:", "/dev/null", "/proc/")) and link or os.stat("/none"))
     tell()
 """,
     )
@@ -158,8 +158,10 @@ def sample(x, n, seed):
 def test_nothing_outside_can_be_written(attack: Callable[..., Any], place: Any) -> None:
     places = [str(place.canary), str(place.out), os.getcwd(), str(Path.home()), "/usr/lib", "/usr/local/lib",
               "/etc/passwd", "/etc", "/", "/dev", "/stranger", "/stranger/child/serve.py", "/stranger/model",
-              "/proc/sys/kernel/core_pattern", "/proc/sysrq-trigger", "/proc/1/oom_score_adj", "/lib",
+              "/proc/sys/kernel/core_pattern", "/proc/sysrq-trigger", "/lib",
               "/var/tmp", "/run"]  # fmt: skip
+    # What lies in /tmp itself it may make anew, in a /tmp of its own.
+    places = [path for path in places if os.path.dirname(path) != "/tmp"]
     done = attack(
         LOOK
         + f"""
