@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import pickle
 import subprocess
@@ -37,7 +38,8 @@ def trained(tmp_path_factory):
     import torch
 
     folder = tmp_path_factory.mktemp("trained")
-    with warnings.catch_warnings():
+    # sbi logs its trainings into the working directory.
+    with contextlib.chdir(folder), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         from sbi.inference import NLE, NPE
         from sbi.utils import BoxUniform
