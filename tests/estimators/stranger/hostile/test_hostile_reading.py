@@ -32,10 +32,13 @@ NOTHING = "could not answer sample: RuntimeError: nothing that is not mine is to
 def test_files_of_the_machine_are_not_there(attack: Callable[..., Any], place: Any, tmp_path: Path) -> None:
     beside = tmp_path / "beside.txt"
     beside.write_text("next to the model")
-    places = ["/etc/shadow", "/etc/hostname", "/etc/machine-id", "/etc/resolv.conf", str(Path.home()), "/home",
-              "/var", "/sys", "/run", "/dev/sda", "/dev/mem", "/dev/kmsg", "/dev/fuse", "/proc/kcore", "/proc/kmsg",
-              str(Path.home() / ".ssh"), str(Path.home() / ".bash_history"),
-              str(place.canary), str(beside), str(tmp_path), os.getcwd(), __file__]  # fmt: skip
+    home = Path.home()
+    places = (
+        "/etc/shadow /etc/hostname /etc/machine-id /etc/resolv.conf /home /var /sys /run /dev/sda".split()
+    )
+    places += "/dev/mem /dev/kmsg /dev/fuse /proc/kcore /proc/kmsg".split()
+    places += map(str, (home, home / ".ssh", home / ".bash_history", place.canary, beside, tmp_path))
+    places += [os.getcwd(), __file__]
     done = attack(
         LOOK
         + f"""
