@@ -33,10 +33,18 @@ def test_files_of_the_machine_are_not_there(attack: Callable[..., Any], place: A
     beside = tmp_path / "beside.txt"
     beside.write_text("next to the model")
     home = Path.home()
-    places = (
-        "/etc/shadow /etc/hostname /etc/machine-id /etc/resolv.conf /home /var /sys /run /dev/sda".split()
-    )
-    places += "/dev/mem /dev/kmsg /dev/fuse /proc/kcore /proc/kmsg".split()
+    places = [
+        "/etc/shadow",
+        "/etc/hostname",
+        "/etc/machine-id",
+        "/etc/resolv.conf",
+        "/home",
+        "/var",
+        "/sys",
+        "/run",
+        "/dev/sda",
+    ]
+    places += ["/dev/mem", "/dev/kmsg", "/dev/fuse", "/proc/kcore", "/proc/kmsg"]
     places += map(str, (home, home / ".ssh", home / ".bash_history", place.canary, beside, tmp_path))
     places += [os.getcwd(), __file__]
     done = attack(
