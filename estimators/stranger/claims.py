@@ -16,12 +16,16 @@ WORD = 100
 
 @dataclass(frozen=True, kw_only=True)
 class Claims:
-    """A stranger's library and versions, the names of its parameters if it has any, and what it can do."""
+    """A stranger's library and versions, the names of its parameters if it has any, and what it can do.
+
+    `autocorrelated`: its draws of one trial are a Markov chain; they are thinned, which costs precision only.
+    """
 
     library: str
     versions: dict[str, str]
     parameters: tuple[str, ...] | None
     can: tuple[str, ...]
+    autocorrelated: bool = False
 
     @classmethod
     def of(cls, header: Mapping[str, Any]) -> Claims:
@@ -47,6 +51,7 @@ class Claims:
             versions={plain(key, WORD): plain(value, WORD) for key, value in (versions or {}).items()},
             parameters=None if names is None else tuple(plain(name, WORD) for name in names),
             can=tuple(name for name in CAN if name in can),
+            autocorrelated=header.get("autocorrelated") is True,
         )
 
     def describe(self) -> dict[str, Any]:

@@ -116,6 +116,7 @@ class Stranger:
             self.log_prob = self._log_prob
         if "embed" in self._claims.can:
             self.embed = self._embed
+        self.autocorrelated = self._claims.autocorrelated
 
     def _launched(self, words: Sequence[str], show: Mapping[str, Path]) -> Launch:
         folder = str(self._material.folder)

@@ -74,6 +74,7 @@ def described(model, np):
         "can": [name for name in can if callable(getattr(model, name, None))],
         "versions": versions,
         "library": str(said.get("library", "")),
+        "autocorrelated": bool(said.get("autocorrelated", False)),
     }
 
 

@@ -39,6 +39,12 @@ def test_it_can_what_it_says_that_it_can(stranger: Any) -> None:
     np.testing.assert_array_equal(more.embed(X), X[:, :2])
 
 
+def test_chains_are_called_chains(stranger: Any) -> None:
+    assert not stranger().autocorrelated
+    assert stranger("def describe():\n    return {'autocorrelated': True}").autocorrelated
+    assert not stranger("def describe():\n    return {}").autocorrelated
+
+
 def test_draws_and_densities_come_of_processes_that_share_nothing(stranger: Any) -> None:
     one = stranger(
         """
