@@ -11,7 +11,7 @@ from gaugeblock.discover.candidates import Candidates, candidates
 from gaugeblock.discover.discovery import Discovery
 from gaugeblock.discover.fit import fit
 from gaugeblock.discover.many import search_catalogue
-from gaugeblock.discover.record import add_evidence, discovery_of, summary, tree
+from gaugeblock.discover.record import add_e_value, add_evidence, discovery_of, summary, tree
 from gaugeblock.discover.single import Step, discover_single
 from gaugeblock.discover.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
@@ -30,6 +30,7 @@ def discover(
     library: Candidates | None = None,
     replicates: int = 999,
     evidence: bool | None = False,
+    e_value: bool = False,
     step: Step = quiet,
 ) -> Discovery:
     """Find where a simulator and measured counts disagree, name the missing effect, add it, test the name.
@@ -50,6 +51,8 @@ def discover(
         Simulated data sets behind every global p, which is never below 1 / (replicates + 1).
     evidence : bool or None
         Whether to run nested sampling with and without the first named effect; None: where it is quick.
+    e_value : bool
+        Whether to add a split likelihood ratio of the named effects against the model without them.
     step : callable
         Told, in words, what begins.
 
@@ -61,12 +64,15 @@ def discover(
     step("fitting the model as it is")
     base = fit(sources.simulator, sources.counts, scale=sources.scale, bank=16384, tries=16)
     proposed = library or candidates(sources.simulator, base.theta, own=effects, only=only)
-    first, second = np.random.default_rng(seed).spawn(2)
+    first, second, third = np.random.default_rng(seed).spawn(3)
     search = discover_single(sources, proposed, base, rng=first, replicates=replicates, step=step)
     made = summary(search)
     if evidence is not False and search.decision.named_all:
         step("evidence with and without the effect, by nested sampling")
         add_evidence(made, search, rng=second, always=bool(evidence))
+    if e_value and search.decision.named_all:
+        step("split likelihood ratio of the named effects")
+        add_e_value(made, search, rng=third)
     return Discovery(made, tree(search))
 
 

@@ -26,7 +26,8 @@ The summary (discovery.json)
         "decoys": [{"name", "kind", "held_out", "held_out_error", "deviance"}]
         "gap": {"held_out": {..., "before_error", "after_error"},
                 "delta_log_evidence": {"value", "error", "sensitivity": [{"prior", "value"}]}}
-        "e_value": {"log", "p"}                     split likelihood ratio, natural log
+        "e_value": {"log", "p", "log_own", "paths"} split likelihood ratio, natural log: log_own of the named
+                                                    effects, log with the choice among all paid for
         "disagreement": {..., "p_quantiles", "replicates"}
         "catalogue": {"n", "fixed_to", "statement", "floor", "sandwich_error", "effective_sources", "z",
                       "z_beside_nuisances"}

@@ -119,7 +119,7 @@ def run(
         "step": steps.begin,
     }
     if len(groups) == 1 and len(groups[0]) == 1:
-        found = discover(groups[0], evidence=evidence, **options)
+        found = discover(groups[0], evidence=evidence, e_value=True, **options)
     else:
         found = discover_catalogue(groups, **options)
     steps.end()

@@ -1,0 +1,48 @@
+"""The e-value beside a name: it changes nothing else, and pays for the choice of the name."""
+
+import numpy as np
+import pytest
+
+from gaugeblock.discover import Sources, candidates, discover
+from gaugeblock.simulators.effects import Effect
+
+THETA = np.array([20_000.0, 1.5])
+
+
+@pytest.fixture(scope="module")
+def library(power_law):
+    return candidates(power_law(), THETA[None])
+
+
+def searched(library, hidden, **options):
+    true = library.simulator
+    for effect in hidden:
+        true = true.with_effect(effect)
+    sources = Sources.of(library.simulator, true.simulate(THETA[None], np.random.default_rng(11)))
+    return discover(sources, library=library, replicates=299, **options)
+
+
+def test_it_is_reported_with_the_choice_paid_for(library):
+    hidden = [Effect("edge", {"energy": 2.4, "depth": 0.25})]
+    plain, found = searched(library, hidden), searched(library, hidden, e_value=True)
+    assert "e_value" not in plain.summary
+    said = found.summary["e_value"]
+    assert said["paths"] == len(library)
+    assert said["log"] == pytest.approx(said["log_own"] - np.log(len(library)))
+    assert said["p"] == pytest.approx(np.exp(-said["log"]))
+    assert said["log"] > np.log(20)
+    rest = {key: value for key, value in found.summary.items() if key != "e_value"}
+    assert str(rest) == str(dict(plain.summary))
+    again = searched(library, hidden, e_value=True)
+    assert again.summary["e_value"] == said
+
+
+def test_two_effects_pay_twice(library):
+    hidden = [Effect("line", {"energy": 5.0, "counts": 700.0}), Effect("edge", {"energy": 1.2, "depth": 0.2})]
+    found = searched(library, hidden, e_value=True)
+    assert len(found.named_all) == 2
+    assert found.summary["e_value"]["paths"] == len(library) ** 2
+
+
+def test_where_nothing_is_named_there_is_none(library):
+    assert "e_value" not in searched(library, [], e_value=True).summary
