@@ -85,8 +85,8 @@ def _e_value(summary: Mapping[str, Any], data: xr.Dataset) -> str:
     p = min(1.0, float(np.exp(-max(log, 0.0)))) if p is None else p
     return (
         f"Split likelihood ratio: log e-value {number(log, 1)}, so p {_at_most(p)} that the model before is "
-        "right, whatever was looked at before (the choice among all effects is paid for). It is weak where the "
-        "model has many parameters, and decides nothing."
+        "right, whatever was looked at before (the choice of the name is paid for). It is weak where "
+        "the model has many parameters, and decides nothing."
     )
 
 
