@@ -83,7 +83,7 @@ def test_a_recipe_ends_as_it_says(
         timeout=3000,
     )
     assert done.returncode == CODES[block.verdict], done.stdout + done.stderr[-3000:]
-    assert done.stdout.startswith(block.verdict)
+    assert f"\n{block.verdict}: " in f"\n{done.stdout}", done.stdout
     verdict = json.loads((work / "gaugeblock-audit" / "verdict.json").read_text())
     gates = {gate["id"]: gate for gate in verdict["gates"]}
     assert gates["draws.finite"]["verdict"] == "PASS"

@@ -10,13 +10,14 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
-from scipy import special, stats
+from scipy import stats
 
 from gaugeblock.validate.block import block_length
 from gaugeblock.validate.finding import Finding, NotChecked, Suggestion
 from gaugeblock.validate.layout.assignment import suggested
 from gaugeblock.validate.layout.rank_loss import EVERYWHERE, Foretelling, foretellings
 from gaugeblock.validate.layout.readings import AS_IT_IS
+from gaugeblock.validate.p_values import lower_tail
 from gaugeblock.validate.prepared import Prepared, values_per_trial
 
 Array = NDArray[np.float64]
@@ -77,7 +78,7 @@ def layout_finding(
         standard_error=np.array(
             [f.standard_error / max(own[f.parameter], np.finfo(float).tiny) for f in best]
         ),
-        p_value=float(min(1.0, tests * special.ndtr(-largest))),
+        p_value=float(min(1.0, tests * lower_tail(-largest))),
         details=xr.Dataset(
             {"loss": (axes, loss), "rank_correlation": (axes, rank_correlation(truths, means))},
             coords={"layout_parameter": list(names), "layout_column": columns},

@@ -41,7 +41,8 @@ def plan(number, draws=20):
 
 
 def test_the_table_covers_the_registry():
-    assert set(OPTIONS) == set(ESTIMATORS)
+    # A stranger is a file of somebody's, made for one simulator: tests/estimators/stranger.
+    assert set(OPTIONS) == set(ESTIMATORS) - {"stranger"}
 
 
 @pytest.fixture(scope="module")

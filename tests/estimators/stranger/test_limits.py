@@ -1,5 +1,6 @@
 import os
-import time
+import subprocess
+import sys
 from typing import Any
 
 import pytest
@@ -32,24 +33,19 @@ def test_the_kernel_is_told_every_limit_that_it_can_keep() -> None:
 
 def test_usage_counts_what_a_process_started() -> None:
     before = usage(os.getpid())
-    reading, writing = os.pipe()
-    child = os.fork()
-    if child == 0:
-        block = bytearray(os.urandom(1) * 50_000_000)
-        os.write(writing, b"x")
-        time.sleep(60)
-        os._exit(len(block) % 2)
+    program = "import time; block = bytearray(b'x' * 50_000_000); print('ready', flush=True); time.sleep(60)"
+    started = subprocess.Popen([sys.executable, "-I", "-c", program], stdout=subprocess.PIPE)
+    child = started.pid
     try:
-        os.read(reading, 1)
+        assert started.stdout is not None
+        started.stdout.readline()
         assert child in children(os.getpid())
         after = usage(os.getpid())
         assert after.memory - before.memory > 50_000_000
         assert after.threads > before.threads
     finally:
-        os.kill(child, 9)
-        os.waitpid(child, 0)
-        os.close(reading)
-        os.close(writing)
+        started.kill()
+        started.communicate()
     assert child not in children(os.getpid())
     assert usage(child).threads == 0
     assert 0 < memory_left() < 1

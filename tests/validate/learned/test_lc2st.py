@@ -97,7 +97,7 @@ def test_features_of_the_users_own_come_first():
 def test_what_cannot_be_checked_is_said():
     (without,) = lc2st(audit(400, seed=5, data=False))
     assert isinstance(without, NotChecked)
-    assert "variable x" in without.why
+    assert "make_trials takes them as x" in without.why
     (few,) = lc2st(audit(239, seed=5))
     assert isinstance(few, NotChecked)
     assert "at least 240" in few.why
