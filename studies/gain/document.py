@@ -102,6 +102,7 @@ def catalogues_table(sums: xr.Dataset) -> str:
                     statistic,
                     f"{cell['z']:+.1f} ({cell['z_mean']:+.1f})",
                     f"{cell['null_mean']:+.2f} ± {cell['null_sd']:.2f}",
+                    f"{(cell['z_mean'] - cell['null_mean']) / cell['null_sd']:+.1f}",
                     f"{cell['null_largest']:.1f}",
                     f"{100 * cell['amplitude']:+.3f} ± {100 * cell['standard_error']:.3f}",
                     f"{100 * cell['amplitude_mean']:+.3f}",
@@ -113,6 +114,7 @@ def catalogues_table(sums: xr.Dataset) -> str:
         "beside",
         "z (mean)",
         "z, effect-free",
+        "mean z from there, sd",
         "largest",
         "one step, %",
         "mean of steps, %",
@@ -156,10 +158,26 @@ def marginal_table(marginal: xr.Dataset) -> str:
     return rows(("catalogue", "z, population fitted", "one step, %"), lines)
 
 
+def limits_table(limits: xr.Dataset) -> str:
+    """Standard errors against the number of bright sources, and floors, all in per cent."""
+    numbers = limits["number"].values.tolist()
+    lines: list[tuple[str, ...]] = []
+    for gain in limits["gain"].values.tolist():
+        part = limits.sel(gain=gain)
+        for kind, words, floor in (
+            ("alone", "alone", f"{100 * float(part['floor']):.3f}"),
+            ("beside", "beside offset and area", "0"),
+        ):
+            errors = (f"{100 * float(v):.3f}" for v in part[kind].values)
+            lines.append((gain.replace("_", " "), words, *errors, floor))
+    header = ("gain", "", *(f"{n:,} bright" for n in numbers), "floor, area off by 1%")
+    return rows(header, lines)
+
+
 def document(path: Path, docs: Path) -> None:
     """Draw the figure and fill in the tables."""
     groups = {}
-    for name in ("", "profiles", "marginal", "schemes", "headline"):
+    for name in ("", "profiles", "marginal", "schemes", "limits", "headline"):
         with xr.open_dataset(path, group=name or None, engine="netcdf4") as stored:
             groups[name] = stored.load()
     tables = {
@@ -167,6 +185,7 @@ def document(path: Path, docs: Path) -> None:
         "catalogues": catalogues_table(groups[""]),
         "profiles": profiles_table(groups["profiles"]),
         "marginal": marginal_table(groups["marginal"]),
+        "limits": limits_table(groups["limits"]),
         "made": f"Made by `{groups[''].attrs['command']}`, seed {groups[''].attrs['seed']}.",
     }
     page = docs / "gain.md"

@@ -15,11 +15,11 @@ def pools(*, share: float = 1.0) -> dict[str, Pool]:
 
     found = [
         Pool("bright", "", 0.0, n(10_000)),
-        *(Pool("bright", "published_gain", value, n(2_000)) for value in (1.03, 0.97)),
-        *(Pool("bright", "gain_slope", value, n(1_000)) for value in (1.03, 0.97)),
-        Pool("medium", "", 0.0, n(10_000), n(4_000)),
-        *(Pool("medium", "published_gain", value, n(4_000), n(1_000)) for value in (1.03, 0.97)),
-        *(Pool("medium", "gain_slope", value, n(1_000)) for value in (1.03, 0.97)),
+        *(Pool("bright", "published_gain", value, n(10_000)) for value in (1.03, 0.97)),
+        *(Pool("bright", "gain_slope", value, n(5_000)) for value in (1.03, 0.97)),
+        Pool("medium", "", 0.0, n(10_000), n(10_000)),
+        *(Pool("medium", "published_gain", value, n(10_000), n(4_000)) for value in (1.03, 0.97)),
+        *(Pool("medium", "gain_slope", value, n(5_000)) for value in (1.03, 0.97)),
         Pool("bright", "", 0.0, n(20_000), integration="exact", small=True),
         *(
             Pool("bright", name, value, n(5_000), integration="exact", small=True)

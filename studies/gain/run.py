@@ -24,6 +24,7 @@ from gaugeblock.identity import versions
 from gaugeblock.progress import Bars
 from gaugeblock.validate.storage import write_groups
 from studies.gain.document import document, headline
+from studies.gain.limits import limits
 from studies.gain.plan import SEED, pools
 from studies.gain.pools import scored
 from studies.gain.schemes import compare
@@ -33,7 +34,7 @@ from studies.gain.whole import as_dataset, marginalised, profiled
 FOLDER = Path(__file__).resolve().parents[1]
 RESULTS, DOCS = FOLDER / "results", FOLDER.parent / "docs"
 
-PROFILED = 4
+PROFILED = 10
 """Catalogues of a case whose amplitude is profiled, where a pool has so many."""
 
 NUMBER, PAIRS = 300, 100
@@ -111,6 +112,7 @@ def study(work: Path, *, seed: int, share: float = 1.0, number: int = CATALOGUES
         "profiles": as_dataset(profiles),
         "marginal": as_dataset(marginals),
         "schemes": beside,
+        "limits": limits(done[planned["bright_clean"].name]),
         "headline": headline(sums, beside),
     }
 
