@@ -198,8 +198,13 @@ def test_what_decides_the_bits_is_described_and_where_it_lies_is_not(
     assert said[2]["options"] == {"width": 2}
 
 
-def test_a_command_can_name_model_and_interpreter(sandbox: Any, simulator: Any, file: Any) -> None:
-    server = Path(sys.modules[Stranger.__module__].__file__ or "").parent / "child" / "serve.py"
+def test_a_command_can_name_model_and_interpreter(
+    sandbox: Any, simulator: Any, file: Any, tmp_path: Path
+) -> None:
+    child = Path(sys.modules[Stranger.__module__].__file__ or "").parent / "child"
+    # A copy: where gaugeblock is installed beside the interpreter the formats would be seen with it.
+    server = tmp_path / "serve.py"
+    server.write_bytes((child / "serve.py").read_bytes())
     with pytest.raises(InputError, match=r"ended by itself \(exit \d+\)|cannot be loaded"):
         # It stands alone: the formats are not beside it.
         Stranger(
