@@ -49,10 +49,20 @@ class SplitRatio:
         0.05
         """
         values = np.asarray(log_e_values, dtype=float)
-        log_mean = float(logsumexp(values) - np.log(len(values)))
+        log_mean = _log_mean(values)
         # A ratio beyond the range of floats is still a number for whoever reads the file.
         e_value = float(np.exp(min(log_mean, 700.0)))
         return cls(e_value, float(np.exp(-max(log_mean, 0.0))), values, exact)
+
+    @property
+    def log_e_value(self) -> float:
+        """Natural log of the e-value, beyond the range of floats too."""
+        return _log_mean(self.log_e_values)
+
+
+def _log_mean(values: Array) -> float:
+    """Log of the mean of exponentials."""
+    return float(logsumexp(values) - np.log(len(values)))
 
 
 def split_likelihood_ratio(

@@ -33,6 +33,10 @@ def add_e_value(summary: dict[str, Any], search: Search, *, rng: np.random.Gener
         summary["not_checked"].append({"id": ID, "why": str(error)})
         return
     paths = float(len(search.candidates)) ** len(final.path)
-    own = float(np.logaddexp.reduce(found.log_e_values) - np.log(len(found.log_e_values)))
-    log = own - float(np.log(paths))
-    summary["e_value"] = {"log": log, "p": float(np.exp(-max(log, 0.0))), "log_own": own, "paths": paths}
+    log = found.log_e_value - float(np.log(paths))
+    summary["e_value"] = {
+        "log": log,
+        "p": float(np.exp(-max(log, 0.0))),
+        "log_own": found.log_e_value,
+        "paths": paths,
+    }

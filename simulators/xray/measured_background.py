@@ -107,14 +107,14 @@ class MeasuredBackground:
             if score < best_score:
                 best, best_score = (shape, log_rate, error, deviance), score
         assert best is not None
-        shape, log_rate, error, best_score = best
+        shape, log_rate, error, left = best
         while knots is None and len(shape.lines) < LINES:
             line = _line(shape, log_rate, found, exposure / share, bounds)
             with_line = BackgroundShape.over(bounds, span, shape.knots, [*shape.lines.tolist(), line])
             fitted, errors, deviance = _likeliest(with_line, found, exposure / share)
-            if fitted[-1] < 0 or best_score - deviance < LINE_Z**2:
+            if fitted[-1] < 0 or left - deviance < LINE_Z**2:
                 break
-            shape, log_rate, error, best_score = with_line, fitted, errors, deviance
+            shape, log_rate, error, left = with_line, fitted, errors, deviance
         sd = np.clip(ERRORS * error, NARROWEST, WIDEST)
         names = [f"background_1.rate_{k + 1}" for k in range(len(shape.knots))]
         names += [f"background_1.line_{k + 1}" for k in range(len(shape.lines))]
