@@ -13,8 +13,9 @@ ADEQUATE = 0.05
 MARGIN = 1.0
 """Held-out log score (nats) by which a name must beat what it is told apart from."""
 
-MANY = 2
-"""Effects beyond which an answer is no name: with so many, any shape can be put together."""
+MANY = 1
+"""Effects beyond which a first name does not stand alone: from two on, a shape that no library has can be put
+together."""
 
 UNNAMED = "unnamed"
 
@@ -67,7 +68,7 @@ def decide(first: Look, rounds: tuple[Round, ...], last: Look, scored: HeldOut |
         why = f"a smooth correction without a name predicts held-out counts better than {full}"
         return Decision(UNNAMED, (), (UNNAMED, *dict.fromkeys(names)), None, why)
     alike = _alike(rounds[-1], scored)
-    # Three effects in a row are how a shape that no library has is eaten up.
+    # Two effects in a row are how a shape that no library has is eaten up.
     if left <= ADEQUATE or smooth > -MARGIN or len(names) > MANY:
         alike = (*alike, UNNAMED)
     return Decision(

@@ -82,7 +82,7 @@ def fit(
     scales = np.ones(len(rows)) if scale is None else np.broadcast_to(np.asarray(scale, float), (len(rows),))
     coordinates = Coordinates(simulator.prior)
     if start is None:
-        starts = _likeliest_draws(simulator, rows, scales, bank, tries, seed)
+        starts = likeliest_draws(simulator, rows, scales, bank=bank, tries=tries, seed=seed)
     else:
         given = np.asarray(start, dtype=float)
         starts = given[:, None] if given.ndim == 2 else given
@@ -117,8 +117,10 @@ def _joined(pieces: list[Fit]) -> Fit:
     return replace(pieces[0], **{name: join(name) for name in PER_SOURCE})
 
 
-def _likeliest_draws(simulator: Any, counts: Array, scale: Array, bank: int, tries: int, seed: int) -> Array:
-    """The likeliest draws from the prior for each source, ``(source, try, parameter)``."""
+def likeliest_draws(
+    simulator: Any, counts: Array, scale: Array, *, bank: int = 4096, tries: int = 8, seed: int = 0
+) -> Array:
+    """The `tries` likeliest of `bank` draws from the prior for each source, ``(source, try, parameter)``."""
     theta = simulator.prior.sample(bank, np.random.default_rng(seed))
     mean = np.maximum(np.asarray(simulator.expected(theta)), TINY)
     score = counts @ np.log(mean).T - scale[:, None] * mean.sum(axis=1)

@@ -24,13 +24,17 @@ LEVEL = 0.01
 """Global p at which a disagreement counts."""
 
 PROFILED = 10
-"""Most candidates that are profiled in a round."""
+"""Most candidates that are profiled in a round, unless the misfit is gross."""
 
 BEHIND = 15.0
 """Nats by which a candidate's best template may promise less than the best one's, or a third of those."""
 
 AT_LEAST = 4
 """Candidates that are profiled however far behind they are: curvature may have hidden the right one."""
+
+FAR = 50.0
+"""Nats promised from which on a misfit is gross: a tangent then neither ranks candidates nor leads to their
+best fits, so all are profiled, and from draws of the prior too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,14 +77,23 @@ class Look:
         mine = np.flatnonzero(self.templates.owner == key)
         return int(mine[np.argmax(self.z[mine])])
 
+    @property
+    def gross(self) -> bool:
+        """Whether so much is to be gained that tangents say little; see `FAR`."""
+        return bool(max(self.z.max(), 0.0) ** 2 / 2.0 > FAR)
+
     def promising(self) -> list[str]:
-        """Effects by what their best template promises, less Akaike's price; not those far behind."""
+        """Effects by what their best template promises, less Akaike's price; not those far behind, unless
+        the misfit is `gross`.
+        """
         promise = {
             key: max(self.z[self.best_template(key)], 0.0) ** 2 / 2.0
             - len(self.candidates.entries[key].parameters)
             for key in self.candidates.entries
         }
         ranked = sorted(promise, key=lambda key: -promise[key])
+        if self.gross:
+            return ranked
         most = promise[ranked[0]]
         near = [key for key in ranked if promise[key] >= min(2.0 / 3.0 * most, most - BEHIND)]
         return ranked[: max(AT_LEAST, len(near))]
@@ -157,20 +170,34 @@ class Round:
 
 
 def profiles_of(
-    seen: Look, sources: Sources, *, most: int = PROFILED, behind: Profile | None = None
+    seen: Look, sources: Sources, *, most: int | None = None, behind: Profile | None = None
 ) -> list[Profile]:
-    """Profile the most promising candidates of a look."""
+    """Profile the most promising candidates of a look, `most` of them."""
+    limit = most or (None if seen.gross else PROFILED)
     return [
-        profile(seen.candidates[key], sources, seen.fit, seen.templates, seen.scores, behind=behind)
-        for key in seen.promising()[:most]
+        profile(
+            seen.candidates[key],
+            sources,
+            seen.fit,
+            seen.templates,
+            seen.scores,
+            behind=behind,
+            far=seen.gross,
+        )
+        for key in seen.promising()[:limit]
     ]
 
 
+SAME = 1.0
+"""Nats within which the same effects in another order are the same fit, and the order tried first stands."""
+
+
 def compared(profiles: list[Profile], sources: Sources) -> Round:
-    """Compare profiles; of the same effects added in another order only the best counts."""
+    """Compare profiles; of the same effects added in another order only the best counts, of equals the first.
+    """
     best: dict[tuple[str, ...], Profile] = {}
     for one in profiles:
         effects = tuple(sorted(one.path))
-        if effects not in best or one.gain > best[effects].gain:
+        if effects not in best or one.gain > best[effects].gain + SAME:
             best[effects] = one
     return Round(tuple(confidence_set(list(best.values()), sources)))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.discover.candidates import Candidate
-from gaugeblock.discover.fit import Fit, fit
+from gaugeblock.discover.fit import Fit, fit, likeliest_draws
 from gaugeblock.discover.name.score import Scores, allowed
 from gaugeblock.discover.name.templates import Templates, observed_nodes
 from gaugeblock.discover.sources import Sources
@@ -16,6 +16,10 @@ from gaugeblock.discover.sources import Sources
 Array = NDArray[np.float64]
 
 TRIES = 3
+"""Scanned values at which a fit begins."""
+
+BANK, DRAWN = 1024, 4
+"""Draws of the extended prior, and how many of them a fit begins at, the likeliest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,12 +60,20 @@ def profile(
     tested: Scores,
     *,
     behind: Profile | None = None,
+    far: bool = False,
 ) -> Profile:
     """Fit one candidate to one source from its best scanned values, a step along the score.
 
-    `behind` is the profile whose effects the candidate's simulator has already, and whose fit `base` is.
+    `behind` is the profile whose effects the candidate's simulator has already, and whose fit `base` is. With
+    `far` the fit starts from the likeliest draws of the extended prior as well: where the misfit is gross, a
+    step along the score may lead into another valley.
     """
     start = starts(candidate, sources, base, found, tested)
+    if far:
+        draws = likeliest_draws(
+            candidate.simulator, sources.counts, sources.scale, bank=BANK, tries=DRAWN
+        )
+        start = np.concatenate([start, draws], axis=1)
     fitted = fit(candidate.simulator, sources.counts, scale=sources.scale, start=start)
     gain, size = float(base.objective[0] - fitted.objective[0]), len(candidate.entry.parameters)
     if behind is None:

@@ -2,7 +2,8 @@
 
 The square of a distance is the deviance of the best fit to noise-free counts: twice the log likelihood that a
 test between the two would win on average. Every rival is first placed where score tests like it best; those
-that seem near are then fitted with all their parameters free.
+that seem near, and all where the plain model is far, are then fitted with all their parameters free, from the
+likeliest draws of its prior as well.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.discover.candidates import Candidate, Candidates
-from gaugeblock.discover.fit import Fit, fit
+from gaugeblock.discover.fit import Fit, fit, likeliest_draws
 from gaugeblock.discover.name.score import allowed, scores
 
 Array = NDArray[np.float64]
@@ -24,6 +25,12 @@ TRIES = 2
 
 FITTED = 3
 """Rivals that are always fitted, the nearest first."""
+
+DRAWN = 4
+"""Draws of a rival's prior at which its fit begins besides."""
+
+GROSS = 10.0
+"""Distance from the plain model from which on tangents say little: there every rival is fitted."""
 
 DOUBT = 1.5
 """A rival is fitted too if score tests put it at no more than this many times the nearest distance found."""
@@ -82,12 +89,14 @@ def distances(
         start.append(places)
     rivals = np.array([[name not in hidden for hidden in mine] for name in names])
     fitted = np.zeros_like(rivals)
-    wanted = rivals & (_rank(np.where(rivals, bound, np.inf)) < FITTED)
+    wanted = rivals & ((_rank(np.where(rivals, bound, np.inf)) < FITTED) | (nothing > GROSS**2))
     while wanted.any():
         for k in np.flatnonzero(wanted.any(axis=1)):
             rows = np.flatnonzero(wanted[k])
             model = Blocks(library[names[k]].simulator)
-            best = fit(model, mean[rows], scale=scale[rows], start=start[k][rows], iterations=ITERATIONS)
+            drawn = likeliest_draws(model, mean[rows], scale[rows], bank=16 * BLOCK, tries=DRAWN)
+            begin = np.concatenate([start[k][rows], drawn], axis=1)
+            best = fit(model, mean[rows], scale=scale[rows], start=begin, iterations=ITERATIONS)
             bound[k, rows] = np.clip(deviance(mean[rows], best.expected), 0.0, nothing[rows])
         fitted |= wanted
         nearest = np.where(fitted & rivals, bound, np.inf).min(axis=0)
