@@ -130,10 +130,12 @@ def test_bad_input_gets_a_line_exit_2_and_writes_nothing(
     assert sorted(os.listdir(tmp_path)) == before
 
 
-def test_debug_shows_where(tmp_path: Path) -> None:
-    done = run("audit", "nowhere.toml", "--debug", cwd=tmp_path)
+def test_debug_shows_where_and_nothing_commands_the_terminal(tmp_path: Path) -> None:
+    done = run("audit", "now\x1b[2J\x9b\u202ehere.toml", "--debug", cwd=tmp_path)
     assert done.returncode == 2
     assert "Traceback" in done.stderr
+    assert done.stderr.count("now?[2J??here.toml: cannot be read") == 2
+    assert done.stderr.replace("\n", "").isprintable()
 
 
 SLOW = """

@@ -7,7 +7,7 @@ NaN or infinite *draws* and `log_q` are not bad input: they are the estimator's 
 from __future__ import annotations
 
 import json
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 
 import numpy as np
 import xarray as xr
@@ -36,10 +36,11 @@ def check_trials(dataset: xr.Dataset, *, source: str, parameters: Sequence[str] 
     Raises
     ------
     InputError
-        Missing or non-numeric arrays, wrong axes or lengths, missing, duplicate or unknown parameter names,
-        no trials, fewer than two draws, NaN or infinite theta_true or x, impossible weights.
+        Missing or non-numeric arrays, wrong axes or lengths, missing, duplicate, unknown or unprintable
+        names, no trials, fewer than two draws, NaN or infinite theta_true or x, impossible weights.
     """
     schema_version(dataset, source=source)
+    _printable((*dataset.data_vars, *dataset.coords, *dataset.dims), source=source)
     for name in ("theta_true", "draws"):
         if name not in dataset.data_vars:
             present = ", ".join(sorted(map(str, dataset.data_vars))) or "nothing"
@@ -167,6 +168,7 @@ def _names(dataset: xr.Dataset, *, source: str, parameters: Sequence[str] | None
         raise InputError(
             f"{source}: parameter {names.index('') + 1 if '' in names else '?'} has an empty name"
         )
+    _printable(names, source=source)
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(f"{source}: parameter name {_list(twice)} occurs more than once; names must differ")
@@ -180,6 +182,13 @@ def _names(dataset: xr.Dataset, *, source: str, parameters: Sequence[str] | None
         parts += [f"missing parameter {_list(missing)}"] if missing else []
         raise InputError(f"{source}: {'; '.join(parts)}; expected {_list(expected)}")
     raise InputError(f"{source}: parameters are in the order {_list(names)}; expected {_list(expected)}")
+
+
+def _printable(names: Iterable[Hashable], *, source: str) -> None:
+    """Names reach terminals and reports, and the file may be anybody's."""
+    for name in map(str, names):
+        if not name.isprintable():
+            raise InputError(f"{source}: the name {name!r} holds letters that cannot be printed; rename it")
 
 
 def _finite(dataset: xr.Dataset, name: str, *, source: str) -> None:

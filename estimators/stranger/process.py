@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.errors import InputError
+from gaugeblock.errors import InputError, printable
 from gaugeblock.estimators.stranger.limits import Limits
 from gaugeblock.estimators.stranger.system_calls import filtered
 from gaugeblock.estimators.stranger.usage import Usage, children
@@ -88,8 +88,7 @@ class Child:
     @property
     def stderr(self) -> str:
         """The last that it wrote there, without what would move a terminal's cursor."""
-        text = self._stderr.decode(errors="replace")
-        return "".join(letter if letter.isprintable() or letter == "\n" else "?" for letter in text)
+        return printable(self._stderr.decode(errors="replace"))
 
     def ask(
         self,

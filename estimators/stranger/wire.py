@@ -17,7 +17,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.errors import InputError
+from gaugeblock.errors import MOST, InputError, one_line
 
 Read = Callable[[int, str], bytes]
 
@@ -25,18 +25,11 @@ HEADER_BYTES = 1 << 16
 NPY_HEADER_BYTES = 1 << 12
 # What an array in an answer may be made of: floating-point numbers and integers, little-endian.
 DTYPES = ("<f8", "<f4", "<i8", "<i4")
-LINE = 300
 
 
-def plain(text: object, most: int = LINE) -> str:
-    r"""Words of a stranger as one printable line: no control characters, no more than `most` letters.
-
-    >>> plain("all is \x1b[32mwell\n")
-    'all is ?[32mwell'
-    """
-    line = " ".join(str(text).split())
-    line = "".join(letter if letter.isprintable() else "?" for letter in line)
-    return line if len(line) <= most else line[: most - 3] + "..."
+def plain(text: object, most: int = MOST) -> str:
+    """Words of a stranger, as they may be shown: one printable line, of no more than `most` letters."""
+    return one_line(text, most=most)
 
 
 def pack(header: Mapping[str, Any], arrays: Mapping[str, ArrayLike] | None = None) -> Iterator[bytes]:

@@ -33,7 +33,7 @@ from gaugeblock.cli_options import (
 )
 from gaugeblock.cli_verify import EXIT_CODES as VERIFY_EXIT_CODES
 from gaugeblock.cli_verify import verify
-from gaugeblock.errors import GaugeblockError
+from gaugeblock.errors import GaugeblockError, one_line, printable
 
 if TYPE_CHECKING:
     from gaugeblock.audit import Audit
@@ -237,7 +237,7 @@ def fetch(
 def _finish(result: Audit, out: Path) -> None:
     from gaugeblock.reports.terminal import terminal_summary
 
-    typer.echo(terminal_summary(result.verdict, out, resources=result.resources))
+    typer.echo(printable(terminal_summary(result.verdict, out, resources=result.resources)))
     raise typer.Exit(result.verdict.outcome.exit_code)
 
 
@@ -259,6 +259,7 @@ def _interrupted(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001
 
 def _fail(error: Exception, line: str) -> None:
     if "--debug" in sys.argv:
-        traceback.print_exception(error)
-    typer.echo(f"gaugeblock: {' '.join(line.split())}", err=True)
+        typer.echo(printable("".join(traceback.format_exception(error))), nl=False, err=True)
+    # There may be words in it of whoever wrote what is audited.
+    typer.echo(f"gaugeblock: {one_line(line)}", err=True)
     sys.exit(2)

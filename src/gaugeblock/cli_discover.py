@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from gaugeblock.cli_options import Debug, Out, Quiet, Seed, command
+from gaugeblock.errors import printable
 
 EXIT_CODES = "Exit codes: 0 when the workflow ran to its end, whatever it found; 2 bad input."
 
@@ -96,5 +97,5 @@ def discover(
             command=command(),
             progress=bars.show,
         )
-    typer.echo(headline(found.summary).paragraph)
+    typer.echo(printable(headline(found.summary).paragraph))
     typer.echo(f"report: {out / 'report.html'}")

@@ -8,13 +8,9 @@ from typing import Annotated
 import typer
 
 from gaugeblock.cli_options import Debug
+from gaugeblock.errors import one_line
 
 EXIT_CODES = "Exit codes: 0 the same, 1 different, 2 cannot be read."
-
-
-def _harmless(line: str) -> str:
-    """On one line, and without what would command a terminal: an audit's folder may be anybody's."""
-    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(line.split()))
 
 
 def verify(
@@ -39,10 +35,9 @@ def verify(
     from gaugeblock.verify import verify as run
 
     found = run(folder, trials=trials, trials_sha256=trials_sha256, tolerance=tolerance)
-    for note in found.notes:
-        typer.echo(_harmless(f"note: {note}"))
-    for line in found.differences:
-        typer.echo(_harmless(line))
+    # An audit's folder may be anybody's.
+    for line in [*(f"note: {note}" for note in found.notes), *found.differences]:
+        typer.echo(one_line(line))
     word = "DIFFERENT" if found.differences else "SAME"
     says = {
         "SAME": "findings, verdict and reports are what the trials, the policy and the seed give",

@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import ModuleType
+
+# Letters of other people's words that are shown.
+MOST = 300
 
 
 class GaugeblockError(Exception):
@@ -34,3 +39,43 @@ def require(module: str, extra: str) -> ModuleType:
         raise MissingExtraError(
             f"{module} is not installed; install it with: pip install 'gaugeblock[{extra}]'"
         ) from None
+
+
+@contextmanager
+def blamed(subject: str, trials: range) -> Iterator[None]:
+    """Say whose code failed, and on which trials; what gaugeblock itself says passes unchanged.
+
+    Raises
+    ------
+    InputError
+        In place of anything else that is raised inside.
+    """
+    try:
+        yield
+    except GaugeblockError:
+        raise
+    except Exception as error:
+        said = one_line(f"{type(error).__name__}: {error}", most=MOST)
+        raise InputError(f"{subject} failed on trials {trials[0]} to {trials[-1]}: {said}") from error
+
+
+def printable(text: str) -> str:
+    r"""Words without what would command a terminal; lines and tabs stay.
+
+    >>> printable("all is \x1b[32mwell\n\u202eindeed")
+    'all is ?[32mwell\n?indeed'
+    """
+    return "".join(
+        letter if letter.isprintable() or letter in "\n\t" else " " if letter.isspace() else "?"
+        for letter in text
+    )
+
+
+def one_line(text: object, *, most: int | None = None) -> str:
+    r"""Anybody's words as one printable line, of no more than `most` letters.
+
+    >>> one_line("all is\n \x1b[32mwell, they say", most=20)
+    'all is ?[32mwell,...'
+    """
+    line = printable(" ".join(str(text).split()))
+    return line if most is None or len(line) <= most else line[: most - 3] + "..."

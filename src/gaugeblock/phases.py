@@ -11,8 +11,9 @@ from contextlib import contextmanager
 import numpy as np
 import xarray as xr
 
+from gaugeblock.errors import blamed
 from gaugeblock.estimators.protocol import Estimator
-from gaugeblock.samples import Again, Plan, blamed
+from gaugeblock.samples import Again, Plan
 from gaugeblock.simulators.protocol import Simulator, can
 from gaugeblock.validate.trials import make_trials
 
@@ -42,7 +43,7 @@ class DensityTrials(Again):
         points = np.concatenate([theta[:, None], draws], axis=1)
         order = self.streams("shuffle", trials).random(points.shape[:2]).argsort(axis=1)
         shuffled = np.take_along_axis(points, order[..., None], axis=1)
-        with blamed("estimator", trials):
+        with blamed("the estimator", trials):
             answered = self.estimator.log_prob(shuffled, rows["x"].values)  # type: ignore[attr-defined]
         answered = self.checked(answered, trials, points.shape[1], what="log_q")
         density = np.empty_like(answered)
@@ -56,7 +57,7 @@ class ImportanceDraws(Again):
     def __call__(self, trials: range) -> xr.Dataset:
         rows = self.rows(trials)
         n = self.plan.importance_draws
-        with blamed("estimator", trials):
+        with blamed("the estimator", trials):
             sampled = self.estimator.sample(rows["x"].values, n, self.streams("importance draws", trials))
         draws = self.checked(sampled, trials, n)
         names = self.simulator.prior.names
@@ -81,7 +82,7 @@ class WeighedDraws(Again):
         x = self.rows(trials)["x"].values
         drawn = self.drawn.isel(trial=slice(trials.start, trials.stop)).load()
         draws = drawn["draws"].values
-        with blamed("estimator", trials):
+        with blamed("the estimator", trials):
             answered = self.estimator.log_prob(draws, x)  # type: ignore[attr-defined]
         log_prior, log_likelihood = self.log_prior_and_likelihood(draws, x)
         density = self.checked(answered, trials, draws.shape[1], what="log_q")

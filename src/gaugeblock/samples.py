@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from gaugeblock.errors import GaugeblockError, InputError
+from gaugeblock.errors import InputError, blamed
 from gaugeblock.estimators.protocol import Estimator, sample_and_log_prob
 from gaugeblock.simulators.protocol import Simulator, can
 from gaugeblock.streams import TrialStreams
@@ -55,19 +53,6 @@ def untrusted(estimator: object) -> bool:
     return bool(getattr(estimator, "untrusted", False))
 
 
-@contextmanager
-def blamed(who: str, trials: range) -> Iterator[None]:
-    """Say whose code failed, and on which trials; what gaugeblock itself says passes unchanged."""
-    try:
-        yield
-    except GaugeblockError:
-        raise
-    except Exception as error:
-        raise InputError(
-            f"the {who} failed on trials {trials[0]} to {trials[-1]}: {type(error).__name__}: {error}"
-        ) from error
-
-
 class MainTrials:
     """Truth, data and draws of a range of trials."""
 
@@ -79,7 +64,7 @@ class MainTrials:
 
     def truth_and_data(self, trials: range) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
         theta = self.simulator.prior.sample(len(trials), self.streams("truth", trials))
-        with blamed("simulator", trials):
+        with blamed("the simulator", trials):
             x = np.asarray(self.simulator.simulate(theta, self.streams("data", trials)))
         if x.shape[:1] != (len(trials),):
             raise InputError(
@@ -108,7 +93,7 @@ class MainTrials:
         theta, x = self.truth_and_data(trials)
         n, stream = self.plan.draws, self.streams("draws", trials)
         log_q = log_q_true = None
-        with blamed("estimator", trials):
+        with blamed("the estimator", trials):
             # Densities of a stranger are asked for after all draws (`phases`).
             if untrusted(self.estimator) or not has_density(self.estimator):
                 sampled = self.estimator.sample(x, n, stream)
@@ -163,7 +148,7 @@ class ImportanceTrials(Again):
         theta, x = rows["theta_true"].values, rows["x"].values
         n = self.plan.importance_draws
         stream = self.streams("importance draws", trials)
-        with blamed("estimator", trials):
+        with blamed("the estimator", trials):
             sampled, density = sample_and_log_prob(self.estimator, x, n, stream)
         draws = self.checked(sampled, trials, n)
         log_q = self.checked(density, trials, n, what="log_q")

@@ -134,6 +134,8 @@ def test_newer_and_senseless_schema_versions(tmp_path):
         (trials().drop_vars("parameter"), "no coordinate 'parameter'"),
         (trials().assign_coords(parameter=["a", "a"]), "a occurs more than once"),
         (trials().assign_coords(parameter=["a", " "]), "empty name"),
+        (trials().assign_coords(parameter=["a", "b\x1b[2J"]), r"the name 'b\\x1b\[2J' holds letters"),
+        (trials().rename(x="x\u202e"), r"the name 'x\\u202e' holds letters"),
         (trials().assign_coords(parameter=[1, 2]), "must hold the parameters' names"),
         (trials().assign(draws=trials()["draws"].astype(str)), "draws holds .* real numbers"),
         (trials().assign(draws=trials()["draws"] + 1j), "draws holds complex"),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from gaugeblock.errors import GaugeblockError, InputError, require
+from gaugeblock.errors import InputError, blamed, require
 from gaugeblock.trials_from.arrays import Array, plain
 from gaugeblock.validate import make_trials
 
@@ -78,7 +78,7 @@ def trials_from_sbi(
     with _seeded(torch, seed):
         length = _at_once(posterior, max(draws, LEAKAGE_DRAWS if densities else 0), is_chain=is_chain)
         for trials in _chunks(len(truths), length):
-            with _blamed(posterior, trials):
+            with blamed(f"{SOURCE}: {type(posterior).__name__}", trials):
                 rows = slice(trials.start, trials.stop)
                 sampled = _sampled(torch, posterior, given[rows], draws)
                 parts.append(_checked(sampled, posterior, (draws, len(trials), truths.shape[1])))
@@ -174,16 +174,3 @@ def _seeded(torch: Any, seed: int) -> Iterator[None]:
             yield
     finally:
         np.random.set_state(state)  # noqa: NPY002
-
-
-@contextmanager
-def _blamed(posterior: Any, trials: range) -> Iterator[None]:
-    try:
-        yield
-    except GaugeblockError:
-        raise
-    except Exception as error:
-        raise InputError(
-            f"{SOURCE}: {type(posterior).__name__} failed on trials {trials[0]} to {trials[-1]}: "
-            f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
-        ) from error

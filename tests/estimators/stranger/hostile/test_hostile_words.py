@@ -35,6 +35,14 @@ def test_an_error_is_one_line_without_controls(attack: Callable[..., Any], body:
     assert len(reason) < 450
 
 
+@pytest.mark.parametrize("header", ["error=LINE", "answer=LINE, arrays=[LINE]", "**{LINE: LINE}"])
+def test_an_answer_is_one_line_without_controls(attack: Callable[..., Any], header: str) -> None:
+    reason = attack(f'LINE = "{LINE}"\nintroduce(); request(); say({header}); request()', speaks=True).reason
+    assert controls(reason) == set()
+    assert reason.startswith("gaugeblock: the stranger ")
+    assert "owned" in reason
+
+
 def test_with_debug_its_stderr_is_shown_bounded_and_without_controls(attack: Callable[..., Any]) -> None:
     done = attack(
         f'def sample(x, n, seed):\n    for _ in range(5000): sys.stderr.write("{LINE}\\n")\n    os._exit(7)',
