@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from gaugeblock.audit import audit_trials
+from gaugeblock.audit import audit_trials, judge_again
 from gaugeblock.baseline import read_baseline
 from gaugeblock.cli import app
 from gaugeblock.errors import InputError
@@ -137,6 +137,23 @@ def test_all_of_them_verify_and_an_edited_comparison_does_not(
     (copy / "verdict.json").write_text(json.dumps(content))
     with pytest.raises(InputError, match="cannot be compared with"):
         verify(copy)
+
+
+def test_judged_again_it_is_compared_again(folders: dict[str, Path], tmp_path: Path) -> None:
+    """Under a policy that tolerates the width, the gates have changed back, and the statistics have not."""
+    tolerant = tmp_path / "tolerant.toml"
+    tolerant.write_text("required = ['draws']\n[tolerance]\nlog_width = 2.0\n")
+    words = ["gate", str(folders["narrow"]), "--policy", str(tolerant), "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(app, words)
+    before, after = verdict(folders["narrow"])["baseline"], verdict(tmp_path / "out")["baseline"]
+    assert "Against the baseline:" in done.stdout
+    assert after["earlier"] == before["earlier"]
+    assert after["moved"] == before["moved"]
+    assert after["same"]["policy"] is False
+    assert not [item for item in after["changed"] if item["id"].startswith("sbc.log_width")]
+    assert verify(tmp_path / "out", trials=folders["narrow"] / "trials.nc").differences == ()
+    judged = judge_again(folders["good"], policy=POLICY, out=tmp_path / "none")
+    assert judged.verdict.baseline is None
 
 
 def test_a_suggestion_taken_out_shows(folders: dict[str, Path], tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import xarray as xr
 
 from gaugeblock.atomic import write_atomically
-from gaugeblock.baseline import compared, read_baseline
+from gaugeblock.baseline import compared, kept_baseline, read_baseline
 from gaugeblock.collect import Progress, collect, discard, fingerprint
 from gaugeblock.config import AuditConfig
 from gaugeblock.digest import digest, file_digest
@@ -211,7 +211,8 @@ def judge_again(
 ) -> Audit:
     """Judge the findings of an earlier audit under another policy; nothing is sampled.
 
-    `seed` is of the bootstrap behind the simultaneous intervals; without it, the earlier audit's.
+    `seed` is of the bootstrap behind the simultaneous intervals; without it, the earlier audit's. What that
+    one was compared with, this one is compared with too.
 
     Raises
     ------
@@ -220,7 +221,7 @@ def judge_again(
     """
     trials = read_trials(folder / "trials.nc")
     findings, not_checked = read_findings(folder / "findings.nc")
-    earlier = earlier_provenance(folder)
+    earlier, baseline = earlier_provenance(folder), kept_baseline(folder)
     chosen = int(earlier.get("seed") or 0) if seed is None else seed
     verdict = judge(findings, not_checked, policy, seed=chosen)
     rules = policy.model_dump(mode="json")
@@ -232,6 +233,8 @@ def judge_again(
         "sha256": {**dict(earlier.get("sha256") or {}), "policy": digest(rules)},
     }
     verdict = explained(replace(verdict, provenance=record), trials)
+    if baseline is not None:
+        verdict = replace(verdict, baseline=compared(baseline, verdict, findings))
     write_reports(verdict, findings, trials, _folder(out or folder), title=title(record))
     return Audit(trials, findings, not_checked, verdict)
 

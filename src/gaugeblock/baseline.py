@@ -36,6 +36,27 @@ def read_baseline(folder: Path) -> dict[str, Any]:
     return summary(outcome, gates, findings, digests)
 
 
+def kept_baseline(folder: Path) -> Mapping[str, Any] | None:
+    """What a finished audit keeps of the one that it was compared with, if it was: taken as it stands.
+
+    Raises
+    ------
+    InputError
+        If verdict.json cannot be read, or what it keeps is none.
+    """
+    path = folder / "verdict.json"
+    try:
+        baseline = json.loads(path.read_text(encoding="utf-8")).get("baseline")
+    except (OSError, ValueError, AttributeError):
+        raise InputError(f"{path}: cannot be read; give the folder of a finished audit") from None
+    if baseline is None:
+        return None
+    earlier = baseline.get("earlier") if isinstance(baseline, Mapping) else None
+    if not isinstance(earlier, Mapping):
+        raise InputError(f"{path.name}: baseline is no comparison with an earlier audit")
+    return earlier
+
+
 def compared(earlier: Mapping[str, Any], verdict: Verdict, findings: Sequence[Finding]) -> dict[str, Any]:
     """The comparison for verdict.json.
 

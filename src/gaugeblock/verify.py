@@ -16,7 +16,7 @@ from typing import Any
 
 import xarray as xr
 
-from gaugeblock.baseline import compared
+from gaugeblock.baseline import compared, kept_baseline
 from gaugeblock.compare import (
     NEAR,
     dataset_differences,
@@ -80,7 +80,7 @@ def verify(
     found = file_digest(source)
     tree = read_trials(source)
     near, notes = _nearness(record, tolerance)
-    findings, not_checked, verdict = _derived(tree, record, _earlier(folder))
+    findings, not_checked, verdict = _derived(tree, record, kept_baseline(folder))
     contents = rendered(verdict, findings, tree, title=title(record))
     lines = list(_digests(record, found, trials_sha256))
     lines += [f"verdict.json: provenance: {line}" for line in _recorded(record, tree)]
@@ -130,17 +130,6 @@ def _derived(
     if earlier is not None:
         verdict = replace(verdict, baseline=compared(earlier, verdict, findings))
     return findings, not_checked, verdict
-
-
-def _earlier(folder: Path) -> Mapping[str, Any] | None:
-    """What was kept of the baseline, where the audit had one: that is taken as it stands."""
-    baseline = json.loads((folder / "verdict.json").read_text(encoding="utf-8")).get("baseline")
-    if baseline is None:
-        return None
-    earlier = baseline.get("earlier") if isinstance(baseline, Mapping) else None
-    if not isinstance(earlier, Mapping):
-        raise InputError("verdict.json: baseline is no comparison with an earlier audit")
-    return earlier
 
 
 def _table(record: Mapping[str, Any], name: str) -> dict[str, Any]:
