@@ -9,6 +9,7 @@ import traceback
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -20,9 +21,12 @@ from gaugeblock.digest import digest
 from gaugeblock.errors import GaugeblockError, InputError
 from gaugeblock.estimators.protocol import Estimator
 from gaugeblock.estimators.registry import build_estimator
+from gaugeblock.kept_seed import unforeseen_seed
+from gaugeblock.phases import ended
 from gaugeblock.pytest_plugin import CalibrationError, CalibrationFailed, CalibrationInconclusive, Note
 from gaugeblock.pytest_settings import GateSettings, Layer, decide, outer_layers
 from gaugeblock.pytest_text import blocked, detectable, headline, properties
+from gaugeblock.samples import untrusted
 from gaugeblock.simulators import Simulator, build_simulator
 from gaugeblock.validate import Outcome, Policy
 
@@ -100,16 +104,22 @@ class CalibrationGate:
         shutil.rmtree(folder / CHUNKS, ignore_errors=True)
         simulated, simulator_name = _simulator(simulator)
         estimating, estimator_name = _estimator(estimator, simulated)
-        return audit_objects(
-            simulated,
-            estimating,
-            settings.trials.plan(),
-            folder,
-            policy=settings.policy,
-            select=settings.validators,
-            names=(simulator_name, estimator_name),
-            command=f"pytest {self._item.nodeid}",
-        )
+        plan = settings.trials.plan()
+        if untrusted(estimating) and "seed" not in settings.trials.model_fields_set:
+            # A stranger that can foresee the seed could draw the truths again.
+            plan = replace(plan, seed=unforeseen_seed())
+        # What the caller made is the caller's to end.
+        with ended(None if estimating is estimator else estimating):
+            return audit_objects(
+                simulated,
+                estimating,
+                plan,
+                folder,
+                policy=settings.policy,
+                select=settings.validators,
+                names=(simulator_name, estimator_name),
+                command=f"pytest {self._item.nodeid}",
+            )
 
     def _tell(self, audit: Audit, settings: GateSettings) -> None:
         again = f".{self._number}" if self._number > 1 else ""
@@ -121,7 +131,7 @@ class CalibrationGate:
             {
                 "test": self._item.nodeid,
                 "verdict": outcome.value,
-                "headline": headline(settings),
+                "headline": headline(audit, settings),
                 "lines": detectable(audit) if outcome is Outcome.PASS else [],
                 "blocks": outcome is Outcome.FAIL
                 or (outcome is Outcome.INCONCLUSIVE and settings.inconclusive == "fail"),

@@ -21,10 +21,10 @@ _ORDER = {Outcome.FAIL: 0, Outcome.INCONCLUSIVE: 1, Outcome.PASS: 2}
 _PLAIN = str.maketrans({"−": "-", "–": "-", "±": "+-", "∞": "inf"})
 
 
-def headline(settings: GateSettings) -> str:
+def headline(audit: Audit, settings: GateSettings) -> str:
     """On what the verdict rests: ``4,000 trials x 250 draws, seed 1, policy default``."""
-    plan = settings.trials
-    return f"{plan.number:,} trials x {plan.draws} draws, seed {plan.seed}, policy {settings.policy_name}"
+    plan, seed = settings.trials, audit.verdict.provenance["seed"]
+    return f"{plan.number:,} trials x {plan.draws} draws, seed {seed}, policy {settings.policy_name}"
 
 
 def blocked(audit: Audit, settings: GateSettings, folder: Path) -> str:
@@ -33,7 +33,7 @@ def blocked(audit: Audit, settings: GateSettings, folder: Path) -> str:
     gates = ranked(verdict, audit.findings)
     gates = [gate for gate in gates if gate.outcome is not Outcome.PASS and _decides(gate, verdict)]
     rows = {row.id: row for group in gate_groups(verdict, audit.findings) for row in group.rows}
-    lines = [f"{verdict.outcome.value}: {reason(verdict)}", f"{headline(settings)}.", ""]
+    lines = [f"{verdict.outcome.value}: {reason(verdict)}", f"{headline(audit, settings)}.", ""]
     cells: list[tuple[str, ...]] = [("gate", "verdict", "statistic", "interval", "tolerance")]
     cells += [_cells(rows[gate.id]) for gate in gates[:ROWS]]
     widths = [max(len(row[column]) for row in cells) for column in range(len(cells[0]))]
@@ -98,7 +98,7 @@ def properties(audit: Audit, settings: GateSettings) -> dict[str, str]:
         "verdict": verdict.outcome.value,
         "trials": str(settings.trials.number),
         "draws": str(settings.trials.draws),
-        "seed": str(settings.trials.seed),
+        "seed": str(verdict.provenance["seed"]),
         "policy": settings.policy_name,
         "policy_sha256": str(verdict.provenance["sha256"]["policy"]),
     }
