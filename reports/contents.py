@@ -18,15 +18,16 @@ def contents(record: object) -> list[str]:
     'Of 1 pickle in it: loading would import 1 name and call 1.'
     """
     table: Mapping[str, Any] = record if isinstance(record, Mapping) else {}
-    amount = {key: _whole(table.get(key)) for key in ("pickles", "unresolved", "left_out")}
+    amount = {key: _whole(table.get(key)) for key in ("pickles", "inside", "unresolved", "left_out")}
     if not amount["pickles"] and not table.get("problems"):
         return []
     imports, calls, notable, problems = (
         _names(table.get(key)) for key in ("imports", "calls", "notable", "problems")
     )
+    inside = f", and {count(amount['inside'], 'pickle')} in values of it" if amount["inside"] else ""
     said = [
-        f"Of {count(amount['pickles'], 'pickle')} in it: loading would import {count(len(imports), 'name')} "
-        f"and call {len(calls):,}."
+        f"Of {count(amount['pickles'], 'pickle')} in it{inside}: loading would import "
+        f"{count(len(imports), 'name')} and call {len(calls):,}."
     ]
     if imports:
         said.append(f"Imported: {listed(imports, SHOWN)}.")

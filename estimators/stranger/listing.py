@@ -6,6 +6,7 @@ harmless by name may be called with arguments that are not. It is the sandbox th
 
 from __future__ import annotations
 
+import io
 import pickletools
 import zipfile
 from collections.abc import Iterable, Iterator
@@ -20,6 +21,8 @@ NOTE = "what loading would import and call, as far as can be read without loadin
 # Nothing a stranger wrote decides how long this takes: opcodes and pickles of one file, its entries, names
 # that are kept, bytes in a row.
 OPCODES, PICKLES, ENTRIES, NAMES = 2_000_000, 64, 10_000, 500
+# Pickles inside values of pickles, as tensors are pickled, and how deep.
+VALUES, VALUE_BYTES, DEPTH = 10_000, 1 << 30, 4
 LONGEST = 1 << 28
 LINE = 1 << 16
 LONGEST_NAME = 200
@@ -71,10 +74,12 @@ class _Found:
     calls: set[str] = field(default_factory=set)
     unresolved: int = 0
     pickles: int = 0
+    inside: int = 0
+    value_bytes: int = 0
     opcodes: int = 0
     problems: list[str] = field(default_factory=list)
 
-    def see(self, stream: BinaryIO, where: str) -> None:
+    def see(self, stream: BinaryIO, where: str, depth: int = 0) -> None:
         """One pickle after the other, until one ends otherwise than it should."""
         bounded = _Bounded(stream)
         for number in range(PICKLES):
@@ -86,6 +91,7 @@ class _Found:
                         self.problems.append(f"{where}: more than {OPCODES:,} opcodes; not read on")
                         return
                     machine.step(opcode, argument)
+                    self._look_into(argument, where, depth)
             except (
                 ValueError,
                 KeyError,
@@ -95,17 +101,34 @@ class _Found:
                 EOFError,
                 UnicodeError,
             ) as e:
-                # Behind the last pickle there may be other bytes: arrays, in old files of torch.
-                if not number or machine.steps > 1:
-                    self.problems.append(f"{where}: not a whole pickle ({' '.join(str(e).split())[:100]})")
+                # Behind the last pickle there may be other bytes: arrays, in old files of torch. And a value
+                # need not be a pickle because it begins like one.
+                if not depth and (not number or machine.steps > 1):
+                    self.problems.append(f"{where}: not a whole pickle ({_said(e)})")
                 self._take(machine)
                 return
             except zipfile.BadZipFile as error:
                 self.problems.append(f"{where}: {error}")
                 return
             self._take(machine)
-            self.pickles += 1
+            self.pickles += not depth
         self.problems.append(f"{where}: more than {PICKLES} pickles; not read on")
+
+    def _look_into(self, value: object, where: str, depth: int) -> None:
+        """What a value would import if it were loaded in its turn, should it be a pickle."""
+        if isinstance(value, str) and value[:1] in ("\x80", "P"):  # bytes, in old protocols
+            value = value[: VALUE_BYTES + 1].encode("latin1", "ignore")
+        if not isinstance(value, bytes | bytearray) or self.inside > VALUES:
+            return
+        if value[:4] == b"PK\3\4":
+            self.problems.append(f"{where}: a zip file in a value; not looked into")
+        elif _pickled(bytes(value[:2]), ""):
+            self.inside += 1
+            self.value_bytes += len(value)
+            if self.value_bytes > VALUE_BYTES or self.inside > VALUES or depth == DEPTH:
+                self.problems.append(f"{where}: pickles in values, too many, long or deep; not read on")
+            else:
+                self.see(io.BytesIO(value), where, depth + 1)
 
     def _take(self, machine: Machine) -> None:
         self.imports |= machine.imports
@@ -118,7 +141,8 @@ def listing(path: Path) -> dict[str, Any]:
 
     `kind` is pickle, zip, folder or other. `imports` and `calls` are dotted names, `notable` those of them
     with which a program reaches out of itself; `unresolved` counts imports whose name is only made while
-    loading. `problems` says what could not be read: what is listed is then not all.
+    loading. `inside` counts values that are pickles in their turn (the tensors of a pickled module), whose
+    names are listed too. `problems` says what could not be read: what is listed is then not all.
     """
     found = _Found()
     kind = _see(Path(path), Path(path).name, found)
@@ -126,6 +150,7 @@ def listing(path: Path) -> dict[str, Any]:
     return {
         "kind": kind,
         "pickles": found.pickles,
+        "inside": found.inside,
         "imports": _shown(found.imports),
         "calls": _shown(found.calls),
         "left_out": max(0, len(found.imports) - NAMES) + max(0, len(found.calls) - NAMES),
@@ -161,7 +186,7 @@ def _see(path: Path, name: str, found: _Found) -> str:
             found.see(file, name)
         return "pickle"
     except (OSError, zipfile.BadZipFile, NotImplementedError, RuntimeError, ValueError) as error:
-        found.problems.append(f"{name}: cannot be read ({' '.join(str(error).split())[:100]})")
+        found.problems.append(f"{name}: cannot be read ({_said(error)})")
         return "other"
 
 
@@ -179,7 +204,7 @@ def _entries(path: Path, found: _Found) -> Iterator[tuple[str, BinaryIO]]:
                     with archive.open(entry) as stream:
                         yield entry.filename, stream  # type: ignore[misc]
             except (OSError, zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError) as error:
-                found.problems.append(f"{entry.filename}: cannot be read ({str(error)[:100]})")
+                found.problems.append(f"{entry.filename}: cannot be read ({_said(error)})")
 
 
 def _pickled(first: bytes, name: str) -> bool:
@@ -187,6 +212,10 @@ def _pickled(first: bytes, name: str) -> bool:
     return name.lower().endswith(PICKLED) or (
         first[:1] == b"\x80" and first[1:2] in (b"\2", b"\3", b"\4", b"\5")
     )
+
+
+def _said(error: Exception) -> str:
+    return " ".join(str(error).split())[:100]
 
 
 def _notable(name: str) -> bool:

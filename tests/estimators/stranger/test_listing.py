@@ -101,11 +101,39 @@ def test_objects_of_old_protocols(tmp_path):
     assert of(tmp_path, b"\x80\x02\x82\x01.")["imports"] == ["copyreg extension 1"]
 
 
-def test_a_pickle_within_a_pickle_is_what_it_says(tmp_path):
-    inner = pickle.dumps(Hostile(tmp_path / "trace"))
-    content = b"\x80\x04cpickle\nloads\nB" + struct.pack("<I", len(inner)) + inner + b"\x85R."
+def loading(content: bytes) -> bytes:
+    """A pickle that loads another out of a value."""
+    return b"\x80\x04cpickle\nloads\nB" + struct.pack("<I", len(content)) + content + b"\x85R."
+
+
+@pytest.mark.parametrize("protocol", range(2, 6))
+def test_a_pickle_in_a_value_is_read_too(tmp_path, protocol):
+    content = loading(loading(pickle.dumps(Hostile(tmp_path / "trace"), protocol=protocol)))
     found = of(tmp_path, content)
-    assert found["calls"] == ["pickle.loads"] == found["notable"]
+    assert set(found["calls"]) == {"pickle.loads", f"{os.system.__module__}.system"}
+    assert (found["pickles"], found["inside"], found["problems"]) == (1, 2, [])
+
+
+def test_bytes_of_old_protocols_are_values_too(tmp_path):
+    inner = pickle.dumps(Hostile(tmp_path / "trace"), protocol=2)
+    found = of(tmp_path, pickle.dumps(inner, protocol=2))
+    assert f"{os.system.__module__}.system" in found["calls"]
+
+
+def test_a_value_that_begins_like_a_pickle_need_not_be_one(tmp_path):
+    found = of(tmp_path, pickle.dumps([b"\x80\x02 seven", b"\x80\x04\x95" + b"\xff" * 8]))
+    assert (found["problems"], found["calls"], found["inside"]) == ([], [], 2)
+
+
+@pytest.mark.parametrize("limit", ["VALUES", "VALUE_BYTES", "DEPTH"])
+def test_what_is_in_values_is_bounded(tmp_path, monkeypatch, limit):
+    content = pickle.dumps([loading(loading(pickle.dumps(Hostile(tmp_path)))) for _ in range(3)])
+    monkeypatch.setattr(module, limit, 1)
+    found = of(tmp_path, content)
+    assert found["problems"][0] == "model.pkl: pickles in values, too many, long or deep; not read on"
+    assert of(tmp_path, pickle.dumps(b"PK\3\4" + bytes(40)))["problems"] == [
+        "model.pkl: a zip file in a value; not looked into"
+    ]
 
 
 def test_several_pickles_in_a_row_and_other_bytes_behind_them(tmp_path):
