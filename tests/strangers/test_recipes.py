@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import os
 import re
@@ -88,9 +89,27 @@ def test_a_recipe_ends_as_it_says(
     verdict = json.loads((work / "gaugeblock-audit" / "verdict.json").read_text())
     gates = {gate["id"]: gate for gate in verdict["gates"]}
     assert gates["draws.finite"]["verdict"] == "PASS"
+    if needed in ("sbi", "sbi-0.22"):
+        check_listing(verdict["provenance"]["listing"], work / "gaugeblock-audit")
     if block.verdict == "FAIL":
         failed = {name.partition("[")[0] for name, gate in gates.items() if gate["verdict"] == "FAIL"}
         assert failed & {"sbc.bias", "sbc.log_width", "coverage.central"}, failed
+
+
+def check_listing(listing: dict[str, Any], audit: Path) -> None:
+    """What a real file of sbi says that loading it would import and call, read to its end and shown."""
+    assert (listing["pickles"], listing["problems"], listing["unresolved"]) == (1, [], 0), listing
+    assert any(name.startswith("sbi.") for name in listing["calls"])
+    assert {"collections.OrderedDict", "torch._utils._rebuild_parameter"} <= set(listing["calls"])
+    libraries = {name.partition(".")[0] for name in listing["imports"]}
+    ordinary = {"sbi", "torch", "numpy", "nflows", "pyknos", "collections", "functools", "_codecs"}
+    assert libraries <= ordinary | {"builtins", "__builtin__"}
+    assert set(listing["notable"]) <= {"builtins.getattr"}
+    # Each tensor that pickle.dump writes is a pickle in a value; torch.save keeps them in other entries.
+    assert (listing["inside"] > 5) == (listing["kind"] == "pickle")
+    shown = html.unescape((audit / "report.html").read_text(encoding="utf-8"))
+    assert "no proof of safety" in shown
+    assert "torch._utils._rebuild_parameter" in shown
 
 
 def test_every_recipe_is_run_and_every_example_is_in_one() -> None:
