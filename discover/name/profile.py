@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 TRIES = 3
 """Scanned values at which a fit begins."""
 
-BANK, DRAWN = 1024, 4
+BANK, DRAWN = 512, 4
 """Draws of the extended prior, and how many of them a fit begins at, the likeliest."""
 
 

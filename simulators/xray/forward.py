@@ -24,6 +24,9 @@ SMALLEST = 32
 """Smallest batch ever evaluated. Below it, matrix products take other paths and round differently; from
 here on a spectrum's expected counts have the same bits whatever batch it comes in."""
 
+FEW = 4
+"""Smallest batch of derivatives."""
+
 
 class Compiled:
     """A pure function of rows, jitted over batches that are padded to a few sizes and cut into chunks.
@@ -31,6 +34,7 @@ class Compiled:
     `function` maps one row of each argument, and numbers that all rows share, to an array. Padding
     repeats the last row, so nothing is evaluated that nobody asked about; only `smallest`, eight
     times that and `chunk` are ever compiled: compiling takes longer than evaluating what is padded.
+    A batch is cut into pieces of the smallest of these that takes no more than four.
     """
 
     def __init__(
@@ -50,12 +54,12 @@ class Compiled:
     def __call__(self, shared: Any, *rows: NDArray[np.float64]) -> NDArray[np.float64]:
         """Values for each row, stacked; at least one row. `shared` is a number, or a tree of arrays."""
         pieces = []
+        step = next((size for size in self._sizes if len(rows[0]) <= 4 * size), self._chunk)
         with double_precision():
-            for start in range(0, len(rows[0]), self._chunk):
-                part = [row[start : start + self._chunk] for row in rows]
+            for start in range(0, len(rows[0]), step):
+                part = [row[start : start + step] for row in rows]
                 size = len(part[0])
-                padded = next(fixed for fixed in self._sizes if size <= fixed)
-                part = [np.concatenate([p, np.repeat(p[-1:], padded - size, axis=0)]) for p in part]
+                part = [np.concatenate([p, np.repeat(p[-1:], step - size, axis=0)]) for p in part]
                 pieces.append(np.asarray(self._compiled(*part, shared))[:size])
         return np.concatenate(pieces)
 
@@ -83,7 +87,8 @@ class ForwardModel:
         self.exposure = exposure
         self._rate = rate
         self._expected = Compiled(self._mean, 1)
-        self._jacobian = Compiled(jax.jacfwd(self._mean), 1, chunk=128)
+        # Fits ask about the few rows that still move; the last bits of a derivative matter to nobody.
+        self._jacobian = Compiled(jax.jacfwd(self._mean), 1, chunk=128, smallest=FEW)
         self._log_likelihood = Compiled(self._log_probability, 2)
         self._held: dict[int, HeldModel] = {}
 
