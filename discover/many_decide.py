@@ -14,9 +14,17 @@ SharedDecision = Decision
 
 
 def decide_shared(
-    first: Any, rounds: Sequence[Any], last: Any, scored: HeldOutSources | None
+    first: Any,
+    rounds: Sequence[Any],
+    last: Any,
+    scored: HeldOutSources | None,
+    *,
+    taken_back: str | None = None,
 ) -> SharedDecision:
-    """The rules of `decide`, on held-out sources in place of held-out counts."""
+    """The rules of `decide`, on held-out sources in place of held-out counts.
+
+    `taken_back` is an effect that seemed to be behind those of the `rounds` and did not hold.
+    """
     p = float(first.p_global.min())
     if p > LEVEL or scored is None:
         return Decision(None, (), (), None, f"nothing that the sources share: global p {p:.2g}")
@@ -45,4 +53,6 @@ def decide_shared(
     if left <= LEVEL or smooth - gain > -MARGIN or left <= ADEQUATE:
         alike.append(UNNAMED)
     why = f"{full} predicts held-out sources better by {gain:.1f} nats"
+    if taken_back is not None:
+        why += f"; {taken_back} beside it does not hold on them, so that what is left has no name"
     return Decision(names[0], names, tuple(alike), None, why)

@@ -8,7 +8,8 @@ import numpy as np
 
 from gaugeblock.discover.confirm.held_out import deviance
 from gaugeblock.discover.locate.frames import Frames
-from gaugeblock.discover.many import CatalogueSearch, SharedProfile
+from gaugeblock.discover.many import CatalogueSearch
+from gaugeblock.discover.many_rounds import SharedProfile
 from gaugeblock.discover.name.score import allowed
 from gaugeblock.discover.record.catalogue_tree import Located, floor_and_errors, tested_template
 from gaugeblock.discover.record.summary import at_edge, held_out_path, model_name, not_checked, regions
@@ -85,7 +86,7 @@ def _candidate(key: str, found: CatalogueSearch, profiled: SharedProfile | None)
     values = dict(zip(entry.parameters, map(float, entry.nodes[first.node[best]]), strict=True))
     values[entry.amplitude] = entry.neutral + float(first.stack.amplitude[best])
     if profiled is not None:
-        values[entry.amplitude] = profiled.amplitude.value
+        values = {**profiled.term.values, entry.amplitude: profiled.amplitude.value}
     path = None if scored is None else held_out_path(key, scored.names)
     held = (None, None) if scored is None or path is None else scored.total(path)
     return {

@@ -78,11 +78,42 @@ def test_residuals_know_that_sources_were_fitted(dip):
     assert np.abs(dip.tree["spectrum"]["residual_before"].values).max() > 5
 
 
+def test_an_effect_between_two_scanned_energies_is_one_effect(dip):
+    scanned = np.geomspace(0.7, 7.0, 36)
+    assert np.abs(scanned - 1.7).min() > 0.05
+    assert dip.summary["named_all"] == ["dip"]
+    assert dip.summary["disagreement"]["p_left"] > 0.05
+    assert dip.candidate("dip")["parameters"]["energy"] == pytest.approx(1.7, abs=0.02)
+
+
+def test_a_second_effect_has_to_hold_on_sources_that_did_not_choose_it(power_law):
+    # One source in sixty has a line of its own: what all share seems to have two effects.
+    sources = catalogue(power_law, Effect("dip", {"energy": 1.7, "depth": -0.12}))
+    own = power_law().with_effect(Effect("line", {"energy": 5.0, "counts": 20_000.0}))
+    counts = sources.counts.copy()
+    counts[7] = own.simulate(np.array([[1e4, 1.5]]), np.random.default_rng(3))[0]
+    found = discover_catalogue([replace(sources, counts=counts)], replicates=199)
+    assert found.summary["disagreement"]["p_left"] <= 0.01
+    assert found.summary["named_all"] == ["dip"]
+    assert found.summary["indistinguishable"] == ["dip", "unnamed"]
+    assert "beside it does not hold" in found.summary["remarks"][0]
+
+
+def test_two_effects_that_all_share_are_both_named(power_law):
+    rng = np.random.default_rng(5)
+    true = power_law().with_effect(Effect("dip", {"energy": 1.7, "depth": -0.12}))
+    true = true.with_effect(Effect("dip", {"energy": 4.5, "depth": 0.2}))
+    theta = np.stack([1e4 * np.exp(rng.uniform(-1, 1, 60)), rng.uniform(0.5, 2.5, 60)], axis=1)
+    found = discover_catalogue([Sources.of(power_law(), true.simulate(theta, rng))], replicates=199)
+    assert found.summary["named_all"] == ["dip", "dip"]
+    assert found.summary["amplitude"][0]["value"] == pytest.approx(0.2, abs=0.06)
+    assert found.summary["amplitude"][1]["value"] == pytest.approx(-0.12, abs=0.03)
+
+
 def test_candidates_say_what_model_their_held_out_score_is_of(dip):
     best = dip.candidate("dip")
-    # The dip lies between two scanned energies, and takes two of them: only pairs were scored.
-    assert best["held_out_model"] == "dip + dip"
-    assert dip.candidate("edge")["held_out_model"] == "dip + edge"
+    assert best["held_out_model"] == "dip"
+    assert dip.candidate("edge")["held_out_model"] == "edge"
     assert best["held_out"] > 0
     assert held_out_path("dip", ["before", "line + dip", "edge", "dip"]) == "dip"
     assert held_out_path("dip", ["before", "dip + line", "line + dip"]) == "line + dip"

@@ -1,0 +1,82 @@
+"""Where a shared effect stands between its scanned values: what these miss would pass for a second effect."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.discover.candidates import Candidate
+from gaugeblock.discover.name.catalogue import Group
+from gaugeblock.discover.name.score import allowed
+from gaugeblock.discover.name.shared_scores import join, shared_scores
+from gaugeblock.discover.name.stack import stack
+from gaugeblock.discover.name.templates import effect_templates
+from gaugeblock.simulators.library import LibraryEffect
+
+Array = NDArray[np.float64]
+
+POINTS = 5
+"""Values of each scanned parameter that a pass tries."""
+
+PASSES = 3
+ENOUGH = 0.5
+"""A pass that gains fewer nats is the last."""
+
+
+def refined(groups: Sequence[Group], key: str, node: Array) -> tuple[Array, float]:
+    """The likeliest values near a scanned node ``(parameter,)``, and the departure from neutral there.
+
+    A pass tries `POINTS` values of every scanned parameter up to half a spacing to either side, the next one
+    as many around the best of them. Scores are those of `search` without shared nuisances.
+    """
+    entry = groups[0].candidates.entries[key]
+    names = [name for name in entry.parameters if name != entry.amplitude]
+    best, start = np.array(node, dtype=float), 0.0
+    reach = {
+        name: _spacing(entry, name, float(value))
+        for name, value in zip(entry.parameters, node, strict=True)
+        if name in names
+    }
+    most = -np.inf
+    for _ in range(PASSES):
+        near = dict(zip(entry.parameters, best, strict=True))
+        tried = replace(
+            entry, scanned={name: _around(entry, name, near[name], reach[name]) for name in names}
+        )
+        z, amplitude = _scored(groups, key, tried)
+        at = int(np.argmax(z))
+        promise = max(float(z[at]), 0.0) ** 2 / 2.0
+        if promise > most:
+            best, start = tried.nodes[at], float(amplitude[at])
+        if promise < most + ENOUGH:
+            break
+        most = promise
+        reach = {name: 2.0 * width / (POINTS - 1) for name, width in reach.items()}
+    return best, start
+
+
+def _scored(groups: Sequence[Group], key: str, entry: LibraryEffect) -> tuple[Array, Array]:
+    """z towards the allowed side and amplitude of every node of an entry, ``(node,)``."""
+    parts = []
+    for group in groups:
+        made = Candidate(key, entry, group.candidates[key].simulator)
+        values = effect_templates(made, group.sources, group.fit)
+        parts.append(shared_scores(group.sources.counts, group.fit, values))
+    found = stack(join(parts))
+    sign = 0 if entry.two_sided else int(np.sign(entry.step))
+    return allowed(found.z, np.full(len(found.z), sign)), found.amplitude
+
+
+def _spacing(entry: LibraryEffect, name: str, value: float) -> float:
+    """Half the distance to the nearest other scanned value; 0 where there is no other."""
+    others = np.abs(np.asarray(entry.scanned[name], dtype=float) - value)
+    others = others[others > 0]
+    return 0.5 * float(others.min()) if len(others) else 0.0
+
+
+def _around(entry: LibraryEffect, name: str, value: float, reach: float) -> Array:
+    low, high = entry.parameters[name].support
+    return np.unique(np.clip(value + reach * np.linspace(-1.0, 1.0, POINTS), low, high))
