@@ -42,11 +42,18 @@ EXPECTED = {
 }
 
 
+# They train or run Markov chains: tens of seconds of one core.
+SLOW = {"sbi", "NumPyro"}
+
+
 def test_every_block_is_run_by_a_test() -> None:
     assert set(blocks()) == set(EXPECTED)
 
 
-@pytest.mark.parametrize("heading", EXPECTED)
+@pytest.mark.parametrize(
+    "heading",
+    [pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else []) for name in EXPECTED],
+)
 def test_a_documented_route_ends_in_trials(heading: str, tmp_path: Path) -> None:
     needed, _ = blocks()[heading]
     if needed and importlib.util.find_spec(needed) is None:
@@ -59,7 +66,7 @@ def run_block(heading: str, folder: Path) -> None:
     """Run the block under a heading in a process of its own, and audit what it wrote."""
     (folder / "block.py").write_text(blocks()[heading][1], encoding="utf-8")
     done = subprocess.run(
-        [sys.executable, "block.py"], cwd=folder, capture_output=True, text=True, check=False, timeout=600
+        [sys.executable, "block.py"], cwd=folder, capture_output=True, text=True, check=False, timeout=1800
     )
     assert done.returncode == 0, done.stderr
     trials = read_any_trials(folder / "trials.nc").to_dataset()
