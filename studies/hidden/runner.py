@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import multiprocessing
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,9 @@ Engine = Callable[[Case, int], Found]
 Progress = Callable[[str, int, int], None]
 
 PART = "hidden"
+
+BATCH = 150
+"""Cases that a process searches before it makes room for the next: compiled functions fill its memory."""
 
 
 def run(
@@ -48,13 +51,21 @@ def run(
     found.mkdir(exist_ok=True)
     header = {"seed": seed, "cases": sha256(folder / "cases.nc"), "settings": settings}
     _agree(found / "header.json", header)
-    every = [case.number for case in cases(folder)] if numbers is None else list(numbers)
+    setups = {case.number: case.setup for case in cases(folder)}
+    every = list(setups) if numbers is None else list(numbers)
     missing = [number for number in every if not (found / f"{number}.json").exists()]
     if workers == 1 or len(missing) < 2 * workers:
         _some(folder, engine, seed, missing)(progress, len(every))
-    else:
-        _side_by_side(folder, engine, seed, missing, workers, progress, len(every))
+        missing = []
+    for batch in batches(missing, setups, BATCH * workers):
+        _side_by_side(folder, engine, seed, batch, workers, progress, len(every))
     return {number: read(found / f"{number}.json") for number in every}
+
+
+def batches(numbers: Sequence[int], setups: Mapping[int, str], size: int) -> list[list[int]]:
+    """Cases of one setup, which share compiled functions, at most `size` together."""
+    alike = [[n for n in numbers if setups[n] == setup] for setup in sorted(set(setups.values()))]
+    return [these[i : i + size] for these in alike for i in range(0, len(these), size)]
 
 
 def _agree(path: Path, header: dict[str, Any]) -> None:
@@ -87,8 +98,7 @@ def _side_by_side(
         for process in processes:
             process.join(1.0)
         if progress is not None:
-            left = sum(not (folder / "found" / f"{number}.json").exists() for number in missing)
-            progress(PART, total - left, total)
+            progress(PART, sum(1 for _ in (folder / "found").glob("[0-9]*.json")), total)
     if any(process.exitcode for process in processes):
         raise InputError(f"{folder}: a worker failed; its message is above")
 
@@ -115,7 +125,7 @@ def _some(
 
 
 def so_far(folder: Path) -> dict[int, Found]:
-    """What was found so far: a fair sample, for the order of cases is random.
+    """What was found so far. Cases are searched setup by setup, so that some may be lacking altogether.
 
     Raises
     ------

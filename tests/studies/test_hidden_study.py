@@ -13,7 +13,7 @@ pytest.importorskip("astropy")
 
 from studies.hidden.document import MAKERS, PAGE, filled
 from studies.hidden.plots import FIGURE, draw
-from studies.hidden.runner import run, seed_of, so_far
+from studies.hidden.runner import batches, run, seed_of, so_far
 from studies.hidden.score import Found, scored, table
 from studies.hidden.seal import Answer, Case, cases, opened, seal
 from studies.hidden.targets import by_effect, target, targets
@@ -174,6 +174,12 @@ def test_a_run_goes_on_where_it_stopped(folder):
         run(folder, toy, seed=4, settings={"a": 1})
     with pytest.raises(InputError, match="other code"):
         run(folder, toy, seed=3, settings={"a": 2})
+
+
+def test_a_process_searches_few_cases_of_one_setup():
+    setups = {k: "two" if k % 3 else "one" for k in range(10)}
+    made = batches([k for k in range(10) if k != 4], setups, 4)
+    assert made == [[0, 3, 6, 9], [1, 2, 5, 7], [8]]
 
 
 @pytest.fixture
