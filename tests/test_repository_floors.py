@@ -21,15 +21,17 @@ FLOORS = {
     "discover": 3,
     "trials_from": 3,
     "reports": 4,
-    "__main__": 6,
-    "cli": 6,
-    "cli_discover": 6,
-    "cli_options": 6,
-    "cli_verify": 6,
-    "pytest_plugin": 6,
-    "pytest_gate": 6,
-    "pytest_settings": 6,
-    "pytest_text": 6,
+    "reproduction": 6,
+    "__main__": 7,
+    "cli": 7,
+    "cli_discover": 7,
+    "cli_options": 7,
+    "cli_reproduce": 7,
+    "cli_verify": 7,
+    "pytest_plugin": 7,
+    "pytest_gate": 7,
+    "pytest_settings": 7,
+    "pytest_text": 7,
 }
 """The larger may import the smaller. What is not named here (audit, collect, config) lives on floor 5."""
 
@@ -118,6 +120,7 @@ def test_the_package_itself_imports_no_room():
         ("gaugeblock.discover.locate", "from gaugeblock.reports import html", False),
         ("gaugeblock.audit", "from gaugeblock.config import read\nfrom gaugeblock.reports import html", True),
         ("gaugeblock.audit", "from gaugeblock.cli import main", False),
+        ("gaugeblock.audit", "from gaugeblock.reproduction import claims", False),
         ("gaugeblock.errors", "from gaugeblock.audit import audit", False),
         ("gaugeblock.cli", "from gaugeblock import __version__, audit", True),
     ],
@@ -128,10 +131,13 @@ def test_the_rule_itself(module, source, allowed):
 
 @pytest.mark.parametrize(
     "folder",
-    ["validate", "estimators", "simulators", "reports", "discover", "tests", "property_tests", "src"],
+    [
+        *("validate", "estimators", "simulators", "reports", "discover", "reproduction"),
+        *("tests", "property_tests", "src"),
+    ],
 )
 def test_rooms_are_never_imported_by_their_bare_name(folder):
-    bare = {"validate", "estimators", "simulators", "reports", "discover"}
+    bare = {"validate", "estimators", "simulators", "reports", "discover", "reproduction"}
     found = [
         f"{path.relative_to(ROOT)}:{line} imports {name}"
         for path in sorted((ROOT / folder).rglob("*.py"))

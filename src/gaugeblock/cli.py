@@ -31,6 +31,8 @@ from gaugeblock.cli_options import (
     command,
     stranger_settings,
 )
+from gaugeblock.cli_reproduce import EXIT_CODES as REPRODUCE_EXIT_CODES
+from gaugeblock.cli_reproduce import reproduce
 from gaugeblock.cli_verify import EXIT_CODES as VERIFY_EXIT_CODES
 from gaugeblock.cli_verify import verify
 from gaugeblock.errors import GaugeblockError, one_line, printable
@@ -52,6 +54,7 @@ data_app = typer.Typer(no_args_is_help=True, help="Real responses, spectra and t
 app.add_typer(data_app, name="data")
 app.command(epilog=DISCOVER_EXIT_CODES)(discover)
 app.command(epilog=VERIFY_EXIT_CODES)(verify)
+app.command(epilog=REPRODUCE_EXIT_CODES)(reproduce)
 
 
 @app.command(epilog=EXIT_CODES)

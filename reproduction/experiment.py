@@ -1,0 +1,64 @@
+"""What measures claims: an experiment runs at one of two sizes, keeps its pieces, and says what it found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from gaugeblock.reproduction.judge import Measured, Untestable
+from gaugeblock.reproduction.pieces import Pieces
+
+Progress = Callable[[str, int, int], None]
+Found = Mapping[str, Measured | Untestable]
+
+
+class Setting(Enum):
+    """Size of a run; the value is its name in files."""
+
+    FULL = "full"
+    """What the committed results are of."""
+    TWIN = "twin"
+    """The same in minutes, for continuous integration."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """One experiment: `run` makes a small table, `measured` reads the claims off it.
+
+    `sizes` are the plain numbers that a setting stands for; `run(sizes, pieces, seed)` makes the table and
+    may keep finished pieces of it in `pieces`, which it finds again when it is run anew with the same
+    setting, seed and version. `figures` draw the table: by name, a function that returns SVG.
+    """
+
+    name: str
+    says: str
+    sizes: Mapping[Setting, Mapping[str, Any]]
+    run: Callable[[Mapping[str, Any], Pieces, int], xr.Dataset]
+    measured: Callable[[xr.Dataset], Found]
+    extra: str | None = None
+    """The extra of gaugeblock whose packages it needs."""
+    version: int = 1
+    """Raised when the same sizes and seed mean other numbers: pieces of another version are not used."""
+
+
+def pieces_of(
+    experiment: Experiment,
+    setting: Setting,
+    folder: Path,
+    *,
+    seed: int,
+    progress: Progress | None = None,
+) -> Pieces:
+    """Where an experiment keeps its pieces: apart for every setting, seed and version."""
+    key = {
+        "experiment": experiment.name,
+        "version": experiment.version,
+        "sizes": dict(experiment.sizes[setting]),
+        "seed": seed,
+    }
+    return Pieces(folder, key, name=experiment.name, progress=progress)

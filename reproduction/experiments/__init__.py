@@ -1,0 +1,38 @@
+"""Experiments, one a file. `EXPERIMENTS` names what is built, `PLANNED` what is not yet."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterable
+
+from gaugeblock.reproduction.experiment import Experiment
+
+EXPERIMENTS = ("published", "setup", "counts", "information")
+"""Names of files here; each has `EXPERIMENT`."""
+
+PLANNED = {
+    "posteriors": "exact posteriors of spectra with and without a line, by importance sampling around fits",
+    "evidence": "log evidences of the published spectra by importance sampling and by 1e6 prior draws",
+    "detection": "144 cells of three detectors on EPIC-pn, 200 spectra against 100 each",
+    "detection_nicer": "the same on NICER, B2 too",
+    "calibration_published": "the published network, trained as published and in its variants, audited",
+    "calibration_nicer": "our flows on NICER, audited",
+    "importance": "importance weights of 6,000 draws a spectrum, two seed sets, amplitudes from 0.1% to 10%",
+    "nested": "13 runs of nested sampling and five pairs, their errors by thread bootstrap",
+    "gain_marginalised": "flows with a free gain beside fixed ones, 500 pairs and three seeds",
+    "cross_check": "ten spectra by nested sampling and NUTS with a free gain, and by the flow",
+    "conformal": "split conformal on gain-shifted and clean spectra, twice",
+}
+"""What will measure the claims that nothing measures yet."""
+
+
+def load(name: str) -> Experiment:
+    """The experiment of a name in `EXPERIMENTS`."""
+    module = importlib.import_module(f"{__name__}.{name}")
+    found: Experiment = module.EXPERIMENT
+    return found
+
+
+def loaded(names: Iterable[str] = EXPERIMENTS) -> dict[str, Experiment]:
+    """Experiments by name."""
+    return {name: load(name) for name in names}

@@ -1,0 +1,196 @@
+"""What a gain does to the photon index, and what spectra say of a gain: by Fisher information, without noise.
+
+Everything follows from expected counts at g = 0.97, 1 and 1.03 and from their derivatives by the five source
+parameters, for draws from the prior. Bins are integrated exactly at absorption edges: by the rule that the
+study used, the derivative by the gain is mostly the roughness of that rule.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from gaugeblock.discover.coordinates import Coordinates
+from gaugeblock.reproduction.experiment import Experiment, Found, Setting
+from gaugeblock.reproduction.experiments.arithmetic import GAIN_PRIOR_SD, SHIFT
+from gaugeblock.reproduction.judge import Measured
+from gaugeblock.reproduction.numbers import as_table, by_claim
+from gaugeblock.reproduction.pieces import Pieces, joined
+from gaugeblock.reproduction.registry import claims
+from gaugeblock.validate.designs import finite_shift, predicted_shrink
+
+Array = NDArray[np.float64]
+
+CHUNK = 250
+ALPHA = "powerlaw_1.alpha"
+UNIT_SD = 1.0 / np.sqrt(12.0)
+"""Of every parameter in the unit cube of the prior."""
+
+LEVELS = {"medium": 0.1, "bright": 1.0}
+"""Exposures in units of a bright spectrum's."""
+
+INFORMATIVE = 0.1
+"""Error of the gain below which a spectrum says something of it: some three prior standard deviations."""
+
+
+def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
+    """Per spectrum and level: bias of the photon index by each gain, and the error of the gain."""
+    parts = pieces.each("spectra", -(-sizes["spectra"] // CHUNK), _piece, seed)
+    found = {name: joined(parts, name)[: sizes["spectra"]] for name in parts[0] if name != "invariance"}
+    biases, screened = _biases(found), _screened(found)
+    table = as_table(
+        {**biases[0], **screened[0], "gm.PL.invariant": max(float(part["invariance"]) for part in parts)},
+        {**biases[1], **screened[1]},
+    )
+    return table.assign(
+        bias=(("level", "spectrum"), found["bias_up"].T.astype(np.float32)),
+        gain_error=(("level", "spectrum"), found["gain_error"].T.astype(np.float32)),
+    ).assign_coords(level=list(LEVELS))
+
+
+def _piece(index: int, rng: np.random.Generator) -> Mapping[str, Any]:  # noqa: ARG001
+    from gaugeblock.simulators.xray import reference
+
+    simulator = reference(level="bright", integration="exact")
+    theta = simulator.prior.sample(CHUNK, rng)
+    coordinates = Coordinates(simulator.prior)
+    mean = simulator.expected(theta)
+    slope = simulator.jacobian(theta) * coordinates.slope(coordinates.of(theta))[:, None, :]
+    up, down = (_shifted(simulator, 1.0 + sign * SHIFT).expected(theta) for sign in (1, -1))
+    alpha = simulator.prior.names.index(ALPHA)
+    width = float(np.ptp(simulator.prior.bounds[alpha]))
+    return {
+        "bias_up": _bias(mean, up, slope, alpha, width),
+        "bias_down": _bias(mean, down, slope, alpha, width),
+        "bias_up_flat": _bias(mean, up, slope, alpha, width, prior=False),
+        "gain_error": np.stack(
+            [
+                finite_shift(
+                    mean * scale, up * scale, slope * scale, amplitude=SHIFT, prior_sd=np.full(5, UNIT_SD)
+                ).sd
+                for scale in LEVELS.values()
+            ],
+            axis=1,
+        ),
+        "invariance": _invariance(theta),
+    }
+
+
+def _shifted(simulator: Any, factor: float) -> Any:
+    from gaugeblock.simulators import Effect
+
+    return simulator.with_effect(Effect("published_gain", {"factor": factor}))
+
+
+def _bias(
+    mean: Array, shifted: Array, slope: Array, alpha: int, width: float, *, prior: bool = True
+) -> Array:
+    """Shift of the photon index that a fit makes of shifted counts, ``(spectrum, level)``: one scoring step.
+
+    With `prior`, a Gaussian one of the prior's own sd in every coordinate holds it back.
+    """
+    found = []
+    for scale in LEVELS.values():
+        weighted = slope * np.sqrt(scale / mean)[..., None]
+        information = np.matmul(weighted.swapaxes(1, 2), weighted)
+        information = information + np.eye(slope.shape[-1]) * (UNIT_SD**-2 if prior else 1e-9)
+        gradient = np.einsum("ncp,nc->np", slope, scale * (shifted - mean) / mean)
+        found.append(width * np.linalg.solve(information, gradient[..., None])[:, alpha, 0])
+    return np.stack(found, axis=1)
+
+
+def _invariance(theta: Array) -> Array:
+    """Largest relative change of power law and black body by a gain that other parameters undo."""
+    from gaugeblock.simulators import Prior
+    from gaugeblock.simulators.xray import XraySpectrum, published
+    from gaugeblock.simulators.xray.reference import epic_pn
+
+    marginals = published.REFERENCE_PRIOR.marginals
+    prior = Prior({name: marginals[name] for name in marginals if not name.startswith("tbabs")})
+    bare = XraySpectrum("powerlaw+bbodyrad", epic_pn().with_exposure(3534.0), prior)
+    g = 1.0 + SHIFT
+    alpha, norm, kt, area = theta[:, 1:].T
+    undone = np.column_stack([alpha, norm * g ** (1.0 - alpha), kt / g, area * g**3])
+    one, other = _shifted(bare, g).expected(theta[:, 1:]), bare.expected(undone)
+    return np.asarray(np.abs(one / other - 1.0).max())
+
+
+def _biases(found: Mapping[str, Array]) -> tuple[dict[str, Any], dict[str, Any]]:
+    numbers: dict[str, Any] = {}
+    errors: dict[str, Any] = {}
+    odd: dict[str, float] = {"value": 0.0}
+    for column, level in enumerate(LEVELS):
+        up, down = found["bias_up"][:, column], found["bias_down"][:, column]
+        flat = found["bias_up_flat"][:, column]
+        numbers[f"gm.lin.{level}"] = {
+            "value": float(up.mean()),
+            "median": float(np.median(up)),
+            "median, no prior": float(np.median(flat)),
+            "mean down": float(down.mean()),
+        }
+        errors[f"gm.lin.{level}"] = {"value": float(up.std(ddof=1) / np.sqrt(len(up)))}
+        odd[f"asymmetry, {level}"] = float(abs(up.mean() + down.mean()) / abs(up.mean()))
+    # At g = 1 shifted counts are the counts: the bias there is 0 by construction, in any fit.
+    numbers["gm.antisym"] = odd
+    return numbers, errors
+
+
+def _screened(found: Mapping[str, Array]) -> tuple[dict[str, Any], dict[str, Any]]:
+    medium, bright = found["gain_error"].T
+    shrink = predicted_shrink(medium, GAIN_PRIOR_SD)
+    informative = bright < INFORMATIVE
+    published = claims()["xc.bright.sigma_eff"].parts
+    ranks = {f"{part} rank": float(np.mean(bright <= value)) for part, value in published.items()}
+    quoted = dict(published)
+    numbers = {
+        "xc.fisher": {"value": float(np.median(shrink)), "mean": float(shrink.mean())},
+        "xc.bright.sigma_eff": quoted | ranks | {"median": float(np.median(bright))},
+        "xc.bright.screen": {"value": float(informative.mean()), "strong": float(np.mean(bright < 0.05))},
+    }
+    spread = 1.2533 * float(shrink.std(ddof=1)) / np.sqrt(len(shrink))
+    return numbers, {
+        "xc.fisher": {"value": spread},
+        "xc.bright.screen": {"value": float(informative.std(ddof=1) / np.sqrt(len(informative)))},
+    }
+
+
+def measured(table: xr.Dataset) -> Found:
+    """Claims that expected counts alone decide."""
+    numbers, errors = by_claim(table), by_claim(table, "standard_error")
+    notes = {
+        **{
+            f"gm.lin.{level}": "median {median:+.4f}; without a prior {median, no prior:+.4f}; "
+            "at 3 per cent down {mean down:+.4f}"
+            for level in LEVELS
+        },
+        "gm.antisym": "antisymmetric to first order only: the sum of both biases is {asymmetry, medium:.2f} "
+        "(medium) and {asymmetry, bright:.2f} (bright) of one",
+        "gm.PL.invariant": "power law and black body together, absorption off",
+        "xc.fisher": "median; mean {mean:.3f}",
+        "xc.bright.sigma_eff": "possible spectra: {first rank:.0%}, {second rank:.0%} and {third rank:.0%} "
+        "of the population are below them, its median is {median:.2f}",
+        "xc.bright.screen": "finite-shift error below 0.1; below 0.05 in {strong:.0%}",
+    }
+    return {
+        claim: Measured(parts, errors.get(claim), note=_filled(notes.get(claim, ""), parts))
+        for claim, parts in numbers.items()
+    }
+
+
+def _filled(text: str, parts: Mapping[str, float]) -> str:
+    """A note with its numbers."""
+    return text.format_map(parts)
+
+
+EXPERIMENT = Experiment(
+    name="information",
+    says="biases by a gain and information on it, from expected counts and their derivatives",
+    sizes={Setting.FULL: {"spectra": 4_000}, Setting.TWIN: {"spectra": 250}},
+    run=run,
+    measured=measured,
+    extra="xray",
+)

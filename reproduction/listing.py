@@ -1,0 +1,51 @@
+"""What there is to reproduce, and what came of it, in a few lines for a terminal."""
+
+from __future__ import annotations
+
+from gaugeblock.reproduction import words
+from gaugeblock.reproduction.experiments import EXPERIMENTS, PLANNED, load
+from gaugeblock.reproduction.judge import Verdict
+from gaugeblock.reproduction.registry import claims, find
+from gaugeblock.reproduction.run import Reproduction
+
+SHOWN = 12
+"""Differences that are shown; the page has them all."""
+
+
+def listing(names: tuple[str, ...] = ()) -> str:
+    """Every experiment with its claims, or those that are named.
+
+    Raises
+    ------
+    InputError
+        For a name that is neither a claim nor an experiment.
+    """
+    chosen = find(names)
+    says = {name: load(name).says for name in EXPERIMENTS} | {
+        name: f"{text} (not built yet)" for name, text in PLANNED.items()
+    }
+    lines = []
+    for name, text in says.items():
+        members = [claim for claim in chosen.values() if claim.by == name]
+        if members:
+            lines.append(f"{name}: {text}; {len(members)} claims")
+            lines += [f"  {claim.id}  {claim.says}: {words.published(claim)}" for claim in members]
+    return "\n".join(lines)
+
+
+def headline(result: Reproduction) -> str:
+    """How many claims came to which verdict, and those that differ."""
+    counts = ", ".join(
+        f"{sum(item.verdict is verdict for item in result.judgements)} {verdict.value}" for verdict in Verdict
+    )
+    every = "" if len(result.judgements) == len(claims()) else f" of {len(claims())}"
+    lines = [f"{len(result.judgements)}{every} claims: {counts}"]
+    differing = [item for item in result.judgements if item.verdict is Verdict.DIFFERS]
+    lines += [
+        f"  differs  {item.claim.id}: published {words.published(item.claim)}, ours {words.ours(item)}; "
+        f"{item.reason}"
+        for item in differing[:SHOWN]
+    ]
+    if len(differing) > SHOWN:
+        lines.append(f"  and {len(differing) - SHOWN} more")
+    return "\n".join(lines)
