@@ -83,7 +83,8 @@ def _model(
 ) -> SharedModel:
     return effect_model(
         groups,
-        fits,
+        # Nearer to where all of them lead than the fits without effects.
+        path[-1].amplitude.fits if len(path) > 1 else fits,
         [one.term for one in path],
         np.array([one.amplitude.value for one in path]),
         kind,

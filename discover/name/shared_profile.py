@@ -12,6 +12,7 @@ from scipy.stats import norm
 from gaugeblock.discover.fit import Fit
 from gaugeblock.discover.name.shared import Shared, Term, fit_held, share
 from gaugeblock.discover.name.shared_scores import SharedScores, join, shared_scores
+from gaugeblock.discover.name.shared_starts import spread_starts
 from gaugeblock.discover.name.stack import prior_precision, solved, stack
 from gaugeblock.discover.sources import Sources
 from gaugeblock.errors import InputError
@@ -21,6 +22,9 @@ Array = NDArray[np.float64]
 ITERATIONS = 8
 SLACK = 0.05
 """Log likelihood that fits, which end within their tolerance, may lose at a step that is no worse."""
+
+TRIES = 4
+"""Places over the prior from which sources are fitted anew when the amplitude has settled."""
 
 CLOSE = 0.05
 """The fit has converged when no amplitude moves by more than this share of its standard error."""
@@ -140,8 +144,8 @@ def profile_models(
         moved = np.clip(phi + shorter * step, *_inside(first))
         converged = bool((np.abs(moved - phi) < CLOSE * error).all())
         if converged and not checked and number < iterations:
-            # Two peaks of a source may trade places on the way: look from the fit without effect again.
-            again = _refitted(models, groups, phi, found, bare)
+            # Peaks of a source may trade places on the way: look from the fit without effect and from afar.
+            again = _refitted(models, groups, phi, found, bare, tries=TRIES)
             gained = objective - _objective(again, phi, first)
             checked, found, objective = True, again, objective - gained
             if gained > SLACK:
@@ -172,13 +176,17 @@ def profile_models(
 
 
 def _refitted(
-    models: Sequence[Shared], groups: Sequence[Sources], phi: Array, *starts: Sequence[Fit]
+    models: Sequence[Shared], groups: Sequence[Sources], phi: Array, *starts: Sequence[Fit], tries: int = 0
 ) -> list[Fit]:
-    """Fits at phi, from fits nearby."""
-    return [
-        fit_held(model, sources, phi, np.stack([one[i].theta for one in starts], axis=1))
-        for i, (model, sources) in enumerate(zip(models, groups, strict=True))
-    ]
+    """Fits at phi, from fits nearby, and from `tries` places over the prior."""
+    found = []
+    for i, (model, sources) in enumerate(zip(models, groups, strict=True)):
+        begin = np.stack([one[i].theta for one in starts], axis=1)
+        if tries:
+            far = spread_starts(model.held(phi), sources.counts, sources.scale, tries=tries)
+            begin = np.concatenate([begin, far], axis=1)
+        found.append(fit_held(model, sources, phi, begin))
+    return found
 
 
 def shared_parts(

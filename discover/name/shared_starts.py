@@ -1,0 +1,57 @@
+"""Where fits of a catalogue's sources begin: far apart, for a source may have several likely thetas."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.discover.fit import TINY
+
+Array = NDArray[np.float64]
+
+BANK = 16_384
+BEST = 1024
+"""Draws of a source among which its starts are."""
+
+APART = 0.2
+"""Share of some parameter's prior range by which starts are apart."""
+
+BLOCK = 512
+"""Sources done at once: bounds memory."""
+
+
+def spread_starts(
+    simulator: Any, counts: Array, scale: Array, *, tries: int, bank: int = BANK, seed: int = 0
+) -> Array:
+    """Likely draws from the prior that lie apart, ``(source, try, parameter)``, the likeliest first.
+
+    The likeliest draws of all may lie around one theta while a likelier theta has none near it. `counts` is
+    ``(source, channel)``; a source with too few places takes its likeliest draw again.
+    """
+    theta = simulator.prior.sample(bank, np.random.default_rng(seed))
+    unit = simulator.prior.to_unit_cube(theta)
+    mean = np.maximum(np.asarray(simulator.expected(theta)), TINY)
+    log_mean, total = np.log(mean).T, mean.sum(axis=1)
+    picked = [
+        _apart(counts[i : i + BLOCK] @ log_mean - scale[i : i + BLOCK, None] * total, unit, tries)
+        for i in range(0, len(counts), BLOCK)
+    ]
+    return np.asarray(theta[np.concatenate(picked)])
+
+
+def _apart(score: Array, unit: Array, tries: int) -> NDArray[np.int64]:
+    """Indices ``(source, try)`` of draws by score ``(source, draw)``, at places ``(draw, parameter)``."""
+    some = np.argpartition(-score, min(BEST, score.shape[1]) - 1, axis=1)[:, :BEST]
+    # In the bank's order: which of them come first decides nothing.
+    best = np.sort(some, axis=1)
+    place, rows = unit[best], np.arange(len(score))
+    left = np.take_along_axis(score, best, axis=1)
+    chosen, first = [], np.argmax(left, axis=1)
+    for _ in range(tries):
+        at = np.where(np.isfinite(left).any(axis=1), np.argmax(left, axis=1), first)
+        chosen.append(best[rows, at])
+        near = np.abs(place - place[rows, at][:, None]).max(axis=2) < APART
+        left = np.where(near, -np.inf, left)
+    return np.stack(chosen, axis=1)
