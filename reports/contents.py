@@ -1,4 +1,4 @@
-"""What a stranger's file would import and call, in sentences."""
+"""What a stranger's file would import and call, and what contained it, in sentences."""
 
 from __future__ import annotations
 
@@ -39,6 +39,20 @@ def contents(record: object) -> list[str]:
     if amount["left_out"]:
         said.append(f"{amount['left_out']:,} more names are left out.")
     return said + [f"Not read to the end: {problem}." for problem in problems[:SHOWN]]
+
+
+def contained(record: object) -> str:
+    """One sentence on what kept a stranger from harm, of provenance's `confinement`; empty where none says.
+
+    >>> contained({"sandbox": {"program": "bubblewrap 0.8.0"}})
+    'What contained it is the sandbox.'
+    """
+    sandbox = record.get("sandbox") if isinstance(record, Mapping) else None
+    if sandbox is None:
+        return ""
+    if isinstance(sandbox, Mapping):
+        return "What contained it is the sandbox."
+    return "Nothing contained it: somebody trusted it, and it ran without a sandbox."
 
 
 def _names(value: object) -> list[str]:

@@ -8,7 +8,7 @@ from typing import Any
 import xarray as xr
 
 from gaugeblock.reports.baseline import comparison
-from gaugeblock.reports.contents import contents
+from gaugeblock.reports.contents import contained, contents
 from gaugeblock.reports.errors_of_trials import trial_errors
 from gaugeblock.reports.figures import sections
 from gaugeblock.reports.page import render
@@ -55,6 +55,7 @@ def report_html(verdict: Verdict, findings: Sequence[Finding], trials: xr.DataTr
         suggestions=verdict.suggestions,
         baseline=[] if verdict.baseline is None else comparison(verdict.baseline),
         contents=contents(verdict.provenance.get("listing")),
+        contained=contained(verdict.provenance.get("confinement")),
         not_checked=verdict.not_checked,
         reported=reported_groups(verdict, findings),
         sections=sections(verdict, findings, errors),

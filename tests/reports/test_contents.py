@@ -33,4 +33,24 @@ def test_the_report_has_a_chapter_on_it(passing):
     verdict = replace(passing.verdict, provenance={"listing": {**LISTED, "imports": ["<script>"]}})
     page = report_html(verdict, passing.findings, passing.trials, title="t")
     assert "no proof of safety" in page
+    assert "contained it" not in page
     assert "Imported: &lt;script&gt;." in page
+
+
+def test_a_sandbox_is_claimed_only_where_there_was_one(passing):
+    trusted = "none, trusted by --i-trust-this-estimator"
+    for sandbox, says, never in (
+        ({"program": "bubblewrap"}, "What contained it is the sandbox.", "Nothing contained it"),
+        (trusted, "Nothing contained it", "What contained it"),
+    ):
+        record = {"listing": LISTED, "confinement": {"sandbox": sandbox}}
+        verdict = replace(passing.verdict, provenance=record)
+        page = report_html(verdict, passing.findings, passing.trials, title="t")
+        assert says in page
+        assert never not in page
+
+
+def test_pickles_in_values_are_counted():
+    assert contents({**LISTED, "inside": 3})[0].startswith(
+        "Of 1 pickle in it, and 3 pickles in values of it: "
+    )
