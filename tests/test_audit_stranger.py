@@ -101,6 +101,10 @@ def test_one_command_is_enough(sandbox: Any, theirs: Any, tmp_path: Path) -> Non
     assert len(record["estimator"]["sha256"]["model"]) == 64
     assert record["confinement"]["sandbox"]["program"].startswith("bubblewrap")
     assert not (tmp_path / "a" / ".chunks").exists()
+    # Who reads the report sees which file it is of.
+    assert record["title"] == "stranger (theirs.py) on linear_gaussian"
+    assert Path(record["estimator"]["options"]["path"]).name == "theirs.py"
+    assert record["estimator"]["format_options"] == {}
 
 
 def test_interrupted_it_goes_on_with_the_seed_it_began_with(

@@ -74,7 +74,8 @@ def python_program(
     if format not in formats():
         raise InputError(f"estimator.format = {format!r}: there are {', '.join(formats())}")
     interpreter = find_interpreter(python or sys.executable)
-    said: dict[str, Any] = {"format": format, "options": dict(options)}
+    # The audit's own record has `options` too: how the estimator was asked for.
+    said: dict[str, Any] = {"format": format, "format_options": dict(options)}
     setting: dict[str, Any] = {"format": format, "path": places.of(path, "model"), "options": dict(options)}
     if builder is not None:
         file, colon, function = builder.rpartition(":")
@@ -84,7 +85,7 @@ def python_program(
         setting["options"]["builder"] = f"{places.of(Path(file), 'builder')}:{function}"
     if isinstance(setting["options"].get("source"), str):
         source = Path(setting["options"]["source"])
-        said["options"]["source"] = source.name
+        said["format_options"]["source"] = source.name
         setting["options"]["source"] = places.of(source, "source")
     server = f"{ROOT}/child" if places.inside else str(CHILD)
     seen = {f"{ROOT}/child": CHILD, **{str(folder): folder for folder in interpreter.folders}}

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from gaugeblock.digest import digest
-from gaugeblock.errors import InputError
+from gaugeblock.errors import InputError, one_line
 from gaugeblock.tables import Named
 
 DIGESTED = ("simulator", "estimator", "policy")
@@ -35,9 +35,11 @@ def title(provenance: Mapping[str, Any]) -> str:
 
 
 def _subject(choice: Mapping[str, Any]) -> str:
-    """Name and those options that are words: "xray (epic-pn, medium)"."""
-    options = choice.get("options")
-    words = [value for value in dict(options or {}).values() if isinstance(value, str)]
+    """Name and those options that are words, or the file alone: "xray (epic-pn, medium)", "npe (trained)"."""
+    options = dict(choice.get("options") or {})
+    words = [value for value in options.values() if isinstance(value, str)]
+    if isinstance(options.get("path"), str):
+        words = [one_line(Path(options["path"]).name)]
     return f"{choice.get('name', '?')} ({', '.join(words)})" if words else str(choice.get("name", "?"))
 
 

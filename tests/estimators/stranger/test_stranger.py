@@ -195,7 +195,7 @@ def test_what_decides_the_bits_is_described_and_where_it_lies_is_not(
         said.append(one.describe())
         one.close()
     assert said[0] == said[1] != said[2]
-    assert said[2]["options"] == {"width": 2}
+    assert said[2]["format_options"] == {"width": 2}
 
 
 def test_a_command_can_name_model_and_interpreter(
