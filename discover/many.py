@@ -10,7 +10,7 @@ import numpy as np
 
 from gaugeblock.discover.candidates import Candidates, candidates
 from gaugeblock.discover.confirm.held_out_sources import HeldOutSources
-from gaugeblock.discover.fit import Fit, fit
+from gaugeblock.discover.fit import Fit
 from gaugeblock.discover.many_confirm import confirmed
 from gaugeblock.discover.many_decide import SharedDecision, decide_shared
 from gaugeblock.discover.many_rounds import SharedProfile, SharedRound, grouped, rounds_of, term_at
@@ -18,14 +18,11 @@ from gaugeblock.discover.name.catalogue import Search as SharedSearch
 from gaugeblock.discover.name.catalogue import search
 from gaugeblock.discover.name.shared import Term
 from gaugeblock.discover.name.shared_profile import SharedAmplitude, profile_shared
-from gaugeblock.discover.name.shared_starts import spread_starts
+from gaugeblock.discover.name.shared_starts import fitted_from_afar
 from gaugeblock.discover.search import LEVEL
 from gaugeblock.discover.single import Step
 from gaugeblock.discover.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
-
-TRIES = 16
-"""Places over the prior from which every source is fitted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +58,7 @@ def search_catalogue(
     """Search a catalogue for effects that all its sources share, and put what is found to the test."""
     streams = dict(zip(("search", "held_out", "decoys", "beside"), rng.spawn(4), strict=True))
     step(f"fitting {sum(map(len, groups)):,} sources")
-    fits = [_fitted(group) for group in groups]
+    fits = [fitted_from_afar(group) for group in groups]
     theta = np.concatenate([found.theta for found in fits])
     proposed = [candidates(group.simulator, theta, own=own, only=only) for group in groups]
     step("locating what the sources share")
@@ -93,11 +90,6 @@ def search_catalogue(
         held.scored,
         decide_shared(first, held.rounds, held.last, held.scored, taken_back=held.taken_back),
     )
-
-
-def _fitted(group: Sources) -> Fit:
-    start = spread_starts(group.simulator, group.counts, group.scale, tries=TRIES)
-    return fit(group.simulator, group.counts, scale=group.scale, start=start)
 
 
 def _beside(

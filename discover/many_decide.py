@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from gaugeblock.discover.confirm.held_out_sources import HeldOutSources
-from gaugeblock.discover.decide import ADEQUATE, MARGIN, UNNAMED, Decision
+from gaugeblock.discover.decide import ADEQUATE, MANY, MARGIN, UNNAMED, Decision
 from gaugeblock.discover.name.confidence_set import CRITICAL
 from gaugeblock.discover.search import LEVEL
 
@@ -50,7 +50,7 @@ def decide_shared(
         near = path in scored.names and scored.total(full, over=path)[0] < MARGIN
         if (z < CRITICAL or near) and one.key not in names:
             alike.append(one.key)
-    if left <= LEVEL or smooth - gain > -MARGIN or left <= ADEQUATE:
+    if smooth - gain > -MARGIN or left <= ADEQUATE or len(names) > MANY:
         alike.append(UNNAMED)
     why = f"{full} predicts held-out sources better by {gain:.1f} nats"
     if taken_back is not None:

@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.discover.candidates import Candidates
-from gaugeblock.discover.fit import Fit, fit
+from gaugeblock.discover.fit import Fit
 from gaugeblock.discover.name.catalogue import Group, search
 from gaugeblock.discover.name.catalogue import Search as SharedSearch
 from gaugeblock.discover.name.score import allowed
 from gaugeblock.discover.name.shared import Shared, Term, share
 from gaugeblock.discover.name.shared_profile import SharedAmplitude, profile_models
 from gaugeblock.discover.name.shared_refined import refined
+from gaugeblock.discover.name.shared_starts import fitted_from_afar
 from gaugeblock.discover.search import BEHIND, LEVEL
 from gaugeblock.discover.single import Step
 from gaugeblock.discover.sources import Sources
@@ -98,8 +99,7 @@ def rounds_of(
             for group in now
         ]
         found = [
-            fit(group.simulator, group.counts, scale=group.scale, start=old.theta)
-            for group, old in zip(now, best.amplitude.fits, strict=True)
+            fitted_from_afar(group, old.theta) for group, old in zip(now, best.amplitude.fits, strict=True)
         ]
         beside.append(best.term)
         later = [Candidates(group.simulator, one.entries) for group, one in zip(now, proposed, strict=True)]

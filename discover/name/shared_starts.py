@@ -7,9 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.fit import TINY
+from gaugeblock.discover.fit import TINY, Fit, fit
+from gaugeblock.discover.sources import Sources
 
 Array = NDArray[np.float64]
+
+TRIES = 16
+"""Places from which a source is fitted; from half as many one bright EPIC-pn source in ten ends elsewhere."""
 
 BANK = 16_384
 BEST = 1024
@@ -20,6 +24,13 @@ APART = 0.2
 
 BLOCK = 512
 """Sources done at once: bounds memory."""
+
+
+def fitted_from_afar(sources: Sources, *near: Array) -> Fit:
+    """Fits from `TRIES` places over the prior, and from thetas ``(source, parameter)`` nearby."""
+    far = spread_starts(sources.simulator, sources.counts, sources.scale, tries=TRIES)
+    start = np.concatenate([far, *(one[:, None] for one in near)], axis=1)
+    return fit(sources.simulator, sources.counts, scale=sources.scale, start=start)
 
 
 def spread_starts(

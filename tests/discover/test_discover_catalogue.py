@@ -106,6 +106,7 @@ def test_two_effects_that_all_share_are_both_named(power_law):
     theta = np.stack([1e4 * np.exp(rng.uniform(-1, 1, 60)), rng.uniform(0.5, 2.5, 60)], axis=1)
     found = discover_catalogue([Sources.of(power_law(), true.simulate(theta, rng))], replicates=199)
     assert found.summary["named_all"] == ["dip", "dip"]
+    assert found.summary["indistinguishable"] == ["dip", "unnamed"]
     assert found.summary["amplitude"][0]["value"] == pytest.approx(0.2, abs=0.06)
     assert found.summary["amplitude"][1]["value"] == pytest.approx(-0.12, abs=0.03)
 
