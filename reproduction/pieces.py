@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import time
 import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -16,6 +17,9 @@ from gaugeblock.atomic import write_atomically
 from gaugeblock.digest import digest
 
 Arrays = dict[str, NDArray[Any]]
+
+SPENT = "_cpu_seconds"
+"""What a piece took, beside its arrays: a run that finds it says so too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,20 +48,28 @@ class Pieces:
         piece depends on which were made before it.
         """
         self.place.mkdir(parents=True, exist_ok=True)
-        found = []
+        found: list[Arrays] = []
+        tell = self.progress or (lambda *_: None)
+        tell(f"{self.name}: {kind}", 0, number)
         for index in range(number):
             path = self.place / f"{kind}-{index:05d}.npz"
             kept = _read(path)
             if kept is None:
                 rng = np.random.default_rng(stream(seed, self.name, kind, index))
+                start = time.process_time()
                 kept = {name: np.asarray(values) for name, values in make(index, rng).items()}
+                kept[SPENT] = np.array(time.process_time() - start)
                 buffer = io.BytesIO()
                 np.savez(buffer, **kept)  # type: ignore[arg-type]
                 write_atomically(path, buffer.getvalue())
-            found.append(kept)
-            if self.progress is not None:
-                self.progress(f"{self.name}: {kind}", index + 1, number)
+            found.append({name: values for name, values in kept.items() if name != SPENT})
+            tell(f"{self.name}: {kind}", index + 1, number)
         return found
+
+    def spent(self) -> float:
+        """Seconds of CPU that all pieces on disk took, whichever run made them."""
+        kept = (_read(path) or {} for path in sorted(self.place.glob("*.npz")))
+        return float(sum(piece.get(SPENT, np.zeros(())) for piece in kept))
 
 
 def stream(seed: int, *names: str | int) -> np.random.SeedSequence:

@@ -49,7 +49,6 @@ def reproduce(
     *,
     setting: Setting = Setting.FULL,
     seed: int,
-    command: str = "",
     progress: Progress | None = None,
 ) -> Reproduction:
     """Measure and judge the claims that are named, by id or by experiment, or all; writes into `out`.
@@ -62,12 +61,10 @@ def reproduce(
         For a name that is neither a claim nor an experiment, or a folder that cannot be written to.
     """
     chosen = find(tuple(names))
+    store.writable(out)
     tables = {}
     for name in needed(chosen):
-        found = store.made(
-            load(name), setting, out / CHECKPOINTS, seed=seed, command=command, progress=progress
-        )
-        tables[name] = found
+        tables[name] = store.made(load(name), setting, out / CHECKPOINTS, seed=seed, progress=progress)
     result = judged(chosen, tables)
     write(result, out)
     return result

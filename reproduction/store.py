@@ -23,7 +23,6 @@ def made(
     folder: Path,
     *,
     seed: int,
-    command: str = "",
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Run an experiment, or go on where an earlier run stopped; its table says how it was made."""
@@ -37,10 +36,16 @@ def made(
         sizes=json.dumps(dict(experiment.sizes[setting])),
         seed=seed,
         version=experiment.version,
-        command=command,
+        command=_command(experiment.name, setting, seed),
         versions=json.dumps(versions()),
-        cpu_seconds=round(time.process_time() - start, 1),
+        cpu_seconds=round(pieces.spent() or time.process_time() - start, 1),
     )
+
+
+def _command(name: str, setting: Setting, seed: int) -> str:
+    """What makes the table again, wherever its files go."""
+    small = " --twin" if setting is Setting.TWIN else ""
+    return f"gaugeblock reproduce {name}{small} --seed {seed}"
 
 
 def write(tables: Mapping[str, xr.Dataset], path: Path) -> None:

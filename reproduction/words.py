@@ -34,7 +34,7 @@ def published(claim: Claim) -> str:
         return str(claim.value).lower() if isinstance(claim.value, bool) else claim.value
     if isinstance(claim.value, Mapping):
         # Some parts are words: how many epochs, how many failures.
-        return ", ".join(f"{name} {_plain(value)}" for name, value in claim.value.items())
+        return ", ".join(f"{name}: {_plain(value)}" for name, value in claim.value.items())
     return _named({name: _plain(value) for name, value in claim.parts.items()})
 
 
@@ -59,7 +59,7 @@ def _error(error: float | None) -> str:
 
 
 def _named(values: Mapping[str, str]) -> str:
-    return ", ".join(text if name == SINGLE[0] else f"{name} {text}" for name, text in values.items())
+    return ", ".join(text if name == SINGLE[0] else f"{name}: {text}" for name, text in values.items())
 
 
 def _plain(value: Any) -> str:

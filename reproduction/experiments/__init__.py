@@ -7,12 +7,10 @@ from collections.abc import Iterable
 
 from gaugeblock.reproduction.experiment import Experiment
 
-EXPERIMENTS = ("published", "setup", "counts", "information")
+EXPERIMENTS = ("published", "setup", "counts", "information", "posteriors", "evidence")
 """Names of files here; each has `EXPERIMENT`."""
 
 PLANNED = {
-    "posteriors": "exact posteriors of spectra with and without a line, by importance sampling around fits",
-    "evidence": "log evidences of the published spectra by importance sampling and by 1e6 prior draws",
     "detection": "144 cells of three detectors on EPIC-pn, 200 spectra against 100 each",
     "detection_nicer": "the same on NICER, B2 too",
     "calibration_published": "the published network, trained as published and in its variants, audited",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gaugeblock.cli_options import Debug, Out, Quiet, Seed, command
+from gaugeblock.cli_options import Debug, Out, Quiet, Seed
 
 if TYPE_CHECKING:
     from gaugeblock.reproduction import Reproduction
@@ -64,7 +64,6 @@ def reproduce(
                 out,
                 setting=Setting.TWIN if twin else Setting.FULL,
                 seed=SEED if seed is None else seed,
-                command=command(),
                 progress=bars.show,
             )
     typer.echo(printable(headline(result)))

@@ -1,5 +1,7 @@
 """Pieces are found again bit for bit, wherever a run stopped, and never mixed."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -44,8 +46,21 @@ def test_pieces_of_other_sizes_seeds_and_kinds_are_others(tmp_path):
     assert not np.array_equal(kinds[0], two.each("draws", 1, draw, 4)[0]["x"])
 
 
+def test_what_was_found_is_counted_with_what_it_took(tmp_path):
+    def slow(index, rng):
+        end = time.process_time() + 0.02
+        while time.process_time() < end:
+            pass
+        return draw(index, rng)
+
+    for _ in range(2):
+        pieces = Pieces(tmp_path, {}, name="toy")
+        assert set(pieces.each("draws", 2, slow, 3)[0]) == {"x", "index"}
+        assert 0.04 <= pieces.spent() < 1
+
+
 def test_progress_counts_what_was_found_too(tmp_path):
     seen = []
     for _ in range(2):
         Pieces(tmp_path, {}, name="toy", progress=lambda *said: seen.append(said)).each("draws", 2, draw, 3)
-    assert seen == [("toy: draws", 1, 2), ("toy: draws", 2, 2)] * 2
+    assert seen == [("toy: draws", done, 2) for done in (0, 1, 2)] * 2
