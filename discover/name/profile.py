@@ -70,9 +70,7 @@ def profile(
     """
     start = starts(candidate, sources, base, found, tested)
     if far:
-        draws = likeliest_draws(
-            candidate.simulator, sources.counts, sources.scale, bank=BANK, tries=DRAWN
-        )
+        draws = likeliest_draws(candidate.simulator, sources.counts, sources.scale, bank=BANK, tries=DRAWN)
         start = np.concatenate([start, draws], axis=1)
     fitted = fit(candidate.simulator, sources.counts, scale=sources.scale, start=start)
     gain, size = float(base.objective[0] - fitted.objective[0]), len(candidate.entry.parameters)
