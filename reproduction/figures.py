@@ -116,7 +116,7 @@ def evidence_figure(pyplot: Any) -> Any:
 def information_figure(pyplot: Any, found: xr.Dataset) -> Any:
     """Bias of the photon index by 3 per cent of gain, and errors of the gain, over the prior."""
     figure, axes = pyplot.subplots(1, 2, figsize=(7.5, 3.0), layout="constrained")
-    bias_edges, error_edges = np.linspace(-0.06, 0.12, 61), np.geomspace(0.02, 2.0, 61)
+    bias_edges, error_edges = np.linspace(-0.04, 0.08, 41), np.geomspace(0.02, 2.0, 41)
     for level, colour in (("medium", ORANGE), ("bright", BLUE)):
         bias = found["bias"].sel(level=level).values
         error = found["gain_error"].sel(level=level).values
@@ -132,12 +132,12 @@ def information_figure(pyplot: Any, found: xr.Dataset) -> Any:
             )
         quoted = claims()[f"gm.lin.{level}"].parts["value"]
         axes[0].axvline(quoted, color=colour, lw=0.8, ls="--")
-    axes[0].set_xlabel("bias of the photon index at g = 1.03; dashed: as published")
+    axes[0].set_xlabel("bias of the photon index at g = 1.03\ndashed: as published")
     axes[0].set_ylabel("share of spectra")
     axes[1].set_xscale("log")
     axes[1].axvline(GAIN_PRIOR_SD, color=GREY, lw=0.8)
     for value in claims()["xc.bright.sigma_eff"].parts.values():
         axes[1].axvline(value, color=BLUE, lw=0.8, ls="--")
-    axes[1].set_xlabel("error of the gain; grey: its prior's sd; dashed: the three published")
+    axes[1].set_xlabel("error of the gain\ngrey: its prior's sd; dashed: three published ones")
     axes[0].legend(frameon=False)
     return figure

@@ -55,7 +55,9 @@ def tolerance(claim: Claim) -> str:
 
 
 def _error(error: float | None) -> str:
-    return "" if error is None or not error > 0 else f" ± {error:.2g}"
+    if error is None or not error > 0:
+        return ""
+    return f" ± {error:.0f}" if error >= 10.0 else f" ± {error:.2g}"
 
 
 def _named(values: Mapping[str, str]) -> str:

@@ -152,7 +152,7 @@ def _biases(found: Mapping[str, Array]) -> tuple[dict[str, Any], dict[str, Any]]
             "mean down": float(down.mean()),
         }
         errors[f"gm.lin.{level}"] = {"value": float(up.std(ddof=1) / np.sqrt(len(up)))}
-        odd[f"asymmetry, {level}"] = float(abs(up.mean() + down.mean()) / abs(up.mean()))
+        odd[f"asymmetry at {level}"] = float(abs(up.mean() + down.mean()) / abs(up.mean()))
     # At g = 1 shifted counts are the counts: the bias there is 0 by construction, in any fit.
     numbers["gm.antisym"] = odd
     return numbers, errors
@@ -186,8 +186,8 @@ def measured(table: xr.Dataset) -> Found:
             "at 3 per cent down {mean down:+.4f}"
             for level in LEVELS
         },
-        "gm.antisym": "antisymmetric to first order only: the sum of both biases is {asymmetry, medium:.2f} "
-        "(medium) and {asymmetry, bright:.2f} (bright) of one",
+        "gm.antisym": "antisymmetric to first order only: the sum of both biases is "
+        "{asymmetry at medium:.2f} (medium) and {asymmetry at bright:.2f} (bright) of one",
         "gm.PL.invariant": "photon index above 1.1, {any:.1g} at any; with a black body {both:.1g}: neither "
         "area nor band edges break it, only absorption does",
         "xc.fisher": "median; mean {mean:.3f}",
