@@ -97,8 +97,8 @@ def number(value: float | None, decimals: int = 3, *, sign: bool = False) -> str
 def short(value: float | None, digits: int = 3) -> str:
     """Significant digits, without an exponent where a person would not want one.
 
-    >>> short(0.00012345), short(1234567.0), short(0.5), short(-12.0), short(4000)
-    ('1.23e−4', '1.23e6', '0.5', '−12', '4,000')
+    >>> short(0.00012345), short(1234567.0), short(0.5), short(-12.0), short(4000), short(1.03, 4)
+    ('1.23e−4', '1.23e6', '0.5', '−12', '4,000', '1.030')
     """
     if value is None or not math.isfinite(value):
         return number(value)
@@ -109,7 +109,9 @@ def short(value: float | None, digits: int = 3) -> str:
         mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
         text = f"{float(mantissa):g}e{int(exponent)}"
     else:
-        text = f"{value:,.0f}" if size >= 10**digits else f"{value:.{digits}g}"
+        # More digits than usual are asked for where an interval gives them a meaning: zeros among them too.
+        kept = "#" if digits > 3 else ""
+        text = f"{value:,.0f}" if size >= 10**digits else f"{value:{kept}.{digits}g}".rstrip(".")
     return text.replace("-", MINUS)
 
 
