@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,10 @@ def tree(search: Search) -> xr.DataTree:
 def axis(sources: Sources) -> dict[str, Any]:
     """Energies and the segment of every channel."""
     parts = segments(sources.simulator, sources.counts.shape[1])
+    if len(sources) > 1 and [part.role for part in parts].count("source") == 1:
+        # They are added up: a segment is called after the first one's file.
+        added = f"sum of {len(sources):,} sources"
+        parts = tuple(replace(part, name=added) if part.role == "source" else part for part in parts)
     edges = np.concatenate([part.edges for part in parts])
 
     def text(name: str) -> NDArray[np.str_]:
