@@ -193,7 +193,7 @@ SAME = 1.0
 
 
 def compared(profiles: list[Profile], sources: Sources) -> Round:
-    """Compare profiles; of the same effects added in another order only the best counts, of equals the first."""
+    """Compare profiles; of the same effects in another order only the best counts, of equals the first."""
     best: dict[tuple[str, ...], Profile] = {}
     for one in profiles:
         effects = tuple(sorted(one.path))

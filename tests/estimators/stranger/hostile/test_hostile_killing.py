@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -59,6 +60,8 @@ def _heard() -> Iterator[list[int]]:
 def test_the_audit_is_not_signalled(attack: Callable[..., Any]) -> None:
     bystander = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(300)"])
     try:
+        # Its words are not there at once: what is running is compared before and after.
+        _wait(lambda: Path(f"/proc/{bystander.pid}/cmdline").read_bytes() != b"")
         with _heard() as heard:
             done = attack(KILLS.format(parent=os.getpid()))
         assert heard == []
