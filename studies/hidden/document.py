@@ -99,7 +99,8 @@ def _incomplete(searched: int, sealed: int) -> str:
         return ""
     return (
         f"\n\n**This is {100 * searched / sealed:.0f}% of the set; the rest has not been searched yet.** "
-        "The targets are set for 400 cases without an effect, 300 fair ones and 100 of what the library lacks."
+        "The targets are set for 400 cases without an effect, 300 fair ones and 100 of what the library "
+        "lacks."
     )
 
 

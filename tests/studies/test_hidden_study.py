@@ -204,7 +204,7 @@ def test_the_page_is_made_of_the_table(stored):
     assert "at most 5% | 20 | 5.0%" in once
     assert "| met |" not in once
     assert "40 of 41 sealed cases" in once
-    assert "random 98% of the set" in once
+    assert "This is 98% of the set" in once
     assert "too few cases to say" in once
 
 
