@@ -13,8 +13,8 @@ import xarray as xr
 
 from gaugeblock.atomic import atomic_path
 from gaugeblock.errors import InputError
+from gaugeblock.identity import versions
 from gaugeblock.reproduction.experiment import Experiment, Progress, Setting, pieces_of
-from gaugeblock.reproduction.versions import versions
 
 
 def made(

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.discover.candidates import Candidate, Candidates
-from gaugeblock.discover.fit import Fit, fit, likeliest_draws
+from gaugeblock.discover.fit import Fit, fit, likeliest_draws, select
 from gaugeblock.discover.name.score import allowed, scores
 
 Array = NDArray[np.float64]
@@ -113,22 +113,10 @@ def _placed(rival: Candidate, mean: Array, scale: Array, base: Fit) -> tuple[Arr
     gains, places = [], []
     for i in range(0, len(mean), BLOCK // 2):
         rows = slice(i, i + BLOCK // 2)
-        gain, place = _some(rival, mean[rows], scale[rows], _rows(base, rows))
+        gain, place = _some(rival, mean[rows], scale[rows], select(base, rows))
         gains.append(gain)
         places.append(place)
     return np.concatenate(gains), np.concatenate(places)
-
-
-def _rows(base: Fit, rows: slice) -> Fit:
-    return Fit(
-        base.theta[rows],
-        base.expected[rows],
-        base.jacobian[rows],
-        base.precision,
-        base.log_likelihood[rows],
-        base.objective[rows],
-        base.converged[rows],
-    )
 
 
 def _some(rival: Candidate, mean: Array, scale: Array, base: Fit) -> tuple[Array, Array]:
