@@ -1,0 +1,178 @@
+"""Does the effective sample size of importance weights notice a line, or a gain, that the flow lacks?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from gaugeblock.reproduction.experiment import Experiment, Found, Setting
+from gaugeblock.reproduction.experiments.importance_cells import Cell, cell_of, pooled, selected, summary
+from gaugeblock.reproduction.experiments.importance_claims import claims_of, found_of
+from gaugeblock.reproduction.experiments.importance_weights import Level, ceiling, diagnostics
+from gaugeblock.reproduction.numbers import as_table
+from gaugeblock.reproduction.pieces import Arrays, Pieces, joined, stream
+
+Array = NDArray[np.float64]
+
+CHUNK = 50
+"""Spectra in one piece."""
+
+SETS = 4
+"""Independent seed sets of the sweep below a per cent."""
+
+BOTH = (0, 1)
+"""Those that have spectra with a line, and bright ones, too."""
+
+SWEEP = (1.0, 3.0, 5.0, 10.0)
+SUB = (0.1, 0.2, 0.3, 0.5)
+STRESS = 3.0
+FLOW = "epic-pn-"
+
+EXACT = 2000
+"""Draws from each exact posterior."""
+
+
+def populations(sizes: Mapping[str, Any]) -> Iterator[tuple[str, str, str, float, int]]:
+    """Name, level, kind, amplitude in per cent and number of spectra of every population."""
+    clean, suspicious = sizes["clean"], sizes["suspicious"]
+    for level in ("medium", "bright"):
+        for k in range(SETS if level == "medium" else len(BOTH)):
+            yield f"{level}-clean-{k}", level, "clean", 0.0, clean
+        for k in BOTH:
+            yield f"{level}-gain-{k}", level, "gain", STRESS, suspicious
+            yield f"{level}-line-{k}", level, "line", 0.0, suspicious
+    for amplitude in SWEEP:
+        yield f"sweep-{amplitude:g}", "medium", "gain", amplitude, suspicious
+    for amplitude in SUB:
+        for k in range(SETS):
+            yield f"sub-{amplitude:g}-{k}", "medium", "gain", amplitude, suspicious
+    for k in range(sizes["null"]):
+        yield f"null-{k}", "medium", "clean", 0.0, suspicious
+
+
+def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
+    """Areas under the ROC curve by cell, and the numbers of all claims."""
+    from gaugeblock.reproduction.paper_flow import paper_flow
+
+    levels = {name: Level(name) for name in ("medium", "bright")}
+    flows = {name: paper_flow(FLOW + name) for name in levels}
+    draws = sizes["draws"]
+
+    def population(flow: Any, level: Level, kind: str, amplitude: float, number: int, name: str) -> Arrays:
+        def piece(index: int, rng: np.random.Generator) -> Arrays:
+            counts = level.spectra(kind, amplitude, min(CHUNK, number - index * CHUNK), rng)
+            return diagnostics(flow, level.likelihood, counts, draws=draws, rng=rng)
+
+        made = pieces.each(name, -(-number // CHUNK), piece, seed)
+        return {key: joined(made, key) for key in made[0]}
+
+    found = {
+        name: population(flows[level], levels[level], kind, amplitude, number, name)
+        for name, level, kind, amplitude, number in populations(sizes)
+    }
+    for name in sizes["trainings"]:
+        level = levels["bright"]
+        other = paper_flow(f"{FLOW}bright-{name}")
+        found[f"training-{name}"] = population(
+            other, level, "clean", 0.0, sizes["others"], f"training-{name}"
+        )
+    for name, level in levels.items():
+        found[f"ceiling-{name}"] = _ceiling(level, sizes["others"], pieces, seed)
+    rng = np.random.default_rng(stream(seed, "importance", "resampling"))
+    return table_of(found, sizes, rng)
+
+
+def _ceiling(level: Level, number: int, pieces: Pieces, seed: int) -> Arrays:
+    def piece(index: int, rng: np.random.Generator) -> Mapping[str, Array]:
+        return ceiling(level.plain, number=min(CHUNK, number - index * CHUNK), draws=EXACT, rng=rng)
+
+    made = pieces.each(f"ceiling-{level.name}", -(-number // CHUNK), piece, seed)
+    return {"ceiling": joined(made, "ceiling")}
+
+
+def table_of(found: Mapping[str, Arrays], sizes: Mapping[str, Any], rng: np.random.Generator) -> xr.Dataset:
+    """The table, from what the weights say of every spectrum of every population."""
+    cells = [
+        cell_of(name, level, amplitude, found[f"{level}-clean-{clean}"], found[name], rng)
+        for name, level, clean, amplitude in _cells()
+    ]
+    by_name = {cell.name: cell for cell in cells}
+    other = {
+        **{level: summary(found, level, BOTH, rng) for level in ("medium", "bright")},
+        "null": pooled([found[f"null-{k}"]["effective"] for k in range(sizes["null"])], rng),
+        "selected": selected(
+            {k: [by_name[f"sub-{a:g}-{k}"] for a in SUB] for k in range(SETS)},
+            (sizes["clean"], sizes["suspicious"]),
+            rng,
+        ),
+        "trainings": {
+            name: float(np.median(found[f"training-{name}"]["effective"])) for name in sizes["trainings"]
+        },
+    }
+    numbers, errors = claims_of(by_name, other, sizes)
+    return as_table(numbers, errors).merge(_cell_table(cells))
+
+
+def _cells() -> Iterator[tuple[str, str, int, float]]:
+    """Name, level, seed set of the clean spectra and amplitude in per cent of every cell."""
+    for level in ("medium", "bright"):
+        for k in BOTH:
+            yield f"{level}-gain-{k}", level, k, STRESS
+            yield f"{level}-line-{k}", level, k, np.nan
+    for amplitude in SWEEP:
+        yield f"sweep-{amplitude:g}", "medium", 0, amplitude
+    for amplitude in SUB:
+        for k in range(SETS):
+            yield f"sub-{amplitude:g}-{k}", "medium", k, amplitude
+
+
+def _cell_table(cells: list[Cell]) -> xr.Dataset:
+    """Every cell's AUC with its error, by the effective sample size under either prior and by k-hat."""
+    return xr.Dataset(
+        {
+            "amplitude": ("cell", [cell.amplitude for cell in cells]),
+            "auc": (("cell", "score"), [[score.auc for score in cell.scores] for cell in cells]),
+            "auc_error": (("cell", "score"), [[score.error for score in cell.scores] for cell in cells]),
+            "p_value": (("cell", "score"), [[score.p for score in cell.scores] for cell in cells]),
+        },
+        coords={
+            "cell": [cell.name for cell in cells],
+            "score": ["effective", "effective_simulated", "khat"],
+        },
+    )
+
+
+def measured(table: xr.Dataset) -> Found:
+    """Areas, shares and medians; beside them what the prior that was simulated from would have given."""
+    return found_of(table)
+
+
+EXPERIMENT = Experiment(
+    name="importance",
+    says="importance weights of the published network's draws, on clean spectra, with a line and with a gain",
+    sizes={
+        Setting.FULL: {
+            "clean": 150,
+            "suspicious": 100,
+            "null": 8,
+            "draws": 6000,
+            "others": 100,
+            "trainings": ["uncapped", "seed101", "seed202", "seed303"],
+        },
+        Setting.TWIN: {
+            "clean": 30,
+            "suspicious": 20,
+            "null": 3,
+            "draws": 300,
+            "others": 4,
+            "trainings": [],
+        },
+    },
+    run=run,
+    measured=measured,
+    extra="xray",
+)

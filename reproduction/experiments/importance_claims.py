@@ -1,0 +1,151 @@
+"""Which number of the importance weights each claim is about, and what is said beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from scipy import stats
+
+from gaugeblock.reproduction.auc_error import null_auc_error
+from gaugeblock.reproduction.experiment import Found, Setting
+from gaugeblock.reproduction.experiments.importance_cells import Cell, Score
+from gaugeblock.reproduction.judge import Measured
+from gaugeblock.reproduction.numbers import by_claim
+
+Parts = dict[str, dict[str, float]]
+Both = tuple[float, float]
+
+EFFECTIVE, SIMULATED, KHAT = range(3)
+"""Scores of a cell."""
+
+FAMILIES = {"B4": "gain", "B1": "line"}
+LEVELS = ("medium", "bright")
+SWEEP, SUB, SETS = ("1", "3", "5", "10"), ("0.1", "0.2", "0.3", "0.5"), 4
+
+
+def claims_of(
+    cells: Mapping[str, Cell], other: Mapping[str, Any], sizes: Mapping[str, Any]
+) -> tuple[Parts, Parts]:
+    """Numbers by claim and part, and their standard errors."""
+    numbers: Parts = {"is.draws": {"value": float(sizes["draws"])}}
+    errors: Parts = {}
+
+    def put(claim: str, part: str, found: Both) -> None:
+        numbers.setdefault(claim, {})[part] = found[0]
+        errors.setdefault(claim, {})[part] = found[1]
+
+    for level in LEVELS:
+        for family, kind in FAMILIES.items():
+            for k in (0, 1):
+                cell = cells[f"{level}-{kind}-{k}"]
+                _put_auc(put, f"tab3.{level}.{family}.seed{k}", cell.scores[EFFECTIVE])
+                put(f"tab3.{level}.{family}.seed{k}", "simulated", _of(cell.scores[SIMULATED]))
+            first = cells[f"{level}-{kind}-0"].scores
+            _put_auc(put, f"tab4.IS.{family}.{level}", first[EFFECTIVE])
+            put(f"tab4.IS.{family}.{level}", "simulated", _of(first[SIMULATED]))
+            for claim in (f"is.khat.{family}.{level}", f"tab4.PSIS.{family}.{level}"):
+                _put_auc(put, claim, first[KHAT])
+    _shares(put, other)
+    swept = [cells[f"sweep-{a}"].scores for a in SWEEP]
+    for amplitude, scores in zip(SWEEP, swept, strict=True):
+        _put_auc(put, f"is.sweep.{amplitude}pc", scores[EFFECTIVE])
+        put(f"is.sweep.{amplitude}pc", "simulated", _of(scores[SIMULATED]))
+    _put_smallest(put, "is.sweep.pmin", [scores[EFFECTIVE] for scores in swept])
+    put("is.null.mean", "value", other["null"])
+    _below_a_per_cent(put, cells, other["selected"], (sizes["clean"], sizes["suspicious"]))
+    for name, value in other["trainings"].items():
+        numbers["is.essfrac.bright"][name] = value
+    return numbers, errors
+
+
+def _of(score: Score) -> Both:
+    return score.auc, score.error
+
+
+def _put_auc(put: Any, claim: str, score: Score) -> None:
+    put(claim, "value", _of(score))
+    put(claim, "lower 95 per cent", (score.low, float("nan")))
+    put(claim, "p", (score.p, float("nan")))
+
+
+def _shares(put: Any, other: Mapping[str, Any]) -> None:
+    """Acceptance, effective draws and k-hat of clean spectra."""
+    medium, bright = (other[level] for level in LEVELS)
+    gaps = {}
+    for level, found in (("medium", medium), ("bright", bright)):
+        (clean, clean_error), (shifted, shifted_error) = found["accepted"], found["accepted shifted"]
+        gaps[level] = abs(clean - shifted), float(np.hypot(clean_error, shifted_error))
+        put(f"is.essfrac.{level}", "value", found["effective"])
+        put(f"is.essfrac.{level}", "simulated", found["effective_simulated"])
+        put(f"is.essfrac.{level}", "ceiling", found["ceiling"])
+    put("is.accept.medium", "value", medium["accepted"])
+    put("is.accept.bright", "clean", bright["accepted"])
+    put("is.accept.bright", "shifted", bright["accepted shifted"])
+    put("is.accept.bright", "difference", gaps["bright"])
+    put("is.accept.diff", "value", max(gaps.values()))
+    put("is.lowess.bright", "value", bright["alarm"])
+    put("is.khat.bright.clean", "value", bright["khat"])
+
+
+def _put_smallest(put: Any, claim: str, scores: list[Score]) -> None:
+    """Smallest p-value, with the error of the smallest of uniform numbers, and as Holm adjusts it."""
+    number, smallest = len(scores), min(score.p for score in scores)
+    put(claim, "value", (smallest, float(stats.beta(1, number).std())))
+    put(claim, "smallest adjusted", (min(1.0, number * smallest), float("nan")))
+
+
+def _below_a_per_cent(
+    put: Any, cells: Mapping[str, Cell], selected: Mapping[str, Both], sizes: tuple[int, int]
+) -> None:
+    error = null_auc_error(*sizes)
+    for amplitude in SUB:
+        sets = [cells[f"sub-{amplitude}-{k}"].scores[EFFECTIVE] for k in range(SETS)]
+        mean, pooled_error = float(np.mean([score.auc for score in sets])), error / np.sqrt(SETS)
+        claim = f"sub.{amplitude}"
+        put(claim, "single", _of(sets[0]))
+        put(claim, "pooled", (mean, float(np.sqrt(sum(score.error**2 for score in sets)) / SETS)))
+        # A p-value of no effect has the error of a uniform number.
+        p = 2.0 * float(stats.norm.sf(abs(mean - 0.5) / pooled_error))
+        put(claim, "pooled_p", (p, 12**-0.5))
+    every = [[cells[f"sub-{a}-{k}"].scores[EFFECTIVE] for a in SUB] for k in range(SETS)]
+    hits = float(sum(score.p < 0.05 for scores in every for score in scores))
+    _put_smallest(put, "sub.pworst", every[0])
+    put("sub.pworst", "hits", (hits, float("nan")))
+    for claim, parts in (("sub.hits", ("first", "second")), ("sub.range", ("least", "most"))):
+        for part in parts:
+            put(claim, part, selected[part])
+
+
+def found_of(table: xr.Dataset) -> Found:
+    """Every claim's measurement with its note."""
+    numbers, errors = by_claim(table), by_claim(table, "standard_error")
+    found = {
+        claim: Measured(parts, errors.get(claim) or None, note=_note(claim, parts))
+        for claim, parts in numbers.items()
+    }
+    if table.attrs.get("setting") == Setting.TWIN.value:
+        found["is.draws"] = Measured(numbers["is.draws"], because="a twin draws fewer")
+    return found
+
+
+def _note(claim: str, parts: Mapping[str, float]) -> str:
+    if "ceiling" in parts:
+        said = (
+            "{simulated:.3f} under the prior that was simulated from; a perfect flow has {ceiling:.2f}"
+        ).format_map(parts)
+        others = [
+            f"{name} {value:.3f}"
+            for name, value in parts.items()
+            if name not in ("value", "simulated", "ceiling")
+        ]
+        return said + (f"; other trainings: {', '.join(others)}" if others else "")
+    if "simulated" in parts:
+        return "p {p:.3f}; {simulated:.3f} under the prior that was simulated from".format_map(parts)
+    if "p" in parts:
+        return "p {p:.3f}".format_map(parts)
+    if claim == "sub.pworst":
+        return "{hits:.0f} of all 16 below 0.05".format_map(parts)
+    return ""
