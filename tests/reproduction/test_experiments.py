@@ -7,7 +7,7 @@ from gaugeblock.reproduction import Setting, Verdict, claims, judge
 from gaugeblock.reproduction.experiments import EXPERIMENTS, load
 from gaugeblock.reproduction.store import committed, made, read_one, write_one
 
-SLOW = ("posteriors", "evidence")
+SLOW = ("posteriors", "evidence", "nested")
 """Their twins take some twenty seconds each."""
 
 TWINS = [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in EXPERIMENTS]
