@@ -13,6 +13,7 @@ import xarray as xr
 from gaugeblock.errors import require
 from gaugeblock.reproduction.claim import Kind
 from gaugeblock.reproduction.experiments.arithmetic import GAIN_PRIOR_SD
+from gaugeblock.reproduction.grid_figure import grid_figure
 from gaugeblock.reproduction.judge import Judgement, Verdict
 from gaugeblock.reproduction.registry import claims
 from gaugeblock.reproduction.rows import published_rows
@@ -26,6 +27,10 @@ COLOUR = {
     Verdict.UNTESTABLE: GREY,
     Verdict.PENDING: LIGHT,
 }
+
+LEVEL_COLOUR = {"faint": GREY, "medium": ORANGE, "bright": BLUE}
+GRIDS = (("detection", "epic-pn", "EPIC-pn"), ("detection_nicer", "nicer", "NICER"))
+"""Experiments that measure a detection grid, the response of it, and how that is called."""
 
 
 def draw(
@@ -43,6 +48,13 @@ def draw(
     if "information" in tables:
         found = tables["information"]
         made["Gain: bias and information"] = ("information", lambda: information_figure(pyplot, found))
+    for name, response, words in GRIDS:
+        if name in tables:
+            grid, caption = tables[name], f"Detection grid, {words}: ours, and as published (open circles)"
+            made[caption] = (
+                f"grid-{response}",
+                lambda grid=grid, response=response: grid_figure(pyplot, grid, response, LEVEL_COLOUR),  # type: ignore[misc]
+            )
     folder.mkdir(parents=True, exist_ok=True)
     written = {}
     for caption, (name, figure_of) in made.items():

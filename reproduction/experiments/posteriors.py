@@ -6,7 +6,6 @@ study's own spectra where its seeds are known: the bias is then the model's, not
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 
 from gaugeblock.reproduction.exact import exact_posteriors
 from gaugeblock.reproduction.experiment import Experiment, Found, Setting
-from gaugeblock.reproduction.experiments.counts import SEED
+from gaugeblock.reproduction.grid_populations import cell_counts, cell_seed
 from gaugeblock.reproduction.judge import Measured
 from gaugeblock.reproduction.numbers import as_table, by_claim
 from gaugeblock.reproduction.pieces import Pieces, joined
@@ -33,16 +32,6 @@ ALPHA = 1
 """Column of the photon index."""
 
 LEVELS = ("faint", "medium", "bright")
-
-
-def cell_seed(family: str, strength: float) -> int:
-    """The study's seed of a cell of its grid, the same at every level.
-
-    >>> cell_seed("B1", 3e-4)
-    299173568
-    """
-    word = hashlib.sha1(f"{family}|{strength}".encode(), usedforsecurity=False).hexdigest()[:8]
-    return (SEED + int(word, 16)) % (2**31 - 1)
 
 
 def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
@@ -107,15 +96,10 @@ def _piece(index: int, sizes: Mapping[str, Any], rng: np.random.Generator) -> di
 
 def _line(lined: Any, rows: slice) -> tuple[Array, Array]:
     """Theta and counts of the study's cell, drawn as it did."""
-    import jax
+    from gaugeblock.simulators.xray import published
 
-    from gaugeblock.simulators.xray import double_precision, published
-
-    seed = cell_seed(FAMILY, STRENGTH)
-    theta = published.theta(DRAWN, seed)
-    with double_precision():
-        key = jax.random.split(jax.random.PRNGKey(seed))[1]
-        counts = np.asarray(jax.random.poisson(key, lined.expected(theta)), dtype=float)
+    theta = published.theta(DRAWN, cell_seed(FAMILY, STRENGTH))
+    counts = cell_counts(lined, FAMILY, STRENGTH, DRAWN)
     return theta[rows], counts[rows]
 
 

@@ -1,0 +1,158 @@
+"""The detection grid on one response: its AUCs, their errors, and what other draws of the cells give."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from gaugeblock.reproduction.detection_level import STRENGTHS, Level
+from gaugeblock.reproduction.grid_populations import FAMILIES, LEVELS
+from gaugeblock.reproduction.pieces import Arrays, Pieces
+from gaugeblock.reproduction.registry import DETECTORS
+from gaugeblock.validate.detectors import auc
+
+Array = NDArray[np.float64]
+
+CELL = ("level", "family", "strength", "detector")
+REPLICATES = 500
+"""Bootstrap replicates of the spectra behind every AUC."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Grid:
+    """Scores on one response, ``(*CELL, spectrum)``; the clean ones of D1 and D2 are the same in all cells.
+
+    `again` ``(*CELL, population)`` are AUCs of other draws of a cell and of clean spectra, by the same flow;
+    NaN for D1, which is costly. `nothing` ``(level, strength, detector, population)`` are those of clean
+    spectra against clean ones, for D2 and D3. `accuracy` ``(level, family, strength)`` is D3's, `largest`
+    of the same shape the largest expected count that a replicate had in a channel.
+    """
+
+    clean: Array
+    suspicious: Array
+    again: Array
+    nothing: Array
+    accuracy: Array
+    largest: Array
+
+    @property
+    def auc(self) -> Array:
+        """AUCs ``(*CELL)``."""
+        return auc(self.clean, self.suspicious)
+
+    def replicates(self, rng: np.random.Generator, number: int = REPLICATES) -> Array:
+        """Bootstrap replicates ``(replicate, *CELL)`` of all AUCs together.
+
+        Spectra are drawn, not scores: what detectors and levels have in common stays common. The classifier
+        of D3 is not trained again.
+        """
+        n, m = self.clean.shape[-1], self.suspicious.shape[-1]
+        weight = rng.multinomial(n, np.full(n, 1 / n), size=number) / n
+        _, families, strengths, _, _ = self.suspicious.shape
+        found = np.empty((number, *self.suspicious.shape[:-1]))
+        for cell in np.ndindex(families, strengths):
+            own = rng.multinomial(m, np.full(m, 1 / m), size=number) / m
+            place = (slice(None), *cell)
+            low, high = self.clean[place][..., :, None], self.suspicious[place][..., None, :]
+            above = (high > low) + 0.5 * (high == low)
+            found[:, :, cell[0], cell[1]] = np.einsum(
+                "bn,ldnm,bm->bld", weight, above, own, optimize=("einsum_path", (0, 1), (0, 1))
+            )
+        return found
+
+
+def scored(
+    response: str, flow_of: Callable[[str], Any], sizes: Mapping[str, Any], pieces: Pieces, seed: int
+) -> Grid:
+    """Score all cells by the flow of each level; a piece is the clean spectra of a level, or one cell."""
+    from gaugeblock.simulators.xray import family, published, reference
+
+    bare = reference(response)
+    flow = cache(flow_of)
+
+    # Exposures share what is compiled: every effect is, once.
+    @cache
+    def with_effect(name: str, strength: float) -> Any:
+        return bare.with_effect(family(name, strength))
+
+    places = [(name, strength) for name in FAMILIES for strength in published.STRENGTHS[name]]
+
+    def cell(index: int, seconds: float) -> tuple[str, float, Any]:
+        return (*places[index], with_effect(*places[index]).with_exposure(seconds))
+
+    clean, cells = [], []
+    for name, seconds in published.EXPOSURES[response].items():
+        level = Level(
+            simulator=bare.with_exposure(seconds),
+            flow=partial(flow, name),
+            cell=partial(cell, seconds=seconds),
+            sizes=sizes,
+        )
+        kept = pieces.each(f"{response}-{name}-clean", 1, level.clean, seed)[0]
+        clean.append(kept)
+        cells.append(
+            pieces.each(f"{response}-{name}-cell", len(places), partial(level.scores, kept=kept), seed)
+        )
+    return _grid(clean, cells)
+
+
+def _grid(clean: list[Arrays], cells: list[list[Arrays]]) -> Grid:
+    shape = (len(clean), len(FAMILIES), STRENGTHS)
+
+    def of_cells(name: str) -> Array:
+        every = np.stack([np.stack([piece[name] for piece in level]) for level in cells])
+        return every.reshape(*shape, *every.shape[2:])
+
+    def of_levels(name: str) -> Array:
+        every = np.stack([kept[name] for kept in clean])[:, None, None]
+        return np.broadcast_to(every, (*shape, every.shape[-1]))
+
+    again = of_cells("again")
+    return Grid(
+        clean=np.stack(
+            [of_levels("predictive"), of_levels("distance"), of_cells("classifier_clean")], axis=3
+        ),
+        suspicious=np.stack([of_cells(n) for n in ("predictive", "distance", "classifier")], axis=3),
+        again=np.concatenate([np.full_like(again[..., :1, :], np.nan), again], axis=3),
+        nothing=np.stack([kept["nothing"] for kept in clean]),
+        accuracy=of_cells("accuracy"),
+        largest=of_cells("largest"),
+    )
+
+
+def as_dataset(grids: Mapping[str, Grid], replicates: Mapping[str, Array]) -> xr.Dataset:
+    """AUCs of grids by response, with bootstrap errors, and the mean and sd over other draws of the cells."""
+    from gaugeblock.simulators.xray import published
+
+    def stacked(values: Mapping[str, Array] | list[Array], *dims: str) -> xr.DataArray:
+        rows = list(values.values()) if isinstance(values, Mapping) else values
+        return xr.DataArray(np.stack(rows), dims=("response", *dims))
+
+    every = list(grids.values())
+    return xr.Dataset(
+        {
+            "auc": stacked([grid.auc for grid in every], *CELL),
+            "auc_error": stacked([found.std(axis=0, ddof=1) for found in replicates.values()], *CELL),
+            "again": stacked([grid.again.mean(axis=-1) for grid in every], *CELL),
+            "again_sd": stacked([grid.again.std(axis=-1, ddof=1) for grid in every], *CELL),
+            "nothing": stacked(
+                [grid.nothing for grid in every], "level", "strength", "embedded", "population"
+            ),
+            "accuracy": stacked([grid.accuracy for grid in every], *CELL[:3]),
+            "largest": stacked([grid.largest for grid in every], *CELL[:3]),
+            "amount": (("family", "strength"), np.array([published.STRENGTHS[name] for name in FAMILIES])),
+        },
+        coords={
+            "response": list(grids),
+            "level": list(LEVELS),
+            "family": list(FAMILIES),
+            "detector": list(DETECTORS),
+            "embedded": list(DETECTORS[1:]),
+        },
+    )

@@ -1,0 +1,129 @@
+"""The detection grid: its populations, what is said of it, and the errors of what is said."""
+
+import numpy as np
+import pytest
+
+from gaugeblock.reproduction import claims
+from gaugeblock.reproduction.auc_error import auc_error
+from gaugeblock.reproduction.detection_claims import cells, errors, numbers, on_epic_pn, on_nicer
+from gaugeblock.reproduction.detection_grid import Grid
+from gaugeblock.reproduction.grid_populations import cell_counts, cell_seed, clean_counts
+from gaugeblock.reproduction.rows import published_rows
+
+SHAPE = (3, 4, 4, 3)
+
+
+def mine(name):
+    return {key for key, claim in claims().items() if claim.by == name}
+
+
+def published(response):
+    pytest.importorskip("jaxspec")
+    from gaugeblock.reproduction.grid_figure import published_aucs
+
+    return published_aucs(response)
+
+
+def test_every_claim_about_a_grid_is_read_off_it():
+    auc = published("epic-pn")
+    assert set(on_epic_pn(auc)) == mine("detection")
+    assert set(on_nicer(published("nicer"), auc, frozenset(claims()))) == mine("detection_nicer")
+    assert len({place for _, place in cells("epic-pn")}) == 144
+
+
+def test_the_published_cells_give_the_published_claims():
+    """So what is read off a grid is what the study read off its own."""
+    found = numbers(on_epic_pn(published("epic-pn")))
+    for name in mine("detection"):
+        claim = claims()[name]
+        for part, value in claim.parts.items():
+            assert found[name][part] == pytest.approx(value, abs=0.0051), (name, part)
+        # One published cell of the gain lies 0.081 from 1/2 itself.
+        if not name.startswith("grid."):
+            assert all(rule.satisfied(claim.parts, found[name]) for rule in claim.rules), name
+    auc = np.where(np.isnan(published("nicer")), 0.5, published("nicer"))
+    nicer = numbers(on_nicer(auc, published("epic-pn"), frozenset(claims())))
+    for name in mine("detection_nicer"):
+        claim = claims()[name]
+        for part, value in claim.parts.items():
+            assert nicer[name][part] == pytest.approx(value, abs=0.0051), (name, part)
+        if not name.startswith("grid."):
+            assert all(rule.satisfied(claim.parts, nicer[name]) for rule in claim.rules), name
+
+
+def test_the_studys_spectra_come_out_where_it_kept_its_seeds():
+    """Its rows state the mean photon index of every cell of the line to three digits."""
+    pytest.importorskip("jaxspec")
+    from gaugeblock.simulators.xray import published as study
+
+    rows = published_rows()
+    levels, norms = rows["line_level"].values.astype(str), rows["line_norm"].values
+    drawn = np.array([study.theta(100, cell_seed("B1", norm))[:, 1].mean() for norm in norms])
+    same = np.abs(drawn - rows["line_alpha_truth"].values) < 6e-4
+    kept = {(str(level), float(norm)) for level, norm in zip(levels[same], norms[same], strict=True)}
+    assert kept == {("bright", norm) for norm in study.STRENGTHS["B1"]} | {("medium", 3e-4)}
+
+
+def test_populations_are_poisson_about_their_means(xray_data):
+    from gaugeblock.simulators.xray import family, published, reference
+
+    simulator = reference(level="bright")
+    theta = published.theta(50, 5)
+    clean = clean_counts(simulator, 50, 5)
+    lined = simulator.with_effect(family("B1", 3e-4))
+    cell = cell_counts(lined, "B1", 3e-4, 50)
+    for counts, expected in (
+        (clean, simulator.expected(theta)),
+        (cell, lined.expected(published.theta(50, cell_seed("B1", 3e-4)))),
+    ):
+        pulls = (counts - expected).sum() / np.sqrt(expected.sum())
+        chi = ((counts - expected) ** 2 / expected)[expected > 20].mean()
+        assert abs(pulls) < 3.5
+        assert 0.9 < chi < 1.1
+    np.testing.assert_array_equal(clean, clean_counts(simulator, 50, 5))
+
+
+def grid(rng, shift):
+    """Normal scores: AUC of Phi(shift / sqrt 2), the same clean ones for every cell."""
+    clean = np.broadcast_to(rng.normal(size=(3, 1, 1, 3, 200)), (*SHAPE, 200))
+    suspicious = shift + rng.normal(size=(*SHAPE, 100))
+    nothing = np.zeros(0)
+    return Grid(
+        clean=clean, suspicious=suspicious, again=nothing, nothing=nothing, accuracy=nothing, largest=nothing
+    )
+
+
+def test_replicates_have_the_mean_and_the_error_of_an_auc():
+    rng = np.random.default_rng(8)
+    made = grid(rng, 1.0)
+    replicates = made.replicates(rng, 200)
+    assert replicates.shape == (200, *SHAPE)
+    np.testing.assert_allclose(replicates.mean(axis=0), made.auc, atol=0.012)
+    spread = replicates.std(axis=0, ddof=1).mean()
+    assert spread == pytest.approx(auc_error(0.76, 200, 100), rel=0.15)
+
+
+def test_replicates_keep_what_cells_share():
+    rng = np.random.default_rng(9)
+    replicates = grid(rng, 0.0).replicates(rng, 300)
+    one = replicates[:, 0, 0, :, 0]  # four strengths of one detector share their clean spectra
+    correlation = np.corrcoef(one.T)[np.triu_indices(4, 1)].mean()
+    assert correlation == pytest.approx(1 / 3, abs=0.12)
+    # So the mean of 36 has the error of nine independent ones with half the variance.
+    spread = errors(on_epic_pn(replicates))["det.B4.pn36"]["mean"]
+    assert spread == pytest.approx(0.0354 / 3 / np.sqrt(2), rel=0.2)
+
+
+def test_ties_count_half():
+    rng = np.random.default_rng(10)
+    made = grid(rng, 0.0)
+    tied = Grid(
+        clean=np.zeros_like(made.clean),
+        suspicious=np.zeros_like(made.suspicious),
+        again=made.again,
+        nothing=made.nothing,
+        accuracy=made.accuracy,
+        largest=made.largest,
+    )
+    np.testing.assert_allclose(tied.replicates(rng, 5), 0.5)
+    np.testing.assert_allclose(tied.auc, 0.5)
