@@ -232,7 +232,7 @@ def measured(table: xr.Dataset) -> Found:
 
 EXPERIMENT = Experiment(
     name="nested",
-    says="13 runs of nested sampling with their errors by thread bootstrap, timed beside a flow",
+    says="13 runs of nested sampling and five pairs, their errors by thread bootstrap",
     sizes={
         Setting.FULL: {
             "runs": {
