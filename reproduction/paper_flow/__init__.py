@@ -1,0 +1,9 @@
+"""The published study's network, trained as the study did: for its reproduction, not for use.
+
+`paper_flow` loads a trained one, ``python -m gaugeblock.reproduction.paper_flow`` trains them.
+"""
+
+from gaugeblock.reproduction.paper_flow.flow import PaperFlow, paper_flow
+from gaugeblock.reproduction.paper_flow.variants import VARIANTS, Variant
+
+__all__ = ["VARIANTS", "PaperFlow", "Variant", "paper_flow"]
