@@ -50,7 +50,7 @@ class Grid:
         """Bootstrap replicates ``(replicate, *CELL)`` of all AUCs together.
 
         Spectra are drawn, not scores: what detectors and levels have in common stays common. The classifier
-        of D3 is not trained again.
+        of D3 is not trained again; what that would add, `again` tells over all cells together.
         """
         n, m = self.clean.shape[-1], self.suspicious.shape[-1]
         weight = rng.multinomial(n, np.full(n, 1 / n), size=number) / n
@@ -64,17 +64,18 @@ class Grid:
             found[:, :, cell[0], cell[1]] = np.einsum(
                 "bn,ldnm,bm->bld", weight, above, own, optimize=("einsum_path", (0, 1), (0, 1))
             )
+        centre, trained = self.auc[..., -1], found[..., -1]
+        whole, part = self.again[..., -1, :].var(axis=-1, ddof=1).mean(), trained.var(axis=0, ddof=1).mean()
+        wider = np.sqrt(max(whole, part) / part) if part > 0 else 1.0
+        found[..., -1] = centre + wider * (trained - centre)
         return found
 
 
-def scored(
-    response: str, flow_of: Callable[[str], Any], sizes: Mapping[str, Any], pieces: Pieces, seed: int
-) -> Grid:
-    """Score all cells by the flow of each level; a piece is the clean spectra of a level, or one cell."""
+def levels_of(response: str, flow_of: Callable[[str], Any], sizes: Mapping[str, Any]) -> dict[str, Level]:
+    """Every level of a response, with its flow and its cells in their order."""
     from gaugeblock.simulators.xray import family, published, reference
 
-    bare = reference(response)
-    flow = cache(flow_of)
+    bare, flow = reference(response), cache(flow_of)
 
     # Exposures share what is compiled: every effect is, once.
     @cache
@@ -86,19 +87,30 @@ def scored(
     def cell(index: int, seconds: float) -> tuple[str, float, Any]:
         return (*places[index], with_effect(*places[index]).with_exposure(seconds))
 
-    clean, cells = [], []
-    for name, seconds in published.EXPOSURES[response].items():
-        level = Level(
+    return {
+        name: Level(
             simulator=bare.with_exposure(seconds),
             flow=partial(flow, name),
             cell=partial(cell, seconds=seconds),
             sizes=sizes,
         )
-        kept = pieces.each(f"{response}-{name}-clean", 1, level.clean, seed)[0]
+        for name, seconds in published.EXPOSURES[response].items()
+    }
+
+
+def clean_of(response: str, name: str, level: Level, pieces: Pieces, seed: int) -> Arrays:
+    """What is known of the clean spectra of a level: one piece."""
+    return pieces.each(f"{response}-{name}-clean", 1, level.clean, seed)[0]
+
+
+def scored(response: str, levels: Mapping[str, Level], pieces: Pieces, seed: int) -> Grid:
+    """Score all cells by the flow of each level; a piece is the clean spectra of a level, or one cell."""
+    clean, cells = [], []
+    for name, level in levels.items():
+        kept = clean_of(response, name, level, pieces, seed)
+        make = partial(level.scores, kept=kept)
         clean.append(kept)
-        cells.append(
-            pieces.each(f"{response}-{name}-cell", len(places), partial(level.scores, kept=kept), seed)
-        )
+        cells.append(pieces.each(f"{response}-{name}-cell", len(FAMILIES) * STRENGTHS, make, seed))
     return _grid(clean, cells)
 
 

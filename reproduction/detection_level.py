@@ -22,6 +22,9 @@ from gaugeblock.validate.detectors import auc
 
 Array = NDArray[np.float64]
 
+STRENGTHS = 4
+"""Of every family."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Level:
@@ -75,9 +78,20 @@ class Level:
             "largest": np.array(largest),
         }
 
-
-STRENGTHS = 4
-"""Of every family."""
+    def redrawn(
+        self,
+        index: int,  # noqa: ARG002
+        rng: np.random.Generator,
+        *,
+        place: int,
+        populations: int,
+        kept: Arrays,
+    ) -> Arrays:
+        """AUCs ``(population,)`` of D3 for one cell drawn afresh, against the study's own clean spectra."""
+        flow, (_, _, wrong) = self.flow(), self.cell(place)
+        others = _embedded(flow, wrong, populations, self.sizes["suspicious"], rng)
+        scores = [classifier_scores(kept["embedding"], other, seed=FOLD_SEED)[:2] for other in others]
+        return {"auc": np.array([float(auc(*pair)) for pair in scores])}
 
 
 def _embedded(flow: Any, simulator: Any, populations: int, number: int, rng: np.random.Generator) -> Array:

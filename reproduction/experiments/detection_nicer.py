@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.reproduction.detection_claims import cells, errors, numbers, on_nicer
-from gaugeblock.reproduction.detection_grid import as_dataset, scored
+from gaugeblock.reproduction.detection_grid import as_dataset, levels_of, scored
 from gaugeblock.reproduction.detectors import DRAWS
 from gaugeblock.reproduction.experiment import Experiment, Found, Setting
 from gaugeblock.reproduction.judge import Measured
@@ -42,7 +42,9 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
         return load(f"shipped:{response}-{level}")
 
     grids = {
-        response: scored(response, partial(flow_of, response=response), sizes, pieces, seed)
+        response: scored(
+            response, levels_of(response, partial(flow_of, response=response), sizes), pieces, seed
+        )
         for response in RESPONSES
     }
     # The same spectra of theta, not of counts: the responses are drawn anew apart from each other.

@@ -83,13 +83,14 @@ def test_populations_are_poisson_about_their_means(xray_data):
     np.testing.assert_array_equal(clean, clean_counts(simulator, 50, 5))
 
 
-def grid(rng, shift):
+def grid(rng, shift, again_variance=0.0):
     """Normal scores: AUC of Phi(shift / sqrt 2), the same clean ones for every cell."""
     clean = np.broadcast_to(rng.normal(size=(3, 1, 1, 3, 200)), (*SHAPE, 200))
     suspicious = shift + rng.normal(size=(*SHAPE, 100))
-    nothing = np.zeros(0)
+    unused = np.zeros(0)
+    again = 0.76 + np.sqrt(again_variance) * rng.normal(size=(*SHAPE, 20))
     return Grid(
-        clean=clean, suspicious=suspicious, again=nothing, nothing=nothing, accuracy=nothing, largest=nothing
+        clean=clean, suspicious=suspicious, again=again, nothing=unused, accuracy=unused, largest=unused
     )
 
 
@@ -101,6 +102,18 @@ def test_replicates_have_the_mean_and_the_error_of_an_auc():
     np.testing.assert_allclose(replicates.mean(axis=0), made.auc, atol=0.012)
     spread = replicates.std(axis=0, ddof=1).mean()
     assert spread == pytest.approx(auc_error(0.76, 200, 100), rel=0.15)
+
+
+def test_training_again_widens_the_errors_of_d3_alone():
+    narrow, wide = (
+        grid(np.random.default_rng(8), 1.0, variance).replicates(np.random.default_rng(1), 200)
+        for variance in (0.0, 0.08**2)
+    )
+    np.testing.assert_array_equal(narrow[..., :2], wide[..., :2])
+    spread = wide[..., 2].std(axis=0, ddof=1)
+    # As large over all cells together as over other draws of them.
+    assert np.sqrt((spread**2).mean()) == pytest.approx(0.08, rel=0.05)
+    np.testing.assert_allclose(wide[..., 2].mean(axis=0), narrow[..., 2].mean(axis=0), atol=0.02)
 
 
 def test_replicates_keep_what_cells_share():
