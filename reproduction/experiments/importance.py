@@ -50,8 +50,6 @@ def populations(sizes: Mapping[str, Any]) -> Iterator[tuple[str, str, str, float
     for amplitude in SUB:
         for k in range(SETS):
             yield f"sub-{amplitude:g}-{k}", "medium", "gain", amplitude, suspicious
-    for k in range(sizes["null"]):
-        yield f"null-{k}", "medium", "clean", 0.0, suspicious
 
 
 def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
@@ -103,7 +101,10 @@ def table_of(found: Mapping[str, Arrays], sizes: Mapping[str, Any], rng: np.rand
     by_name = {cell.name: cell for cell in cells}
     other = {
         **{level: summary(found, level, BOTH, rng) for level in ("medium", "bright")},
-        "null": pooled([found[f"null-{k}"]["effective"] for k in range(sizes["null"])], rng),
+        # Eight populations: both halves of every seed set's clean spectra.
+        "null": pooled(
+            [half for k in range(SETS) for half in np.split(found[f"medium-clean-{k}"]["effective"], 2)], rng
+        ),
         "selected": selected(
             {k: [by_name[f"sub-{a:g}-{k}"] for a in SUB] for k in range(SETS)},
             (sizes["clean"], sizes["suspicious"]),
@@ -158,15 +159,13 @@ EXPERIMENT = Experiment(
         Setting.FULL: {
             "clean": 150,
             "suspicious": 100,
-            "null": 8,
             "draws": 6000,
-            "others": 100,
-            "trainings": ["uncapped", "seed101", "seed202", "seed303"],
+            "others": 60,
+            "trainings": ["uncapped", "seed101"],
         },
         Setting.TWIN: {
             "clean": 30,
             "suspicious": 20,
-            "null": 3,
             "draws": 300,
             "others": 4,
             "trainings": [],

@@ -36,7 +36,7 @@ def diagnostics(
 ) -> dict[str, Array]:
     """What the weights of draws ``(spectrum, draw)`` say of each spectrum.
 
-    The share of draws inside the box, of draws that are effective (Kish) under either prior, and k-hat.
+    Its counts, the share of draws inside the box and of those effective (Kish) under either prior, k-hat.
     """
     theta, log_q = flow.raw(counts, draws, rng)
     inside = flow.inside(theta) & np.isfinite(log_q)
@@ -45,6 +45,7 @@ def diagnostics(
     # Both priors are flat in the three other parameters; constants do not matter here.
     simulated = weight - np.log(held[..., NORM] * held[..., AREA])
     return {
+        "counts": counts.sum(axis=1),
         "accepted": inside.mean(axis=1),
         "effective": kish_fraction(weight),
         "effective_simulated": kish_fraction(simulated),

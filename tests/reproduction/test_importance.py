@@ -127,8 +127,8 @@ def test_luck_alone_elevates_a_seed_set():
 
 
 def test_every_population_is_drawn_once():
-    sizes = {"clean": 150, "suspicious": 100, "null": 8}
+    sizes = {"clean": 150, "suspicious": 100}
     named = list(populations(sizes))
     names = [name for name, *_ in named]
     assert len(set(names)) == len(names)
-    assert sum(number for *_, number in named) == 6 * 150 + 100 * (8 + 4 + 16 + 8)
+    assert sum(number for *_, number in named) == 6 * 150 + 100 * (8 + 4 + 16)
