@@ -24,7 +24,7 @@ from gaugeblock.reproduction.grid_populations import FAMILIES, LEVELS, is_kept
 from gaugeblock.reproduction.judge import Measured
 from gaugeblock.reproduction.numbers import as_table, by_claim
 from gaugeblock.reproduction.pieces import Pieces, joined, stream
-from gaugeblock.reproduction.registry import claims
+from gaugeblock.reproduction.registry import SUSPICIOUS, claims
 from gaugeblock.validate.detectors import null_of_best
 
 RESPONSE = "epic-pn"
@@ -32,11 +32,11 @@ RESPONSE = "epic-pn"
 FAR = "grid.pn.medium.B1.5e-06.D3"
 """The published cell that is furthest from 1/2 where there is nothing to see, of spectra without a seed."""
 
-POPULATIONS = 100
+POPULATIONS = 50
 """Of it, in one piece."""
 
 FULL = {"clean": 200, "suspicious": 100, "reference": 500, "draws": DRAWS, "again": 20, "redrawn": 1500}
-TWIN = {"clean": 60, "suspicious": 30, "reference": 100, "draws": 50, "again": 3, "redrawn": 100}
+TWIN = {"clean": 60, "suspicious": 30, "reference": 100, "draws": 40, "again": 2, "redrawn": 50}
 
 
 def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
@@ -55,6 +55,7 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     table = as_table(numbers(on_epic_pn(grid.auc)), errors(on_epic_pn(replicates)))
     return table.merge(as_dataset({RESPONSE: grid}, {RESPONSE: replicates})).assign(
         best_of_nothing=("quantity", np.array([chance.mean(), np.quantile(chance, 0.95)])),
+        spectra=sizes["suspicious"],
         far=("drawn", _far(levels, sizes["redrawn"], pieces, seed)),
     )
 
@@ -91,11 +92,13 @@ def _why_far(table: xr.Dataset) -> str:
 
 def _of_cells(table: xr.Dataset) -> dict[str, str]:
     here, notes = table.sel(response=RESPONSE), {}
+    # Populations of another size have other parameters.
+    whole = int(table["spectra"]) == SUSPICIOUS
     for claim, place in cells(RESPONSE):
         level, family, step, _ = place
         amount = float(here["amount"].values[family, step])
-        notes[claim] = "by the study's seeds, its own spectra"
-        if not is_kept(LEVELS[level], FAMILIES[family], amount):
+        notes[claim] = "the study's own spectra" if whole else "fewer spectra than the study's"
+        if whole and not is_kept(LEVELS[level], FAMILIES[family], amount):
             notes[claim] = "other spectra than the study's, which did not keep these seeds"
         mean, spread = float(here["again"].values[place]), float(here["again_sd"].values[place])
         if np.isfinite(mean):
