@@ -16,15 +16,21 @@ Count = Annotated[int, Field(gt=0)]
 
 
 class NetworkTable(Table):
-    """The network; the sizes belong to the default kind, the published one is fixed."""
+    """The network; the sizes belong to the default kind and to "laplace", the published one is fixed.
 
-    kind: Literal["default", "published"] = "default"
+    "laplace" is for counts whose simulator gives expected counts: a flow around a Gaussian that an emulator
+    of the expected counts finds. `emulator` are its hidden layers, `groups` the most channels it works on.
+    """
+
+    kind: Literal["default", "published", "laplace"] = "default"
     features: Literal["auto", "counts", "standard"] = "auto"
     embedding: tuple[Count, ...] = (256, 256)
     embedding_output: Count = 32
     transforms: Count = 3
     hidden: tuple[Count, ...] = (128, 128)
     bins: Annotated[int, Field(ge=2)] = 10
+    emulator: tuple[Count, Count] = (128, 128)
+    groups: Count = 128
 
 
 class TrainingTable(Table):

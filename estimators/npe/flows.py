@@ -12,6 +12,8 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor
 
+from gaugeblock.estimators.npe.laplace.network import LaplaceNetwork
+
 
 class Flow(Protocol):
     """A conditional flow. Shapes: context ``(row, feature)``, values ``(row, draw, parameter)``."""
@@ -69,5 +71,7 @@ class NflowsFlow:
 
 
 def as_flow(network: Any) -> Flow:
-    """The flow inside an sbi density estimator."""
+    """The flow inside an sbi density estimator, or the network itself where it is one."""
+    if isinstance(network, LaplaceNetwork):
+        return network
     return NflowsFlow(network) if hasattr(network.net, "_transform") else ZukoFlow(network)

@@ -14,6 +14,8 @@ from torch import Tensor, nn
 from gaugeblock.errors import InputError
 from gaugeblock.estimators.npe.config import NetworkTable
 from gaugeblock.estimators.npe.features import build_features
+from gaugeblock.estimators.npe.laplace.compressor import Compressor
+from gaugeblock.estimators.npe.laplace.network import Head, LaplaceNetwork, groups_of
 
 
 @dataclass(frozen=True)
@@ -62,9 +64,35 @@ def build_network(config: NetworkTable, shape: NetworkShape, *, seed: int = 0) -
     """
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
+        if config.kind == "laplace":
+            return laplace_network(config, shape)
         theta = torch.randn(2, shape.parameters)
         x = torch.arange(2.0 * math.prod(shape.data_shape)).reshape(2, *shape.data_shape)
         return builder(config, shape)(theta, x)
+
+
+def laplace_network(config: NetworkTable, shape: NetworkShape) -> LaplaceNetwork:
+    """A flow around a Gaussian, for counts.
+
+    Raises
+    ------
+    InputError
+        For data that are no counts.
+    """
+    if shape.features != "counts":
+        raise InputError(
+            'network.kind = "laplace" is for counts in one dimension; take network.kind = "default"'
+        )
+    groups = groups_of(shape.data_shape, config.groups)
+    head = Head(
+        shape.parameters,
+        embedding=config.embedding,
+        output=config.embedding_output,
+        transforms=config.transforms,
+        hidden=config.hidden,
+        bins=config.bins,
+    )
+    return LaplaceNetwork(Compressor(shape.parameters, shape.data_shape[0], groups, config.emulator), head)
 
 
 def builder(config: NetworkTable, shape: NetworkShape) -> Any:

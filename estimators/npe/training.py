@@ -18,6 +18,7 @@ from gaugeblock.estimators.npe.bank import Bank, Progress, describe_simulator, f
 from gaugeblock.estimators.npe.config import TrainingConfig, read_config
 from gaugeblock.estimators.npe.estimator import NPE
 from gaugeblock.estimators.npe.features import StandardFeatures, choose_kind
+from gaugeblock.estimators.npe.laplace import train_laplace
 from gaugeblock.estimators.npe.loop import train_default
 from gaugeblock.estimators.npe.networks import NetworkShape, build_network
 from gaugeblock.estimators.npe.published import train_published
@@ -70,16 +71,24 @@ def train(
         network, curve = train_published(bank, config.network, shape, options)
     else:
         network = build_network(config.network, shape, seed=options.seed)
+        if config.network.kind == "laplace" and not bank.fresh:
+            raise InputError(
+                'network.kind = "laplace" needs a simulator with expected counts (its `expected`) and '
+                "training.fresh_noise"
+            )
         for module in network.modules():
-            if isinstance(module, StandardFeatures):
+            if isinstance(module, StandardFeatures) and config.network.kind == "default":
                 module.fit(examples)
         key = fingerprint(
             simulator.prior,
             [config.network.model_dump(), options.model_dump(), describe_simulator(simulator), FEATURE_ROWS],
         )
-        curve = train_default(
-            network, bank, options, checkpoint=work / "checkpoint.safetensors", key=key, progress=progress
-        )
+        if config.network.kind == "laplace":
+            curve = train_laplace(network, bank, options, folder=work, key=key, progress=progress)
+        else:
+            curve = train_default(
+                network, bank, options, checkpoint=work / "checkpoint.safetensors", key=key, progress=progress
+            )
     record = {
         "network": config.network.model_dump(mode="json"),
         "training": options.model_dump(mode="json"),

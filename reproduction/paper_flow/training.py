@@ -55,7 +55,7 @@ def train(names: dict[str, Variant], folder: Path, *, work: Path, progress: Prog
     fitted, validated = order[held:], order[:held]
     network = build(theta[fitted], counts.shape[1], seed=longest.torch_seed)
     optimizer = torch.optim.Adam(network.parameters(), lr=RATE)
-    key = json.dumps(longest.describe() | {"cap": None}, sort_keys=True)
+    key = json.dumps(longest.describe(), sort_keys=True)
     checkpoint = work / f"{digest_of(key)}.safetensors"
     work.mkdir(parents=True, exist_ok=True)
     curve, best = _Curve([], []), _copy(network)

@@ -11,6 +11,8 @@ CAP = 150
 """Epochs after which the study stopped a training that had not converged, and kept its last weights."""
 
 UNCAPPED = 400
+WORST = 90
+"""Epoch of our bright training with the worst validation loss of its last twenty."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +44,9 @@ def _variants() -> dict[str, Variant]:
         )
     bright = found["epic-pn-bright"]
     found["epic-pn-bright-uncapped"] = Variant(**bright.describe() | {"cap": UNCAPPED})
+    # The study's own capped training ended on bad weights, ours had converged by then. Its worst epoch shows
+    # what last-epoch weights may be.
+    found["epic-pn-bright-cut"] = Variant(**bright.describe() | {"cap": WORST})
     for seed in (101, 202, 303):
         found[f"epic-pn-bright-seed{seed}"] = Variant(
             response="epic-pn", level="bright", data_seed=seed, torch_seed=seed
@@ -55,4 +60,4 @@ def _variants() -> dict[str, Variant]:
 
 
 VARIANTS = _variants()
-"""By name: level, then what is special. The capped and the uncapped bright flow are one training."""
+"""By name: level, then what is special. The capped, uncapped and cut bright flows are one training."""

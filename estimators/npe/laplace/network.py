@@ -1,0 +1,136 @@
+"""The flow in the coordinates of the Gaussian, as sbi's density estimators are used here."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import torch
+import zuko
+from torch import Tensor, nn
+
+from gaugeblock.estimators.npe.laplace.compressor import Compressor
+
+SQUASHED = 3.0
+"""Standard deviations beyond which coordinates are compressed: splines end at five."""
+
+
+class Head(nn.Module):
+    """A conditional flow over scores ``(n, parameter)`` given compressed counts ``(n, size)``."""
+
+    mean: Tensor
+    scale: Tensor
+
+    def __init__(
+        self,
+        parameters: int,
+        *,
+        embedding: tuple[int, ...],
+        output: int,
+        transforms: int,
+        hidden: tuple[int, ...],
+        bins: int,
+    ):
+        super().__init__()
+        self.size = parameters
+        read = parameters + parameters * (parameters + 1) // 2 + 2 * parameters * (parameters + 1)
+        self.register_buffer("mean", torch.zeros(read))
+        self.register_buffer("scale", torch.ones(read))
+        widths = (read, *embedding)
+        layers: list[nn.Module] = []
+        for before, after in pairwise(widths):
+            layers += [nn.Linear(before, after), nn.GELU()]
+        self.embedding = nn.Sequential(*layers, nn.Linear(widths[-1], output))
+        self.read = output + read
+        self.affine = zuko.flows.MAF(parameters, self.read, transforms=1, hidden_features=list(hidden))
+        self.spline = zuko.flows.NSF(
+            parameters, self.read, transforms=transforms, bins=bins, hidden_features=list(hidden)
+        )
+
+    def standardise(self, compressed: Tensor) -> None:
+        """Take the scales of what is read from examples."""
+        read = self._numbers(compressed)
+        self.mean.copy_(read.mean(dim=0))
+        self.scale.copy_(read.std(dim=0).clamp(min=1e-6))
+
+    def context(self, compressed: Tensor) -> Tensor:
+        """Learned summaries, what says of the Gaussian, and the Gaussian itself."""
+        read = ((self._numbers(compressed) - self.mean) / self.scale).clamp(-10.0, 10.0)
+        return torch.cat((self.embedding(read), read, self._gaussian(compressed)), dim=-1)
+
+    def draw(self, noise: Tensor, context: Tensor) -> Tensor:
+        """Base noise ``(row, draw, parameter)`` to scores, given contexts ``(row, ...)``."""
+        read, mean, factor = self._split(context)
+        wide = read[:, None].expand(-1, noise.shape[1], -1)
+        inner = self.spline(wide).transform.inv(noise)
+        local = self.affine(wide).transform.inv(SQUASHED * torch.sinh(inner / SQUASHED))
+        return mean[:, None] + local @ factor.transpose(1, 2)
+
+    def log_prob(self, scores: Tensor, context: Tensor) -> Tensor:
+        """Log density ``(row, draw)`` of scores ``(row, draw, parameter)``."""
+        read, mean, factor = self._split(context)
+        away = (scores - mean[:, None]).transpose(1, 2)
+        local = torch.linalg.solve_triangular(factor, away, upper=False).transpose(1, 2)
+        wide = read[:, None].expand(-1, scores.shape[1], -1)
+        outer, first = self.affine(wide).transform.call_and_ladj(local)
+        inner = SQUASHED * torch.asinh(outer / SQUASHED)
+        second = -0.5 * torch.log1p((outer / SQUASHED) ** 2).sum(dim=-1)
+        volume = torch.log(torch.diagonal(factor, dim1=1, dim2=2)).sum(dim=-1)
+        return self.spline(wide).log_prob(inner) + first + second - volume[:, None]
+
+    def loss(self, scores: Tensor, condition: Tensor) -> Tensor:
+        """Negative log density ``(n,)`` given compressed counts."""
+        context = self.context(condition.to(torch.float32))
+        return -self.log_prob(scores[:, None], context)[:, 0]
+
+    def _gaussian(self, compressed: Tensor) -> Tensor:
+        return compressed[:, : self.size + self.size * (self.size + 1) // 2]
+
+    def _numbers(self, compressed: Tensor) -> Tensor:
+        """Mean, log scales, normalised factor and shape: numbers of order one."""
+        gaussian = self._gaussian(compressed)
+        factor = self._unpacked(gaussian[:, self.size :])
+        scales = torch.diagonal(factor, dim1=1, dim2=2)
+        row, column = torch.tril_indices(self.size, self.size, offset=-1)
+        slant = torch.asinh((factor / scales[:, None])[:, row, column])
+        shape = compressed[:, gaussian.shape[1] :]
+        return torch.cat((gaussian[:, : self.size], torch.log(scales), slant, shape), dim=-1)
+
+    def _split(self, context: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        read, gaussian = context[:, : self.read], context[:, self.read :]
+        return read, gaussian[:, : self.size], self._unpacked(gaussian[:, self.size :])
+
+    def _unpacked(self, packed: Tensor) -> Tensor:
+        row, column = torch.tril_indices(self.size, self.size)
+        factor = torch.zeros((len(packed), self.size, self.size))
+        factor[:, row, column] = packed
+        return factor
+
+
+class LaplaceNetwork(nn.Module):
+    """Compressor and head; has `loss` as sbi's density estimators do, and is a flow by itself."""
+
+    def __init__(self, compressor: Compressor, head: Head):
+        super().__init__()
+        self.compressor, self.head = compressor, head
+
+    def context(self, x: Tensor) -> Tensor:
+        """What is read off counts ``(row, channel)``."""
+        return self.head.context(self.compressor(x))
+
+    def draw(self, noise: Tensor, context: Tensor) -> Tensor:
+        """Base noise to scores."""
+        return self.head.draw(noise, context)
+
+    def log_prob(self, values: Tensor, context: Tensor) -> Tensor:
+        """Log density of scores."""
+        return self.head.log_prob(values, context)
+
+    def loss(self, scores: Tensor, condition: Tensor) -> Tensor:
+        """Negative log density ``(n,)`` given counts."""
+        return self.head.loss(scores, self.compressor(condition))
+
+
+def groups_of(data_shape: tuple[int, ...], most: int) -> int:
+    """Number of groups for data of a shape."""
+    return min(math.prod(data_shape), most)

@@ -1,0 +1,129 @@
+"""Train a Laplace network: emulator, first guess, compression of the bank, and then the flow."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save
+
+from gaugeblock.atomic import atomic_path, write_atomically
+from gaugeblock.estimators.npe.bank import Bank, Progress, stream
+from gaugeblock.estimators.npe.config import TrainingTable
+from gaugeblock.estimators.npe.laplace.compressor import Compressor
+from gaugeblock.estimators.npe.laplace.network import LaplaceNetwork
+from gaugeblock.estimators.npe.loop import one_cycle, train_default
+
+EMULATOR_STEPS, GUESS_STEPS = 12_000, 3_000
+BATCH, RATE = 1024, 4e-3
+EXAMPLES = 20_000
+CHUNK = 8192
+
+
+def train_laplace(
+    network: LaplaceNetwork,
+    bank: Bank,
+    options: TrainingTable,
+    *,
+    folder: Path,
+    key: str,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Train in place; returns the training curve of the flow.
+
+    What each stage leaves lies in `folder`, under `key`: a run that was cut off repeats a stage at most.
+    """
+    compressor = network.compressor
+    stored = folder / f"compressor-{key}.safetensors"
+    if not _restored(compressor, stored):
+        train_compressor(compressor, bank, seed=options.seed, progress=progress)
+        state = {name: value.contiguous() for name, value in compressor.state_dict().items()}
+        write_atomically(stored, bytes(save(state)))
+    data = _compressed(compressor, bank, folder / f"compressed-{key}.npy", options.seed, progress)
+    network.head.standardise(torch.from_numpy(data[:EXAMPLES]))
+    return train_default(
+        network.head,
+        Bank(bank.scores, data, False, bank.simulator),
+        options,
+        checkpoint=folder / "checkpoint.safetensors",
+        key=key,
+        progress=progress,
+    )
+
+
+def train_compressor(
+    compressor: Compressor,
+    bank: Bank,
+    *,
+    seed: int,
+    steps: tuple[int, int] = (EMULATOR_STEPS, GUESS_STEPS),
+    progress: Progress | None = None,
+) -> None:
+    """Choose groups, then fit the emulator to expected counts and the first guess to noisy ones."""
+    expected = torch.from_numpy(bank.data[:EXAMPLES])
+    compressor.choose_groups(expected)
+    compressor.emulator.standardise(compressor.grouped(expected))
+    noisy = np.asarray(bank.observe(slice(0, EXAMPLES), stream(seed, "features")), dtype=np.float64)
+    compressor.features.fit(compressor.grouped(torch.from_numpy(noisy)).numpy())
+
+    def emulated(rows: np.ndarray[Any, Any], rng: np.random.Generator) -> torch.Tensor:  # noqa: ARG001
+        mean = compressor.grouped(torch.from_numpy(bank.data[rows])).clamp(min=1e-6)
+        away = compressor.emulator(torch.from_numpy(bank.scores[rows])) - torch.log(mean)
+        # Counts span decades: the logarithm keeps the brightest from deciding alone.
+        return torch.log1p((mean * away**2).sum(dim=-1)).mean()
+
+    def guessed(rows: np.ndarray[Any, Any], rng: np.random.Generator) -> torch.Tensor:
+        x = torch.from_numpy(np.asarray(bank.observe(rows, rng), dtype=np.float64))
+        away = compressor.guess(compressor.features(compressor.grouped(x)))
+        return ((away - torch.from_numpy(bank.scores[rows])) ** 2).mean()
+
+    for stage, module, loss, number in (
+        ("emulator", compressor.emulator, emulated, steps[0]),
+        ("first guess", compressor.guess, guessed, steps[1]),
+    ):
+        optimizer = torch.optim.AdamW(module.parameters(), lr=RATE, weight_decay=0.0)
+        for step in range(number):
+            rng = stream(seed, stage, step)
+            for group in optimizer.param_groups:
+                group["lr"] = one_cycle(step, number, RATE)
+            value = loss(rng.integers(0, len(bank), BATCH), rng)
+            optimizer.zero_grad()
+            value.backward()
+            torch.nn.utils.clip_grad_norm_(module.parameters(), 20.0)
+            optimizer.step()
+            if progress is not None:
+                progress(stage, step + 1, number)
+    for parameter in compressor.parameters():
+        parameter.requires_grad_(False)
+
+
+def _restored(compressor: Compressor, path: Path) -> bool:
+    try:
+        compressor.load_state_dict(load_file(path))
+    except (OSError, SafetensorError):
+        return False
+    for parameter in compressor.parameters():
+        parameter.requires_grad_(False)
+    return True
+
+
+def _compressed(
+    compressor: Compressor, bank: Bank, path: Path, seed: int, progress: Progress | None
+) -> np.ndarray[Any, np.dtype[np.float32]]:
+    if path.is_file():
+        kept: np.ndarray[Any, np.dtype[np.float32]] = np.load(path)
+        return kept
+    parts = []
+    for start in range(0, len(bank), CHUNK):
+        rows = slice(start, min(start + CHUNK, len(bank)))
+        x = np.asarray(bank.observe(rows, stream(seed, "noise", start)), dtype=np.float64)
+        parts.append(compressor(torch.from_numpy(x)).numpy())
+        if progress is not None:
+            progress("compressed", rows.stop, len(bank))
+    data = np.concatenate(parts)
+    with atomic_path(path) as temporary, temporary.open("wb") as stream_of_bytes:
+        np.save(stream_of_bytes, data)
+    return data

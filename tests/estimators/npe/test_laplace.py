@@ -1,0 +1,188 @@
+"""The flow around a Gaussian: its parts against exact answers, and its training."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("sbi")
+
+from gaugeblock.errors import InputError  # noqa: E402
+from gaugeblock.estimators.npe import TrainingConfig, load, train  # noqa: E402
+from gaugeblock.estimators.npe.bank import Bank  # noqa: E402
+from gaugeblock.estimators.npe.laplace.approximation import approximate, potential  # noqa: E402
+from gaugeblock.estimators.npe.laplace.compressor import Compressor  # noqa: E402
+from gaugeblock.estimators.npe.laplace.emulator import Emulator  # noqa: E402
+from gaugeblock.estimators.npe.laplace.network import Head  # noqa: E402
+from gaugeblock.estimators.npe.laplace.training import train_compressor  # noqa: E402
+from gaugeblock.validate.joint.importance import kish_fraction, log_weights  # noqa: E402
+
+
+class LogLinear:
+    """Log expected counts that are linear in the scores: one channel a parameter, known posteriors."""
+
+    def __init__(self, size: int, level: float):
+        self.size, self.level = size, level
+
+    def __call__(self, score):
+        return 0.1 * score + self.level
+
+    def with_slope(self, score):
+        return self(score), 0.1 * torch.eye(self.size).expand(len(score), -1, -1)
+
+
+def settings(**training):
+    return TrainingConfig.build(
+        {
+            "simulator": {"name": "counts"},
+            "network": {"kind": "laplace", "embedding": [32], "transforms": 2, "hidden": [32, 32], "bins": 6},
+            "training": {
+                "simulations": 3072, "batch": 256, "steps": 200, "learning_rate": 5e-3, "checkpoint": 100, "seed": 1, **training,
+            },
+        }
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick():
+    """A twentieth of the steps that real spectra need."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("gaugeblock.estimators.npe.laplace.training.EMULATOR_STEPS", 600)
+        patch.setattr("gaugeblock.estimators.npe.laplace.training.GUESS_STEPS", 150)
+        yield
+
+
+@pytest.fixture(scope="module")
+def flow(tmp_path_factory, make_counts):
+    return train(make_counts(), settings(), folder=tmp_path_factory.mktemp("laplace") / "model")
+
+
+def test_slopes_are_those_of_the_emulator():
+    torch.manual_seed(0)
+    emulator = Emulator(3, 7, (16, 16))
+    score = torch.randn(5, 3)
+    value, slope = emulator.with_slope(score)
+    torch.testing.assert_close(value, emulator(score))
+    exact = torch.func.vmap(torch.func.jacrev(lambda s: emulator(s[None])[0]))(score)
+    torch.testing.assert_close(slope, exact.transpose(1, 2), rtol=1e-4, atol=1e-5)
+
+
+def test_a_quadratic_posterior_is_found_as_it_is():
+    # With 1e4 counts a channel and slopes of 0.1 the posterior is a Gaussian to a per cent.
+    emulator = LogLinear(3, math.log(1e4))
+    x = torch.exp(emulator(torch.tensor([[0.5, -1.0, 0.0]])))
+    found = approximate(emulator, x, torch.zeros(1, 3))
+    expected = torch.diag(1.0 / torch.sqrt(1.0 + 0.01 * x[0]))
+    torch.testing.assert_close(found.factor[0], expected, rtol=0.01, atol=1e-3)
+    torch.testing.assert_close(found.mean[0], torch.tensor([0.5, -1.0, 0.0]) * 0.99, atol=0.02, rtol=0.0)
+    assert found.shape.abs().max() < 0.1
+
+
+def test_without_counts_the_posterior_is_the_prior():
+    found = approximate(LogLinear(2, math.log(1e-6)), torch.zeros(1, 2), torch.ones(1, 2))
+    torch.testing.assert_close(found.mean, torch.zeros(1, 2), atol=1e-4, rtol=0.0)
+    torch.testing.assert_close(found.factor[0], torch.eye(2), atol=1e-4, rtol=0.0)
+
+
+def test_the_potential_keeps_its_digits_at_many_counts():
+    x = torch.full((1, 100), 1e6)
+    log_mean = torch.log(x) + 1e-4
+    ratio = log_mean.double() - torch.log(x.double())
+    exact = float((x * (torch.expm1(ratio) - ratio)).sum())
+    assert float(potential(log_mean, x, torch.zeros(1, 1))) == pytest.approx(exact, rel=0.03)
+
+
+def test_groups_keep_all_counts_and_neighbours_together():
+    compressor = Compressor(2, 400, 50, (8, 8))
+    expected = torch.linspace(5.0, 0.01, 400).expand(10, -1)
+    compressor.choose_groups(expected)
+    group = compressor.group
+    assert (group.diff() >= 0).all()
+    assert set(group.tolist()) == set(range(50))
+    # Where the counts are, groups are narrower.
+    assert (group == 0).sum() < (group == 49).sum()
+    x = torch.poisson(expected).double()
+    assert torch.equal(compressor.grouped(x).sum(dim=1), x.sum(dim=1))
+
+
+def test_draws_and_densities_belong_together():
+    torch.manual_seed(1)
+    head = Head(2, embedding=(8,), output=4, transforms=2, hidden=(8, 8), bins=4)
+    compressed = torch.randn(3, 2 + 3 + 2 * 2 * 3)
+    compressed[:, [2, 4]] = compressed[:, [2, 4]].abs() + 0.2
+    head.standardise(compressed)
+    context = head.context(compressed)
+    grid = torch.linspace(-60.0, 60.0, 1201)
+    points = torch.stack(torch.meshgrid(grid, grid, indexing="ij"), dim=-1).reshape(1, -1, 2)
+    with torch.no_grad():
+        mass = torch.exp(head.log_prob(points, context[:1])).sum() * 0.1**2
+        assert float(mass) == pytest.approx(1.0, abs=0.02)
+        draws = head.draw(torch.randn(3, 4000, 2), context)
+        # A density's mean logarithm over its own draws is above that over anybody else's.
+        own = head.log_prob(draws, context).mean()
+        assert own > head.log_prob(draws[:, torch.randperm(4000)] * 1.3, context).mean()
+
+
+def test_it_is_exact_enough_for_importance_weights(flow, counts):
+    rng = np.random.default_rng(5)
+    x = counts.simulate(counts.prior.sample(100, rng), rng)
+    draws, log_q = flow.sample_and_log_prob(x, 400, rng)
+    expected = counts.expected(draws.reshape(-1, 2)).reshape(100, 400, -1)
+    likelihood = (x[:, None] * np.log(expected) - expected).sum(axis=-1)
+    fraction = kish_fraction(log_weights(log_q, likelihood, counts.prior.log_prob(draws)))
+    assert np.median(fraction) > 0.9
+    assert counts.prior.contains(draws).all()
+
+
+def test_its_ranks_are_uniform(flow, counts):
+    from scipy.stats import kstest
+
+    rng = np.random.default_rng(6)
+    theta = counts.prior.sample(1000, rng)
+    draws = flow.sample(counts.simulate(theta, rng), 200, rng)
+    ranks = (draws < theta[:, None]).mean(axis=1)
+    # Two tests at one in a thousand; a width 20% off has p of 1e-5 and less.
+    assert min(kstest(ranks[:, j], "uniform").pvalue for j in range(2)) > 1e-3
+
+
+def test_it_comes_back_from_its_folder(flow, counts, tmp_path_factory):
+    folder = next(tmp_path_factory.getbasetemp().glob("laplace*/model"))
+    again = load(folder, counts)
+    x = counts.simulate(counts.prior.sample(3, np.random.default_rng(1)), np.random.default_rng(2))
+    first, second = (f.sample(x, 10, np.random.default_rng(3)) for f in (flow, again))
+    np.testing.assert_array_equal(first, second)
+
+
+def test_cut_off_after_the_compression_it_ends_at_the_same_weights(tmp_path, make_counts, flow):
+    class Cut(Exception):
+        pass
+
+    def stop(stage, done, total):
+        if stage == "steps" and done == 150:
+            raise Cut
+
+    folder = tmp_path / "model"
+    with pytest.raises(Cut):
+        train(make_counts(), settings(), folder=folder, progress=stop)
+    again = train(make_counts(), settings(), folder=folder)
+    assert again.record["sha256"] == flow.record["sha256"]
+
+
+def test_the_emulator_follows_the_simulator(tmp_path, counts):
+    bank = Bank.simulate(counts, 4096, seed=3, folder=tmp_path)
+    compressor = Compressor(2, 8, 8, (64, 64))
+    train_compressor(compressor, bank, seed=3, steps=(1000, 10))
+    with torch.no_grad():
+        away = compressor.emulator(torch.from_numpy(bank.scores)) - torch.log(torch.from_numpy(bank.data))
+    misfit = (torch.from_numpy(bank.data) * away**2).sum(dim=1)
+    assert float(misfit.median()) < 0.02
+
+
+def test_it_is_for_counts_with_an_expectation(tmp_path, signal, counts):
+    with pytest.raises(InputError, match="is for counts"):
+        train(signal, settings(), folder=tmp_path / "a")
+    with pytest.raises(InputError, match="expected counts"):
+        train(counts, settings(fresh_noise=False), folder=tmp_path / "b")
