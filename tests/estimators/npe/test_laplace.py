@@ -40,10 +40,16 @@ def settings(**training):
             "simulator": {"name": "counts"},
             "network": {"kind": "laplace", "embedding": [32], "transforms": 2, "hidden": [32, 32], "bins": 6},
             "training": {
-                "simulations": 3072, "batch": 256, "steps": 200, "learning_rate": 5e-3, "checkpoint": 100, "seed": 1, **training,
+                "simulations": 3072,
+                "batch": 256,
+                "steps": 200,
+                "learning_rate": 5e-3,
+                "checkpoint": 100,
+                "seed": 1,
+                **training,
             },
         }
-    )  # fmt: skip
+    )
 
 
 @pytest.fixture(scope="module", autouse=True)
