@@ -6,8 +6,9 @@ import pytest
 from gaugeblock.reproduction import claims
 from gaugeblock.reproduction.auc_error import auc_error
 from gaugeblock.reproduction.detection_claims import cells, errors, numbers, on_epic_pn, on_nicer
-from gaugeblock.reproduction.detection_grid import Grid
-from gaugeblock.reproduction.grid_populations import cell_counts, cell_seed, clean_counts
+from gaugeblock.reproduction.detection_grid import CELL, Grid, as_dataset
+from gaugeblock.reproduction.grid_populations import LEVELS, cell_counts, cell_seed, clean_counts
+from gaugeblock.reproduction.numbers import as_table
 from gaugeblock.reproduction.rows import published_rows
 
 SHAPE = (3, 4, 4, 3)
@@ -87,10 +88,10 @@ def grid(rng, shift, again_variance=0.0):
     """Normal scores: AUC of Phi(shift / sqrt 2), the same clean ones for every cell."""
     clean = np.broadcast_to(rng.normal(size=(3, 1, 1, 3, 200)), (*SHAPE, 200))
     suspicious = shift + rng.normal(size=(*SHAPE, 100))
-    unused = np.zeros(0)
+    nothing, unused = np.zeros((3, 4, 2, 20)), np.zeros(SHAPE[:3])
     again = 0.76 + np.sqrt(again_variance) * rng.normal(size=(*SHAPE, 20))
     return Grid(
-        clean=clean, suspicious=suspicious, again=again, nothing=unused, accuracy=unused, largest=unused
+        clean=clean, suspicious=suspicious, again=again, nothing=nothing, accuracy=unused, largest=unused
     )
 
 
@@ -140,3 +141,26 @@ def test_ties_count_half():
     )
     np.testing.assert_allclose(tied.replicates(rng, 5), 0.5)
     np.testing.assert_allclose(tied.auc, 0.5)
+
+
+def test_what_differs_on_both_responses_alike_is_the_embeddings_and_d1_never_is():
+    pytest.importorskip("jaxspec")
+    from gaugeblock.reproduction.experiments.detection_nicer import measured
+
+    made = grid(np.random.default_rng(11), 0.0)
+    aucs = {name: published(name) for name in ("epic-pn", "nicer")}
+    replicates = {name: np.stack([auc, auc]) for name, auc in aucs.items()}
+    table = as_dataset(dict.fromkeys(aucs, made), replicates)
+    step = np.zeros(SHAPE)
+    step[:, 0, 3] = 0.1  # the strongest line, on both
+    step[:, 0, 2] = 0.01
+    shifted = {"epic-pn": aucs["epic-pn"] + step, "nicer": np.nan_to_num(aucs["nicer"], nan=0.5) + step}
+    shifted["nicer"][:, 0, 2] += 0.1  # a weaker one, on NICER alone
+    table["auc"] = (("response", *CELL), np.stack(list(shifted.values())))
+    values = numbers(on_nicer(shifted["nicer"], shifted["epic-pn"], frozenset(claims())))
+    found = measured(table.merge(as_table(values)))
+    explained = {name for name, item in found.items() if item.because}
+    both = {f"grid.nicer.{level}.B1.0.0003.{detector}" for level in LEVELS for detector in ("D2", "D3")}
+    assert both <= explained
+    assert not [name for name in explained if name.endswith(".D1") or ".B1.8e-05" in name]
+    assert "ours gives 0.946 and the study's 0.846" in found["grid.nicer.medium.B1.0.0003.D2"].because
