@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.reproduction.auc_error import null_auc_error
+from gaugeblock.reproduction.experiments.importance_weights import FEW
 from gaugeblock.reproduction.pieces import Arrays
 from gaugeblock.validate.detectors.roc import auc, bootstrap_auc, permutation_p
 
@@ -51,10 +52,14 @@ def cell_of(
     clean: Arrays,
     suspicious: Arrays,
     rng: np.random.Generator,
+    *,
+    few: bool = False,
 ) -> Cell:
-    """A cell: few effective draws and a large k-hat are suspicious."""
-    pairs = [(-clean[key], -suspicious[key]) for key in ("effective", "effective_simulated")]
-    pairs.append((clean["khat"], suspicious["khat"]))
+    """A cell: few effective draws and a large k-hat are suspicious; of all draws, or of the first few."""
+    prefix = FEW if few else ""
+    keys = (f"{prefix}effective", f"{prefix}effective_simulated")
+    pairs = [(-clean[key], -suspicious[key]) for key in keys]
+    pairs.append((clean[f"{prefix}khat"], suspicious[f"{prefix}khat"]))
     scores = tuple(score_of(low, high, rng) for low, high in pairs)
     return Cell(name=name, level=level, amplitude=amplitude, scores=scores)
 

@@ -27,16 +27,19 @@ LINE = 3e-4
 NORM, AREA = 2, 4
 """Columns of both norms."""
 
+FEW = "few-"
+
 WORST = 99.0
 """k-hat of weights of which hardly any is above zero: no number, but beyond all others."""
 
 
 def diagnostics(
-    flow: Any, likelihood: Interpolated, counts: Array, *, draws: int, rng: np.random.Generator
+    flow: Any, likelihood: Interpolated, counts: Array, *, draws: int, few: int, rng: np.random.Generator
 ) -> dict[str, Array]:
     """What the weights of draws ``(spectrum, draw)`` say of each spectrum.
 
-    Its counts, the share of draws inside the box and of those effective (Kish) under either prior, k-hat.
+    Its counts, the share of draws inside the box and of those effective (Kish) under either prior, and
+    k-hat; names that begin with ``few-`` are of the first few draws alone.
     """
     theta, log_q = flow.raw(counts, draws, rng)
     inside = flow.inside(theta) & np.isfinite(log_q)
@@ -44,13 +47,14 @@ def diagnostics(
     weight = np.where(inside, likelihood.log_likelihood(held, counts) - log_q, -np.inf)
     # Both priors are flat in the three other parameters; constants do not matter here.
     simulated = weight - np.log(held[..., NORM] * held[..., AREA])
-    return {
-        "counts": counts.sum(axis=1),
-        "accepted": inside.mean(axis=1),
-        "effective": kish_fraction(weight),
-        "effective_simulated": kish_fraction(simulated),
-        "khat": np.minimum(pareto_khat(weight), WORST),
-    }
+    made = {"counts": counts.sum(axis=1), "accepted": inside.mean(axis=1)}
+    for prefix, number in (("", draws), (FEW, few)):
+        made |= {
+            f"{prefix}effective": kish_fraction(weight[:, :number]),
+            f"{prefix}effective_simulated": kish_fraction(simulated[:, :number]),
+            f"{prefix}khat": np.minimum(pareto_khat(weight[:, :number]), WORST),
+        }
+    return made
 
 
 @dataclass(frozen=True)

@@ -44,11 +44,14 @@ class Flat:
 
     def log_likelihood(self, theta, counts):
         assert ((theta >= LOW) & (theta <= HIGH)).all()
-        return np.zeros(theta.shape[:2]) if self.shape is None else -self.shape * np.log(theta[..., 0])
+        # What lies outside the box is given as its lowest corner.
+        first = np.maximum(theta[..., 0], 1e-9)
+        return np.zeros(theta.shape[:2]) if self.shape is None else -self.shape * np.log(first)
 
 
 def weights_of(flow, likelihood, draws=4000):
-    return diagnostics(flow, likelihood, np.ones((20, 3)), draws=draws, rng=np.random.default_rng(5))
+    rng = np.random.default_rng(5)
+    return diagnostics(flow, likelihood, np.ones((20, 3)), draws=draws, few=draws // 4, rng=rng)
 
 
 def test_draws_of_the_posterior_all_count_under_its_own_prior_only():
@@ -64,6 +67,16 @@ def test_draws_outside_the_box_have_no_weight():
     found = weights_of(Box(widened=0.25), Flat())
     assert found["accepted"].mean() == pytest.approx(0.8, abs=0.01)
     np.testing.assert_allclose(found["effective"], found["accepted"])
+
+
+def test_the_first_few_draws_are_judged_as_if_there_were_no_others():
+    found = weights_of(Box(widened=0.25), Flat(0.5))
+    rng = np.random.default_rng(5)
+    theta, _ = Box(widened=0.25).raw(np.ones((20, 3)), 4000, rng)
+    first = theta[:, :1000, 0]
+    weight = np.where(first <= 1.0, first**-0.5, 0.0)
+    expected = weight.sum(axis=1) ** 2 / (weight**2).sum(axis=1) / 1000
+    np.testing.assert_allclose(found["few-effective"], expected)
 
 
 @pytest.mark.parametrize("shape", [0.2, 0.5, 0.9])
