@@ -14,6 +14,7 @@ from gaugeblock.errors import require
 from gaugeblock.reproduction.claim import Kind
 from gaugeblock.reproduction.experiments.arithmetic import GAIN_PRIOR_SD
 from gaugeblock.reproduction.grid_figure import grid_figure
+from gaugeblock.reproduction.importance_figure import importance_figure
 from gaugeblock.reproduction.judge import Judgement, Verdict
 from gaugeblock.reproduction.registry import claims
 from gaugeblock.reproduction.rows import published_rows
@@ -48,6 +49,12 @@ def draw(
     if "information" in tables:
         found = tables["information"]
         made["Gain: bias and information"] = ("information", lambda: information_figure(pyplot, found))
+    if "importance" in tables:
+        cells = tables["importance"]
+        made["Effective sample size: a gain and a line"] = (
+            "importance",
+            lambda: importance_figure(pyplot, cells, (BLUE, ORANGE)),
+        )
     for name, response, words in GRIDS:
         if name in tables:
             grid, caption = tables[name], f"Detection grid, {words}: ours, and as published (open circles)"
