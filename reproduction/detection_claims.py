@@ -18,6 +18,12 @@ Values = dict[str, dict[str, Array]]
 GRID_NAME = {"epic-pn": "pn", "nicer": "nicer"}
 NULL_FAMILY = "B4"
 
+CLEAN_SCORES = {
+    "epic-pn": {"faint": 0.481, "medium": 0.482, "bright": 0.716},
+    "nicer": {"faint": 0.709, "medium": 0.707, "bright": 0.660},
+}
+"""Mean of D1 over clean spectra by the study's flows, from its outputs."""
+
 
 def cells(response: str) -> Iterator[tuple[str, tuple[int, int, int, int]]]:
     """Ids of the claims that are cells, with their places on the axes of a grid."""

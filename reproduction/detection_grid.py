@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from gaugeblock.reproduction.detection_level import STRENGTHS, Level
+from gaugeblock.reproduction.detection_level import CELLS, STRENGTHS, Level
 from gaugeblock.reproduction.grid_populations import FAMILIES, LEVELS
 from gaugeblock.reproduction.pieces import Arrays, Pieces
 from gaugeblock.reproduction.registry import DETECTORS
@@ -110,8 +110,25 @@ def scored(response: str, levels: Mapping[str, Level], pieces: Pieces, seed: int
         kept = clean_of(response, name, level, pieces, seed)
         make = partial(level.scores, kept=kept)
         clean.append(kept)
-        cells.append(pieces.each(f"{response}-{name}-cell", len(FAMILIES) * STRENGTHS, make, seed))
+        cells.append(pieces.each(f"{response}-{name}-cell", CELLS, make, seed))
     return _grid(clean, cells)
+
+
+def misplaced(response: str, levels: Mapping[str, Level], pieces: Pieces, seed: int) -> xr.Dataset:
+    """AUCs of D1 by posteriors that are moved a little, and its mean over clean spectra."""
+    found, means = [], []
+    for name, level in levels.items():
+        every = pieces.each(f"{response}-{name}-misplaced", CELLS + 1, level.misplaced, seed)
+        *cells, clean = (piece["predictive"] for piece in every)
+        found.append(auc(clean, np.stack(cells)).reshape(len(FAMILIES), STRENGTHS))
+        means.append(clean.mean())
+    return xr.Dataset(
+        {
+            "misplaced": (("misplaced_level", "family", "strength"), np.stack(found)),
+            "misplaced_clean": ("misplaced_level", np.array(means)),
+        },
+        coords={"misplaced_level": list(levels)},
+    )
 
 
 def _grid(clean: list[Arrays], cells: list[list[Arrays]]) -> Grid:
@@ -139,7 +156,10 @@ def _grid(clean: list[Arrays], cells: list[list[Arrays]]) -> Grid:
 
 
 def as_dataset(grids: Mapping[str, Grid], replicates: Mapping[str, Array]) -> xr.Dataset:
-    """AUCs of grids by response, with bootstrap errors, and the mean and sd over other draws of the cells."""
+    """AUCs of grids by response, with bootstrap errors, and the mean and sd over other draws of the cells.
+
+    `clean_score` is the mean of D1 over clean spectra.
+    """
     from gaugeblock.simulators.xray import published
 
     def stacked(values: Mapping[str, Array] | list[Array], *dims: str) -> xr.DataArray:
@@ -156,6 +176,7 @@ def as_dataset(grids: Mapping[str, Grid], replicates: Mapping[str, Array]) -> xr
             "nothing": stacked(
                 [grid.nothing for grid in every], "level", "strength", "embedded", "population"
             ),
+            "clean_score": stacked([grid.clean[:, 0, 0, 0].mean(axis=-1) for grid in every], "level"),
             "accuracy": stacked([grid.accuracy for grid in every], *CELL[:3]),
             "largest": stacked([grid.largest for grid in every], *CELL[:3]),
             "amount": (("family", "strength"), np.array([published.STRENGTHS[name] for name in FAMILIES])),

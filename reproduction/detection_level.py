@@ -9,9 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.reproduction.detectors import classifier_scores, neighbour_distance, predictive_scores
+from gaugeblock.reproduction.detectors import (
+    Misplaced,
+    classifier_scores,
+    neighbour_distance,
+    predictive_scores,
+)
 from gaugeblock.reproduction.grid_populations import (
     CLEAN_SEED,
+    FAMILIES,
     FOLD_SEED,
     REFERENCE_SEED,
     cell_counts,
@@ -24,6 +30,11 @@ Array = NDArray[np.float64]
 
 STRENGTHS = 4
 """Of every family."""
+
+CELLS = len(FAMILIES) * STRENGTHS
+
+SHIFT = 0.3
+"""Sds by which posteriors are moved to show what misplaced ones do to D1."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,6 +88,17 @@ class Level:
             "again": _again(kept["pools"], others, kept["reference"]),
             "largest": np.array(largest),
         }
+
+    def misplaced(self, index: int, rng: np.random.Generator) -> Arrays:
+        """D1 of a cell, and past the cells of the clean spectra, by posteriors that are moved a little."""
+        simulator, sizes = self.simulator, self.sizes
+        if index < CELLS:
+            family, strength, wrong = self.cell(index)
+            counts = cell_counts(wrong, family, strength, sizes["suspicious"])
+        else:
+            counts = clean_counts(simulator, sizes["clean"], CLEAN_SEED)
+        flow = Misplaced(self.flow(), SHIFT)
+        return {"predictive": predictive_scores(flow, simulator, counts, rng=rng, draws=sizes["draws"])[0]}
 
     def redrawn(
         self,

@@ -6,6 +6,7 @@ from those of clean spectra. D3: a classifier of embeddings, clean or of the cel
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -69,6 +70,26 @@ def predictive_scores(
         largest = max(largest, float(expected.max()))
         scores.append(predictive_score(x[rows], rng.poisson(expected)))
     return np.concatenate(scores), largest
+
+
+@dataclass(frozen=True, eq=False)
+class Misplaced:
+    """A flow whose posteriors lie beside where they should, to show what that does to D1.
+
+    Draws of every spectrum are moved by `shift` of their own sds times a normal number, in every parameter,
+    and clipped to the prior's bounds.
+    """
+
+    flow: Any
+    shift: float
+
+    def sample(self, x: ArrayLike, n: int, rng: np.random.Generator) -> Array:
+        """Draws ``(batch, n, parameter)``."""
+        theta = np.asarray(self.flow.sample(x, n, rng), dtype=float)
+        low, high = np.array([marginal.support for marginal in self.flow.prior.marginals.values()]).T
+        normal = rng.standard_normal((len(theta), 1, theta.shape[-1]))
+        moved = theta + self.shift * theta.std(axis=1, keepdims=True) * normal
+        return np.asarray(np.clip(moved, low, high))
 
 
 def neighbour_distance(embedding: ArrayLike, reference: ArrayLike, *, neighbours: int = NEIGHBOURS) -> Array:

@@ -15,9 +15,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gaugeblock.reproduction.claim import SINGLE
-from gaugeblock.reproduction.detection_claims import cells, errors, numbers, on_epic_pn
-from gaugeblock.reproduction.detection_grid import as_dataset, clean_of, levels_of, scored
-from gaugeblock.reproduction.detection_level import STRENGTHS, Level
+from gaugeblock.reproduction.detection_claims import CLEAN_SCORES, cells, errors, numbers, on_epic_pn
+from gaugeblock.reproduction.detection_grid import as_dataset, clean_of, levels_of, misplaced, scored
+from gaugeblock.reproduction.detection_level import SHIFT, STRENGTHS, Level
 from gaugeblock.reproduction.detectors import DRAWS
 from gaugeblock.reproduction.experiment import Experiment, Found, Setting
 from gaugeblock.reproduction.grid_populations import FAMILIES, LEVELS, is_kept
@@ -31,6 +31,9 @@ RESPONSE = "epic-pn"
 
 FAR = "grid.pn.medium.B1.5e-06.D3"
 """The published cell that is furthest from 1/2 where there is nothing to see, of spectra without a seed."""
+
+CAPPED = "bright"
+"""The level whose flow ran into the study's cap."""
 
 POPULATIONS = 50
 """Of it, in one piece."""
@@ -53,10 +56,16 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     replicates = grid.replicates(rng)
     chance = null_of_best(sizes["clean"], sizes["suspicious"], detectors=2, strengths=4, rng=rng)
     table = as_table(numbers(on_epic_pn(grid.auc)), errors(on_epic_pn(replicates)))
-    return table.merge(as_dataset({RESPONSE: grid}, {RESPONSE: replicates})).assign(
-        best_of_nothing=("quantity", np.array([chance.mean(), np.quantile(chance, 0.95)])),
-        spectra=sizes["suspicious"],
-        far=("drawn", _far(levels, sizes["redrawn"], pieces, seed)),
+    moved = misplaced(RESPONSE, {CAPPED: levels[CAPPED]}, pieces, seed)
+    whole = as_dataset({RESPONSE: grid}, {RESPONSE: replicates})
+    return (
+        table.merge(whole)
+        .merge(moved)
+        .assign(
+            best_of_nothing=("quantity", np.array([chance.mean(), np.quantile(chance, 0.95)])),
+            spectra=sizes["suspicious"],
+            far=("drawn", _far(levels, sizes["redrawn"], pieces, seed)),
+        )
     )
 
 
@@ -74,7 +83,7 @@ def measured(table: xr.Dataset) -> Found:
     """Cell by cell, then what is said of many; beside D2 and D3 what other draws of a cell give."""
     found, known = by_claim(table), by_claim(table, "standard_error")
     notes = _of_cells(table) | _of_best(table, found)
-    because = {FAR: _why_far(table)}
+    because = _by_another_flow(table, found) | {FAR: _why_far(table)}
     return {
         claim: Measured(parts, known.get(claim), note=notes.get(claim, ""), because=because.get(claim, ""))
         for claim, parts in found.items()
@@ -88,6 +97,28 @@ def _why_far(table: xr.Dataset) -> str:
         f"{len(drawn)} other draws against its clean spectra {np.count_nonzero(drawn <= published)} give as "
         f"little, on average {drawn.mean():.3f} ± {drawn.std(ddof=1):.3f}"
     )
+
+
+def _by_another_flow(table: xr.Dataset, found: Mapping[str, Mapping[str, float]]) -> dict[str, str]:
+    """D1 of bright spectra, which the study's flow of that level takes for suspicious when they are clean."""
+    here, moved = table.sel(response=RESPONSE), table.sel(misplaced_level=CAPPED)
+    ours, published = here["clean_score"].to_series(), CLEAN_SCORES[RESPONSE]
+    flow = (
+        f"the study's {CAPPED} flow ran into its cap: D1 of clean spectra is {published[CAPPED]:.3f} on "
+        f"average by it ({published['faint']:.3f} and {published['medium']:.3f} by its others), "
+        f"{ours[CAPPED]:.3f} by ours, which stopped by itself. With our posteriors moved by {SHIFT:g} of "
+        f"their sds it is {float(moved['misplaced_clean']):.3f}"
+    )
+    because = {}
+    for claim, (level, family, step, detector) in cells(RESPONSE):
+        if (LEVELS[level], detector) == (CAPPED, 0):
+            because[claim] = f"{flow} and this AUC {float(moved['misplaced'][family, step]):.3f}"
+    best = here["auc"].sel(family="B2", level=CAPPED).max("strength").to_series()
+    worse, climb = float(moved["misplaced"].sel(family="B2").max()), found["det.D2.B2.climb"]
+    return because | {
+        "det.D2.B2.climb": f"{flow}, and the best D1 of B2 {worse:.3f}; by ours it is {best['D1']:.3f} at "
+        f"bright, and D2 {best['D2']:.3f} there and {climb['medium']:.3f} at medium"
+    }
 
 
 def _of_cells(table: xr.Dataset) -> dict[str, str]:

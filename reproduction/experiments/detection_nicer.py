@@ -16,10 +16,12 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.reproduction.claim import SINGLE
-from gaugeblock.reproduction.detection_claims import cells, errors, numbers, on_nicer
-from gaugeblock.reproduction.detection_grid import as_dataset, levels_of, scored
+from gaugeblock.reproduction.detection_claims import CLEAN_SCORES, cells, errors, numbers, on_nicer
+from gaugeblock.reproduction.detection_grid import as_dataset, levels_of, misplaced, scored
+from gaugeblock.reproduction.detection_level import SHIFT
 from gaugeblock.reproduction.detectors import DRAWS
 from gaugeblock.reproduction.experiment import Experiment, Found, Setting
+from gaugeblock.reproduction.grid_populations import LEVELS
 from gaugeblock.reproduction.judge import Measured
 from gaugeblock.reproduction.numbers import as_table, by_claim
 from gaugeblock.reproduction.pieces import Pieces, stream
@@ -42,12 +44,11 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
 
         return load(f"shipped:{response}-{level}")
 
-    grids = {
-        response: scored(
-            response, levels_of(response, partial(flow_of, response=response), sizes), pieces, seed
-        )
-        for response in RESPONSES
+    levels = {
+        response: levels_of(response, partial(flow_of, response=response), sizes) for response in RESPONSES
     }
+    grids = {response: scored(response, own, pieces, seed) for response, own in levels.items()}
+    moved = misplaced("nicer", levels["nicer"], pieces, seed)
     # The same spectra of theta, not of counts: the responses are drawn anew apart from each other.
     replicates = {
         response: grid.replicates(np.random.default_rng(stream(seed, "detection_nicer", response)))
@@ -56,13 +57,13 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     named = frozenset(claims())
     found = on_nicer(grids["nicer"].auc, grids["epic-pn"].auc, named)
     spread = on_nicer(replicates["nicer"], replicates["epic-pn"], named)
-    return as_table(numbers(found), errors(spread)).merge(as_dataset(grids, replicates))
+    return as_table(numbers(found), errors(spread)).merge(as_dataset(grids, replicates)).merge(moved)
 
 
 def measured(table: xr.Dataset) -> Found:
     """Cell by cell, then what is said of many."""
     found, known = by_claim(table), by_claim(table, "standard_error")
-    notes, because = _notes(table), dict(_other_embedding(table))
+    notes, because = _notes(table), dict(_other_embedding(table)) | dict(_misplaced(table))
     return {
         claim: Measured(parts, known.get(claim), note=notes.get(claim, ""), because=because.get(claim, ""))
         for claim, parts in found.items()
@@ -90,6 +91,27 @@ def _other_embedding(table: xr.Dataset) -> Iterator[tuple[str, str]]:
                 f"EPIC-pn ours gives {there:.3f} and the study's {other:.3f}; here, on other draws, ours "
                 f"gives {float(again.values[place]):.3f} ± {float(spread.values[place]):.3f}",
             )
+
+
+def _misplaced(table: xr.Dataset) -> Iterator[tuple[str, str]]:
+    """D1, which takes clean spectra for suspicious by the study's flows of NICER, at every level."""
+    published, ours = CLEAN_SCORES["nicer"], table["clean_score"].sel(response="nicer").to_series()
+    every = claims()
+
+    def said(level: str, value: float) -> str:
+        moved = float(table["misplaced_clean"].sel(misplaced_level=level))
+        return (
+            f"D1 of clean spectra is {published[level]:.3f} on average by the study's flow, "
+            f"{ours[level]:.3f} by ours: its posteriors lie beside the data. With ours moved by {SHIFT:g} of their sds it is "
+            f"{moved:.3f} and this AUC {value:.3f}"
+        )
+
+    for claim, (level, family, step, detector) in cells("nicer"):
+        if claim in every and DETECTORS[detector] == "D1":
+            yield claim, said(LEVELS[level], float(table["misplaced"][level, family, step]))
+    for name in LEVELS:
+        line = table["misplaced"].sel(family="B1", misplaced_level=name)
+        yield f"det.nicer.B1.{name}", said(name, float(line[-1]))
 
 
 def _notes(table: xr.Dataset) -> dict[str, str]:

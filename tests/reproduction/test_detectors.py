@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 
 from gaugeblock.reproduction.detectors import (
+    Misplaced,
     classifier_scores,
     neighbour_distance,
     predictive_score,
     predictive_scores,
 )
+from gaugeblock.simulators.marginals import Uniform
+from gaugeblock.simulators.prior import Prior
 from gaugeblock.validate.detectors import auc
 
 
@@ -70,6 +73,24 @@ def test_d1_sees_a_channel_that_the_model_cannot_reach():
     # A predictive p-value of a model with one parameter is uniform but for that one.
     assert 0.45 < scores[0].mean() < 0.75  # the larger of two correlated shares
     assert auc(*scores) > 0.95
+
+
+def test_posteriors_beside_where_they_should_be_take_clean_data_for_suspicious():
+    class Bounded(Posterior):
+        prior = Prior({f"mean_{i}": Uniform(0.0, 25.0) for i in range(8)})
+
+    rng = np.random.default_rng(8)
+    counts = rng.poisson(20.0, (40, 8)).astype(float)
+    moved = Misplaced(Bounded(), 2.0).sample(counts, 300, np.random.default_rng(9))
+    assert 0.0 <= moved.min() < moved.max() == 25.0
+    # Of 40 x 8 normal shifts of two sds; sqrt(21) is the sd of the posterior at 20 counts.
+    inside = np.median(moved, axis=1)[counts < 12] - counts[counts < 12] - 0.67
+    assert 1.3 < (inside / np.sqrt(counts[counts < 12] + 1.0)).std() < 2.7
+    scores = [
+        predictive_scores(Misplaced(Bounded(), shift), Plain(), counts, rng=rng, draws=100)[0].mean()
+        for shift in (0.0, 2.0)
+    ]
+    assert scores[0] < scores[1] - 0.2
 
 
 def test_d2_is_the_mean_distance_to_the_nearest():
