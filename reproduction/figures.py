@@ -18,6 +18,7 @@ from gaugeblock.reproduction.importance_figure import importance_figure
 from gaugeblock.reproduction.judge import Judgement, Verdict
 from gaugeblock.reproduction.registry import claims
 from gaugeblock.reproduction.rows import published_rows
+from gaugeblock.reproduction.shrink_figure import shrink_figure
 
 BLUE, ORANGE, GREY, LIGHT = "#2a6f97", "#c8553d", "#8a8a8a", "#dcdcdc"
 # The same bytes for the same numbers.
@@ -49,6 +50,9 @@ def draw(
     if "information" in tables:
         found = tables["information"]
         made["Gain: bias and information"] = ("information", lambda: information_figure(pyplot, found))
+    if "cross_check" in tables:
+        ten = tables["cross_check"]
+        made["Shrink of the gain"] = ("shrink", lambda: shrink_figure(pyplot, ten, (BLUE, ORANGE)))
     if "importance" in tables:
         cells = tables["importance"]
         made["Effective sample size: a gain and a line"] = (

@@ -1,0 +1,206 @@
+"""Posteriors of spectra with a free gain: by importance weights, nested sampling, NUTS, and by flows."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from gaugeblock.discover.fit import fit, likeliest_draws
+from gaugeblock.discover.name.peaks import systematic
+from gaugeblock.discover.name.posterior_draws import posterior_draws
+from gaugeblock.reproduction.experiments.arithmetic import GAIN_PRIOR_SD
+from gaugeblock.reproduction.experiments.cross_spectra import LEVELS, folded, simulators, weighted_sd, wide
+from gaugeblock.reproduction.experiments.setup import GAIN_PRIOR
+from gaugeblock.reproduction.free_gain import GAIN, FreeGain
+
+Array = NDArray[np.float64]
+
+BATCHES = 20
+"""Stretches of a chain whose scatter is its error."""
+
+GAINS = 21
+"""Gains at which the likelihood is maximised over everything else."""
+
+FOLDED = 400
+"""Draws that are weighted again by folding."""
+
+
+def exact(
+    counts: Array, level: str, prior: str, sizes: Mapping[str, Any], rng: np.random.Generator
+) -> Mapping[str, Any]:
+    """Posterior of every spectrum: equal-weight draws, mean and sd, shrink of the gain with its error.
+
+    `folded` is the shrink by the study's own rule of integration: the same draws with other weights.
+    """
+    found = _exact(simulators()[prior], counts, LEVELS[level], sizes["draws"], rng)
+    few = found["draws"][:, :FOLDED]
+    rough = folded(prior)
+    first, second = (
+        _log_likelihood(simulator, few, counts, LEVELS[level]) for simulator in (rough, simulators()[prior])
+    )
+    weight = np.exp(first - second - (first - second).max(axis=1, keepdims=True))
+    weight /= weight.sum(axis=1, keepdims=True)
+    even = np.full_like(weight, 1.0 / weight.shape[1])
+    gain = few[..., GAIN]
+    found["folded"] = found["shrink"] * weighted_sd(gain, weight) / weighted_sd(gain, even)
+    found["folded_effective"] = 1.0 / (weight**2).sum(axis=1) / weight.shape[1]
+    return found
+
+
+def _log_likelihood(simulator: Any, theta: Array, counts: Array, scale: float) -> Array:
+    mean = np.asarray(simulator.expected(theta.reshape(-1, theta.shape[-1]))) * scale
+    mean = mean.reshape(*theta.shape[:2], -1)
+    return np.asarray(np.matmul(np.log(mean), counts[..., None])[..., 0] - mean.sum(axis=-1))
+
+
+def _exact(
+    simulator: FreeGain, counts: Array, scale: float, draws: int, rng: np.random.Generator
+) -> dict[str, Any]:
+    scales = np.full(len(counts), scale)
+    fitted = fit(simulator, counts, scale=scales, seed=int(rng.integers(2**31)))
+    found = posterior_draws(simulator, counts, fitted, scale=scales, draws=draws, rng=rng)
+    # In random order: systematic picks come in that of the proposals.
+    kept = rng.permuted(systematic(found.weight, min(draws, 4000), rng), axis=1)
+    shrink, error = shrink_of(found.theta[..., GAIN], found.weight)
+    mean = (found.weight[..., None] * found.theta).sum(axis=1)
+    return {
+        "draws": np.take_along_axis(found.theta, kept[..., None], axis=1),
+        "mean": mean,
+        "sd": weighted_sd(np.moveaxis(found.theta, 2, 1), found.weight[:, None]),
+        "shrink": shrink,
+        "shrink_error": error,
+        "effective": found.effective,
+    }
+
+
+def shrink_of(gain: Array, weight: Array) -> tuple[Array, Array]:
+    """Posterior sd of the gain over its prior's, and the error by the effective number of draws."""
+    sd = weighted_sd(gain, weight)
+    mean = (weight * gain).sum(axis=-1, keepdims=True)
+    kurtosis = (weight * (gain - mean) ** 4).sum(axis=-1) / sd**4
+    effective = 1.0 / (weight**2).sum(axis=-1)
+    shrink = sd / GAIN_PRIOR_SD
+    return shrink, np.asarray(shrink * np.sqrt((kurtosis - 1.0) / (4.0 * effective)))
+
+
+def nested(counts: Array, live: int, rng: np.random.Generator) -> Mapping[str, Any]:
+    """One run of UltraNest on one bright spectrum under the study's prior."""
+    from gaugeblock.estimators.nested_sampling import NestedSampling
+
+    sampler = NestedSampling(
+        simulators()["published_linear_norm"],
+        live_points=live,
+        dlogz=float(0.5 * np.sqrt(400 / live)),
+        min_effective_draws=live,
+    )
+    start = time.process_time()
+    found = sampler.run(counts, rng)
+    shrink, error = shrink_of(found.theta[:, GAIN], np.exp(found.log_weight))
+    seconds = time.process_time() - start
+    return {"shrink": shrink, "shrink_error": error, "calls": found.calls, "seconds": seconds}
+
+
+def chain(counts: Array, thinning: int, sizes: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    """NUTS on bright spectra side by side: shrink by the chain, with its error by stretches of it."""
+    from gaugeblock.estimators.nuts import Nuts
+
+    sampler = Nuts(simulators()["published_linear_norm"], warmup=sizes["warmup"], thinning=thinning)
+    found = sampler.run(counts, sizes["chain"], rng)
+    gain = found.draws[..., GAIN]
+    away = (gain - gain.mean(axis=1, keepdims=True)) ** 2
+    parts = away.reshape(len(gain), BATCHES, -1).mean(axis=2)
+    shrink = np.sqrt(away.mean(axis=1)) / GAIN_PRIOR_SD
+    error = shrink * parts.std(axis=1, ddof=1) / np.sqrt(BATCHES) / (2.0 * parts.mean(axis=1))
+    return {"shrink": shrink, "shrink_error": error, "divergences": found.divergences}
+
+
+def boundary(counts: Array, sizes: Mapping[str, Any], rng: np.random.Generator) -> Mapping[str, Any]:
+    """One medium spectrum: its likelihood along the gain in both boxes, its shrink in the wider one."""
+    scale = LEVELS["medium"]
+    wider = wide()
+    found = _exact(wider, counts[None], scale, sizes["draws"], rng)
+    ranges = {
+        name: np.ptp(profile(simulator, counts, scale))
+        for name, simulator in (("box", simulators()["published_linear_norm"]), ("wider", wider))
+    }
+    return {
+        "shrink": found["shrink"][0],
+        "shrink_error": found["shrink_error"][0],
+        "effective": found["effective"][0],
+        "range": ranges["box"],
+        "range_wider": ranges["wider"],
+    }
+
+
+def profile(simulator: FreeGain, counts: Array, scale: float) -> Array:
+    """Largest log likelihood at gains across their prior, ``(gain,)``."""
+    rows, scales = np.tile(counts, (GAINS, 1)).astype(float), np.full(GAINS, scale)
+    starts = likeliest_draws(simulator, rows, scales, tries=16)
+    starts[..., GAIN] = np.linspace(*GAIN_PRIOR.support, GAINS)[:, None]
+    fitted = fit(simulator, rows, scale=scales, start=starts, fixed=(simulator.prior.names[GAIN],))
+    return np.asarray(fitted.log_likelihood)
+
+
+def by_flow(flow: Any, counts: Array, level: str, draws: int, rng: np.random.Generator) -> Mapping[str, Any]:
+    """Draws of a flow, and its draws with importance weights: shrink of the gain by either."""
+    from gaugeblock.estimators.importance_refined import ImportanceRefined
+
+    simulator = simulators()["reference"].exposed(LEVELS[level])
+    weighted = ImportanceRefined(flow, simulator).weights(counts, draws, rng)
+    even = np.full(weighted.log_weight.shape, 1.0 / draws)
+    gain, weight = weighted.draws[..., GAIN], np.exp(weighted.log_weight)
+    raw, refined = shrink_of(gain, even), shrink_of(gain, weight)
+    return {
+        "draws": weighted.draws[:, :4000],
+        "mean": weighted.draws.mean(axis=1),
+        "sd": weighted.draws.std(axis=1),
+        "shrink": raw[0],
+        "shrink_error": raw[1],
+        "refined": refined[0],
+        "refined_error": refined[1],
+        "effective": weighted.effective_draws / draws,
+    }
+
+
+def told_apart(
+    first: Array, second: Array, rng: np.random.Generator, number: int
+) -> tuple[float, float, float, float]:
+    """Accuracy of a classifier on two sets of draws ``(draw, parameter)`` and its error; for the gain too."""
+    from gaugeblock.validate.learned import classifier_two_sample
+
+    spread = first.std(axis=0)
+    pair = [
+        (rows[rng.permutation(len(rows))[:number]] - first.mean(axis=0)) / spread for rows in (first, second)
+    ]
+    every = classifier_two_sample(*pair, rng=rng, permutations=99)
+    gain = classifier_two_sample(*(rows[:, [GAIN]] for rows in pair), rng=rng, permutations=99)
+    return every.accuracy, every.standard_error, gain.accuracy, gain.standard_error
+
+
+def overlap(first: Array, second: Array) -> float:
+    """Mean over parameters of intersection over union of both 68 per cent intervals.
+
+    >>> same = np.random.default_rng(0).normal(size=(1000, 2))
+    >>> overlap(same, same), round(overlap(same, same + 1.0), 1)
+    (1.0, 0.3)
+    """
+    levels = stats.norm.cdf([-1.0, 1.0])
+    low, high = (np.stack([np.quantile(rows, q, axis=0) for rows in (first, second)]) for q in levels)
+    shared = np.maximum(high.min(axis=0) - low.max(axis=0), 0.0)
+    return float(np.mean(shared / (high.max(axis=0) - low.min(axis=0))))
+
+
+def effective_dimension(draws: Array) -> float:
+    """Participation ratio of the correlations of draws ``(draw, parameter)``: 1 for one direction.
+
+    >>> line = np.random.default_rng(0).normal(size=(1000, 1)) * np.ones(3)
+    >>> round(effective_dimension(line), 6)
+    1.0
+    """
+    values = np.linalg.eigvalsh(np.corrcoef(draws.T))
+    return float(values.sum() ** 2 / (values**2).sum())

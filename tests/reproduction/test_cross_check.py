@@ -1,0 +1,95 @@
+"""Helpers of the exact cross-check, against answers that are known."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from gaugeblock.reproduction.experiments.arithmetic import GAIN_PRIOR_SD
+from gaugeblock.reproduction.experiments.cross_claims import _pulls, capture
+from gaugeblock.reproduction.experiments.cross_posteriors import (
+    effective_dimension,
+    overlap,
+    shrink_of,
+    told_apart,
+)
+from gaugeblock.reproduction.experiments.cross_spectra import chosen_bright, weighted_sd
+
+
+def test_a_shrink_and_its_error_are_those_of_many_samples():
+    rng = np.random.default_rng(1)
+    gain = rng.normal(1.0, 0.6 * GAIN_PRIOR_SD, (2000, 400))
+    found, error = shrink_of(gain, np.full(gain.shape, 1 / 400))
+    # Of 2,000 shrinks: mean to 0.0005, scatter to 1.6 per cent.
+    assert found.mean() == pytest.approx(0.6, abs=0.002)
+    assert error.mean() == pytest.approx(found.std(), rel=0.06)
+
+
+def test_weights_count_as_many_draws():
+    values = np.array([0.0, 1.0, 3.0])
+    repeated = np.array([0.0, 1.0, 1.0, 3.0])
+    assert weighted_sd(values, np.array([0.25, 0.5, 0.25])) == pytest.approx(repeated.std())
+
+
+def test_capture_is_1_for_the_exact_width_and_0_for_the_prior_s():
+    assert capture(np.array([0.7, 1.0, 0.85]), 0.7) == pytest.approx([1.0, 0.0, 0.5])
+
+
+def test_dimensions_of_one_two_and_three_directions():
+    draws = np.random.default_rng(2).normal(size=(20_000, 3))
+    line = draws[:, :1] + 1e-6 * draws
+    plane = np.column_stack([draws[:, 0], draws[:, 0], draws[:, 1]])
+    assert effective_dimension(draws) == pytest.approx(3.0, abs=0.01)
+    assert effective_dimension(line) == pytest.approx(1.0, abs=1e-6)
+    assert effective_dimension(plane) == pytest.approx(9.0 / 5.0, abs=0.02)
+
+
+def test_overlap_is_of_the_68_per_cent_intervals():
+    draws = np.random.default_rng(3).normal(size=(40_000, 2))
+    assert overlap(draws, draws) == 1.0
+    assert overlap(draws, 2.0 * draws) == pytest.approx(0.5, abs=1e-9)
+    assert overlap(draws, draws + 1.0) == pytest.approx(1.0 / 3.0, abs=0.02)
+    assert overlap(draws, draws + 5.0) == 0.0
+
+
+def test_a_classifier_tells_apart_what_differs_in_the_gain_alone():
+    pytest.importorskip("sklearn")
+    rng = np.random.default_rng(4)
+    first, same = rng.normal(size=(2, 600, 6))
+    other = same + np.array([0, 0, 0, 0, 0, 1.5])
+    every, error, gain, _ = told_apart(first, other, rng, 500)
+    # Two normal distributions 1.5 apart: 0.773 is the best that can be had.
+    assert every == pytest.approx(0.773, abs=5 * error)
+    assert gain == pytest.approx(0.773, abs=5 * error)
+    every, error, gain, _ = told_apart(first, same, rng, 500)
+    assert abs(every - 0.5) < 4 * error > abs(gain - 0.5)
+
+
+def test_bright_spectra_are_chosen_by_what_is_published_of_them():
+    rng = np.random.default_rng(5)
+    error = np.geomspace(0.02, 1.0, 60)
+    counts = rng.integers(1_000, 9_000, (60, 1))
+    counts[np.argmin(np.abs(error - 0.037))] = 54_000
+    found = {"gain_error": error, "counts": counts, "soft": (0.3 * counts[:, 0]).astype(int)}
+    found["soft"][40] = int(0.06 * counts[40, 0])
+    chosen = chosen_bright(found)
+    np.testing.assert_allclose(error[chosen[:3]], [0.037, 0.05, 0.039], rtol=0.08)
+    assert len(set(chosen)) == 4
+    assert chosen[3] == 40
+
+
+def test_pulls_of_equal_posteriors_are_equal_and_wider_ones_are_seen():
+    rng = np.random.default_rng(6)
+    z = rng.normal(size=(10, 6))
+    table = xr.Dataset(
+        {
+            "z_published_linear_norm": (("spectrum", "parameter"), z),
+            "z_reference": (("spectrum", "parameter"), z),
+            "z_flow": (("spectrum", "parameter"), 1.5 * z),
+        }
+    )
+    numbers, errors = _pulls(table)
+    found = numbers["xc.zrms"]
+    assert found["flow"] == pytest.approx(1.5 * found["exact"])
+    assert found["p"] < 1e-6
+    # RMS of 60 normal numbers: relative error 1 / sqrt(120).
+    assert errors["xc.zrms"]["exact"] == pytest.approx(1 / np.sqrt(120), rel=0.5)
