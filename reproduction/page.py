@@ -12,6 +12,7 @@ from gaugeblock.reproduction.experiments import PLANNED, load
 from gaugeblock.reproduction.family import Family
 from gaugeblock.reproduction.grid_table import grid_table, is_cell
 from gaugeblock.reproduction.judge import Judgement, Verdict
+from gaugeblock.reproduction.past import past_the_paper
 from gaugeblock.reproduction.registry import claims
 
 INTRODUCTION = """\
@@ -48,6 +49,7 @@ def page(
         _introduction(judgements),
         _counted(judgements),
         *(f"![{caption}]({path})" for caption, path in figures.items()),
+        *past_the_paper(tables),
         "## By kind",
         _summary(judgements, lambda item: item.claim.kind.value, "kind"),
         "## By section",
