@@ -14,7 +14,14 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gaugeblock.reproduction.experiment import Experiment, Found, Setting
-from gaugeblock.reproduction.experiments.importance_cells import Cell, cell_of, pooled, selected, summary
+from gaugeblock.reproduction.experiments.importance_cells import (
+    Cell,
+    cell_of,
+    pooled,
+    selected,
+    summary,
+    training,
+)
 from gaugeblock.reproduction.experiments.importance_claims import claims_of, found_of
 from gaugeblock.reproduction.experiments.importance_weights import FEW, Level, ceiling, diagnostics
 from gaugeblock.reproduction.numbers import as_table
@@ -36,8 +43,8 @@ SUB = (0.1, 0.2, 0.3, 0.5)
 STRESS = 3.0
 FLOW = "epic-pn-"
 
-TRAININGS: tuple[str, ...] = ()
-"""Other trainings of the bright flow whose effective draws are looked at."""
+CUT = "epic-pn-bright-cut"
+"""The bright flow, cut at an epoch whose validation loss is as poor as the published one."""
 
 EXACT = 2000
 """Draws from each exact posterior."""
@@ -82,16 +89,20 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
         name: population(flows[level], levels[level], kind, amplitude, number, name)
         for name, level, kind, amplitude, number in populations(sizes)
     }
-    for name in TRAININGS:
-        level = levels["bright"]
-        other = paper_flow(f"{FLOW}bright-{name}")
-        found[f"training-{name}"] = population(
-            other, level, "clean", 0.0, sizes["others"], f"training-{name}"
-        )
+    cut = paper_flow(CUT)
+    for kind in ("clean", "line"):
+        found[f"cut-{kind}"] = population(cut, levels["bright"], kind, 0.0, sizes["others"], f"cut-{kind}")
     for name, level in levels.items():
         found[f"ceiling-{name}"] = _ceiling(level, sizes["others"], pieces, seed)
     rng = np.random.default_rng(stream(seed, "importance", "resampling"))
-    return table_of(found, sizes, rng)
+    losses = {name: _loss(flow.record) for name, flow in (("best", flows["bright"]), ("cut", cut))}
+    return table_of(found, losses, sizes, rng)
+
+
+def _loss(record: Mapping[str, Any]) -> float:
+    """Validation loss of the epoch whose weights were kept."""
+    curve = record["validation"]
+    return float(curve[record["best_epoch"] - 1] if record["weights"] == "best" else curve[-1])
 
 
 def _ceiling(level: Level, number: int, pieces: Pieces, seed: int) -> Arrays:
@@ -102,7 +113,12 @@ def _ceiling(level: Level, number: int, pieces: Pieces, seed: int) -> Arrays:
     return {"ceiling": joined(made, "ceiling")}
 
 
-def table_of(found: Mapping[str, Arrays], sizes: Mapping[str, Any], rng: np.random.Generator) -> xr.Dataset:
+def table_of(
+    found: Mapping[str, Arrays],
+    losses: Mapping[str, float],
+    sizes: Mapping[str, Any],
+    rng: np.random.Generator,
+) -> xr.Dataset:
     """The table, from what the weights say of every spectrum of every population."""
     cells = [
         cell_of(
@@ -127,7 +143,8 @@ def table_of(found: Mapping[str, Arrays], sizes: Mapping[str, Any], rng: np.rand
             (sizes["clean"], sizes["suspicious"]),
             rng,
         ),
-        "trainings": {name: float(np.median(found[f"training-{name}"]["effective"])) for name in TRAININGS},
+        "cut": training(found["cut-clean"], found["cut-line"]),
+        "losses": losses,
     }
     numbers, errors = claims_of(by_name, other, sizes)
     return as_table(numbers, errors).merge(_cell_table(cells))

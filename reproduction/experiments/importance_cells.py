@@ -99,6 +99,19 @@ def summary(
     }
 
 
+def training(clean: Arrays, lined: Arrays) -> dict[str, float]:
+    """What other weights of the bright flow make of clean spectra, and of a line, by claim."""
+    effective = clean["effective"]
+    area, khat = float(auc(-effective, -lined["effective"])), float(auc(clean["khat"], lined["khat"]))
+    return {
+        "is.essfrac.bright": float(np.median(effective)),
+        "is.lowess.bright": float((effective < ALARM).mean()),
+        "is.khat.bright.clean": float(np.median(clean["khat"])),
+        **dict.fromkeys(("tab3.bright.B1.seed0", "tab3.bright.B1.seed1", "tab4.IS.B1.bright"), area),
+        **dict.fromkeys(("is.khat.B1.bright", "tab4.PSIS.B1.bright"), khat),
+    }
+
+
 def pooled(populations: Sequence[Array], rng: np.random.Generator) -> tuple[float, float]:
     """Mean AUC of all pairs of populations, earlier ones taken as clean; error where they are one."""
 

@@ -26,6 +26,9 @@ LEVELS = ("medium", "bright")
 SWEEP, SUB, SETS = ("1", "3", "5", "10"), ("0.1", "0.2", "0.3", "0.5"), 4
 
 
+_CUT = "cut at an epoch of {cut loss:.2f}, our training gives {cut:.2g}"
+
+
 def claims_of(
     cells: Mapping[str, Cell], other: Mapping[str, Any], sizes: Mapping[str, Any]
 ) -> tuple[Parts, Parts]:
@@ -56,8 +59,8 @@ def claims_of(
     _put_smallest(put, "is.sweep.pmin", [scores[EFFECTIVE] for scores in swept])
     put("is.null.mean", "value", other["null"])
     _below_a_per_cent(put, cells, other["selected"], (sizes["clean"], sizes["suspicious"]))
-    for name, value in other["trainings"].items():
-        numbers["is.essfrac.bright"][name] = value
+    for claim, value in other["cut"].items():
+        numbers[claim] |= {"cut": value} | {f"{name} loss": loss for name, loss in other["losses"].items()}
     return numbers, errors
 
 
@@ -123,7 +126,7 @@ def found_of(table: xr.Dataset) -> Found:
     """Every claim's measurement with its note."""
     numbers, errors = by_claim(table), by_claim(table, "standard_error")
     found = {
-        claim: Measured(parts, errors.get(claim) or None, note=_note(claim, parts))
+        claim: Measured(parts, errors.get(claim) or None, note=_note(claim, parts), because=_because(parts))
         for claim, parts in numbers.items()
     }
     if table.attrs.get("setting") == Setting.TWIN.value:
@@ -131,21 +134,23 @@ def found_of(table: xr.Dataset) -> Found:
     return found
 
 
+def _because(parts: Mapping[str, float]) -> str:
+    """The study kept the weights of a training's last epoch, we those of its best."""
+    if "cut" not in parts:
+        return ""
+    return (
+        "the published flow kept its last epoch's weights, of validation loss -13.36, ours those of its "
+        "best, {best loss:.2f}; " + _CUT
+    ).format_map(parts)
+
+
 def _note(claim: str, parts: Mapping[str, float]) -> str:
     if "ceiling" in parts:
-        said = (
-            "{simulated:.3f} under the prior that was simulated from; a perfect flow has {ceiling:.2f}"
-        ).format_map(parts)
-        others = [
-            f"{name} {value:.3f}"
-            for name, value in parts.items()
-            if name not in ("value", "simulated", "ceiling")
-        ]
-        return said + (f"; other trainings: {', '.join(others)}" if others else "")
-    if "simulated" in parts:
-        return "p {p:.3f}; {simulated:.3f} under the prior that was simulated from".format_map(parts)
-    if "p" in parts:
-        return "p {p:.3f}".format_map(parts)
+        said = "{simulated:.3f} under the prior that was simulated from; a perfect flow has {ceiling:.2f}"
+        return said.format_map(parts)
+    said = ["p {p:.2g}"] if "p" in parts else []
+    said += ["{simulated:.3f} under the prior that was simulated from"] if "simulated" in parts else []
+    said += [_CUT] if "cut" in parts else []
     if claim == "sub.pworst":
-        return "{hits:.0f} of all 16 below 0.05".format_map(parts)
-    return ""
+        said = ["{hits:.0f} of all 16 below 0.05"]
+    return "; ".join(said).format_map(parts)

@@ -5,7 +5,8 @@ import pytest
 from scipy import stats
 
 from gaugeblock.reproduction.auc_error import null_auc_error
-from gaugeblock.reproduction.experiments.importance import populations
+from gaugeblock.reproduction.experiments import importance_cells
+from gaugeblock.reproduction.experiments.importance import measured, populations, table_of
 from gaugeblock.reproduction.experiments.importance_cells import (
     Cell,
     Score,
@@ -14,8 +15,11 @@ from gaugeblock.reproduction.experiments.importance_cells import (
     pooled,
     score_of,
     selected,
+    training,
 )
 from gaugeblock.reproduction.experiments.importance_weights import diagnostics
+from gaugeblock.reproduction.judge import Verdict, judge
+from gaugeblock.reproduction.registry import claims
 
 LOW, HIGH = np.array([0.0, 0.0, 1.0, 0.0, 1.0]), np.array([1.0, 1.0, 2.0, 1.0, 2.0])
 
@@ -145,3 +149,52 @@ def test_every_population_is_drawn_once():
     names = [name for name, *_ in named]
     assert len(set(names)) == len(names)
     assert sum(number for *_, number in named) == 6 * 150 + 100 * (8 + 4 + 16)
+
+
+def test_other_weights_are_told_by_claim():
+    clean = {"effective": np.array([0.05, 0.2, 0.3]), "khat": np.array([0.1, 0.2, 0.9])}
+    lined = {"effective": np.array([0.01, 0.25]), "khat": np.array([0.5, 1.0])}
+    found = training(clean, lined)
+    assert found["is.essfrac.bright"] == 0.2
+    assert found["is.lowess.bright"] == pytest.approx(1 / 3)
+    assert found["tab4.IS.B1.bright"] == pytest.approx(4 / 6)
+    assert found["is.khat.B1.bright"] == pytest.approx(5 / 6)
+
+
+def weights(rng, number, *, effective):
+    """As `diagnostics` gives them, of spectra of so many effective draws in the median."""
+    share = np.clip(effective * np.exp(0.5 * rng.standard_normal(number)), 0.0, 1.0)
+    names = [f"{prefix}{name}" for prefix in ("", "few-") for name in ("effective", "effective_simulated")]
+    return {
+        "counts": np.full(number, 1000.0),
+        "accepted": np.full(number, 0.96),
+        **dict.fromkeys(names, share),
+        "khat": 1.0 - share,
+        "few-khat": 1.0 - share,
+    }
+
+
+def test_a_table_measures_every_claim_and_explains_the_flow_that_was_cut(monkeypatch):
+    monkeypatch.setattr(importance_cells, "PERMUTATIONS", 199)
+    monkeypatch.setattr(importance_cells, "BOOTSTRAPS", 100)
+    rng = np.random.default_rng(6)
+    sizes = {"clean": 60, "suspicious": 40, "draws": 6000}
+    usual = {"medium": 0.25, "bright": 0.06}
+    found = {
+        name: weights(rng, number, effective=usual[level] * (0.2 if kind == "line" else 1.0))
+        for name, level, kind, _, number in populations(sizes)
+    }
+    found |= {f"cut-{kind}": weights(rng, 40, effective=0.01) for kind in ("clean", "line")}
+    found |= {f"ceiling-{level}": {"ceiling": rng.random(20)} for level in usual}
+    table = table_of(found, {"best": -15.8, "cut": -12.4}, sizes, rng)
+    said = measured(table)
+    mine = {name: claim for name, claim in claims().items() if claim.by == "importance"}
+    assert set(said) == set(mine)
+    judged = {name: judge(claim, said[name]) for name, claim in mine.items()}
+    assert judged["is.draws"].verdict is Verdict.AGREES
+    assert judged["is.essfrac.medium"].verdict is Verdict.AGREES
+    assert judged["tab3.medium.B1.seed0"].verdict is Verdict.AGREES
+    assert judged["is.essfrac.bright"].verdict is Verdict.DIFFERS
+    assert "our training gives 0.01" in judged["is.essfrac.bright"].reason
+    assert judged["is.lowess.bright"].ours["cut"] == 1.0
+    assert table["auc"].sel(cell="medium-line-0", score="khat") > 0.9
