@@ -102,8 +102,8 @@ def _misplaced(table: xr.Dataset) -> Iterator[tuple[str, str]]:
         moved = float(table["misplaced_clean"].sel(misplaced_level=level))
         return (
             f"D1 of clean spectra is {published[level]:.3f} on average by the study's flow, "
-            f"{ours[level]:.3f} by ours: its posteriors lie beside the data. With ours moved by {SHIFT:g} of their sds it is "
-            f"{moved:.3f} and this AUC {value:.3f}"
+            f"{ours[level]:.3f} by ours: its posteriors lie beside the data. With ours moved by {SHIFT:g} "
+            f"of their sds it is {moved:.3f} and this AUC {value:.3f}"
         )
 
     for claim, (level, family, step, detector) in cells("nicer"):
