@@ -24,7 +24,8 @@ def shrink_figure(pyplot: Any, table: xr.Dataset, colours: tuple[str, str]) -> A
         axis.set_xlabel("posterior sd of the gain over its prior's")
     middle = [float(rows.mean()) for rows in ROWS.values()]
     axes[0].set_yticks(middle, list(ROWS), rotation=90, va="center")
-    axes[0].tick_params(axis="y", length=0)
+    for axis in axes:
+        axis.tick_params(axis="y", length=0)
     axes[0].invert_yaxis()
     figure.legend(*axes[1].get_legend_handles_labels(), loc="outside lower center", frameon=False, ncols=4)
     return figure

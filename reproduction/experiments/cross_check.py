@@ -196,7 +196,7 @@ EXPERIMENT = Experiment(
         Setting.FULL: {
             "pool": 500,
             "screen": 400,
-            "draws": 8_000,
+            "draws": 16_000,
             "live": 400,
             "warmup": 500,
             "chain": 2_000,

@@ -12,7 +12,7 @@ from scipy import stats
 
 from gaugeblock.discover.fit import fit, likeliest_draws
 from gaugeblock.discover.name.peaks import systematic
-from gaugeblock.discover.name.posterior_draws import posterior_draws
+from gaugeblock.discover.name.posterior_draws import POOR, posterior_draws
 from gaugeblock.reproduction.experiments.arithmetic import GAIN_PRIOR_SD
 from gaugeblock.reproduction.experiments.cross_spectra import LEVELS, folded, simulators, weighted_sd, wide
 from gaugeblock.reproduction.experiments.setup import GAIN_PRIOR
@@ -67,6 +67,9 @@ def _exact(
     # In random order: systematic picks come in that of the proposals.
     kept = rng.permuted(systematic(found.weight, min(draws, 4000), rng), axis=1)
     shrink, error = shrink_of(found.theta[..., GAIN], found.weight)
+    # Where weights were poor, draws are resampled and look independent: they are worth this many at least.
+    effective = np.where(found.effective > 0.999 * draws, POOR * draws, found.effective)
+    error = error * np.sqrt(found.effective / effective)
     mean = (found.weight[..., None] * found.theta).sum(axis=1)
     return {
         "draws": np.take_along_axis(found.theta, kept[..., None], axis=1),
@@ -74,7 +77,7 @@ def _exact(
         "sd": weighted_sd(np.moveaxis(found.theta, 2, 1), found.weight[:, None]),
         "shrink": shrink,
         "shrink_error": error,
-        "effective": found.effective,
+        "effective": effective,
     }
 
 
