@@ -7,13 +7,13 @@ from collections.abc import Iterable
 
 from gaugeblock.reproduction.experiment import Experiment
 
-EXPERIMENTS = ("published", "setup", "counts", "information", "posteriors", "evidence", "nested")
+EXPERIMENTS = ("published", "setup", "counts", "information", "posteriors", "evidence", "nested", "detection")
 """Names of files here; each has `EXPERIMENT`."""
 
 PLANNED = {
-    "detection": "144 cells of three detectors on EPIC-pn, 200 spectra against 100 each",
     "detection_nicer": "the same on NICER, B2 too",
-    "calibration_published": "the published network, trained as published and in its variants, audited",
+    "calibration_published": "the published network, trained as published, capped and not: ranks, coverage",
+    "calibration_retrained": "the published network's bright flow from other seeds: ranks and coverage",
     "calibration_nicer": "our flows on NICER, audited",
     "importance": "importance weights of 6,000 draws a spectrum, two seed sets, amplitudes from 0.1% to 10%",
     "gain_marginalised": "flows with a free gain beside fixed ones, 500 pairs and three seeds",
