@@ -7,7 +7,17 @@ from collections.abc import Iterable
 
 from gaugeblock.reproduction.experiment import Experiment
 
-EXPERIMENTS = ("published", "setup", "counts", "information", "posteriors", "evidence", "nested", "detection")
+EXPERIMENTS = (
+    "published",
+    "setup",
+    "counts",
+    "information",
+    "posteriors",
+    "evidence",
+    "nested",
+    "detection",
+    "importance",
+)
 """Names of files here; each has `EXPERIMENT`."""
 
 PLANNED = {
@@ -15,7 +25,6 @@ PLANNED = {
     "calibration_published": "the published network, trained as published, capped and not: ranks, coverage",
     "calibration_retrained": "the published network's bright flow from other seeds: ranks and coverage",
     "calibration_nicer": "our flows on NICER, audited",
-    "importance": "importance weights of 6,000 draws a spectrum, two seed sets, amplitudes from 0.1% to 10%",
     "gain_marginalised": "flows with a free gain beside fixed ones, 500 pairs and three seeds",
     "cross_check": "ten spectra by nested sampling and NUTS with a free gain, and by the flow",
     "conformal": "split conformal on gain-shifted and clean spectra, twice",

@@ -7,8 +7,8 @@ from gaugeblock.reproduction import Setting, Verdict, claims, judge
 from gaugeblock.reproduction.experiments import EXPERIMENTS, load
 from gaugeblock.reproduction.store import committed, made, read_one, write_one
 
-SLOW = ("posteriors", "evidence", "nested")
-"""Their twins take some twenty seconds each."""
+SLOW = ("posteriors", "evidence", "nested", "detection", "importance")
+"""Their twins take some twenty to fifty seconds each."""
 
 TWINS = [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in EXPERIMENTS]
 
