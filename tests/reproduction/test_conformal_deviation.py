@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
-from gaugeblock.reproduction.experiments.conformal import KINDS, LEVELS, claims_of, deviation
+from gaugeblock.reproduction.experiments.conformal import KINDS, LEVELS, claims_of, deviation, measured
+from gaugeblock.reproduction.judge import judge
+from gaugeblock.reproduction.numbers import as_table
+from gaugeblock.reproduction.registry import claims
 
 
 def test_levels_that_are_spread_evenly_deviate_by_nothing():
@@ -56,6 +59,15 @@ def test_a_bias_of_shifted_spectra_comes_out_with_its_error():
     assert errors["cf.bias.prec"]["value"] < errors["cf.bias.unw"]["value"]
     assert numbers["cf.bias.unw"]["p"] < 0.001
     assert numbers["cf.bias.sigma"]["least"] <= numbers["cf.bias.sigma"]["most"]
+
+
+def test_what_is_said_of_every_claim():
+    rng = np.random.default_rng(4)
+    table = as_table(*claims_of({kind: replications(rng, 0.0, 800) for kind in KINDS}, 400, rng))
+    said = measured(table)
+    mine = {name: claim for name, claim in claims().items() if claim.by == "conformal"}
+    assert set(said) == set(mine)
+    assert not [name for name, claim in mine.items() if judge(claim, said[name]).unexplained]
 
 
 def test_no_bias_is_none():

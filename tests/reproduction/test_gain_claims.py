@@ -5,7 +5,10 @@ import pytest
 from scipy import stats
 
 from gaugeblock.reproduction.experiments.gain_claims import CURVE, claims_of
+from gaugeblock.reproduction.experiments.gain_marginalised import measured
 from gaugeblock.reproduction.experiments.gain_pairs import GAIN_RANGE, KINDS, MEMBERS, Pairs, summaries
+from gaugeblock.reproduction.judge import Verdict, judge
+from gaugeblock.reproduction.numbers import as_table
 from gaugeblock.reproduction.registry import claims
 
 
@@ -84,6 +87,19 @@ def test_every_claim_is_measured_with_the_parts_it_needs(found):
     for name, claim in needed.items():
         if name != "gm.train":
             assert set(claim.needs) <= set(numbers[name]), name
+
+
+def test_what_is_said_of_every_claim(found):
+    said = measured(as_table(*found))
+    mine = {name: claim for name, claim in claims().items() if claim.by == "gain_marginalised"}
+    assert set(said) == set(mine)
+    judged = {name: judge(claim, said[name]) for name, claim in mine.items()}
+    assert judged["gm.train"].verdict is Verdict.UNTESTABLE
+    assert "1,000 spectra" in judged["gm.train"].reason
+    assert judged["gm.bias.fixed.medium"].verdict is Verdict.AGREES
+    assert judged["gm.g.exclude"].verdict is Verdict.AGREES
+    # A flow that is a tenth wider is none of the study's.
+    assert judged["gm.width.ratio.mean"].verdict is Verdict.DIFFERS
 
 
 def test_biases_come_out_with_their_errors(found):
