@@ -26,6 +26,11 @@ PRIOR_WIDTH = 0.9 * (GAIN_RANGE[1] - GAIN_RANGE[0])
 SHIFT = 3.0
 """Per cent of gain."""
 
+_NORM = (
+    "in dex, {natural:+.4f} in natural logarithms: the study states no unit; less exact posteriors' "
+    "{less exact:+.4f} dex"
+)
+
 CURVE = {"down 3": -SHIFT, "down 1": -1.0, "up 1": 1.0, "up 3": SHIFT}
 """Per cent of gain of the curve of amplitudes."""
 
@@ -68,7 +73,7 @@ def claims_of(
         put("gm.bias.lin.3pc", name, _mean(shift))
     for claim, kind in (("gm.KPL.bias.fixed", "fixed"), ("gm.KPL.bias.marg", "marginalised")):
         put(claim, "value", _mean(_shift(every["bright"], kind, "norm")))
-        put(claim, "relative", _mean(np.expm1(np.log(10.0) * _shift(every["bright"], kind, "norm"))))
+        put(claim, "natural", _mean(np.log(10.0) * _shift(every["bright"], kind, "norm")))
         put(claim, "less exact", _less_exact(runs["bright"][0], exact["bright"], kind, "norm"))
     _gain(put, every)
     covered = [_coverage(every["medium"], kind, member) for kind in KINDS for member in MEMBERS]
@@ -170,8 +175,8 @@ def found_of(table: xr.Dataset) -> Found:
         "gm.bias.bright": "gain-marginalised {marginalised:+.4f}; less exact posteriors' {less exact:+.4f}",
         "gm.bias.lin.3pc": "a line through {down 3:+.4f}, {down 1:+.4f}, {up 1:+.4f} and {up 3:+.4f} at -3, "
         "-1, 1 and 3 per cent",
-        "gm.KPL.bias.fixed": "in dex; relative {relative:+.4f}; less exact posteriors' {less exact:+.4f}",
-        "gm.KPL.bias.marg": "in dex; relative {relative:+.4f}; less exact posteriors' {less exact:+.4f}",
+        "gm.KPL.bias.fixed": _NORM,
+        "gm.KPL.bias.marg": _NORM,
         "gm.g.exclude": "at 90 per cent, of {spectra:.0f}; medium {medium:.1%}, bright {bright:.1%}",
     }
     found: dict[str, Measured | Untestable] = {

@@ -118,7 +118,7 @@ def test_biases_come_out_with_their_errors(found):
     assert line == pytest.approx(0.021, abs=4 * error)
     assert error < 0.003
     assert numbers["gm.KPL.bias.fixed"]["value"] == pytest.approx(0.005)
-    assert numbers["gm.KPL.bias.fixed"]["relative"] == pytest.approx(10**0.005 - 1)
+    assert numbers["gm.KPL.bias.fixed"]["natural"] == pytest.approx(0.005 * np.log(10.0))
 
 
 def test_widths_and_coverage(found):
