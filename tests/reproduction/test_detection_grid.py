@@ -167,3 +167,20 @@ def test_what_differs_on_both_responses_alike_is_the_embeddings_and_d1_never_is(
     assert both <= explained
     assert not [name for name in explained if name.endswith(".D1") or ".B1.8e-05" in name]
     assert "ours gives 0.946 and the study's 0.846" in found["grid.nicer.medium.B1.0.0003.D2"].because
+
+
+def test_a_flow_that_gives_less_on_other_spectra_too_is_said_to():
+    pytest.importorskip("jaxspec")
+    from gaugeblock.reproduction.experiments.detection import measured
+    from gaugeblock.reproduction.store import committed
+
+    table = committed("detection")
+    again = published("epic-pn")[None].copy()
+    again[..., 0] = np.nan
+    again[0, 2, 0, 3, 1] -= 0.15  # D2 of the strongest line at bright
+    table["again"] = (("response", *CELL), again)
+    table["again_sd"] = (("response", *CELL), np.where(np.isnan(again), np.nan, 0.03))
+    found = measured(table)
+    told = {name for name, item in found.items() if "embedding" in item.because}
+    assert told == {"grid.pn.bright.B1.0.0003.D2", "tab4.D2.B1.bright"}
+    assert "0.660 ± 0.030" in found["tab4.D2.B1.bright"].because
