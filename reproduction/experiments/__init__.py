@@ -17,12 +17,12 @@ EXPERIMENTS = (
     "nested",
     "detection",
     "importance",
+    "calibration_published",
 )
 """Names of files here; each has `EXPERIMENT`."""
 
 PLANNED = {
     "detection_nicer": "the same on NICER, B2 too",
-    "calibration_published": "the published network, trained as published, capped and not: ranks, coverage",
     "calibration_retrained": "the published network's bright flow from other seeds: ranks and coverage",
     "calibration_nicer": "our flows on NICER, audited",
     "gain_marginalised": "flows with a free gain beside fixed ones, 500 pairs and three seeds",

@@ -175,7 +175,7 @@ EXPERIMENT = Experiment(
     says="the published network, trained as published, capped and not: ranks, coverage, recalibration",
     sizes={
         Setting.FULL: {"ranks": 1000, "coverage": 400, "recovery": 200, "draws": DRAWS},
-        Setting.TWIN: {"ranks": 100, "coverage": 60, "recovery": 30, "draws": 100},
+        Setting.TWIN: {"ranks": 100, "coverage": 100, "recovery": 30, "draws": 100},
     },
     run=run,
     measured=measured,

@@ -92,7 +92,7 @@ EXPERIMENT = Experiment(
     says="the published network's bright flow from other seeds: ranks and coverage",
     sizes={
         Setting.FULL: {"ranks": 1000, "coverage": 400, "recovery": 2, "spot": 100, "draws": DRAWS},
-        Setting.TWIN: {"ranks": 100, "coverage": 60, "recovery": 2, "spot": 12, "draws": 100},
+        Setting.TWIN: {"ranks": 100, "coverage": 100, "recovery": 2, "spot": 12, "draws": 100},
     },
     run=run,
     measured=measured,
