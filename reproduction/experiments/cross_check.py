@@ -200,7 +200,7 @@ EXPERIMENT = Experiment(
             "live": 400,
             "warmup": 500,
             "chain": 2_000,
-            "told": 4_000,
+            "told": 1_000,
         },
         Setting.TWIN: {
             "pool": 40,
@@ -209,7 +209,7 @@ EXPERIMENT = Experiment(
             "live": 50,
             "warmup": 100,
             "chain": 200,
-            "told": 800,
+            "told": 400,
         },
     },
     run=run,

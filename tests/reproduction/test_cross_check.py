@@ -4,15 +4,19 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from gaugeblock.estimators.nested_points import NestedPoints
 from gaugeblock.reproduction.experiments.arithmetic import GAIN_PRIOR_SD
 from gaugeblock.reproduction.experiments.cross_claims import _pulls, capture
 from gaugeblock.reproduction.experiments.cross_posteriors import (
     effective_dimension,
     overlap,
     shrink_of,
+    thread_scatter,
     told_apart,
 )
 from gaugeblock.reproduction.experiments.cross_spectra import chosen_bright, weighted_sd
+from gaugeblock.validate.evidence import threads_of
+from gaugeblock.validate.evidence.perfect_run import perfect_run
 
 
 def test_a_shrink_and_its_error_are_those_of_many_samples():
@@ -22,6 +26,26 @@ def test_a_shrink_and_its_error_are_those_of_many_samples():
     # Of 2,000 shrinks: mean to 0.0005, scatter to 1.6 per cent.
     assert found.mean() == pytest.approx(0.6, abs=0.002)
     assert error.mean() == pytest.approx(found.std(), rel=0.06)
+
+
+def test_errors_by_threads_are_the_scatter_of_runs():
+    """A value that falls with the likelihood, as a distance does: runs by a perfect sampler."""
+    rng = np.random.default_rng(8)
+    found, errors = [], []
+    for _ in range(60):
+        run = perfect_run(lambda v: -50.0 * np.exp(2.0 * v / 3.0), live_points=60, depth=14.0, rng=rng)
+        # In another order than the contours', and with as many values on either side of 0.
+        order = rng.permutation(len(run.log_likelihood))
+        points = NestedPoints(run.log_likelihood[order], run.birth_log_likelihood[order])
+        value = np.sqrt(-points.log_likelihood) * rng.choice([-1.0, 1.0], len(order))
+        errors.append(thread_scatter(points, value, rng))
+        whole = threads_of(points)
+        live = whole.live_points(np.ones((1, len(order))))
+        weight = np.exp(whole.log_likelihood - np.cumsum(1.0 / live)) / live[0]
+        ordered = value[np.argsort(points.log_likelihood, kind="stable")]
+        found.append(weighted_sd(ordered, weight / weight.sum()))
+    # Of 60 runs: scatter to 9 per cent.
+    assert np.mean(errors) == pytest.approx(np.std(found, ddof=1), rel=0.3)
 
 
 def test_weights_count_as_many_draws():
