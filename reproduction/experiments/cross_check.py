@@ -199,7 +199,7 @@ EXPERIMENT = Experiment(
             "draws": 16_000,
             "live": 400,
             "warmup": 500,
-            "chain": 2_000,
+            "chain": 8_000,
             "told": 1_000,
         },
         Setting.TWIN: {
