@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammaln
 
 from gaugeblock.simulators.prior import Prior
+from gaugeblock.streams import Rng
 
 Array = NDArray[np.float64]
 
@@ -52,7 +53,7 @@ class FreeGain:
         """The same for `factor` times the exposure."""
         return replace(self, exposure=self.exposure * factor)
 
-    def simulate(self, theta: ArrayLike, rng: np.random.Generator) -> NDArray[np.int64]:
+    def simulate(self, theta: ArrayLike, rng: Rng) -> NDArray[np.int64]:
         """Poisson counts ``(n, channel)``."""
         return np.asarray(rng.poisson(self.expected(theta)))
 

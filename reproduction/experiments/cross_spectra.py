@@ -89,10 +89,10 @@ def pool(level: str, sizes: Mapping[str, Any], rng: np.random.Generator) -> Mapp
     shifted = smooth.with_effect(Effect("published_gain", {"factor": 1.0 + SHIFT}))
     coordinates = Coordinates(smooth.prior)
     slope = smooth.jacobian(theta) * coordinates.slope(coordinates.of(theta))[:, None, :]
-    means = [s.expected(theta) * LEVELS[level] for s in (smooth, shifted)]
+    mean, moved = (s.expected(theta) * LEVELS[level] for s in (smooth, shifted))
     slope = slope * LEVELS[level]
-    free = finite_shift(*means, slope, amplitude=SHIFT).sd
-    held = finite_shift(*means, slope, amplitude=SHIFT, prior_sd=np.full(5, 12.0**-0.5)).sd
+    free = finite_shift(mean, moved, slope, amplitude=SHIFT).sd
+    held = finite_shift(mean, moved, slope, amplitude=SHIFT, prior_sd=np.full(5, 12.0**-0.5)).sd
     fitted = fit(simulator, counts, scale=scale, seed=int(rng.integers(2**31)))
     found = posterior_draws(simulator, counts, fitted, scale=scale, draws=sizes["screen"], rng=rng)
     soft = plain.channels[:, 1] <= SOFT

@@ -63,7 +63,7 @@ def summaries(flow: Any, counts: Mapping[str, Array], *, draws: int, seed: int) 
     ``alpha`` is the median photon index, ``alpha-sd``, ``alpha-low`` and ``alpha-high`` its sd and central
     90 per cent; ``norm`` the median log10 of the norm; ``gain-low`` and ``gain-high`` as of the photon index.
     """
-    made = {}
+    made: dict[str, Array] = {}
     for member, rows in counts.items():
         theta = flow.sample(rows, draws, np.random.default_rng(seed))
         low, middle, high = np.quantile(theta, [0.05, 0.5, 0.95], axis=1)
@@ -84,7 +84,7 @@ def exact_summaries(
 ) -> dict[str, Array]:
     """The same medians and sds of exact posteriors."""
     found = exact_posteriors(simulator, np.concatenate(list(counts.values())), draws=draws, rng=rng)
-    made = {}
+    made: dict[str, Array] = {}
     for k, member in enumerate(counts):
         rows = slice(k * len(counts[member]), (k + 1) * len(counts[member]))
         made |= {

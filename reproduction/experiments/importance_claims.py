@@ -146,8 +146,8 @@ def _because(parts: Mapping[str, float]) -> str:
 
 def _note(claim: str, parts: Mapping[str, float]) -> str:
     if "ceiling" in parts:
-        said = "{simulated:.3f} under the prior that was simulated from; a perfect flow has {ceiling:.2f}"
-        return said.format_map(parts)
+        ceiling = "{simulated:.3f} under the prior that was simulated from; a perfect flow has {ceiling:.2f}"
+        return ceiling.format_map(parts)
     said = ["p {p:.2g}"] if "p" in parts else []
     said += ["{simulated:.3f} under the prior that was simulated from"] if "simulated" in parts else []
     said += [_CUT] if "cut" in parts else []
