@@ -7,18 +7,13 @@ from gaugeblock.reproduction import Setting, Verdict, claims, judge
 from gaugeblock.reproduction.experiments import EXPERIMENTS, load
 from gaugeblock.reproduction.store import committed, made, read_one, write_one
 
-SLOW = ("posteriors", "evidence", "nested", "detection", "importance")
-"""Their twins take some twenty to fifty seconds each."""
-
-TWINS = [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in EXPERIMENTS]
-
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("pieces")
 
 
-@pytest.fixture(scope="module", params=TWINS)
+@pytest.fixture(scope="module", params=EXPERIMENTS)
 def twin(request, folder):
     experiment = load(request.param)
     if experiment.extra == "xray":
