@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
@@ -15,6 +16,7 @@ from gaugeblock.reproduction.pieces import Pieces
 
 Progress = Callable[[str, int, int], None]
 Found = Mapping[str, Measured | Untestable]
+SHIPPED = "shipped:"
 
 
 class Setting(Enum):
@@ -42,6 +44,8 @@ class Experiment:
     measured: Callable[[xr.Dataset], Found]
     extra: str | None = None
     """The extra of gaugeblock whose packages it needs."""
+    flows: tuple[str, ...] = ()
+    """Trained flows it reads, our own as ``shipped:NAME``: pieces of other weights are not used."""
     version: int = 1
     """Raised when the same sizes and seed mean other numbers: pieces of another version are not used."""
 
@@ -55,10 +59,29 @@ def pieces_of(
     progress: Progress | None = None,
 ) -> Pieces:
     """Where an experiment keeps its pieces: apart for every setting, seed and version."""
-    key = {
+    key: dict[str, Any] = {
         "experiment": experiment.name,
         "version": experiment.version,
         "sizes": dict(experiment.sizes[setting]),
         "seed": seed,
     }
+    if experiment.flows:
+        key["flows"] = {name: weights_of(name) for name in experiment.flows}
     return Pieces(folder, key, name=experiment.name, progress=progress)
+
+
+def weights_of(flow: str) -> str:
+    """What identifies a trained flow's weights: their sha256, as its record has it.
+
+    Raises
+    ------
+    InputError
+        If there is no such flow.
+    """
+    from gaugeblock.estimators.npe import reference_model_path
+    from gaugeblock.reproduction.paper_flow import paper_flow
+
+    if flow.startswith(SHIPPED):
+        record = json.loads((reference_model_path(flow.removeprefix(SHIPPED)) / "model.json").read_text())
+        return str(record["sha256"])
+    return str(paper_flow(flow).record["sha256"])

@@ -67,5 +67,6 @@ EXPERIMENT = Experiment(
     },
     run=run,
     measured=measured,
+    flows=tuple(f"shipped:nicer-{level}" for level in LEVELS),
     extra="xray",
 )

@@ -179,5 +179,6 @@ EXPERIMENT = Experiment(
     },
     run=run,
     measured=measured,
+    flows=tuple(f"epic-pn-{name}" for name in (*LEVELS, UNCAPPED, CUT)),
     extra="xray",
 )

@@ -96,5 +96,6 @@ EXPERIMENT = Experiment(
     },
     run=run,
     measured=measured,
+    flows=tuple(f"epic-pn-{name}" for name in ("bright", UNCAPPED, *SEEDS)),
     extra="xray",
 )

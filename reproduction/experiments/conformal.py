@@ -191,5 +191,6 @@ EXPERIMENT = Experiment(
     },
     run=run,
     measured=measured,
+    flows=(FLOW,),
     extra="xray",
 )

@@ -214,5 +214,6 @@ EXPERIMENT = Experiment(
     },
     run=run,
     measured=measured,
+    flows=tuple(FLOW.format(level=level) for level in LEVELS),
     extra="xray",
 )

@@ -178,5 +178,6 @@ EXPERIMENT = Experiment(
     sizes={Setting.FULL: FULL, Setting.TWIN: TWIN},
     run=run,
     measured=measured,
+    flows=tuple(f"{RESPONSE}-{level}" for level in LEVELS),
     extra="xray",
 )

@@ -138,5 +138,6 @@ EXPERIMENT = Experiment(
     sizes=SIZES,
     run=run,
     measured=measured,
+    flows=tuple(f"shipped:{response}-{level}" for response in ("nicer", "epic-pn") for level in LEVELS),
     extra="xray",
 )

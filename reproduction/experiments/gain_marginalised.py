@@ -94,5 +94,6 @@ EXPERIMENT = Experiment(
     },
     run=run,
     measured=measured,
+    flows=tuple(f"shipped:epic-pn-{level}{SUFFIX[kind]}" for level in LEVELS for kind in KINDS),
     extra="xray",
 )

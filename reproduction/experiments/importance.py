@@ -205,5 +205,6 @@ EXPERIMENT = Experiment(
     },
     run=run,
     measured=measured,
+    flows=(FLOW + "medium", FLOW + "bright", CUT),
     extra="xray",
 )

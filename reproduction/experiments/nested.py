@@ -249,5 +249,6 @@ EXPERIMENT = Experiment(
     },
     run=run,
     measured=measured,
+    flows=(FLOW,),
     extra="xray",
 )

@@ -5,6 +5,7 @@ import time
 import numpy as np
 import pytest
 
+from gaugeblock.errors import InputError
 from gaugeblock.reproduction.pieces import Pieces, joined
 
 
@@ -64,3 +65,24 @@ def test_progress_counts_what_was_found_too(tmp_path):
     for _ in range(2):
         Pieces(tmp_path, {}, name="toy", progress=lambda *said: seen.append(said)).each("draws", 2, draw, 3)
     assert seen == [("toy: draws", done, 2) for done in (0, 1, 2)] * 2
+
+
+def test_pieces_of_other_weights_are_not_used(tmp_path, monkeypatch):
+    pytest.importorskip("sbi")
+    from gaugeblock.reproduction import Setting, experiment
+    from gaugeblock.reproduction.experiments import load
+
+    mine = load("conformal")
+    first = experiment.pieces_of(mine, Setting.TWIN, tmp_path, seed=1).place
+    assert first == experiment.pieces_of(mine, Setting.TWIN, tmp_path, seed=1).place
+    monkeypatch.setattr(experiment, "weights_of", lambda flow: "another training of " + flow)
+    assert first != experiment.pieces_of(mine, Setting.TWIN, tmp_path, seed=1).place
+
+
+def test_a_flow_that_is_not_there_is_named():
+    pytest.importorskip("sbi")
+    from gaugeblock.reproduction.experiment import weights_of
+
+    for name in ("shipped:nothing", "nothing"):
+        with pytest.raises(InputError, match="nothing"):
+            weights_of(name)
