@@ -29,18 +29,26 @@ GAINS = 21
 RESAMPLED = 200
 """Bootstrap samples of a run's threads."""
 
+KEPT = 4000
+"""Equal-weight draws that are kept of a spectrum."""
+
 FOLDED = 400
 """Draws that are weighted again by folding."""
 
 
 def exact(
-    counts: Array, level: str, prior: str, sizes: Mapping[str, Any], rng: np.random.Generator
+    flow: Any, counts: Array, level: str, prior: str, draws: int, rng: np.random.Generator
 ) -> Mapping[str, Any]:
     """Posterior of every spectrum: equal-weight draws, mean and sd, shrink of the gain with its error.
 
-    `folded` is the shrink by the study's own rule of integration: the same draws with other weights.
+    By importance weights of a flow's draws: exact where they leave enough effective draws, whatever the flow
+    is like. Draws around fits leave too few of bright spectra. `folded` is the shrink by the study's own rule
+    of integration: the same draws with other weights.
     """
-    found = _exact(simulators()[prior], counts, LEVELS[level], sizes["draws"], rng)
+    target = simulators()[prior].exposed(LEVELS[level])
+    # One spectrum after another: expected counts of all draws of all spectra would not fit into memory.
+    rows = [_weighted(flow, target, row, draws, rng) for row in counts]
+    found = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
     few = found["draws"][:, :FOLDED]
     rough = folded(prior)
     first, second = (
@@ -61,14 +69,34 @@ def _log_likelihood(simulator: Any, theta: Array, counts: Array, scale: float) -
     return np.asarray(np.matmul(np.log(mean), counts[..., None])[..., 0] - mean.sum(axis=-1))
 
 
-def _exact(
+def _weighted(
+    flow: Any, target: FreeGain, counts: Array, draws: int, rng: np.random.Generator
+) -> dict[str, Array]:
+    """Summaries of one spectrum ``(channel,)`` from weighted draws of a flow."""
+    theta, log_q = flow.sample_and_log_prob(counts[None], draws, rng)
+    log_weight = _log_likelihood(target, theta, counts[None], 1.0) + target.prior.log_prob(theta) - log_q
+    weight = np.exp(log_weight - log_weight.max())
+    weight /= weight.sum()
+    kept = rng.permuted(systematic(weight, min(draws, KEPT), rng), axis=1)
+    shrink, error = shrink_of(theta[..., GAIN], weight)
+    return {
+        "draws": theta[0, kept[0]],
+        "mean": (weight[0, :, None] * theta[0]).sum(axis=0),
+        "sd": weighted_sd(theta[0].T, weight),
+        "shrink": shrink[0],
+        "shrink_error": error[0],
+        "effective": 1.0 / (weight**2).sum(),
+    }
+
+
+def _around_fit(
     simulator: FreeGain, counts: Array, scale: float, draws: int, rng: np.random.Generator
 ) -> dict[str, Any]:
     scales = np.full(len(counts), scale)
     fitted = fit(simulator, counts, scale=scales, seed=int(rng.integers(2**31)))
     found = posterior_draws(simulator, counts, fitted, scale=scales, draws=draws, rng=rng)
     # In random order: systematic picks come in that of the proposals.
-    kept = rng.permuted(systematic(found.weight, min(draws, 4000), rng), axis=1)
+    kept = rng.permuted(systematic(found.weight, min(draws, KEPT), rng), axis=1)
     shrink, error = shrink_of(found.theta[..., GAIN], found.weight)
     # Where weights were poor, draws are resampled and look independent: they are worth this many at least.
     effective = np.where(found.effective > 0.999 * draws, POOR * draws, found.effective)
@@ -156,7 +184,7 @@ def boundary(counts: Array, sizes: Mapping[str, Any], rng: np.random.Generator) 
     """One medium spectrum: its likelihood along the gain in both boxes, its shrink in the wider one."""
     scale = LEVELS["medium"]
     wider = wide()
-    found = _exact(wider, counts[None], scale, sizes["draws"], rng)
+    found = _around_fit(wider, counts[None], scale, sizes["draws"], rng)
     ranges = {
         name: np.ptp(profile(simulator, counts, scale))
         for name, simulator in (("box", simulators()["published_linear_norm"]), ("wider", wider))
@@ -189,7 +217,7 @@ def by_flow(flow: Any, counts: Array, level: str, draws: int, rng: np.random.Gen
     gain, weight = weighted.draws[..., GAIN], np.exp(weighted.log_weight)
     raw, refined = shrink_of(gain, even), shrink_of(gain, weight)
     return {
-        "draws": weighted.draws[:, :4000],
+        "draws": weighted.draws[:, :KEPT],
         "mean": weighted.draws.mean(axis=1),
         "sd": weighted.draws.std(axis=1),
         "shrink": raw[0],

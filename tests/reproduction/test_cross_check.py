@@ -117,3 +117,30 @@ def test_pulls_of_equal_posteriors_are_equal_and_wider_ones_are_seen():
     assert found["p"] < 1e-6
     # RMS of 60 normal numbers: relative error 1 / sqrt(120).
     assert errors["xc.zrms"]["exact"] == pytest.approx(1 / np.sqrt(120), rel=0.5)
+
+
+def test_weights_make_a_poor_proposal_exact():
+    """A flow that is wrong on purpose: draws from the prior, of a model whose posterior is known."""
+    from gaugeblock.reproduction.experiments.cross_posteriors import _weighted
+    from gaugeblock.simulators import Prior, Uniform
+
+    class Straight:
+        prior = Prior({f"p{k}": Uniform(0.0, 0.05) for k in range(5)} | {"p5": Uniform(0.0, 2.0)})
+
+        def expected(self, theta):
+            return 100.0 * np.asarray(theta)
+
+    class FromThePrior:
+        def sample_and_log_prob(self, x, n, rng):
+            theta = Straight.prior.sample(n, rng)[None]
+            return theta, Straight.prior.log_prob(theta)
+
+    target, counts = Straight(), np.array([1.0, 1.0, 1.0, 1.0, 1.0, 100.0])
+    found = _weighted(FromThePrior(), target, counts, 60_000, np.random.default_rng(4))
+    # A Poisson mean under a flat prior: a gamma distribution of shape 101, scale 1/100.
+    assert found["mean"][5] == pytest.approx(1.01, abs=5e-3)
+    assert found["sd"][5] == pytest.approx(np.sqrt(101.0) / 100.0, rel=0.03)
+    assert found["draws"][:, 5].std() == pytest.approx(found["sd"][5], rel=0.05)
+    assert found["shrink_error"] / found["shrink"] == pytest.approx(
+        1.0 / np.sqrt(2.0 * found["effective"]), rel=0.1
+    )
