@@ -41,7 +41,7 @@ def deviation(levels: Array, calibration: Array | None = None) -> Array:
     set, intervals are recalibrated by them first.
 
     >>> float(deviation(np.full((10, 1), 0.5)).round(3))  # every interval holds a truth at the median
-    0.512
+    0.485
     """
     tails = np.array([[(1.0 - claimed) / 2.0, (1.0 + claimed) / 2.0] for claimed in LEVELS])
     ends = tails if calibration is None else np.quantile(calibration, tails, axis=-2)[..., None, :]
