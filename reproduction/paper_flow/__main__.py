@@ -13,7 +13,7 @@ from pathlib import Path
 import torch
 
 from gaugeblock.errors import InputError
-from gaugeblock.reproduction.paper_flow.flow import FLOWS
+from gaugeblock.reproduction.paper_flow.shipped import FLOWS
 from gaugeblock.reproduction.paper_flow.training import train
 from gaugeblock.reproduction.paper_flow.variants import VARIANTS, Variant
 

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import warnings
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
-from safetensors.torch import load_file
 
-from gaugeblock.errors import InputError
 from gaugeblock.estimators.npe.flows import NflowsFlow
-from gaugeblock.reproduction.paper_flow.network import build
 from gaugeblock.reproduction.paper_flow.simulations import GAIN
 from gaugeblock.simulators.marginals import Uniform
 from gaugeblock.simulators.prior import Prior
@@ -24,7 +19,6 @@ from gaugeblock.streams import Rng
 
 Array = NDArray[np.float64]
 
-FLOWS = Path(__file__).resolve().parent.parent / "flows"
 DRAWS_AT_ONCE = 8192
 TRIES = 100
 """Rounds of rejection before what still lies outside the box is clipped to it."""
@@ -122,25 +116,6 @@ class PaperFlow:
     def describe(self) -> dict[str, Any]:
         """Plain data that identifies it."""
         return {"estimator": "paper_flow", "variant": self.record["variant"]}
-
-
-def paper_flow(name: str, folder: Path = FLOWS) -> PaperFlow:
-    """A trained flow by the name of its variant.
-
-    Raises
-    ------
-    InputError
-        If there is none of that name.
-    """
-    path = folder / f"{name}.json"
-    if not path.is_file():
-        known = ", ".join(sorted(p.stem for p in folder.glob("*.json"))) or "none"
-        raise InputError(f"no trained flow {name!r} of the published network; there are {known}")
-    record = json.loads(path.read_text(encoding="utf-8"))
-    prior = prior_of(gain=record["variant"]["gain"])
-    network = build(torch.randn(2, prior.size), record["channels"], seed=0)
-    network.load_state_dict(load_file(folder / f"{name}.safetensors"))
-    return PaperFlow(network, prior, record)
 
 
 def prior_of(*, gain: bool) -> Prior:

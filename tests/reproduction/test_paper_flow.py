@@ -14,8 +14,9 @@ pytest.importorskip("sbi")
 pytest.importorskip("jaxspec")
 
 from gaugeblock.errors import InputError
-from gaugeblock.reproduction.paper_flow import VARIANTS, PaperFlow, paper_flow
-from gaugeblock.reproduction.paper_flow.flow import FLOWS, prior_of
+from gaugeblock.reproduction.paper_flow import VARIANTS, paper_flow
+from gaugeblock.reproduction.paper_flow.flow import PaperFlow, prior_of
+from gaugeblock.reproduction.paper_flow.shipped import FLOWS
 from gaugeblock.reproduction.paper_flow.simulations import simulations
 from gaugeblock.reproduction.paper_flow.training import train
 from gaugeblock.simulators.xray import reference

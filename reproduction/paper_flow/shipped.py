@@ -1,0 +1,40 @@
+"""Trained flows of the published network by name; torch is imported when one is asked for."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gaugeblock.errors import InputError, require
+
+if TYPE_CHECKING:
+    from gaugeblock.reproduction.paper_flow.flow import PaperFlow
+
+FLOWS = Path(__file__).resolve().parent.parent / "flows"
+
+
+def paper_flow(name: str, folder: Path = FLOWS) -> PaperFlow:
+    """A trained flow by the name of its variant.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name.
+    """
+    require("torch", "sbi")
+    import torch
+    from safetensors.torch import load_file
+
+    from gaugeblock.reproduction.paper_flow.flow import PaperFlow, prior_of
+    from gaugeblock.reproduction.paper_flow.network import build
+
+    path = folder / f"{name}.json"
+    if not path.is_file():
+        known = ", ".join(sorted(p.stem for p in folder.glob("*.json"))) or "none"
+        raise InputError(f"no trained flow {name!r} of the published network; there are {known}")
+    record = json.loads(path.read_text(encoding="utf-8"))
+    prior = prior_of(gain=record["variant"]["gain"])
+    network = build(torch.randn(2, prior.size), record["channels"], seed=0)
+    network.load_state_dict(load_file(folder / f"{name}.safetensors"))
+    return PaperFlow(network, prior, record)
