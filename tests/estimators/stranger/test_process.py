@@ -66,7 +66,11 @@ def test_what_it_leaves_behind_ends_with_it(stranger: Any) -> None:
     one = stranger(SAMPLE.format(daemon))
     one.sample(X, 5, np.random.default_rng(1))
     found = ["pgrep", "-f", f"sleep {mark[-6:]}.5"]
-    assert subprocess.run(found, check=False, capture_output=True).stdout
+    # A process shows its command line a little after it has begun: on a busy machine that takes a while.
+    until = time.monotonic() + 10.0
+    while not subprocess.run(found, check=False, capture_output=True).stdout:
+        assert time.monotonic() < until
+        time.sleep(0.05)
     one.close()
     assert not subprocess.run(found, check=False, capture_output=True).stdout
 
