@@ -79,9 +79,9 @@ def weights_of(flow: str) -> str:
         If there is no such flow.
     """
     from gaugeblock.estimators.npe import reference_model_path
-    from gaugeblock.reproduction.paper_flow import paper_flow
+    from gaugeblock.reproduction.paper_flow import record_of
 
     if flow.startswith(SHIPPED):
         record = json.loads((reference_model_path(flow.removeprefix(SHIPPED)) / "model.json").read_text())
         return str(record["sha256"])
-    return str(paper_flow(flow).record["sha256"])
+    return str(record_of(flow)["sha256"])

@@ -22,7 +22,7 @@ from gaugeblock.reproduction.calibration import (
 from gaugeblock.reproduction.experiment import Experiment, Found, Setting
 from gaugeblock.reproduction.judge import Measured, Untestable
 from gaugeblock.reproduction.numbers import as_table, by_claim
-from gaugeblock.reproduction.paper_flow import VARIANTS, paper_flow
+from gaugeblock.reproduction.paper_flow import VARIANTS, paper_flow, record_of
 from gaugeblock.reproduction.paper_flow.variants import SEED
 from gaugeblock.reproduction.pieces import Arrays, Pieces, stream
 
@@ -69,7 +69,7 @@ def row(name: str, found: Arrays, rng: np.random.Generator) -> tuple[dict[str, f
     p_values = rank_p(found["ranks"])
     return {
         "dev": float(deviation(found["test"])),
-        "epochs": float(paper_flow(f"epic-pn-{name}").record["epochs"]),
+        "epochs": float(record_of(f"epic-pn-{name}")["epochs"]),
         "smallest p": float(p_values.min()),
         "failures": float((p_values < FAILS).sum()),
     }, {"dev": bootstrapped(deviation, found["test"], rng=rng)}
@@ -86,7 +86,7 @@ def _claims(made: Mapping[str, Arrays], rng: np.random.Generator) -> tuple[Table
         numbers[f"cal.sbc.pn.{level}"] = dict(zip(NAMES, map(float, p_values[level]), strict=True))
     for claim, name in (("production", "bright"), ("uncapped", UNCAPPED)):
         numbers[f"tab2.{claim}"], errors[f"tab2.{claim}"] = row(name, made[name], rng)
-    record = paper_flow(f"epic-pn-{CUT}").record
+    record = record_of(f"epic-pn-{CUT}")
     numbers["tab2.production"] |= {
         "cut, dev": float(deviation(made[CUT]["test"])),
         "cut, largest p": float(p_values[CUT].max()),
@@ -128,7 +128,7 @@ def _bright(found: Arrays, numbers: Table, errors: Table, rng: np.random.Generat
             "before": bootstrapped(lambda a, c=level: coverage(a, c), test, rng=rng),
             "after": bootstrapped(lambda a, b, c=level: coverage(a, c, b), test, first, rng=rng),
         }
-    record = paper_flow("epic-pn-bright").record
+    record = record_of("epic-pn-bright")
     for part in ("training", "validation"):
         curve = np.array(record[part])
         numbers.setdefault("cal.loss.pn.bright", {})[part] = float(curve[-1])

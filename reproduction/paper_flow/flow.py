@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.estimators.npe.estimator import DRAWS_AT_ONCE
 from gaugeblock.estimators.npe.flows import NflowsFlow
 from gaugeblock.reproduction.paper_flow.simulations import GAIN
 from gaugeblock.simulators.marginals import Uniform
@@ -19,7 +20,6 @@ from gaugeblock.streams import Rng
 
 Array = NDArray[np.float64]
 
-DRAWS_AT_ONCE = 8192
 TRIES = 100
 """Rounds of rejection before what still lies outside the box is clipped to it."""
 

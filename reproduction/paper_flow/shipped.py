@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from gaugeblock.errors import InputError, require
 
@@ -29,12 +29,24 @@ def paper_flow(name: str, folder: Path = FLOWS) -> PaperFlow:
     from gaugeblock.reproduction.paper_flow.flow import PaperFlow, prior_of
     from gaugeblock.reproduction.paper_flow.network import build
 
+    record = record_of(name, folder)
+    prior = prior_of(gain=record["variant"]["gain"])
+    network = build(torch.arange(2.0 * prior.size).reshape(2, -1), record["channels"], seed=0)
+    network.load_state_dict(load_file(folder / f"{name}.safetensors"))
+    return PaperFlow(network, prior, record)
+
+
+def record_of(name: str, folder: Path = FLOWS) -> dict[str, Any]:
+    """How a flow was trained: variant, losses, sha256 of the weights, command.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name.
+    """
     path = folder / f"{name}.json"
     if not path.is_file():
         known = ", ".join(sorted(p.stem for p in folder.glob("*.json"))) or "none"
         raise InputError(f"no trained flow {name!r} of the published network; there are {known}")
-    record = json.loads(path.read_text(encoding="utf-8"))
-    prior = prior_of(gain=record["variant"]["gain"])
-    network = build(torch.randn(2, prior.size), record["channels"], seed=0)
-    network.load_state_dict(load_file(folder / f"{name}.safetensors"))
-    return PaperFlow(network, prior, record)
+    record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return record

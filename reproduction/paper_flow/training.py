@@ -19,6 +19,7 @@ import torch
 from safetensors.torch import save
 
 from gaugeblock.atomic import write_atomically
+from gaugeblock.digest import digest
 from gaugeblock.estimators.npe.checkpoint import load_checkpoint, save_checkpoint
 from gaugeblock.identity import versions
 from gaugeblock.reproduction.paper_flow.network import build
@@ -56,7 +57,7 @@ def train(names: dict[str, Variant], folder: Path, *, work: Path, progress: Prog
     network = build(theta[fitted], counts.shape[1], seed=longest.torch_seed)
     optimizer = torch.optim.Adam(network.parameters(), lr=RATE)
     key = json.dumps(longest.describe(), sort_keys=True)
-    checkpoint = work / f"{digest_of(key)}.safetensors"
+    checkpoint = work / f"{digest(longest.describe())[:12]}.safetensors"
     work.mkdir(parents=True, exist_ok=True)
     curve, best = _Curve([], []), _copy(network)
     kept = load_checkpoint(checkpoint, key=key, network=network, optimizer=optimizer)
@@ -144,8 +145,3 @@ def _write(folder: Path, name: str, variant: Variant, weights: State, curve: _Cu
 
 def _converged(curve: _Curve, epochs: int) -> bool:
     return _Curve(curve.training[:epochs], curve.validation[:epochs]).waited()
-
-
-def digest_of(key: str) -> str:
-    """Short name of a training's files."""
-    return hashlib.sha256(key.encode()).hexdigest()[:12]
