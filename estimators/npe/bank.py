@@ -58,6 +58,12 @@ class Bank:
         """Data of the given rows."""
         return np.asarray(self.simulator.observe(self.data[rows], rng)) if self.fresh else self.data[rows]
 
+    def pairs(
+        self, rows: NDArray[np.int64] | slice, rng: np.random.Generator
+    ) -> tuple[NDArray[np.float32], NDArray[Any]]:
+        """Scores and data of the given rows."""
+        return self.scores[rows], self.observe(rows, rng)
+
     @classmethod
     def simulate(
         cls,

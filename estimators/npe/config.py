@@ -38,7 +38,8 @@ class TrainingTable(Table):
 
     `fresh_noise` draws new noise at every step, where the simulator can; `keep` says which weights the
     default network ends with: those of the smallest validation loss, or the last, as a training without a
-    validation set would.
+    validation set would. With `redraws` a "laplace" network trains a second time, as many steps, on so many
+    posterior draws beside every row's own parameters.
     """
 
     simulations: Annotated[int, Field(ge=20)] = 50_000
@@ -52,6 +53,7 @@ class TrainingTable(Table):
     clip: Annotated[float, Field(gt=0.0)] = 5.0
     average: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.99
     fresh_noise: bool = True
+    redraws: Annotated[int, Field(ge=0)] = 0
     keep: Literal["best", "last"] = "best"
     checkpoint: Count = 500
     seed: Annotated[int, Field(ge=0)] = 0

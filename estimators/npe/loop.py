@@ -4,17 +4,27 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import torch
 
 from gaugeblock.errors import InputError
-from gaugeblock.estimators.npe.bank import Bank, Progress, stream
+from gaugeblock.estimators.npe.bank import Progress, stream
 from gaugeblock.estimators.npe.checkpoint import load_checkpoint, save_checkpoint
 from gaugeblock.estimators.npe.config import TrainingTable
 
 WARM_UP = 0.2
+
+
+class Pairs(Protocol):
+    """What a network is trained on: rows of scores and data, such as a `Bank`."""
+
+    def __len__(self) -> int: ...
+
+    def pairs(self, rows: Any, rng: np.random.Generator) -> tuple[Any, Any]:
+        """Scores ``(row, parameter)`` and data of the given rows."""
+        ...
 
 
 def one_cycle(step: int, steps: int, peak: float) -> float:
@@ -37,7 +47,7 @@ def one_cycle(step: int, steps: int, peak: float) -> float:
 
 def train_default(
     network: Any,
-    bank: Bank,
+    bank: Pairs,
     options: TrainingTable,
     *,
     checkpoint: Path,
@@ -54,8 +64,7 @@ def train_default(
     InputError
         If no validation loss was finite.
     """
-    held_out = max(1, round(options.validation * len(bank)))
-    size = len(bank) - held_out
+    size = len(bank) - held_out(len(bank), options)
     validation = _tensors(bank, slice(size, None), stream(options.seed, "validation"))
     parameters = [p for p in network.parameters() if p.requires_grad]
     optimizer = torch.optim.AdamW(
@@ -108,9 +117,14 @@ def train_default(
     return curve
 
 
-def _tensors(bank: Bank, rows: Any, rng: np.random.Generator) -> tuple[torch.Tensor, torch.Tensor]:
-    x = np.asarray(bank.observe(rows, rng))
-    return torch.from_numpy(bank.scores[rows]), torch.from_numpy(x.astype(np.float64))
+def held_out(rows: int, options: TrainingTable) -> int:
+    """How many of so many rows, the last, are the validation set."""
+    return max(1, round(options.validation * rows))
+
+
+def _tensors(bank: Pairs, rows: Any, rng: np.random.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+    scores, x = bank.pairs(rows, rng)
+    return torch.from_numpy(scores), torch.from_numpy(np.asarray(x).astype(np.float64))
 
 
 def _blend(average: dict[str, torch.Tensor], network: Any, weight: float) -> None:

@@ -15,7 +15,8 @@ from gaugeblock.estimators.npe.bank import Bank, Progress, stream
 from gaugeblock.estimators.npe.config import TrainingTable
 from gaugeblock.estimators.npe.laplace.compressor import Compressor
 from gaugeblock.estimators.npe.laplace.network import LaplaceNetwork
-from gaugeblock.estimators.npe.loop import one_cycle, train_default
+from gaugeblock.estimators.npe.laplace.redraws import redrawn_bank
+from gaugeblock.estimators.npe.loop import held_out, one_cycle, train_default
 
 EMULATOR_STEPS, GUESS_STEPS = 12_000, 3_000
 BATCH, RATE = 1024, 4e-3
@@ -39,19 +40,50 @@ def train_laplace(
     compressor = network.compressor
     stored = folder / f"compressor-{key}.safetensors"
     if not _restored(compressor, stored):
-        train_compressor(compressor, bank, seed=options.seed, progress=progress)
+        train_compressor(
+            compressor, bank, seed=options.seed, steps=(EMULATOR_STEPS, GUESS_STEPS), progress=progress
+        )
         state = {name: value.contiguous() for name, value in compressor.state_dict().items()}
         write_atomically(stored, bytes(save(state)))
     data = _compressed(compressor, bank, folder / f"compressed-{key}.npy", options.seed, progress)
     network.head.standardise(torch.from_numpy(data[:EXAMPLES]))
-    return train_default(
+    compressed = Bank(bank.scores, data, False, bank.simulator)
+    curve = train_default(
         network.head,
-        Bank(bank.scores, data, False, bank.simulator),
+        compressed,
         options,
         checkpoint=folder / "checkpoint.safetensors",
         key=key,
         progress=progress,
     )
+    if not options.redraws:
+        return curve
+    redrawn = redrawn_bank(
+        network.head,
+        bank,
+        compressed,
+        number=options.redraws,
+        rows=len(bank) - held_out(len(bank), options),
+        chunk=CHUNK,
+        seed=options.seed,
+        folder=folder / f"redraws-{key}",
+        progress=progress,
+    )
+    again = train_default(
+        network.head,
+        redrawn,
+        options,
+        checkpoint=folder / "checkpoint-redraws.safetensors",
+        key=key,
+        progress=progress,
+    )
+    steps = [options.steps + step for step in again["step"]]
+    return {
+        "step": curve["step"] + steps,
+        "training": curve["training"] + again["training"],
+        "validation": curve["validation"] + again["validation"],
+        "best": again["best"],
+    }
 
 
 def train_compressor(
@@ -59,7 +91,7 @@ def train_compressor(
     bank: Bank,
     *,
     seed: int,
-    steps: tuple[int, int] = (EMULATOR_STEPS, GUESS_STEPS),
+    steps: tuple[int, int],
     progress: Progress | None = None,
 ) -> None:
     """Choose groups, then fit the emulator to expected counts and the first guess to noisy ones."""
