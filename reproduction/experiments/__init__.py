@@ -14,6 +14,7 @@ EXPERIMENTS = (
     "information",
     "posteriors",
     "evidence",
+    "evidence_pairs",
     "nested",
     "detection",
     "importance",

@@ -51,10 +51,26 @@ class Pairs:
     def drawn(self, number: int, per_cent: float, rng: np.random.Generator) -> tuple[Array, dict[str, Array]]:
         """Theta ``(number, 5)`` from the prior, and counts ``(number, channel)`` by member."""
         theta = self.simulator.prior.sample(number, rng)
-        factor = np.full((number, 1), 1.0 + per_cent / 100.0)
-        means = self.simulator.expected(theta), self.shifted.expected(np.hstack([theta, factor]))
-        counts = (np.asarray(drawn, dtype=float) for drawn in coupled_poisson(*means, rng))
+        counts = (
+            np.asarray(drawn, dtype=float) for drawn in coupled_poisson(*self._means(theta, per_cent), rng)
+        )
         return theta, dict(zip(MEMBERS, counts, strict=True))
+
+    def seeded(self, theta: Array, per_cent: float, seeds: NDArray[np.int64]) -> dict[str, Array]:
+        """Counts by member as in the study's pairs: both members of a pair start from one seed."""
+        return {
+            member: np.stack(
+                [
+                    np.random.default_rng(seed).poisson(mean).astype(float)
+                    for seed, mean in zip(seeds, means, strict=True)
+                ]
+            )
+            for member, means in zip(MEMBERS, self._means(theta, per_cent), strict=True)
+        }
+
+    def _means(self, theta: Array, per_cent: float) -> tuple[Array, Array]:
+        factor = np.full((len(theta), 1), 1.0 + per_cent / 100.0)
+        return self.simulator.expected(theta), self.shifted.expected(np.hstack([theta, factor]))
 
 
 def summaries(flow: Any, counts: Mapping[str, Array], *, draws: int, seed: int) -> dict[str, Array]:
