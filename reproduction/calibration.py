@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import kstest
 
-from gaugeblock.reproduction.experiments.conformal import LEVELS, deviation
 from gaugeblock.reproduction.grid_populations import clean_counts
 from gaugeblock.reproduction.pieces import Arrays
 
@@ -16,6 +15,9 @@ Array = NDArray[np.float64]
 
 RANKS, CALIBRATION, TEST, RECOVERY = 101, 303, 404, 1
 """Offsets of the study's seeds for its sets of fresh spectra."""
+
+LEVELS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.68, 0.7, 0.8, 0.9, 0.95)
+"""Of the intervals whose coverage is averaged over."""
 
 DRAWS = 1000
 RECOVERY_DRAWS = 400
@@ -68,6 +70,24 @@ def coverage(levels: Array, claimed: float, calibration: Array | None = None) ->
     return float(((levels >= low) & (levels <= high)).mean())
 
 
+def deviation(levels: Array, calibration: Array | None = None) -> Array:
+    """Mean distance of coverage from what intervals claim, over parameters and their levels: ``(...)``.
+
+    `levels` ``(..., spectrum, parameter)`` are the truths' among their draws; with those of a `calibration`
+    set, intervals are recalibrated by them first.
+
+    >>> float(deviation(np.full((10, 1), 0.5)).round(3))  # every interval holds a truth at the median
+    0.485
+    """
+    tails = np.array([[(1.0 - claimed) / 2.0, (1.0 + claimed) / 2.0] for claimed in LEVELS])
+    ends = tails if calibration is None else np.quantile(calibration, tails, axis=-2)[..., None, :]
+    found = []
+    for claimed, (low, high) in zip(LEVELS, ends, strict=True):  # bounds memory
+        held = ((levels >= low) & (levels <= high)).mean(axis=-2)
+        found.append(np.abs(held - claimed).mean(axis=-1))
+    return np.asarray(np.mean(found, axis=0))
+
+
 def recovery(truth: Array, median: Array) -> float:
     """Mean over parameters of the correlation of truth and posterior median, ``(spectrum, parameter)``."""
     columns = zip(truth.T, median.T, strict=True)
@@ -82,6 +102,3 @@ def bootstrapped(statistic: Any, *arrays: Array, rng: np.random.Generator, toget
         picks = [same if together else rng.integers(len(a), size=len(a)) for a in arrays]
         values.append(statistic(*(a[pick] for a, pick in zip(arrays, picks, strict=True))))
     return float(np.std(values, ddof=1))
-
-
-__all__ = ["LEVELS", "bootstrapped", "coverage", "deviation", "measure", "rank_p", "recovery"]

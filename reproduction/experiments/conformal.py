@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from gaugeblock.reproduction.calibration import deviation
 from gaugeblock.reproduction.experiment import Experiment, Found, Setting
 from gaugeblock.reproduction.experiments.gain_pairs import ALPHA
 from gaugeblock.reproduction.judge import Measured
@@ -27,29 +28,8 @@ FLOW = "shipped:epic-pn-medium-gain"
 CHUNK = 100
 SHIFT = 1.03
 KINDS = ("gain", "clean")
-LEVELS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.68, 0.7, 0.8, 0.9, 0.95)
-"""Of the intervals whose coverage is averaged over."""
-
 PARAMETERS = 5
 BOOTSTRAPS = 200
-
-
-def deviation(levels: Array, calibration: Array | None = None) -> Array:
-    """Mean distance of coverage from what intervals claim, over parameters and their levels: ``(...)``.
-
-    `levels` ``(..., spectrum, parameter)`` are the truths' among their draws; with those of a `calibration`
-    set, intervals are recalibrated by them first.
-
-    >>> float(deviation(np.full((10, 1), 0.5)).round(3))  # every interval holds a truth at the median
-    0.485
-    """
-    tails = np.array([[(1.0 - claimed) / 2.0, (1.0 + claimed) / 2.0] for claimed in LEVELS])
-    ends = tails if calibration is None else np.quantile(calibration, tails, axis=-2)[..., None, :]
-    found = []
-    for claimed, (low, high) in zip(LEVELS, ends, strict=True):  # bounds memory
-        held = ((levels >= low) & (levels <= high)).mean(axis=-2)
-        found.append(np.abs(held - claimed).mean(axis=-1))
-    return np.asarray(np.mean(found, axis=0))
 
 
 def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:

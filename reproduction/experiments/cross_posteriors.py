@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 BATCHES = 20
 """Stretches of a chain whose scatter is its error."""
 
+ACCEPTED = 0.95
+"""Acceptance probability that steps of a chain are adapted to."""
+
 GAINS = 21
 """Gains at which the likelihood is maximised over everything else."""
 
@@ -170,7 +173,9 @@ def chain(counts: Array, thinning: int, sizes: Mapping[str, Any], rng: np.random
     """NUTS on bright spectra side by side: shrink by the chain, with its error by stretches of it."""
     from gaugeblock.estimators.nuts import Nuts
 
-    sampler = Nuts(simulators()["published_linear_norm"], warmup=sizes["warmup"], thinning=thinning)
+    simulator = simulators()["published_linear_norm"]
+    # The gain runs into both ends of its prior: with shorter steps fewer trajectories diverge there.
+    sampler = Nuts(simulator, warmup=sizes["warmup"], thinning=thinning, target_acceptance=ACCEPTED)
     found = sampler.run(counts, sizes["chain"], rng)
     gain = found.draws[..., GAIN]
     away = (gain - gain.mean(axis=1, keepdims=True)) ** 2

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from gaugeblock.reproduction.experiments.conformal import KINDS, LEVELS, claims_of, deviation, measured
+from gaugeblock.reproduction.calibration import LEVELS, deviation
+from gaugeblock.reproduction.experiments.conformal import KINDS, claims_of, measured
 from gaugeblock.reproduction.judge import judge
 from gaugeblock.reproduction.numbers import as_table
 from gaugeblock.reproduction.registry import claims
