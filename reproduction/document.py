@@ -16,7 +16,7 @@ from gaugeblock.atomic import write_atomically
 from gaugeblock.errors import InputError
 from gaugeblock.reproduction import store
 from gaugeblock.reproduction.experiment import Setting
-from gaugeblock.reproduction.experiments import EXPERIMENTS
+from gaugeblock.reproduction.experiments import EXPERIMENTS, PAST
 from gaugeblock.reproduction.figures import draw
 from gaugeblock.reproduction.page import page
 from gaugeblock.reproduction.run import from_committed
@@ -38,7 +38,9 @@ def adopt(folder: Path, results: Path = ROOM / "results") -> list[str]:
     try:
         with xr.open_datatree(path, engine="netcdf4") as stored:
             tables = {
-                name: stored[name].to_dataset().load() for name in EXPERIMENTS if name in stored.children
+                name: stored[name].to_dataset().load()
+                for name in (*EXPERIMENTS, *PAST)
+                if name in stored.children
             }
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read ({type(error).__name__})") from None

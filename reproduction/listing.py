@@ -5,8 +5,8 @@ from __future__ import annotations
 from gaugeblock.reproduction import words
 from gaugeblock.reproduction.experiments import EXPERIMENTS, PLANNED, load
 from gaugeblock.reproduction.judge import Verdict
-from gaugeblock.reproduction.registry import claims, find
-from gaugeblock.reproduction.run import Reproduction
+from gaugeblock.reproduction.registry import claims
+from gaugeblock.reproduction.run import Reproduction, selected
 
 SHOWN = 12
 """Differences that are shown; the page has them all."""
@@ -20,7 +20,7 @@ def listing(names: tuple[str, ...] = ()) -> str:
     InputError
         For a name that is neither a claim nor an experiment.
     """
-    chosen = find(names)
+    chosen, experiments = selected(names)
     says = {name: load(name).says for name in EXPERIMENTS} | {
         name: f"{text} (not built yet)" for name, text in PLANNED.items()
     }
@@ -30,11 +30,14 @@ def listing(names: tuple[str, ...] = ()) -> str:
         if members:
             lines.append(f"{name}: {text}; {len(members)} claims")
             lines += [f"  {claim.id}  {claim.says}: {words.published(claim)}" for claim in members]
+    lines += [f"{name}: {load(name).says}; past the claims" for name in experiments if name not in says]
     return "\n".join(lines)
 
 
 def headline(result: Reproduction) -> str:
     """How many claims came to which verdict, and those that differ."""
+    if not result.judgements:
+        return f"no claim is measured by {', '.join(result.tables)}: its numbers are in reproduction.nc"
     counts = ", ".join(
         f"{sum(item.verdict is verdict for item in result.judgements)} {verdict.value}" for verdict in Verdict
     )

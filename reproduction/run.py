@@ -13,7 +13,7 @@ from gaugeblock.atomic import write_atomically
 from gaugeblock.reproduction import store
 from gaugeblock.reproduction.claim import Claim
 from gaugeblock.reproduction.experiment import Progress, Setting
-from gaugeblock.reproduction.experiments import EXPERIMENTS, load
+from gaugeblock.reproduction.experiments import EXPERIMENTS, PAST, load
 from gaugeblock.reproduction.family import Family, family
 from gaugeblock.reproduction.figures import draw
 from gaugeblock.reproduction.judge import Judgement, Verdict, judge
@@ -53,6 +53,8 @@ def reproduce(
 ) -> Reproduction:
     """Measure and judge the claims that are named, by id or by experiment, or all; writes into `out`.
 
+    Experiments that go past the study's claims run where they are named, and with all.
+
     An interrupted run goes on where it stopped: pieces are in `out`/checkpoints.
 
     Raises
@@ -60,10 +62,10 @@ def reproduce(
     InputError
         For a name that is neither a claim nor an experiment, or a folder that cannot be written to.
     """
-    chosen = find(tuple(names))
+    chosen, experiments = selected(names)
     store.writable(out)
     tables = {}
-    for name in needed(chosen):
+    for name in experiments:
         tables[name] = store.made(load(name), setting, out / CHECKPOINTS, seed=seed, progress=progress)
     result = judged(chosen, tables)
     write(result, out)
@@ -72,9 +74,24 @@ def reproduce(
 
 def from_committed(names: Iterable[str]) -> Reproduction:
     """Judge the results that come with the package; nothing is run."""
-    chosen = find(tuple(names))
-    found = {name: store.committed(name) for name in needed(chosen)}
+    chosen, experiments = selected(names)
+    found = {name: store.committed(name) for name in experiments}
     return judged(chosen, {name: table for name, table in found.items() if table is not None})
+
+
+def selected(names: Iterable[str]) -> tuple[Mapping[str, Claim], tuple[str, ...]]:
+    """Claims that are named, and the experiments to run: those that measure them, and those named outright.
+
+    Raises
+    ------
+    InputError
+        For a name that is neither a claim nor an experiment.
+    """
+    every = tuple(names)
+    past = tuple(name for name in PAST if name in every or not every)
+    claimed = tuple(name for name in every if name not in PAST)
+    chosen = find(claimed) if claimed or not every else {}
+    return chosen, (*needed(chosen), *past)
 
 
 def needed(chosen: Mapping[str, Claim]) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gaugeblock.reproduction import Setting, Verdict, claims, judge
-from gaugeblock.reproduction.experiments import EXPERIMENTS, load
+from gaugeblock.reproduction.experiments import EXPERIMENTS, PAST, load
 from gaugeblock.reproduction.store import committed, made, read_one, write_one
 
 
@@ -13,7 +13,7 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("pieces")
 
 
-@pytest.fixture(scope="module", params=EXPERIMENTS)
+@pytest.fixture(scope="module", params=(*EXPERIMENTS, *PAST))
 def twin(request, folder):
     experiment = load(request.param)
     if experiment.extra == "xray":
@@ -55,7 +55,7 @@ def test_a_table_survives_its_file_and_says_how_it_was_made(twin, tmp_path):
     assert "numpy" in stored.attrs["versions"]
 
 
-@pytest.mark.parametrize("name", EXPERIMENTS)
+@pytest.mark.parametrize("name", [*EXPERIMENTS, *PAST])
 def test_what_is_committed_is_a_full_run_that_still_says_what_it_said(name):
     table, experiment = committed(name), load(name)
     if table is None:
