@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import xarray as xr
 
@@ -72,12 +72,6 @@ def page(
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A Markdown table."""
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
-
-
 def _introduction(judgements: Sequence[Judgement]) -> str:
     every = len(claims())
     here = "All are" if len(judgements) == every else f"{len(judgements)} of them are"
@@ -102,7 +96,7 @@ def _summary(judgements: Sequence[Judgement], key: Callable[[Judgement], str], t
         members = [item for item in judgements if key(item) == group]
         counts = [sum(item.verdict is verdict for item in members) for verdict in Verdict]
         rows.append((group, str(len(members)), *(str(count or "") for count in counts)))
-    return table((title, "claims", *(verdict.value for verdict in Verdict)), rows)
+    return words.table((title, "claims", *(verdict.value for verdict in Verdict)), rows)
 
 
 def _family(family: Family | None) -> str:
@@ -119,7 +113,7 @@ def _differences(judgements: Sequence[Judgement]) -> str:
         (f"`{item.claim.id}`", words.published(item.claim), words.ours(item), _sigma(item), item.reason)
         for item in found
     ]
-    return table(("claim", "published", "ours", "standard errors apart", "because"), rows)
+    return words.table(("claim", "published", "ours", "standard errors apart", "because"), rows)
 
 
 def _sigma(item: Judgement) -> str:
@@ -143,7 +137,7 @@ def _claims(members: Sequence[Judgement]) -> str:
                 said,
             )
         )
-    return table(("claim", "what", "kind", "published", "ours", "must hold", "verdict"), rows)
+    return words.table(("claim", "what", "kind", "published", "ours", "must hold", "verdict"), rows)
 
 
 def _made(tables: Mapping[str, xr.Dataset]) -> str:
@@ -163,14 +157,14 @@ def _made(tables: Mapping[str, xr.Dataset]) -> str:
     versions = {key: value for made in tables.values() for key, value in _versions(made).items()}
     with_what = ", ".join(f"{key} {value}" for key, value in versions.items())
     return (
-        table(("experiment", "what it measures", "setting", "seed", "CPU", "command"), rows)
+        words.table(("experiment", "what it measures", "setting", "seed", "CPU", "command"), rows)
         + f"\n\nMade with {with_what}."
     )
 
 
 def _trained() -> list[str]:
     rows = trainings()
-    return ["## The published network, trained again", TRAINED, table(HEADER, rows)] if rows else []
+    return ["## The published network, trained again", TRAINED, words.table(HEADER, rows)] if rows else []
 
 
 def _versions(made: xr.Dataset) -> dict[str, str]:
@@ -185,4 +179,4 @@ def _planned(judgements: Sequence[Judgement]) -> list[str]:
     if not waiting:
         return []
     rows = [(name, str(number), PLANNED.get(name) or load(name).says) for name, number in waiting.items()]
-    return ["## Not measured yet", table(("experiment", "claims", "what it will measure"), rows)]
+    return ["## Not measured yet", words.table(("experiment", "claims", "what it will measure"), rows)]
