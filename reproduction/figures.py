@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.errors import require
+from gaugeblock.reproduction.calibration_figure import calibration_figure
 from gaugeblock.reproduction.claim import Kind
 from gaugeblock.reproduction.experiments.arithmetic import GAIN_PRIOR_SD
 from gaugeblock.reproduction.grid_figure import grid_figure
@@ -50,6 +51,11 @@ def draw(
     if "information" in tables:
         found = tables["information"]
         made["Gain: bias and information"] = ("information", lambda: information_figure(pyplot, found))
+    if "calibration_published" in tables:
+        made["Coverage, and ranks: published ones are open circles"] = (
+            "calibration",
+            lambda: calibration_figure(pyplot, tables, LEVEL_COLOUR),
+        )
     if "cross_check" in tables:
         ten = tables["cross_check"]
         made["Shrink of the gain"] = ("shrink", lambda: shrink_figure(pyplot, ten, (BLUE, ORANGE)))

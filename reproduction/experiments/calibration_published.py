@@ -19,6 +19,7 @@ from gaugeblock.reproduction.calibration import (
     rank_p,
     recovery,
 )
+from gaugeblock.reproduction.calibration import LEVELS as CLAIMED
 from gaugeblock.reproduction.experiment import Experiment, Found, Setting
 from gaugeblock.reproduction.judge import Measured, Untestable
 from gaugeblock.reproduction.numbers import as_table, by_claim
@@ -49,7 +50,13 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     names = (*LEVELS, UNCAPPED, CUT)
     parts = pieces.each("flow", len(names), lambda i, rng: flow_piece(names[i], sizes, rng), seed)
     rng = np.random.default_rng(stream(seed, "calibration", "resampling"))
-    return as_table(*_claims(dict(zip(names, parts, strict=True)), rng))
+    made = dict(zip(names, parts, strict=True))
+    held = [[coverage(found["test"], level) for level in CLAIMED] for found in parts]
+    curves = xr.Dataset(
+        {"covered": (("flow", "claimed"), np.array(held))},
+        coords={"flow": list(names), "claimed": list(CLAIMED)},
+    )
+    return as_table(*_claims(made, rng)).merge(curves)
 
 
 def flow_piece(name: str, sizes: Mapping[str, Any], rng: np.random.Generator) -> Arrays:
