@@ -16,7 +16,7 @@ STRICT = ("epic-pn-faint", "epic-pn-medium", "epic-pn-bright")
 """Those of the strict policy with 10,000 trials and more; the others passed the default one."""
 
 # Median ESS at 200 trials x 500 draws, and what 60 trials x 300 draws with a fixed seed have to reach.
-WORTH = {"epic-pn-medium": 0.87}
+WORTH = {"epic-pn-faint": 0.91, "epic-pn-medium": 0.87, "epic-pn-bright": 0.68, "nicer-bright": 0.5}
 
 
 @pytest.mark.parametrize("folder", [*SHIPPED, EXAMPLE], ids=lambda folder: folder.name)
