@@ -40,7 +40,11 @@ class Mixture:
     root: Array | None = None
 
     def sample_and_log_prob(self, x: ArrayLike, n: int, rng: Rng) -> tuple[Array, Array]:
-        """Draws ``(batch, n, parameter)`` and their log density ``(batch, n)`` under the mixture."""
+        """Draws ``(batch, n, parameter)`` and their log density ``(batch, n)`` under the mixture.
+
+        A draw so far out that rounding puts it on the border of the prior has a log density of +inf: its
+        weight is zero.
+        """
         draws, log_q = self.wide.sample_and_log_prob(x, n, rng)
         if self.mean is None or self.root is None:
             return np.asarray(draws), np.asarray(log_q)
@@ -50,16 +54,18 @@ class Mixture:
         z = self.mean[:, None] + np.matmul(noise * stretch, self.root.swapaxes(1, 2))
         learnt = rng.random(draws.shape[:2]) >= DEFENSIVE
         theta = np.where(learnt[..., None], self.prior.from_unbounded(z), draws)
-        return theta, self.log_prob(theta, x)
+        log_q = self.log_prob(theta, x)
+        return theta, np.where(np.isneginf(log_q), np.inf, log_q)
 
     def log_prob(self, theta: Array, x: ArrayLike) -> Array:
         """Log density ``(batch, n)``."""
         wide = np.asarray(self.wide.log_prob(theta, x))
         if self.mean is None or self.root is None:
             return wide
-        z = self.prior.to_unbounded(theta)
-        learnt = _log_t(z, self.mean, self.root) - self.prior.log_jacobian_unbounded(z)
         # On the very border of the prior the coordinates are infinite; the wide proposal alone is there.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            z = self.prior.to_unbounded(theta)
+            learnt = _log_t(z, self.mean, self.root) - self.prior.log_jacobian_unbounded(z)
         learnt = np.where(np.isfinite(learnt), learnt, -np.inf)
         return np.asarray(np.logaddexp(np.log(DEFENSIVE) + wide, np.log1p(-DEFENSIVE) + learnt))
 

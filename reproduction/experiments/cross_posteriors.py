@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from gaugeblock.discover.extend.adaptive import Mixture, effective_draws
 from gaugeblock.discover.fit import fit, likeliest_draws
 from gaugeblock.discover.name.peaks import systematic
 from gaugeblock.discover.name.posterior_draws import POOR, posterior_draws
@@ -19,6 +20,9 @@ from gaugeblock.reproduction.experiments.setup import GAIN_PRIOR
 from gaugeblock.reproduction.free_gain import GAIN, FreeGain
 
 Array = NDArray[np.float64]
+
+BATCH = 1024
+"""Points that UltraNest proposes at a time: posteriors of bright spectra fill little of its ellipsoids."""
 
 BATCHES = 20
 """Stretches of a chain whose scatter is its error."""
@@ -31,6 +35,9 @@ GAINS = 21
 
 RESAMPLED = 200
 """Bootstrap samples of a run's threads."""
+
+ROUNDS, ENOUGH = 6, 0.15
+"""A proposal learns so often at most, and as long as fewer draws than this share are effective."""
 
 KEPT = 4000
 """Equal-weight draws that are kept of a spectrum."""
@@ -45,8 +52,8 @@ def exact(
     """Posterior of every spectrum: equal-weight draws, mean and sd, shrink of the gain with its error.
 
     By importance weights of a flow's draws: exact where they leave enough effective draws, whatever the flow
-    is like. Draws around fits leave too few of bright spectra. `folded` is the shrink by the study's own rule
-    of integration: the same draws with other weights.
+    is like; where they leave few, the proposal learns from them. Draws around fits leave too few of bright
+    spectra. `folded` is the shrink by the study's own rule of integration: the same draws with other weights.
     """
     target = simulators()[prior].exposed(LEVELS[level])
     # One spectrum after another: expected counts of all draws of all spectra would not fit into memory.
@@ -76,8 +83,19 @@ def _weighted(
     flow: Any, target: FreeGain, counts: Array, draws: int, rng: np.random.Generator
 ) -> dict[str, Array]:
     """Summaries of one spectrum ``(channel,)`` from weighted draws of a flow."""
-    theta, log_q = flow.sample_and_log_prob(counts[None], draws, rng)
-    log_weight = _log_likelihood(target, theta, counts[None], 1.0) + target.prior.log_prob(theta) - log_q
+
+    def drawn(proposal: Mixture, number: int) -> tuple[Array, Array]:
+        theta, log_q = proposal.sample_and_log_prob(counts[None], number, rng)
+        log_target = _log_likelihood(target, theta, counts[None], 1.0) + target.prior.log_prob(theta)
+        return theta, log_target - log_q
+
+    proposal = Mixture(flow, target.prior)
+    for _ in range(ROUNDS):
+        theta, log_weight = drawn(proposal, draws // ROUNDS)
+        if effective_draws(log_weight)[0] > ENOUGH * log_weight.shape[1]:
+            break
+        proposal = proposal.learn(theta, log_weight)
+    theta, log_weight = drawn(proposal, draws)
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
     kept = rng.permuted(systematic(weight, min(draws, KEPT), rng), axis=1)
@@ -134,6 +152,7 @@ def nested(counts: Array, live: int, rng: np.random.Generator) -> Mapping[str, A
         live_points=live,
         dlogz=float(0.5 * np.sqrt(400 / live)),
         min_effective_draws=live,
+        batch=BATCH,
     )
     start = time.process_time()
     found = sampler.run(counts, rng)
@@ -214,22 +233,19 @@ def profile(simulator: FreeGain, counts: Array, scale: float) -> Array:
 
 def by_flow(flow: Any, counts: Array, level: str, draws: int, rng: np.random.Generator) -> Mapping[str, Any]:
     """Draws of a flow, and its draws with importance weights: shrink of the gain by either."""
-    from gaugeblock.estimators.importance_refined import ImportanceRefined
-
-    simulator = simulators()["reference"].exposed(LEVELS[level])
-    weighted = ImportanceRefined(flow, simulator).weights(counts, draws, rng)
-    even = np.full(weighted.log_weight.shape, 1.0 / draws)
-    gain, weight = weighted.draws[..., GAIN], np.exp(weighted.log_weight)
-    raw, refined = shrink_of(gain, even), shrink_of(gain, weight)
+    target = simulators()["reference"].exposed(LEVELS[level])
+    rows = [_weighted(flow, target, row, draws, rng) for row in counts]
+    theta = flow.sample(counts, draws, rng)
+    raw = shrink_of(theta[..., GAIN], np.full(theta.shape[:2], 1.0 / draws))
     return {
-        "draws": weighted.draws[:, :KEPT],
-        "mean": weighted.draws.mean(axis=1),
-        "sd": weighted.draws.std(axis=1),
+        "draws": theta[:, :KEPT],
+        "mean": theta.mean(axis=1),
+        "sd": theta.std(axis=1),
         "shrink": raw[0],
         "shrink_error": raw[1],
-        "refined": refined[0],
-        "refined_error": refined[1],
-        "effective": weighted.effective_draws / draws,
+        "refined": np.array([row["shrink"] for row in rows]),
+        "refined_error": np.array([row["shrink_error"] for row in rows]),
+        "effective": np.array([row["effective"] for row in rows]) / draws,
     }
 
 

@@ -68,3 +68,26 @@ def test_points_of_weight_zero_stay_out():
     weight = tempered([[0.0, -np.inf, np.nan, -1.0] * 10], least=15.0)
     assert np.all(weight[0, 1::4] == 0.0)
     assert np.all(weight[0, 2::4] == 0.0)
+
+
+class Inside:
+    """Uniform on the unit interval without its ends, as a flow's draws are."""
+
+    def sample_and_log_prob(self, x, n, rng):
+        return rng.random((len(x), n, 1)), np.zeros((len(x), n))
+
+    def log_prob(self, theta, x):
+        return np.where(((theta > 0.0) & (theta < 1.0)).all(axis=-1), 0.0, -np.inf)
+
+
+def test_draws_that_rounding_puts_on_the_border_count_for_nothing():
+    prior = Prior({"place": Uniform(0.0, 1.0)})
+    # So far out that the unit interval has no number left between the draw and its end.
+    far = Mixture(Inside(), prior, mean=np.array([[45.0]]), root=np.array([[[1.0]]]))
+    theta, log_q = far.sample_and_log_prob(np.zeros((1, 1)), 4000, np.random.default_rng(4))
+    border = theta[0, :, 0] == 1.0
+    assert border.mean() > 0.5
+    log_weight = prior.log_prob(theta) - log_q
+    assert np.isneginf(log_weight[0, border]).all()
+    # What is left are draws of the wide part, the prior itself, a fifth of all.
+    assert np.exp(log_weight[0, ~border]).sum() / 4000 == pytest.approx(1.0, abs=0.15)
