@@ -14,9 +14,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gaugeblock.reproduction.experiment import Experiment, Found, Setting
-from gaugeblock.reproduction.experiments.gain_claims import CURVE, SHIFT, claims_of, found_of
+from gaugeblock.reproduction.experiments.gain_claims import CURVE, SHIFT, STUDY, claims_of, found_of
 from gaugeblock.reproduction.experiments.gain_pairs import KINDS, MEMBERS, Pairs, exact_summaries, summaries
 from gaugeblock.reproduction.numbers import as_table
+from gaugeblock.reproduction.paper_flow import paper_flow
 from gaugeblock.reproduction.pieces import Arrays, Pieces, joined, stream
 
 Array = NDArray[np.float64]
@@ -39,6 +40,7 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
         (level, kind): load(f"shipped:epic-pn-{level}{SUFFIX[kind]}") for level in LEVELS for kind in KINDS
     }
     levels = {level: Pairs(level) for level in LEVELS}
+    pairs = sizes["pairs"]
 
     def piece(level: str, per_cent: float, kinds: tuple[str, ...], number: int) -> Any:
         def make(index: int, rng: np.random.Generator) -> Arrays:
@@ -61,12 +63,26 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
 
         return make
 
+    def study(drawn: Arrays) -> Any:
+        def make(index: int, rng: np.random.Generator) -> Arrays:
+            rows = slice(index * CHUNK, min((index + 1) * CHUNK, pairs))
+            counts = {member: drawn[f"{member}-counts"][rows] for member in MEMBERS}
+            noise = int(rng.integers(2**31))
+            return {
+                f"{name}-{key}": values
+                for name in STUDY.values()
+                for key, values in summaries(
+                    paper_flow(name), counts, draws=sizes["draws"], seed=noise
+                ).items()
+            }
+
+        return make
+
     def made(name: str, make: Any, number: int, chunk: int = CHUNK) -> Arrays:
         parts = pieces.each(name, -(-number // chunk), make, seed)
         return {key: joined(parts, key) for key in parts[0]}
 
     found = {}
-    pairs = sizes["pairs"]
     for level in LEVELS:
         for k in range(sizes["seeds"]):
             name = f"{level}-{k}"
@@ -76,6 +92,7 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     for name, per_cent in CURVE.items():
         make = piece("medium", per_cent, KINDS[:1], sizes["curve"])
         found[f"curve {name}"] = made(f"curve-{name.replace(' ', '-')}", make, sizes["curve"])
+    found["bright-study"] = made("bright-study", study(found["bright-0"]), pairs)
     rng = np.random.default_rng(stream(seed, "gain_marginalised", "resampling"))
     return as_table(*claims_of(found, sizes["seeds"], flows["medium", "marginalised"].record, rng))
 
@@ -94,6 +111,9 @@ EXPERIMENT = Experiment(
     },
     run=run,
     measured=measured,
-    flows=tuple(f"shipped:epic-pn-{level}{SUFFIX[kind]}" for level in LEVELS for kind in KINDS),
+    flows=(
+        *(f"shipped:epic-pn-{level}{SUFFIX[kind]}" for level in LEVELS for kind in KINDS),
+        *STUDY.values(),
+    ),
     extra="xray",
 )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gaugeblock.reproduction.experiments.gain_claims import CURVE, claims_of
+from gaugeblock.reproduction.experiments.gain_claims import CURVE, STUDY, claims_of
 from gaugeblock.reproduction.experiments.gain_marginalised import measured
 from gaugeblock.reproduction.experiments.gain_pairs import GAIN_RANGE, KINDS, MEMBERS, Pairs, summaries
 from gaugeblock.reproduction.judge import Verdict, judge
@@ -77,6 +77,11 @@ def found():
     runs |= {
         f"curve {name}": pairs(rng, 300, bias=0.007 * per_cent, norm=0.0) for name, per_cent in CURVE.items()
     }
+    runs["bright-study"] = {
+        f"{name}-{member}-norm": (member == "shifted") * size + 0.01 * rng.standard_normal(600)
+        for name, size in zip(STUDY.values(), (0.004, 0.002), strict=True)
+        for member in MEMBERS
+    }
     return claims_of(runs, 3, {"training": {"simulations": 1000}}, rng)
 
 
@@ -98,6 +103,7 @@ def test_what_is_said_of_every_claim(found):
     assert "1,000 spectra" in judged["gm.train"].reason
     assert judged["gm.bias.fixed.medium"].verdict is Verdict.AGREES
     assert judged["gm.g.exclude"].verdict is Verdict.AGREES
+    assert "trained again does by +0.00" in said["gm.KPL.bias.fixed"].because
     # A flow that is a tenth wider is none of the study's.
     assert judged["gm.width.ratio.mean"].verdict is Verdict.DIFFERS
 
