@@ -36,8 +36,8 @@ STUDY = {"again": "epic-pn-bright", "cut": "epic-pn-bright-cut"}
 
 _OTHERS = (
     "such a bias is the flow's more than the gain's: on pairs that ours shifts by {beside:+.4f} dex, the "
-    "study's network trained again does by {again:+.4f} ± {again error:.4f}, cut at a bad epoch by {cut:+.4f} "
-    "± {cut error:.4f}"
+    "study's network trained again does by {again:+.4f} ± {again error:.4f}, cut at a bad epoch by "
+    "{cut:+.4f} ± {cut error:.4f}"
 )
 
 CURVE = {"down 3": -SHIFT, "down 1": -1.0, "up 1": 1.0, "up 3": SHIFT}
