@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gaugeblock.reproduction import words
-from gaugeblock.reproduction.experiments import EXPERIMENTS, PLANNED, load
+from gaugeblock.reproduction.experiments import EXPERIMENTS, load
 from gaugeblock.reproduction.judge import Verdict
 from gaugeblock.reproduction.registry import claims
 from gaugeblock.reproduction.run import Reproduction, selected
@@ -21,9 +21,7 @@ def listing(names: tuple[str, ...] = ()) -> str:
         For a name that is neither a claim nor an experiment.
     """
     chosen, experiments = selected(names)
-    says = {name: load(name).says for name in EXPERIMENTS} | {
-        name: f"{text} (not built yet)" for name, text in PLANNED.items()
-    }
+    says = {name: load(name).says for name in EXPERIMENTS}
     lines = []
     for name, text in says.items():
         members = [claim for claim in chosen.values() if claim.by == name]

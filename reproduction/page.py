@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 import xarray as xr
 
 from gaugeblock.reproduction import words
-from gaugeblock.reproduction.experiments import PLANNED, load
+from gaugeblock.reproduction.experiments import load
 from gaugeblock.reproduction.family import Family
 from gaugeblock.reproduction.grid_table import grid_table, is_cell
 from gaugeblock.reproduction.judge import Judgement, Verdict
@@ -178,5 +178,5 @@ def _planned(judgements: Sequence[Judgement]) -> list[str]:
             waiting[item.claim.by] = waiting.get(item.claim.by, 0) + 1
     if not waiting:
         return []
-    rows = [(name, str(number), PLANNED.get(name) or load(name).says) for name, number in waiting.items()]
+    rows = [(name, str(number), load(name).says) for name, number in waiting.items()]
     return ["## Not measured yet", words.table(("experiment", "claims", "what it will measure"), rows)]
