@@ -253,6 +253,13 @@ BECAUSE = {
 }
 
 
+FEWEST = 200
+"""Spectra of a pool that holds some like the study's."""
+
+CHOSEN = ("xc.i22.shrink", "xc.bright.shrink_NS", "xc.bright.range")
+"""Claims about spectra that are told by their shrink alone."""
+
+
 def found_of(table: xr.Dataset) -> Found:
     """Claim by claim, with notes and reasons."""
     numbers, errors = by_claim(table), by_claim(table, "standard_error")
@@ -266,6 +273,9 @@ def found_of(table: xr.Dataset) -> Found:
             note=NOTES.get(claim, "").format_map(said),
             because=BECAUSE.get(claim, "").format_map(said),
         )
+    if common["pool"] < FEWEST:
+        why = f"a pool of {common['pool']} spectra holds none like the study's"
+        found |= {claim: Untestable(why, numbers[claim]) for claim in CHOSEN}
     return found
 
 

@@ -21,7 +21,7 @@ def test_the_list_names_experiments_and_claims():
     done = run("--list")
     assert done.returncode == 0, done.stderr
     assert "published: " in done.stdout
-    assert "not built yet" in done.stdout
+    assert "evidence_pairs: " in done.stdout
     assert done.stdout.count("\n  ") == 477
 
 
