@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterable
 
 from gaugeblock.reproduction.experiment import Experiment
 
@@ -36,8 +35,3 @@ def load(name: str) -> Experiment:
     module = importlib.import_module(f"{__name__}.{name}")
     found: Experiment = module.EXPERIMENT
     return found
-
-
-def loaded(names: Iterable[str] = (*EXPERIMENTS, *PAST)) -> dict[str, Experiment]:
-    """Experiments by name."""
-    return {name: load(name) for name in names}

@@ -39,6 +39,7 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     flows = {
         (level, kind): load(f"shipped:epic-pn-{level}{SUFFIX[kind]}") for level in LEVELS for kind in KINDS
     }
+    studied = {name: paper_flow(name) for name in STUDY.values()}
     levels = {level: Pairs(level) for level in LEVELS}
     pairs = sizes["pairs"]
 
@@ -70,10 +71,8 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
             noise = int(rng.integers(2**31))
             return {
                 f"{name}-{key}": values
-                for name in STUDY.values()
-                for key, values in summaries(
-                    paper_flow(name), counts, draws=sizes["draws"], seed=noise
-                ).items()
+                for name, flow in studied.items()
+                for key, values in summaries(flow, counts, draws=sizes["draws"], seed=noise).items()
             }
 
         return make
