@@ -17,6 +17,7 @@ import torch
 from numpy.typing import NDArray
 
 from gaugeblock.atomic import atomic_path
+from gaugeblock.estimators._rows import resample
 from gaugeblock.estimators.npe.bank import Bank, Progress, stream
 from gaugeblock.estimators.npe.coordinates import from_scores
 
@@ -26,14 +27,14 @@ ROWS = 1024
 
 @dataclass(frozen=True)
 class RedrawnBank:
-    """A bank, and for its first rows pools of scores ``(row, draw, parameter)`` with cumulative weights.
+    """A bank, and for its first rows pools of scores ``(row, draw, parameter)`` with log weights.
 
     Rows beyond the pools, those held out, keep their own parameters.
     """
 
     bank: Bank
     pool: NDArray[np.float32]
-    cumulative: NDArray[np.float64]
+    log_weight: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.bank)
@@ -48,10 +49,16 @@ class RedrawnBank:
         if not len(pooled):
             return own, data
         place = place[pooled]
-        picked = (rng.random((len(place), 1)) >= self.cumulative[place]).sum(axis=1)
+        picked = resample(self.log_weight[place], rng.random((len(place), 1)))[:, 0]
         scores = own.copy()
-        scores[pooled] = self.pool[place, np.minimum(picked, self.pool.shape[1] - 1)]
+        scores[pooled] = self.pool[place, picked]
         return scores, data
+
+
+def noisy(bank: Bank, start: int, number: int, seed: int) -> NDArray[np.float64]:
+    """Data of the chunk that begins at `start`, with the one noise that it is compressed and weighed with."""
+    rows = slice(start, min(start + number, len(bank)))
+    return np.asarray(bank.observe(rows, stream(seed, "noise", start)), dtype=np.float64)
 
 
 def redrawn(
@@ -63,7 +70,7 @@ def redrawn(
     number: int,
     rng: np.random.Generator,
 ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """Pools ``(row, 1 + number, parameter)`` of some rows, and their cumulative weights.
+    """Pools ``(row, 1 + number, parameter)`` of some rows, and their log weights.
 
     `bank` holds what the head reads, `data` the counts ``(row, channel)`` it was read off.
 
@@ -84,9 +91,7 @@ def redrawn(
     log_weight = bank.simulator.log_likelihood(theta, data[:, None])
     # In scores the prior is a standard normal.
     log_weight = log_weight - 0.5 * (pool.astype(float) ** 2).sum(axis=-1) - log_q
-    log_weight = np.where(np.isfinite(log_weight), log_weight, -np.inf)
-    weight = np.exp(log_weight - log_weight.max(axis=1, keepdims=True))
-    return pool, np.cumsum(weight, axis=1) / weight.sum(axis=1, keepdims=True)
+    return pool, np.where(np.isfinite(log_weight), log_weight, -np.inf)
 
 
 def redrawn_bank(
@@ -109,11 +114,9 @@ def redrawn_bank(
         path = folder / f"{start:08d}.npz"
         if path.is_file():
             with np.load(path) as kept:
-                parts.append((kept["pool"], kept["cumulative"]))
+                parts.append((kept["pool"], kept["log_weight"]))
         else:
-            # The same noise as in the compression, of the whole chunk, held out or not.
-            whole = slice(start, min(start + chunk, len(simulated)))
-            data = np.asarray(simulated.observe(whole, stream(seed, "noise", start)), dtype=np.float64)
+            data = noisy(simulated, start, chunk, seed)
             rng = stream(seed, "redraws", start)
             pieces = [
                 redrawn(
@@ -126,11 +129,11 @@ def redrawn_bank(
                 )
                 for begin in range(start, stop, ROWS)
             ]
-            pool, cumulative = (np.concatenate(part) for part in zip(*pieces, strict=True))
-            parts.append((pool, cumulative))
+            pool, log_weight = (np.concatenate(part) for part in zip(*pieces, strict=True))
+            parts.append((pool, log_weight))
             with atomic_path(path) as temporary, temporary.open("wb") as file:
-                np.savez(file, pool=pool, cumulative=cumulative)
+                np.savez(file, pool=pool, log_weight=log_weight)
         if progress is not None:
             progress("redraws", stop, rows)
-    pool, cumulative = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return RedrawnBank(compressed, pool, cumulative)
+    pool, log_weight = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return RedrawnBank(compressed, pool, log_weight)

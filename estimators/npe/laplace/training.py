@@ -15,7 +15,7 @@ from gaugeblock.estimators.npe.bank import Bank, Progress, stream
 from gaugeblock.estimators.npe.config import TrainingTable
 from gaugeblock.estimators.npe.laplace.compressor import Compressor
 from gaugeblock.estimators.npe.laplace.network import LaplaceNetwork
-from gaugeblock.estimators.npe.laplace.redraws import redrawn_bank
+from gaugeblock.estimators.npe.laplace.redraws import noisy, redrawn_bank
 from gaugeblock.estimators.npe.loop import held_out, one_cycle, train_default
 
 EMULATOR_STEPS, GUESS_STEPS = 12_000, 3_000
@@ -150,11 +150,10 @@ def _compressed(
         return kept
     parts = []
     for start in range(0, len(bank), CHUNK):
-        rows = slice(start, min(start + CHUNK, len(bank)))
-        x = np.asarray(bank.observe(rows, stream(seed, "noise", start)), dtype=np.float64)
+        x = noisy(bank, start, CHUNK, seed)
         parts.append(compressor(torch.from_numpy(x)).numpy())
         if progress is not None:
-            progress("compressed", rows.stop, len(bank))
+            progress("compressed", start + len(x), len(bank))
     data = np.concatenate(parts)
     with atomic_path(path) as temporary, temporary.open("wb") as stream_of_bytes:
         np.save(stream_of_bytes, data)

@@ -11,7 +11,7 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("sbi")
 
 from gaugeblock.errors import InputError  # noqa: E402
-from gaugeblock.estimators.npe import TrainingConfig, load, train  # noqa: E402
+from gaugeblock.estimators.npe import load, train  # noqa: E402
 from gaugeblock.estimators.npe.bank import Bank  # noqa: E402
 from gaugeblock.estimators.npe.laplace.approximation import approximate, potential  # noqa: E402
 from gaugeblock.estimators.npe.laplace.compressor import Compressor  # noqa: E402
@@ -34,35 +34,13 @@ class LogLinear:
         return self(score), 0.1 * torch.eye(self.size).expand(len(score), -1, -1)
 
 
-def settings(**training):
-    return TrainingConfig.build(
-        {
-            "simulator": {"name": "counts"},
-            "network": {"kind": "laplace", "embedding": [32], "transforms": 2, "hidden": [32, 32], "bins": 6},
-            "training": {
-                "simulations": 3072,
-                "batch": 256,
-                "steps": 200,
-                "learning_rate": 5e-3,
-                "checkpoint": 100,
-                "seed": 1,
-                **training,
-            },
-        }
-    )
-
-
-@pytest.fixture(scope="module", autouse=True)
-def quick():
-    """A twentieth of the steps that real spectra need."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gaugeblock.estimators.npe.laplace.training.EMULATOR_STEPS", 600)
-        patch.setattr("gaugeblock.estimators.npe.laplace.training.GUESS_STEPS", 150)
-        yield
+@pytest.fixture(scope="module")
+def settings(configure_laplace):
+    return configure_laplace
 
 
 @pytest.fixture(scope="module")
-def flow(tmp_path_factory, make_counts):
+def flow(tmp_path_factory, make_counts, settings):
     return train(make_counts(), settings(), folder=tmp_path_factory.mktemp("laplace") / "model")
 
 
@@ -162,7 +140,7 @@ def test_it_comes_back_from_its_folder(flow, counts, tmp_path_factory):
     np.testing.assert_array_equal(first, second)
 
 
-def test_cut_off_after_the_compression_it_ends_at_the_same_weights(tmp_path, make_counts, flow):
+def test_cut_off_after_the_compression_it_ends_at_the_same_weights(tmp_path, make_counts, settings, flow):
     class Cut(Exception):
         pass
 
@@ -187,7 +165,7 @@ def test_the_emulator_follows_the_simulator(tmp_path, counts):
     assert float(misfit.median()) < 0.02
 
 
-def test_it_is_for_counts_with_an_expectation(tmp_path, signal, counts):
+def test_it_is_for_counts_with_an_expectation(tmp_path, signal, counts, settings):
     with pytest.raises(InputError, match="is for counts"):
         train(signal, settings(), folder=tmp_path / "a")
     with pytest.raises(InputError, match="expected counts"):

@@ -50,12 +50,12 @@ def conjugate():
 
 
 def away(bank, x, number, *, wrong=False):
-    pool, cumulative = redrawn(
+    pool, log_weight = redrawn(
         Shifted(), bank, x, slice(0, len(bank)), number=number, rng=np.random.default_rng(2)
     )
     if wrong:
-        cumulative = np.tile(np.linspace(0.0, 1.0, number + 2)[1:], (len(pool), 1))
-    scores, _ = RedrawnBank(bank, pool, cumulative).pairs(np.arange(len(bank)), np.random.default_rng(3))
+        log_weight = np.zeros_like(log_weight)
+    scores, _ = RedrawnBank(bank, pool, log_weight).pairs(np.arange(len(bank)), np.random.default_rng(3))
     return ((scores - 0.8 * x) / np.sqrt(0.2))[:, 0], scores
 
 
@@ -76,8 +76,8 @@ def test_without_weights_they_would_not(conjugate):
 def test_picks_are_new_every_time_and_rows_held_out_keep_their_own(conjugate):
     bank, x = conjugate
     rows = slice(0, 2000)
-    pool, cumulative = redrawn(Shifted(), bank, x[rows], rows, number=8, rng=np.random.default_rng(2))
-    some = RedrawnBank(bank, pool, cumulative)
+    pool, log_weight = redrawn(Shifted(), bank, x[rows], rows, number=8, rng=np.random.default_rng(2))
+    some = RedrawnBank(bank, pool, log_weight)
     place = np.array([5, 2500, 7, 1999, 2000])
     first, data = some.pairs(place, np.random.default_rng(3))
     np.testing.assert_array_equal(data, bank.data[place])
@@ -94,35 +94,19 @@ def with_likelihood(make_counts):
     return simulator
 
 
-def settings(**training):
-    return TrainingConfig.build(
-        {
-            "simulator": {"name": "counts"},
-            "network": {"kind": "laplace", "embedding": [32], "transforms": 2, "hidden": [32, 32], "bins": 6},
-            "training": {
-                "simulations": 1000,
-                "validation": 0.3,
-                "batch": 128,
-                "steps": 120,
-                "learning_rate": 5e-3,
-                "checkpoint": 40,
-                "seed": 1,
-                **training,
-            },
-        }
-    )
+@pytest.fixture(scope="module")
+def settings(configure_laplace):
+    """Few simulations, and every third of them held out."""
 
+    def made(**training):
+        few = {"simulations": 1000, "validation": 0.3, "batch": 128, "steps": 120, "checkpoint": 40}
+        return configure_laplace(**few, **training)
 
-@pytest.fixture(scope="module", autouse=True)
-def quick():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gaugeblock.estimators.npe.laplace.training.EMULATOR_STEPS", 400)
-        patch.setattr("gaugeblock.estimators.npe.laplace.training.GUESS_STEPS", 100)
-        yield
+    return made
 
 
 @pytest.fixture(scope="module")
-def flow(tmp_path_factory, make_counts):
+def flow(tmp_path_factory, make_counts, settings):
     folder = tmp_path_factory.mktemp("redraws") / "model"
     return train(with_likelihood(make_counts), settings(redraws=5), folder=folder)
 
@@ -137,7 +121,7 @@ def test_a_flow_that_learns_few_simulations_by_heart_learns_more_from_pools(flow
     assert gap[-1] < 0.8 * gap[once - 1]
 
 
-def test_cut_off_among_them_it_ends_at_the_same_weights(tmp_path, make_counts, flow):
+def test_cut_off_among_them_it_ends_at_the_same_weights(tmp_path, make_counts, settings, flow):
     class Cut(Exception):
         pass
 
@@ -155,7 +139,7 @@ def test_cut_off_among_them_it_ends_at_the_same_weights(tmp_path, make_counts, f
     assert again.record["sha256"] == flow.record["sha256"]
 
 
-def test_they_need_a_likelihood_and_the_network_that_has_them(tmp_path, make_counts):
+def test_they_need_a_likelihood_and_the_network_that_has_them(tmp_path, make_counts, settings):
     with pytest.raises(InputError, match="redraws needs"):
         train(make_counts(), settings(redraws=5), folder=tmp_path / "a")
     config = TrainingConfig.build(
