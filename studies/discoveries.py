@@ -1,0 +1,207 @@
+"""What discovery says, case by case, so that a change of its house can be held against what it said before.
+
+    python -m studies.discoveries gather --spectra SEALED --catalogues SEALED   # the cases, once
+    python -m studies.discoveries run 0.1.0                                     # what is said of them
+    python -m studies.discoveries compare 0.1.0 NOW                             # and whether that changed
+
+The cases are spectra and catalogues of the sealed sets behind docs/hidden-effects.md, made again from their
+generators' seeds (every spectrum whose number divides by seven, so that nobody chose, and all catalogues),
+and epidemics with and without a hidden effect, told to a simulator that can only simulate.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from studies.hidden.runner import seed_of
+from studies.hidden.seal import Case, cases
+
+RESULTS = Path(__file__).parent / "results"
+EVERY = 7
+SEED = 20260611
+
+EPIDEMICS: tuple[tuple[int, str | None, dict[str, float]], ...] = (
+    *((seed, "contact_change", {"factor": 0.85, "week": 4.5}) for seed in (41, 42, 43, 44)),
+    (45, "reporting_step", {"share": 0.25, "week": 5.5}),
+    (46, "missed_week", {"share": 0.5, "week": 6.0}),
+    (47, "reporting_delay", {"share": 0.22}),
+    (48, "imported_cases", {"rate": 0.8}),
+    (49, "waning", {"rate": 0.0023}),
+    (50, "mixing", {"exponent": 0.4}),
+    (51, None, {}),
+    (52, None, {}),
+)
+"""Seed, what is hidden in two hundred towns, and how much of it."""
+
+
+class SimulateOnly:
+    """An epidemic whose likelihood and mean nobody can ask for."""
+
+    def __init__(self, inner: Any):
+        self.inner, self.prior = inner, inner.prior
+
+    def simulate(self, theta: Any, rng: Any) -> Any:
+        """Reported cases ``(n, week)``."""
+        return self.inner.simulate(theta, rng)
+
+    def with_effect(self, effect: Any) -> SimulateOnly:
+        """The same with an effect worked in."""
+        return SimulateOnly(self.inner.with_effect(effect))
+
+
+def gather(spectra: Path, catalogues: Path, out: Path) -> None:
+    """Copy the cases into files of their own, ``cases.nc`` of the sealed sets and epidemics."""
+    from gaugeblock.simulators import build_simulator
+
+    out.mkdir(parents=True, exist_ok=True)
+    for name, folder in (("spectra", spectra), ("catalogues", catalogues)):
+        chosen = [c for c in cases(folder) if name == "catalogues" or c.number % EVERY == 0]
+        width = max(case.counts.shape[1] for case in chosen)
+        padded = [
+            np.pad(c.counts, ((0, 0), (0, width - c.counts.shape[1])), constant_values=-1) for c in chosen
+        ]
+        data = xr.Dataset(
+            {
+                "counts": (("source", "channel"), np.concatenate(padded).astype("i4")),
+                "case": ("source", np.repeat([c.number for c in chosen], [len(c.counts) for c in chosen])),
+                "exposure": ("source", np.concatenate([c.exposure for c in chosen])),
+                "setup": ("number", [c.setup for c in chosen]),
+            },
+            coords={"number": [c.number for c in chosen]},
+        )
+        (out / name).mkdir(exist_ok=True)
+        data.to_netcdf(out / name / "cases.nc", engine="netcdf4", encoding={"counts": {"zlib": True}})
+    epidemic = build_simulator("epidemic")
+    drawn = []
+    for seed, hidden, values in EPIDEMICS:
+        rng = np.random.default_rng(seed)
+        theta = np.exp(rng.normal(np.log([0.4, 0.13]), 0.2, size=(200, 2)))
+        mean = epidemic.expected(theta)
+        if hidden is not None:
+            effect = epidemic.effect_library(theta)[hidden].effect(**values)
+            mean = epidemic.with_effect(effect).expected(theta)
+        drawn.append(rng.poisson(mean))
+    counts = (("number", "town", "week"), np.array(drawn).astype("i4"))
+    made = xr.Dataset({"cases": counts}, coords={"number": [seed for seed, *_ in EPIDEMICS]})
+    made.to_netcdf(out / "epidemics.nc", engine="netcdf4", encoding={"cases": {"zlib": True}})
+
+
+def said(folder: Path) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+    """Name of every case, and what finds out what is said of it."""
+    from studies.hidden.engine import engine
+
+    search = engine()
+
+    def sealed(case: Case) -> dict[str, Any]:
+        return asdict(search(case, seed_of(case.number, SEED)))
+
+    for kind in ("spectra", "catalogues"):
+        every = sorted(cases(folder / kind), key=lambda case: case.setup)
+        yield from ((f"{kind}/{case.number}", partial(sealed, case)) for case in every)
+    with xr.open_dataset(folder / "epidemics.nc", engine="netcdf4") as stored:
+        observed = stored["cases"].load()
+    for seed, *_ in EPIDEMICS:
+        yield f"epidemics/{seed}", partial(_simulated, seed, observed.sel(number=seed).values)
+
+
+def _simulated(seed: int, x: Any) -> dict[str, Any]:
+    from gaugeblock.discover.simulated import discover_simulated
+    from gaugeblock.simulators import build_simulator
+    from studies.hidden.engine import found
+
+    epidemic = build_simulator("epidemic")
+    library = epidemic.effect_library(np.array([[0.4, 0.13]]))
+    discovery = discover_simulated(
+        SimulateOnly(epidemic), x, library=library, seed=seed, simulations=6000, replicates=499
+    )
+    return asdict(replace(found(seed, discovery), number=seed))
+
+
+def run(name: str, folder: Path, work: Path) -> None:
+    """Search every case once, one file each, and write them as one table when all are there."""
+    from gaugeblock.identity import versions
+
+    work.mkdir(parents=True, exist_ok=True)
+    rows = {}
+    for case, search in said(folder):
+        path = work / f"{case.replace('/', '-')}.json"
+        if not path.exists():
+            began = time.process_time()
+            row = {**search(), "seconds": round(time.process_time() - began, 2)}
+            path.write_text(json.dumps(row), encoding="utf-8")
+            sys.stderr.write(f"{case}: {row['named'] or 'nothing'} ({row['seconds']} s)\n")
+        rows[case] = json.loads(path.read_text(encoding="utf-8"))
+    record = {
+        "command": f"python -m studies.discoveries run {name}",
+        "seed": SEED,
+        "versions": versions(),
+        "cases": rows,
+    }
+    target = RESULTS / f"discoveries-{name}.json"
+    target.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+
+
+def compare(before: str, after: str) -> int:
+    """Print what is said otherwise: names and sets exactly, amplitudes within a quarter of their interval."""
+    old, new = (
+        json.loads((RESULTS / f"discoveries-{name}.json").read_text(encoding="utf-8"))["cases"]
+        for name in (before, after)
+    )
+    changed = 0
+    for case, was in old.items():
+        now = new.get(case)
+        if now is None:
+            sys.stdout.write(f"{case}: not searched\n")
+            changed += 1
+            continue
+        lines = [
+            f"{key}: {was[key]!r} -> {now[key]!r}"
+            for key in ("named", "named_all", "withdrawn")
+            if was[key] != now[key]
+        ]
+        if sorted(was["alike"]) != sorted(now["alike"]):
+            lines.append(f"alike: {was['alike']} -> {now['alike']}")
+        for effect, (value, low, high) in was["amplitude"].items():
+            if effect in now["amplitude"]:
+                moved = abs(now["amplitude"][effect][0] - value)
+                if moved > 0.25 * (high - low):
+                    lines.append(f"{effect}: {value:.5g} -> {now['amplitude'][effect][0]:.5g}")
+        changed += bool(lines)
+        sys.stdout.writelines(f"{case}: {line}\n" for line in lines)
+    sys.stdout.write(f"{len(old) - changed} of {len(old)} cases say the same\n")
+    return 0 if not changed else 1
+
+
+def main() -> int:
+    """One of the three steps."""
+    parser = argparse.ArgumentParser(prog="python -m studies.discoveries", description=__doc__)
+    parser.add_argument("step", choices=["gather", "run", "compare"])
+    parser.add_argument("names", nargs="*", help="of the table; two to compare")
+    parser.add_argument("--spectra", type=Path, help="sealed set of single spectra")
+    parser.add_argument("--catalogues", type=Path, help="sealed set of catalogues")
+    parser.add_argument("--cases", type=Path, default=RESULTS / "discoveries", help="where the cases are")
+    parser.add_argument("--work", type=Path, help="finished cases, to go on from")
+    chosen = parser.parse_args()
+    if chosen.step == "gather":
+        gather(chosen.spectra, chosen.catalogues, chosen.cases)
+    elif chosen.step == "run":
+        (name,) = chosen.names
+        run(name, chosen.cases, chosen.work or RESULTS / "work" / name)
+    else:
+        return compare(*chosen.names)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
