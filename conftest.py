@@ -35,8 +35,8 @@ def missing() -> Callable[[str], None]:
 @pytest.fixture(scope="session")
 def sandbox() -> Any:
     """The sandbox that strangers' estimators run in; tests that need it skip where none works."""
-    from gaugeblock.errors import InputError
-    from gaugeblock.estimators.stranger.sandbox import working_sandbox
+    from gaugeblock.core.errors import InputError
+    from gaugeblock.stranger.sandbox import working_sandbox
 
     try:
         return working_sandbox()
@@ -48,7 +48,7 @@ def sandbox() -> Any:
 def xray_data() -> Any:
     """The responses, spectra and tables of the reference cases, in the cache; fetched where they are not."""
     pytest.importorskip("jaxspec")
-    from gaugeblock.errors import InputError
+    from gaugeblock.core.errors import InputError
     from gaugeblock.simulators.xray.data import fetch
 
     try:

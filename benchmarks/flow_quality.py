@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import kstest
 
+from gaugeblock.core.streams import TrialStreams
 from gaugeblock.estimators.npe import load, reference_model_path
 from gaugeblock.simulators import build_simulator
-from gaugeblock.streams import TrialStreams
 from gaugeblock.validate.joint.importance import kish_fraction, log_weights
 from gaugeblock.validate.joint.psis import pareto_khat
 from gaugeblock.validate.marginal.coverage import LEVELS, inside_central, perfect_estimator

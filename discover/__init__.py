@@ -4,9 +4,9 @@ Rooms: `locate` (where), `name` (which effect), `extend` (the simulator with it)
 data that did not choose it).
 """
 
-from gaugeblock.discover.candidates import Candidates, candidates
-from gaugeblock.discover.discovery import Discovery
-from gaugeblock.discover.run import discover, discover_catalogue
-from gaugeblock.discover.sources import Sources
+from gaugeblock.discovery.candidates import Candidates, candidates
+from gaugeblock.discovery.discovery import Discovery
+from gaugeblock.discovery.run import discover, discover_catalogue
+from gaugeblock.discovery.sources import Sources
 
 __all__ = ["Candidates", "Discovery", "Sources", "candidates", "discover", "discover_catalogue"]

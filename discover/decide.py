@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gaugeblock.discover.confirm.held_out import HeldOut
-from gaugeblock.discover.search import LEVEL, Look, Round
+from gaugeblock.discovery.confirm.held_out import HeldOut
+from gaugeblock.discovery.search import LEVEL, Look, Round
 
 ADEQUATE = 0.05
 """Global p of what the named effects leave below which they are not the whole story."""

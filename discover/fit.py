@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.discover.coordinates import EDGE, Coordinates
+from gaugeblock.discovery.coordinates import EDGE, Coordinates
 from gaugeblock.simulators.protocol import can, poisson_log_likelihood
 
 Array = NDArray[np.float64]

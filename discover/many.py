@@ -8,20 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from gaugeblock.discover.candidates import Candidates, candidates
-from gaugeblock.discover.confirm.held_out_sources import HeldOutSources
-from gaugeblock.discover.fit import Fit
-from gaugeblock.discover.many_confirm import confirmed
-from gaugeblock.discover.many_decide import SharedDecision, decide_shared
-from gaugeblock.discover.many_rounds import SharedProfile, SharedRound, grouped, rounds_of, term_at
-from gaugeblock.discover.name.catalogue import Search as SharedSearch
-from gaugeblock.discover.name.catalogue import search
-from gaugeblock.discover.name.shared import Term
-from gaugeblock.discover.name.shared_profile import SharedAmplitude, profile_shared
-from gaugeblock.discover.name.shared_starts import fitted_from_afar
-from gaugeblock.discover.search import LEVEL
-from gaugeblock.discover.single import Step
-from gaugeblock.discover.sources import Sources
+from gaugeblock.discovery.candidates import Candidates, candidates
+from gaugeblock.discovery.confirm.held_out_sources import HeldOutSources
+from gaugeblock.discovery.fit import Fit
+from gaugeblock.discovery.many_confirm import confirmed
+from gaugeblock.discovery.many_decide import SharedDecision, decide_shared
+from gaugeblock.discovery.many_rounds import SharedProfile, SharedRound, grouped, rounds_of, term_at
+from gaugeblock.discovery.name.catalogue import Search as SharedSearch
+from gaugeblock.discovery.name.catalogue import search
+from gaugeblock.discovery.name.shared import Term
+from gaugeblock.discovery.name.shared_profile import SharedAmplitude, profile_shared
+from gaugeblock.discovery.name.shared_starts import fitted_from_afar
+from gaugeblock.discovery.search import LEVEL
+from gaugeblock.discovery.single import Step
+from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
 
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaugeblock.discover.confirm.held_out_sources import HeldOutSources, SharedModel, held_out_sources
-from gaugeblock.discover.fit import Fit
-from gaugeblock.discover.many_rounds import SharedProfile, SharedRound
-from gaugeblock.discover.name.catalogue import Search as SharedSearch
-from gaugeblock.discover.shared_models import before, effect_model, random_models, smooth_model
-from gaugeblock.discover.sources import Sources
+from gaugeblock.discovery.confirm.held_out_sources import HeldOutSources, SharedModel, held_out_sources
+from gaugeblock.discovery.fit import Fit
+from gaugeblock.discovery.many_rounds import SharedProfile, SharedRound
+from gaugeblock.discovery.name.catalogue import Search as SharedSearch
+from gaugeblock.discovery.shared_models import before, effect_model, random_models, smooth_model
+from gaugeblock.discovery.sources import Sources
 
 RIVALS = 3
 """Most rivals whose held-out score is taken."""

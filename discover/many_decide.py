@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from gaugeblock.discover.confirm.held_out_sources import HeldOutSources
-from gaugeblock.discover.decide import ADEQUATE, MANY, MARGIN, UNNAMED, Decision
-from gaugeblock.discover.name.confidence_set import CRITICAL
-from gaugeblock.discover.search import LEVEL
+from gaugeblock.discovery.confirm.held_out_sources import HeldOutSources
+from gaugeblock.discovery.decide import ADEQUATE, MANY, MARGIN, UNNAMED, Decision
+from gaugeblock.discovery.name.confidence_set import CRITICAL
+from gaugeblock.discovery.search import LEVEL
 
 SharedDecision = Decision
 

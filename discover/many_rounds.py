@@ -8,18 +8,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.candidates import Candidates
-from gaugeblock.discover.fit import Fit
-from gaugeblock.discover.name.catalogue import Group, search
-from gaugeblock.discover.name.catalogue import Search as SharedSearch
-from gaugeblock.discover.name.score import allowed
-from gaugeblock.discover.name.shared import Shared, Term, share
-from gaugeblock.discover.name.shared_profile import SharedAmplitude, profile_models
-from gaugeblock.discover.name.shared_refined import refined
-from gaugeblock.discover.name.shared_starts import fitted_from_afar
-from gaugeblock.discover.search import BEHIND, LEVEL
-from gaugeblock.discover.single import Step
-from gaugeblock.discover.sources import Sources
+from gaugeblock.discovery.candidates import Candidates
+from gaugeblock.discovery.fit import Fit
+from gaugeblock.discovery.name.catalogue import Group, search
+from gaugeblock.discovery.name.catalogue import Search as SharedSearch
+from gaugeblock.discovery.name.score import allowed
+from gaugeblock.discovery.name.shared import Shared, Term, share
+from gaugeblock.discovery.name.shared_profile import SharedAmplitude, profile_models
+from gaugeblock.discovery.name.shared_refined import refined
+from gaugeblock.discovery.name.shared_starts import fitted_from_afar
+from gaugeblock.discovery.search import BEHIND, LEVEL
+from gaugeblock.discovery.single import Step
+from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
 
 Array = NDArray[np.float64]

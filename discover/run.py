@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from gaugeblock.discover.candidates import Candidates, candidates
-from gaugeblock.discover.discovery import Discovery
-from gaugeblock.discover.fit import fit
-from gaugeblock.discover.many import search_catalogue
-from gaugeblock.discover.record import add_e_value, add_evidence, discovery_of, summary, tree
-from gaugeblock.discover.single import Step, discover_single
-from gaugeblock.discover.sources import Sources
+from gaugeblock.discovery.candidates import Candidates, candidates
+from gaugeblock.discovery.discovery import Discovery
+from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.many import search_catalogue
+from gaugeblock.discovery.record import add_e_value, add_evidence, discovery_of, summary, tree
+from gaugeblock.discovery.single import Step, discover_single
+from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
 
 

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.candidates import Candidates
-from gaugeblock.discover.fit import Fit
-from gaugeblock.discover.locate.windows import WindowScan, scan_windows
-from gaugeblock.discover.name.confidence_set import Comparison, confidence_set
-from gaugeblock.discover.name.null import SearchNull, search_null
-from gaugeblock.discover.name.profile import Profile, profile
-from gaugeblock.discover.name.score import Scores, allowed, scores
-from gaugeblock.discover.name.templates import Templates, templates
-from gaugeblock.discover.sources import Sources
+from gaugeblock.discovery.candidates import Candidates
+from gaugeblock.discovery.fit import Fit
+from gaugeblock.discovery.locate.windows import WindowScan, scan_windows
+from gaugeblock.discovery.name.confidence_set import Comparison, confidence_set
+from gaugeblock.discovery.name.null import SearchNull, search_null
+from gaugeblock.discovery.name.profile import Profile, profile
+from gaugeblock.discovery.name.score import Scores, allowed, scores
+from gaugeblock.discovery.name.templates import Templates, templates
+from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.segments import segments
 
 Array = NDArray[np.float64]

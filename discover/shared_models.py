@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.confirm.held_out_sources import Judge, Rows, SharedModel
-from gaugeblock.discover.fit import Fit, fit, select
-from gaugeblock.discover.name.score import projection
-from gaugeblock.discover.name.shared import Shared, Term, fit_held, share
-from gaugeblock.discover.name.shared_profile import newton, shared_parts
-from gaugeblock.discover.name.shared_scores import join
-from gaugeblock.discover.name.unnamed import curves
-from gaugeblock.discover.sources import Sources
+from gaugeblock.discovery.confirm.held_out_sources import Judge, Rows, SharedModel
+from gaugeblock.discovery.fit import Fit, fit, select
+from gaugeblock.discovery.name.score import projection
+from gaugeblock.discovery.name.shared import Shared, Term, fit_held, share
+from gaugeblock.discovery.name.shared_profile import newton, shared_parts
+from gaugeblock.discovery.name.shared_scores import join
+from gaugeblock.discovery.name.unnamed import curves
+from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.protocol import can
 
 Array = NDArray[np.float64]

@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.candidates import Candidates
-from gaugeblock.discover.confirm.amplitude import Amplitude, Place, held_out_amplitude
-from gaugeblock.discover.confirm.decoys import random_shapes
-from gaugeblock.discover.confirm.held_out import HeldOut, Model, held_out
-from gaugeblock.discover.decide import Decision, decide
-from gaugeblock.discover.fit import Fit
-from gaugeblock.discover.locate.quantiles import CumulativeCounts, cumulative_counts
-from gaugeblock.discover.name.profile import Profile
-from gaugeblock.discover.name.unnamed import Correction, correction
-from gaugeblock.discover.search import LEVEL, Look, Round, compared, look, profiles_of, source_segments
-from gaugeblock.discover.sources import Sources
+from gaugeblock.discovery.candidates import Candidates
+from gaugeblock.discovery.confirm.amplitude import Amplitude, Place, held_out_amplitude
+from gaugeblock.discovery.confirm.decoys import random_shapes
+from gaugeblock.discovery.confirm.held_out import HeldOut, Model, held_out
+from gaugeblock.discovery.decide import Decision, decide
+from gaugeblock.discovery.fit import Fit
+from gaugeblock.discovery.locate.quantiles import CumulativeCounts, cumulative_counts
+from gaugeblock.discovery.name.profile import Profile
+from gaugeblock.discovery.name.unnamed import Correction, correction
+from gaugeblock.discovery.search import LEVEL, Look, Round, compared, look, profiles_of, source_segments
+from gaugeblock.discovery.sources import Sources
 
 Array = NDArray[np.float64]
 

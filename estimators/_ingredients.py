@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.streams import TrialStreams
 from gaugeblock.estimators.protocol import Estimator
 from gaugeblock.simulators.protocol import Simulator
-from gaugeblock.streams import TrialStreams
 
 Array = NDArray[np.float64]
 

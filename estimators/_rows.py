@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.streams import Rng
+from gaugeblock.core.streams import Rng
 
 
 def row_seeds(rng: Rng, rows: int) -> NDArray[np.int64]:

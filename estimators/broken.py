@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import Rng
 from gaugeblock.estimators._faults import FAULTS
 from gaugeblock.estimators._ingredients import Ingredients
 from gaugeblock.estimators.protocol import Estimator
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.protocol import Simulator, can
-from gaugeblock.streams import Rng
 
 
 class Broken:

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import Rng, TrialStreams
 from gaugeblock.simulators.protocol import Simulator, can
-from gaugeblock.streams import Rng, TrialStreams
 
 Array = NDArray[np.float64]
 

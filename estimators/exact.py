@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import Rng
 from gaugeblock.simulators.protocol import Simulator, can
-from gaugeblock.streams import Rng
 
 
 class Exact:

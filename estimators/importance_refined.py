@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import logsumexp
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import Rng
 from gaugeblock.estimators._rows import resample
 from gaugeblock.estimators.protocol import sample_and_log_prob
 from gaugeblock.simulators.protocol import Simulator, can
-from gaugeblock.streams import Rng
 
 COLLAPSED = 10.0
 """Fewer effective draws than this and a row's weights describe a few lucky draws, not the posterior."""

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.errors import InputError, require
+from gaugeblock.core.errors import InputError, require
+from gaugeblock.core.streams import Rng
 from gaugeblock.estimators._rows import resample, row_seeds
 from gaugeblock.estimators.nested_points import ultranest_tree
 from gaugeblock.simulators.protocol import can
-from gaugeblock.streams import Rng
 
 LOWEST = -1e100
 """Stands for a log likelihood of -inf, which UltraNest refuses."""

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.errors import InputError, require
+from gaugeblock.core.errors import InputError, require
+from gaugeblock.core.streams import Rng
 from gaugeblock.estimators._rows import row_seeds
 from gaugeblock.simulators.protocol import can
-from gaugeblock.streams import Rng
 
 BLOCK = 50
 """Draws kept by one call of the compiled sampler: any n is made of such calls, so n is never compiled in."""

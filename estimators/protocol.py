@@ -7,7 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.streams import Rng
+from gaugeblock.core.streams import Rng
 
 
 @runtime_checkable
@@ -16,8 +16,8 @@ class Estimator(Protocol):
 
     Shapes: ``x`` is ``(batch, *data_shape)``, draws are ``(batch, n, parameter)`` in physical units and in
     the order of the simulator's prior. `rng` is a `numpy.random.Generator`, or a
-    `gaugeblock.streams.TrialStreams` with one stream per row of x: draw with the batch as the first axis,
-    or iterate over it for one Generator per row.
+    `gaugeblock.core.streams.TrialStreams` with one stream per row of x: draw with the batch as the first
+    axis, or iterate over it for one Generator per row.
 
     Capabilities, looked up by name with `gaugeblock.simulators.can`:
 

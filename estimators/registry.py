@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Mapping
 from typing import Any, cast
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.protocol import Estimator
 from gaugeblock.simulators.protocol import Simulator
 from gaugeblock.simulators.registry import Table, build_named, call, check_members, load_object
@@ -18,7 +18,7 @@ ESTIMATORS: Table = {
     "nuts": ("gaugeblock.estimators.nuts", "Nuts", "nuts"),
     "conformal": ("gaugeblock.estimators.conformal", "Conformal", None),
     "importance_refined": ("gaugeblock.estimators.importance_refined", "ImportanceRefined", None),
-    "stranger": ("gaugeblock.estimators.stranger.stranger", "build", None),
+    "stranger": ("gaugeblock.stranger.stranger", "build", None),
     "broken": ("gaugeblock.estimators.broken", "Broken", None),
 }
 

@@ -11,7 +11,7 @@ import sys
 
 import numpy as np
 
-from gaugeblock.discover.simulated import discover_simulated
+from gaugeblock.discovery.simulated import discover_simulated
 from gaugeblock.simulators import build_simulator
 
 TOWNS, FACTOR, WEEK = 200, 0.85, 4.5

@@ -129,8 +129,8 @@ def test_what_ultranest_stored_is_our_likelihood_at_our_prior(plain):
 
 def check_audit(spectrum, candidate, folder):
     """What an audit stores for importance weights."""
-    from gaugeblock.collect import collect
-    from gaugeblock.samples import Plan
+    from gaugeblock.auditing.collect import collect
+    from gaugeblock.auditing.samples import Plan
     from gaugeblock.validate import importance_trials, main_trials
     from gaugeblock.validate.trials import JOINT, group_trials
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import xarray as xr
 
-from gaugeblock.atomic import write_atomically
-from gaugeblock.errors import InputError
+from gaugeblock.core.atomic import write_atomically
+from gaugeblock.core.errors import InputError
 from gaugeblock.reports.card import model_card
 from gaugeblock.reports.html import report_html
 from gaugeblock.reports.junit import junit_xml

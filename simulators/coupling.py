@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.errors import InputError
-from gaugeblock.streams import Rng
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import Rng
 
 
 def poisson_quantile(u: ArrayLike, mean: ArrayLike) -> NDArray[np.int64]:

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import Rng
 from gaugeblock.simulators._shapes import data_array
 from gaugeblock.simulators.marginals import Normal
 from gaugeblock.simulators.prior import Prior
-from gaugeblock.streams import Rng
 
 
 class LinearGaussian:

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 
 Array = Any  # a NumPy or a JAX array
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import Rng
 from gaugeblock.simulators.marginals import Array, LogUniform, Marginal, Normal, Uniform, namespace
-from gaugeblock.streams import Rng
 
 _DISTRIBUTIONS: dict[str, Any] = {"uniform": Uniform, "log_uniform": LogUniform, "normal": Normal}
 

@@ -7,8 +7,8 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.streams import Rng
 from gaugeblock.simulators.prior import Prior
-from gaugeblock.streams import Rng
 
 
 @runtime_checkable
@@ -16,7 +16,7 @@ class Simulator(Protocol):
     """The least that gaugeblock needs. Everything else is a capability, used where it is there.
 
     Shapes: ``theta`` is ``(n, parameter)`` in physical units, ``x`` is ``(n, *data_shape)``. `rng` is a
-    `numpy.random.Generator`, or a `gaugeblock.streams.TrialStreams` that behaves like one as long as
+    `numpy.random.Generator`, or a `gaugeblock.core.streams.TrialStreams` that behaves like one as long as
     every draw has n as its first axis; draw nothing of any other shape.
 
     Capabilities, looked up by name with `can`:

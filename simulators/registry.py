@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, cast
 
-from gaugeblock.errors import InputError, MissingExtraError
+from gaugeblock.core.errors import InputError, MissingExtraError
 from gaugeblock.simulators.protocol import Simulator
 
 # name -> (module, object in it, extra of gaugeblock that brings what the module imports)

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import Rng
 from gaugeblock.simulators import _truncated_normal as truncated_normal
 from gaugeblock.simulators._inverse_cdf import draw_linear
 from gaugeblock.simulators._shapes import data_array
 from gaugeblock.simulators.marginals import Uniform, namespace
 from gaugeblock.simulators.prior import Prior
-from gaugeblock.streams import Rng
 
 SHIFT = 0.25
 NODES = 2049

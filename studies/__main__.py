@@ -10,9 +10,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from gaugeblock.errors import GaugeblockError
-from gaugeblock.identity import versions
-from gaugeblock.progress import Bars
+from gaugeblock.auditing.identity import versions
+from gaugeblock.core.errors import GaugeblockError
+from gaugeblock.core.progress import Bars
 from gaugeblock.validate.storage import write_groups
 from studies import anytime, curves, gate, intervals, power, shortcut, size
 from studies.document import DOCS, RESULTS, document, stored

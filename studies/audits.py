@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from gaugeblock.collect import Plan
-from gaugeblock.samples import ImportanceTrials, JointTrials, MainTrials, has_density
+from gaugeblock.auditing.collect import Plan
+from gaugeblock.auditing.samples import ImportanceTrials, JointTrials, MainTrials, has_density
 from gaugeblock.simulators import can
 from gaugeblock.validate import Finding, NotChecked, Policy, Verdict, family, judge, run_validators
 from gaugeblock.validate.trials import trials_tree
@@ -49,7 +49,7 @@ def _plain(collector: MainTrials) -> Any:
 
 
 def collected(simulator: Any, estimator: Any, plan: Plan) -> xr.DataTree:
-    """What `gaugeblock.collect` would collect, without the disk."""
+    """What `gaugeblock.auditing.collect` would collect, without the disk."""
     main = _plain(MainTrials(simulator, estimator, plan))(range(plan.number))
     likelihood = can(simulator, "log_likelihood")
     importance = joint = None

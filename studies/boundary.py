@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import optimize, special
 
-from gaugeblock.streams import Rng
+from gaugeblock.core.streams import Rng
 from studies.problem import Array, Problem
 
 HALF = 0.5

@@ -116,7 +116,7 @@ def said(folder: Path) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
 
 
 def _simulated(seed: int, x: Any) -> dict[str, Any]:
-    from gaugeblock.discover.simulated import discover_simulated
+    from gaugeblock.discovery.simulated import discover_simulated
     from gaugeblock.simulators import build_simulator
     from studies.hidden.engine import found
 
@@ -130,7 +130,7 @@ def _simulated(seed: int, x: Any) -> dict[str, Any]:
 
 def run(name: str, folder: Path, work: Path) -> None:
     """Search every case once, one file each, and write them as one table when all are there."""
-    from gaugeblock.identity import versions
+    from gaugeblock.auditing.identity import versions
 
     work.mkdir(parents=True, exist_ok=True)
     rows = {}

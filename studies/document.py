@@ -6,7 +6,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from gaugeblock.atomic import write_atomically
+from gaugeblock.core.atomic import write_atomically
 from studies.plots import draw
 from studies.table import filled
 

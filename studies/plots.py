@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from scipy import stats
 
-from gaugeblock.errors import require
+from gaugeblock.core.errors import require
 
 FIGURES = Path(__file__).resolve().parents[1] / "docs" / "figures"
 

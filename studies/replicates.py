@@ -15,8 +15,8 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock import validate
-from gaugeblock.digest import digest
-from gaugeblock.errors import InputError
+from gaugeblock.core.digest import digest
+from gaugeblock.core.errors import InputError
 
 Values = Mapping[str, float]
 Replicate = Callable[[int], Values]

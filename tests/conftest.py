@@ -113,7 +113,7 @@ TOY = """
 import numpy as np
 import pytest
 from gaugeblock.estimators.exact import Exact
-from gaugeblock.pytest_plugin import CalibrationError, CalibrationFailed, CalibrationInconclusive
+from gaugeblock.testing.plugin import CalibrationError, CalibrationFailed, CalibrationInconclusive
 from gaugeblock.simulators import build_simulator
 
 POLICY = {
@@ -147,8 +147,8 @@ BROKEN = Draws(lambda draws: np.where(draws > 0, draws, np.nan))
 @pytest.fixture(scope="session")
 def _audit_imported(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Everything an audit imports: what a run within this process imports anew, it imports at every run."""
-    from gaugeblock.audit import audit_objects
-    from gaugeblock.config import TrialsTable
+    from gaugeblock.auditing.audit import audit_objects
+    from gaugeblock.auditing.config import TrialsTable
     from gaugeblock.estimators.exact import Exact
     from gaugeblock.simulators import build_simulator
     from gaugeblock.validate import read_policy

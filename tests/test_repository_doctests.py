@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gaugeblock.errors import MissingExtraError
+from gaugeblock.core.errors import MissingExtraError
 
 PACKAGE = Path(__file__).resolve().parent.parent / "src" / "gaugeblock"
 

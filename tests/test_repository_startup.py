@@ -72,7 +72,7 @@ def test_help_imports_no_heavy_library():
         "gaugeblock.estimators",
         "gaugeblock.validate",
         "gaugeblock.reports",
-        "gaugeblock.audit",
+        "gaugeblock.auditing.audit",
         "gaugeblock.cli",
     ],
 )
@@ -90,7 +90,7 @@ def test_importing_every_room_imports_neither_torch_nor_jax():
 def test_a_missing_extra_is_named():
     code = (
         WITHOUT_EXTRAS
-        + "from gaugeblock.errors import MissingExtraError\n"
+        + "from gaugeblock.core.errors import MissingExtraError\n"
         + "from gaugeblock.simulators import build_simulator\n"
         + "try: build_simulator('xray')\n"
         + "except MissingExtraError as error: print(error)\n"

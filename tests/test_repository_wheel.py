@@ -15,7 +15,7 @@ if not any(metadata.distributions(name="setuptools")):
     pytest.skip("setuptools is not installed", allow_module_level=True)
 
 ROOT = Path(__file__).resolve().parent.parent
-ROOMS = ("validate", "estimators", "simulators", "reports", "discover", "reproduction")
+ROOMS = ("validate", "estimators", "simulators", "reports", "discover", "stranger")
 
 
 def packaged(tree):

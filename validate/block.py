@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.streams import TrialStreams
+from gaugeblock.core.streams import TrialStreams
 
 if TYPE_CHECKING:
     from gaugeblock.validate.prepared import Prepared

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.storage import SCHEMA_VERSION, read_groups, schema_version, write_groups
 

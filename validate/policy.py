@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from gaugeblock.tables import Table, checked, read_toml
+from gaugeblock.core.tables import Table, checked, read_toml
 
 SHIPPED = ("default", "strict")
 

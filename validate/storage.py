@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from gaugeblock.atomic import atomic_path
-from gaugeblock.errors import InputError
+from gaugeblock.core.atomic import atomic_path
+from gaugeblock.core.errors import InputError
 
 SCHEMA_VERSION = 1
 

@@ -27,7 +27,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.validate.check import PER_DRAW, check_trials
 from gaugeblock.validate.storage import SCHEMA_VERSION, in_parts, open_groups, schema_version, write_groups
 

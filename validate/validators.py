@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import xarray as xr
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.validate.anytime.anytime import WATCHED, anytime
 from gaugeblock.validate.block import Statistic
 from gaugeblock.validate.designs.identifiability import identifiability, posterior_sd

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.coordinates import Coordinates
-from gaugeblock.discover.fit import TINY, Fit
+from gaugeblock.discovery.coordinates import Coordinates
+from gaugeblock.discovery.fit import TINY, Fit
 from gaugeblock.simulators.marginals import Normal, Uniform
 from gaugeblock.simulators.prior import Prior
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from gaugeblock.discover.candidates import Candidate
-from gaugeblock.discover.confirm.thinning import thin
-from gaugeblock.discover.fit import Fit, fit
-from gaugeblock.discover.sources import Sources
+from gaugeblock.discovery.candidates import Candidate
+from gaugeblock.discovery.confirm.thinning import thin
+from gaugeblock.discovery.fit import Fit, fit
+from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
 
 Array = NDArray[np.float64]

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.confirm.held_out import Model
-from gaugeblock.discover.fit import Fit
-from gaugeblock.discover.name.unnamed import curves
-from gaugeblock.discover.reshaped import Reshaped
+from gaugeblock.discovery.confirm.held_out import Model
+from gaugeblock.discovery.fit import Fit
+from gaugeblock.discovery.name.unnamed import curves
+from gaugeblock.discovery.reshaped import Reshaped
 from gaugeblock.simulators.marginals import Normal
 
 Array = NDArray[np.float64]

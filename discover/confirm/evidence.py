@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.discover.confirm.prior_sensitivity import FACTORS, PriorSensitivity, prior_sensitivity
-from gaugeblock.discover.extend.engines import BATCH
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.confirm.prior_sensitivity import FACTORS, PriorSensitivity, prior_sensitivity
+from gaugeblock.discovery.extend.engines import BATCH
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.marginals import Uniform
 from gaugeblock.validate.evidence import LogEvidence, evidence_difference, thread_bootstrap

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import xlogy
 
-from gaugeblock.discover.confirm.thinning import thin
-from gaugeblock.discover.fit import TINY, fit
-from gaugeblock.discover.sources import Sources
+from gaugeblock.discovery.confirm.thinning import thin
+from gaugeblock.discovery.fit import TINY, fit
+from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.protocol import poisson_log_likelihood
 
 Array = NDArray[np.float64]

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.confirm.held_out import deviance
-from gaugeblock.discover.fit import Fit
-from gaugeblock.discover.sources import Sources
+from gaugeblock.discovery.confirm.held_out import deviance
+from gaugeblock.discovery.fit import Fit
+from gaugeblock.discovery.sources import Sources
 
 Array = NDArray[np.float64]
 

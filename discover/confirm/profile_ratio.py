@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.confirm.alternatives import unpenalised
-from gaugeblock.discover.confirm.shared_fit import held, shared_fit
-from gaugeblock.discover.confirm.split_ratio import SplitRatio, check_extension
-from gaugeblock.discover.confirm.thinning import thin
-from gaugeblock.discover.fit import Fit, fit
-from gaugeblock.discover.sources import Sources
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.confirm.alternatives import unpenalised
+from gaugeblock.discovery.confirm.shared_fit import held, shared_fit
+from gaugeblock.discovery.confirm.split_ratio import SplitRatio, check_extension
+from gaugeblock.discovery.confirm.thinning import thin
+from gaugeblock.discovery.fit import Fit, fit
+from gaugeblock.discovery.sources import Sources
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.coordinates import Coordinates
-from gaugeblock.discover.fit import TINY, Fit, fit
-from gaugeblock.discover.sources import Sources
+from gaugeblock.discovery.coordinates import Coordinates
+from gaugeblock.discovery.fit import TINY, Fit, fit
+from gaugeblock.discovery.sources import Sources
 
 Array = NDArray[np.float64]
 

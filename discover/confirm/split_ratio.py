@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from gaugeblock.discover.confirm.alternatives import draws_about, extended_starts, unpenalised
-from gaugeblock.discover.confirm.thinning import thin
-from gaugeblock.discover.coordinates import Coordinates
-from gaugeblock.discover.fit import TINY, fit
-from gaugeblock.discover.sources import Sources
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.confirm.alternatives import draws_about, extended_starts, unpenalised
+from gaugeblock.discovery.confirm.thinning import thin
+from gaugeblock.discovery.coordinates import Coordinates
+from gaugeblock.discovery.fit import TINY, fit
+from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.protocol import poisson_log_likelihood
 
 Array = NDArray[np.float64]

@@ -5,8 +5,8 @@
 effects as nuisance.
 """
 
-from gaugeblock.discover.extend.composition import Addition, extended
-from gaugeblock.discover.extend.refit import Refit, refit
-from gaugeblock.discover.extend.retraining import retrain
+from gaugeblock.discovery.extend.composition import Addition, extended
+from gaugeblock.discovery.extend.refit import Refit, refit
+from gaugeblock.discovery.extend.retraining import retrain
 
 __all__ = ["Addition", "Refit", "extended", "refit", "retrain"]

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammaln, logsumexp
 
+from gaugeblock.core.streams import Rng
 from gaugeblock.simulators.prior import Prior
-from gaugeblock.streams import Rng
 
 Array = NDArray[np.float64]
 

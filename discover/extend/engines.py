@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.extend.adaptive import Mixture
-from gaugeblock.discover.extend.widened import Widened
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.extend.adaptive import Mixture
+from gaugeblock.discovery.extend.widened import Widened
 from gaugeblock.estimators.importance_refined import ImportanceRefined, WeightedDraws
 from gaugeblock.simulators.protocol import can
 from gaugeblock.validate.evidence import thread_bootstrap

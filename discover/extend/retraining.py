@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
-from gaugeblock.discover.extend.composition import Addition, extended
+from gaugeblock.discovery.extend.composition import Addition, extended
 
 if TYPE_CHECKING:
     from gaugeblock.estimators.npe import NPE, TrainingConfig

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import Rng
 from gaugeblock.estimators.protocol import sample_and_log_prob
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.protocol import can
-from gaugeblock.streams import Rng
 
 Array = NDArray[np.float64]
 

@@ -5,12 +5,12 @@ channels, a scan over `windows`, cumulative `quantiles`, residuals of many sourc
 of two `frames` they lie still. `fitted` holds what all of them rest on.
 """
 
-from gaugeblock.discover.locate.fitted import FittedCounts, normal_score
-from gaugeblock.discover.locate.frames import Fixed, Frames, compare_frames
-from gaugeblock.discover.locate.quantiles import CumulativeCounts, cumulative_counts
-from gaugeblock.discover.locate.residuals import channel_scores, randomised_scores
-from gaugeblock.discover.locate.stacking import StackedExcess, stack_excess, stacking_bins
-from gaugeblock.discover.locate.windows import WindowScan, scan_windows
+from gaugeblock.discovery.locate.fitted import FittedCounts, normal_score
+from gaugeblock.discovery.locate.frames import Fixed, Frames, compare_frames
+from gaugeblock.discovery.locate.quantiles import CumulativeCounts, cumulative_counts
+from gaugeblock.discovery.locate.residuals import channel_scores, randomised_scores
+from gaugeblock.discovery.locate.stacking import StackedExcess, stack_excess, stacking_bins
+from gaugeblock.discovery.locate.windows import WindowScan, scan_windows
 
 __all__ = [
     "CumulativeCounts",

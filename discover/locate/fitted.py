@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 from scipy.special import xlogy
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 
 Array = NDArray[np.float64]
 

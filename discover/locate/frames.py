@@ -8,9 +8,9 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.locate.fitted import normal_score
-from gaugeblock.discover.locate.stacking import StackedExcess
-from gaugeblock.discover.locate.windows import share_beyond
+from gaugeblock.discovery.locate.fitted import normal_score
+from gaugeblock.discovery.locate.stacking import StackedExcess
+from gaugeblock.discovery.locate.windows import share_beyond
 
 Array = NDArray[np.float64]
 

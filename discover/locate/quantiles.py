@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.discover.locate.fitted import FittedCounts
-from gaugeblock.discover.locate.windows import share_beyond
+from gaugeblock.discovery.locate.fitted import FittedCounts
+from gaugeblock.discovery.locate.windows import share_beyond
 
 Array = NDArray[np.float64]
 

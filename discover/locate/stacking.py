@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.discover.locate.fitted import SOURCES_AT_ONCE, checked, fitted_excess, posterior_roots
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.locate.fitted import SOURCES_AT_ONCE, checked, fitted_excess, posterior_roots
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
-from gaugeblock.discover.locate.fitted import FittedCounts, normal_score
+from gaugeblock.discovery.locate.fitted import FittedCounts, normal_score
 
 Array = NDArray[np.float64]
 

@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.candidates import Candidates
-from gaugeblock.discover.fit import TINY, Fit
-from gaugeblock.discover.name.null import SearchNull
-from gaugeblock.discover.name.score import allowed, projection
-from gaugeblock.discover.name.shared import Term, share
-from gaugeblock.discover.name.shared_scores import SEEN, SharedScores, join, shared_scores
-from gaugeblock.discover.name.stack import Stack, projector, stack
-from gaugeblock.discover.name.templates import Templates, templates
-from gaugeblock.discover.sources import Sources
-from gaugeblock.errors import InputError
-from gaugeblock.streams import Rng
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import Rng
+from gaugeblock.discovery.candidates import Candidates
+from gaugeblock.discovery.fit import TINY, Fit
+from gaugeblock.discovery.name.null import SearchNull
+from gaugeblock.discovery.name.score import allowed, projection
+from gaugeblock.discovery.name.shared import Term, share
+from gaugeblock.discovery.name.shared_scores import SEEN, SharedScores, join, shared_scores
+from gaugeblock.discovery.name.stack import Stack, projector, stack
+from gaugeblock.discovery.name.templates import Templates, templates
+from gaugeblock.discovery.sources import Sources
 
 Array = NDArray[np.float64]
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gaugeblock.discover.fit import fit
-from gaugeblock.discover.name.profile import Profile
-from gaugeblock.discover.sources import Sources
+from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.name.profile import Profile
+from gaugeblock.discovery.sources import Sources
 
 CRITICAL = 2.5
 """Standard normal quantile at which an effect leaves the set; 0.6% of true ones would."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.discover.name.shared_scores import SharedScores
-from gaugeblock.discover.name.stack import prior_precision, projector, solved
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.name.shared_scores import SharedScores
+from gaugeblock.discovery.name.stack import prior_precision, projector, solved
 
 Array = NDArray[np.float64]
 

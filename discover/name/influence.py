@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.discover.name.shared_scores import SEEN, SharedScores
-from gaugeblock.discover.name.stack import prior_precision, solved, stack
+from gaugeblock.discovery.name.shared_scores import SEEN, SharedScores
+from gaugeblock.discovery.name.stack import prior_precision, solved, stack
 
 Array = NDArray[np.float64]
 

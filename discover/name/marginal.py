@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.discover.fit import TINY, Fit
-from gaugeblock.discover.name.population import ITERATIONS, Tilt, fit_population
-from gaugeblock.discover.name.posterior_draws import BLOCK, Draws, posterior_draws
-from gaugeblock.discover.name.shared import Shared
-from gaugeblock.discover.name.shared_scores import SharedScores
-from gaugeblock.discover.sources import Sources
+from gaugeblock.discovery.fit import TINY, Fit
+from gaugeblock.discovery.name.population import ITERATIONS, Tilt, fit_population
+from gaugeblock.discovery.name.posterior_draws import BLOCK, Draws, posterior_draws
+from gaugeblock.discovery.name.shared import Shared
+from gaugeblock.discovery.name.shared_scores import SharedScores
+from gaugeblock.discovery.sources import Sources
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.name.score import allowed
+from gaugeblock.discovery.name.score import allowed
 
 Array = NDArray[np.float64]
 

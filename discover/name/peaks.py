@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.coordinates import Coordinates
-from gaugeblock.discover.fit import TINY, Fit
-from gaugeblock.discover.fit import fit as fit_sources
+from gaugeblock.discovery.coordinates import Coordinates
+from gaugeblock.discovery.fit import TINY, Fit
+from gaugeblock.discovery.fit import fit as fit_sources
 
 Array = NDArray[np.float64]
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 from scipy.stats import qmc
 
-from gaugeblock.discover.fit import TINY, Fit
-from gaugeblock.discover.name.peaks import peaks, rows_of, systematic
-from gaugeblock.discover.name.truncated import TruncatedNormal
+from gaugeblock.discovery.fit import TINY, Fit
+from gaugeblock.discovery.name.peaks import peaks, rows_of, systematic
+from gaugeblock.discovery.name.truncated import TruncatedNormal
 
 Array = NDArray[np.float64]
 

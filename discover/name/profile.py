@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.candidates import Candidate
-from gaugeblock.discover.fit import Fit, fit, likeliest_draws
-from gaugeblock.discover.name.score import Scores, allowed
-from gaugeblock.discover.name.templates import Templates, observed_nodes
-from gaugeblock.discover.sources import Sources
+from gaugeblock.discovery.candidates import Candidate
+from gaugeblock.discovery.fit import Fit, fit, likeliest_draws
+from gaugeblock.discovery.name.score import Scores, allowed
+from gaugeblock.discovery.name.templates import Templates, observed_nodes
+from gaugeblock.discovery.sources import Sources
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.fit import TINY, Fit
+from gaugeblock.discovery.fit import TINY, Fit
 
 Array = NDArray[np.float64]
 

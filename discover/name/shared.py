@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.fit import Fit, fit
-from gaugeblock.discover.sources import Sources
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.fit import Fit, fit
+from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.protocol import can
 

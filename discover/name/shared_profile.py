@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm
 
-from gaugeblock.discover.fit import Fit
-from gaugeblock.discover.name.shared import Shared, Term, fit_held, share
-from gaugeblock.discover.name.shared_scores import SharedScores, join, shared_scores
-from gaugeblock.discover.name.shared_starts import spread_starts
-from gaugeblock.discover.name.stack import prior_precision, solved, stack
-from gaugeblock.discover.sources import Sources
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.fit import Fit
+from gaugeblock.discovery.name.shared import Shared, Term, fit_held, share
+from gaugeblock.discovery.name.shared_scores import SharedScores, join, shared_scores
+from gaugeblock.discovery.name.shared_starts import spread_starts
+from gaugeblock.discovery.name.stack import prior_precision, solved, stack
+from gaugeblock.discovery.sources import Sources
 
 Array = NDArray[np.float64]
 

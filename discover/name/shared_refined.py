@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.candidates import Candidate
-from gaugeblock.discover.name.catalogue import Group
-from gaugeblock.discover.name.score import allowed
-from gaugeblock.discover.name.shared_scores import join, shared_scores
-from gaugeblock.discover.name.stack import stack
-from gaugeblock.discover.name.templates import effect_templates
+from gaugeblock.discovery.candidates import Candidate
+from gaugeblock.discovery.name.catalogue import Group
+from gaugeblock.discovery.name.score import allowed
+from gaugeblock.discovery.name.shared_scores import join, shared_scores
+from gaugeblock.discovery.name.stack import stack
+from gaugeblock.discovery.name.templates import effect_templates
 from gaugeblock.simulators.library import LibraryEffect
 
 Array = NDArray[np.float64]

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.fit import Fit
-from gaugeblock.discover.name.score import projection
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.fit import Fit
+from gaugeblock.discovery.name.score import projection
 
 Array = NDArray[np.float64]
 

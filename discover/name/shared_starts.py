@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.fit import TINY, Fit, fit
-from gaugeblock.discover.sources import Sources
+from gaugeblock.discovery.fit import TINY, Fit, fit
+from gaugeblock.discovery.sources import Sources
 
 Array = NDArray[np.float64]
 

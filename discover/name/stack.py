@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.discover.name.shared_scores import SEEN, SharedScores
+from gaugeblock.discovery.name.shared_scores import SEEN, SharedScores
 
 Array = NDArray[np.float64]
 

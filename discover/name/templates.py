@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.candidates import Candidate, Candidates
-from gaugeblock.discover.fit import Fit
-from gaugeblock.discover.sources import Sources
+from gaugeblock.discovery.candidates import Candidate, Candidates
+from gaugeblock.discovery.fit import Fit
+from gaugeblock.discovery.sources import Sources
 
 Array = NDArray[np.float64]
 

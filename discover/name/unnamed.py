@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.fit import Fit, fit
-from gaugeblock.discover.name.score import projection
-from gaugeblock.discover.reshaped import Reshaped
-from gaugeblock.discover.sources import Sources
+from gaugeblock.discovery.fit import Fit, fit
+from gaugeblock.discovery.name.score import projection
+from gaugeblock.discovery.reshaped import Reshaped
+from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.marginals import Normal
 from gaugeblock.simulators.segments import segments
 

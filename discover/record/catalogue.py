@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from gaugeblock.discover.discovery import Discovery
-from gaugeblock.discover.locate.frames import Frames, compare_frames
-from gaugeblock.discover.locate.quantiles import cumulative_counts
-from gaugeblock.discover.locate.stacking import stack_excess, stacking_bins
-from gaugeblock.discover.locate.windows import scan_windows
-from gaugeblock.discover.many import CatalogueSearch
-from gaugeblock.discover.record.catalogue_summary import catalogue_summary
-from gaugeblock.discover.record.catalogue_tree import Located, catalogue_tree
-from gaugeblock.discover.search import source_segments
+from gaugeblock.discovery.discovery import Discovery
+from gaugeblock.discovery.locate.frames import Frames, compare_frames
+from gaugeblock.discovery.locate.quantiles import cumulative_counts
+from gaugeblock.discovery.locate.stacking import stack_excess, stacking_bins
+from gaugeblock.discovery.locate.windows import scan_windows
+from gaugeblock.discovery.many import CatalogueSearch
+from gaugeblock.discovery.record.catalogue_summary import catalogue_summary
+from gaugeblock.discovery.record.catalogue_tree import Located, catalogue_tree
+from gaugeblock.discovery.search import source_segments
 from gaugeblock.simulators.segments import segments
 
 

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from gaugeblock.discover.confirm.held_out import deviance
-from gaugeblock.discover.locate.frames import Frames
-from gaugeblock.discover.many import CatalogueSearch
-from gaugeblock.discover.many_rounds import SharedProfile
-from gaugeblock.discover.name.score import allowed
-from gaugeblock.discover.record.catalogue_tree import Located, floor_and_errors, tested_template
-from gaugeblock.discover.record.summary import at_edge, held_out_path, model_name, not_checked, regions
+from gaugeblock.discovery.confirm.held_out import deviance
+from gaugeblock.discovery.locate.frames import Frames
+from gaugeblock.discovery.many import CatalogueSearch
+from gaugeblock.discovery.many_rounds import SharedProfile
+from gaugeblock.discovery.name.score import allowed
+from gaugeblock.discovery.record.catalogue_tree import Located, floor_and_errors, tested_template
+from gaugeblock.discovery.record.summary import at_edge, held_out_path, model_name, not_checked, regions
 
 
 def catalogue_summary(found: CatalogueSearch, frames: Frames | None, located: Located) -> dict[str, Any]:

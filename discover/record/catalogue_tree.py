@@ -9,14 +9,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from gaugeblock.discover.locate.frames import Frames
-from gaugeblock.discover.locate.quantiles import CumulativeCounts
-from gaugeblock.discover.locate.windows import WindowScan
-from gaugeblock.discover.many import CatalogueSearch
-from gaugeblock.discover.name.floor import reach
-from gaugeblock.discover.name.influence import influence
-from gaugeblock.discover.name.score import allowed
-from gaugeblock.discover.record.tree import axis, quantiles, residual, windows
+from gaugeblock.discovery.locate.frames import Frames
+from gaugeblock.discovery.locate.quantiles import CumulativeCounts
+from gaugeblock.discovery.locate.windows import WindowScan
+from gaugeblock.discovery.many import CatalogueSearch
+from gaugeblock.discovery.name.floor import reach
+from gaugeblock.discovery.name.influence import influence
+from gaugeblock.discovery.name.score import allowed
+from gaugeblock.discovery.record.tree import axis, quantiles, residual, windows
 
 Array = NDArray[np.float64]
 

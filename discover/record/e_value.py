@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from gaugeblock.discover.confirm.split_ratio import split_likelihood_ratio
-from gaugeblock.discover.single import Search
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.confirm.split_ratio import split_likelihood_ratio
+from gaugeblock.discovery.single import Search
 
 ID = "e_value"
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from gaugeblock.discover.confirm.evidence import delta_log_evidence
-from gaugeblock.discover.single import Search
-from gaugeblock.errors import InputError, MissingExtraError
+from gaugeblock.core.errors import InputError, MissingExtraError
+from gaugeblock.discovery.confirm.evidence import delta_log_evidence
+from gaugeblock.discovery.single import Search
 
 ID = "evidence.delta"
 

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from gaugeblock.discover.confirm.amplitude import Amplitude
-from gaugeblock.discover.confirm.held_out import deviance
-from gaugeblock.discover.locate.windows import WindowScan
-from gaugeblock.discover.name.profile import Profile
-from gaugeblock.discover.search import Look
-from gaugeblock.discover.single import Search
+from gaugeblock.discovery.confirm.amplitude import Amplitude
+from gaugeblock.discovery.confirm.held_out import deviance
+from gaugeblock.discovery.locate.windows import WindowScan
+from gaugeblock.discovery.name.profile import Profile
+from gaugeblock.discovery.search import Look
+from gaugeblock.discovery.single import Search
 from gaugeblock.simulators.protocol import can
 
 

@@ -10,14 +10,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from gaugeblock.discover.fit import Fit
-from gaugeblock.discover.locate.fitted import FittedCounts
-from gaugeblock.discover.locate.quantiles import CumulativeCounts
-from gaugeblock.discover.locate.residuals import channel_scores
-from gaugeblock.discover.locate.windows import WindowScan
-from gaugeblock.discover.search import Look
-from gaugeblock.discover.single import Search
-from gaugeblock.discover.sources import Sources
+from gaugeblock.discovery.fit import Fit
+from gaugeblock.discovery.locate.fitted import FittedCounts
+from gaugeblock.discovery.locate.quantiles import CumulativeCounts
+from gaugeblock.discovery.locate.residuals import channel_scores
+from gaugeblock.discovery.locate.windows import WindowScan
+from gaugeblock.discovery.search import Look
+from gaugeblock.discovery.single import Search
+from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.segments import segments
 
 Array = NDArray[np.float64]

@@ -5,6 +5,6 @@ features answer to everything that may change, `fit` fits population and effects
 effect, `extend` adds one, `held_out` judges it on other data sets, `close_in` finds where theta lies.
 """
 
-from gaugeblock.discover.simulated.workflow import discover_simulated
+from gaugeblock.discovery.simulated.workflow import discover_simulated
 
 __all__ = ["discover_simulated"]

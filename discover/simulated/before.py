@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gaugeblock.discover.candidates import Candidates, candidates
-from gaugeblock.discover.simulated.close_in import close_in
-from gaugeblock.discover.simulated.features import Features, Summaries, learn_features
-from gaugeblock.discover.simulated.fit import Budget, Observed, SimulatedFit, fit_simulated
-from gaugeblock.discover.simulated.model import Model
-from gaugeblock.discover.simulated.search import LearnedScores, learn_effects
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.candidates import Candidates, candidates
+from gaugeblock.discovery.simulated.close_in import close_in
+from gaugeblock.discovery.simulated.features import Features, Summaries, learn_features
+from gaugeblock.discovery.simulated.fit import Budget, Observed, SimulatedFit, fit_simulated
+from gaugeblock.discovery.simulated.model import Model
+from gaugeblock.discovery.simulated.search import LearnedScores, learn_effects
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.protocol import can
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.discover.simulated.features import Features, Summaries, learn_features
-from gaugeblock.discover.simulated.model import Model
-from gaugeblock.discover.simulated.population import Population
+from gaugeblock.discovery.simulated.features import Features, Summaries, learn_features
+from gaugeblock.discovery.simulated.model import Model
+from gaugeblock.discovery.simulated.population import Population
 
 Array = NDArray[np.float64]
 

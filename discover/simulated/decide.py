@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from gaugeblock.discover.decide import ADEQUATE, MARGIN, UNNAMED, Decision
-from gaugeblock.discover.name.confidence_set import CRITICAL
-from gaugeblock.discover.search import LEVEL
-from gaugeblock.discover.simulated.extend import Extended, departure_from
-from gaugeblock.discover.simulated.fit import Observed
-from gaugeblock.discover.simulated.held_out import HeldOutGap
-from gaugeblock.discover.simulated.search import Found
+from gaugeblock.discovery.decide import ADEQUATE, MARGIN, UNNAMED, Decision
+from gaugeblock.discovery.name.confidence_set import CRITICAL
+from gaugeblock.discovery.search import LEVEL
+from gaugeblock.discovery.simulated.extend import Extended, departure_from
+from gaugeblock.discovery.simulated.fit import Observed
+from gaugeblock.discovery.simulated.held_out import HeldOutGap
+from gaugeblock.discovery.simulated.search import Found
 
 
 def decide(

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.candidates import Candidate
-from gaugeblock.discover.simulated.features import Features
-from gaugeblock.discover.simulated.fit import (
+from gaugeblock.discovery.candidates import Candidate
+from gaugeblock.discovery.simulated.features import Features
+from gaugeblock.discovery.simulated.fit import (
     DISTINCT,
     Budget,
     Observed,
@@ -17,9 +17,9 @@ from gaugeblock.discover.simulated.fit import (
     fit_simulated,
     inflation,
 )
-from gaugeblock.discover.simulated.model import Model
-from gaugeblock.discover.simulated.scores import Base, learn, simulate_base
-from gaugeblock.discover.simulated.search import Found
+from gaugeblock.discovery.simulated.model import Model
+from gaugeblock.discovery.simulated.scores import Base, learn, simulate_base
+from gaugeblock.discovery.simulated.search import Found
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 
 Array = NDArray[np.float64]
 Summaries = Callable[[Array], Array]

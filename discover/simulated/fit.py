@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.simulated.features import Features
-from gaugeblock.discover.simulated.model import Model
-from gaugeblock.discover.simulated.scores import Base, Lesson, learn, simulate_base
+from gaugeblock.discovery.simulated.features import Features
+from gaugeblock.discovery.simulated.model import Model
+from gaugeblock.discovery.simulated.scores import Base, Lesson, learn, simulate_base
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.simulated.extend import Extended, LogRatio, refit
-from gaugeblock.discover.simulated.features import Features
-from gaugeblock.discover.simulated.fit import Budget, Observed, SimulatedFit, inflation
+from gaugeblock.discovery.simulated.extend import Extended, LogRatio, refit
+from gaugeblock.discovery.simulated.features import Features
+from gaugeblock.discovery.simulated.fit import Budget, Observed, SimulatedFit, inflation
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.simulated.population import Population
+from gaugeblock.discovery.simulated.population import Population
 
 Array = NDArray[np.float64]
 

@@ -9,14 +9,14 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from gaugeblock.discover.search import LEVEL
-from gaugeblock.discover.simulated.extend import Extended
-from gaugeblock.discover.simulated.held_out import BEFORE, gap, moments
-from gaugeblock.discover.simulated.search import beyond
+from gaugeblock.discovery.search import LEVEL
+from gaugeblock.discovery.simulated.extend import Extended
+from gaugeblock.discovery.simulated.held_out import BEFORE, gap, moments
+from gaugeblock.discovery.simulated.search import beyond
 from gaugeblock.simulators.segments import segments
 
 if TYPE_CHECKING:
-    from gaugeblock.discover.simulated.workflow import SimulatedSearch
+    from gaugeblock.discovery.simulated.workflow import SimulatedSearch
 
 Array = NDArray[np.float64]
 

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gaugeblock.discover.search import LEVEL
-from gaugeblock.discover.simulated.before import Before
-from gaugeblock.discover.simulated.extend import Extended, extend, refine
-from gaugeblock.discover.simulated.fit import Budget
-from gaugeblock.discover.simulated.search import Found, find
+from gaugeblock.discovery.search import LEVEL
+from gaugeblock.discovery.simulated.before import Before
+from gaugeblock.discovery.simulated.extend import Extended, extend, refine
+from gaugeblock.discovery.simulated.fit import Budget
+from gaugeblock.discovery.simulated.search import Found, find
 
 PROFILED = 4
 """Most candidates of a round that are fitted."""

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.simulated.features import Features
-from gaugeblock.discover.simulated.model import Model
+from gaugeblock.discovery.simulated.features import Features
+from gaugeblock.discovery.simulated.model import Model
 
 Array = NDArray[np.float64]
 

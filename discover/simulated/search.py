@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.candidates import Candidates
-from gaugeblock.discover.simulated.features import Features
-from gaugeblock.discover.simulated.fit import Budget, Observed, SimulatedFit, inflation
-from gaugeblock.discover.simulated.scores import Base, derivative
+from gaugeblock.discovery.candidates import Candidates
+from gaugeblock.discovery.simulated.features import Features
+from gaugeblock.discovery.simulated.fit import Budget, Observed, SimulatedFit, inflation
+from gaugeblock.discovery.simulated.scores import Base, derivative
 
 Array = NDArray[np.float64]
 

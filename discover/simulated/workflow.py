@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gaugeblock.discover.decide import Decision
-from gaugeblock.discover.discovery import Discovery
-from gaugeblock.discover.search import LEVEL
-from gaugeblock.discover.simulated.before import FEWEST, Before, prepare
-from gaugeblock.discover.simulated.decide import decide
-from gaugeblock.discover.simulated.extend import Extended
-from gaugeblock.discover.simulated.features import Summaries
-from gaugeblock.discover.simulated.fit import Budget
-from gaugeblock.discover.simulated.held_out import HeldOutGap, held_out
-from gaugeblock.discover.simulated.record import summary, tree
-from gaugeblock.discover.simulated.rounds import choose, fit_candidates
-from gaugeblock.discover.simulated.search import Found, find
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.decide import Decision
+from gaugeblock.discovery.discovery import Discovery
+from gaugeblock.discovery.search import LEVEL
+from gaugeblock.discovery.simulated.before import FEWEST, Before, prepare
+from gaugeblock.discovery.simulated.decide import decide
+from gaugeblock.discovery.simulated.extend import Extended
+from gaugeblock.discovery.simulated.features import Summaries
+from gaugeblock.discovery.simulated.fit import Budget
+from gaugeblock.discovery.simulated.held_out import HeldOutGap, held_out
+from gaugeblock.discovery.simulated.record import summary, tree
+from gaugeblock.discovery.simulated.rounds import choose, fit_candidates
+from gaugeblock.discovery.simulated.search import Found, find
 from gaugeblock.simulators.library import LibraryEffect
 
 FEWEST_REPLICATES = 399

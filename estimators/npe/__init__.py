@@ -5,7 +5,7 @@
 `training.py` all of it together; `flows.py`, `estimator.py` the trained flow; `storage.py` the model folder.
 """
 
-from gaugeblock.errors import require
+from gaugeblock.core.errors import require
 
 for _module in ("torch", "sbi", "zuko", "safetensors"):
     require(_module, "sbi")

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.atomic import atomic_path, write_atomically
-from gaugeblock.digest import digest
-from gaugeblock.errors import InputError
+from gaugeblock.core.atomic import atomic_path, write_atomically
+from gaugeblock.core.digest import digest
+from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.npe.coordinates import to_scores
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.protocol import Simulator, can

@@ -10,7 +10,7 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 
-from gaugeblock.atomic import write_atomically
+from gaugeblock.core.atomic import write_atomically
 
 
 def save_checkpoint(

@@ -8,9 +8,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from gaugeblock.errors import InputError
-from gaugeblock.settings import apply_settings
-from gaugeblock.tables import Named, Table, checked, read_toml
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.settings import apply_settings
+from gaugeblock.core.tables import Named, Table, checked, read_toml
 
 Count = Annotated[int, Field(gt=0)]
 

@@ -9,11 +9,11 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import Rng
 from gaugeblock.estimators.npe.coordinates import from_scores, physical_log_density, to_scores
 from gaugeblock.estimators.npe.flows import as_flow
 from gaugeblock.simulators.prior import Prior
-from gaugeblock.streams import Rng
 
 # Activations of this many draws stay in the processor's cache; 65,536 at once take six times as long.
 DRAWS_AT_ONCE = 8192

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 import torch
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.npe.bank import Progress, stream
 from gaugeblock.estimators.npe.checkpoint import load_checkpoint, save_checkpoint
 from gaugeblock.estimators.npe.config import TrainingTable

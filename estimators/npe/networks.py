@@ -11,7 +11,7 @@ import torch
 from sbi.neural_nets import posterior_nn
 from torch import Tensor, nn
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.npe.config import NetworkTable
 from gaugeblock.estimators.npe.features import build_features
 from gaugeblock.estimators.npe.laplace.compressor import Compressor

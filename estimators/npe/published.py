@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from sbi.inference import NPE
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.npe.bank import Bank, stream
 from gaugeblock.estimators.npe.config import NetworkTable, TrainingTable
 from gaugeblock.estimators.npe.networks import NetworkShape, builder

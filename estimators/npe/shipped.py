@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 
 _MODELS = Path(__file__).resolve().parent.parent / "models"
 

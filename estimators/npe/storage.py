@@ -12,8 +12,8 @@ from safetensors import SafetensorError
 from safetensors.torch import load as load_tensors
 from safetensors.torch import save as save_tensors
 
-from gaugeblock.atomic import write_atomically
-from gaugeblock.errors import InputError
+from gaugeblock.core.atomic import write_atomically
+from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.npe.config import NetworkTable
 from gaugeblock.estimators.npe.estimator import NPE
 from gaugeblock.estimators.npe.networks import NetworkShape, build_network

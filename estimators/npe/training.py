@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.npe.bank import Bank, Progress, describe_simulator, fingerprint, stream
 from gaugeblock.estimators.npe.config import TrainingConfig, read_config
 from gaugeblock.estimators.npe.estimator import NPE

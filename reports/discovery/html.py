@@ -8,8 +8,8 @@ from typing import Any
 
 import xarray as xr
 
-from gaugeblock.atomic import write_atomically
-from gaugeblock.errors import InputError
+from gaugeblock.core.atomic import write_atomically
+from gaugeblock.core.errors import InputError
 from gaugeblock.reports.discovery.before_after import after_chapter, before_chapter
 from gaugeblock.reports.discovery.candidate_chapter import candidate_chapter
 from gaugeblock.reports.discovery.catalogue import catalogue_chapter

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.locate import normal_score
+from gaugeblock.discovery.locate import normal_score
 
 Array = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.epidemic.course import Drive, ramp
 from gaugeblock.simulators.marginals import namespace

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import Rng
 from gaugeblock.simulators._poisson_grid import ATTEMPTS, PoissonGrid
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.epidemic.with_effects import EpidemicWithEffects
@@ -16,7 +17,6 @@ from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.marginals import LogUniform
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.segments import Segment
-from gaugeblock.streams import Rng
 
 
 class Epidemic:

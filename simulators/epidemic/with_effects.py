@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.streams import Rng
 from gaugeblock.simulators._shapes import data_array
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.epidemic.course import Drive, weekly, weekly_jax
@@ -17,7 +18,6 @@ from gaugeblock.simulators.marginals import namespace
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.protocol import poisson_log_likelihood
 from gaugeblock.simulators.segments import Segment
-from gaugeblock.streams import Rng
 
 LEAST_CASES = 1e-6
 

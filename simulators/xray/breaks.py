@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.errors import require
+from gaugeblock.core.errors import require
 from gaugeblock.simulators.xray.components import TABLES
 from gaugeblock.simulators.xray.data import path as data_path
 from gaugeblock.simulators.xray.expression import Leaf

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.tables import read_toml
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.marginals import Marginal
 from gaugeblock.simulators.prior import Prior
@@ -15,7 +16,6 @@ from gaugeblock.simulators.xray.published import MODEL, PRIORS
 from gaugeblock.simulators.xray.reference import epic_pn, level_exposure, nicer
 from gaugeblock.simulators.xray.response import Response
 from gaugeblock.simulators.xray.simulator import XraySpectrum
-from gaugeblock.tables import read_toml
 
 Description = Mapping[str, Any]
 

@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from gaugeblock.atomic import write_atomically
-from gaugeblock.errors import InputError, require
+from gaugeblock.core.atomic import write_atomically
+from gaugeblock.core.errors import InputError, require
 
 Tell = Callable[[str], None]
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
 
-from gaugeblock.errors import require
+from gaugeblock.core.errors import require
 from gaugeblock.simulators.xray.data import NICER_FILES, DataFile, SourceError, Tell
 
 PATIENCE = 5.0

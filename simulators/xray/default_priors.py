@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.marginals import LogUniform, Marginal, Uniform
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray.components import COMPONENTS

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.errors import InputError, require
+from gaugeblock.core.errors import InputError, require
 from gaugeblock.simulators.xray.files import FilePath, load, sha256
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ import difflib
 from dataclasses import dataclass
 from typing import Any
 
-from gaugeblock.errors import InputError, require
+from gaugeblock.core.errors import InputError, require
 from gaugeblock.simulators.xray.components import COMPONENTS, REFUSED, TABLES
 from gaugeblock.simulators.xray.data import path as data_path
 

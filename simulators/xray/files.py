@@ -9,7 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TypeVar
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 
 FilePath = str | PathLike[str]
 T = TypeVar("T")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.xray.held import HeldModel, HeldSpectrum
 from gaugeblock.simulators.xray.precision import double_precision
 from gaugeblock.simulators.xray.rate import Rate

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.xray.breaks import breaks, moving
 from gaugeblock.simulators.xray.expression import Leaf, Node, Product, leaves
 from gaugeblock.simulators.xray.pieces import Evaluator, Pieces, evaluator

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import Rng
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.prior import Prior
@@ -17,7 +18,6 @@ from gaugeblock.simulators.protocol import can
 from gaugeblock.simulators.segments import Segment
 from gaugeblock.simulators.xray.joint_library import OnInstrument, joint_library
 from gaugeblock.simulators.xray.poisson import jax_log_likelihood, log_likelihood, theta_array
-from gaugeblock.streams import Rng
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.marginals import Normal
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray.background_shape import BackgroundShape

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray import data
 from gaugeblock.simulators.xray.build import read_prior

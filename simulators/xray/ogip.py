@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.xray.detector import Detector, read_detector
 from gaugeblock.simulators.xray.files import FilePath, load, sha256
 from gaugeblock.simulators.xray.pha import Pha, read_pha

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.errors import InputError, require
+from gaugeblock.core.errors import InputError, require
 
 
 @dataclass(frozen=True, eq=False)

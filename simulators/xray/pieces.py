@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from gaugeblock.errors import require
+from gaugeblock.core.errors import require
 from gaugeblock.simulators.xray.expression import Leaf, instance
 
 REACH = 3.0**-0.5

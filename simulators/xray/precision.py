@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from gaugeblock.errors import require
+from gaugeblock.core.errors import require
 
 
 def double_precision() -> Any:

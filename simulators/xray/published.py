@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.marginals import LogUniform, Uniform
 from gaugeblock.simulators.prior import Prior

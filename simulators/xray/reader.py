@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.xray.binning import grouped, resolution_grouping
 from gaugeblock.simulators.xray.detector import Detector, read_detector
 from gaugeblock.simulators.xray.files import FilePath, load, sha256

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray import data
 from gaugeblock.simulators.xray.files import FilePath

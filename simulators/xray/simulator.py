@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import Rng
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.prior import Prior
@@ -22,7 +23,6 @@ from gaugeblock.simulators.xray.held import HeldSpectrum
 from gaugeblock.simulators.xray.integration import INTEGRATIONS
 from gaugeblock.simulators.xray.library import effect_library, not_in_library
 from gaugeblock.simulators.xray.response import Response
-from gaugeblock.streams import Rng
 
 
 class XraySpectrum:

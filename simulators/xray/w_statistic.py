@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.atomic import atomic_path
-from gaugeblock.errors import InputError, require
+from gaugeblock.core.atomic import atomic_path
+from gaugeblock.core.errors import InputError, require
 from gaugeblock.simulators.xray.files import FilePath
 
 

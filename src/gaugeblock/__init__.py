@@ -1,7 +1,7 @@
 """gaugeblock: statistical validation of simulator-based estimators.
 
 The rooms of the house, lowest first: `gaugeblock.simulators`, then `gaugeblock.estimators` and
-`gaugeblock.validate`, `gaugeblock.reports`, and `gaugeblock.audit`, where they meet.
+`gaugeblock.validate`, `gaugeblock.reports`, and `gaugeblock.auditing.audit`, where they meet.
 
 Trials of one's own, for ``gaugeblock audit --trials``: `make_trials`, `write_trials`, `read_trials`, and
 `trials_from_sbi`, `trials_from_bayesflow`, `trials_from_numpyro`, `trials_from_arviz`.
@@ -12,7 +12,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from gaugeblock.trials_from import (
+    from gaugeblock.auditing.trials_from import (
         trials_from_arviz,
         trials_from_bayesflow,
         trials_from_numpyro,

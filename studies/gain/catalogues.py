@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.name.marginal import MarginalScores
-from gaugeblock.discover.name.stack import stack
+from gaugeblock.discovery.name.marginal import MarginalScores
+from gaugeblock.discovery.name.stack import stack
 from studies.gain.models import NUISANCES, SETS, nuisance_sd
 from studies.gain.pools import TEMPLATES, Scored
 

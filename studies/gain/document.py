@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from gaugeblock.atomic import write_atomically
+from gaugeblock.core.atomic import write_atomically
 from gaugeblock.reports.discovery.gain import gain_headline
 from studies.gain.table import THRESHOLD
 from studies.table import rows

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from gaugeblock.discover.name.floor import reach
+from gaugeblock.discovery.name.floor import reach
 from studies.gain.models import NUISANCES, nuisance_sd
 from studies.gain.pools import TEMPLATES, Scored
 

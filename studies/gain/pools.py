@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.atomic import atomic_path
-from gaugeblock.digest import digest
-from gaugeblock.discover.fit import fit
-from gaugeblock.discover.name.marginal import marginal_scores
-from gaugeblock.discover.name.shared_scores import SharedScores, join, shared_scores
-from gaugeblock.discover.sources import Sources
+from gaugeblock.core.atomic import atomic_path
+from gaugeblock.core.digest import digest
+from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.name.marginal import marginal_scores
+from gaugeblock.discovery.name.shared_scores import SharedScores, join, shared_scores
+from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.xray import reference
 from studies.gain.models import GAINS, MEDIUM, TabulatedShared, nuisance_templates, table

@@ -18,10 +18,10 @@ if __name__ == "__main__":
 
 import xarray as xr
 
-from gaugeblock.atomic import write_atomically
-from gaugeblock.errors import GaugeblockError
-from gaugeblock.identity import versions
-from gaugeblock.progress import Bars
+from gaugeblock.auditing.identity import versions
+from gaugeblock.core.atomic import write_atomically
+from gaugeblock.core.errors import GaugeblockError
+from gaugeblock.core.progress import Bars
 from gaugeblock.validate.storage import write_groups
 from studies.gain.document import document, headline
 from studies.gain.limits import limits

@@ -15,10 +15,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from gaugeblock.digest import digest
-from gaugeblock.discover.fit import fit
-from gaugeblock.discover.name.posterior_draws import posterior_draws
-from gaugeblock.discover.sources import Sources
+from gaugeblock.core.digest import digest
+from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.name.posterior_draws import posterior_draws
+from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.protocol import poisson_log_likelihood
 from gaugeblock.validate.detectors import auc
 from gaugeblock.validate.detectors.embedding_distance import mahalanobis

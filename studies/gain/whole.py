@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from gaugeblock.discover.fit import fit
-from gaugeblock.discover.name.marginal import marginal_scores
-from gaugeblock.discover.name.shared_profile import profile_models
-from gaugeblock.discover.name.stack import stack
-from gaugeblock.discover.sources import Sources
+from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.name.marginal import marginal_scores
+from gaugeblock.discovery.name.shared_profile import profile_models
+from gaugeblock.discovery.name.stack import stack
+from gaugeblock.discovery.sources import Sources
 from studies.gain.models import GAINS, TabulatedShared, table
 from studies.gain.pools import CHUNK, DRAWS, Pool, draw
 

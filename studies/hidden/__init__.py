@@ -1,4 +1,4 @@
-"""Effects hidden by somebody else: does `gaugeblock.discover` find them, and name none where there is none?
+"""Effects hidden by somebody else: does `gaugeblock.discovery` find them, and name none where there is none?
 
 `instrument.py`, `spectrum.py`, `detector.py` and `truth.py` make data by code of their own: nothing of
 `gaugeblock.simulators.xray` is in them. `draws.py` and `strata.py` say what is hidden where; `seal.py` keeps

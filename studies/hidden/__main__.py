@@ -8,9 +8,9 @@ import shlex
 import sys
 from pathlib import Path
 
-from gaugeblock.errors import GaugeblockError
-from gaugeblock.identity import versions
-from gaugeblock.progress import Bars
+from gaugeblock.auditing.identity import versions
+from gaugeblock.core.errors import GaugeblockError
+from gaugeblock.core.progress import Bars
 from gaugeblock.validate.storage import write_groups
 from studies.document import DOCS, RESULTS
 from studies.hidden import engine

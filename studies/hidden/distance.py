@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.candidates import Candidate, Candidates
-from gaugeblock.discover.fit import Fit, fit, likeliest_draws, select
-from gaugeblock.discover.name.score import allowed, scores
+from gaugeblock.discovery.candidates import Candidate, Candidates
+from gaugeblock.discovery.fit import Fit, fit, likeliest_draws, select
+from gaugeblock.discovery.name.score import allowed, scores
 
 Array = NDArray[np.float64]
 

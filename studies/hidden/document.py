@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from gaugeblock.atomic import write_atomically
+from gaugeblock.core.atomic import write_atomically
 from studies.document import read
 from studies.hidden.plots import draw
 from studies.hidden.targets import Target, eligible, targets

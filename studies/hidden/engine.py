@@ -1,4 +1,4 @@
-"""The engine under test: `gaugeblock.discover`, told nothing but counts, exposures and the claimed model."""
+"""The engine under test: `gaugeblock.discovery`, told nothing but counts, exposures and the claimed model."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from gaugeblock.discover import Candidates, Discovery, Sources, candidates, discover
-from gaugeblock.discover.run import discover_catalogue
+from gaugeblock.discovery import Candidates, Discovery, Sources, candidates, discover
+from gaugeblock.discovery.run import discover_catalogue
 from studies.hidden.distance import distances
 from studies.hidden.runner import Engine
 from studies.hidden.score import Found

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from gaugeblock import discover, simulators
-from gaugeblock.digest import digest
+from gaugeblock import discovery, simulators
+from gaugeblock.core.digest import digest
 from studies.hidden.engine import REPLICATES
 
 
@@ -17,6 +17,6 @@ def settings() -> dict[str, Any]:
 
 def code() -> str:
     """Digest of what finds effects, and of the simulators that it uses."""
-    folders = [Path(discover.__file__).parent, Path(simulators.__file__).parent]
+    folders = [Path(discovery.__file__).parent, Path(simulators.__file__).parent]
     files = [path for folder in folders for path in sorted(folder.rglob("*.py"))]
     return digest([digest(path.read_text(encoding="utf-8")) for path in files])

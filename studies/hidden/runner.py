@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from gaugeblock.atomic import write_atomically
-from gaugeblock.errors import InputError
+from gaugeblock.core.atomic import write_atomically
+from gaugeblock.core.errors import InputError
 from studies.hidden.score import Found
 from studies.hidden.seal import Case, cases, sha256
 

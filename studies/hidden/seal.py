@@ -14,8 +14,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from gaugeblock.atomic import write_atomically
-from gaugeblock.errors import InputError
+from gaugeblock.core.atomic import write_atomically
+from gaugeblock.core.errors import InputError
 from studies.hidden.truth import Truth
 
 Array = NDArray[np.float64]

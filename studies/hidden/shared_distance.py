@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.discover.candidates import Candidate, Candidates
-from gaugeblock.discover.coordinates import Coordinates
-from gaugeblock.discover.fit import fit
-from gaugeblock.discover.name.score import scores
+from gaugeblock.discovery.candidates import Candidate, Candidates
+from gaugeblock.discovery.coordinates import Coordinates
+from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.name.score import scores
 from studies.hidden.distance import Blocks, begun, deviance
 
 Array = NDArray[np.float64]

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaugeblock.discover import Sources, candidates, discover
-from gaugeblock.discover.fit import fit
-from gaugeblock.discover.name.profile import profile
-from gaugeblock.discover.search import compared, look
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery import Sources, candidates, discover
+from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.name.profile import profile
+from gaugeblock.discovery.search import compared, look
 from gaugeblock.simulators.effects import Effect
 
 THETA = np.array([20_000.0, 1.5])

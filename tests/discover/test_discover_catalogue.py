@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaugeblock.discover import Sources, discover_catalogue
-from gaugeblock.discover.record.summary import held_out_path
+from gaugeblock.discovery import Sources, discover_catalogue
+from gaugeblock.discovery.record.summary import held_out_path
 from gaugeblock.simulators import Uniform
 from gaugeblock.simulators.effects import Effect
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discover import Sources, candidates, discover
+from gaugeblock.discovery import Sources, candidates, discover
 from gaugeblock.simulators.effects import Effect
 
 THETA = np.array([20_000.0, 1.5])

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from gaugeblock.discover.coordinates import Coordinates
-from gaugeblock.discover.fit import fit
+from gaugeblock.discovery.coordinates import Coordinates
+from gaugeblock.discovery.fit import fit
 from gaugeblock.simulators import LogUniform, Normal, Prior, Uniform
 from gaugeblock.simulators.protocol import poisson_log_likelihood
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from gaugeblock.discover import Sources, discover
+from gaugeblock.discovery import Sources, discover
 from gaugeblock.simulators import Effect, LogUniform, Prior, Uniform
 
 pytest.importorskip("jaxspec")

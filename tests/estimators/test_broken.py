@@ -7,12 +7,12 @@ import json
 import numpy as np
 import pytest
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import TrialStreams
 from gaugeblock.estimators import build_estimator
 from gaugeblock.estimators._faults import FAULTS
 from gaugeblock.estimators.broken import Broken, WithTruth
 from gaugeblock.simulators import build_simulator, can
-from gaugeblock.streams import TrialStreams
 
 WITH_DENSITY = {
     "narrow",

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.estimators import build_estimator
 from gaugeblock.estimators.conformal import Conformal, _at_share, _level, _place
 from gaugeblock.simulators import Prior, Uniform, build_simulator

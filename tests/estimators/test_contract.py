@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
+from gaugeblock.core.streams import TrialStreams
 from gaugeblock.estimators import ESTIMATORS, Estimator, build_estimator
 from gaugeblock.simulators import build_simulator, can
-from gaugeblock.streams import TrialStreams
 
 
 @dataclass(frozen=True)

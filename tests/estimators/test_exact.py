@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.exact import Exact
 from gaugeblock.simulators import Prior, Uniform, build_simulator
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import TrialStreams
 from gaugeblock.estimators._rows import resample, row_seeds
 from gaugeblock.estimators.importance_refined import COLLAPSED, ImportanceRefined
 from gaugeblock.simulators import build_simulator
-from gaugeblock.streams import TrialStreams
 
 SIMULATOR = build_simulator("linear_gaussian", parameters=2, data=3)
 

@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.simulators import Prior, Uniform, build_simulator
 
 pytest.importorskip("ultranest")

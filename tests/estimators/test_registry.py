@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import gaugeblock.estimators
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.estimators import ESTIMATORS, Estimator, build_estimator
 from gaugeblock.simulators import build_simulator
 

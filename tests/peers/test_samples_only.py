@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-DOCUMENTED = Path(__file__).resolve().parents[1] / "trials_from" / "test_documented.py"
+DOCUMENTED = Path(__file__).resolve().parents[1] / "auditing" / "trials_from" / "test_documented.py"
 
 
 @pytest.mark.parametrize(("heading", "package"), [("BayesFlow", "bayesflow"), ("ArviZ", "arviz_base")])

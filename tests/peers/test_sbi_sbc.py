@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gaugeblock.collect import collect
-from gaugeblock.errors import InputError
+from gaugeblock.auditing.collect import collect
+from gaugeblock.auditing.samples import Plan
+from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.exact import Exact
-from gaugeblock.samples import Plan
 from gaugeblock.simulators import build_simulator
 from gaugeblock.validate import judge, make_trials, read_policy, run_validators
 from gaugeblock.validate.marginal.discrete_ranks import rank_ecdf_test

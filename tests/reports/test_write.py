@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.reports import write_reports
 
 FILES = ["junit.xml", "report.html", "summary.md", "verdict.json"]

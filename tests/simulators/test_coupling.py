@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import TrialStreams
 from gaugeblock.simulators.coupling import coupled_poisson, poisson_quantile
 from gaugeblock.simulators.protocol import poisson_log_likelihood
-from gaugeblock.streams import TrialStreams
 
 
 @pytest.mark.parametrize("mean", [0.0, 1e-8, 0.01, 1.0, 30.0, 1e3, 1e5, 1e8])

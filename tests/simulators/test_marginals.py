@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.simulators import LogUniform, Normal, Uniform
 
 numbers = st.floats(-1e3, 1e3, allow_subnormal=False)

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import kstest
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import TrialStreams
 from gaugeblock.simulators import LogUniform, Normal, Prior, Uniform
-from gaugeblock.streams import TrialStreams
 
 MIXED = Prior({"index": Uniform(1.0, 3.0), "norm": LogUniform(1e-5, 1e-1), "offset": Normal(-2.0, 0.3)})
 every = settings(deadline=None, derandomize=True, max_examples=100)

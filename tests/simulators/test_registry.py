@@ -9,7 +9,7 @@ import sys
 import pytest
 
 import gaugeblock.simulators
-from gaugeblock.errors import InputError, MissingExtraError
+from gaugeblock.core.errors import InputError, MissingExtraError
 from gaugeblock.simulators import SIMULATORS, Simulator, build_simulator
 from gaugeblock.simulators.registry import build_named
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import TrialStreams
 from gaugeblock.simulators import SIMULATORS, build_simulator
-from gaugeblock.streams import TrialStreams
 
 OPTIONS = {"linear_gaussian": {}, "two_moons": {}, "gaussian_mixture": {}, "epidemic": {"nodes": 129}}
 TRIALS, DRAWS = 300, 199

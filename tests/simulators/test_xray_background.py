@@ -8,8 +8,8 @@ from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 from scipy.stats import poisson
 
-from gaugeblock.discover.fit import fit
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.fit import fit
 from gaugeblock.simulators import Effect, Simulator, Uniform, can
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.segments import segments

@@ -6,8 +6,8 @@ import json
 import numpy as np
 import pytest
 
-from gaugeblock.discover.sources import Sources
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators import Effect, LogUniform, Uniform
 from gaugeblock.simulators.prior import Prior
 

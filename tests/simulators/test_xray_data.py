@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 
 pytest.importorskip("jaxspec")
 from gaugeblock.simulators.xray import data, data_sources

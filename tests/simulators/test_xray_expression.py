@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 
 pytest.importorskip("jaxspec")
 from gaugeblock.simulators.xray import double_precision

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.stats import poisson
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import TrialStreams
 from gaugeblock.simulators import Effect, Simulator, Uniform, can
-from gaugeblock.streams import TrialStreams
 
 pytest.importorskip("jaxspec")
 from gaugeblock.simulators.xray import double_precision, reference

@@ -5,8 +5,8 @@ import pickle
 import numpy as np
 import pytest
 
-from gaugeblock.discover.fit import fit
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.fit import fit
 from gaugeblock.simulators import Effect, Simulator, Uniform, can
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.segments import segments

@@ -6,7 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 
 pytest.importorskip("jaxspec")
 from astropy.io import fits

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.simulators import Effect, LogUniform, Uniform
 from gaugeblock.simulators.library import LibraryEffect
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 
 pytest.importorskip("jaxspec")
 from gaugeblock.simulators.xray import double_precision, family, published, reference

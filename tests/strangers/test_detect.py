@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from gaugeblock.errors import InputError
-from gaugeblock.estimators.stranger.detect import detect
+from gaugeblock.core.errors import InputError
+from gaugeblock.stranger.detect import detect
 
 
 def instance_of(monkeypatch, module, name):

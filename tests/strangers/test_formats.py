@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-FORMATS = Path(__file__).resolve().parents[2] / "estimators" / "stranger" / "child" / "formats"
+FORMATS = Path(__file__).resolve().parents[2] / "stranger" / "child" / "formats"
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from studies.hidden.seal import Answer, Case, cases, opened, seal
 from studies.hidden.targets import by_effect, target, targets
 from studies.hidden.truth import Truth
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 
 TRUTH = Truth((0.2, 2.0, 1e-3), 3534.0, (("gain_slope", {"slope": 1.02}),), notes={"level": "bright"})
 ANSWER = Answer(

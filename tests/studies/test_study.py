@@ -20,7 +20,7 @@ from studies.problem import problem
 from studies.replicates import Part, run
 from studies.summary import clopper_pearson, indicators, p_values
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.validate import Outcome
 
 ROOT = Path(__file__).resolve().parents[2]

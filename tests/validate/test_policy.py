@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.validate import make_policy, read_policy
 from gaugeblock.validate.policy import covers
 

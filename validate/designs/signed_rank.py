@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special, stats
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.validate.designs.paired import ENUMERATED, PairedTest, differences, sign_flips
 
 Array = NDArray[np.float64]

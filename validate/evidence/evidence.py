@@ -14,7 +14,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.validate.evidence.thread_bootstrap import LogEvidence, evidence_difference
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.marginal.standardised import bias, log_width

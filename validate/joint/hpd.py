@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.streams import Rng
+from gaugeblock.core.streams import Rng
 from gaugeblock.validate.block import Block
 from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.joint.gaps import curve, gap_finding, inside_lowest, uniform_finding

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from gaugeblock.streams import TrialStreams
+from gaugeblock.core.streams import TrialStreams
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.joint.gaps import LEAST_TRIALS, uniform_finding
 from gaugeblock.validate.joint.hpd import density_caveats, hpd, hpd_findings

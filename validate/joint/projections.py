@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.streams import Rng
+from gaugeblock.core.streams import Rng
 from gaugeblock.validate.block import Block
 from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.joint.gaps import gap_finding, inside_lowest

@@ -13,7 +13,7 @@ from collections.abc import Hashable, Iterable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.streams import Rng
+from gaugeblock.core.streams import Rng
 from gaugeblock.validate.block import Block
 from gaugeblock.validate.check import QUANTITY
 from gaugeblock.validate.finding import Finding

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.errors import require
+from gaugeblock.core.errors import require
 from gaugeblock.validate.learned.discriminant import Discriminant, fit_discriminant
 
 Array = NDArray[np.float64]

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.validate.block import Block
 from gaugeblock.validate.learned.discriminant import fit_discriminant
 from gaugeblock.validate.learned.pool_coordinates import context_of, pool_coordinates

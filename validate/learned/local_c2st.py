@@ -16,7 +16,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse, special
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.learned.discriminant import columns, normal_scores, penalties
 from gaugeblock.validate.learned.pool_coordinates import pool_coordinates, soft_limit

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.streams import Rng
+from gaugeblock.core.streams import Rng
 from gaugeblock.validate.learned.discriminant import normal_scores
 
 Array = NDArray[np.float64]

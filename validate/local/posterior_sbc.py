@@ -26,8 +26,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.errors import InputError
-from gaugeblock.streams import Rng, TrialStreams
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import Rng, TrialStreams
 from gaugeblock.validate.check import circular_parameters, is_autocorrelated
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.joint.importance import kish_fraction

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
-from gaugeblock.errors import InputError
-from gaugeblock.streams import Rng
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import Rng
 from gaugeblock.validate.marginal.uniformity import MOST_POINTS, EcdfTest, ecdf_test
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.streams import Rng
+from gaugeblock.core.streams import Rng
 
 Array = NDArray[np.float64]
 

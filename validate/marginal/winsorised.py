@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from gaugeblock.streams import Rng
+from gaugeblock.core.streams import Rng
 
 Array = NDArray[np.float64]
 

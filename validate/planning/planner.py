@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.validate.family import PASS_LEVEL
 from gaugeblock.validate.joint.projections import CENTRAL, LOWEST, directions, pairs
 from gaugeblock.validate.local.local import MOST_COMPONENTS, NOMINAL

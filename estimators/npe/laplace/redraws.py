@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from gaugeblock.atomic import atomic_path
+from gaugeblock.core.atomic import atomic_path
 from gaugeblock.estimators._rows import resample
 from gaugeblock.estimators.npe.bank import Bank, Progress, stream
 from gaugeblock.estimators.npe.coordinates import from_scores

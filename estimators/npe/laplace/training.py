@@ -10,7 +10,7 @@ import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save
 
-from gaugeblock.atomic import atomic_path, write_atomically
+from gaugeblock.core.atomic import atomic_path, write_atomically
 from gaugeblock.estimators.npe.bank import Bank, Progress, stream
 from gaugeblock.estimators.npe.config import TrainingTable
 from gaugeblock.estimators.npe.laplace.compressor import Compressor

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.errors import require
+from gaugeblock.core.errors import require
 from gaugeblock.simulators.xray import data
 from gaugeblock.simulators.xray.breaks import table_breaks
 from gaugeblock.simulators.xray.effects.assembly import Append

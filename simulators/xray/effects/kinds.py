@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.xray.effects.assembly import Assembly, Change, Source, reach
 

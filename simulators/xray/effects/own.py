@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.xray.effects.assembly import Append
 from gaugeblock.simulators.xray.effects.averages import nodes
 from gaugeblock.simulators.xray.effects.kinds import EffectKind

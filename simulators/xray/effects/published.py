@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.xray.effects.assembly import Assembly, Source
 from gaugeblock.simulators.xray.effects.kinds import POSITIVE, EffectKind
 from gaugeblock.simulators.xray.expression import Leaf, Node

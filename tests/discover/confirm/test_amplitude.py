@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discover.candidates import candidates
-from gaugeblock.discover.confirm.amplitude import Place, held_out_amplitude, profile_interval
-from gaugeblock.discover.fit import fit
-from gaugeblock.discover.sources import Sources
+from gaugeblock.discovery.candidates import candidates
+from gaugeblock.discovery.confirm.amplitude import Place, held_out_amplitude, profile_interval
+from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.sources import Sources
 
 THETA = np.array([20_000.0, 1.5])
 TRIALS = 120

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discover.candidates import candidates
-from gaugeblock.discover.confirm.decoys import random_shapes
-from gaugeblock.discover.confirm.held_out import Model, deviance, held_out
-from gaugeblock.discover.fit import fit
-from gaugeblock.discover.sources import Sources
+from gaugeblock.discovery.candidates import candidates
+from gaugeblock.discovery.confirm.decoys import random_shapes
+from gaugeblock.discovery.confirm.held_out import Model, deviance, held_out
+from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.sources import Sources
 
 THETA = np.array([20_000.0, 1.5])
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from gaugeblock.discover.confirm.alternatives import unpenalised
-from gaugeblock.discover.confirm.profile_ratio import profile_split_ratio
-from gaugeblock.discover.confirm.split_ratio import SplitRatio, log_split_ratio, split_likelihood_ratio
-from gaugeblock.discover.confirm.thinning import thin
-from gaugeblock.discover.sources import Sources
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.confirm.alternatives import unpenalised
+from gaugeblock.discovery.confirm.profile_ratio import profile_split_ratio
+from gaugeblock.discovery.confirm.split_ratio import SplitRatio, log_split_ratio, split_likelihood_ratio
+from gaugeblock.discovery.confirm.thinning import thin
+from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators import Effect, Normal, Prior, Uniform
 
 T = np.linspace(-1.0, 1.0, 40)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gaugeblock.discover.confirm.thinning import thin
+from gaugeblock.discovery.confirm.thinning import thin
 
 
 def test_parts_add_up_and_are_whole():

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from gaugeblock.discover.extend.adaptive import Mixture, effective_draws, tempered
+from gaugeblock.discovery.extend.adaptive import Mixture, effective_draws, tempered
 from gaugeblock.simulators import LogUniform, Normal, Prior, Uniform
 
 PRIOR = Prior({"a": Uniform(-1.0, 3.0), "b": LogUniform(0.1, 10.0), "c": Normal(0.0, 2.0)})

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discover.extend import extended
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.extend import extended
 from gaugeblock.simulators import Effect, Uniform
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.two_moons import TwoMoons

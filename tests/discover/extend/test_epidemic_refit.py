@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discover.extend import extended, refit
+from gaugeblock.discovery.extend import extended, refit
 
 pytest.importorskip("ultranest")
 pytest.importorskip("numpyro")

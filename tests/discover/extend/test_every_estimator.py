@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from gaugeblock.collect import collect
+from gaugeblock.auditing.collect import collect
+from gaugeblock.auditing.samples import Plan
 from gaugeblock.estimators import ESTIMATORS, build_estimator
 from gaugeblock.estimators.exact import Exact
-from gaugeblock.samples import Plan
 from gaugeblock.validate import judge, run_validators
 from gaugeblock.validate.policy import make_policy
 from gaugeblock.validate.validators import default_validators
@@ -41,7 +41,7 @@ def plan(number, draws=20):
 
 
 def test_the_table_covers_the_registry():
-    # A stranger is a file of somebody's, made for one simulator: tests/estimators/stranger.
+    # A stranger is a file of somebody's, made for one simulator: tests/stranger.
     assert set(OPTIONS) == set(ESTIMATORS) - {"stranger"}
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discover.extend import refit
-from gaugeblock.discover.extend.refit import ENGINES
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.extend import refit
+from gaugeblock.discovery.extend.refit import ENGINES
 
 NEEDS = {"nested_sampling": "ultranest", "nuts": "numpyro"}
 OPTIONS = {"nested_sampling": {"live_points": 150}, "nuts": {"warmup": 200, "parallel": 8}}

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaugeblock.discover.extend import extended, refit, retrain
+from gaugeblock.discovery.extend import extended, refit, retrain
 from gaugeblock.simulators import build_simulator
 
 pytest.importorskip("sbi")

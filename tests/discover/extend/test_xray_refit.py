@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discover.extend import refit
+from gaugeblock.discovery.extend import refit
 from gaugeblock.simulators import Effect, Uniform, build_simulator
 
 for library in ("jaxspec", "ultranest", "sbi"):

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gaugeblock.discover.locate import FittedCounts, normal_score
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.locate import FittedCounts, normal_score
 
 
 def test_without_a_fit_the_residuals_scatter_like_the_counts():

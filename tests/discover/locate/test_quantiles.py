@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discover.locate import cumulative_counts
+from gaugeblock.discovery.locate import cumulative_counts
 
 
 def test_the_curve_by_hand():

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gaugeblock.discover.locate import FittedCounts, channel_scores, randomised_scores
+from gaugeblock.discovery.locate import FittedCounts, channel_scores, randomised_scores
 
 
 @pytest.mark.parametrize("mean", [0.02, 0.7, 5.0, 3e4])

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discover.locate import Fixed, compare_frames, stack_excess, stacking_bins
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.locate import Fixed, compare_frames, stack_excess, stacking_bins
 
 REDSHIFTS = np.random.default_rng(3).uniform(0.0, 1.0, 200)
 

@@ -3,8 +3,8 @@ import time
 import numpy as np
 import pytest
 
-from gaugeblock.discover.locate import scan_windows
-from gaugeblock.discover.locate.windows import extrapolated_tail, share_beyond, window_bounds
+from gaugeblock.discovery.locate import scan_windows
+from gaugeblock.discovery.locate.windows import extrapolated_tail, share_beyond, window_bounds
 
 
 def line(energy, *, at=3.0, width=0.1, height=0.6):

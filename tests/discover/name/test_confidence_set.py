@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discover.candidates import candidates
-from gaugeblock.discover.fit import fit
-from gaugeblock.discover.name.confidence_set import compare
-from gaugeblock.discover.name.profile import Profile
-from gaugeblock.discover.sources import Sources
+from gaugeblock.discovery.candidates import candidates
+from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.name.confidence_set import compare
+from gaugeblock.discovery.name.profile import Profile
+from gaugeblock.discovery.sources import Sources
 
 THETA = np.array([20_000.0, 1.5])
 

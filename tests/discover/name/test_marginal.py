@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discover.fit import fit
-from gaugeblock.discover.name.marginal import MarginalScores, controlled, marginal_scores
-from gaugeblock.discover.name.population import Tilt
-from gaugeblock.discover.name.shared import Term, share
-from gaugeblock.discover.name.shared_scores import shared_scores
-from gaugeblock.discover.name.stack import stack
-from gaugeblock.discover.sources import Sources
+from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.name.marginal import MarginalScores, controlled, marginal_scores
+from gaugeblock.discovery.name.population import Tilt
+from gaugeblock.discovery.name.shared import Term, share
+from gaugeblock.discovery.name.shared_scores import shared_scores
+from gaugeblock.discovery.name.stack import stack
+from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators import Effect, Prior, Uniform
 from gaugeblock.simulators.library import LibraryEffect
 

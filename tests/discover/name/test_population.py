@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discover.name.population import Tilt, fit_population
+from gaugeblock.discovery.name.population import Tilt, fit_population
 
 
 @pytest.mark.parametrize("tilt", [Tilt(), Tilt(degree=1, pairs=False), Tilt(degree=4)])

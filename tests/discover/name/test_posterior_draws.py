@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discover.fit import fit
-from gaugeblock.discover.name.posterior_draws import posterior_draws
+from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.name.posterior_draws import posterior_draws
 from gaugeblock.simulators import Normal, Prior, Uniform
 
 

@@ -5,10 +5,10 @@ import pytest
 
 pytest.importorskip("jaxspec")
 
-from gaugeblock.discover import Sources, candidates
-from gaugeblock.discover.fit import fit
-from gaugeblock.discover.name.profile import profile
-from gaugeblock.discover.search import FAR, look
+from gaugeblock.discovery import Sources, candidates
+from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.name.profile import profile
+from gaugeblock.discovery.search import FAR, look
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray import reference

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from gaugeblock.discover.candidates import candidates
-from gaugeblock.discover.fit import fit
-from gaugeblock.discover.name.null import search_null
-from gaugeblock.discover.name.score import allowed, scores
-from gaugeblock.discover.name.templates import templates
-from gaugeblock.discover.sources import Sources
+from gaugeblock.discovery.candidates import candidates
+from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.name.null import search_null
+from gaugeblock.discovery.name.score import allowed, scores
+from gaugeblock.discovery.name.templates import templates
+from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.effects import Effect
 
 

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discover.candidates import candidates
-from gaugeblock.discover.fit import fit
-from gaugeblock.discover.name import catalogue
-from gaugeblock.discover.name.catalogue import Group, search
-from gaugeblock.discover.name.influence import influence, without
-from gaugeblock.discover.name.shared import Term, share
-from gaugeblock.discover.name.shared_scores import join, shared_scores
-from gaugeblock.discover.name.stack import stack
-from gaugeblock.discover.sources import Sources
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.candidates import candidates
+from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.name import catalogue
+from gaugeblock.discovery.name.catalogue import Group, search
+from gaugeblock.discovery.name.influence import influence, without
+from gaugeblock.discovery.name.shared import Term, share
+from gaugeblock.discovery.name.shared_scores import join, shared_scores
+from gaugeblock.discovery.name.stack import stack
+from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators import Effect
 
 

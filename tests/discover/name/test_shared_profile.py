@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discover.fit import fit
-from gaugeblock.discover.name.shared import Term, fit_held, share
-from gaugeblock.discover.name.shared_profile import profile_shared
-from gaugeblock.discover.sources import Sources
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.name.shared import Term, fit_held, share
+from gaugeblock.discovery.name.shared_profile import profile_shared
+from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators import Effect
 
 

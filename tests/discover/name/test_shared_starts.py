@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discover.fit import fit, likeliest_draws
-from gaugeblock.discover.name.shared_starts import APART, BANK, spread_starts
+from gaugeblock.discovery.fit import fit, likeliest_draws
+from gaugeblock.discovery.name.shared_starts import APART, BANK, spread_starts
 from gaugeblock.simulators import Prior, Uniform
 
 CHANNELS = np.linspace(0.0, 1.0, 12)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discover.name.truncated import TruncatedNormal
+from gaugeblock.discovery.name.truncated import TruncatedNormal
 
 ROOT = np.array([[0.3, 0.0], [0.2, 0.25]])
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discover.simulated import discover_simulated
-from gaugeblock.discover.simulated.before import prepare
-from gaugeblock.discover.simulated.extend import refit
-from gaugeblock.discover.simulated.fit import Budget, Observed
-from gaugeblock.discover.simulated.held_out import gap
-from gaugeblock.discover.simulated.search import find
+from gaugeblock.discovery.simulated import discover_simulated
+from gaugeblock.discovery.simulated.before import prepare
+from gaugeblock.discovery.simulated.extend import refit
+from gaugeblock.discovery.simulated.fit import Budget, Observed
+from gaugeblock.discovery.simulated.held_out import gap
+from gaugeblock.discovery.simulated.search import find
 
 CATALOGUES = 200
 BUDGET = Budget(3000, 21)

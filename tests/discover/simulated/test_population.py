@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discover.simulated.close_in import close_in
-from gaugeblock.discover.simulated.population import Population
+from gaugeblock.discovery.simulated.close_in import close_in
+from gaugeblock.discovery.simulated.population import Population
 from gaugeblock.simulators import LogUniform, Normal, Prior, Uniform
 
 

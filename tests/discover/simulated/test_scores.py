@@ -5,13 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gaugeblock.discover.candidates import candidates
-from gaugeblock.discover.simulated.features import learn_features
-from gaugeblock.discover.simulated.fit import Budget, Observed, fit_simulated
-from gaugeblock.discover.simulated.model import Model
-from gaugeblock.discover.simulated.population import Population
-from gaugeblock.discover.simulated.search import find, learn_effects
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.candidates import candidates
+from gaugeblock.discovery.simulated.features import learn_features
+from gaugeblock.discovery.simulated.fit import Budget, Observed, fit_simulated
+from gaugeblock.discovery.simulated.model import Model
+from gaugeblock.discovery.simulated.population import Population
+from gaugeblock.discovery.simulated.search import find, learn_effects
 
 BUDGET = Budget(6000, 5)
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discover.discovery import Discovery
-from gaugeblock.discover.simulated import discover_simulated
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.discovery import Discovery
+from gaugeblock.discovery.simulated import discover_simulated
 from gaugeblock.simulators import build_simulator
 
 SMALL = {"simulations": 3000, "replicates": 399}

@@ -1,6 +1,6 @@
 import pytest
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 
 pytest.importorskip("sbi")
 

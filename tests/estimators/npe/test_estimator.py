@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import TrialStreams
 from gaugeblock.estimators import Estimator
 from gaugeblock.simulators import can
-from gaugeblock.streams import TrialStreams
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("sbi")

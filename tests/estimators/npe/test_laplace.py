@@ -10,7 +10,7 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("sbi")
 
-from gaugeblock.errors import InputError  # noqa: E402
+from gaugeblock.core.errors import InputError  # noqa: E402
 from gaugeblock.estimators.npe import load, train  # noqa: E402
 from gaugeblock.estimators.npe.bank import Bank  # noqa: E402
 from gaugeblock.estimators.npe.laplace.approximation import approximate, potential  # noqa: E402

@@ -11,7 +11,7 @@ from scipy.stats import kstest
 torch = pytest.importorskip("torch")
 pytest.importorskip("sbi")
 
-from gaugeblock.errors import InputError  # noqa: E402
+from gaugeblock.core.errors import InputError  # noqa: E402
 from gaugeblock.estimators.npe import TrainingConfig, train  # noqa: E402
 from gaugeblock.estimators.npe.bank import Bank  # noqa: E402
 from gaugeblock.estimators.npe.laplace.redraws import RedrawnBank, redrawn  # noqa: E402

@@ -4,7 +4,7 @@ import shutil
 import numpy as np
 import pytest
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.linear_gaussian import LinearGaussian
 
 pytest.importorskip("sbi")

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("sbi")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.reports.discovery import gain_headline
 from gaugeblock.reports.discovery.axes import energy_axis, linear_axis, log_axis
 from gaugeblock.reports.discovery.read import Part
@@ -42,7 +42,7 @@ def test_residuals_of_summed_channels_have_unit_variance_and_no_bias():
     expected = np.full(40_000, 0.4)
     counts = rng.poisson(expected).astype(float)
     bins = display_bins(np.arange(40_000.0), np.arange(1.0, 40_001), np.arange(40_001.0), expected)
-    from gaugeblock.discover.locate import normal_score
+    from gaugeblock.discovery.locate import normal_score
 
     z = binned_residual(bins, counts, expected, normal_score(counts - expected, expected, expected))
     assert abs(z.mean()) < 4 / np.sqrt(len(z))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.reports.discovery import discovery_html, write_discovery
 from gaugeblock.reports.discovery.schema import GROUPS
 

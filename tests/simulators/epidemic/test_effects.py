@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.simulators import Effect, Simulator, Uniform, build_simulator, can
 from gaugeblock.simulators.epidemic import EFFECTS, Epidemic, EpidemicEffect
 from gaugeblock.simulators.segments import segments

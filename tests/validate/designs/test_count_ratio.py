@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.validate.designs.count_ratio import count_ratio_finding, count_ratio_regression
 
 # Twelve published pairs (WizardEternal/sbi-xray-calibration, MIT, commit e4f3869): log evidence with a 3%

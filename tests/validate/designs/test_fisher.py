@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.validate.designs.finite_shift import finite_shift, linearisation_error
 from gaugeblock.validate.designs.fisher import (
     effect_information,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.validate.designs.paired import paired_finding, paired_permutation, stratified_permutation
 from gaugeblock.validate.designs.signed_rank import wilcoxon_signed_rank
 

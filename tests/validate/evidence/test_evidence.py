@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.validate.evidence.evidence import difference_finding, error_finding, pull_finding
 from gaugeblock.validate.evidence.perfect_run import perfect_run
 from gaugeblock.validate.evidence.thread_bootstrap import LogEvidence, thread_bootstrap

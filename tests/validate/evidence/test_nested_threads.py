@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.validate.evidence.nested_threads import split_threads
 from gaugeblock.validate.evidence.perfect_run import perfect_run
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import special
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.validate.evidence.nested_threads import split_threads
 from gaugeblock.validate.evidence.perfect_run import perfect_run
 from gaugeblock.validate.evidence.thread_bootstrap import (

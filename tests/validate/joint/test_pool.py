@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gaugeblock.streams import TrialStreams
+from gaugeblock.core.streams import TrialStreams
 from gaugeblock.validate.joint.pool import make_pool, pool_pit
 from gaugeblock.validate.marginal.ranks import randomised_pit
 

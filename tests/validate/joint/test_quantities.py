@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gaugeblock.streams import TrialStreams
+from gaugeblock.core.streams import TrialStreams
 from gaugeblock.validate.joint.quantities import quantity_findings, quantity_names, quantity_pit
 
 

@@ -8,7 +8,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from gaugeblock.estimators.stranger.mapping import Mapping
+from gaugeblock.stranger.mapping import Mapping
 from gaugeblock.validate import make_trials, read_findings, run_validators, write_findings
 from gaugeblock.validate.layout.layout import layout_finding, rank_correlation
 

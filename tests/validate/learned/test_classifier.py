@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gaugeblock.errors import MissingExtraError
+from gaugeblock.core.errors import MissingExtraError
 from gaugeblock.validate.learned.classifier import fit_classifier
 from gaugeblock.validate.learned.discriminant import fit_discriminant
 

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 from scipy import stats
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.validate import block as block_module
 from gaugeblock.validate.learned.discriminant import fit_discriminant
 from gaugeblock.validate.learned.learned import (

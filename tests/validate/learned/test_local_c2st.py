@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.validate.learned.discriminant import fit_discriminant
 from gaugeblock.validate.learned.local_c2st import _differences, local_c2st, local_c2st_finding
 

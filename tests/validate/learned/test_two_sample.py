@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.validate.learned.discriminant import fit_discriminant
 from gaugeblock.validate.learned.two_sample import classifier_two_sample, two_sample_finding
 

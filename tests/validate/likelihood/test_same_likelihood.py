@@ -7,7 +7,7 @@ import pytest
 from scipy.special import gammaln
 from scipy.stats import poisson
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.simulators import LogUniform, Normal, Prior, Uniform
 from gaugeblock.validate import assert_same_likelihood
 

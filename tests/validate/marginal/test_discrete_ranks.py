@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.validate.marginal.discrete_ranks import gamma_statistic, rank_ecdf_test
 from gaugeblock.validate.marginal.uniformity import adjusted_gamma, ecdf_test
 

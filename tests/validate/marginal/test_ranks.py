@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from gaugeblock.streams import TrialStreams
+from gaugeblock.core.streams import TrialStreams
 from gaugeblock.validate.marginal.ranks import (
     randomised_pit,
     randomised_ranks,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gaugeblock.errors import InputError
+from gaugeblock.core.errors import InputError
 from gaugeblock.validate import Outcome, family, judge, make_policy, read_policy, run_validators
 from gaugeblock.validate.marginal.coverage import LEVELS, central_finding
 from gaugeblock.validate.marginal.sbc import bias_finding, log_width_finding

@@ -1,9 +1,0 @@
-"""The published study's network, trained as the study did: for its reproduction, not for use.
-
-`paper_flow` loads a trained one, ``python -m gaugeblock.reproduction.paper_flow`` trains them.
-"""
-
-from gaugeblock.reproduction.paper_flow.shipped import FLOWS, paper_flow, record_of
-from gaugeblock.reproduction.paper_flow.variants import VARIANTS, Variant
-
-__all__ = ["FLOWS", "VARIANTS", "Variant", "paper_flow", "record_of"]

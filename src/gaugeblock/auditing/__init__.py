@@ -1,0 +1,1 @@
+"""Where simulator, estimator, validators and policy meet: collect trials, judge them, report, verify."""

@@ -1,0 +1,197 @@
+"""What to audit, as a TOML file says it: the tables simulator, estimator, trials and policy."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field, model_validator
+
+from gaugeblock.auditing.samples import Plan
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.settings import apply_settings
+from gaugeblock.core.tables import Named, Table, checked, read_toml
+from gaugeblock.validate.policy import Policy, make_policy, read_policy
+from gaugeblock.validate.validators import check_validators
+
+Count = Annotated[int, Field(gt=0)]
+
+
+class TrialsTable(Table):
+    """How many trials and draws, from which seed.
+
+    `chunk` trials are simulated and sampled together; it is part of what makes a run repeatable to the bit.
+    The first `importance_number` trials get `importance_draws` further draws each, with densities; the
+    likelihood is evaluated at the first `joint_draws` draws of the first `joint_number` trials. With
+    `anytime` trials are watched chunk by chunk, and `number` is the most there can be. `observation` is a
+    file with the data in hand, around which calibration is looked at too.
+    """
+
+    number: Annotated[int, Field(ge=10)] = 4000
+    draws: Annotated[int, Field(ge=2)] = 250
+    chunk: Count = 200
+    importance_number: Annotated[int, Field(ge=0)] = 200
+    importance_draws: Annotated[int, Field(ge=10)] = 500
+    joint_number: Annotated[int, Field(ge=0)] = 1000
+    joint_draws: Annotated[int, Field(ge=2)] = 100
+    seed: Annotated[int, Field(ge=0)] = 20260611
+    anytime: bool = False
+    observation: str | None = None
+
+    @model_validator(mode="after")
+    def _subset(self) -> TrialsTable:
+        for name, most in (
+            ("importance_number", self.number),
+            ("joint_number", self.number),
+            ("joint_draws", self.draws),
+        ):
+            if getattr(self, name) > most and name in self.model_fields_set:
+                whole = "draws" if name == "joint_draws" else "number"
+                raise ValueError(f"{name} {getattr(self, name)} is more than {whole} {most}")
+        return self
+
+    def plan(self) -> Plan:
+        """What to collect; a default that is more than there is means all there is."""
+        return Plan(
+            number=self.number,
+            draws=self.draws,
+            chunk=self.chunk,
+            importance_number=min(self.importance_number, self.number),
+            importance_draws=self.importance_draws,
+            joint_number=min(self.joint_number, self.number),
+            joint_draws=min(self.joint_draws, self.draws),
+            seed=self.seed,
+        )
+
+
+class AuditConfig(Table):
+    """A whole audit. Without any table: the shipped reference flow on EPIC-pn at medium counts.
+
+    >>> AuditConfig.build({}).simulator.options
+    {'response': 'epic-pn', 'level': 'medium'}
+    """
+
+    simulator: Named = Named.model_validate({"name": "xray", "response": "epic-pn", "level": "medium"})
+    estimator: Named = Named.model_validate({"name": "npe", "path": "shipped:epic-pn-medium"})
+    trials: TrialsTable = TrialsTable()
+    policy: dict[str, Any] = Field(default_factory=dict)
+    validators: tuple[str, ...] | None = None
+
+    @classmethod
+    def build(cls, table: Mapping[str, Any], *, where: str = "configuration") -> AuditConfig:
+        """Check plain data, as TOML gives it.
+
+        Raises
+        ------
+        InputError
+            One line that names the first key that is unknown or whose value cannot be used.
+        """
+        config = checked(cls, table, where=where)
+        config.read_policy(where=where)
+        check_validators(config.validators or ())
+        return config
+
+    def read_policy(self, *, where: str = "configuration") -> Policy:
+        """The policy: a shipped one or a file by ``base``, with the table's other keys put over it.
+
+        Raises
+        ------
+        InputError
+            If there is no such base or a key cannot be.
+        """
+        own = dict(self.policy)
+        base = read_policy(own.pop("base", "default"))
+        return make_policy(own, source=f"{where}: policy", base=base)
+
+
+def read_config(
+    path: str | os.PathLike[str] | None,
+    *,
+    settings: Mapping[str, Any] | None = None,
+    draws_given: bool = False,
+) -> AuditConfig:
+    """Read an audit's TOML (none: the reference case) with dotted `settings` put over it.
+
+    Paths inside the file are relative to the file. With `draws_given` (trials from disk) nothing is simulated
+    or sampled, so only the policy and the choice of validators have a say.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is not TOML, or holds an unknown key or an impossible value; or, with
+        `draws_given`, a key that has no say.
+    """
+    where = "command line" if path is None else str(path)
+    table = {} if path is None else _anchored(read_toml(path), Path(path).resolve().parent)
+    if "trust" in (table.get("estimator") or {}):
+        raise InputError(
+            f"{where}: estimator.trust cannot be said by a file; say --i-trust-this-estimator yourself"
+        )
+    table = apply_settings(table, settings or {})
+    idle = [name for name in ("simulator", "estimator", "trials") if name in table]
+    if draws_given and idle:
+        raise InputError(
+            f"{where}: {idle[0]} has no say where draws are given; only policy and validators do"
+        )
+    return AuditConfig.build(_completed(table), where=where)
+
+
+_PATHS = (
+    ("simulator", ("pha", "rmf", "arf", "priors")),
+    ("estimator", ("path", "python")),
+    ("trials", ("observation",)),
+    ("policy", ("base",)),
+)
+
+
+def _anchored(table: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Relative paths that exist beside the configuration are meant from there."""
+    anchored = dict(table)
+    for name, keys in _PATHS:
+        entry = anchored.get(name)
+        if isinstance(entry, dict):
+            found = {key: _beside(folder, entry[key]) for key in keys if isinstance(entry.get(key), str)}
+            anchored[name] = {**entry, **found}
+    estimator = anchored.get("estimator")
+    if isinstance(estimator, dict):
+        anchored["estimator"] = {**estimator, **_anchored_program(estimator, folder)}
+    return anchored
+
+
+def _anchored_program(estimator: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """The files that a stranger's builder, source and command name."""
+    found: dict[str, Any] = {}
+    builder, command = estimator.get("builder"), estimator.get("command")
+    if isinstance(builder, str):
+        file, colon, function = builder.rpartition(":")
+        found["builder"] = f"{_beside(folder, file)}{colon}{function}" if colon else builder
+    options = estimator.get("options")
+    if isinstance(options, dict) and isinstance(options.get("source"), str):
+        found["options"] = {**options, "source": _beside(folder, options["source"])}
+    if isinstance(command, str | list):
+        words = shlex.split(command) if isinstance(command, str) else command
+        found["command"] = [_beside(folder, word, file=True) for word in map(str, words)]
+    return found
+
+
+def _beside(folder: Path, name: str, *, file: bool = False) -> str:
+    path = folder / name
+    return str(path) if (path.is_file() if file else path.exists()) else name
+
+
+def _completed(table: dict[str, Any]) -> dict[str, Any]:
+    """A table without a name means the reference case with some options exchanged."""
+    completed = dict(table)
+    defaults = AuditConfig()
+    for name in ("simulator", "estimator"):
+        entry = completed.get(name)
+        reference: Named = getattr(defaults, name)
+        if entry is None or (isinstance(entry, dict) and "name" not in entry):
+            entry = entry or {}
+            # A spectrum of one's own excludes the built-in response and level.
+            keep = {} if "rmf" in entry else reference.options
+            completed[name] = {"name": reference.name, **keep, **entry}
+    return completed

@@ -1,0 +1,197 @@
+"""Trials around one observation: what posterior SBC needs to see whether an estimator is right there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from gaugeblock.auditing.samples import has_density, untrusted
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import TrialStreams
+from gaugeblock.estimators._rows import resample
+from gaugeblock.estimators.protocol import Estimator, sample_and_log_prob
+from gaugeblock.simulators.protocol import Simulator, can
+from gaugeblock.validate.joint.importance import log_weights
+from gaugeblock.validate.storage import read_groups
+from gaugeblock.validate.trials import make_trials
+
+Array = NDArray[np.float64]
+
+CHUNK = 50
+# Relative weights beyond this range are 0 beside each other in double precision.
+RANGE = 700.0
+OWN_TRUTHS = (
+    "truths are the estimator's own draws at the observation, for want of its density: a posterior that is "
+    "exact under another prior goes unseen"
+)
+THEIR_TRUTHS = (
+    "truths were chosen among draws of an estimator that nobody vouches for, by its own density: one that "
+    "knows its draws again can foresee the truths"
+)
+
+
+def trials_around(
+    simulator: Simulator,
+    estimator: Estimator,
+    x_obs: ArrayLike,
+    *,
+    number: int = 500,
+    draws: int = 500,
+    seed: int,
+    proposals: int = 200,
+) -> xr.Dataset:
+    """Weighted Trials around the observation `x_obs` ``(*data_shape)``, the group `posterior` of a tree.
+
+    Each truth is one of `proposals` draws of the estimator at x_obs, chosen by likelihood x prior / density:
+    a draw of p(theta | x_obs), exactly if the estimator is exact there and nearly where it covers the
+    posterior. An estimator without density chooses its own truths; the attribute `caveat` says so, and where
+    one that nobody vouches for had a part in choosing them. Data are simulated at the truth, and the
+    estimator answers with `draws` draws. `weight` ``(trial, draw)`` and `weight_true` ``(trial,)`` are the
+    likelihood of x_obs there, relative to the largest among the trial's draws. Bits depend on the seed, not
+    on chunks.
+
+    >>> from gaugeblock.estimators.registry import build_estimator
+    >>> from gaugeblock.simulators import build_simulator
+    >>> simulator = build_simulator("linear_gaussian", parameters=2, data=3)
+    >>> estimator = build_estimator("exact", simulator)
+    >>> trials = trials_around(simulator, estimator, [0.5, 0.1, -0.2], number=10, draws=20, seed=1)
+    >>> trials["weight"].shape, trials["weight_true"].shape
+    ((10, 20), (10,))
+
+    Raises
+    ------
+    InputError
+        If the simulator has no `log_likelihood`, x_obs does not have the shape of its data or is not finite,
+        or no draw of the estimator at x_obs is possible under prior and likelihood.
+
+    References
+    ----------
+    Säilynoja et al. (2025), arXiv:2502.03279.
+    """
+    if not can(simulator, "log_likelihood"):
+        raise InputError(
+            f"observation: posterior SBC needs a likelihood; {type(simulator).__name__} has no "
+            "log_likelihood(theta, x)"
+        )
+    observed = np.asarray(x_obs)
+    shape = np.shape(simulator.simulate(simulator.prior.center[None], np.random.default_rng(seed)))[1:]
+    if observed.shape != shape or not np.isfinite(observed).all():
+        raise InputError(
+            f"observation: has shape {observed.shape}; it must be finite and of the shape of the simulator's "
+            f"data, {shape}"
+        )
+    if min(number, proposals) < 1 or draws < 2:
+        raise InputError(
+            "observation: needs number >= 1, draws >= 2 and proposals >= 1, got "
+            f"{number}, {draws} and {proposals}"
+        )
+    around = _Around(simulator, estimator, observed, seed)
+    parts = [around.chunk(trials, draws, proposals) for trials in _chunks(number)]
+    theta, x, sampled, weight, weight_true = (np.concatenate(part) for part in zip(*parts, strict=True))
+    made = make_trials(
+        theta,
+        sampled,
+        simulator.prior.names,
+        x=x,
+        weight=weight,
+        circular=tuple(getattr(simulator, "circular", ())),
+        autocorrelated=bool(getattr(estimator, "autocorrelated", False)),
+        attrs=_caveat(estimator),
+    )
+    return made.assign(weight_true=("trial", weight_true))
+
+
+def _caveat(estimator: Estimator) -> dict[str, str]:
+    said = [] if has_density(estimator) else [OWN_TRUTHS]
+    said += [THEIR_TRUTHS] if untrusted(estimator) else []
+    return {"caveat": "; ".join(said)} if said else {}
+
+
+def _chunks(number: int) -> Iterator[range]:
+    for first in range(0, number, CHUNK):
+        yield range(first, min(first + CHUNK, number))
+
+
+def read_observation(path: Path) -> NDArray[np.generic]:
+    """Data in hand, of the shape of one simulated data set, from a .npy file or from `x` of a NetCDF file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read as either.
+    """
+    if path.suffix == ".npy":
+        try:
+            return np.asarray(np.load(path, allow_pickle=False))
+        except (OSError, ValueError) as error:
+            raise InputError(f"{path}: cannot be read as a NumPy array ({error})") from None
+    found = read_groups(path, what="observation")[""]
+    if "x" not in found:
+        raise InputError(f"{path}: no array 'x'; an observation is a .npy file, or NetCDF with x")
+    return np.asarray(found["x"].values)
+
+
+class _Around:
+    """A simulator, an estimator and the observation between them."""
+
+    def __init__(self, simulator: Simulator, estimator: Estimator, observed: NDArray[np.generic], seed: int):
+        self.simulator, self.estimator, self.observed, self.seed = simulator, estimator, observed, seed
+
+    def chunk(self, trials: range, draws: int, proposals: int) -> tuple[NDArray[np.generic], ...]:
+        """Truths, data, draws and relative weights of the draws and of the truth, of some trials."""
+        theta = self.truths(trials, proposals)
+        x = np.asarray(self.simulator.simulate(theta, self.streams("data", trials)))
+        sampled = self.checked(self.estimator.sample(x, draws, self.streams("draws", trials)), trials, draws)
+        at_draws, at_truth = self.log_likelihood(sampled), self.log_likelihood(theta[:, None])[:, 0]
+        largest = at_draws.max(axis=1)
+        # Draws that are all impossible weigh the same, and nothing beside the truth.
+        nothing = ~np.isfinite(largest)
+        relative = np.where(nothing[:, None], 0.0, at_draws - np.where(nothing, 0.0, largest)[:, None])
+        own = np.where(nothing, RANGE, np.minimum(at_truth - np.where(nothing, 0.0, largest), RANGE))
+        return theta, x, sampled, np.exp(relative), np.exp(own)
+
+    def truths(self, trials: range, proposals: int) -> Array:
+        """One draw of the posterior at the observation for each trial, ``(trial, parameter)``."""
+        x = np.repeat(self.observed[None], len(trials), axis=0)
+        stream = self.streams("truth", trials)
+        if not has_density(self.estimator):
+            return self.checked(self.estimator.sample(x, 1, stream), trials, 1)[:, 0]
+        proposed, log_q = sample_and_log_prob(self.estimator, x, proposals, stream)
+        sampled = self.checked(proposed, trials, proposals)
+        finite = np.asarray(np.isfinite(sampled).all(axis=-1))
+        known = np.where(finite[..., None], sampled, self.simulator.prior.center)
+        weight = log_weights(log_q, self.log_likelihood(sampled), self.simulator.prior.log_prob(known))
+        weight = np.where(finite & ~np.isnan(weight), weight, -np.inf)
+        if np.isneginf(weight.max(axis=1)).any():
+            raise InputError(
+                "observation: no draw of the estimator at the observation is possible under the simulator's "
+                "prior and likelihood; is it data of this simulator?"
+            )
+        chosen = resample(weight, stream.random((len(trials), 1)))
+        return np.take_along_axis(sampled, chosen[..., None], axis=1)[:, 0]
+
+    def checked(self, draws: ArrayLike, trials: range, n: int) -> Array:
+        """Draws of the shape that they should have."""
+        array, shape = np.asarray(draws, dtype=float), (len(trials), n, self.simulator.prior.size)
+        if array.shape != shape:
+            raise InputError(
+                f"the estimator gave draws of shape {array.shape} for {len(trials)} trials; expected {shape}"
+            )
+        return array
+
+    def log_likelihood(self, theta: Array) -> Array:
+        """Of the observation at theta ``(trial, draw, parameter)``; -inf where impossible or not finite."""
+        prior = self.simulator.prior
+        known = np.where(np.isfinite(theta).all(axis=-1, keepdims=True), theta, prior.center)
+        inside = np.asarray(np.isfinite(prior.log_prob(known)) & np.isfinite(theta).all(axis=-1))
+        known = np.where(inside[..., None], known, prior.center)
+        x = np.repeat(self.observed[None, None], len(theta), axis=0)
+        value = np.asarray(self.simulator.log_likelihood(known, x))  # type: ignore[attr-defined]
+        return np.where(inside & ~np.isnan(value), value, -np.inf)
+
+    def streams(self, purpose: str, trials: range) -> TrialStreams:
+        return TrialStreams.spawn(self.seed, f"observation {purpose}", trials)

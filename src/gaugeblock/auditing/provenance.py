@@ -1,0 +1,71 @@
+"""Where an audit comes from: what is recorded of simulator, estimator and files, and what it is called."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from gaugeblock.core.digest import digest
+from gaugeblock.core.errors import InputError, one_line
+from gaugeblock.core.tables import Named
+
+DIGESTED = ("simulator", "estimator", "policy")
+
+
+def named(choice: Named) -> dict[str, Any]:
+    """How a simulator or an estimator was asked for."""
+    return {"name": choice.name, "options": choice.options}
+
+
+def title(provenance: Mapping[str, Any]) -> str:
+    """What the audit is called: its estimator on its simulator, or the file that the draws came from.
+
+    Once it is called something, it stays so: the order of options, which decides the words, is not kept.
+    """
+    if isinstance(provenance.get("title"), str):
+        return str(provenance["title"])
+    estimator, simulator = provenance.get("estimator"), provenance.get("simulator")
+    if isinstance(estimator, Mapping) and isinstance(simulator, Mapping):
+        return f"{_subject(estimator)} on {_subject(simulator)}"
+    trials = provenance.get("trials")
+    file = trials.get("file") if isinstance(trials, Mapping) else None
+    return f"Draws from {Path(str(file)).name}" if file else "Audit"
+
+
+def _subject(choice: Mapping[str, Any]) -> str:
+    """Name and those options that are words, or the file alone: "xray (epic-pn, medium)", "npe (trained)"."""
+    options = dict(choice.get("options") or {})
+    words = [value for value in options.values() if isinstance(value, str)]
+    if isinstance(options.get("path"), str):
+        words = [one_line(Path(options["path"]).name)]
+    return f"{choice.get('name', '?')} ({', '.join(words)})" if words else str(choice.get("name", "?"))
+
+
+def intrinsic(record: Mapping[str, Any]) -> dict[str, Any]:
+    """What a thing is, without how it was asked for: the same model has one digest wherever it lies."""
+    return {key: value for key, value in record.items() if key not in ("name", "options")}
+
+
+def digests(record: Mapping[str, Any]) -> dict[str, str]:
+    """SHA-256 of what a record says of simulator, estimator and policy, where it does."""
+    return {name: digest(intrinsic(record[name])) for name in DIGESTED if name in record}
+
+
+def earlier_provenance(folder: Path) -> dict[str, Any]:
+    """Provenance of the finished audit in a folder.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    try:
+        record = json.loads((folder / "verdict.json").read_text(encoding="utf-8"))["provenance"]
+    except (OSError, ValueError, KeyError, TypeError):
+        raise InputError(
+            f"{folder / 'verdict.json'}: cannot be read; give the folder of a finished audit, "
+            "or run `gaugeblock audit` first"
+        ) from None
+    return dict(record)

@@ -1,0 +1,272 @@
+"""The command line: parses, calls, prints. What it calls is imported only when a command runs."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import traceback
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gaugeblock.cli.discover import EXIT_CODES as DISCOVER_EXIT_CODES
+from gaugeblock.cli.discover import discover
+from gaugeblock.cli.options import (
+    Baseline,
+    Debug,
+    Out,
+    PolicyName,
+    Quiet,
+    Seed,
+    Settings,
+    SimulatorName,
+    StrangerBuilder,
+    StrangerCommand,
+    StrangerFormat,
+    StrangerPath,
+    StrangerPython,
+    Trust,
+    command,
+    stranger_settings,
+)
+from gaugeblock.cli.reproduce import FORWARDED, reproduce
+from gaugeblock.cli.verify import EXIT_CODES as VERIFY_EXIT_CODES
+from gaugeblock.cli.verify import verify
+from gaugeblock.core.errors import GaugeblockError, one_line, printable
+
+if TYPE_CHECKING:
+    from gaugeblock.auditing.audit import Audit
+
+EXIT_CODES = "Exit codes: 0 PASS, 1 FAIL, 3 INCONCLUSIVE, 2 bad input or an internal error."
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    help="Statistical validation of simulator-based estimators: PASS, FAIL or INCONCLUSIVE, "
+    "with stated error rates.",
+)
+data_app = typer.Typer(no_args_is_help=True, help="Real responses, spectra and tables.")
+app.add_typer(data_app, name="data")
+app.command(epilog=DISCOVER_EXIT_CODES)(discover)
+app.command(epilog=VERIFY_EXIT_CODES)(verify)
+app.command(context_settings=FORWARDED, hidden=True)(reproduce)
+
+
+@app.command(epilog=EXIT_CODES)
+def audit(
+    config: Annotated[
+        Path | None,
+        typer.Argument(metavar="[CONFIG.toml]", help="What to audit; default: the shipped flow."),
+    ] = None,
+    trials: Annotated[
+        Path | None,
+        typer.Option("--trials", metavar="FILE.nc", help="Audit draws from disk; nothing is sampled."),
+    ] = None,
+    estimator: StrangerPath = None,
+    simulator: SimulatorName = None,
+    estimator_command: StrangerCommand = None,
+    estimator_python: StrangerPython = None,
+    estimator_format: StrangerFormat = None,
+    estimator_builder: StrangerBuilder = None,
+    trust: Trust = False,
+    out: Out = Path("gaugeblock-audit"),
+    policy: PolicyName = None,
+    seed: Seed = None,
+    settings: Settings = None,
+    validator: Annotated[
+        list[str] | None, typer.Option("--validator", metavar="NAME", help="Run this one; repeatable.")
+    ] = None,
+    anytime: Annotated[
+        bool, typer.Option("--anytime", help="Stop as soon as it is certain; valid at any trial.")
+    ] = False,
+    baseline: Baseline = None,
+    quiet: Quiet = False,
+    debug: Debug = False,  # noqa: ARG001 - read by main()
+) -> None:
+    """Audit an estimator: simulate, estimate, validate, judge, report.
+
+    Without a configuration it audits the flow that ships for XMM EPIC-pn spectra at medium counts. With
+    --estimator it audits a file that nobody vouches for: that runs in a sandbox, and sees data only.
+    An interrupted audit goes on where it stopped when the same command runs again.
+    """
+    from gaugeblock.auditing.audit import audit as run
+    from gaugeblock.auditing.audit import audit_trials
+    from gaugeblock.auditing.config import read_config
+    from gaugeblock.core.progress import Bars
+    from gaugeblock.core.settings import parse_settings
+    from gaugeblock.validate import read_policy
+
+    changes = stranger_settings(
+        path=estimator,
+        command=estimator_command,
+        python=estimator_python,
+        format=estimator_format,
+        builder=estimator_builder,
+        trust=trust,
+    )
+    if changes and config is None and simulator is None:
+        raise GaugeblockError("say what the estimator is for: --simulator NAME, or a configuration")
+    if simulator is not None:
+        changes["simulator.name"] = simulator
+    changes |= parse_settings(settings or [])
+    if seed is not None and trials is None:
+        changes["trials.seed"] = seed
+    if anytime:
+        changes["trials.anytime"] = True
+    if validator:
+        changes["validators"] = validator
+    chosen = read_config(config, settings=changes, draws_given=trials is not None)
+    rules = chosen.read_policy() if policy is None else read_policy(policy)
+    with Bars(quiet=quiet) as bars:
+        if trials is not None:
+            result = audit_trials(
+                trials,
+                out,
+                policy=rules,
+                seed=seed or 0,
+                select=chosen.validators,
+                baseline=baseline,
+                command=command(),
+                progress=bars.show,
+            )
+        else:
+            result = run(chosen, out, policy=rules, baseline=baseline, command=command(), progress=bars.show)
+    _finish(result, out)
+
+
+@app.command(epilog=EXIT_CODES)
+def gate(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a finished audit.")],
+    policy: PolicyName = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Folder for the files; default: DIR itself.")
+    ] = None,
+    seed: Seed = None,
+    debug: Debug = False,  # noqa: ARG001
+) -> None:
+    """Judge the findings of an earlier audit again, under another policy; nothing is sampled."""
+    from gaugeblock.auditing.audit import judge_again
+    from gaugeblock.validate import read_policy
+
+    rules = read_policy(policy or "default")
+    result = judge_again(folder, policy=rules, out=out, seed=seed, command=command())
+    _finish(result, out or folder)
+
+
+@app.command()
+def plan(
+    width_error: Annotated[
+        float | None, typer.Option("--width-error", help="Tolerated error of the width, as a fraction: 0.1.")
+    ] = None,
+    bias: Annotated[float | None, typer.Option(help="Tolerated bias in posterior sd.")] = None,
+    coverage: Annotated[float | None, typer.Option(help="Tolerated gap of central coverage.")] = None,
+    power: Annotated[float | None, typer.Option(help="Probability of the right verdict.")] = None,
+    params: Annotated[int, typer.Option(help="Number of parameters.")] = 5,
+    trials: Annotated[
+        int | None, typer.Option(help="So many trials: what can they show? Default: how many does it take?")
+    ] = None,
+    draws: Annotated[
+        int | None, typer.Option(help="Draws per trial; default: enough to hide little.")
+    ] = None,
+    policy: PolicyName = None,
+    as_json: Annotated[bool, typer.Option("--json", help="JSON on stdout.")] = False,
+    seed: Seed = None,
+    debug: Debug = False,  # noqa: ARG001
+) -> None:
+    """Plan an audit: trials and draws for a power, or the smallest fault that a number of trials detects.
+
+    What is not given is as in the policy. Nothing is simulated.
+    """
+    from gaugeblock.auditing import planned as planning
+    from gaugeblock.validate import read_policy
+    from gaugeblock.validate.planning.planner import plan as make_plan
+
+    rules = planning.tolerating(
+        read_policy(policy or "default"), bias=bias, width_error=width_error, coverage=coverage, power=power
+    )
+    planned = make_plan(rules, params=params, trials=trials, draws=draws, seed=seed or 0)
+    if as_json:
+        typer.echo(planning.as_json(planned))
+    else:
+        planning.print_table(planned, sys.stdout)
+
+
+@app.command()
+def train(
+    config: Annotated[Path, typer.Argument(metavar="CONFIG.toml", help="Simulator, network and training.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Model folder; default: the configuration's.")
+    ] = None,
+    seed: Seed = None,
+    settings: Settings = None,
+    quiet: Quiet = False,
+    debug: Debug = False,  # noqa: ARG001
+) -> None:
+    """Train a neural posterior estimator; writes model.safetensors and model.json.
+
+    An interrupted training goes on where it stopped when the same command runs again.
+    """
+    from gaugeblock.core.progress import Bars
+    from gaugeblock.core.settings import parse_settings
+    from gaugeblock.estimators.npe import run_training
+
+    with Bars(quiet=quiet) as bars:
+        folder = run_training(
+            config, out=out, overrides=parse_settings(settings or []), seed=seed, progress=bars.show
+        )
+    typer.echo(f"trained: {folder}")
+
+
+@data_app.command()
+def fetch(
+    debug: Debug = False,  # noqa: ARG001
+    quiet: Quiet = False,
+) -> None:
+    """Put the reference case's responses, spectra and tables into the cache, each checked by sha256."""
+    from gaugeblock.simulators.xray.data import fetch as run
+
+    def tell(line: str) -> None:
+        if not quiet:
+            typer.echo(line, err=True)
+
+    typer.echo(run(progress=tell).summary())
+
+
+def _finish(result: Audit, out: Path) -> None:
+    from gaugeblock.reports.terminal import terminal_summary
+
+    typer.echo(printable(terminal_summary(result.verdict, out, resources=result.resources)))
+    raise typer.Exit(result.verdict.outcome.exit_code)
+
+
+def main() -> None:
+    """Entry point of `gaugeblock`."""
+    run(app)
+
+
+def run(commands: typer.Typer) -> None:
+    """Run a command line: errors become one line on stderr and exit code 2."""
+    signal.signal(signal.SIGINT, _interrupted)
+    try:
+        commands()
+    except GaugeblockError as error:
+        _fail(error, str(error))
+    except Exception as error:
+        _fail(error, f"internal error: {type(error).__name__}: {error} (--debug shows where)")
+
+
+def _interrupted(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001
+    # Not KeyboardInterrupt: some versions of the parser turn that into exit code 1, which means FAIL.
+    raise GaugeblockError("interrupted; the same command run again goes on where it stopped")
+
+
+def _fail(error: Exception, line: str) -> None:
+    if "--debug" in sys.argv:
+        typer.echo(printable("".join(traceback.format_exception(error))), nl=False, err=True)
+    # There may be words in it of whoever wrote what is audited.
+    typer.echo(f"gaugeblock: {one_line(line)}", err=True)
+    sys.exit(2)

@@ -1,0 +1,101 @@
+"""The command `gaugeblock discover`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gaugeblock.cli.options import Debug, Out, Quiet, Seed, command
+from gaugeblock.core.errors import printable
+
+EXIT_CODES = "Exit codes: 0 when the workflow ran to its end, whatever it found; 2 bad input."
+
+
+def discover(
+    pha: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[PHA ...]", help="Spectra of one source; several: as many instruments."),
+    ] = None,
+    model: Annotated[
+        str, typer.Option(help="What should explain them, as in XSPEC: 'tbabs*(powerlaw+bbodyrad)'.")
+    ] = "tbabs*powerlaw",
+    catalog: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Many sources of one instrument: catalog.csv (pha, redshift) or *.pha."
+        ),
+    ] = None,
+    priors: Annotated[
+        Path | None, typer.Option(metavar="FILE.toml", help="Priors; parameters left out have defaults.")
+    ] = None,
+    band: Annotated[
+        tuple[float, float] | None, typer.Option(metavar="LOW HIGH", help="Energies in keV.")
+    ] = None,
+    rmf: Annotated[list[Path] | None, typer.Option(help="Instead of the header's; one a spectrum.")] = None,
+    arf: Annotated[list[Path] | None, typer.Option(help="Instead of the header's; one a spectrum.")] = None,
+    background: Annotated[
+        list[str] | None, typer.Option(help="Instead of the header's; 'none' does without.")
+    ] = None,
+    redshift: Annotated[float, typer.Option(help="Of the source.")] = 0.0,
+    regroup: Annotated[
+        str,
+        typer.Option(
+            help="Group channels by the resolution: ungrouped (where there are none), never, always."
+        ),
+    ] = "ungrouped",
+    effect: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Search for this effect only; repeatable.")
+    ] = None,
+    own: Annotated[
+        list[str] | None,
+        typer.Option(metavar="MODULE:OBJECT", help="An effect of your own beside the library; repeatable."),
+    ] = None,
+    replicates: Annotated[int, typer.Option(min=99, help="Simulated data sets behind a global p.")] = 999,
+    evidence: Annotated[
+        bool | None,
+        typer.Option(
+            "--evidence/--no-evidence",
+            help="Evidence of the named effect by nested sampling; default: up to 20,000 counts.",
+        ),
+    ] = None,
+    out: Out = Path("gaugeblock-discovery"),
+    seed: Seed = None,
+    quiet: Quiet = False,
+    debug: Debug = False,  # noqa: ARG001
+) -> None:
+    """Find where model and measured spectra disagree, name the missing effect, add it, test the name.
+
+    Writes discovery.json, discovery.nc and report.html.
+    """
+    from gaugeblock.auditing.discovering import Measured, run
+    from gaugeblock.core.progress import Bars
+    from gaugeblock.reports.discovery.headline import headline
+
+    measured = Measured(
+        pha=tuple(pha or ()),
+        catalog=catalog,
+        model=model,
+        priors=priors,
+        band=band,
+        rmf=tuple(rmf or ()),
+        arf=tuple(arf or ()),
+        background=tuple(background or ()),
+        redshift=redshift,
+        regroup=regroup,
+    )
+    with Bars(quiet=quiet) as bars:
+        found = run(
+            measured,
+            out,
+            seed=seed or 0,
+            own=own or (),
+            only=effect or (),
+            replicates=replicates,
+            evidence=evidence,
+            command=command(),
+            progress=bars.show,
+        )
+    typer.echo(printable(headline(found.summary).paragraph))
+    typer.echo(f"report: {out / 'report.html'}")

@@ -1,0 +1,1 @@
+"""What is below all rooms: errors, random streams, files written atomically, digests, settings."""

@@ -1,0 +1,62 @@
+"""Files that are either wholly there or not there at all, whatever kills the process in between."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from gaugeblock.core.errors import InputError
+
+
+@contextmanager
+def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """A temporary path beside `path` to write to; it takes the name `path` when the block ends well.
+
+    If the block raises, the temporary file is removed and `path` stays as it was. For libraries that want a
+    file name rather than bytes (NetCDF).
+
+    Raises
+    ------
+    InputError
+        If the folder does not exist or cannot be written to, or the disk is full.
+    """
+    target = Path(path)
+    # In the same folder, because a rename is atomic only within one file system; the suffix is kept, because
+    # some libraries choose the format by it.
+    temporary = target.with_name(f".{target.stem}.{os.getpid()}.{secrets.token_hex(4)}{target.suffix}")
+    try:
+        yield temporary
+        # Data first, then the name: after a power cut the name must not point at an empty file.
+        descriptor = os.open(temporary, os.O_RDWR)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+        os.replace(temporary, target)
+    except OSError as error:
+        raise InputError(f"cannot write {target}: {error.strerror or error}") from error
+    finally:
+        with suppress(OSError):
+            temporary.unlink()
+
+
+def write_atomically(path: str | os.PathLike[str], content: bytes | str) -> None:
+    r"""Write `content` (text as UTF-8, line ends untouched) to `path`, wholly or not at all.
+
+    Raises
+    ------
+    InputError
+        If the folder does not exist or cannot be written to, or the disk is full.
+
+    >>> import tempfile
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> write_atomically(folder / "verdict.txt", "PASS\n")
+    >>> [path.name for path in folder.iterdir()], (folder / "verdict.txt").read_text()
+    (['verdict.txt'], 'PASS\n')
+    """
+    data = content.encode() if isinstance(content, str) else content
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data)

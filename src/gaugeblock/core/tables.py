@@ -1,0 +1,92 @@
+"""Tables of TOML: read from files, checked by pydantic, wrong in one line."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from gaugeblock.core.errors import InputError
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+class Table(BaseModel):
+    """A table whose keys are all known and that does not change once it is checked."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Named(BaseModel):
+    """A simulator or an estimator: its registered name (or ``module:object``) and that one's options."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+    name: str
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Everything but the name."""
+        return dict(self.model_extra or {})
+
+
+def read_toml(path: str | os.PathLike[str], *, remedy: str = "give a TOML file") -> dict[str, Any]:
+    """The content of a TOML file.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, with the remedy, or is not TOML.
+    """
+    try:
+        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is not TOML (not UTF-8 text)") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error}); {remedy}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: is not TOML: {error}") from None
+
+
+def checked(model: type[Model], values: Mapping[str, Any], *, where: str) -> Model:
+    """Plain data as the model; `where` is named in front of what is wrong with them.
+
+    Raises
+    ------
+    InputError
+        One line that names the first key that is unknown or whose value cannot be used.
+    """
+    try:
+        return model.model_validate(dict(values))
+    except ValidationError as error:
+        raise InputError(f"{where}: {complaint(error, model)}") from None
+
+
+def complaint(error: ValidationError, model: type[BaseModel]) -> str:
+    """The first thing wrong with a table, in one line: which key, what it was, what it may be."""
+    problem = error.errors()[0]
+    location = [str(part) for part in problem["loc"]]
+    key = ".".join(location)
+    if problem["type"] == "extra_forbidden":
+        return f"unknown key {key}; there are {', '.join(_known_keys(model, location[:-1]))}"
+    if problem["type"] == "missing":
+        return f"{key} is missing"
+    said = str(problem["msg"]).removeprefix("Value error, ")
+    if problem["type"] in ("dict_type", "model_type"):
+        said = "it must be a table"
+    said = said[0].lower() + said[1:]
+    if isinstance(problem["input"], dict):  # the keys of a table do not fit together
+        return f"{key or 'top level'}: {said}"
+    return f"{key} = {problem['input']!r} cannot be: {said}"
+
+
+def _known_keys(model: type[BaseModel], tables: list[str]) -> list[str]:
+    for name in tables:
+        inner = model.model_fields[name].annotation
+        if not (isinstance(inner, type) and issubclass(inner, BaseModel)):
+            break
+        model = inner
+    return list(model.model_fields)

@@ -1,0 +1,133 @@
+"""The pytest plugin: fixture `calibration_gate`, marker `calibration`, options, a section in the summary.
+
+pytest loads this file in every run of everybody who has gaugeblock installed, so it imports nothing but
+pytest; the rest comes with the first test that asks for the fixture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from _pytest.outcomes import Failed  # what pytest.fail raises; as `pytest.fail.Exception` it is no type
+
+if TYPE_CHECKING:
+    from gaugeblock.auditing.audit import Audit
+    from gaugeblock.testing.gate import CalibrationGate
+
+Note = dict[str, Any]
+INCONCLUSIVE = ("fail", "skip", "xfail")
+_NOTES = pytest.StashKey[list[Note]]()
+
+
+class _Stopped(Failed):
+    __module__ = "builtins"  # so that pytest names it without a path, as it does its own
+
+    def __init__(self, message: str):
+        super().__init__(message, pytrace=False)
+
+
+class CalibrationError(_Stopped):
+    """The gate could not be run: what it was given cannot be used. The message is one line."""
+
+    __module__ = "builtins"
+
+
+class CalibrationFailed(_Stopped):
+    """The verdict is FAIL: the estimator is blocked. `audit` holds everything that was found."""
+
+    __module__ = "builtins"
+
+    def __init__(self, message: str, audit: Audit):
+        super().__init__(message)
+        self.audit = audit
+
+
+class CalibrationInconclusive(_Stopped):
+    """The verdict is INCONCLUSIVE: these trials do not settle it, and the message says how many would."""
+
+    __module__ = "builtins"
+
+    def __init__(self, message: str, audit: Audit):
+        super().__init__(message)
+        self.audit = audit
+
+
+# name, type, metavar, help: each is an option --calibration-NAME and an ini option calibration_NAME.
+_OPTIONS: tuple[tuple[str, Callable[[str], Any], str, str], ...] = (
+    ("trials", int, "N", "simulated trials of a calibration gate (default: 4000)"),
+    ("draws", int, "N", "posterior draws of each trial (default: 250)"),
+    ("seed", int, "N", "seed of everything random in a calibration gate (default: fixed)"),
+    ("policy", str, "P.toml", "policy of calibration gates: default, strict or a TOML file"),
+    ("out", str, "DIR", "keep each gate's report, trials and verdict in a folder below DIR"),
+    (
+        "inconclusive",
+        str,
+        "|".join(INCONCLUSIVE),
+        "what INCONCLUSIVE does to the test (default: fail)",
+    ),
+)
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """The options, on the command line and in the ini file."""
+    group = parser.getgroup("calibration", "calibration gates (gaugeblock)")
+    # Native TOML configuration wants the type, which older versions of pytest refuse.
+    number: Any = "int" if pytest.version_tuple >= (8, 4) else "string"
+    text: Any = "string"
+    for name, kind, metavar, about in _OPTIONS:
+        choices = INCONCLUSIVE if name == "inconclusive" else None
+        group.addoption(f"--calibration-{name}", type=kind, metavar=metavar, choices=choices, help=about)
+        parser.addini(f"calibration_{name}", about, type=number if kind is int else text, default=None)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """The marker, for runs with --strict-markers."""
+    config.addinivalue_line(
+        "markers",
+        "calibration(*, trials, draws, seed, policy, validators, inconclusive): what the test's "
+        "calibration_gate runs with; every test that uses the fixture has this marker",
+    )
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """Mark every test that uses the fixture, so that -m "not calibration" leaves them out."""
+    if "calibration_gate" in getattr(item, "fixturenames", ()):
+        item.add_marker("calibration")
+
+
+@pytest.fixture
+def calibration_gate(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> CalibrationGate:
+    """Audit an estimator on a simulator: ``calibration_gate(estimator, simulator)``.
+
+    PASS returns the audit; FAIL and INCONCLUSIVE fail the test with a short table.
+    """
+    from gaugeblock.testing.gate import CalibrationGate
+
+    notes = request.node.stash.setdefault(_NOTES, [])
+    return CalibrationGate(request.node, tmp_path_factory, notes)
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, None]:
+    """Put what the gates found on the report, which is what reaches the process that prints the summary."""
+    outcome = yield
+    report = outcome.get_result()
+    if report.when == "call" and item.stash.get(_NOTES, []):
+        report.calibration = item.stash[_NOTES]
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """What the gates that did not block would have seen."""
+    reports = [report for reports in terminalreporter.stats.values() for report in reports]
+    notes = [note for report in reports for note in getattr(report, "calibration", ())]
+    shown = sorted((note for note in notes if not note["blocks"]), key=lambda note: str(note["test"]))
+    if shown:
+        terminalreporter.write_sep("=", "calibration")
+    for note in shown:
+        terminalreporter.write_line(f"{note['verdict']} {note['test']}: {note['headline']}")
+        for line in note["lines"]:
+            terminalreporter.write_line(f"    {line}")

@@ -1,0 +1,74 @@
+"""``python -m studies.paper [ID ...]``: the published study's tables and figures beside ours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gaugeblock.cli.app import run
+from gaugeblock.cli.options import Debug, Out, Quiet, Seed
+from gaugeblock.core.errors import InputError, printable
+from gaugeblock.core.progress import Bars
+from studies.paper import Reproduction, Setting
+from studies.paper import reproduce as measure
+from studies.paper.listing import headline, listing
+from studies.paper.run import from_committed, write
+
+SEED = 20260611
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+
+
+@app.command(
+    epilog="Exit codes: 0 all claims agree, differ for a measured reason or cannot be tested; 1 some differ "
+    "and nobody knows why; 3 some are not measured yet; 2 bad input."
+)
+def paper(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[ID ...]", help="Claims or experiments; default: all (--list names them)."),
+    ] = None,
+    out: Out = Path("gaugeblock-reproduction"),
+    twin: Annotated[bool, typer.Option("--twin", help="Small versions of the experiments: minutes.")] = False,
+    committed: Annotated[
+        bool, typer.Option("--committed", help="Judge the committed results; run nothing.")
+    ] = False,
+    only_list: Annotated[
+        bool, typer.Option("--list", help="List experiments and claims; run nothing.")
+    ] = False,
+    seed: Seed = None,
+    quiet: Quiet = False,
+    debug: Debug = False,  # noqa: ARG001
+) -> None:
+    """The published study's tables and figures beside ours, and a verdict on each of its claims.
+
+    Writes reproduction.nc, reproduction.md and figures. An interrupted run goes on where it stopped when the
+    same command runs again.
+    """
+    if only_list:
+        typer.echo(listing(tuple(names or ())))
+        return
+    if twin and committed:
+        raise InputError("reproduce: give --twin or --committed, not both; what is committed is full size")
+    result: Reproduction
+    if committed:
+        result = from_committed(names or ())
+        write(result, out)
+    else:
+        with Bars(quiet=quiet) as bars:
+            result = measure(
+                names or (),
+                out,
+                setting=Setting.TWIN if twin else Setting.FULL,
+                seed=SEED if seed is None else seed,
+                progress=bars.show,
+            )
+    typer.echo(printable(headline(result)))
+    typer.echo(f"report: {out / 'reproduction.md'}")
+    raise typer.Exit(result.exit_code)
+
+
+if __name__ == "__main__":
+    run(app)

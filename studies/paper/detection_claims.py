@@ -1,0 +1,109 @@
+"""The study's claims about its detection grid, from the AUCs of one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from studies.paper.grid_populations import FAMILIES, LEVELS
+from studies.paper.registry import DETECTORS
+
+Array = NDArray[np.float64]
+Values = dict[str, dict[str, Array]]
+"""Numbers ``(...)`` by claim and part."""
+
+GRID_NAME = {"epic-pn": "pn", "nicer": "nicer"}
+NULL_FAMILY = "B4"
+
+CLEAN_SCORES = {
+    "epic-pn": {"faint": 0.481, "medium": 0.482, "bright": 0.716},
+    "nicer": {"faint": 0.709, "medium": 0.707, "bright": 0.660},
+}
+"""Mean of D1 over clean spectra by the study's flows, from its outputs."""
+
+
+def cells(response: str) -> Iterator[tuple[str, tuple[int, int, int, int]]]:
+    """Ids of the claims that are cells, with their places on the axes of a grid."""
+    from gaugeblock.simulators.xray import published
+
+    for level, family in product(range(len(LEVELS)), range(len(FAMILIES))):
+        for step, strength in enumerate(published.STRENGTHS[FAMILIES[family]]):
+            for detector, name in enumerate(DETECTORS):
+                where = f"{LEVELS[level]}.{FAMILIES[family]}.{strength:g}.{name}"
+                yield f"grid.{GRID_NAME[response]}.{where}", (level, family, step, detector)
+
+
+def of_cells(auc: Array, response: str) -> Values:
+    """Every cell of AUCs ``(..., level, family, strength, detector)``."""
+    return {name: {"value": auc[(..., *place)]} for name, place in cells(response)}
+
+
+def of_null(auc: Array) -> dict[str, Array]:
+    """Smallest, largest and mean AUC of the cells of the gain."""
+    own = auc[..., FAMILIES.index(NULL_FAMILY), :, :].reshape(*auc.shape[:-4], -1)
+    return {"min": own.min(axis=-1), "max": own.max(axis=-1), "mean": own.mean(axis=-1)}
+
+
+def on_epic_pn(auc: Array) -> Values:
+    """What the study says of its grid on EPIC-pn."""
+    found = of_cells(auc, "epic-pn")
+    by_family = {name: auc[..., place, :, :] for place, name in enumerate(FAMILIES)}
+    weakest = {name: own[..., 0, 2] for name, own in by_family.items()}
+    found["det.D3_ctrl_auc_B1B4"] = _ends(np.concatenate([weakest["B1"], weakest["B4"]], axis=-1))
+    found["det.D3_ctrl_auc_B2"] = _ends(weakest["B2"])
+    found["det.D3_ctrl_auc_B3"] = _ends(weakest["B3"])
+    found["det.B4.pn36"] = of_null(auc)
+    # Strengths lie on the last axis but one: what is left are levels and detectors.
+    best = {name: own.max(axis=-2) for name, own in by_family.items()}
+    covered = best["B2"]
+    found["det.D2.B2.climb"] = dict(zip(LEVELS, np.moveaxis(covered[..., 1], -1, 0), strict=True)) | {
+        "lead over D1": (covered[..., 1] - covered[..., 0]).min(axis=-1)
+    }
+    found["det.D3.B3"] = _ends(best["B3"][..., 2])
+    found["det.B3.bright.D2"] = {"value": by_family["B3"][..., LEVELS.index("bright"), -1, 1]}
+    for (level, name), (family, own) in product(enumerate(LEVELS), by_family.items()):
+        single = own[..., level, :, :2]
+        found[f"tab1.best.{name}.{family}"] = {
+            "value": single.max(axis=(-2, -1)),
+            "mean": single.mean(axis=(-2, -1)),
+        }
+        found[f"tab1.D3.{name}.{family}"] = {"value": best[family][..., level, 2]}
+    for detector, family, name in product((0, 1), ("B1", "B4"), ("medium", "bright")):
+        strongest = by_family[family][..., LEVELS.index(name), -1, detector]
+        found[f"tab4.{DETECTORS[detector]}.{family}.{name}"] = {"value": strongest}
+    return found
+
+
+def on_nicer(auc: Array, epic_pn: Array, named: frozenset[str]) -> Values:
+    """What it says of NICER, beside EPIC-pn by flows of the same kind; cells as far as they are `named`."""
+    found = {name: parts for name, parts in of_cells(auc, "nicer").items() if name in named}
+    line, other = (grid[..., FAMILIES.index("B1"), :, :] for grid in (auc, epic_pn))
+    for name, best in (("bright", False), ("medium", False), ("faint", True)):
+        level = LEVELS.index(name)
+        value, beside = (
+            own[..., level, :, :2].max(axis=(-2, -1)) if best else own[..., level, -1, 0]
+            for own in (line, other)
+        )
+        found[f"det.nicer.B1.{name}"] = {"value": value, "EPIC-pn": beside}
+    found["det.B4.nicer36"] = of_null(auc)
+    return found
+
+
+def numbers(values: Values) -> dict[str, dict[str, float]]:
+    """Single numbers by claim and part."""
+    return {claim: {part: float(value) for part, value in parts.items()} for claim, parts in values.items()}
+
+
+def errors(replicates: Values) -> dict[str, dict[str, float]]:
+    """Standard deviations over replicates along the first axis."""
+    return {
+        claim: {part: float(np.std(value, axis=0, ddof=1)) for part, value in parts.items()}
+        for claim, parts in replicates.items()
+    }
+
+
+def _ends(values: Array) -> dict[str, Array]:
+    return {"min": values.min(axis=-1), "max": values.max(axis=-1)}

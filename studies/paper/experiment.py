@@ -1,0 +1,87 @@
+"""What measures claims: an experiment runs at one of two sizes, keeps its pieces, and says what it found."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from studies.paper.judge import Measured, Untestable
+from studies.paper.pieces import Pieces
+
+Progress = Callable[[str, int, int], None]
+Found = Mapping[str, Measured | Untestable]
+SHIPPED = "shipped:"
+
+
+class Setting(Enum):
+    """Size of a run; the value is its name in files."""
+
+    FULL = "full"
+    """What the committed results are of."""
+    TWIN = "twin"
+    """The same in minutes, for continuous integration."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """One experiment: `run` makes a small table, `measured` reads the claims off it.
+
+    `sizes` are the plain numbers that a setting stands for; `run(sizes, pieces, seed)` makes the table and
+    may keep finished pieces of it in `pieces`, which it finds again when it is run anew with the same
+    setting, seed and version. `figures` draw the table: by name, a function that returns SVG.
+    """
+
+    name: str
+    says: str
+    sizes: Mapping[Setting, Mapping[str, Any]]
+    run: Callable[[Mapping[str, Any], Pieces, int], xr.Dataset]
+    measured: Callable[[xr.Dataset], Found]
+    extra: str | None = None
+    """The extra of gaugeblock whose packages it needs."""
+    flows: tuple[str, ...] = ()
+    """Trained flows it reads, our own as ``shipped:NAME``: pieces of other weights are not used."""
+    version: int = 1
+    """Raised when the same sizes and seed mean other numbers: pieces of another version are not used."""
+
+
+def pieces_of(
+    experiment: Experiment,
+    setting: Setting,
+    folder: Path,
+    *,
+    seed: int,
+    progress: Progress | None = None,
+) -> Pieces:
+    """Where an experiment keeps its pieces: apart for every setting, seed and version."""
+    key: dict[str, Any] = {
+        "experiment": experiment.name,
+        "version": experiment.version,
+        "sizes": dict(experiment.sizes[setting]),
+        "seed": seed,
+    }
+    if experiment.flows:
+        key["flows"] = {name: weights_of(name) for name in experiment.flows}
+    return Pieces(folder, key, name=experiment.name, progress=progress)
+
+
+def weights_of(flow: str) -> str:
+    """What identifies a trained flow's weights: their sha256, as its record has it.
+
+    Raises
+    ------
+    InputError
+        If there is no such flow.
+    """
+    from gaugeblock.estimators.npe import reference_model_path
+    from studies.paper.paper_flow import record_of
+
+    if flow.startswith(SHIPPED):
+        record = json.loads((reference_model_path(flow.removeprefix(SHIPPED)) / "model.json").read_text())
+        return str(record["sha256"])
+    return str(record_of(flow)["sha256"])

@@ -1,0 +1,231 @@
+"""Ten spectra with a free gain, exactly and by flows: how much of what they say of the gain a flow keeps.
+
+The study's ten come from pools whose seed is not published: these are of pools of ours, chosen as it
+describes its own. Exact are importance weights of a flow's draws, held against UltraNest, and NUTS as a
+second family of samplers. Everything exact is there under two priors: norms are uniform in the study's nested
+sampling, while spectra and flows are drawn with log-uniform ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from studies.paper.experiment import Experiment, Found, Setting
+from studies.paper.experiments import cross_posteriors as posteriors
+from studies.paper.experiments.counts import SEED
+from studies.paper.experiments.cross_claims import found_of, numbers_of
+from studies.paper.experiments.cross_spectra import (
+    INFORMATIVE,
+    LEVELS,
+    PRIORS,
+    chosen_bright,
+    chosen_medium,
+    pool,
+)
+from studies.paper.numbers import as_table
+from studies.paper.pieces import Arrays, Pieces
+from studies.paper.registry import claims
+
+Array = NDArray[np.float64]
+
+FLOW = "shipped:epic-pn-{level}-gain"
+POOLS = (417, 500, 1000)
+SEEDS = (*range(SEED, SEED + 60), *range(20260630, 20260643), 101, 202, 303)
+"""Sizes and seeds that the study's pool may have: those it uses elsewhere and what lies near them."""
+
+CHECKED = 416
+NEAR = 4.0
+"""Standard deviations of its counts within which a spectrum could be theirs."""
+
+SAMPLED = (1, 0)
+"""Bright spectra that NUTS samples, in the places of i394 and i416."""
+
+
+def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
+    """Shrinks of the gain by every way, and the numbers of the claims."""
+
+    def once(kind: str, make: Callable[..., Mapping[str, Any]], *given: Any) -> Arrays:
+        return pieces.each(kind, 1, lambda _, rng: make(*given, rng), seed)[0]
+
+    searched = once("seeds", _searched)
+    pools = {level: once(f"pool-{level}", pool, level, sizes) for level in LEVELS}
+    rows = {"medium": chosen_medium(pools["medium"]), "bright": chosen_bright(pools["bright"])}
+    counts = {level: pools[level]["counts"][rows[level]].astype(float) for level in LEVELS}
+    exact = {
+        (prior, level): once(
+            f"exact-{level}-{prior}", _exactly, counts[level], level, prior, sizes["proposals"]
+        )
+        for prior in PRIORS
+        for level in LEVELS
+    }
+    bright = counts["bright"]
+    nested = pieces.each(
+        "nested", INFORMATIVE, lambda i, rng: posteriors.nested(bright[i], sizes["live"], rng), seed
+    )
+    boundary = once("boundary", posteriors.boundary, counts["medium"][0], sizes)
+    chains = pieces.each(
+        "nuts", 2, lambda i, rng: posteriors.chain(bright[list(SAMPLED)], i + 1, sizes, rng), seed
+    )
+    flows = {level: once(f"flow-{level}", _by_flow, counts[level], level, sizes["draws"]) for level in LEVELS}
+    apart = once("apart", _apart, exact, flows, sizes["told"])
+    parts = {"flow": [flows[level] for level in LEVELS]}
+    parts |= {prior: [exact[prior, level] for level in LEVELS] for prior in PRIORS}
+
+    def column(kind: str, name: str) -> Array:
+        return np.concatenate([part[name] for part in parts[kind]])
+
+    def drawn(name: str) -> Array:
+        return np.concatenate([pools[level][name][rows[level]] for level in LEVELS])
+
+    truth = np.column_stack([drawn("theta"), np.ones(sum(map(len, rows.values())))])
+    linear = "published_linear_norm"
+    variables = {
+        "pool_row": np.concatenate([rows[level] for level in LEVELS]),
+        "counts": drawn("counts").sum(axis=1),
+        "soft": drawn("soft"),
+        "information": drawn("information"),
+        "gain_error": drawn("gain_error"),
+        "exact": column(linear, "shrink"),
+        "exact_error": column(linear, "shrink_error"),
+        "exact_effective": column(linear, "effective"),
+        "folded": column(linear, "folded"),
+        "folded_effective": column(linear, "folded_effective"),
+        "exact_reference": column("reference", "shrink"),
+        "exact_reference_error": column("reference", "shrink_error"),
+        "flow": column("flow", "shrink"),
+        "flow_error": column("flow", "shrink_error"),
+        "refined": column("flow", "refined"),
+        "refined_error": column("flow", "refined_error"),
+        "refined_effective": column("flow", "effective"),
+    }
+    every: dict[str, Any] = {name: ("spectrum", values) for name, values in variables.items()}
+    every["level"] = ("spectrum", np.repeat(list(LEVELS), [len(rows[level]) for level in LEVELS]))
+    for kind in parts:
+        away = (column(kind, "mean") - truth) / column(kind, "sd")
+        every[f"z_{kind}"] = (("spectrum", "parameter"), away)
+    for name in nested[0]:
+        every[name] = ("run", np.array([float(run[name]) for run in nested]))
+    for name in chains[0]:
+        every[f"nuts_{name}"] = (("steps", "sampled"), np.stack([part[name] for part in chains]))
+    for label, numbers in (("boundary", boundary), ("searched", searched)):
+        every |= {f"{label}_{name}": ((), float(value)) for name, value in numbers.items()}
+    every |= {f"pool_{level}": (f"pool_of_{level}", pools[level]["shrink"]) for level in LEVELS}
+    every["pool_counts"] = ("pool_of_bright", pools["bright"]["counts"].sum(axis=1))
+    for name, values in apart.items():
+        every[name] = (("pair", "sampled")[-values.ndim :], values)
+    table = xr.Dataset(every)
+    return table.merge(as_table(*numbers_of(table)))
+
+
+def _searched(rng: np.random.Generator) -> Mapping[str, Any]:  # noqa: ARG001
+    """Whether a natural seed of a pool gives the counts of its spectrum 416."""
+    from gaugeblock.simulators.xray import published, reference
+
+    simulator = reference(level="bright")
+    wanted = claims()["xc.i416.counts"].parts["value"]
+    tried = [(number, seed) for number in POOLS for seed in SEEDS]
+    theta = np.array([published.theta(number, seed)[CHECKED] for number, seed in tried])
+    expected = simulator.expected(theta).sum(axis=1)
+    near = np.flatnonzero(np.abs(expected - wanted) < NEAR * np.sqrt(wanted))
+    hits = 0
+    for place in near:
+        number, seed = tried[place]
+        mean = simulator.expected(published.theta(number, seed))
+        hits += any(
+            np.random.default_rng(start).poisson(mean)[CHECKED].sum() == wanted for start in (seed, seed + 1)
+        )
+    return {"pools": len(tried), "near": len(near), "hits": hits}
+
+
+def _exactly(
+    counts: Array, level: str, prior: str, draws: int, rng: np.random.Generator
+) -> Mapping[str, Any]:
+    from gaugeblock.estimators.npe import load
+
+    return posteriors.exact(load(FLOW.format(level=level)), counts, level, prior, draws, rng)
+
+
+def _by_flow(counts: Array, level: str, draws: int, rng: np.random.Generator) -> Mapping[str, Any]:
+    from gaugeblock.estimators.npe import load
+
+    return posteriors.by_flow(load(FLOW.format(level=level)), counts, level, draws, rng)
+
+
+def _apart(
+    exact: Mapping[tuple[str, str], Arrays],
+    flows: Mapping[str, Arrays],
+    number: int,
+    rng: np.random.Generator,
+) -> Mapping[str, Any]:
+    """Two bright spectra: draws of flow and exact posteriors told apart, and exact ones of both priors.
+
+    The three pairs are flow and exact under the flow's prior, flow and exact under the other one, exact and
+    exact.
+    """
+    own, other, flow = (
+        part["draws"][list(SAMPLED)]
+        for part in (
+            exact["reference", "bright"],
+            exact["published_linear_norm", "bright"],
+            flows["bright"],
+        )
+    )
+    pairs = ((own, flow), (other, flow), (other, own))
+    found = np.array(
+        [
+            [posteriors.told_apart(a, b, rng, number) for a, b in zip(first, second, strict=True)]
+            for first, second in pairs
+        ]
+    )
+    names = ("accuracy", "accuracy_error", "gain_accuracy", "gain_accuracy_error")
+    return {
+        **{name: found[..., k] for k, name in enumerate(names)},
+        "overlap": np.array(
+            [[posteriors.overlap(a, b) for a, b in zip(f, s, strict=True)] for f, s in pairs]
+        ),
+        # Of absorption, photon index and norm, which the study names.
+        "dimension": np.array([posteriors.effective_dimension(draws[:, :3]) for draws in other]),
+        "dimension_flow": np.array([posteriors.effective_dimension(draws[:, :3]) for draws in flow]),
+    }
+
+
+def measured(table: xr.Dataset) -> Found:
+    """Claim by claim."""
+    return found_of(table)
+
+
+EXPERIMENT = Experiment(
+    name="cross_check",
+    says="ten spectra by nested sampling and NUTS with a free gain, and by the flow",
+    sizes={
+        Setting.FULL: {
+            "pool": 500,
+            "screen": 400,
+            "draws": 16_000,
+            "proposals": 60_000,
+            "live": 400,
+            "warmup": 500,
+            "chain": 8_000,
+            "told": 1_000,
+        },
+        Setting.TWIN: {
+            "pool": 40,
+            "screen": 200,
+            "draws": 2_000,
+            "proposals": 2_000,
+            "live": 50,
+            "warmup": 100,
+            "chain": 200,
+            "told": 400,
+        },
+    },
+    run=run,
+    measured=measured,
+    flows=tuple(FLOW.format(level=level) for level in LEVELS),
+    extra="xray",
+)

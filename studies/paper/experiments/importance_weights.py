@@ -1,0 +1,117 @@
+"""Importance weights of spectra under a trained flow, population by population.
+
+As the study did: draws that are not rejected to the prior's box, weight zero outside it, and inside the exact
+likelihood times a prior that is uniform in both norms. Beside it the same with the prior that was simulated
+from, which is uniform in their logarithms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.validate.joint.importance import kish_fraction
+from gaugeblock.validate.joint.psis import pareto_khat
+from studies.paper.interpolated import Interpolated, interpolated
+
+Array = NDArray[np.float64]
+
+LINE = 3e-4
+"""Norm of the line, in photons/cm2/s."""
+
+NORM, AREA = 2, 4
+"""Columns of both norms."""
+
+FEW = "few-"
+
+WORST = 99.0
+"""k-hat of weights of which hardly any is above zero: no number, but beyond all others."""
+
+
+def diagnostics(
+    flow: Any, likelihood: Interpolated, counts: Array, *, draws: int, few: int, rng: np.random.Generator
+) -> dict[str, Array]:
+    """What the weights of draws ``(spectrum, draw)`` say of each spectrum.
+
+    Its counts, the share of draws inside the box and of those effective (Kish) under either prior, and
+    k-hat; names that begin with ``few-`` are of the first few draws alone.
+    """
+    theta, log_q = flow.raw(counts, draws, rng)
+    inside = flow.inside(theta) & np.isfinite(log_q)
+    held = np.where(inside[..., None], theta, flow.box[0])
+    weight = np.where(inside, likelihood.log_likelihood(held, counts) - log_q, -np.inf)
+    # Both priors are flat in the three other parameters; constants do not matter here.
+    simulated = weight - np.log(held[..., NORM] * held[..., AREA])
+    made = {"counts": counts.sum(axis=1), "accepted": inside.mean(axis=1)}
+    for prefix, number in (("", draws), (FEW, few)):
+        made |= {
+            f"{prefix}effective": kish_fraction(weight[:, :number]),
+            f"{prefix}effective_simulated": kish_fraction(simulated[:, :number]),
+            f"{prefix}khat": np.minimum(pareto_khat(weight[:, :number]), WORST),
+        }
+    return made
+
+
+@dataclass(frozen=True)
+class Level:
+    """A count level: spectra of it as the study perturbed them, and its likelihood without."""
+
+    name: str
+
+    @cached_property
+    def plain(self) -> Any:
+        """The simulator that the flow knows."""
+        from gaugeblock.simulators.xray import reference
+
+        return reference(level=self.name)
+
+    @cached_property
+    def likelihood(self) -> Interpolated:
+        """The likelihood that the flow's draws are weighted by."""
+        return interpolated(self.plain)
+
+    @cached_property
+    def shifted(self) -> Any:
+        """With a gain as its sixth parameter: compiled once for all amplitudes."""
+        from gaugeblock.simulators.effects import Effect
+        from gaugeblock.simulators.marginals import Uniform
+
+        return self.plain.with_effect(Effect("published_gain", {"factor": Uniform(0.8, 1.2)}))
+
+    @cached_property
+    def lined(self) -> Any:
+        """With a line."""
+        from gaugeblock.simulators.xray.published import family
+
+        return self.plain.with_effect(family("B1", LINE))
+
+    def spectra(self, kind: str, amplitude: float, number: int, rng: np.random.Generator) -> Array:
+        """Counts ``(number, channel)``: clean, with a line, or with a gain of so many per cent."""
+        theta = self.plain.prior.sample(number, rng)
+        if kind == "gain":
+            factor = np.full((number, 1), 1.0 + amplitude / 100.0)
+            return np.asarray(self.shifted.simulate(np.hstack([theta, factor]), rng), dtype=float)
+        simulator = self.lined if kind == "line" else self.plain
+        return np.asarray(simulator.simulate(theta, rng), dtype=float)
+
+
+def ceiling(simulator: Any, *, number: int, draws: int, rng: np.random.Generator) -> Mapping[str, Array]:
+    """Effective share of draws of the exact posterior under the other prior's weights, ``(spectrum,)``.
+
+    No flow that learns from the simulations does better.
+    """
+    from gaugeblock.discovery.fit import fit
+    from gaugeblock.discovery.name.posterior_draws import posterior_draws
+
+    counts = np.asarray(simulator.simulate(simulator.prior.sample(number, rng), rng), dtype=float)
+    scale = np.ones(number)
+    fitted = fit(simulator, counts, scale=scale, seed=int(rng.integers(2**31)))
+    found = posterior_draws(simulator, counts, fitted, scale=scale, draws=draws, rng=rng)
+    ratio = found.theta[..., NORM] * found.theta[..., AREA]
+    first = (found.weight * ratio).sum(axis=1) ** 2
+    return {"ceiling": np.asarray(first / (found.weight * ratio**2).sum(axis=1))}

@@ -1,0 +1,119 @@
+"""All published claims by id, from the tables in `claims/`."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Mapping
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from gaugeblock.core.errors import InputError
+from studies.paper.auc_error import auc_error, null_auc_error
+from studies.paper.claim import SINGLE, Claim, Kind, claim_of
+from studies.paper.rules import Interval, Rule, Within
+
+TABLES = (
+    *("introduction", "setup", "table-1", "detection", "calibration", "table-2", "importance", "table-3"),
+    *("table-4", "evidence", "gain", "cross-check", "conformal", "amplitude"),
+)
+"""Files of claims in the order of the paper; the grid of detectors comes last."""
+
+DETECTORS = ("D1", "D2", "D3")
+CLEAN, SUSPICIOUS = 200, 100
+"""Spectra behind an AUC of the grid."""
+
+NULL_REACH = 0.08
+"""How far a cell of the gain may lie from 1/2."""
+
+TWO_REPLICATIONS = 2.0 * 2.0**0.5
+"""Two independent measurements lie within so many standard errors of one in 95 of 100 cases."""
+
+GRIDS = {
+    "pn": ("Detection grid, EPIC-pn", "detection"),
+    "nicer": ("Detection grid, NICER", "detection_nicer"),
+}
+
+
+@cache
+def claims() -> Mapping[str, Claim]:
+    """Every claim by its id, in the order of the paper."""
+    found: dict[str, Claim] = {}
+    for name in TABLES:
+        table = _read(name)
+        section = table.pop("section")
+        found |= {key: claim_of(key, section, entry) for key, entry in table.items()}
+    return found | {claim.id: claim for claim in _grid(_read("grid"))}
+
+
+def find(names: tuple[str, ...]) -> dict[str, Claim]:
+    """The claims that are named, by id or by the experiment that measures them; all without names.
+
+    Raises
+    ------
+    InputError
+        For a name that is neither.
+
+    >>> list(find(("gm.prior",)))
+    ['gm.prior']
+    """
+    every = claims()
+    experiments = {claim.by for claim in every.values()}
+    for name in names:
+        if name not in every and name not in experiments:
+            raise InputError(
+                f"{name!r} is neither a claim nor an experiment; `gaugeblock reproduce --list` names them all"
+            )
+    return {key: claim for key, claim in every.items() if not names or key in names or claim.by in names}
+
+
+def _read(name: str) -> dict[str, Any]:
+    # Through a folder that is no package of its own: files() of this one finds it in wheels too.
+    return tomllib.loads((files(__package__) / "claims" / f"{name}.toml").read_text(encoding="utf-8"))
+
+
+def _grid(table: Mapping[str, Any]) -> Iterator[Claim]:
+    """The cells of the grid: AUCs whose tolerance follows from their standard error.
+
+    A cell of the gain, B4, has to lie where the null does; any other within what two independent
+    measurements differ by.
+    """
+    for response, levels in table.items():
+        section, experiment = GRIDS[response]
+        for level, families in levels.items():
+            for family, rows in families.items():
+                for row in rows:
+                    for detector, value in zip(DETECTORS, row["auc"], strict=True):
+                        strength = repr(row["strength"]).removesuffix(".0")
+                        yield _cell(
+                            f"grid.{response}.{level}.{family}.{strength}.{detector}",
+                            section,
+                            f"AUC of {detector}, {family} at {strength}, {level}",
+                            value,
+                            null=family == "B4",
+                            by=experiment,
+                            transfer=response == "nicer",
+                        )
+
+
+def _cell(name: str, section: str, says: str, value: float, *, null: bool, by: str, transfer: bool) -> Claim:
+    error = auc_error(value, CLEAN, SUSPICIOUS)
+    sampling = null_auc_error(CLEAN, SUSPICIOUS) if null else error
+    rule: Rule = (
+        Interval(SINGLE, 0.5 - NULL_REACH, 0.5 + NULL_REACH)
+        if null
+        else Within(SINGLE, round(TWO_REPLICATIONS * sampling, 3))
+    )
+    return Claim(
+        id=name,
+        section=section,
+        says=says,
+        kind=Kind.FLOW,
+        value=value,
+        parts={SINGLE[0]: value},
+        error={SINGLE[0]: sampling},
+        rules=(rule,),
+        by=by,
+        known={SINGLE[0]: 0.5} if null else {},
+        transfer=transfer,
+    )

@@ -1,0 +1,92 @@
+"""The command `gaugeblock plan`."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gaugeblock.auditing.planned import as_json, print_table, tolerating
+from gaugeblock.core.errors import InputError
+from gaugeblock.validate import read_policy
+from gaugeblock.validate.planning.planner import plan
+
+DEFAULT = read_policy("default")
+
+
+def command(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "gaugeblock", "plan", *arguments], capture_output=True, text=True, check=False
+    )
+
+
+def test_json_on_stdout() -> None:
+    done = command("--width-error", "0.1", "--bias", "0.1", "--power", "0.9", "--params", "5", "--json")
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert 2000 < said["trials"] < 3500
+    assert 100 <= said["draws"] <= 250
+    assert (said["params"], said["power"], said["error_budget"]) == (5, 0.9, 0.05)
+    assert said["tolerance"] == pytest.approx({"bias": 0.1, "log_width": math.log(1.1), "coverage": 0.05})
+    assert said["pass_probability_exact"] >= 0.9
+    assert min(said["fail_probability_twice_tolerated"].values()) >= 0.9
+    for name, tolerated in said["tolerance"].items():
+        assert tolerated < said["smallest_detectable"][name] <= 2 * tolerated * 1.03
+    assert set(said["noticed_by_rank_test"]) == {"bias", "log_width"}
+
+
+def test_trials_given() -> None:
+    done = command("--trials", "4000", "--draws", "250", "--json", "--seed", "3")
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert (said["trials"], said["draws"], said["seed"]) == (4000, 250, 3)
+    planned = plan(DEFAULT, params=5, trials=4000, draws=250, seed=3)
+    assert said == json.loads(as_json(planned))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [(["--bias", "-1"], "--bias -1"), (["--params", "0"], "params = 0")],
+)
+def test_bad_input_is_one_line_and_exit_2(arguments: list[str], said: str) -> None:
+    done = command(*arguments)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not done.stdout
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"bias": math.inf}, "--bias inf"),
+        ({"width_error": math.nan}, "--width-error nan"),
+        ({"coverage": 1.5}, "--coverage 1.5"),
+        ({"power": 0.3}, "--power 0.3"),
+    ],
+)
+def test_numbers_that_are_no_tolerance_or_power(given: dict[str, float], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        tolerating(DEFAULT, **given)
+
+
+def test_a_policy_from_a_file_and_what_stands_over_it(tmp_path: Path) -> None:
+    file = tmp_path / "own.toml"
+    file.write_text("error_budget = 0.01\n[tolerance]\nbias = 0.2\ncoverage = 0.1\n")
+    policy = tolerating(read_policy(file), bias=0.15, power=0.8)
+    assert (policy.tolerance.bias, policy.tolerance.coverage, policy.error_budget) == (0.15, 0.1, 0.01)
+    assert policy.planning.power == 0.8
+
+
+def test_a_table_for_people() -> None:
+    file = io.StringIO()
+    print_table(plan(DEFAULT, params=1, trials=1000), file)
+    text = file.getvalue()
+    assert text.startswith("1,000 trials of 130 draws, 1 parameter: ")
+    assert "coverage gap" in text
+    assert max(map(len, text.splitlines())) < 120

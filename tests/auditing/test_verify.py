@@ -1,0 +1,295 @@
+"""Every edit of a file that is derived from the trials shows, and nothing else does."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from gaugeblock.auditing.audit import audit_objects, audit_trials, judge_again
+from gaugeblock.auditing.config import TrialsTable
+from gaugeblock.auditing.verify import verify
+from gaugeblock.cli import app
+from gaugeblock.core.errors import InputError
+from gaugeblock.estimators.exact import Exact
+from gaugeblock.simulators import build_simulator
+from gaugeblock.validate import (
+    make_policy,
+    make_trials,
+    read_findings,
+    read_policy,
+    read_trials,
+    write_findings,
+    write_trials,
+)
+
+SELECT = ("draws", "sbc", "coverage", "importance")
+
+
+@pytest.fixture(scope="module")
+def audited(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a small audit, which no test may change."""
+    folder = tmp_path_factory.mktemp("audited")
+    simulator = build_simulator("linear_gaussian", parameters=2, data=2)
+    plan = TrialsTable(number=200, draws=40, importance_number=50, importance_draws=60, seed=4).plan()
+    policy = read_policy("default")
+    audit_objects(simulator, Exact(simulator), plan, folder, policy=policy, select=SELECT)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of an audit that takes no time."""
+    folder = tmp_path_factory.mktemp("tiny")
+    draws = np.random.default_rng(2).standard_normal((12, 5, 1))
+    write_trials(make_trials(np.zeros((12, 1)), draws, ["a"]), folder / "t.nc")
+    audit_trials(folder / "t.nc", folder / "out", policy=read_policy("default"), select=("draws",))
+    return folder / "out"
+
+
+@pytest.fixture
+def folder(audited: Path, tmp_path: Path) -> Path:
+    """A copy to be edited."""
+    return Path(shutil.copytree(audited, tmp_path / "copy"))
+
+
+def rewritten(path: Path, old: str, new: str) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+
+
+def edited(path: Path, change: Any) -> None:
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content, indent=2, sort_keys=True, ensure_ascii=False) + "\n")
+
+
+def only(folder: Path, name: str) -> str:
+    """The one difference there is, which must be of this file."""
+    (line,) = verify(folder).differences
+    assert line.startswith(f"{name}: "), line
+    assert "\n" not in line
+    return line
+
+
+def test_an_audit_as_it_was_written_is_the_same(audited: Path) -> None:
+    found = verify(audited)
+    assert found.differences == ()
+    assert found.notes == ()
+    assert verify(audited, trials_sha256=found.trials_sha256.upper()).differences == ()
+
+
+def test_an_anytime_audit_is_the_same(tmp_path: Path) -> None:
+    simulator = build_simulator("linear_gaussian", parameters=1, data=1)
+    plan = TrialsTable(number=400, draws=40, chunk=100, importance_number=0, joint_number=0).plan()
+    policy = read_policy("default")
+    audit_objects(
+        simulator, Exact(simulator), plan, tmp_path, policy=policy, select=("draws", "sbc"), anytime=True
+    )
+    assert "anytime" in json.loads((tmp_path / "verdict.json").read_text())["provenance"]["validators"]
+    assert verify(tmp_path).differences == ()
+
+
+def test_draws_from_disk_and_what_was_judged_again_are_the_same(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    x = rng.standard_normal((300, 2))
+    theta, draws = x + rng.standard_normal((300, 2)), x[:, None] + rng.standard_normal((300, 50, 2))
+    write_trials(make_trials(theta, draws, ["a", "b"]), tmp_path / "t.nc")
+    policy = read_policy("default")
+    audit_trials(tmp_path / "t.nc", tmp_path / "first", policy=policy, seed=3, select=("draws", "sbc"))
+    assert verify(tmp_path / "first").differences == ()
+    strict = make_policy({"tolerance": {"bias": 0.02}}, source="here", base=policy)
+    judge_again(tmp_path / "first", policy=strict, out=tmp_path / "second", seed=8)
+    with pytest.raises(InputError, match="give the audit's Trials with --trials"):
+        verify(tmp_path / "second")
+    assert verify(tmp_path / "second", trials=tmp_path / "first" / "trials.nc").differences == ()
+    judge_again(tmp_path / "first", policy=strict, seed=8)
+    assert verify(tmp_path / "first").differences == ()
+
+
+def test_a_statistic_in_the_findings(folder: Path) -> None:
+    findings, not_checked = read_findings(folder / "findings.nc")
+    chosen = next(finding for finding in findings if finding.id == "sbc.bias[theta_2]")
+    chosen.estimate[0] = np.nextafter(chosen.estimate[0], 1.0)
+    write_findings(findings, not_checked, folder / "findings.nc")
+    assert "sbc.bias[theta_2]: estimate is" in only(folder, "findings.nc")
+
+
+def test_a_finding_that_was_taken_out(folder: Path) -> None:
+    findings, not_checked = read_findings(folder / "findings.nc")
+    write_findings(findings[:-1], not_checked, folder / "findings.nc")
+    found = verify(folder).differences
+    assert any(f"{findings[-1].id} is missing" in line for line in found)
+
+
+def test_a_verdict(folder: Path) -> None:
+    edited(folder / "verdict.json", lambda content: content.update(verdict="FAIL"))
+    assert "verdict is 'FAIL', should be" in only(folder, "verdict.json")
+
+
+def test_a_gate_of_the_verdict(folder: Path) -> None:
+    edited(folder / "verdict.json", lambda content: content["gates"][1].update(verdict="FAIL", tolerance=9.0))
+    tolerance, word = verify(folder).differences
+    assert tolerance == "verdict.json: gates[sbc.bias[theta_1]].tolerance is 9.0, should be 0.1"
+    assert word.startswith("verdict.json: gates[sbc.bias[theta_1]].verdict is 'FAIL'")
+
+
+def test_a_message(folder: Path) -> None:
+    edited(folder / "verdict.json", lambda content: content["gates"][0].update(message="all is well"))
+    assert "gates[draws.finite].message is 'all is well', should be 'no draw" in only(folder, "verdict.json")
+
+
+def test_a_gate_that_was_taken_out(folder: Path) -> None:
+    edited(folder / "verdict.json", lambda content: content["gates"].pop())
+    assert "is missing" in only(folder, "verdict.json")
+
+
+def test_the_space_between(folder: Path) -> None:
+    rewritten(folder / "verdict.json", "{\n", "{\n\n")
+    assert only(folder, "verdict.json") == "verdict.json: other bytes, the same content"
+
+
+def test_a_status_of_junit(folder: Path) -> None:
+    rewritten(folder / "junit.xml", 'failures="0"', 'failures="1"')
+    assert 'failures="1"' in only(folder, "junit.xml")
+
+
+def test_a_line_of_the_summary(folder: Path) -> None:
+    rewritten(folder / "summary.md", "| trials |", "| trails |")
+    assert "line 5 is" in only(folder, "summary.md")
+    (folder / "summary.md").write_text("")
+    assert "is missing" in verify(folder).differences[0]
+
+
+def test_a_number_in_the_report(folder: Path) -> None:
+    gate = json.loads((folder / "verdict.json").read_text())["gates"][1]
+    shown = f"{abs(gate['statistic']):.3f}"
+    rewritten(folder / "report.html", shown, "0.000")
+    assert "report.html: line" in only(folder, "report.html")
+
+
+def test_a_file_that_is_gone(folder: Path) -> None:
+    (folder / "report.html").unlink()
+    assert "cannot be read" in only(folder, "report.html")
+    (folder / "findings.nc").write_bytes(b"CDF")
+    assert any(
+        line.startswith("findings.nc: cannot be read as NetCDF") for line in verify(folder).differences
+    )
+
+
+def test_what_is_recorded_of_the_estimator_and_the_policy(folder: Path) -> None:
+    def change(content: Any) -> None:
+        content["provenance"]["estimator"]["class"] = "somebody.Else"
+
+    edited(folder / "verdict.json", change)
+    found = verify(folder).differences
+    assert any("provenance: sha256.estimator" in line for line in found)
+    assert any(line.startswith("report.html") for line in found)
+
+
+def test_another_policy_or_seed_in_the_record(folder: Path) -> None:
+    def change(content: Any) -> None:
+        content["provenance"]["policy"]["tolerance"]["bias"] = 0.5
+        content["provenance"]["seed"] = 5
+
+    edited(folder / "verdict.json", change)
+    found = verify(folder).differences
+    assert any("sha256.policy" in line for line in found)
+    assert any(line.startswith("verdict.json: gates[sbc.bias[theta_1]].tolerance is 0.1") for line in found)
+    assert any(line.startswith("findings.nc: sbc.uniform[theta_1]") for line in found)
+
+
+def test_an_edit_of_the_trials_shows_against_either_digest(folder: Path) -> None:
+    kept = verify(folder).trials_sha256
+    tree = read_trials(folder / "trials.nc")
+    tree["theta_true"][0, 0] += 1.0
+    write_trials(tree, folder / "trials.nc")
+    found = verify(folder).differences
+    assert f"verdict.json says {kept}" in found[0]
+    assert any(line.startswith("findings.nc: sbc.bias[theta_1]") for line in found)
+    # Whoever makes everything anew is only seen against what is kept elsewhere.
+    record = json.loads((folder / "verdict.json").read_text())["provenance"]
+    audit_trials(
+        folder / "trials.nc", folder, policy=read_policy("default"), seed=record["seed"], select=SELECT
+    )
+    assert verify(folder).differences == ()
+    (line,) = verify(folder, trials_sha256=kept).differences
+    assert line.startswith("trials.nc: ")
+    assert line.endswith("that was kept elsewhere")
+
+
+def test_other_versions_mean_a_tolerance_and_that_is_said(folder: Path) -> None:
+    def change(content: Any) -> None:
+        content["provenance"]["versions"]["numpy"] = "1.0"
+        content["gates"][1]["statistic"] *= 1 + 1e-9
+        content["gates"][2]["statistic"] *= 1.01
+
+    edited(folder / "verdict.json", change)
+    found = verify(folder)
+    assert "numpy 1.0 there" in found.notes[0]
+    assert "numbers are compared to 1e-06 only" in found.notes[0]
+    assert any("gates[sbc.bias[theta_1]]" in line for line in verify(folder, tolerance=0.0).differences)
+    said = [line for line in found.differences if line.startswith("verdict.json: gates")]
+    (line,) = said
+    assert "gates[sbc.log_width[theta_1]].statistic" in line
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda record: record.update(policy=3), "provenance.policy is no table"),
+        (lambda record: record["policy"].update(error_budget=7), "error_budget = 7"),
+        (lambda record: record.update(validators=["magic"]), "unknown validator magic"),
+        (lambda record: record.update(validators="sbc"), "must be a list of names"),
+        (lambda record: record.update(seed="one"), "must be a whole number"),
+    ],
+)
+def test_a_record_that_cannot_be(folder: Path, change: Any, says: str) -> None:
+    edited(folder / "verdict.json", lambda content: change(content["provenance"]))
+    with pytest.raises(InputError, match=says):
+        verify(folder)
+
+
+@pytest.mark.parametrize(
+    "name", ["sha256", "trials", "versions", "listing", "estimator", "confinement", "title"]
+)
+@pytest.mark.parametrize("value", [3, ["\x1b[31m"], {"pickles": "x", "imports": 1}, None])
+def test_a_record_that_somebody_made_up_is_different_and_no_more(
+    tiny: Path, tmp_path: Path, name: str, value: Any
+) -> None:
+    copy = Path(shutil.copytree(tiny, tmp_path / "copy"))
+    edited(copy / "verdict.json", lambda content: content["provenance"].update({name: value}))
+    done = CliRunner().invoke(app, ["verify", str(copy)])
+    assert done.exit_code == 1
+    assert "\x1b" not in done.stdout
+
+
+def test_a_model_card(folder: Path) -> None:
+    rewritten(
+        folder / "model_card.md",
+        "value: PASS" if "value: PASS" in (folder / "model_card.md").read_text() else "value: INCONCLUSIVE",
+        "value: GOOD",
+    )
+    assert "line 18 is" in only(folder, "model_card.md")
+
+
+def test_the_command(folder: Path, tmp_path: Path) -> None:
+    runner = CliRunner()
+    done = runner.invoke(app, ["verify", str(folder)])
+    assert (done.exit_code, done.stdout.splitlines()[0][:5]) == (0, "SAME:")
+    edited(folder / "verdict.json", lambda content: content.update(verdict="FAIL"))
+    done = runner.invoke(app, ["verify", str(folder)])
+    assert done.exit_code == 1
+    assert done.stdout.startswith("verdict.json: verdict is 'FAIL'")
+    for broken in (tmp_path / "none", tmp_path):
+        assert isinstance(runner.invoke(app, ["verify", str(broken)]).exception, InputError)
+    bad = runner.invoke(app, ["verify", str(folder), "--trials-sha256", "abc"])
+    assert "64 hexadecimal digits" in str(bad.exception)
+    (folder / "trials.nc").write_bytes(b"no")
+    assert isinstance(runner.invoke(app, ["verify", str(folder)]).exception, InputError)

@@ -1,0 +1,137 @@
+"""Audits that stop by themselves: when, to the same bits, and what they say."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gaugeblock.auditing.audit import Audit, audit_objects, judge_again
+from gaugeblock.auditing.collect import collect, fingerprint
+from gaugeblock.auditing.config import AuditConfig
+from gaugeblock.auditing.samples import Plan
+from gaugeblock.auditing.watch import Watch, watched
+from gaugeblock.estimators.exact import Exact
+from gaugeblock.simulators import build_simulator
+from gaugeblock.validate import Outcome, read_policy
+
+PLAN = Plan(
+    number=4000,
+    draws=40,
+    chunk=50,
+    importance_number=60,
+    importance_draws=20,
+    joint_number=100,
+    joint_draws=10,
+    seed=3,
+)
+DEFAULT = read_policy("default")
+
+
+@pytest.fixture
+def simulator() -> Any:
+    return build_simulator("linear_gaussian", parameters=1, data=2)
+
+
+class Narrow(Exact):
+    """Draws half as far from the mean as they should be."""
+
+    def sample(self, x: Any, n: int, rng: Any) -> Any:
+        draws = super().sample(x, n, rng)
+        return 0.5 * (draws + draws.mean(axis=1, keepdims=True))
+
+
+class Chained(Exact):
+    """As good as exact, but said to be a Markov chain."""
+
+    autocorrelated = True
+
+
+def run(simulator: Any, estimator: Any, out: Path, plan: Plan = PLAN, **options: Any) -> Audit:
+    return audit_objects(simulator, estimator, plan, out, policy=DEFAULT, anytime=True, **options)
+
+
+def test_a_broken_estimator_is_blocked_after_a_few_chunks(simulator: Any, tmp_path: Path) -> None:
+    result = run(simulator, Narrow(simulator), tmp_path)
+    assert result.verdict.outcome is Outcome.FAIL
+    used = result.trials.sizes["trial"]
+    assert used <= 200
+    assert {gate.n_trials for gate in result.verdict.gates if gate.id.startswith("anytime")} == {used}
+    record = json.loads((tmp_path / "verdict.json").read_text())
+    assert record["provenance"]["trials"] | {"anytime": True, "used": used} == record["provenance"]["trials"]
+    assert any(item["id"] == "coverage.central" for item in record["not_checked"])
+    said = f"stopped after {used} of at most 4,000"
+    assert said in (tmp_path / "summary.md").read_text()
+    assert said in (tmp_path / "report.html").read_text()
+
+
+def test_an_exact_estimator_passes_before_the_last_trial(simulator: Any, tmp_path: Path) -> None:
+    result = run(simulator, Exact(simulator), tmp_path, select=["draws"])
+    assert result.verdict.outcome is Outcome.PASS
+    assert 500 < result.trials.sizes["trial"] < 4000
+    assert {gate.id for gate in result.verdict.gates} >= {"anytime.coverage", "draws.finite"}
+
+
+def test_trials_run_out(simulator: Any, tmp_path: Path) -> None:
+    result = run(simulator, Exact(simulator), tmp_path, replace(PLAN, number=100))
+    assert result.verdict.outcome is Outcome.INCONCLUSIVE
+    assert result.trials.sizes["trial"] == 100
+    assert "none was left after 100" in (tmp_path / "summary.md").read_text()
+
+
+def test_an_interrupted_audit_ends_in_the_same_bits(simulator: Any, tmp_path: Path) -> None:
+    plan = replace(PLAN, chunk=8)
+    whole = run(simulator, Narrow(simulator), tmp_path / "whole", plan)
+    work = tmp_path / "parts" / ".chunks" / fingerprint(simulator, Narrow(simulator), plan)
+    collect(simulator, Narrow(simulator), plan, work.parent, watch=Watch(DEFAULT, plan.seed))
+    (work / "trials-00000008.nc").unlink()
+    parts = run(simulator, Narrow(simulator), tmp_path / "parts", plan)
+    assert np.array_equal(whole.trials["draws"], parts.trials["draws"])
+    assert whole.verdict.to_json()["gates"] == parts.verdict.to_json()["gates"]
+
+
+def test_judged_again_without_sampling(simulator: Any, tmp_path: Path) -> None:
+    first = run(simulator, Narrow(simulator), tmp_path)
+    again = judge_again(tmp_path, policy=DEFAULT)
+    assert again.verdict.gates == first.verdict.gates
+    lenient = DEFAULT.model_copy(
+        update={"tolerance": DEFAULT.tolerance.model_copy(update={"log_width": 2.0, "coverage": 0.6})}
+    )
+    assert judge_again(tmp_path, policy=lenient).verdict.outcome is not Outcome.FAIL
+
+
+def test_a_draw_that_is_no_number_stops_at_once(simulator: Any, tmp_path: Path) -> None:
+    class Sometimes(Exact):
+        def sample(self, x: Any, n: int, rng: Any) -> Any:
+            draws = np.array(super().sample(x, n, rng))
+            draws[0, 0] = np.nan
+            return draws
+
+    result = run(simulator, Sometimes(simulator), tmp_path)
+    assert result.verdict.outcome is Outcome.FAIL
+    assert result.trials.sizes["trial"] == PLAN.chunk
+
+
+def test_what_the_watch_saw_is_what_the_verdict_says(simulator: Any, tmp_path: Path) -> None:
+    """Also where draws are thinned together: a stop is always a verdict."""
+    result = run(simulator, Chained(simulator), tmp_path, select=["draws"])
+    assert result.verdict.outcome is not Outcome.INCONCLUSIVE
+    assert result.trials.sizes["trial"] < 4000
+
+
+def test_audits_of_a_fixed_number_never_run_it(simulator: Any, tmp_path: Path) -> None:
+    plan = replace(PLAN, number=100)
+    result = audit_objects(simulator, Exact(simulator), plan, tmp_path, policy=DEFAULT)
+    assert not any(finding.kind == "sequence" for finding in result.findings)
+    assert "anytime" not in result.verdict.provenance["trials"]
+
+
+def test_the_configuration_and_the_choice_of_validators() -> None:
+    assert not AuditConfig().trials.anytime
+    assert AuditConfig.build({"trials": {"anytime": True}}).trials.anytime
+    assert watched(["sbc", "draws"]) == ("sbc", "draws", "anytime")
+    assert set(watched(None)) >= {"sbc", "coverage", "draws", "anytime"}

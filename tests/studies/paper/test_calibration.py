@@ -1,0 +1,40 @@
+"""Calibration as the study asked it, on levels whose answers are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from studies.paper.calibration import bootstrapped, coverage, deviation, rank_p, recovery
+
+RNG = np.random.default_rng(11)
+
+
+def test_uniform_levels_are_calibrated() -> None:
+    levels = RNG.random((4000, 5))
+    assert rank_p(levels).min() > 1e-3
+    assert coverage(levels, 0.68) == pytest.approx(0.68, abs=0.02)
+    # 0.0156 of 400 spectra and sqrt(10) less of ten times as many.
+    assert float(deviation(levels)) == pytest.approx(0.005, abs=0.003)
+
+
+def test_intervals_that_are_too_narrow_show_and_are_mended_by_other_spectra() -> None:
+    narrow = 0.5 + 0.5 * np.sign(RNG.random((800, 5)) - 0.5) * RNG.random((800, 5)) ** 0.5
+    first, test = narrow[:400], narrow[400:]
+    assert rank_p(test).max() < 1e-3
+    assert coverage(test, 0.5) == pytest.approx(0.25, abs=0.05)
+    assert coverage(test, 0.5, first) == pytest.approx(0.5, abs=0.06)
+    assert float(deviation(test)) > 0.1 > 0.04 > float(deviation(test, first))
+
+
+def test_recovery_is_a_correlation_parameter_by_parameter() -> None:
+    truth = RNG.random((500, 3))
+    assert recovery(truth, truth * [1.0, 2.0, 3.0] + 5.0) == pytest.approx(1.0)
+    assert abs(recovery(truth, RNG.permutation(truth))) < 0.15
+
+
+def test_bootstrap_errors_are_those_of_a_mean() -> None:
+    values = RNG.normal(size=400)
+    error = bootstrapped(lambda a: float(a.mean()), values, rng=RNG)
+    assert error == pytest.approx(1.0 / 20.0, rel=0.2)
+    both = bootstrapped(lambda a, b: float((a - b).mean()), values, values, rng=RNG, together=True)
+    assert both < 1e-12

@@ -1,0 +1,158 @@
+"""Pairs with a gain: common noise, summaries of known draws, and claims of known biases and widths."""
+
+import numpy as np
+import pytest
+from scipy import stats
+from studies.paper.experiments.gain_claims import CURVE, STUDY, claims_of
+from studies.paper.experiments.gain_marginalised import measured
+from studies.paper.experiments.gain_pairs import GAIN_RANGE, KINDS, MEMBERS, Pairs, summaries
+from studies.paper.judge import Verdict, judge
+from studies.paper.numbers import as_table
+from studies.paper.registry import claims
+
+
+class Normal:
+    """Draws around the first channel's count: the photon index with sd 0.3; a gain like its prior."""
+
+    def sample(self, x, n, rng):
+        theta = np.ones((len(x), n, 6))
+        theta[..., 1] = x[:, :1] + 0.3 * rng.standard_normal((1, n))
+        theta[..., 2] = 10.0 ** x[:, 1:2]
+        theta[..., 5] = rng.uniform(*GAIN_RANGE, (1, n))
+        return theta
+
+
+def test_summaries_of_known_draws():
+    x = np.array([[2.0, -3.0], [1.5, -2.0]])
+    found = summaries(Normal(), {"clean": x, "shifted": x + 0.1}, draws=20_000, seed=4)
+    np.testing.assert_allclose(found["clean-alpha"], x[:, 0], atol=0.02)
+    np.testing.assert_allclose(found["clean-alpha-sd"], 0.3, atol=0.01)
+    np.testing.assert_allclose(found["clean-alpha-high"] - x[:, 0], 0.3 * stats.norm.ppf(0.95), atol=0.03)
+    np.testing.assert_allclose(found["clean-norm"], x[:, 1])
+    np.testing.assert_allclose(found["clean-gain-low"], 0.955, atol=0.002)
+    # Members see the same noise: what differs is the spectra alone.
+    np.testing.assert_allclose(found["shifted-alpha"] - found["clean-alpha"], 0.1)
+
+
+def pairs(rng, number, *, bias, norm, gain_low=0.955):
+    """Pairs whose flows are calibrated, but that the free one is a tenth wider."""
+    theta = rng.uniform(1.0, 3.0, (number, 5))
+    made = {"theta": theta}
+    for kind, wide in zip(KINDS, (1.0, 1.1), strict=True):
+        noise = 0.3 * rng.standard_normal(number)
+        for member in MEMBERS:
+            shift = (member == "shifted") * (bias + 0.05 * rng.standard_normal(number))
+            middle = theta[:, 1] + noise + shift
+            made |= {
+                f"{kind}-{member}-alpha": middle,
+                f"{kind}-{member}-alpha-sd": np.full(number, 0.3 * wide),
+                f"{kind}-{member}-alpha-low": middle - 0.3 * wide * stats.norm.ppf(0.95),
+                f"{kind}-{member}-alpha-high": middle + 0.3 * wide * stats.norm.ppf(0.95),
+                f"{kind}-{member}-norm": noise + (member == "shifted") * norm,
+            }
+    for member in MEMBERS:
+        made |= {
+            f"marginalised-{member}-gain-low": np.full(number, gain_low),
+            f"marginalised-{member}-gain-high": np.full(number, 1.045),
+        }
+    return made
+
+
+@pytest.fixture(scope="module")
+def found():
+    rng = np.random.default_rng(0)
+    runs = {f"medium-{k}": pairs(rng, 600, bias=0.02, norm=0.01) for k in range(3)}
+    runs |= {f"bright-{k}": pairs(rng, 600, bias=0.03, norm=0.005) for k in range(3)}
+    for run in ("bright-0",):
+        runs[run]["marginalised-shifted-gain-low"][:60] = 1.001
+    runs |= {
+        f"{level}-exact": {
+            f"exact-{member}-{name}": runs[f"{level}-0"][f"fixed-{member}-{name}"][:50]
+            for member in MEMBERS
+            for name in ("alpha", "alpha-sd", "norm")
+        }
+        for level in ("medium", "bright")
+    }
+    runs |= {
+        f"curve {name}": pairs(rng, 300, bias=0.007 * per_cent, norm=0.0) for name, per_cent in CURVE.items()
+    }
+    runs["bright-study"] = {
+        f"{name}-{member}-norm": (member == "shifted") * size + 0.01 * rng.standard_normal(600)
+        for name, size in zip(STUDY.values(), (0.004, 0.002), strict=True)
+        for member in MEMBERS
+    }
+    return claims_of(runs, 3, {"training": {"simulations": 1000}}, rng)
+
+
+def test_every_claim_is_measured_with_the_parts_it_needs(found):
+    numbers, _ = found
+    needed = {name: claim for name, claim in claims().items() if claim.by == "gain_marginalised"}
+    assert set(numbers) == set(needed)
+    for name, claim in needed.items():
+        if name != "gm.train":
+            assert set(claim.needs) <= set(numbers[name]), name
+
+
+def test_what_is_said_of_every_claim(found):
+    said = measured(as_table(*found))
+    mine = {name: claim for name, claim in claims().items() if claim.by == "gain_marginalised"}
+    assert set(said) == set(mine)
+    judged = {name: judge(claim, said[name]) for name, claim in mine.items()}
+    assert judged["gm.train"].verdict is Verdict.UNTESTABLE
+    assert "1,000 spectra" in judged["gm.train"].reason
+    assert judged["gm.bias.fixed.medium"].verdict is Verdict.AGREES
+    assert judged["gm.g.exclude"].verdict is Verdict.AGREES
+    assert "trained again does by +0.00" in said["gm.KPL.bias.fixed"].because
+    # A flow that is a tenth wider is none of the study's.
+    assert judged["gm.width.ratio.mean"].verdict is Verdict.DIFFERS
+
+
+def test_biases_come_out_with_their_errors(found):
+    numbers, errors = found
+    for claim, expected in (
+        ("gm.bias.fixed.medium", 0.02),
+        ("gm.bias.marg.medium", 0.02),
+        ("gm.bias.bright", 0.03),
+    ):
+        error = errors[claim]["value"]
+        assert error == pytest.approx(0.05 / np.sqrt(1800), rel=0.1)
+        assert numbers[claim]["value"] == pytest.approx(expected, abs=4 * error)
+    assert numbers["gm.bias.fixed.medium"]["less exact"] == 0.0
+    assert numbers["gm.bias.sigma.medium"]["most"] == pytest.approx(0.02 / 0.3, abs=0.02)
+    line, error = (table["gm.bias.lin.3pc"]["value"] for table in found)
+    assert line == pytest.approx(0.021, abs=4 * error)
+    assert error < 0.003
+    assert numbers["gm.KPL.bias.fixed"]["value"] == pytest.approx(0.005)
+    assert numbers["gm.KPL.bias.fixed"]["natural"] == pytest.approx(0.005 * np.log(10.0))
+
+
+def test_widths_and_coverage(found):
+    numbers, errors = found
+    assert numbers["gm.width.ratio.mean"] == {"least": pytest.approx(1.1), "most": pytest.approx(1.1)}
+    assert numbers["gm.width.ratio.med90"]["most"] == pytest.approx(10.0)
+    # 90 per cent, and what a tenth more holds; the bias takes little.
+    wide = 2.0 * stats.norm.cdf(1.1 * stats.norm.ppf(0.95)) - 1.0
+    assert numbers["gm.cov90"]["least"] == pytest.approx(0.9, abs=0.03)
+    assert numbers["gm.cov90"]["most"] == pytest.approx(wide, abs=0.03)
+    assert errors["gm.cov90"]["least"] == pytest.approx(0.007, abs=0.001)
+
+
+def test_gains_that_exclude_one_are_counted(found):
+    numbers, _ = found
+    assert numbers["gm.g.exclude"]["value"] == 60
+    assert numbers["gm.g.exclude"]["share"] == pytest.approx(60 / 3600)
+    assert numbers["gm.g.exclude"]["bright"] == pytest.approx(60 / 1800)
+    assert numbers["gm.g.width"]["most"] == pytest.approx(1.0)
+
+
+def test_members_of_a_pair_share_theta_and_noise(xray_data):
+    pytest.importorskip("jaxspec")
+    rng = np.random.default_rng(1)
+    theta, counts = Pairs("medium").drawn(40, 3.0, rng)
+    clean, shifted = (counts[member] for member in MEMBERS)
+    expected = Pairs("medium").simulator.expected(theta)
+    assert np.abs(clean - expected).max() < 6 * np.sqrt(expected.max())
+    noise = np.sqrt(expected.sum())
+    # Independent members would differ by 1.4 noise; these by what the gain does.
+    assert np.sqrt(((shifted - clean) ** 2).sum()) < 0.7 * noise
+    assert not np.array_equal(clean, shifted)
