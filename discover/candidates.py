@@ -7,13 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.protocol import can
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from gaugeblock.core.arrays import Array
 
 EDGE = 1e-9
 """How close to the border of the unit cube a fit may come: log-uniform priors stay invertible there."""

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.coordinates import EDGE, Coordinates
 from gaugeblock.simulators.protocol import can, poisson_log_likelihood
-
-Array = NDArray[np.float64]
 
 TINY = 1e-12
 """Smallest mean that a residual is divided by."""

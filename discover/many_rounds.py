@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.candidates import Candidates
 from gaugeblock.discovery.fit import Fit
 from gaugeblock.discovery.name.catalogue import Group, search
@@ -21,8 +21,6 @@ from gaugeblock.discovery.search import BEHIND, LEVEL
 from gaugeblock.discovery.single import Step
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
-
-Array = NDArray[np.float64]
 
 PROFILED = 5
 """Most candidates that are profiled in a round."""

@@ -6,13 +6,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.simulators.marginals import Marginal
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.protocol import can
-
-Array = NDArray[np.float64]
 
 
 class Reshaped:

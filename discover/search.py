@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.candidates import Candidates
 from gaugeblock.discovery.fit import Fit
 from gaugeblock.discovery.locate.windows import WindowScan, scan_windows
@@ -17,8 +17,6 @@ from gaugeblock.discovery.name.score import Scores, allowed, scores
 from gaugeblock.discovery.name.templates import Templates, templates
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.segments import segments
-
-Array = NDArray[np.float64]
 
 LEVEL = 0.01
 """Global p at which a disagreement counts."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.confirm.held_out_sources import Judge, Rows, SharedModel
 from gaugeblock.discovery.fit import Fit, fit, select
 from gaugeblock.discovery.name.score import projection
@@ -18,8 +18,6 @@ from gaugeblock.discovery.name.shared_scores import join
 from gaugeblock.discovery.name.unnamed import curves
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.protocol import can
-
-Array = NDArray[np.float64]
 
 SIZE = 0.1
 """Prior standard deviation of the log of a shared smooth correction, at each of its curves."""

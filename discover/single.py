@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gaugeblock.discovery.candidates import Candidates
 from gaugeblock.discovery.confirm.amplitude import Amplitude, Place, held_out_amplitude
@@ -20,8 +19,6 @@ from gaugeblock.discovery.name.profile import Profile
 from gaugeblock.discovery.name.unnamed import Correction, correction
 from gaugeblock.discovery.search import LEVEL, Look, Round, compared, look, profiles_of, source_segments
 from gaugeblock.discovery.sources import Sources
-
-Array = NDArray[np.float64]
 
 MOST = 3
 """Most effects that are added one after the other."""

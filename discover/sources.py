@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.protocol import can
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng, TrialStreams
-from gaugeblock.estimators._ingredients import BRIGHT_SHARE, Array, Ingredients, total
+from gaugeblock.estimators._ingredients import BRIGHT_SHARE, Ingredients, total
 from gaugeblock.simulators.protocol import can
 
 Sample = Callable[[Ingredients, NDArray[Any], int, Rng], Array]

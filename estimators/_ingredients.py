@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import TrialStreams
 from gaugeblock.estimators.protocol import Estimator
 from gaugeblock.simulators.protocol import Simulator
-
-Array = NDArray[np.float64]
 
 REFERENCE_DRAWS = 400
 """Draws that a posterior's moments are taken from: its mean is known to 0.05 sd."""

@@ -6,13 +6,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng, TrialStreams
 from gaugeblock.simulators.protocol import Simulator, can
-
-Array = NDArray[np.float64]
 
 CHUNK = 200
 # How many of the outermost calibration scores set the length of the tail beyond them.

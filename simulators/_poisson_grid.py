@@ -6,13 +6,11 @@ import math
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.simulators._inverse_cdf import draw_bilinear
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.protocol import poisson_log_likelihood
-
-Array = NDArray[np.float64]
 
 ROWS = 8
 """Rows of data whose grids are held at once; bounds memory, changes no bit of the result."""

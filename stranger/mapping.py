@@ -18,14 +18,14 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import Field
 from scipy import special
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.tables import Table, checked
 
-Array = NDArray[np.float64]
 WHERE = "estimator.parameters"
 LOG_10 = math.log(10)
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
 from gaugeblock.simulators.protocol import Simulator
@@ -27,7 +28,6 @@ from gaugeblock.stranger.program import Places, own_program, python_program
 from gaugeblock.stranger.sandbox import working_sandbox
 from gaugeblock.stranger.surroundings import environment, system_files
 
-Array = NDArray[np.float64]
 TRUSTED = "none, trusted by --i-trust-this-estimator"
 SEEDS = 1 << 62
 

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.simulators.linear_gaussian import LinearGaussian
-
-Array = NDArray[np.float64]
 
 NOISE = 0.5
 # Two parameters with posterior sd 0.55 (prior: 1) and correlation -0.67; or one alone.

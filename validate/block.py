@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import TrialStreams
 
 if TYPE_CHECKING:
     from gaugeblock.validate.prepared import Prepared
 
-Array = NDArray[np.float64]
 
 # Values per block: 32 MiB of doubles. Part of what makes a run repeatable to the bit.
 VALUES = 1 << 22

@@ -15,12 +15,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special, stats
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.finding import Finding
-
-Array = NDArray[np.float64]
 
 REPLICATES = 40_000
 CHUNK = 10_000

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from gaugeblock.core.arrays import Array
 
 COMPONENTS = 8
 # Trials that the components are fitted on, and inputs that they are fitted to at most.

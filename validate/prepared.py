@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.block import Block, Statistic, block_length
 from gaugeblock.validate.check import PER_DRAW, PER_TRIAL, circular_parameters, is_autocorrelated
 from gaugeblock.validate.features import FITTED, Features, features_of
@@ -21,8 +22,6 @@ from gaugeblock.validate.marginal.autocorrelation import integrated_autocorrelat
 from gaugeblock.validate.marginal.ranks import randomised_pit, unwrap_circular
 from gaugeblock.validate.marginal.standardised import standardised_errors
 from gaugeblock.validate.trials import IMPORTANCE, group_trials, main_trials
-
-Array = NDArray[np.float64]
 
 
 def trial_numbers(trials: xr.Dataset) -> NDArray[np.int64]:

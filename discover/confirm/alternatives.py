@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.coordinates import Coordinates
 from gaugeblock.discovery.fit import TINY, Fit
 from gaugeblock.simulators.marginals import Normal, Uniform
 from gaugeblock.simulators.prior import Prior
-
-Array = NDArray[np.float64]
 
 DRAWS = 64
 """Draws about a fit over which a likelihood is averaged."""

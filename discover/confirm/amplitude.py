@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.candidates import Candidate
 from gaugeblock.discovery.confirm.thinning import thin
 from gaugeblock.discovery.fit import Fit, fit
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
-
-Array = NDArray[np.float64]
 
 POINTS = 33
 """Amplitudes at which the profile is taken."""

@@ -5,15 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gaugeblock.discovery.confirm.held_out import Model
 from gaugeblock.discovery.fit import Fit
 from gaugeblock.discovery.name.unnamed import curves
 from gaugeblock.discovery.reshaped import Reshaped
 from gaugeblock.simulators.marginals import Normal
-
-Array = NDArray[np.float64]
 
 
 def random_shapes(

@@ -9,16 +9,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.confirm.prior_sensitivity import FACTORS, PriorSensitivity, prior_sensitivity
 from gaugeblock.discovery.extend.engines import BATCH
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.marginals import Uniform
 from gaugeblock.validate.evidence import LogEvidence, evidence_difference, thread_bootstrap
-
-Array = NDArray[np.float64]
 
 LIVE_POINTS = 150
 """Enough for an error of about 0.3 nat on a spectrum of medium counts with five parameters and an effect."""

@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import xlogy
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.confirm.thinning import thin
 from gaugeblock.discovery.fit import TINY, fit
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.protocol import poisson_log_likelihood
-
-Array = NDArray[np.float64]
 
 FOLDS = 5
 

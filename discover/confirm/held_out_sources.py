@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.confirm.held_out import deviance
 from gaugeblock.discovery.fit import Fit
 from gaugeblock.discovery.sources import Sources
-
-Array = NDArray[np.float64]
 
 FOLDS = 3
 

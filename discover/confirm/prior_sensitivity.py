@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.marginals import Uniform
 from gaugeblock.validate.evidence import LogEvidence, Threads, split_threads
-
-Array = NDArray[np.float64]
 
 FACTORS = tuple(float(factor) for factor in np.round(np.geomspace(0.1, 10.0, 9), 4))
 """Widths of the amplitude's prior that are tried, in units of its own."""

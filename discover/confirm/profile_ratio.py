@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.confirm.alternatives import unpenalised
 from gaugeblock.discovery.confirm.shared_fit import held, shared_fit
@@ -15,8 +16,6 @@ from gaugeblock.discovery.confirm.split_ratio import SplitRatio, check_extension
 from gaugeblock.discovery.confirm.thinning import thin
 from gaugeblock.discovery.fit import Fit, fit
 from gaugeblock.discovery.sources import Sources
-
-Array = NDArray[np.float64]
 
 SPLITS = 2
 

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.coordinates import Coordinates
 from gaugeblock.discovery.fit import TINY, Fit, fit
 from gaugeblock.discovery.sources import Sources
-
-Array = NDArray[np.float64]
 
 PROPOSED = 64
 ITERATIONS = 12

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.confirm.alternatives import draws_about, extended_starts, unpenalised
 from gaugeblock.discovery.confirm.thinning import thin
@@ -22,8 +22,6 @@ from gaugeblock.discovery.coordinates import Coordinates
 from gaugeblock.discovery.fit import TINY, fit
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.protocol import poisson_log_likelihood
-
-Array = NDArray[np.float64]
 
 SPLITS = 10
 

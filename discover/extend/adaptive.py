@@ -6,13 +6,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import gammaln, logsumexp
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Rng
 from gaugeblock.simulators.prior import Prior
-
-Array = NDArray[np.float64]
 
 DEFENSIVE = 0.2
 """Share of draws that stay with the proposal one began with, so that nothing it covers is ever lost."""

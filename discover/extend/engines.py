@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.extend.adaptive import Mixture
 from gaugeblock.discovery.extend.widened import Widened
@@ -16,8 +17,6 @@ from gaugeblock.simulators.protocol import can
 from gaugeblock.validate.evidence import thread_bootstrap
 from gaugeblock.validate.joint.importance import KHAT_LIMIT
 from gaugeblock.validate.joint.psis import pareto_khat
-
-Array = NDArray[np.float64]
 
 BATCH = 1024
 """Points that UltraNest proposes at a time: four times as fast as its own choice on a compiled model."""

@@ -9,11 +9,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.extend.composition import Addition, extended
 from gaugeblock.discovery.extend.engines import by_chains, by_flow, by_importance, by_nested_sampling
 
-Array = NDArray[np.float64]
 By = Literal["nested_sampling", "nuts", "importance", "flow"]
 
 

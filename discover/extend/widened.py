@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
 from gaugeblock.estimators.protocol import sample_and_log_prob
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.protocol import can
-
-Array = NDArray[np.float64]
 
 
 class Widened:

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import linalg
 from scipy.special import xlogy
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-
-Array = NDArray[np.float64]
 
 SOURCES_AT_ONCE = 500
 NOTHING_LEFT = 1e-6

@@ -8,11 +8,10 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.locate.fitted import normal_score
 from gaugeblock.discovery.locate.stacking import StackedExcess
 from gaugeblock.discovery.locate.windows import share_beyond
-
-Array = NDArray[np.float64]
 
 COUNTS_NEEDED = 20.0
 """Expected counts from which a bin takes part: below, its excess is not yet near enough to normal."""

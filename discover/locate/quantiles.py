@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.locate.fitted import FittedCounts
 from gaugeblock.discovery.locate.windows import share_beyond
-
-Array = NDArray[np.float64]
 
 FLOOR = 0.1
 """The least standard deviation a curve is divided by, as a share of its largest: a fit pins the ends."""

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.locate.fitted import FittedCounts, normal_score
-
-Array = NDArray[np.float64]
 
 UNDERFLOW = 1e-290
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.locate.fitted import SOURCES_AT_ONCE, checked, fitted_excess, posterior_roots
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

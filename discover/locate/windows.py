@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.locate.fitted import FittedCounts, normal_score
-
-Array = NDArray[np.float64]
 
 REPLICATES_AT_ONCE = 100
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
 from gaugeblock.discovery.candidates import Candidates
@@ -20,8 +21,6 @@ from gaugeblock.discovery.name.shared_scores import SEEN, SharedScores, join, sh
 from gaugeblock.discovery.name.stack import Stack, projector, stack
 from gaugeblock.discovery.name.templates import Templates, templates
 from gaugeblock.discovery.sources import Sources
-
-Array = NDArray[np.float64]
 
 BLOCK = 128
 """Sources whose templates are in memory at once."""

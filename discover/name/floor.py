@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.name.shared_scores import SharedScores
 from gaugeblock.discovery.name.stack import prior_precision, projector, solved
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.name.shared_scores import SEEN, SharedScores
 from gaugeblock.discovery.name.stack import prior_precision, solved, stack
-
-Array = NDArray[np.float64]
 
 
 def influence(scores: SharedScores, sd: ArrayLike = ()) -> Array:

@@ -12,16 +12,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.fit import TINY, Fit
 from gaugeblock.discovery.name.population import ITERATIONS, Tilt, fit_population
 from gaugeblock.discovery.name.posterior_draws import BLOCK, Draws, posterior_draws
 from gaugeblock.discovery.name.shared import Shared
 from gaugeblock.discovery.name.shared_scores import SharedScores
 from gaugeblock.discovery.sources import Sources
-
-Array = NDArray[np.float64]
 
 NEGLIGIBLE = 1e-5
 """Draws of less weight are left out of the templates: together they move no score."""

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.name.score import allowed
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.coordinates import Coordinates
 from gaugeblock.discovery.fit import TINY, Fit
 from gaugeblock.discovery.fit import fit as fit_sources
-
-Array = NDArray[np.float64]
 
 WIDTHS = np.array([1.0, 3.0])
 """Of the first round's proposals, in units of the fit's own."""

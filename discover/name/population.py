@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
-Array = NDArray[np.float64]
+from gaugeblock.core.arrays import Array
 
 DEGREE = 2
 ITERATIONS = 30

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 from scipy.stats import qmc
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.fit import TINY, Fit
 from gaugeblock.discovery.name.peaks import peaks, rows_of, systematic
 from gaugeblock.discovery.name.truncated import TruncatedNormal
-
-Array = NDArray[np.float64]
 
 BLOCK = 256
 """Sources in one block: each has a stream of random numbers of its own."""

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.candidates import Candidate
 from gaugeblock.discovery.fit import Fit, fit, likeliest_draws
 from gaugeblock.discovery.name.score import Scores, allowed
 from gaugeblock.discovery.name.templates import Templates, observed_nodes
 from gaugeblock.discovery.sources import Sources
-
-Array = NDArray[np.float64]
 
 TRIES = 3
 """Scanned values at which a fit begins."""

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.fit import TINY, Fit
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

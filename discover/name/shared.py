@@ -7,15 +7,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.fit import Fit, fit
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.protocol import can
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.stats import norm
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.fit import Fit
 from gaugeblock.discovery.name.shared import Shared, Term, fit_held, share
@@ -16,8 +17,6 @@ from gaugeblock.discovery.name.shared_scores import SharedScores, join, shared_s
 from gaugeblock.discovery.name.shared_starts import spread_starts
 from gaugeblock.discovery.name.stack import prior_precision, solved, stack
 from gaugeblock.discovery.sources import Sources
-
-Array = NDArray[np.float64]
 
 ITERATIONS = 8
 SLACK = 0.05

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.candidates import Candidate
 from gaugeblock.discovery.name.catalogue import Group
 from gaugeblock.discovery.name.score import allowed
@@ -15,8 +15,6 @@ from gaugeblock.discovery.name.shared_scores import join, shared_scores
 from gaugeblock.discovery.name.stack import stack
 from gaugeblock.discovery.name.templates import effect_templates
 from gaugeblock.simulators.library import LibraryEffect
-
-Array = NDArray[np.float64]
 
 POINTS = 5
 """Values of each scanned parameter that a pass tries."""

@@ -7,13 +7,11 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.fit import Fit
 from gaugeblock.discovery.name.score import projection
-
-Array = NDArray[np.float64]
 
 SEEN = 1e-9
 """Share of a template's information that rounding may leave where nuisances take all of it."""

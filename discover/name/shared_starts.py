@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.fit import TINY, Fit, fit
 from gaugeblock.discovery.sources import Sources
-
-Array = NDArray[np.float64]
 
 TRIES = 16
 """Places from which a source is fitted; from half as many one bright EPIC-pn source in ten ends elsewhere."""

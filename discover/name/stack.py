@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.name.shared_scores import SEEN, SharedScores
-
-Array = NDArray[np.float64]
 
 SIGMA = 5.0
 """The smallest detectable amplitude is one that stands out by this many standard errors."""

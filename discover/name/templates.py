@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.candidates import Candidate, Candidates
 from gaugeblock.discovery.fit import Fit
 from gaugeblock.discovery.sources import Sources
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

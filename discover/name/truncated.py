@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtr, ndtri
 
-Array = NDArray[np.float64]
+from gaugeblock.core.arrays import Array
 
 _HALF_LOG = 0.5 * np.log(2.0 * np.pi)
 

@@ -6,16 +6,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.fit import Fit, fit
 from gaugeblock.discovery.name.score import projection
 from gaugeblock.discovery.reshaped import Reshaped
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.marginals import Normal
 from gaugeblock.simulators.segments import segments
-
-Array = NDArray[np.float64]
 
 SIZES = (0.03, 0.1, 0.3, 1.0)
 """Prior standard deviations of the log correction that are tried."""

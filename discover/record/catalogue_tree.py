@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.locate.frames import Frames
 from gaugeblock.discovery.locate.quantiles import CumulativeCounts
 from gaugeblock.discovery.locate.windows import WindowScan
@@ -17,8 +17,6 @@ from gaugeblock.discovery.name.floor import reach
 from gaugeblock.discovery.name.influence import influence
 from gaugeblock.discovery.name.score import allowed
 from gaugeblock.discovery.record.tree import axis, quantiles, residual, windows
-
-Array = NDArray[np.float64]
 
 NUMBERS = (10, 30, 100, 300, 1000, 3000, 10_000, 100_000)
 """Numbers of sources for which the amplitude's error is told."""

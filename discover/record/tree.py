@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.fit import Fit
 from gaugeblock.discovery.locate.fitted import FittedCounts
 from gaugeblock.discovery.locate.quantiles import CumulativeCounts
@@ -19,8 +20,6 @@ from gaugeblock.discovery.search import Look
 from gaugeblock.discovery.single import Search
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.segments import segments
-
-Array = NDArray[np.float64]
 
 
 def tree(search: Search) -> xr.DataTree:

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.simulated.features import Features, Summaries, learn_features
 from gaugeblock.discovery.simulated.model import Model
 from gaugeblock.discovery.simulated.population import Population
-
-Array = NDArray[np.float64]
 
 ROUNDS = 5
 WIDER = 1.5

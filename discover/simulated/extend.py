@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.candidates import Candidate
 from gaugeblock.discovery.simulated.features import Features
 from gaugeblock.discovery.simulated.fit import (
@@ -20,8 +20,6 @@ from gaugeblock.discovery.simulated.fit import (
 from gaugeblock.discovery.simulated.model import Model
 from gaugeblock.discovery.simulated.scores import Base, learn, simulate_base
 from gaugeblock.discovery.simulated.search import Found
-
-Array = NDArray[np.float64]
 
 SHARE = 0.04
 """Steps of scanned parameters, as a share of their prior's width."""

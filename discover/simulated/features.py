@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import ndtri
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 
-Array = NDArray[np.float64]
 Summaries = Callable[[Array], Array]
 """From data ``(n, ...)`` to numbers ``(n, k)`` that say all that matters about them."""
 

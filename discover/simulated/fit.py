@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.simulated.features import Features
 from gaugeblock.discovery.simulated.model import Model
 from gaugeblock.discovery.simulated.scores import Base, Lesson, learn, simulate_base
-
-Array = NDArray[np.float64]
 
 ROUNDS = 3
 """Times that the scores are learned anew where the last fit ended."""

@@ -6,13 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.simulated.extend import Extended, LogRatio, refit
 from gaugeblock.discovery.simulated.features import Features
 from gaugeblock.discovery.simulated.fit import Budget, Observed, SimulatedFit, inflation
-
-Array = NDArray[np.float64]
 
 FOLDS = 2
 RANDOM = 3

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.simulated.population import Population
-
-Array = NDArray[np.float64]
 
 MARGIN = 1e-3
 """Effects keep this share of their prior's width away from its ends, but where the neutral value is one."""

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.simulators.prior import Prior
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.search import LEVEL
 from gaugeblock.discovery.simulated.extend import Extended
 from gaugeblock.discovery.simulated.held_out import BEFORE, gap, moments
@@ -18,7 +18,6 @@ from gaugeblock.simulators.segments import segments
 if TYPE_CHECKING:
     from gaugeblock.discovery.simulated.workflow import SimulatedSearch
 
-Array = NDArray[np.float64]
 
 FIVE_SIGMA = 5.0
 LEVEL_OF_INTERVAL = 0.9

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.candidates import Candidates
 from gaugeblock.discovery.simulated.features import Features
 from gaugeblock.discovery.simulated.fit import Budget, Observed, SimulatedFit, inflation
 from gaugeblock.discovery.simulated.scores import Base, derivative
-
-Array = NDArray[np.float64]
 
 SCAN_SEED = 1000
 """Seeds of the scan's simulations begin so far behind the fit's."""

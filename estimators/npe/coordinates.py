@@ -13,13 +13,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import ndtr, ndtri
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.simulators.marginals import Normal
 from gaugeblock.simulators.prior import Prior
-
-Array = NDArray[np.float64]
 
 
 def to_scores(prior: Prior, theta: ArrayLike) -> Array:

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
 from gaugeblock.estimators.npe.coordinates import from_scores, physical_log_density, to_scores
@@ -17,7 +18,6 @@ from gaugeblock.simulators.prior import Prior
 
 # Activations of this many draws stay in the processor's cache; 65,536 at once take six times as long.
 DRAWS_AT_ONCE = 8192
-Array = NDArray[np.float64]
 
 
 class NPE:

@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.reports.svg import round_ticks, tick_label
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

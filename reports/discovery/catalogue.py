@@ -9,10 +9,11 @@ import numpy as np
 import xarray as xr
 from markupsafe import Markup
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.reports.discovery.axes import Axis, energy_axis, log_axis
 from gaugeblock.reports.discovery.chapter import Chapter, Column, LeftOut, Rows, Table
 from gaugeblock.reports.discovery.phrases import effect_words, finite, pick, with_unit
-from gaugeblock.reports.discovery.read import Array, Missing, attribute, floats, group, texts
+from gaugeblock.reports.discovery.read import Missing, attribute, floats, group, texts
 from gaugeblock.reports.section import Panel
 from gaugeblock.reports.svg import Frame, drawing
 from gaugeblock.reports.words import number, p_equals, short

@@ -9,9 +9,10 @@ import numpy as np
 import xarray as xr
 from markupsafe import Markup
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.reports.discovery.chapter import Chapter, LeftOut
 from gaugeblock.reports.discovery.phrases import effect_words, finite, pick
-from gaugeblock.reports.discovery.read import Array, Missing, attribute, floats, group, texts
+from gaugeblock.reports.discovery.read import Missing, attribute, floats, group, texts
 from gaugeblock.reports.section import Panel
 from gaugeblock.reports.svg import Frame, drawing, tag
 from gaugeblock.reports.words import number, probability, short

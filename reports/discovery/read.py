@@ -8,10 +8,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.reports.discovery.schema import GROUPS
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

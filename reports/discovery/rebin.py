@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.locate import normal_score
-
-Array = NDArray[np.float64]
 
 MOST = 150
 LEAST_COUNTS = 8.0

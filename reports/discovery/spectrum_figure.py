@@ -7,15 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.reports.discovery.axes import Axis, energy_axis, log_axis
 from gaugeblock.reports.discovery.read import Part
 from gaugeblock.reports.discovery.rebin import Bins, binned_residual, display_bins
 from gaugeblock.reports.svg import Frame, drawing, tag
 from gaugeblock.reports.words import number
-
-Array = NDArray[np.float64]
 
 WIDTH, HEIGHT, UPPER = 960.0, 430.0, 270.0
 SIDES = {"left": 66.0, "right": 12.0}

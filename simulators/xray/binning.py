@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from gaugeblock.core.arrays import Array
 
 PER_FWHM = 3.0
 """Groups to a full width at half maximum."""

@@ -7,14 +7,12 @@ from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import require
 from gaugeblock.simulators.xray.components import TABLES
 from gaugeblock.simulators.xray.data import path as data_path
 from gaugeblock.simulators.xray.expression import Leaf
-
-Array = NDArray[np.float64]
 
 BEND = 1.0
 """Change of slope, d log(cross-section) / d log(energy), that adds up between two breaks. It counts in full

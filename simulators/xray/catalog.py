@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.prior import Prior
@@ -22,7 +21,6 @@ from gaugeblock.simulators.xray.siblings import Siblings
 from gaugeblock.simulators.xray.simulator import XraySpectrum
 from gaugeblock.simulators.xray.with_background import WithBackground
 
-Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
 PATTERNS = (("*.pha", "*.pha.gz"), ("*.fits", "*.fits.gz", "*.pi", "*.pi.gz"))

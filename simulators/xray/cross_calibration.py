@@ -6,16 +6,15 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.marginals import Marginal
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray.forward import FLOOR
 from gaugeblock.simulators.xray.poisson import theta_array
-
-Array = NDArray[np.float64]
 
 PARAMETER = "cross_calibration_1.factor"
 

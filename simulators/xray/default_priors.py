@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.marginals import LogUniform, Marginal, Uniform
@@ -13,8 +13,6 @@ from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray.components import COMPONENTS
 from gaugeblock.simulators.xray.expression import Leaf, Node, leaves, parse
 from gaugeblock.simulators.xray.response import Response
-
-Array = NDArray[np.float64]
 
 _COLUMN = LogUniform(1e-3, 50.0)
 _INDEX = Uniform(-1.0, 5.0)

@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError, require
 from gaugeblock.simulators.xray.files import FilePath, load, sha256
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

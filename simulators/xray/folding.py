@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.simulators.xray.effects.assembly import Assembly, Bound, Source
 from gaugeblock.simulators.xray.expression import Node, build
 from gaugeblock.simulators.xray.forward import ForwardModel
@@ -17,8 +18,6 @@ from gaugeblock.simulators.xray.precision import double_precision
 from gaugeblock.simulators.xray.rate import Folding, Rate
 from gaugeblock.simulators.xray.recorded.fold import recorded_folding
 from gaugeblock.simulators.xray.response import Response
-
-Array = NDArray[np.float64]
 
 
 def forward(assembly: Assembly, response: Response, *, integration: str = "jaxspec") -> ForwardModel:

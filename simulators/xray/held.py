@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.simulators.xray.precision import double_precision
 from gaugeblock.simulators.xray.rate import Rate
-
-Array = NDArray[np.float64]
 
 CHUNK = 64
 """Spectra evaluated at once, always as many, so that each function is compiled once."""

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.xray.breaks import breaks, moving
 from gaugeblock.simulators.xray.expression import Leaf, Node, Product, leaves
 from gaugeblock.simulators.xray.pieces import Evaluator, Pieces, evaluator
 
-Array = NDArray[np.float64]
 Values = Callable[[Leaf], Mapping[str, Any]]
 """The value of each of a component's parameters, by name."""
 

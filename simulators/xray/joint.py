@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
 from gaugeblock.simulators.effects import Effect
@@ -18,8 +19,6 @@ from gaugeblock.simulators.protocol import can
 from gaugeblock.simulators.segments import Segment
 from gaugeblock.simulators.xray.joint_library import OnInstrument, joint_library
 from gaugeblock.simulators.xray.poisson import jax_log_likelihood, log_likelihood, theta_array
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.marginals import Normal
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray.background_shape import BackgroundShape
-
-Array = NDArray[np.float64]
 
 KNOTS = range(6, 15)
 """How many knots are tried."""

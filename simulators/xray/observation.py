@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray import data
@@ -24,7 +24,6 @@ from gaugeblock.simulators.xray.simulator import XraySpectrum
 from gaugeblock.simulators.xray.spectrum import Spectrum
 from gaugeblock.simulators.xray.with_background import with_background
 
-Array = NDArray[np.float64]
 Priors = str | FilePath | Mapping[str, Any] | Prior | None
 Files = FilePath | Sequence[FilePath] | None
 

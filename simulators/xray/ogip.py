@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.xray.detector import Detector, read_detector
 from gaugeblock.simulators.xray.files import FilePath, load, sha256
 from gaugeblock.simulators.xray.pha import Pha, read_pha
 from gaugeblock.simulators.xray.response import Response
-
-Array = NDArray[np.float64]
 
 
 def read_response(

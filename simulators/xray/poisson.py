@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.protocol import poisson_log_likelihood
-
-Array = NDArray[np.float64]
 
 
 def theta_array(prior: Prior, theta: ArrayLike) -> Array:

@@ -6,14 +6,13 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.simulators.marginals import Normal
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray.measured_background import WIDEST, MeasuredBackground
 from gaugeblock.simulators.xray.spectrum import Spectrum
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 
 STEP = 1.25

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
 from gaugeblock.simulators.effects import Effect
@@ -18,8 +19,6 @@ from gaugeblock.simulators.xray.forward import FLOOR
 from gaugeblock.simulators.xray.measured_background import MeasuredBackground
 from gaugeblock.simulators.xray.poisson import jax_log_likelihood, log_likelihood, theta_array
 from gaugeblock.simulators.xray.siblings import Siblings
-
-Array = NDArray[np.float64]
 
 
 class WithBackground:

@@ -10,8 +10,6 @@ from gaugeblock.discovery.name.stack import stack
 from studies.gain.models import NUISANCES, SETS, nuisance_sd
 from studies.gain.pools import TEMPLATES, Scored
 
-Array = NDArray[np.float64]
-
 FIELDS = ("z", "amplitude", "standard_error", "sandwich_error")
 
 

@@ -7,16 +7,14 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.name.shared import Term
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.marginals import Uniform
 from gaugeblock.simulators.xray import reference
 from studies.gain.tabulated import Tabulated
-
-Array = NDArray[np.float64]
 
 MEDIUM = 0.1
 """Exposure of a medium spectrum in units of a bright one's."""

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.atomic import atomic_path
 from gaugeblock.core.digest import digest
 from gaugeblock.discovery.fit import fit
@@ -20,8 +20,6 @@ from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.xray import reference
 from studies.gain.models import GAINS, MEDIUM, TabulatedShared, nuisance_templates, table
-
-Array = NDArray[np.float64]
 
 CHUNK = 500
 """Spectra that are simulated, fitted and stored together."""

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.digest import digest
 from gaugeblock.discovery.fit import fit
 from gaugeblock.discovery.name.posterior_draws import posterior_draws
@@ -27,8 +27,6 @@ from gaugeblock.validate.joint.psis import pareto_khat
 from gaugeblock.validate.learned.two_sample import classifier_two_sample
 from studies.gain.models import table
 from studies.gain.pools import Pool, draw
-
-Array = NDArray[np.float64]
 
 REPLICATES = 200
 FLOW_DRAWS = 500

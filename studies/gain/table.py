@@ -10,11 +10,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from studies.gain.catalogues import FIELDS, catalogues, marginal, orthogonal
 from studies.gain.models import GAINS, SETS
 from studies.gain.pools import Pool, Scored
-
-Array = NDArray[np.float64]
 
 CATALOGUES = 400
 """Effect-free catalogues that make a null."""

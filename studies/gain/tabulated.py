@@ -12,14 +12,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import RectBivariateSpline
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray.forward import FLOOR
-
-Array = NDArray[np.float64]
 
 NODES = 40
 RANK = 1e-10

@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.candidates import Candidate, Candidates
 from gaugeblock.discovery.fit import Fit, fit, likeliest_draws, select
 from gaugeblock.discovery.name.score import allowed, scores
-
-Array = NDArray[np.float64]
 
 TRIES = 2
 """Places at which a rival's fit begins."""

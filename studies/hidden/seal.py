@@ -12,13 +12,11 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.atomic import write_atomically
 from gaugeblock.core.errors import InputError
 from studies.hidden.truth import Truth
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

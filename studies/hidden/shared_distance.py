@@ -5,15 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.candidates import Candidate, Candidates
 from gaugeblock.discovery.coordinates import Coordinates
 from gaugeblock.discovery.fit import fit
 from gaugeblock.discovery.name.score import scores
 from studies.hidden.distance import Blocks, begun, deviance
-
-Array = NDArray[np.float64]
 
 NEAR = 4
 """Rivals that are fitted: those which scores of all sources together favour. The others' distances are what

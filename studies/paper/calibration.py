@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import kstest
 
+from gaugeblock.core.arrays import Array
 from studies.paper.grid_populations import clean_counts
 from studies.paper.pieces import Arrays
-
-Array = NDArray[np.float64]
 
 RANKS, CALIBRATION, TEST, RECOVERY = 101, 303, 404, 1
 """Offsets of the study's seeds for its sets of fresh spectra."""

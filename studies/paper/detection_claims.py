@@ -6,12 +6,11 @@ from collections.abc import Iterator
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from studies.paper.grid_populations import FAMILIES, LEVELS
 from studies.paper.registry import DETECTORS
 
-Array = NDArray[np.float64]
 Values = dict[str, dict[str, Array]]
 """Numbers ``(...)`` by claim and part."""
 

@@ -9,15 +9,13 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.detectors import auc
 from studies.paper.detection_level import CELLS, STRENGTHS, Level
 from studies.paper.grid_populations import FAMILIES, LEVELS
 from studies.paper.pieces import Arrays, Pieces
 from studies.paper.registry import DETECTORS
-
-Array = NDArray[np.float64]
 
 CELL = ("level", "family", "strength", "detector")
 REPLICATES = 500

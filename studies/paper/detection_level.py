@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.detectors import auc
 from studies.paper.detectors import (
     Misplaced,
@@ -25,8 +25,6 @@ from studies.paper.grid_populations import (
     clean_counts,
 )
 from studies.paper.pieces import Arrays
-
-Array = NDArray[np.float64]
 
 STRENGTHS = 4
 """Of every family."""

@@ -10,12 +10,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import require
 from gaugeblock.validate.detectors.predictive_check import kolmogorov_smirnov
-
-Array = NDArray[np.float64]
 
 DRAWS = 200
 """Draws of the posterior that D1 folds."""

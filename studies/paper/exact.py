@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import gammaln
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.fit import fit
 from gaugeblock.discovery.name.posterior_draws import posterior_draws
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

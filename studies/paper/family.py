@@ -11,12 +11,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from studies.paper.claim import Claim, Kind
 from studies.paper.judge import Judgement, Verdict
-
-Array = NDArray[np.float64]
 
 REPLICATIONS = 20_000
 """Replications that a claim's error rate is computed from."""

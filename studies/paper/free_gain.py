@@ -15,10 +15,9 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammaln
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Rng
 from gaugeblock.simulators.prior import Prior
-
-Array = NDArray[np.float64]
 
 DEGREES = ((3, 5, 10), (3, 9, 10))
 """Of the series of either component: in absorption, photon index or log temperature, and gain."""

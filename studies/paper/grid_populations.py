@@ -11,11 +11,9 @@ import hashlib
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from studies.paper.experiments.counts import SEED
-
-Array = NDArray[np.float64]
 
 LEVELS = ("faint", "medium", "bright")
 FAMILIES = ("B1", "B2", "B3", "B4")

@@ -7,12 +7,10 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from studies.paper.claim import Claim
 from studies.paper.registry import claims
-
-Array = NDArray[np.float64]
 
 SWEEP, SUB, SETS = ("1", "3", "5", "10"), ("0.1", "0.2", "0.3", "0.5"), 4
 KINDS = (

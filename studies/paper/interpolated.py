@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import gammaln
 
-Array = NDArray[np.float64]
+from gaugeblock.core.arrays import Array
 
 DEGREE = (7, 16)
 """Of the series in the absorption, and in the photon index or the logarithm of the temperature."""

@@ -12,8 +12,9 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.anytime.anytime_joint import STATISTICS, joint_sequences
 from gaugeblock.validate.anytime.normal_process import log_evidence_against_uniform
 from gaugeblock.validate.anytime.sequence import REFERENCE, gap_sequence, sequence_finding
@@ -24,8 +25,6 @@ from gaugeblock.validate.marginal.coverage import LEVELS, inside_central
 from gaugeblock.validate.marginal.winsorised import Scores, winsorised_scores
 from gaugeblock.validate.p_values import SMALLEST
 from gaugeblock.validate.prepared import Prepared, effective_draws, pit
-
-Array = NDArray[np.float64]
 
 
 def cut_scores(block: Block) -> Array:

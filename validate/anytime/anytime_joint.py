@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.anytime.sequence import gap_sequence
 from gaugeblock.validate.block import Block
 from gaugeblock.validate.finding import Finding, NotChecked
@@ -18,8 +19,6 @@ from gaugeblock.validate.joint.hpd import hpd
 from gaugeblock.validate.joint.projections import LOWEST, directions, pairs, projections
 from gaugeblock.validate.marginal.coverage import LEVELS, inside_central
 from gaugeblock.validate.prepared import Prepared
-
-Array = NDArray[np.float64]
 
 CENTRAL = (0.5, 0.8)
 NEIGHBOURS = 10

@@ -12,9 +12,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from gaugeblock.core.arrays import Array
 
 # Products kept in memory at once; bounds memory, and changes results in the last bit only.
 BLOCK = 2_000_000

@@ -10,10 +10,10 @@ it needs no independence between them. Ville's inequality: it ever reaches 1 / e
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
-Array = NDArray[np.float64]
+from gaugeblock.core.arrays import Array
 
 SIZES = (0.05, 0.1, 0.2, 0.4, 0.8)
 # One of three equal parts of the capital is on shifts, one on widths, one on both at once.

@@ -9,9 +9,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.finding import Finding
-
-Array = NDArray[np.float64]
 
 REFERENCE = "betting: Waudby-Smith & Ramdas 2024, arXiv:2010.09686"
 

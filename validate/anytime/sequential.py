@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from gaugeblock.validate.anytime.stakes import PASS_THRESHOLD, Evidence, decide, gather
@@ -16,8 +15,6 @@ from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.messages import gate_message
 from gaugeblock.validate.policy import Policy, covers
 from gaugeblock.validate.verdict import Gate, Outcome
-
-Array = NDArray[np.float64]
 
 # What each gate for a fixed number of trials is called when one may stop at any.
 _ANSWERS = {

@@ -13,17 +13,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.anytime.wager import AIMED, BOLD
 from gaugeblock.validate.anytime.wager_units import Question, question
 from gaugeblock.validate.family import PASS_LEVEL
 from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.policy import Policy
 from gaugeblock.validate.verdict import Outcome
-
-Array = NDArray[np.float64]
 
 PASS_THRESHOLD = float(-np.log(1 - PASS_LEVEL))
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.anytime.betting import (
     BETS,
     BOLDEST,
@@ -21,8 +22,6 @@ from gaugeblock.validate.anytime.betting import (
     log_capital,
     log_capital_of_hits,
 )
-
-Array = NDArray[np.float64]
 
 BOLD: Array = np.full(BETS, 1 / BETS)
 # Which claims a sound estimator refutes is known beforehand, and so is the best bet: half is on it.

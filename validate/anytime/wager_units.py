@@ -6,14 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.anytime.wager import Wager
 from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.marginal.winsorised import CUT, cut_mean, cut_square_ratio
 from gaugeblock.validate.policy import Policy
-
-Array = NDArray[np.float64]
 
 # Finer and wider than anything that cut scores can tell apart.
 _GRID = np.linspace(-6.0, 6.0, 4801)

@@ -11,13 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.finding import Finding
-
-Array = NDArray[np.float64]
 
 REPLICATES = 4999
 VALUES = 1 << 21

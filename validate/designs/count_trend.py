@@ -11,11 +11,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-
-Array = NDArray[np.float64]
 
 REPLICATES = 5000
 LEAST_REFERENCE = 4

@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.block import Block, block_length
 from gaugeblock.validate.check import circular_parameters
 from gaugeblock.validate.designs.shrink import capture, weighted_sd
@@ -20,8 +21,6 @@ from gaugeblock.validate.joint.importance import KHAT_LIMIT, NEEDED, log_weights
 from gaugeblock.validate.joint.psis import pareto_khat
 from gaugeblock.validate.marginal.ranks import unwrap_circular
 from gaugeblock.validate.prepared import Prepared, trial_numbers
-
-Array = NDArray[np.float64]
 
 REFERENCE = (
     "law of total variance; exact posterior sd by importance weights (Vehtari et al. 2024, arXiv:1507.02646)"

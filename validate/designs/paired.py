@@ -15,11 +15,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.designs.shifts import Shifts, shift_interval
 from gaugeblock.validate.finding import Finding
-
-Array = NDArray[np.float64]
 
 REPLICATES = 4999
 # All sign flips of this many pairs are enumerated; more are sampled.

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from gaugeblock.core.arrays import Array
 
 # Statistics this close to the observed one, relative to the largest, are ties that rounding broke.
 ROUNDING = 1e-12

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special, stats
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.designs.paired import ENUMERATED, PairedTest, differences, sign_flips
-
-Array = NDArray[np.float64]
 
 # Up to this many differences the null law is tabulated exactly, if no two are equal in size.
 TABULATED = 50

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.detectors.mmd import PERMUTATIONS, mmd
 from gaugeblock.validate.finding import Finding
-
-Array = NDArray[np.float64]
 
 REFERENCE = "Schmitt et al. 2023, arXiv:2112.08866; Gretton et al. 2012, JMLR 13, 723; Vovk et al. 2005"
 

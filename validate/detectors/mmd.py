@@ -8,11 +8,10 @@ how far these are from each other, and its permutation null is exact.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-
-Array = NDArray[np.float64]
 
 # Points of each sample at most: the kernel of all pairs is in memory.
 MOST_POINTS = 2000

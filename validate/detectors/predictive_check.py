@@ -15,13 +15,13 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.finding import Finding
 
-Array = NDArray[np.float64]
 DataStatistic = Callable[[Array, Array, Array], Array]
 """From data ``(m, k, channel)``, mean and variance ``(m, 1, channel)`` to ``(m, k)``; large is suspicious."""
 

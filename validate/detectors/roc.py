@@ -12,13 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import stats
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.finding import Finding
-
-Array = NDArray[np.float64]
 
 REFERENCE = "Hanley & McNeil 1982; permutation and bootstrap of rank sums"
 CHUNK = 1 << 22

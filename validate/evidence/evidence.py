@@ -21,8 +21,6 @@ from gaugeblock.validate.marginal.standardised import bias, log_width
 from gaugeblock.validate.p_values import SMALLEST, two_sided
 from gaugeblock.validate.prepared import Prepared
 
-Array = NDArray[np.float64]
-
 REFERENCE = "Higson et al. 2018, arXiv:1704.03459"
 NEEDED = ("log_evidence", "log_evidence_error")
 TRUTH = "log_evidence_true"

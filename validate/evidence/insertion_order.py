@@ -15,13 +15,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.evidence.nested_threads import NestedPoints, Threads, threads_of
 from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.marginal.uniformity import ecdf_test
 from gaugeblock.validate.p_values import two_sided
-
-Array = NDArray[np.float64]
 
 LEAST_POINTS = 20
 

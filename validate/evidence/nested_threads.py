@@ -13,9 +13,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-
-Array = NDArray[np.float64]
 
 
 class NestedPoints(Protocol):

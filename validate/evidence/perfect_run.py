@@ -9,11 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.evidence.nested_threads import Threads, split_threads
-
-Array = NDArray[np.float64]
 
 
 def perfect_run(

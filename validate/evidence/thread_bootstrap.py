@@ -12,12 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.evidence.nested_threads import NestedPoints, Threads, threads_of
-
-Array = NDArray[np.float64]
 
 REPLICATES = 1000
 # Values of one (replicate, point) array held at a time: 8 MiB. Changes no bit of the thread bootstrap.

@@ -12,10 +12,10 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
-Array = NDArray[np.float64]
+from gaugeblock.core.arrays import Array
 
 # The ellipsoid's share of the reach of the draws that place it; small, so that it stays clear of edges, but
 # never so small that it holds less than a tenth of them.

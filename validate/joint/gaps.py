@@ -16,8 +16,6 @@ from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.marginal.coverage import LEVELS, STEADYING, inside_central, perfect_estimator
 from gaugeblock.validate.marginal.uniformity import ecdf_test
 
-Array = NDArray[np.float64]
-
 LEAST_TRIALS = 2
 BAND_REFERENCE = "Säilynoja, Bürkner & Vehtari 2022, arXiv:2103.10522"
 

@@ -12,12 +12,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.block import block_length
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.joint.psis import pareto_khat
 from gaugeblock.validate.prepared import Prepared, count_not_finite, trial_numbers
-
-Array = NDArray[np.float64]
 
 NEEDED = ("log_q", "log_likelihood", "log_prior")
 IDS = ("importance.ess", "importance.khat", "importance.evidence")

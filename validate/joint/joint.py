@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import TrialStreams
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.joint.gaps import LEAST_TRIALS, uniform_finding
@@ -29,8 +30,6 @@ from gaugeblock.validate.joint.quantities import (
 from gaugeblock.validate.joint.tarp import BLIND, has_features, tarp, tarp_findings
 from gaugeblock.validate.prepared import Prepared, trial_numbers
 from gaugeblock.validate.trials import JOINT
-
-Array = NDArray[np.float64]
 
 IDS = ("joint.likelihood", "joint.hpd", "joint.tarp", "joint.projections")
 STATISTICS = (likelihood, quantities, hpd, tarp, projections)

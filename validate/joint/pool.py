@@ -12,9 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Rng
-
-Array = NDArray[np.float64]
 
 # Directions whose variance is less than this share of a parameter's are taken to have none: rounding.
 SMALLEST_VARIANCE = 1e-10

@@ -8,10 +8,10 @@ arXiv:1507.02646). The fit is the empirical-Bayes one of Zhang & Stephens 2009 (
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
-Array = NDArray[np.float64]
+from gaugeblock.core.arrays import Array
 
 # Weakly informative prior on k, worth this many observations at this value (Vehtari et al. 2024, appendix G).
 PRIOR_OBSERVATIONS = 10

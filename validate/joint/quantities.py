@@ -11,8 +11,9 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Rng
 from gaugeblock.validate.block import Block
 from gaugeblock.validate.check import QUANTITY
@@ -20,8 +21,6 @@ from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.joint.gaps import both_names, both_regions, curve, gap_finding, uniform_finding
 from gaugeblock.validate.marginal.coverage import LEVELS
 from gaugeblock.validate.marginal.ranks import randomised_pit
-
-Array = NDArray[np.float64]
 
 REFERENCE = "Modrak et al. 2023, arXiv:2211.02383"
 

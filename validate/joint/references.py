@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from gaugeblock.core.arrays import Array
 
 FOLDS = 5
 # Standardised features beyond this are cut: one odd spectrum should not send its reference to infinity.

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Rng
 from gaugeblock.validate.block import Block
 from gaugeblock.validate.check import circular_parameters
@@ -23,8 +24,6 @@ from gaugeblock.validate.joint.pool import Pool, make_pool, pool_pit
 from gaugeblock.validate.joint.references import cross_fitted
 from gaugeblock.validate.marginal.coverage import LEVELS
 from gaugeblock.validate.prepared import Prepared
-
-Array = NDArray[np.float64]
 
 REFERENCES = 8
 REFERENCE = "Lemos et al. 2023, arXiv:2302.03026; coverage values, cross-fitted references"

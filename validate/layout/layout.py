@@ -12,6 +12,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.block import block_length
 from gaugeblock.validate.finding import Finding, NotChecked, Suggestion
 from gaugeblock.validate.layout.assignment import suggested
@@ -19,8 +20,6 @@ from gaugeblock.validate.layout.rank_loss import EVERYWHERE, Foretelling, forete
 from gaugeblock.validate.layout.readings import AS_IT_IS
 from gaugeblock.validate.p_values import lower_tail
 from gaugeblock.validate.prepared import Prepared, values_per_trial
-
-Array = NDArray[np.float64]
 
 LEAST_TRIALS = 50
 # What a wrong layout takes to be seen, and no more: trials, draws of each, and values to be ranked.

@@ -13,9 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.layout.readings import AS_IT_IS, Reading, readings
-
-Array = NDArray[np.float64]
 
 # Readings are tried for every pair of column and parameter up to so many parameters, else in their own place.
 EVERYWHERE = 8

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from gaugeblock.core.arrays import Array
 
 # Factors that people really have between two units; one that is found within 3% of these is taken for it.
 KNOWN_FACTORS = (*(10.0**power for power in range(-30, 31)), math.pi / 180, 180 / math.pi)

@@ -17,13 +17,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.learned.learned import LEAST_TRIALS, LearnedRanks, learned_from
 from gaugeblock.validate.marginal.coverage import LEVELS, STEADYING, inside_central
 from gaugeblock.validate.p_values import lower_tail
 from gaugeblock.validate.prepared import Prepared
-
-Array = NDArray[np.float64]
 
 REFERENCE = "Lopez-Paz & Oquab 2017, arXiv:1610.06545; ranks of a score: Bansal et al. 2026, arXiv:2507.17026"
 REPLICATES = 9999

@@ -12,12 +12,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import require
 from gaugeblock.validate.learned.discriminant import Discriminant, fit_discriminant
-
-Array = NDArray[np.float64]
 
 HIDDEN = (32, 32)
 PASSES = 40

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-Array = NDArray[np.float64]
+from gaugeblock.core.arrays import Array
 
 # More columns than these cost more than they tell; context columns beyond are left out, the last first.
 MOST_COLUMNS = 400

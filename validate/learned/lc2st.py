@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.features import Features
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.learned.c2st import spread_out
@@ -17,8 +18,6 @@ from gaugeblock.validate.learned.learned import LEAST_TRIALS, STAGES, learned_fr
 from gaugeblock.validate.local.regions import LEAST, Regions, quantile_regions
 from gaugeblock.validate.marginal.coverage import STEADYING
 from gaugeblock.validate.prepared import Prepared
-
-Array = NDArray[np.float64]
 
 REFERENCE = (
     "Linhart, Gramfort & Rodrigues 2023, arXiv:2306.03580; ranks of the score within regions of the data"

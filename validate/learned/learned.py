@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.block import Block
 from gaugeblock.validate.learned.discriminant import fit_discriminant
@@ -26,7 +27,6 @@ from gaugeblock.validate.learned.pool_coordinates import context_of, pool_coordi
 from gaugeblock.validate.marginal.ranks import ranks_and_ties
 from gaugeblock.validate.prepared import Prepared
 
-Array = NDArray[np.float64]
 Score = Callable[[Array, Array | None], Array]
 Fit = Callable[[Array, Array], Score]
 """From candidates ``(trial, 1 + draw, p)``, truth first, and context ``(trial, k)`` to a score of any."""

@@ -16,12 +16,11 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse, special
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.learned.discriminant import columns, normal_scores, penalties
 from gaugeblock.validate.learned.pool_coordinates import pool_coordinates, soft_limit
-
-Array = NDArray[np.float64]
 
 REFERENCE = "Linhart, Gramfort & Rodrigues 2023, arXiv:2306.03580; refits by linearity of the discriminant"
 PERMUTATIONS = 999

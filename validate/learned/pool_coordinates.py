@@ -9,10 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Rng
 from gaugeblock.validate.learned.discriminant import normal_scores
-
-Array = NDArray[np.float64]
 
 SCORED_DRAWS = 32
 SOFT_LIMIT = 6.0

@@ -18,11 +18,11 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.learned.classifier import fit_classifier
 
-Array = NDArray[np.float64]
 Fit = Callable[[Array, NDArray[np.bool_], int], Callable[[Array], Array]]
 """From rows ``(n, p)``, labels and a seed to log odds of the label, for equal classes."""
 

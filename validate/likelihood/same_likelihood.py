@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.likelihood.likelihood_hint import hint
 
-Array = NDArray[np.float64]
 LogDensity = Callable[[Any, Any], Any]
 
 _EDGE = 1e-9

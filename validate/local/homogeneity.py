@@ -13,9 +13,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.finding import Finding
-
-Array = NDArray[np.float64]
 
 PERMUTATIONS = 999
 LEAST_PERMUTATIONS = 199

@@ -26,6 +26,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng, TrialStreams
 from gaugeblock.validate.check import circular_parameters, is_autocorrelated
@@ -35,8 +36,6 @@ from gaugeblock.validate.marginal.ranks import unwrap_circular
 from gaugeblock.validate.marginal.sbc import bias_finding, log_width_finding, uniform_finding
 from gaugeblock.validate.prepared import Prepared, trial_numbers
 from gaugeblock.validate.trials import POSTERIOR
-
-Array = NDArray[np.float64]
 
 REFERENCE = "Säilynoja et al. 2025, arXiv:2502.03279; Tibshirani et al. 2019, arXiv:1904.06019"
 NULL = "exactly, for an estimator whose posterior is exact at all data like the observation"

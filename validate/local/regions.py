@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from gaugeblock.core.arrays import Array
 
 BINS = 4
 # A 95% interval misses five of a hundred: fewer trials than that and a region's coverage is an anecdote.

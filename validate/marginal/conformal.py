@@ -14,15 +14,14 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.block import Block
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.local.regions import Regions, quantile_regions
 from gaugeblock.validate.marginal.row_quantiles import reachable, row_quantiles
 from gaugeblock.validate.prepared import Prepared
-
-Array = NDArray[np.float64]
 
 LEVELS = (0.68, 0.9, 0.95)
 # With fewer scores the 95% region would have to reach beyond them all.

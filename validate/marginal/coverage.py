@@ -12,8 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.prepared import Prepared
 
-Array = NDArray[np.float64]
-
 LEVELS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.68, 0.7, 0.8, 0.9, 0.95)
 REFERENCE = "Hermans et al. 2022, arXiv:2110.06581; coverage of the randomised PIT"
 LEAST_TRIALS = 2

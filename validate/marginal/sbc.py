@@ -11,9 +11,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.marginal.smooth import smooth_finding
-from gaugeblock.validate.marginal.standardised import Array, bias, log_width
+from gaugeblock.validate.marginal.standardised import bias, log_width
 from gaugeblock.validate.marginal.uniformity import ecdf_test
 from gaugeblock.validate.p_values import two_sided
 from gaugeblock.validate.prepared import Prepared

@@ -18,13 +18,12 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.p_values import SMALLEST
-
-Array = NDArray[np.float64]
 
 ORDER = 4
 # What each component of a PIT says where it is positive.

@@ -13,11 +13,10 @@ the share 1 - (kurtosis of t + 1) / L, to first order; `log_width` takes that ba
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Rng
-
-Array = NDArray[np.float64]
 
 # Observations' worth of a Gaussian's variance that steady the standard errors of a handful of trials (two
 # equal errors have a sample variance of 0); from a thousand trials on they change one by less than 0.5%.

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.p_values import SMALLEST
 
-Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
 MOST_POINTS = 100

@@ -12,12 +12,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Rng
-
-Array = NDArray[np.float64]
 
 CUT = 3.0
 # Wider than any bias (sd) or log width ratio that the cut scores can tell apart.

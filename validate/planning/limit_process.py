@@ -11,16 +11,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special, stats
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.family import PASS_LEVEL
 from gaugeblock.validate.marginal.coverage import LEVELS
 from gaugeblock.validate.marginal.coverage import STEADYING as COUNTED_MORE
 from gaugeblock.validate.marginal.standardised import STEADYING
 from gaugeblock.validate.policy import Tolerance
-
-Array = NDArray[np.float64]
 
 QUANTITIES = ("bias", "log_width", "coverage")
 REPLICATES = 100_000

@@ -11,13 +11,11 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special, stats
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.marginal.smooth import ORDER, legendre_components
 from gaugeblock.validate.marginal.uniformity import MOST_POINTS
-
-Array = NDArray[np.float64]
 
 LEVEL = 0.05
 REPLICATES = 5_000

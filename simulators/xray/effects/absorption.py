@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import require
 from gaugeblock.simulators.xray import data
 from gaugeblock.simulators.xray.breaks import table_breaks
 from gaugeblock.simulators.xray.effects.assembly import Append
 from gaugeblock.simulators.xray.effects.averages import above, constant, gaussian, nodes, relative_expm1
 from gaugeblock.simulators.xray.effects.kinds import NONNEGATIVE, POSITIVE, EffectKind
-
-Array = NDArray[np.float64]
 
 
 def absorption_line(low: Any, high: Any, *, energy: Any, sigma: Any, strength: Any) -> Any:

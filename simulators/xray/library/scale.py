@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.simulators.xray.effects import EFFECTS
 from gaugeblock.simulators.xray.effects.assembly import Assembly
 from gaugeblock.simulators.xray.effects.emission import emitted
@@ -17,8 +18,6 @@ from gaugeblock.simulators.xray.expression import Node
 from gaugeblock.simulators.xray.folding import photon_flux
 from gaugeblock.simulators.xray.precision import double_precision
 from gaugeblock.simulators.xray.response import Response
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

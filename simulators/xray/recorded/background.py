@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.simulators.xray.effects.averages import relative_expm1
 from gaugeblock.simulators.xray.recorded.operation import Changed, Ranges
 from gaugeblock.simulators.xray.response import Response
-
-Array = NDArray[np.float64]
 
 LOWEST = 1e-2
 """Energy in keV below which there is none: a detector's first channel may begin at zero."""

@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.simulators.xray.recorded.layout import gaps
 from gaugeblock.simulators.xray.recorded.operation import Changed, Ranges
 from gaugeblock.simulators.xray.response import Response
-
-Array = NDArray[np.float64]
 
 Fold = Callable[[Any, Mapping[str, Any]], Any]
 Matrix = Callable[[Mapping[str, Any]], Any]

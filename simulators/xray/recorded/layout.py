@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.xray.response import Response
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from gaugeblock.core.arrays import Array
 from gaugeblock.simulators.xray.response import Response
 
-Array = NDArray[np.float64]
 Ranges = Mapping[str, tuple[float, float]]
 """Smallest and largest value of every parameter."""
 

@@ -10,6 +10,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.auditing.samples import has_density, untrusted
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import TrialStreams
 from gaugeblock.estimators._rows import resample
@@ -18,8 +19,6 @@ from gaugeblock.simulators.protocol import Simulator, can
 from gaugeblock.validate.joint.importance import log_weights
 from gaugeblock.validate.storage import read_groups
 from gaugeblock.validate.trials import make_trials
-
-Array = NDArray[np.float64]
 
 CHUNK = 50
 # Relative weights beyond this range are 0 beside each other in double precision.

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from studies.paper.calibration import (
     DRAWS,
@@ -26,8 +25,6 @@ from studies.paper.numbers import as_table, by_claim
 from studies.paper.paper_flow import VARIANTS, paper_flow, record_of
 from studies.paper.paper_flow.variants import SEED
 from studies.paper.pieces import Arrays, Pieces, stream
-
-Array = NDArray[np.float64]
 
 LEVELS = ("faint", "medium", "bright")
 UNCAPPED, CUT = "bright-uncapped", "bright-cut"

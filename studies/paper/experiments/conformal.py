@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.designs.paired import stratified_permutation
 from studies.paper.calibration import deviation
 from studies.paper.experiment import Experiment, Found, Setting
@@ -21,8 +21,6 @@ from studies.paper.experiments.gain_pairs import ALPHA
 from studies.paper.judge import Measured
 from studies.paper.numbers import as_table, by_claim
 from studies.paper.pieces import Arrays, Pieces, joined, stream
-
-Array = NDArray[np.float64]
 
 FLOW = "shipped:epic-pn-medium-gain"
 CHUNK = 100

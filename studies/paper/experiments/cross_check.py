@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments import cross_posteriors as posteriors
 from studies.paper.experiments.counts import SEED
@@ -30,8 +30,6 @@ from studies.paper.experiments.cross_spectra import (
 from studies.paper.numbers import as_table
 from studies.paper.pieces import Arrays, Pieces
 from studies.paper.registry import claims
-
-Array = NDArray[np.float64]
 
 FLOW = "shipped:epic-pn-{level}-gain"
 POOLS = (417, 500, 1000)

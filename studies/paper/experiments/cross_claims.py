@@ -10,12 +10,12 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import stats
 
+from gaugeblock.core.arrays import Array
 from studies.paper.experiment import Found
 from studies.paper.judge import Measured, Untestable
 from studies.paper.numbers import by_claim
 from studies.paper.registry import claims
 
-Array = NDArray[np.float64]
 Parts = dict[str, Any]
 
 BOOTSTRAPS = 2000

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.extend.adaptive import Mixture, effective_draws
 from gaugeblock.discovery.fit import fit, likeliest_draws
 from gaugeblock.discovery.name.peaks import systematic
@@ -18,8 +18,6 @@ from studies.paper.experiments.arithmetic import GAIN_PRIOR_SD
 from studies.paper.experiments.cross_spectra import LEVELS, folded, simulators, weighted_sd, wide
 from studies.paper.experiments.setup import GAIN_PRIOR
 from studies.paper.free_gain import GAIN, FreeGain
-
-Array = NDArray[np.float64]
 
 BATCH = 1024
 """Points that UltraNest proposes at a time: posteriors of bright spectra fill little of its ellipsoids."""

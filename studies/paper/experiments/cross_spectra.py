@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.coordinates import Coordinates
 from gaugeblock.discovery.fit import fit
 from gaugeblock.discovery.name.posterior_draws import posterior_draws
@@ -17,8 +18,6 @@ from studies.paper.experiments.arithmetic import GAIN_PRIOR_SD, SHIFT
 from studies.paper.experiments.setup import GAIN_PRIOR
 from studies.paper.free_gain import GAIN, TEMPERATURE, FreeGain, free_gain
 from studies.paper.registry import claims
-
-Array = NDArray[np.float64]
 
 LEVELS = {"medium": 0.1, "bright": 1.0}
 """Exposures in units of a bright spectrum's."""

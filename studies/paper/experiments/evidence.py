@@ -14,14 +14,13 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.special import gammaln, logsumexp
 
+from gaugeblock.core.arrays import Array
 from studies.paper.exact import exact_posteriors
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.judge import Measured, Untestable
 from studies.paper.numbers import as_table, by_claim
 from studies.paper.pieces import Pieces
 from studies.paper.rows import published_rows
-
-Array = NDArray[np.float64]
 
 REPEATS = 2
 """Independent estimates of every log evidence: their difference is their error."""

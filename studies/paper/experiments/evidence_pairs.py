@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from gaugeblock.validate.designs import count_ratio_regression
 from studies.paper.experiment import Experiment, Found, Setting
@@ -20,8 +19,6 @@ from studies.paper.experiments.evidence import PRIOR
 from studies.paper.experiments.gain_claims import SHIFT
 from studies.paper.experiments.gain_pairs import MEMBERS, Pairs
 from studies.paper.pieces import Arrays, Pieces, joined, stream
-
-Array = NDArray[np.float64]
 
 LEVELS = ("medium", "bright")
 DESIGNS = ("coupled", "seeded")

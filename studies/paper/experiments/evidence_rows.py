@@ -9,13 +9,13 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import stats
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.simulators.xray.published import LINEAR_NORM_PRIOR
 from gaugeblock.validate.designs import count_controlled_residual, count_ratio_regression
 from studies.paper.claim import SINGLE
 from studies.paper.registry import claims
 
 Numbers = dict[str, float | Mapping[str, float]]
-Array = NDArray[np.float64]
 
 LEVELS = ("faint", "medium", "bright")
 CONFIGURED = {"faint": 25, "medium": 16, "bright": 15}

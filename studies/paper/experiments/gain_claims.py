@@ -7,15 +7,14 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from studies.paper.experiment import Found
 from studies.paper.experiments.gain_pairs import ALPHA, GAIN_RANGE, KINDS, MEMBERS
 from studies.paper.judge import Measured, Untestable
 from studies.paper.numbers import by_claim
 from studies.paper.pieces import Arrays
 
-Array = NDArray[np.float64]
 Both = tuple[float, float]
 Parts = dict[str, dict[str, float]]
 

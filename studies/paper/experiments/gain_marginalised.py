@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.gain_claims import CURVE, SHIFT, STUDY, claims_of, found_of
@@ -19,8 +18,6 @@ from studies.paper.experiments.gain_pairs import KINDS, MEMBERS, Pairs, exact_su
 from studies.paper.numbers import as_table
 from studies.paper.paper_flow import paper_flow
 from studies.paper.pieces import Arrays, Pieces, joined, stream
-
-Array = NDArray[np.float64]
 
 CHUNK, FEW = 50, 25
 """Pairs in one piece, and those that have exact posteriors."""

@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.simulators.coupling import coupled_poisson
 from studies.paper.exact import exact_posteriors
-
-Array = NDArray[np.float64]
 
 ALPHA, NORM, GAIN = 1, 2, 5
 """Columns of the photon index, of the power law's norm, and of the gain where it is free."""

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.importance_cells import (
     Cell,
@@ -26,8 +26,6 @@ from studies.paper.experiments.importance_claims import claims_of, found_of
 from studies.paper.experiments.importance_weights import FEW, Level, ceiling, diagnostics
 from studies.paper.numbers import as_table
 from studies.paper.pieces import Arrays, Pieces, joined, stream
-
-Array = NDArray[np.float64]
 
 CHUNK = 50
 """Spectra in one piece."""

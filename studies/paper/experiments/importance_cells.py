@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.detectors.roc import auc, bootstrap_auc, permutation_p
 from studies.paper.auc_error import null_auc_error
 from studies.paper.experiments.importance_weights import FEW
 from studies.paper.pieces import Arrays
-
-Array = NDArray[np.float64]
 
 PERMUTATIONS = 9999
 BOOTSTRAPS = 2000

@@ -13,13 +13,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.validate.joint.importance import kish_fraction
 from gaugeblock.validate.joint.psis import pareto_khat
 from studies.paper.interpolated import Interpolated, interpolated
-
-Array = NDArray[np.float64]
 
 LINE = 3e-4
 """Norm of the line, in photons/cm2/s."""

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.coordinates import Coordinates
 from gaugeblock.validate.designs import finite_shift, predicted_shrink
 from studies.paper.experiment import Experiment, Found, Setting
@@ -22,8 +22,6 @@ from studies.paper.judge import Measured
 from studies.paper.numbers import as_table, by_claim
 from studies.paper.pieces import Pieces, joined
 from studies.paper.registry import claims
-
-Array = NDArray[np.float64]
 
 CHUNK = 100
 ALPHA = "powerlaw_1.alpha"

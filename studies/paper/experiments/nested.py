@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from studies.paper.exact import exact_posteriors
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.evidence import PRIOR
@@ -23,8 +23,6 @@ from studies.paper.judge import Measured
 from studies.paper.numbers import as_table, by_claim
 from studies.paper.pieces import Pieces, stream
 from studies.paper.rows import published_rows
-
-Array = NDArray[np.float64]
 
 STRENGTHS = {"B1": 3e-4, "B4": 3.0}
 LIVE, DLOGZ = 400, 0.5

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from studies.paper.exact import exact_posteriors
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.grid_populations import cell_counts, cell_seed
@@ -20,8 +20,6 @@ from studies.paper.judge import Measured
 from studies.paper.numbers import as_table, by_claim
 from studies.paper.pieces import Pieces, joined
 from studies.paper.rows import published_rows
-
-Array = NDArray[np.float64]
 
 FAMILY, STRENGTH = "B1", 3e-4
 DRAWN = 100

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.simulators.marginals import Uniform
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.arithmetic import LINE_KEV
@@ -16,8 +16,6 @@ from studies.paper.judge import Measured, Untestable
 from studies.paper.numbers import as_table, by_claim
 from studies.paper.pieces import Pieces
 from studies.paper.registry import DETECTORS
-
-Array = NDArray[np.float64]
 
 GAIN_PRIOR = Uniform(0.95, 1.05)
 """Of the gain-marginalised flows and of the exact cross-check."""

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Rng
 from gaugeblock.estimators.npe.estimator import DRAWS_AT_ONCE
 from gaugeblock.estimators.npe.flows import NflowsFlow
@@ -17,8 +18,6 @@ from gaugeblock.simulators.marginals import Uniform
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray.published import REFERENCE_PRIOR
 from studies.paper.paper_flow.simulations import GAIN
-
-Array = NDArray[np.float64]
 
 TRIES = 100
 """Rounds of rejection before what still lies outside the box is clipped to it."""

@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from studies.paper.paper_flow.variants import Variant
-
-Array = NDArray[np.float64]
 
 GAIN = (0.95, 1.05)
 ATOMS = 200

@@ -7,12 +7,10 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate import make_trials
-
-Array = NDArray[np.float64]
 
 
 def plain(value: object, *, what: str) -> Array:

@@ -10,7 +10,6 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.auditing.trials_from.arrays import (
-    Array,
     assembled,
     chosen_names,
     named_arrays,
@@ -26,6 +25,7 @@ from gaugeblock.auditing.trials_from.layout import (
     layout_of,
     per_trial,
 )
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.storage import open_groups
 

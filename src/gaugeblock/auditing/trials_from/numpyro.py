@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from gaugeblock.auditing.trials_from.arrays import Array, assembled, chosen_names, data_of, named_arrays
+from gaugeblock.auditing.trials_from.arrays import assembled, chosen_names, data_of, named_arrays
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 
 SOURCE = "trials_from_numpyro"
