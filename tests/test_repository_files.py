@@ -1,4 +1,4 @@
-"""The files themselves: short ones, nothing about the machine they were written on, metadata that agree."""
+"""The files themselves: nothing about the machine they were written on, metadata that agree."""
 
 import re
 import tomllib
@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-LONGEST = 300
 
 
 @pytest.fixture(scope="module")
@@ -25,12 +24,6 @@ def text(path):
     """Content of a text file; empty for any other."""
     content = path.read_bytes()
     return "" if b"\0" in content[:8192] else content.decode(errors="replace")
-
-
-def test_no_file_is_long(files):
-    lengths = {path: len(path.read_text().splitlines()) for path in files if path.suffix == ".py"}
-    long = [f"{path.relative_to(ROOT)}: {n} lines" for path, n in lengths.items() if n > LONGEST]
-    assert not long, f"over {LONGEST} lines; does each still hold one idea?\n" + "\n".join(long)
 
 
 def test_nothing_mentions_the_machine_it_was_written_on(files):
