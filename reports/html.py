@@ -43,15 +43,7 @@ def report_html(verdict: Verdict, findings: Sequence[Finding], trials: xr.DataTr
     ]
     return render(
         "report.html",
-        title=title,
-        outcome=verdict.outcome.value,
-        headline=_HEADLINES[verdict.outcome],
-        reason=reason(verdict),
-        # Of a FAIL, what was seen and what to do; the rest stands in the table.
-        highlights=[gate.message for gate in verdict.gates if gate.outcome is Outcome.FAIL][:3],
-        facts=_facts(main, importance),
-        groups=gate_groups(verdict, findings),
-        tally=_tally(verdict),
+        **_card(verdict, findings, trials, title),
         suggestions=verdict.suggestions,
         baseline=[] if verdict.baseline is None else comparison(verdict.baseline),
         contents=contents(verdict.provenance.get("listing")),
@@ -62,6 +54,25 @@ def report_html(verdict: Verdict, findings: Sequence[Finding], trials: xr.DataTr
         worst=worst,
         provenance=_in_order(plain(verdict.provenance)),
     )
+
+
+def card_html(verdict: Verdict, findings: Sequence[Finding], trials: xr.DataTree, *, title: str) -> str:
+    """The top of the page, verdict and gates, for the output of a notebook's cell."""
+    return render("notebook.html", **_card(verdict, findings, trials, title))
+
+
+def _card(verdict: Verdict, findings: Sequence[Finding], trials: xr.DataTree, title: str) -> dict[str, Any]:
+    return {
+        "title": title,
+        "outcome": verdict.outcome.value,
+        "headline": _HEADLINES[verdict.outcome],
+        "reason": reason(verdict),
+        # Of a FAIL, what was seen and what to do; the rest stands in the table.
+        "highlights": [gate.message for gate in verdict.gates if gate.outcome is Outcome.FAIL][:3],
+        "facts": facts(trials),
+        "groups": gate_groups(verdict, findings),
+        "tally": tally(verdict),
+    }
 
 
 # What a person looks for first; verdict.json, from which the page can be made again, keeps no order.
@@ -79,20 +90,23 @@ def _sorted(value: Any) -> Any:
     return [_sorted(item) for item in value] if isinstance(value, list) else value
 
 
-def _facts(main: xr.Dataset, importance: xr.Dataset | None) -> list[str]:
-    facts = [
+def facts(trials: xr.DataTree) -> list[str]:
+    """How much was looked at: trials, draws, parameters."""
+    main, importance = main_trials(trials), importance_trials(trials)
+    said = [
         count(main.sizes["trial"], "trial"),
         f"{count(main.sizes['draw'], 'draw')} each",
         count(main.sizes["parameter"], "parameter"),
     ]
     if importance is not None:
-        facts.append(
+        said.append(
             f"importance on {count(importance.sizes['trial'], 'trial')} of {importance.sizes['draw']:,} draws"
         )
-    return facts
+    return said
 
 
-def _tally(verdict: Verdict) -> str:
+def tally(verdict: Verdict) -> str:
+    """How many gates said what: `14 passed, 2 failed`."""
     amounts = {outcome: sum(gate.outcome is outcome for gate in verdict.gates) for outcome in Outcome}
     words = {Outcome.PASS: "passed", Outcome.FAIL: "failed", Outcome.INCONCLUSIVE: "undecided"}
     said = [f"{amount:,} {words[outcome]}" for outcome, amount in amounts.items() if amount]

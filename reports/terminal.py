@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from gaugeblock.core.errors import one_line
 from gaugeblock.reports.baseline import comparison
 from gaugeblock.validate import Outcome, Verdict
 
@@ -19,14 +20,7 @@ def terminal_summary(
 
     `resources` are what each child of a stranger used, as `resources.json` holds it.
     """
-    passed = [gate for gate in verdict.gates if gate.outcome is Outcome.PASS]
-    others = [gate for gate in verdict.gates if gate.outcome is not Outcome.PASS]
-    order = {Outcome.FAIL: 0, Outcome.INCONCLUSIVE: 1}
-    others.sort(key=lambda gate: order[gate.outcome])
-    lines = [f"{verdict.outcome.value}: {len(passed)} of {len(verdict.gates)} gates pass"]
-    lines += [f"  {gate.outcome.value:<12} {gate.id}: {gate.message}" for gate in others[:SHOWN]]
-    if len(others) > SHOWN:
-        lines.append(f"  and {len(others) - SHOWN} more")
+    lines = verdict_lines(verdict, shown=SHOWN)
     lines += [f"  not checked  {item.id}: {item.why}" for item in verdict.not_checked]
     for item in verdict.suggestions:
         lines += [f"Suggestion: {item.text}", *(f"    {line}" for line in item.toml.splitlines())]
@@ -40,3 +34,17 @@ def terminal_summary(
     if kept:
         lines.append(f"trials.nc sha256 {kept} (kept elsewhere, it shows an edit: gaugeblock verify)")
     return "\n".join(lines)
+
+
+def verdict_lines(verdict: Verdict, *, shown: int, most: int | None = None) -> list[str]:
+    """The verdict, and `shown` of the gates that did not PASS with their messages, cut at `most` letters."""
+    others = [gate for gate in verdict.gates if gate.outcome is not Outcome.PASS]
+    others.sort(key=lambda gate: gate.outcome is not Outcome.FAIL)
+    passed = len(verdict.gates) - len(others)
+    lines = [f"{verdict.outcome.value}: {passed} of {len(verdict.gates)} gates pass"]
+    for gate in others[:shown]:
+        line = f"  {gate.outcome.value:<12} {gate.id}: {gate.message}"
+        lines.append(line if most is None else one_line(line.strip(), most=most))
+    if len(others) > shown:
+        lines.append(f"  and {len(others) - shown} more")
+    return lines

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import xarray as xr
@@ -19,38 +19,21 @@ from gaugeblock.auditing.kept_seed import kept_seed
 from gaugeblock.auditing.observation import read_observation, trials_around
 from gaugeblock.auditing.phases import end_phase, ended
 from gaugeblock.auditing.provenance import digests, earlier_provenance, named, title
+from gaugeblock.auditing.result import Audit, made_folder, write_arrays
 from gaugeblock.auditing.samples import Plan, untrusted
 from gaugeblock.auditing.trials_from import read_any_trials
 from gaugeblock.auditing.watch import Watch, watched
-from gaugeblock.core.atomic import write_atomically
 from gaugeblock.core.digest import digest, file_digest
-from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.protocol import Estimator
-from gaugeblock.reports import write_reports
 from gaugeblock.reports.verdict_json import plain
 from gaugeblock.simulators import Simulator, build_simulator
 from gaugeblock.simulators.protocol import can
-from gaugeblock.validate import Finding, NotChecked, Policy, Verdict, judge, run_validators
-from gaugeblock.validate.findings_file import read_findings, write_findings
-from gaugeblock.validate.trials import POSTERIOR, add_group, read_trials, write_trials
+from gaugeblock.validate import Policy, judge, run_validators
+from gaugeblock.validate.findings_file import read_findings
+from gaugeblock.validate.trials import POSTERIOR, add_group, read_trials
 from gaugeblock.validate.validators import default_validators
 
 CHUNKS = ".chunks"
-RESOURCES = "resources.json"
-
-
-@dataclass(frozen=True)
-class Audit:
-    """Everything an audit found: the trials, the findings, what could not be checked, and the verdict.
-
-    `resources` are what an estimator of somebody else's used, where that was watched.
-    """
-
-    trials: xr.DataTree
-    findings: tuple[Finding, ...]
-    not_checked: tuple[NotChecked, ...]
-    verdict: Verdict
-    resources: Mapping[str, Any] = field(default_factory=dict)
 
 
 def audit(
@@ -78,7 +61,7 @@ def audit(
         if untrusted(estimator) and "seed" not in config.trials.model_fields_set:
             # A stranger that can foresee the seed could draw the truths again.
             key = fingerprint(simulator, estimator, replace(plan, seed=0))
-            plan = replace(plan, seed=kept_seed(_folder(out) / CHUNKS, key))
+            plan = replace(plan, seed=kept_seed(made_folder(out) / CHUNKS, key))
         return audit_objects(
             simulator,
             estimator,
@@ -121,7 +104,7 @@ def audit_objects(
     InputError
         If simulator and estimator do not fit, or one of them fails.
     """
-    made = _folder(out)
+    made = made_folder(out)
     earlier = None if baseline is None else read_baseline(baseline)
     watch = Watch(policy, plan.seed) if anytime else None
     observed = None if observation is None else read_observation(observation)
@@ -157,14 +140,13 @@ def audit_objects(
         seed=plan.seed,
         select=watched(select) if anytime else select,
         provenance=provenance,
+        resources=resources,
         out=made,
         earlier=earlier,
         progress=progress,
     )
     discard(made / CHUNKS)
-    if resources:
-        write_atomically(made / RESOURCES, json.dumps(resources, indent=2, sort_keys=True) + "\n")
-    return replace(result, resources=resources)
+    return result
 
 
 def audit_trials(
@@ -200,7 +182,7 @@ def audit_trials(
         seed=seed,
         select=select,
         provenance=provenance,
-        out=_folder(out),
+        out=made_folder(out),
         earlier=earlier,
         progress=progress,
     )
@@ -235,8 +217,9 @@ def judge_again(
     verdict = explained(replace(verdict, provenance=record), trials)
     if baseline is not None:
         verdict = replace(verdict, baseline=compared(baseline, verdict, findings))
-    write_reports(verdict, findings, trials, _folder(out or folder), title=title(record))
-    return Audit(trials, findings, not_checked, verdict)
+    result = Audit(trials, findings, not_checked, verdict)
+    result.write_reports(made_folder(out or folder))
+    return result
 
 
 def _judged(
@@ -246,7 +229,8 @@ def _judged(
     seed: int,
     select: Iterable[str] | None,
     provenance: Mapping[str, Any],
-    out: Path,
+    out: Path | None,
+    resources: Mapping[str, Any] = MappingProxyType({}),
     earlier: Mapping[str, Any] | None,
     progress: Progress | None,
 ) -> Audit:
@@ -256,10 +240,6 @@ def _judged(
     if progress is not None:
         progress("validators", 1, 1)
     verdict = judge(findings, not_checked, policy, seed=seed)
-    # An old verdict must not stand beside new trials, should this process die between the files.
-    (out / "verdict.json").unlink(missing_ok=True)
-    write_trials(trials, out / "trials.nc")
-    write_findings(findings, not_checked, out / "findings.nc")
     record = plain(
         {
             **provenance,
@@ -269,23 +249,19 @@ def _judged(
             "versions": versions(),
         }
     )
-    record["sha256"] = {**digests(record), "trials": file_digest(out / "trials.nc")}
+    record["sha256"] = digests(record)
+    if out is not None:
+        record["sha256"]["trials"] = write_arrays(trials, findings, not_checked, out)
     verdict = explained(replace(verdict, provenance=record), trials)
     if earlier is not None:
         verdict = replace(verdict, baseline=compared(earlier, verdict, findings))
-    write_reports(verdict, findings, trials, out, title=title(record))
-    return Audit(trials, findings, not_checked, verdict)
+    result = Audit(trials, findings, not_checked, verdict, resources)
+    if out is not None:
+        result.write_reports(out)
+    return result
 
 
 def _estimator(config: AuditConfig, simulator: Simulator) -> Any:
     from gaugeblock.estimators.registry import build_estimator
 
     return build_estimator(config.estimator.name, simulator, **config.estimator.options)
-
-
-def _folder(path: Path) -> Path:
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be made a folder ({error.strerror or error})") from None
-    return path

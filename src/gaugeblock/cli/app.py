@@ -37,7 +37,7 @@ from gaugeblock.cli.verify import verify
 from gaugeblock.core.errors import GaugeblockError, one_line, printable
 
 if TYPE_CHECKING:
-    from gaugeblock.auditing.audit import Audit
+    from gaugeblock.auditing.result import Audit
 
 EXIT_CODES = "Exit codes: 0 PASS, 1 FAIL, 3 INCONCLUSIVE, 2 bad input or an internal error."
 

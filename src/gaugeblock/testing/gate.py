@@ -16,9 +16,10 @@ from typing import Any, NoReturn
 import pytest
 
 import gaugeblock
-from gaugeblock.auditing.audit import CHUNKS, Audit, audit_objects
+from gaugeblock.auditing.audit import CHUNKS, audit_objects
 from gaugeblock.auditing.kept_seed import unforeseen_seed
 from gaugeblock.auditing.phases import ended
+from gaugeblock.auditing.result import Audit
 from gaugeblock.auditing.samples import untrusted
 from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import GaugeblockError, InputError

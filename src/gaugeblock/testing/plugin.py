@@ -13,7 +13,7 @@ import pytest
 from _pytest.outcomes import Failed  # what pytest.fail raises; as `pytest.fail.Exception` it is no type
 
 if TYPE_CHECKING:
-    from gaugeblock.auditing.audit import Audit
+    from gaugeblock.auditing.result import Audit
     from gaugeblock.testing.gate import CalibrationGate
 
 Note = dict[str, Any]

@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
-from gaugeblock.auditing.audit import Audit
+from gaugeblock.auditing.result import Audit
 from gaugeblock.reports.reason import reason
 from gaugeblock.reports.rows import GateRow, gate_groups
 from gaugeblock.reports.words import decimals_of, number, unit

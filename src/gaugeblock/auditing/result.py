@@ -1,0 +1,223 @@
+"""What an audit found, to look at: in a terminal or a notebook, as a table, as pictures, as files."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import xarray as xr
+
+from gaugeblock.auditing.provenance import title
+from gaugeblock.core.atomic import write_atomically
+from gaugeblock.core.digest import file_digest
+from gaugeblock.core.errors import InputError, one_line
+from gaugeblock.reports.html import card_html, facts
+from gaugeblock.reports.terminal import verdict_lines
+from gaugeblock.reports.write import write_reports
+from gaugeblock.validate import Finding, Gate, NotChecked, Outcome, Verdict, write_findings, write_trials
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+
+RESOURCES = "resources.json"
+# Gates, and letters of one line, in what a terminal shows.
+SHOWN, LONGEST = 8, 160
+
+
+class UnknownGateError(InputError, KeyError):
+    """No gate has this id; the message lists those that are nearly it."""
+
+    # KeyError's own would show the message in quotes.
+    __str__ = Exception.__str__
+
+
+class Gates(Mapping[str, Gate]):
+    """Gates by id, in the verdict's order; iterating gives ids, as with a dict."""
+
+    def __init__(self, verdict: Verdict):
+        self._gates = {gate.id: gate for gate in verdict.gates}
+
+    def __getitem__(self, identifier: str) -> Gate:
+        if identifier not in self._gates:
+            raise UnknownGateError(f"no gate {identifier!r}; {_near(identifier, list(self._gates))}")
+        return self._gates[identifier]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._gates)
+
+    def __len__(self) -> int:
+        return len(self._gates)
+
+    def __repr__(self) -> str:
+        shown = [
+            f"  {gate.outcome:<12} {one_line(gate.id, most=60)}"
+            for gate in list(self._gates.values())[:SHOWN]
+        ]
+        return "\n".join([f"<{len(self)} gates>", *shown, *["  ..."] * (len(self) > SHOWN)])
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Audit:
+    """Everything an audit found: the trials, the findings, what could not be checked, and the verdict.
+
+    ``result["sbc.bias[a]"]`` is one gate. `resources` are what an estimator of somebody else's used, where
+    that was watched.
+    """
+
+    trials: xr.DataTree
+    findings: tuple[Finding, ...]
+    not_checked: tuple[NotChecked, ...]
+    verdict: Verdict
+    resources: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def outcome(self) -> Outcome:
+        """ "PASS", "FAIL" or "INCONCLUSIVE": an enum of strings."""
+        return self.verdict.outcome
+
+    @property
+    def passed(self) -> bool:
+        """Whether the outcome is PASS."""
+        return self.outcome is Outcome.PASS
+
+    @property
+    def gates(self) -> Gates:
+        """Gates by id, in order: a mapping."""
+        return Gates(self.verdict)
+
+    def __getitem__(self, identifier: str) -> Gate:
+        return self.gates[identifier]
+
+    def __contains__(self, identifier: object) -> bool:
+        return identifier in self.gates
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.gates)
+
+    def __len__(self) -> int:
+        return len(self.verdict.gates)
+
+    def __bool__(self) -> bool:
+        # Neither "has gates" nor "passed" is what everybody would read into it.
+        raise InputError(
+            'an audit is neither true nor false: ask for result.passed, or result.outcome == "FAIL"'
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row a gate, by its id: verdict, numbers and message; NaN where a number is not known."""
+        import pandas as pd
+
+        rows = [
+            {
+                "verdict": str(gate.outcome),
+                "component": gate.component,
+                "statistic": gate.statistic,
+                "low": gate.interval[0],
+                "high": gate.interval[1],
+                "tolerance": gate.tolerance,
+                "p_value": gate.p_value,
+                "p_adjusted": gate.p_adjusted,
+                "n_trials": gate.n_trials,
+                "smallest_detectable": gate.smallest_detectable,
+                "required": gate.required,
+                "message": gate.message,
+            }
+            for gate in self.verdict.gates
+        ]
+        index = pd.Index([gate.id for gate in self.verdict.gates], name="id", dtype=object)
+        frame = pd.DataFrame(rows, index=index)
+        numbers = ["p_value", "p_adjusted", "smallest_detectable"]
+        return frame.astype(dict.fromkeys(numbers, float)) if rows else frame
+
+    def plot(self, identifier: str, *, ax: Axes | None = None) -> Axes:
+        """The picture behind a gate, or behind a finding that no gate judges, drawn on `ax` or on new axes.
+
+        Raises
+        ------
+        InputError
+            If there is neither gate nor finding of this id, or nothing of it to draw.
+        MissingExtraError
+            Without matplotlib.
+        """
+        from gaugeblock.reports.axes import draw
+
+        finding = next((item for item in self.findings if item.id == identifier), None)
+        gate = self.gates.get(identifier)
+        if gate is None and finding is None:
+            known = dict.fromkeys([*self.gates, *(item.id for item in self.findings)])
+            raise UnknownGateError(
+                f"nothing was measured as {identifier!r}; {_near(identifier, list(known))}"
+            )
+        return draw(finding, gate, ax=ax)
+
+    def save(self, folder: str | Path) -> Path:
+        """Write trials, findings and all reports into a folder, made where missing: what `verify` reads.
+
+        Raises
+        ------
+        InputError
+            If the folder cannot be made or written to.
+        """
+        made = made_folder(Path(folder))
+        trials = write_arrays(self.trials, self.findings, self.not_checked, made)
+        record = dict(self.verdict.provenance)
+        record["sha256"] = {**dict(record.get("sha256") or {}), "trials": trials}
+        replace(self, verdict=replace(self.verdict, provenance=record)).write_reports(made)
+        return made
+
+    def write_reports(self, folder: Path) -> None:
+        """Write the reports alone, beside trials and findings that are in the folder already."""
+        if self.resources:
+            used = json.dumps(dict(self.resources), indent=2, sort_keys=True)
+            write_atomically(folder / RESOURCES, used + "\n")
+        called = title(self.verdict.provenance)
+        write_reports(self.verdict, self.findings, self.trials, folder, title=called)
+
+    def __repr__(self) -> str:
+        first, *lines = verdict_lines(self.verdict, shown=SHOWN, most=LONGEST)
+        looked_at = ", ".join(facts(self.trials))
+        unchecked = f", {len(self.not_checked)} not checked" if self.not_checked else ""
+        return "\n  ".join([f"<Audit {first}{unchecked}; {looked_at}>", *lines])
+
+    def _repr_html_(self) -> str:
+        return card_html(self.verdict, self.findings, self.trials, title=title(self.verdict.provenance))
+
+
+def write_arrays(
+    trials: xr.DataTree, findings: Sequence[Finding], not_checked: Sequence[NotChecked], folder: Path
+) -> str:
+    """Write trials.nc and findings.nc into a folder that exists; the digest of the former is returned."""
+    # An old verdict must not stand beside new trials, should this process die between the files.
+    (folder / "verdict.json").unlink(missing_ok=True)
+    write_trials(trials, folder / "trials.nc")
+    write_findings(findings, not_checked, folder / "findings.nc")
+    return file_digest(folder / "trials.nc")
+
+
+def made_folder(path: Path) -> Path:
+    """The folder, made where missing.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be made a folder ({error.strerror or error})") from None
+    return path
+
+
+def _near(identifier: str, known: list[str]) -> str:
+    """Ids that are nearly this one, or the first ones there are."""
+    near = difflib.get_close_matches(str(identifier), known, n=5, cutoff=0.5)
+    near += [name for name in known if str(identifier) and str(identifier) in name and name not in near]
+    if near:
+        return f"did you mean {', '.join(near[:5])}?"
+    return f"there are {', '.join(known[:8])}{' and more' * (len(known) > 8)}" if known else "there is none"

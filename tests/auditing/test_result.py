@@ -1,0 +1,107 @@
+"""What an audit gives back: gates by name, a table, words for terminals and notebooks, a folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaugeblock.auditing.audit import audit_trials
+from gaugeblock.auditing.result import Audit, UnknownGateError
+from gaugeblock.auditing.verify import verify
+from gaugeblock.core.errors import InputError
+from gaugeblock.validate import (
+    Outcome,
+    judge,
+    make_trials,
+    read_policy,
+    run_validators,
+    trials_tree,
+    write_trials,
+)
+
+
+@pytest.fixture(scope="module")
+def result() -> Audit:
+    """Of a Gaussian toy: `narrow` 0.7 times as wide as it should be, `right` as it should."""
+    rng = np.random.default_rng(3)
+    theta = rng.normal(size=(2000, 2))
+    x = theta + 0.5 * rng.normal(size=(2000, 2))
+    sd = np.sqrt(0.2) * np.array([0.7, 1.0])
+    draws = 0.8 * x[:, None] + sd * rng.normal(size=(2000, 100, 2))
+    trials = trials_tree(make_trials(theta, draws, ("narrow", "right")))
+    findings, not_checked = run_validators(trials, seed=1, select=["draws", "sbc", "coverage"])
+    return Audit(trials, findings, not_checked, judge(findings, not_checked, read_policy("default"), seed=1))
+
+
+def test_the_outcome_is_a_word_and_gates_are_found_by_name(result: Audit) -> None:
+    assert result.outcome == "FAIL"
+    assert result.outcome is Outcome.FAIL
+    assert not result.passed
+    assert result["sbc.log_width[narrow]"].outcome == "FAIL"
+    assert result["sbc.log_width[right]"].outcome == "PASS"
+    assert list(result.gates) == list(result) == [gate.id for gate in result.verdict.gates]
+    assert len(result.gates) == len(result) == len(result.verdict.gates)
+    assert dict(result.gates)["coverage.central"] is result.gates["coverage.central"]
+    assert "sbc.bias[right]" in result
+    assert "sbc.bias[rihgt]" not in result
+
+
+def test_an_unknown_gate_is_a_key_error_that_names_its_neighbours(result: Audit) -> None:
+    with pytest.raises(KeyError, match=r"^no gate 'sbc.bias\[rihgt\]'; did you mean sbc.bias\[right\]"):
+        result["sbc.bias[rihgt]"]
+    with pytest.raises(InputError, match=r"there are draws\.finite"):
+        result.gates["???"]
+    with pytest.raises(UnknownGateError, match=r"did you mean sbc\.uniform"):
+        result.plot("sbc.unifrm[right]")
+    assert result.gates.get("???") is None
+
+
+def test_an_audit_is_not_true_or_false(result: Audit) -> None:
+    with pytest.raises(InputError, match=r"result\.passed"):
+        bool(result)
+
+
+def test_the_table_has_a_row_for_each_gate(result: Audit) -> None:
+    frame = result.to_frame()
+    assert list(frame.index) == list(result.gates)
+    assert frame.index.name == "id"
+    row, gate = frame.loc["sbc.log_width[narrow]"], result["sbc.log_width[narrow]"]
+    assert row["verdict"] == "FAIL"
+    assert row["message"] == gate.message
+    assert (row["low"], row["high"]) == gate.interval
+    assert row["n_trials"] == gate.n_trials == 2000
+    assert frame["p_adjusted"].dtype == float
+    assert np.isnan(frame.loc["draws.finite", "p_value"])
+    assert (frame["verdict"] == "FAIL").sum() == sum(g.outcome == "FAIL" for g in result.verdict.gates)
+
+
+def test_the_repr_is_short_and_says_what_did_not_pass(result: Audit) -> None:
+    shown = repr(result)
+    assert len(shown) < 2000
+    assert shown.startswith("<Audit FAIL: ")
+    assert "2,000 trials, 100 draws each, 2 parameters" in shown
+    assert "FAIL sbc.log_width[narrow]" in shown
+    assert "sbc.log_width[right]" not in shown
+    assert "sbc.bias[right]" in repr(result.gates)
+
+
+def test_a_notebook_shows_the_verdict_and_every_gate_in_a_frame_of_its_own(result: Audit) -> None:
+    shown = result._repr_html_()
+    assert shown.count('class="gate ') == len(result.gates)
+    assert ">FAIL</span>" in shown
+    assert "sbc.log_width" in shown
+    # What the page's style sheet says of the whole page must not reach the notebook around it.
+    assert "<!DOCTYPE" not in shown
+    assert ":root" not in shown
+    assert "body {" not in shown
+
+
+def test_a_saved_result_verifies(result: Audit, tmp_path: Path) -> None:
+    file = write_trials(result.trials, tmp_path / "trials.nc")
+    rules, names = read_policy("default"), ["draws", "sbc"]
+    audited = audit_trials(file, tmp_path / "first", policy=rules, select=names)
+    folder = audited.save(tmp_path / "made" / "here")
+    assert {path.name for path in folder.iterdir()} == {path.name for path in (tmp_path / "first").iterdir()}
+    assert verify(folder).differences == ()
