@@ -15,7 +15,11 @@ if not any(metadata.distributions(name="setuptools")):
     pytest.skip("setuptools is not installed", allow_module_level=True)
 
 ROOT = Path(__file__).resolve().parent.parent
-ROOMS = ("validate", "estimators", "simulators", "reports", "discover", "stranger")
+ROOMS = {
+    **{room: room for room in ("validate", "estimators", "simulators", "reports", "stranger")},
+    "discover": "discovery",
+}
+"""Folders at the root, and the names that they are installed under."""
 
 
 def packaged(tree):
@@ -26,7 +30,7 @@ def packaged(tree):
         if name.startswith("src/gaugeblock/") and not (ROOT / name).is_symlink():
             places[name.removeprefix("src/")] = name
         elif room in ROOMS and rest and not name.endswith(".md"):
-            places[f"gaugeblock/{name}"] = name
+            places[f"gaugeblock/{ROOMS[room]}/{rest}"] = name
     return places
 
 
@@ -40,10 +44,15 @@ def clean_tree(tree, tmp_path_factory):
     return folder
 
 
-def build(kind, tree, out):
-    """Let setuptools build, in a process of its own, and return the file."""
+def asked(kind, tree, out):
+    """Ask setuptools to build, in a process of its own."""
     code = f"from setuptools import build_meta; print(build_meta.build_{kind}({str(out)!r}))"
-    done = subprocess.run([sys.executable, "-c", code], cwd=tree, capture_output=True, text=True, check=False)
+    return subprocess.run([sys.executable, "-c", code], cwd=tree, capture_output=True, text=True, check=False)
+
+
+def build(kind, tree, out):
+    """What was built."""
+    done = asked(kind, tree, out)
     assert done.returncode == 0, done.stdout + done.stderr
     return out / done.stdout.split()[-1]
 
@@ -53,8 +62,30 @@ def content(wheel):
         return sorted(n for n in archive.namelist() if ".dist-info/" not in n and not n.endswith("/"))
 
 
-def test_the_wheel_holds_the_tree(tree, clean_tree, tmp_path):
-    assert content(build("wheel", clean_tree, tmp_path)) == sorted(packaged(tree))
+def test_the_wheel_holds_the_tree_and_is_as_large_as_that(tree, clean_tree, tmp_path):
+    wheel = build("wheel", clean_tree, tmp_path)
+    assert content(wheel) == sorted(packaged(tree))
+    # Most of it are the shipped models; without the rooms there would be a tenth of a megabyte.
+    assert 5e6 < wheel.stat().st_size < 10e6
+
+
+@pytest.mark.parametrize("kind", ["wheel", "sdist", "editable"])
+def test_links_that_came_out_as_text_files_stop_the_build(clean_tree, tmp_path, kind):
+    """As git checks them out with core.symlinks=false, and on Windows without leave to make them."""
+    damaged = tmp_path / "tree"
+    shutil.copytree(clean_tree, damaged, symlinks=True, ignore=shutil.ignore_patterns("build", "*.egg-info"))
+    links = [path for path in (damaged / "src" / "gaugeblock").iterdir() if path.is_symlink()]
+    assert len(links) == len(ROOMS)
+    for path in links:
+        target = str(path.readlink())
+        path.unlink()
+        path.write_text(target)
+    done = asked(kind, damaged, tmp_path)
+    assert done.returncode != 0
+    (line,) = done.stderr.splitlines()
+    assert "text file where a symbolic link belongs" in line
+    assert line.endswith("git config core.symlinks true && git checkout -- src/gaugeblock")
+    assert not list(tmp_path.glob("gaugeblock*"))
 
 
 def test_the_wheel_made_from_the_sdist_holds_the_tree_too(tree, clean_tree, tmp_path):
@@ -68,13 +99,13 @@ def test_an_editable_install_shows_every_room_and_nothing_beside(clean_tree, tmp
     site = tmp_path / "site"
     with zipfile.ZipFile(build("editable", clean_tree, tmp_path)) as archive:
         archive.extractall(site)
-    rooms = [room for room in ROOMS if (ROOT / room / "__init__.py").exists()]
+    rooms = list(ROOMS.items())
     code = "\n".join(
         [
             "import importlib.util, site, sys",
             f"site.addsitedir({str(site)!r})",
-            f"for room in {rooms!r}:",
-            "    spec = importlib.util.find_spec('gaugeblock.' + room)",
+            f"for room, installed in {rooms!r}:",
+            "    spec = importlib.util.find_spec('gaugeblock.' + installed)",
             f"    assert spec.origin.startswith({str(clean_tree)!r}), spec",
             "    try: found = importlib.util.find_spec(room)",
             "    except ValueError: found = None",
@@ -82,8 +113,8 @@ def test_an_editable_install_shows_every_room_and_nothing_beside(clean_tree, tmp
         ]
     )
     done = subprocess.run(
-        # -S: no installed gaugeblock may answer in place of this one.
-        [sys.executable, "-S", "-c", code],
+        # No gaugeblock that is installed or on the path may answer in place of this one.
+        [sys.executable, "-I", "-S", "-c", code],
         cwd=tmp_path,
         capture_output=True,
         text=True,

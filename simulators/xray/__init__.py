@@ -17,10 +17,10 @@ from gaugeblock.simulators.xray.joint_library import OnInstrument, on_instrument
 from gaugeblock.simulators.xray.observation import Observation, read_observation
 from gaugeblock.simulators.xray.precision import double_precision
 from gaugeblock.simulators.xray.published import family
+from gaugeblock.simulators.xray.reader import Spectrum
 from gaugeblock.simulators.xray.reference import reference
 from gaugeblock.simulators.xray.response import Response
 from gaugeblock.simulators.xray.simulator import XraySpectrum
-from gaugeblock.simulators.xray.spectrum import Spectrum
 from gaugeblock.simulators.xray.w_statistic import w_statistic
 from gaugeblock.simulators.xray.with_background import WithBackground, with_background
 from gaugeblock.simulators.xray.writing import write_pha

@@ -18,10 +18,9 @@ from gaugeblock.simulators.xray.default_priors import default_prior
 from gaugeblock.simulators.xray.expression import parameter_names, parse
 from gaugeblock.simulators.xray.files import FilePath
 from gaugeblock.simulators.xray.joining import joint_spectra
-from gaugeblock.simulators.xray.reader import Reader, Reading
+from gaugeblock.simulators.xray.reader import Reader, Reading, Spectrum
 from gaugeblock.simulators.xray.response import Response
 from gaugeblock.simulators.xray.simulator import XraySpectrum
-from gaugeblock.simulators.xray.spectrum import Spectrum
 from gaugeblock.simulators.xray.with_background import with_background
 
 Priors = str | FilePath | Mapping[str, Any] | Prior | None

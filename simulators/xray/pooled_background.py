@@ -11,7 +11,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.simulators.marginals import Normal
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray.measured_background import WIDEST, MeasuredBackground
-from gaugeblock.simulators.xray.spectrum import Spectrum
+from gaugeblock.simulators.xray.reader import Spectrum
 
 T = TypeVar("T")
 

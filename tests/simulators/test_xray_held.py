@@ -7,7 +7,7 @@ from gaugeblock.simulators import Effect, Uniform
 
 pytest.importorskip("jaxspec")
 from gaugeblock.simulators.xray import reference
-from gaugeblock.simulators.xray.held import CHUNK
+from gaugeblock.simulators.xray.forward import HELD_CHUNK
 
 pytestmark = pytest.mark.usefixtures("xray_data")
 
@@ -21,7 +21,7 @@ EFFECTS = {
 def test_equals_the_whole_theta(name):
     effect, values = EFFECTS[name]
     plain = reference()
-    theta = plain.prior.sample(CHUNK + 3, np.random.default_rng(1))
+    theta = plain.prior.sample(HELD_CHUNK + 3, np.random.default_rng(1))
     extended = plain.with_effect(effect)
     whole = np.concatenate([theta, np.broadcast_to(values, (len(theta), 1))], axis=1)
     held = extended.held(values)
