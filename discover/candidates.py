@@ -11,7 +11,7 @@ import numpy as np
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.library import LibraryEffect
-from gaugeblock.simulators.protocol import can
+from gaugeblock.simulators.protocol import HasEffectLibrary
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +103,7 @@ def candidates(
         If neither the simulator nor the user proposes anything, or `only` names what is not there.
     """
     entries: dict[str, LibraryEffect] = {}
-    if can(simulator, "effect_library"):
+    if isinstance(simulator, HasEffectLibrary):
         entries.update(simulator.effect_library(theta))
     entries.update(own or {})
     unknown = set(only) - set(entries)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.coordinates import EDGE, Coordinates
-from gaugeblock.simulators.protocol import can, poisson_log_likelihood
+from gaugeblock.simulators.protocol import HasJacobian, poisson_log_likelihood
 
 TINY = 1e-12
 """Smallest mean that a residual is divided by."""
@@ -247,7 +247,7 @@ def _step(
 
 def _jacobian(simulator: Any, coordinates: Coordinates, position: Array, scale: Array) -> Array:
     """Derivative of the expected counts by the coordinates, ``(source, channel, parameter)``."""
-    if can(simulator, "jacobian"):
+    if isinstance(simulator, HasJacobian):
         by_theta = np.asarray(simulator.jacobian(coordinates.theta(position)))
         return by_theta * coordinates.slope(position)[:, None, :] * scale[:, None, None]
     width = 1e-5

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from gaugeblock.core.arrays import Array
 from gaugeblock.simulators.marginals import Marginal
 from gaugeblock.simulators.prior import Prior
-from gaugeblock.simulators.protocol import can
+from gaugeblock.simulators.protocol import HasJacobian
 
 
 class Reshaped:
@@ -34,7 +34,7 @@ class Reshaped:
         self._curves = np.asarray(curves, dtype=float)
         self._size = simulator.prior.size
         self.prior = simulator.prior * Prior(marginals)
-        if can(simulator, "jacobian"):
+        if isinstance(simulator, HasJacobian):
             self.jacobian = self._jacobian
 
     def _parts(self, theta: ArrayLike) -> tuple[Array, Array]:

@@ -17,7 +17,7 @@ from gaugeblock.discovery.name.shared_profile import newton, shared_parts
 from gaugeblock.discovery.name.shared_scores import join
 from gaugeblock.discovery.name.unnamed import curves
 from gaugeblock.discovery.sources import Sources
-from gaugeblock.simulators.protocol import can
+from gaugeblock.simulators.protocol import HasJacobian
 
 SIZE = 0.1
 """Prior standard deviation of the log of a shared smooth correction, at each of its curves."""
@@ -87,7 +87,7 @@ class Multiplied:
     factor: Array
 
     def __post_init__(self) -> None:
-        if can(self.simulator, "jacobian"):
+        if isinstance(self.simulator, HasJacobian):
             object.__setattr__(self, "jacobian", self._jacobian)
 
     @property

@@ -9,7 +9,7 @@ import numpy as np
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-from gaugeblock.simulators.protocol import can
+from gaugeblock.simulators.protocol import Extensible, HasExpected
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +59,10 @@ class Sources:
         empty = ~counts.any(axis=1)
         if empty.any():
             raise InputError(f"source {self.names[int(np.argmax(empty))]}: holds no counts; leave it out")
-        for capability in ("expected", "with_effect"):
-            if not can(self.simulator, capability):
+        for capability, method in ((HasExpected, "expected"), (Extensible, "with_effect")):
+            if not isinstance(self.simulator, capability):
                 raise InputError(
-                    f"discover: {type(self.simulator).__name__} has no {capability}(...), which naming needs"
+                    f"discover: {type(self.simulator).__name__} has no {method}(...), which naming needs"
                 )
 
     @classmethod

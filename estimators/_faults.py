@@ -4,19 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol, cast, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng, TrialStreams
 from gaugeblock.estimators._ingredients import BRIGHT_SHARE, Ingredients, total
-from gaugeblock.simulators.protocol import can
+from gaugeblock.estimators.protocol import HasDensity
 
 Sample = Callable[[Ingredients, NDArray[Any], int, Rng], Array]
 LogProb = Callable[[Ingredients, Array, NDArray[Any]], Array]
+
+
+@runtime_checkable
+class HoldsTruth(Protocol):
+    """A simulator whose data hold the parameters that made them."""
+
+    def truth(self, x: ArrayLike) -> Array:
+        """The parameters, ``(..., parameter)``."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +62,7 @@ def _affine(pieces: Affine, **options: Any) -> Fault:
 
 
 def _density(of: Ingredients, theta: Array, x: NDArray[Any]) -> Array:
-    return np.asarray(of.base.log_prob(theta, x))  # type: ignore[attr-defined]
+    return np.asarray(cast(HasDensity, of.base).log_prob(theta, x))  # a fault is given no density without it
 
 
 def _scaled(of: Ingredients, x: NDArray[Any]) -> tuple[Any, Any, Any]:
@@ -66,12 +74,12 @@ def _shifted(of: Ingredients, x: NDArray[Any]) -> tuple[Any, Any, Any]:
 
 
 def _about_the_truth(of: Ingredients, x: NDArray[Any]) -> tuple[Any, Any, Any]:
-    if not can(of.simulator, "truth"):
+    if not isinstance(of.simulator, HoldsTruth):
         raise InputError(
             "broken: fault 'leaking' needs data that hold the truth; build it on "
             "gaugeblock.estimators.broken.WithTruth(simulator)"
         )
-    return of.simulator.truth(x)[:, None], of.size, 0.0  # type: ignore[attr-defined]
+    return of.simulator.truth(x)[:, None], of.size, 0.0
 
 
 def _by_brightness(of: Ingredients, x: NDArray[Any]) -> tuple[Any, Any, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,9 +11,16 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
 from gaugeblock.estimators._faults import FAULTS
 from gaugeblock.estimators._ingredients import Ingredients
-from gaugeblock.estimators.protocol import Estimator
+from gaugeblock.estimators.protocol import Estimator, HasDensity
 from gaugeblock.simulators.prior import Prior
-from gaugeblock.simulators.protocol import Simulator, can
+from gaugeblock.simulators.protocol import (
+    HasExactDensity,
+    HasExactEvidence,
+    HasExactPosterior,
+    HasLikelihood,
+    Simulator,
+    description,
+)
 
 
 class Broken:
@@ -87,7 +93,7 @@ class Broken:
         self._name, self._fault, self._size, self._base = fault, chosen, used, base
         self._ingredients = Ingredients(base, simulator, np.nan if used is None else used)
         self.autocorrelated = bool(getattr(base, "autocorrelated", False))
-        if chosen.log_prob is not None and can(base, "log_prob"):
+        if chosen.log_prob is not None and isinstance(base, HasDensity):
             self.log_prob = self._log_prob
 
     def sample(self, x: ArrayLike, n: int, rng: Rng) -> NDArray[np.float64]:
@@ -101,8 +107,12 @@ class Broken:
 
     def describe(self) -> dict[str, Any]:
         """Plain data that identifies it, base included."""
-        base = self._base.describe() if can(self._base, "describe") else type(self._base).__name__  # type: ignore[attr-defined]
-        return {"estimator": "broken", "fault": self._name, "size": self._size, "base": base}
+        return {
+            "estimator": "broken",
+            "fault": self._name,
+            "size": self._size,
+            "base": description(self._base),
+        }
 
 
 def _check_size(fault: str, size: float | None) -> None:
@@ -139,19 +149,21 @@ class WithTruth:
             from gaugeblock.simulators.registry import build_simulator
 
             base = build_simulator(base, **options)
-        self._base = base
-        if can(base, "log_likelihood"):
+        self._base: Any = base  # its capabilities are asked for once, below
+        if isinstance(base, HasLikelihood):
             self.log_likelihood = self._log_likelihood
-        for name in ("posterior_sample", "log_evidence"):
-            if can(base, name):
-                setattr(self, name, partial(self._of_data, name))
-        if can(base, "posterior_log_prob"):
+        if isinstance(base, HasExactPosterior):
+            self.posterior_sample = self._posterior_sample
+        if isinstance(base, HasExactDensity):
             self.posterior_log_prob = self._posterior_log_prob
+        if isinstance(base, HasExactEvidence):
+            self.log_evidence = self._log_evidence
 
     @property
     def prior(self) -> Prior:
         """The base's."""
-        return self._base.prior
+        prior: Prior = self._base.prior
+        return prior
 
     def simulate(self, theta: ArrayLike, rng: Rng) -> NDArray[np.float64]:
         """Data of the base, then theta, ``(n, data + parameter)``."""
@@ -168,16 +180,18 @@ class WithTruth:
         """The truth alone, ``(..., parameter)``."""
         return np.asarray(x)[..., -self.prior.size :]
 
-    def _of_data(self, name: str, x: ArrayLike, *arguments: Any) -> Any:
-        return getattr(self._base, name)(self.data(x), *arguments)
-
     def _log_likelihood(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
-        return np.asarray(self._base.log_likelihood(theta, self.data(x)))  # type: ignore[attr-defined]
+        return np.asarray(self._base.log_likelihood(theta, self.data(x)))
+
+    def _posterior_sample(self, x: ArrayLike, n: int, rng: Rng) -> NDArray[np.float64]:
+        return np.asarray(self._base.posterior_sample(self.data(x), n, rng))
 
     def _posterior_log_prob(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
-        return np.asarray(self._base.posterior_log_prob(theta, self.data(x)))  # type: ignore[attr-defined]
+        return np.asarray(self._base.posterior_log_prob(theta, self.data(x)))
+
+    def _log_evidence(self, x: ArrayLike) -> NDArray[np.float64]:
+        return np.asarray(self._base.log_evidence(self.data(x)))
 
     def describe(self) -> dict[str, Any]:
         """Plain data that identifies it, base included."""
-        base = self._base.describe() if can(self._base, "describe") else type(self._base).__name__  # type: ignore[attr-defined]
-        return {"simulator": "with_truth", "base": base}
+        return {"simulator": "with_truth", "base": description(self._base)}

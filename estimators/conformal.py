@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng, TrialStreams
-from gaugeblock.simulators.protocol import Simulator, can
+from gaugeblock.simulators.protocol import Simulator, description
 
 CHUNK = 200
 # How many of the outermost calibration scores set the length of the tail beyond them.
@@ -117,13 +117,12 @@ class Conformal:
 
     def describe(self) -> dict[str, Any]:
         """Plain data that identifies it, base included."""
-        base = self._base.describe() if can(self._base, "describe") else type(self._base).__name__
         return {
             "estimator": "conformal",
             "number": self._number,
             "draws": self._draws,
             "seed": self._seed,
-            "base": base,
+            "base": description(self._base),
         }
 
 

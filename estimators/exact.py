@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
-from gaugeblock.simulators.protocol import Simulator, can
+from gaugeblock.simulators.protocol import HasExactDensity, HasExactEvidence, HasExactPosterior, Simulator
 
 
 class Exact:
@@ -28,30 +28,34 @@ class Exact:
     """
 
     def __init__(self, simulator: Simulator):
+        if not isinstance(simulator, HasExactPosterior):
+            raise _lacking(simulator, "posterior_sample")
         self._simulator = simulator
-        self._capability("posterior_sample")
-
-    def _capability(self, name: str) -> Any:
-        if not can(self._simulator, name):
-            raise InputError(
-                f"{type(self._simulator).__name__} has no {name}, so the exact estimator cannot give it; "
-                "take nested_sampling or nuts where there is a likelihood"
-            )
-        return getattr(self._simulator, name)
 
     def sample(self, x: ArrayLike, n: int, rng: Rng) -> NDArray[np.float64]:
         """Exact posterior draws, ``(batch, n, parameter)``."""
-        return np.asarray(self._capability("posterior_sample")(x, n, rng))
+        return np.asarray(self._simulator.posterior_sample(x, n, rng))
 
     def log_prob(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
         """Exact log posterior density, ``(batch, n)``."""
-        return np.asarray(self._capability("posterior_log_prob")(theta, x))
+        if not isinstance(self._simulator, HasExactDensity):
+            raise _lacking(self._simulator, "posterior_log_prob")
+        return np.asarray(self._simulator.posterior_log_prob(theta, x))
 
     def log_evidence(self, x: ArrayLike, rng: Rng) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # noqa: ARG002
         """Exact log evidence and its error, zero, each ``(batch,)``; `rng` stands unused."""
-        value = np.asarray(self._capability("log_evidence")(x))
+        if not isinstance(self._simulator, HasExactEvidence):
+            raise _lacking(self._simulator, "log_evidence")
+        value = np.asarray(self._simulator.log_evidence(x))
         return value, np.zeros_like(value)
 
     def describe(self) -> dict[str, Any]:
         """Plain data that identifies it."""
         return {"estimator": "exact"}
+
+
+def _lacking(simulator: object, method: str) -> InputError:
+    return InputError(
+        f"{type(simulator).__name__} has no {method}, so the exact estimator cannot give it; "
+        "take nested_sampling or nuts where there is a likelihood"
+    )

@@ -12,8 +12,8 @@ from scipy.special import logsumexp
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
 from gaugeblock.estimators._rows import resample
-from gaugeblock.estimators.protocol import sample_and_log_prob
-from gaugeblock.simulators.protocol import Simulator, can
+from gaugeblock.estimators.protocol import has_density, sample_and_log_prob
+from gaugeblock.simulators.protocol import HasLikelihood, Simulator, description
 
 COLLAPSED = 10.0
 """Fewer effective draws than this and a row's weights describe a few lucky draws, not the posterior."""
@@ -75,12 +75,12 @@ class ImportanceRefined:
     Rubin (1988), Bayesian Statistics 3, 395; Dax et al. (2023), PRL 130, 171403.
     """
 
-    def __init__(self, base: Any, simulator: Simulator, *, oversample: int = 8, evidence_draws: int = 2000):
-        if not (can(base, "log_prob") or can(base, "sample_and_log_prob")):
+    def __init__(self, base: Any, simulator: Simulator | HasLikelihood, *, oversample: int = 8, evidence_draws: int = 2000):
+        if not has_density(base):
             raise InputError(
                 f"importance_refined: {type(base).__name__} has no log_prob, so its draws cannot be weighted"
             )
-        if not can(simulator, "log_likelihood"):
+        if not isinstance(simulator, HasLikelihood):
             raise InputError(
                 f"importance_refined: {type(simulator).__name__} has no log_likelihood(theta, x)"
             )
@@ -95,8 +95,8 @@ class ImportanceRefined:
     def log_target(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
         """Log likelihood plus log prior, ``(batch, n)``: the numerator of the weights."""
         points, data = np.asarray(theta, dtype=float), np.asarray(x)
-        log_likelihood = getattr(self._simulator, "log_likelihood")  # noqa: B009  (a capability, checked above)
-        return np.asarray(log_likelihood(points, data[:, None]) + self._simulator.prior.log_prob(points))
+        log_likelihood = self._simulator.log_likelihood(points, data[:, None])
+        return np.asarray(log_likelihood + self._simulator.prior.log_prob(points))
 
     def weights(self, x: ArrayLike, n: int, rng: Rng) -> WeightedDraws:
         """`n` draws of the base for each row of x, with weights, effective sample size and evidence."""
@@ -130,10 +130,9 @@ class ImportanceRefined:
 
     def describe(self) -> dict[str, Any]:
         """Plain data that identifies it, base included."""
-        base = self._base.describe() if can(self._base, "describe") else type(self._base).__name__
         return {
             "estimator": "importance_refined",
             "oversample": self._oversample,
             "evidence_draws": self._evidence_draws,
-            "base": base,
+            "base": description(self._base),
         }

@@ -16,7 +16,7 @@ from gaugeblock.core.errors import InputError, require
 from gaugeblock.core.streams import Rng
 from gaugeblock.estimators._rows import resample, row_seeds
 from gaugeblock.estimators.nested_points import ultranest_tree
-from gaugeblock.simulators.protocol import can
+from gaugeblock.simulators.protocol import HasLikelihood
 
 LOWEST = -1e100
 """Stands for a log likelihood of -inf, which UltraNest refuses."""
@@ -95,7 +95,7 @@ class NestedSampling:
         batch: int = 128,
     ):
         require("ultranest", "ultranest")
-        if not can(simulator, "log_likelihood"):
+        if not isinstance(simulator, HasLikelihood):
             raise InputError(f"nested_sampling: {type(simulator).__name__} has no log_likelihood(theta, x)")
         if live_points < 40 or dlogz <= 0 or batch < 1:
             raise InputError(

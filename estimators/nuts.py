@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.core.errors import InputError, require
 from gaugeblock.core.streams import Rng
 from gaugeblock.estimators._rows import row_seeds
-from gaugeblock.simulators.protocol import can
+from gaugeblock.simulators.protocol import HasTraceableLikelihood
 
 BLOCK = 50
 """Draws kept by one call of the compiled sampler: any n is made of such calls, so n is never compiled in."""
@@ -78,7 +78,7 @@ class Nuts:
     ):
         require("jax", "nuts")
         require("numpyro", "nuts")
-        if not can(simulator, "log_likelihood_jax"):
+        if not isinstance(simulator, HasTraceableLikelihood):
             raise InputError(
                 f"nuts: {type(simulator).__name__} has no log_likelihood_jax(theta, x); take nested_sampling"
             )

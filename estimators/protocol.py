@@ -7,7 +7,9 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
+from gaugeblock.simulators.protocol import Described
 
 
 @runtime_checkable
@@ -19,35 +21,109 @@ class Estimator(Protocol):
     `gaugeblock.core.streams.TrialStreams` with one stream per row of x: draw with the batch as the first
     axis, or iterate over it for one Generator per row.
 
-    Capabilities, looked up by name with `gaugeblock.simulators.can`:
-
-    ``log_prob(theta, x)``
-        Normalised natural log density in physical theta: ``(batch, n)`` for theta ``(batch, n, parameter)``.
-    ``sample_and_log_prob(x, n, rng)``
-        Both at once, where that is cheaper: draws and their ``(batch, n)`` log density.
-    ``embed(x)``
-        Learned summary of the data, ``(batch, feature)``.
-    ``log_evidence(x, rng)``
-        Log evidence and its standard error, each ``(batch,)``.
-    ``describe()``
-        Plain data (JSON) that identifies the estimator in provenance and in resume keys.
-    ``autocorrelated``
-        True where draws of one trial are a Markov chain.
+    Each capability is a protocol of this file, or `gaugeblock.simulators.protocol.Described`, asked for by
+    ``isinstance(estimator, HasDensity)``. That looks whether the methods are there, not what they take; an
+    attribute that is None counts as absent. An attribute ``autocorrelated`` that is True says that draws of
+    one trial are a Markov chain.
     """
 
     def sample(self, x: ArrayLike, n: int, rng: Rng) -> NDArray[np.float64]:
         """Posterior draws for each row of x."""
 
 
-CAPABILITIES = ("log_prob", "sample_and_log_prob", "embed", "log_evidence", "describe")
+@runtime_checkable
+class HasDensity(Estimator, Protocol):
+    """Knows how probable any theta is."""
+
+    def log_prob(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
+        """Normalised natural log density in physical theta, ``(batch, n)`` for ``(batch, n, parameter)``."""
+
+
+@runtime_checkable
+class SamplesWithDensity(Protocol):
+    """Gives draws and their density at once, where that is cheaper or all that can be had."""
+
+    def sample_and_log_prob(
+        self, x: ArrayLike, n: int, rng: Rng
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Draws ``(batch, n, parameter)`` and their log density ``(batch, n)``."""
+
+
+@runtime_checkable
+class Embeds(Protocol):
+    """Has a learned summary of the data."""
+
+    def embed(self, x: ArrayLike) -> NDArray[np.float64]:
+        """The summary, ``(batch, feature)``."""
+
+
+@runtime_checkable
+class HasEvidence(Protocol):
+    """Estimates the evidence."""
+
+    def log_evidence(self, x: ArrayLike, rng: Rng) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Log evidence and its standard error, each ``(batch,)``."""
+
+
+@runtime_checkable
+class Phased(Protocol):
+    """Can be made to forget what it was asked so far."""
+
+    def end_phase(self) -> None:
+        """Forget it."""
+
+
+@runtime_checkable
+class Closable(Protocol):
+    """Runs something in processes of its own."""
+
+    def close(self) -> None:
+        """End them."""
+
+
+@runtime_checkable
+class Confined(Protocol):
+    """Is run behind a wall."""
+
+    def confinement(self) -> dict[str, Any]:
+        """What it was allowed, and under ``used`` what it took."""
+
+
+@runtime_checkable
+class Listed(Protocol):
+    """Knows what loading its file would import, without loading it."""
+
+    def listing(self) -> Any:
+        """What was read from the file, as plain data; None where the format has no such thing."""
+
+
+CAPABILITIES: tuple[type, ...] = (
+    *(Estimator, HasDensity, SamplesWithDensity, Embeds, HasEvidence, Described),
+    *(Phased, Closable, Confined, Listed),
+)
+
+
+def has_density(estimator: object) -> bool:
+    """Whether the estimator can say how probable its draws are."""
+    return isinstance(estimator, HasDensity | SamplesWithDensity)
 
 
 def sample_and_log_prob(
-    estimator: Any, x: ArrayLike, n: int, rng: Rng
+    estimator: object, x: ArrayLike, n: int, rng: Rng
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Draws and their log density, in one pass where the estimator offers that, else in two."""
-    if hasattr(estimator, "sample_and_log_prob"):
+    """Draws and their log density, in one pass where the estimator offers that, else in two.
+
+    Raises
+    ------
+    InputError
+        If it offers neither.
+    """
+    if isinstance(estimator, SamplesWithDensity):
         draws, log_q = estimator.sample_and_log_prob(x, n, rng)
         return np.asarray(draws), np.asarray(log_q)
+    if not isinstance(estimator, HasDensity):
+        raise InputError(
+            f"{type(estimator).__name__} has no log_prob(theta, x), so its draws cannot be weighted"
+        )
     draws = np.asarray(estimator.sample(x, n, rng))
     return draws, np.asarray(estimator.log_prob(draws, x))

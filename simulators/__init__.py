@@ -8,7 +8,7 @@ a file each; `xray/` is the reference case.
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.marginals import LogUniform, Marginal, Normal, Uniform
 from gaugeblock.simulators.prior import Prior
-from gaugeblock.simulators.protocol import Simulator, can, poisson_log_likelihood
+from gaugeblock.simulators.protocol import Simulator, poisson_log_likelihood
 from gaugeblock.simulators.registry import SIMULATORS, build_simulator
 
 __all__ = [
@@ -21,6 +21,5 @@ __all__ = [
     "Simulator",
     "Uniform",
     "build_simulator",
-    "can",
     "poisson_log_likelihood",
 ]

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.streams import Rng
+from gaugeblock.simulators.effects import Effect
+from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.prior import Prior
+from gaugeblock.simulators.segments import Segmented
 
 
 @runtime_checkable
@@ -19,22 +23,8 @@ class Simulator(Protocol):
     `numpy.random.Generator`, or a `gaugeblock.core.streams.TrialStreams` that behaves like one as long as
     every draw has n as its first axis; draw nothing of any other shape.
 
-    Capabilities, looked up by name with `can`:
-
-    ``expected(theta)``
-        Mean of the data, ``(..., *data_shape)``.
-    ``observe(expected, rng)``
-        Noise alone: data ``(n, *data_shape)`` given their mean. With ``expected`` it lets a training draw
-        fresh noise at every step.
-    ``log_likelihood(theta, x)``
-        Normalised natural log density of the data given theta, float64, broadcast over leading axes.
-    ``with_effect(effect)``
-        The simulator with one more way in which reality may differ.
-    ``posterior_sample(x, n, rng)``, ``posterior_log_prob(theta, x)``, ``log_evidence(x)``
-        Exact answers, where they exist: ``(batch, n, parameter)``; ``(batch, n)`` for theta
-        ``(batch, n, parameter)``; ``(batch,)``.
-    ``describe()``
-        Plain data (JSON) that identifies the simulator in provenance and in resume keys.
+    Each capability is a protocol of this file, asked for by ``isinstance(simulator, HasLikelihood)``. That
+    looks whether the methods are there, not what they take; an attribute that is None counts as absent.
     """
 
     @property
@@ -45,25 +35,137 @@ class Simulator(Protocol):
         """Data for each row of theta."""
 
 
-CAPABILITIES = (
-    "expected",
-    "observe",
-    "log_likelihood",
-    "with_effect",
-    "posterior_sample",
-    "posterior_log_prob",
-    "log_evidence",
-    "describe",
+@runtime_checkable
+class HasExpected(Protocol):
+    """Knows the mean of its data."""
+
+    def expected(self, theta: ArrayLike) -> NDArray[Any]:
+        """Mean of the data, ``(..., *data_shape)``."""
+
+
+@runtime_checkable
+class HasJacobian(HasExpected, Protocol):
+    """Knows how the mean of its data changes with the parameters."""
+
+    def jacobian(self, theta: ArrayLike) -> NDArray[Any]:
+        """Derivative of the mean by the parameters, ``(..., channel, parameter)``."""
+
+
+@runtime_checkable
+class HasNoise(HasExpected, Protocol):
+    """Can add noise to a mean: a training draws fresh noise at every step."""
+
+    def observe(self, expected: ArrayLike, rng: Rng) -> NDArray[Any]:
+        """Noise alone: data ``(n, *data_shape)`` given their mean."""
+
+
+@runtime_checkable
+class Holdable(HasExpected, Protocol):
+    """Can hold its last parameters once for all rows, which is faster than repeating them."""
+
+    def held(self, values: ArrayLike) -> HasJacobian:
+        """Mean and derivative by the first parameters, the last ones held at `values` ``(k,)``."""
+
+
+@runtime_checkable
+class HasLikelihood(Protocol):
+    """Has an explicit likelihood."""
+
+    @property
+    def prior(self) -> Prior:
+        """Prior over the parameters."""
+
+    def log_likelihood(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
+        """Normalised natural log density of x given theta, float64, broadcast over leading axes."""
+
+
+@runtime_checkable
+class LikelihoodSimulator(Simulator, HasLikelihood, Protocol):
+    """A simulator with an explicit likelihood."""
+
+
+@runtime_checkable
+class HasTraceableLikelihood(Protocol):
+    """Has a likelihood that JAX can trace."""
+
+    @property
+    def prior(self) -> Prior:
+        """Prior over the parameters, its unbounded coordinates traceable too."""
+
+    def log_likelihood_jax(self, theta: Any, x: Any) -> Any:
+        """Log likelihood of one theta ``(parameter,)`` and one data set, JAX arrays."""
+
+
+@runtime_checkable
+class Extensible(Protocol):
+    """Takes effects in."""
+
+    def with_effect(self, effect: Effect) -> Any:
+        """The simulator with one more way in which reality may differ, its parameters last in the prior."""
+
+
+@runtime_checkable
+class HasEffectLibrary(Protocol):
+    """Knows what it may be missing."""
+
+    def effect_library(self, theta: ArrayLike) -> Mapping[str, LibraryEffect]:
+        """Candidate effects by name, scaled for theta ``(n, parameter)``."""
+
+
+@runtime_checkable
+class HasGaps(Protocol):
+    """Knows which effects its library would hold if it knew more."""
+
+    def not_in_library(self) -> Mapping[str, str]:
+        """What each of them needs to know, by the effect's name."""
+
+
+@runtime_checkable
+class HasExactPosterior(Protocol):
+    """Draws from its own posterior exactly."""
+
+    def posterior_sample(self, x: ArrayLike, n: int, rng: Rng) -> NDArray[np.float64]:
+        """Exact posterior draws, ``(batch, n, parameter)``."""
+
+
+@runtime_checkable
+class HasExactDensity(Protocol):
+    """Knows the density of its own posterior exactly."""
+
+    def posterior_log_prob(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
+        """Log posterior density, ``(batch, n)`` for theta ``(batch, n, parameter)``."""
+
+
+@runtime_checkable
+class HasExactEvidence(Protocol):
+    """Knows its own evidence exactly."""
+
+    def log_evidence(self, x: ArrayLike) -> NDArray[np.float64]:
+        """Log evidence, ``(batch,)``."""
+
+
+@runtime_checkable
+class Described(Protocol):
+    """Says what it is; simulators and estimators alike."""
+
+    def describe(self) -> dict[str, Any]:
+        """Plain data (JSON) that identifies it in provenance and in resume keys."""
+
+
+CAPABILITIES: tuple[type, ...] = (
+    *(Simulator, HasExpected, HasJacobian, HasNoise, Holdable),
+    *(HasLikelihood, LikelihoodSimulator, HasTraceableLikelihood, Extensible, HasEffectLibrary, HasGaps, Segmented),
+    *(HasExactPosterior, HasExactDensity, HasExactEvidence, Described),
 )
 
 
-def can(simulator: object, capability: str) -> bool:
-    """Whether a simulator or an estimator has the named capability.
+def description(thing: object) -> Any:
+    """What a thing says of itself, or the name of its class where it says nothing.
 
-    >>> can(object(), "log_likelihood")
-    False
+    >>> description(object())
+    'object'
     """
-    return callable(getattr(simulator, capability, None))
+    return thing.describe() if isinstance(thing, Described) else type(thing).__name__
 
 
 def poisson_log_likelihood(expected: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:

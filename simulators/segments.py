@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
-
-from gaugeblock.simulators.protocol import can
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,9 +21,17 @@ class Segment:
     role: Literal["source", "background"] = "source"
 
 
-def segments(simulator: Any, channels: int) -> tuple[Segment, ...]:
+@runtime_checkable
+class Segmented(Protocol):
+    """Knows which part of its data vector is what."""
+
+    def segments(self) -> tuple[Segment, ...]:
+        """The parts, in order, that together make up the data vector."""
+
+
+def segments(simulator: object, channels: int) -> tuple[Segment, ...]:
     """The segments of a simulator's data: its own ``segments()``, or one whose edges are channel numbers."""
-    if can(simulator, "segments"):
-        return tuple(simulator.segments())
+    if isinstance(simulator, Segmented):
+        return simulator.segments()
     number = np.arange(channels, dtype=float)
     return (Segment("data", 0, channels, np.stack([number, number + 1.0], axis=1), unit="channel"),)

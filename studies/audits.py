@@ -11,8 +11,9 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.auditing.collect import Plan
-from gaugeblock.auditing.samples import ImportanceTrials, JointTrials, MainTrials, has_density
-from gaugeblock.simulators import can
+from gaugeblock.auditing.samples import ImportanceTrials, JointTrials, MainTrials
+from gaugeblock.estimators.protocol import has_density
+from gaugeblock.simulators.protocol import HasLikelihood
 from gaugeblock.validate import Finding, NotChecked, Policy, Verdict, family, judge, run_validators
 from gaugeblock.validate.trials import trials_tree
 
@@ -51,7 +52,7 @@ def _plain(collector: MainTrials) -> Any:
 def collected(simulator: Any, estimator: Any, plan: Plan) -> xr.DataTree:
     """What `gaugeblock.auditing.collect` would collect, without the disk."""
     main = _plain(MainTrials(simulator, estimator, plan))(range(plan.number))
-    likelihood = can(simulator, "log_likelihood")
+    likelihood = isinstance(simulator, HasLikelihood)
     importance = joint = None
     if plan.importance_number and likelihood and has_density(estimator):
         importance = _plain(ImportanceTrials(simulator, estimator, plan, main))(range(plan.importance_number))

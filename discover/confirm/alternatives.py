@@ -12,6 +12,7 @@ from gaugeblock.discovery.coordinates import Coordinates
 from gaugeblock.discovery.fit import TINY, Fit
 from gaugeblock.simulators.marginals import Normal, Uniform
 from gaugeblock.simulators.prior import Prior
+from gaugeblock.simulators.protocol import HasJacobian
 
 DRAWS = 64
 """Draws about a fit over which a likelihood is averaged."""
@@ -33,11 +34,12 @@ class _Free:
     def expected(self, theta: Any) -> Array:
         return np.asarray(self.simulator.expected(theta))
 
-    def __getattr__(self, name: str) -> Any:
-        # The derivative is a capability: there if the simulator has it.
-        if name == "jacobian":
-            return self.simulator.jacobian
-        raise AttributeError(name)
+
+class _FreeWithJacobian(_Free):
+    """The same, with its derivative."""
+
+    def jacobian(self, theta: Any) -> Array:
+        return np.asarray(self.simulator.jacobian(theta))
 
 
 def unpenalised(simulator: Any, names: tuple[str, ...] | None = None) -> Any:
@@ -50,7 +52,10 @@ def unpenalised(simulator: Any, names: tuple[str, ...] | None = None) -> Any:
         for name, marginal in simulator.prior.marginals.items()
         if isinstance(marginal, Normal) and (names is None or name in names)
     }
-    return _Free(simulator, simulator.prior.replace(**changes)) if changes else simulator
+    if not changes:
+        return simulator
+    kind = _FreeWithJacobian if isinstance(simulator, HasJacobian) else _Free
+    return kind(simulator, simulator.prior.replace(**changes))
 
 
 def extended_starts(

@@ -8,7 +8,7 @@ from typing import Any
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.library import LibraryEffect
-from gaugeblock.simulators.protocol import can
+from gaugeblock.simulators.protocol import Extensible
 
 Addition = Effect | LibraryEffect
 """What can be added: an effect, or an entry of a library with all its parameters free."""
@@ -33,7 +33,7 @@ def extended(simulator: Any, effects: Addition | Iterable[Addition]) -> Any:
     additions = [effects] if isinstance(effects, Effect | LibraryEffect) else list(effects)
     if not additions:
         raise InputError("extend: no effect given")
-    if not can(simulator, "with_effect"):
+    if not isinstance(simulator, Extensible):
         raise InputError(f"extend: {type(simulator).__name__} has no with_effect(effect)")
     for addition in additions:
         effect = addition.effect() if isinstance(addition, LibraryEffect) else addition

@@ -13,7 +13,8 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.extend.adaptive import Mixture
 from gaugeblock.discovery.extend.widened import Widened
 from gaugeblock.estimators.importance_refined import ImportanceRefined, WeightedDraws
-from gaugeblock.simulators.protocol import can
+from gaugeblock.estimators.protocol import HasDensity
+from gaugeblock.simulators.protocol import HasLikelihood
 from gaugeblock.validate.evidence import thread_bootstrap
 from gaugeblock.validate.joint.importance import KHAT_LIMIT
 from gaugeblock.validate.joint.psis import pareto_khat
@@ -138,7 +139,7 @@ def by_flow(
             f"refit by flow: the estimator draws {', '.join(own)}; the extended simulator has "
             f"{', '.join(names)}: train one for it, with the effects as nuisance"
         )
-    if not can(simulator, "log_likelihood") or not can(estimator, "log_prob"):
+    if not isinstance(simulator, HasLikelihood) or not isinstance(estimator, HasDensity):
         return Drawn(np.asarray(estimator.sample(x, draws, rng)), None, None, {})
     weighted = ImportanceRefined(estimator, simulator).weights(x, draws, rng)
     khat = pareto_khat(weighted.log_weight)

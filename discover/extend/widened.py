@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
-from gaugeblock.estimators.protocol import sample_and_log_prob
+from gaugeblock.estimators.protocol import HasDensity, sample_and_log_prob
 from gaugeblock.simulators.prior import Prior
-from gaugeblock.simulators.protocol import can
 
 
 class Widened:
@@ -34,7 +33,7 @@ class Widened:
     """
 
     def __init__(self, base: Any, simulator: Any):
-        if not can(base, "log_prob"):
+        if not isinstance(base, HasDensity):
             raise InputError(
                 f"importance: {type(base).__name__} has no log_prob, so its draws cannot be weighted"
             )

@@ -13,7 +13,7 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.fit import Fit, fit
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
-from gaugeblock.simulators.protocol import can
+from gaugeblock.simulators.protocol import HasJacobian, Holdable
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class Shared:
     @property
     def alike(self) -> bool:
         """Whether the effects are the same for all sources, and the simulator makes use of that."""
-        return can(self.simulator, "held") and not any(term.entry.energies for term in self.terms)
+        return isinstance(self.simulator, Holdable) and not any(term.entry.energies for term in self.terms)
 
     def once(self, phi: Array) -> Any:
         """The simulator with what all sources share held at phi: its own `expected` and `jacobian`."""
@@ -132,14 +132,19 @@ class Shared:
         if not self.terms:
             return self.base
         values = np.array(phi, dtype=float)
-        return Held(self, values, self.once(values) if self.alike else None)
+        if self.alike:
+            return HeldWithJacobian(self, values, self.once(values))
+        # Derivatives by many shared parameters too would cost more than differences by a source's own.
+        few = self.simulator.prior.size <= 2 * self.parameters
+        known = few and isinstance(self.simulator, HasJacobian)
+        return (HeldWithJacobian if known else Held)(self, values)
 
     def jacobian(self, theta: Array, phi: Array, scale: Array, redshift: Array) -> Array:
         """Derivative of the expected counts by sources' own parameters, ``(source, channel, parameter)``."""
         own, place = self.parameters, self.at(theta, phi, redshift)
         if self.alike:
             return np.asarray(self.once(phi).jacobian(theta)) * scale[:, None, None]
-        if can(self.simulator, "jacobian"):
+        if isinstance(self.simulator, HasJacobian):
             return np.asarray(self.simulator.jacobian(place))[..., :own] * scale[:, None, None]
         columns = []
         for k in range(own):
@@ -191,20 +196,19 @@ class Held:
             return np.asarray(self.inner.expected(theta))
         return np.asarray(self.shared.simulator.expected(self._at(theta)))
 
-    def __getattr__(self, name: str) -> Any:
-        if name != "jacobian":
-            raise AttributeError(name)
-        if self.inner is not None:
-            return self.inner.jacobian
-        # Derivatives by many shared parameters too would cost more than differences by a source's own.
-        simulator, own = self.shared.simulator, self.shared.parameters
-        if can(simulator, "jacobian") and simulator.prior.size <= 2 * own:
-            return lambda theta: np.asarray(simulator.jacobian(self._at(theta)))[..., :own]
-        raise AttributeError(name)
-
     def _at(self, theta: Any) -> Array:
         rows = np.asarray(theta, dtype=float)
         return self.shared.at(rows, self.phi, np.zeros(len(rows)))
+
+
+class HeldWithJacobian(Held):
+    """The same, with its derivative."""
+
+    def jacobian(self, theta: Any) -> Array:
+        """Derivative of the expected counts by a source's own parameters, ``(n, channel, parameter)``."""
+        if self.inner is not None:
+            return np.asarray(self.inner.jacobian(theta))
+        return np.asarray(self.shared.simulator.jacobian(self._at(theta)))[..., : self.shared.parameters]
 
 
 COLD, WARM = 60, 15

@@ -13,7 +13,7 @@ from gaugeblock.discovery.locate.windows import WindowScan
 from gaugeblock.discovery.name.profile import Profile
 from gaugeblock.discovery.search import Look
 from gaugeblock.discovery.single import Search
-from gaugeblock.simulators.protocol import can
+from gaugeblock.simulators.protocol import HasGaps
 
 
 def summary(search: Search) -> dict[str, Any]:
@@ -62,7 +62,7 @@ def model_name(simulator: Any) -> str:
 
 def not_checked(simulator: Any) -> list[dict[str, str]]:
     """Effects that this simulator's library would hold if it knew more, and what it needs to know."""
-    missing = simulator.not_in_library() if can(simulator, "not_in_library") else {}
+    missing = simulator.not_in_library() if isinstance(simulator, HasGaps) else {}
     return [{"id": name, "why": why} for name, why in missing.items()]
 
 

@@ -17,7 +17,7 @@ from gaugeblock.discovery.simulated.fit import Budget, Observed, SimulatedFit, f
 from gaugeblock.discovery.simulated.model import Model
 from gaugeblock.discovery.simulated.search import LearnedScores, learn_effects
 from gaugeblock.simulators.library import LibraryEffect
-from gaugeblock.simulators.protocol import can
+from gaugeblock.simulators.protocol import Extensible, Simulator
 
 FEWEST = 30
 """Data sets from which a population can be fitted."""
@@ -45,9 +45,9 @@ def prepare(
 ) -> Before:
     """Fit the model without an effect and learn the score of every effect there."""
     data = np.asarray(x)
-    for needed in ("simulate", "with_effect"):
-        if not can(simulator, needed):
-            raise InputError(f"discover: {type(simulator).__name__} has no {needed}(...), which naming needs")
+    for capability, method in ((Simulator, "simulate"), (Extensible, "with_effect")):
+        if not isinstance(simulator, capability):
+            raise InputError(f"discover: {type(simulator).__name__} has no {method}(...), which naming needs")
     if data.ndim < 2 or (1 < len(data) < FEWEST) or not len(data):
         raise InputError(
             f"discover: give one data set (1, ...) or at least {FEWEST} (n, ...), got shape {data.shape}; a "

@@ -17,7 +17,7 @@ from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.npe.coordinates import to_scores
 from gaugeblock.simulators.prior import Prior
-from gaugeblock.simulators.protocol import Simulator, can
+from gaugeblock.simulators.protocol import Described, HasNoise, Simulator
 
 CHUNK = 8192
 Progress = Callable[[str, int, int], None]
@@ -32,8 +32,8 @@ def stream(seed: int, purpose: str, number: int = 0) -> np.random.Generator:
 
 def describe_simulator(simulator: Simulator) -> dict[str, Any]:
     """Plain data that identifies a simulator; its prior alone where it does not describe itself."""
-    if can(simulator, "describe"):
-        description: dict[str, Any] = json.loads(json.dumps(simulator.describe()))  # type: ignore[attr-defined]
+    if isinstance(simulator, Described):
+        description: dict[str, Any] = json.loads(json.dumps(simulator.describe()))
         return description
     return {"simulator": type(simulator).__name__, "prior": simulator.prior.describe()}
 
@@ -82,7 +82,7 @@ class Bank:
         InputError
             If the simulator gives data that are not finite, or the wrong number of rows.
         """
-        fresh = fresh and can(simulator, "expected") and can(simulator, "observe")
+        fresh = fresh and isinstance(simulator, HasNoise)
         key = json.dumps(
             {"simulator": describe_simulator(simulator), "seed": seed, "chunk": CHUNK, "fresh": fresh},
             sort_keys=True,

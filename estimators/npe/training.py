@@ -23,7 +23,7 @@ from gaugeblock.estimators.npe.loop import train_default
 from gaugeblock.estimators.npe.networks import NetworkShape, build_network
 from gaugeblock.estimators.npe.published import train_published
 from gaugeblock.estimators.npe.storage import load, save
-from gaugeblock.simulators.protocol import Simulator, can
+from gaugeblock.simulators.protocol import HasLikelihood, Simulator
 from gaugeblock.simulators.registry import build_simulator
 
 FEATURE_ROWS = 20_000
@@ -55,7 +55,7 @@ def train(
         work.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"cannot write {place}: {error.strerror or error}") from None
-    if options.redraws and not (config.network.kind == "laplace" and can(simulator, "log_likelihood")):
+    if options.redraws and not (config.network.kind == "laplace" and isinstance(simulator, HasLikelihood)):
         raise InputError(
             'training.redraws needs network.kind = "laplace" and a simulator with a likelihood (its '
             "`log_likelihood`)"

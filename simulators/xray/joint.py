@@ -15,8 +15,7 @@ from gaugeblock.core.streams import Rng
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.prior import Prior
-from gaugeblock.simulators.protocol import can
-from gaugeblock.simulators.segments import Segment
+from gaugeblock.simulators.segments import Segment, Segmented
 from gaugeblock.simulators.xray.joint_library import OnInstrument, joint_library
 from gaugeblock.simulators.xray.poisson import jax_log_likelihood, log_likelihood, theta_array
 
@@ -36,8 +35,8 @@ class Part:
 
     def segments(self) -> tuple[Segment, ...]:
         """Its segments as it has them by itself."""
-        if can(self.simulator, "segments"):
-            return tuple(self.simulator.segments())
+        if isinstance(self.simulator, Segmented):
+            return self.simulator.segments()
         return (Segment(self.name, 0, self.channels, self.simulator.channels),)
 
 

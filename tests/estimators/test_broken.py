@@ -12,7 +12,9 @@ from gaugeblock.core.streams import TrialStreams
 from gaugeblock.estimators import build_estimator
 from gaugeblock.estimators._faults import FAULTS
 from gaugeblock.estimators.broken import Broken, WithTruth
-from gaugeblock.simulators import build_simulator, can
+from gaugeblock.estimators.protocol import HasDensity
+from gaugeblock.simulators import build_simulator
+from gaugeblock.simulators.protocol import HasExactPosterior
 
 WITH_DENSITY = {
     "narrow",
@@ -65,7 +67,7 @@ def test_all_members_keep_shape_type_and_batches(member):
 def test_a_density_belongs_to_the_draws_or_is_absent(member):
     """Fraction of draws in a half plane against the density's: 5 sd, four rows, and a total of 1."""
     name, broken, _, x = member
-    assert can(broken, "log_prob") == (name in WITH_DENSITY)
+    assert isinstance(broken, HasDensity) == (name in WITH_DENSITY)
     if name not in WITH_DENSITY:
         return
     side = np.linspace(-6.0, 6.0, 301)
@@ -170,7 +172,7 @@ def test_data_with_the_truth_have_the_base_s_capabilities(simulator, leaky):
         np.testing.assert_array_equal(getattr(leaky, name)(points, both), expected)
     np.testing.assert_array_equal(leaky.log_evidence(both), simulator.log_evidence(x))
     assert leaky.describe()["base"] == simulator.describe()
-    assert not can(WithTruth(Image()), "posterior_sample")
+    assert not isinstance(WithTruth(Image()), HasExactPosterior)
 
 
 @pytest.mark.parametrize(
@@ -207,6 +209,6 @@ def test_what_the_simulator_cannot_give_is_said(simulator):
 
 def test_a_base_of_one_s_own(simulator):
     refined = build("shifted", simulator, base={"name": "importance_refined", "base": {"name": "exact"}})
-    assert not can(refined, "log_prob")
+    assert not isinstance(refined, HasDensity)
     assert refined.describe()["base"]["estimator"] == "importance_refined"
     assert refined.sample(np.zeros((1, 3)), 5, np.random.default_rng(1)).shape == (1, 5, 2)

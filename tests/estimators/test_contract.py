@@ -13,7 +13,8 @@ from scipy.stats import kstest
 
 from gaugeblock.core.streams import TrialStreams
 from gaugeblock.estimators import ESTIMATORS, Estimator, build_estimator
-from gaugeblock.simulators import build_simulator, can
+from gaugeblock.estimators.protocol import Closable, HasDensity, HasEvidence
+from gaugeblock.simulators import build_simulator
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,7 @@ def member(request, simulator):
         options["path"] = str(request.getfixturevalue("foreign"))
     estimator = build_estimator(request.param, simulator, **options)
     yield case, estimator
-    if can(estimator, "close"):
+    if isinstance(estimator, Closable):
         estimator.close()
 
 
@@ -186,7 +187,7 @@ def test_draws_do_not_depend_on_how_trials_are_batched(member, data):
 
 def test_density_is_normalised(member, data):
     _, estimator = member
-    if not can(estimator, "log_prob"):
+    if not isinstance(estimator, HasDensity):
         pytest.skip("has no density")
     side = np.linspace(-6.0, 6.0, 201)
     grid = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(1, -1, 2)
@@ -198,7 +199,7 @@ def test_density_is_normalised(member, data):
 def test_sampling_and_density_belong_together(member, data):
     # Fraction of draws in a half plane against the density's: 5 sd, three rows, 2 seeds in a million.
     _, estimator = member
-    if not can(estimator, "log_prob"):
+    if not isinstance(estimator, HasDensity):
         pytest.skip("has no density")
     draws = estimator.sample(data, 4000, np.random.default_rng(10))
     side = np.linspace(-6.0, 6.0, 201)
@@ -213,7 +214,7 @@ def test_sampling_and_density_belong_together(member, data):
 def test_evidence_agrees_with_the_exact_one(member, simulator, data):
     # Within 4 stated errors, three rows: a false alarm for 2 seeds in 10,000.
     _, estimator = member
-    if not can(estimator, "log_evidence"):
+    if not isinstance(estimator, HasEvidence):
         pytest.skip("gives no evidence")
     value, error = estimator.log_evidence(data, np.random.default_rng(12))
     assert value.shape == error.shape == (3,)

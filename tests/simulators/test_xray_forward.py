@@ -11,7 +11,14 @@ from scipy.stats import poisson
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import TrialStreams
-from gaugeblock.simulators import Effect, Simulator, Uniform, can
+from gaugeblock.simulators import Effect, Simulator, Uniform
+from gaugeblock.simulators.protocol import (
+    Described,
+    Extensible,
+    HasExactPosterior,
+    HasLikelihood,
+    HasNoise,
+)
 
 pytest.importorskip("jaxspec")
 from gaugeblock.simulators.xray import double_precision, reference
@@ -32,9 +39,9 @@ def theta(simulator):
 
 def test_it_is_a_simulator_with_every_capability_that_a_likelihood_gives(simulator):
     assert isinstance(simulator, Simulator)
-    for capability in ("expected", "observe", "log_likelihood", "with_effect", "describe"):
-        assert can(simulator, capability)
-    assert not can(simulator, "posterior_sample")
+    for capability in (HasNoise, HasLikelihood, Extensible, Described):
+        assert isinstance(simulator, capability)
+    assert not isinstance(simulator, HasExactPosterior)
 
 
 def test_equals_jaxspec_to_rounding(simulator, theta):

@@ -7,8 +7,9 @@ import pytest
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.fit import fit
-from gaugeblock.simulators import Effect, Simulator, Uniform, can
+from gaugeblock.simulators import Effect, Simulator, Uniform
 from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators.protocol import Described, Extensible, HasJacobian, HasLikelihood, HasNoise
 from gaugeblock.simulators.segments import segments
 
 pytest.importorskip("jaxspec")
@@ -65,8 +66,8 @@ def theta(joint):
 
 def test_names_shapes_and_segments(joint, pn, mos):
     assert isinstance(joint, Simulator)
-    for capability in ("expected", "observe", "log_likelihood", "with_effect", "describe", "jacobian"):
-        assert can(joint, capability)
+    for capability in (HasNoise, HasLikelihood, Extensible, Described, HasJacobian):
+        assert isinstance(joint, capability)
     assert joint.prior.names == (
         *pn.prior.names,
         "cross_calibration_2.factor",

@@ -56,9 +56,10 @@ def zoo_trials() -> Callable[..., xr.DataTree]:
 
     Two parameters whose posterior has sd 0.55 and correlation -0.67, data along which it moves.
     """
-    from gaugeblock.auditing.samples import ImportanceTrials, JointTrials, MainTrials, Plan, has_density
+    from gaugeblock.auditing.samples import ImportanceTrials, JointTrials, MainTrials, Plan
     from gaugeblock.estimators import build_estimator
     from gaugeblock.estimators.broken import WithTruth
+    from gaugeblock.estimators.protocol import has_density
     from gaugeblock.simulators import build_simulator
     from gaugeblock.validate import trials_tree
 

@@ -24,10 +24,9 @@ from gaugeblock.auditing.samples import Plan, untrusted
 from gaugeblock.auditing.trials_from import read_any_trials
 from gaugeblock.auditing.watch import Watch, watched
 from gaugeblock.core.digest import digest, file_digest
-from gaugeblock.estimators.protocol import Estimator
+from gaugeblock.estimators.protocol import Confined, Estimator, Listed
 from gaugeblock.reports.verdict_json import plain
 from gaugeblock.simulators import Simulator, build_simulator
-from gaugeblock.simulators.protocol import can
 from gaugeblock.validate import Policy, judge, run_validators
 from gaugeblock.validate.findings_file import read_findings
 from gaugeblock.validate.trials import POSTERIOR, add_group, read_trials
@@ -124,13 +123,13 @@ def audit_objects(
         "trials": {**vars(plan), **stopped},
     }
     resources: dict[str, Any] = {}
-    if can(estimator, "confinement"):
-        confinement = dict(estimator.confinement())  # type: ignore[attr-defined]
+    if isinstance(estimator, Confined):
+        confinement = dict(estimator.confinement())
         # What was used differs from run to run, and so stays out of everything that must not.
         resources = dict(confinement.pop("used", {}))
         provenance["confinement"] = confinement
-    if can(estimator, "listing"):
-        provenance["listing"] = estimator.listing()  # type: ignore[attr-defined]
+    if isinstance(estimator, Listed):
+        provenance["listing"] = estimator.listing()
     end_phase(estimator)
     if observation is not None:
         provenance["observation"] = {"file": str(observation), "file_sha256": file_digest(observation)}

@@ -19,14 +19,13 @@ from gaugeblock.auditing.samples import (
     JointTrials,
     MainTrials,
     Plan,
-    has_density,
     untrusted,
 )
 from gaugeblock.auditing.watch import Watch
 from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError
-from gaugeblock.estimators.protocol import Estimator
-from gaugeblock.simulators.protocol import Simulator, can
+from gaugeblock.estimators.protocol import Estimator, has_density
+from gaugeblock.simulators.protocol import HasLikelihood, Simulator
 from gaugeblock.validate.storage import open_groups, read_groups, write_groups
 from gaugeblock.validate.trials import trials_tree
 
@@ -66,7 +65,7 @@ def collect(
     elif plan.importance_number and _weighable(simulator, estimator):
         weigh = ImportanceTrials(simulator, estimator, plan, main)
         importance = _chunks(WEIGHING, plan.importance_number, _size(plan), work, progress, weigh)
-    if plan.joint_number and can(simulator, "log_likelihood"):
+    if plan.joint_number and isinstance(simulator, HasLikelihood):
         size = max(1, plan.chunk * plan.draws // plan.joint_draws)
         evaluate = JointTrials(simulator, estimator, plan, main)
         joint = _chunks("joint likelihood", plan.joint_number, size, work, progress, evaluate)
@@ -103,7 +102,7 @@ def _size(plan: Plan) -> int:
 
 
 def _weighable(simulator: Simulator, estimator: Estimator) -> bool:
-    return can(simulator, "log_likelihood") and has_density(estimator)
+    return isinstance(simulator, HasLikelihood) and has_density(estimator)
 
 
 def fingerprint(simulator: Simulator, estimator: Estimator, plan: Plan) -> str:

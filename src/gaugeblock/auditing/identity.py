@@ -10,7 +10,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from gaugeblock.simulators.protocol import can
+from gaugeblock.simulators.protocol import Described
 
 NUMERICAL = (
     *("gaugeblock", "numpy", "scipy", "xarray", "netCDF4"),
@@ -26,8 +26,8 @@ def identity(thing: object) -> dict[str, Any]:
     """
     kind = type(thing)
     record: dict[str, Any] = {"class": f"{kind.__module__}.{kind.__qualname__}"}
-    if can(thing, "describe"):
-        record |= dict(thing.describe())  # type: ignore[attr-defined]
+    if isinstance(thing, Described):
+        record |= thing.describe()
     else:
         try:
             record["state_sha256"] = hashlib.sha256(pickle.dumps(thing)).hexdigest()

@@ -9,13 +9,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.auditing.samples import has_density, untrusted
+from gaugeblock.auditing.samples import untrusted
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import TrialStreams
 from gaugeblock.estimators._rows import resample
-from gaugeblock.estimators.protocol import Estimator, sample_and_log_prob
-from gaugeblock.simulators.protocol import Simulator, can
+from gaugeblock.estimators.protocol import Estimator, has_density, sample_and_log_prob
+from gaugeblock.simulators.protocol import HasLikelihood, LikelihoodSimulator, Simulator
 from gaugeblock.validate.joint.importance import log_weights
 from gaugeblock.validate.storage import read_groups
 from gaugeblock.validate.trials import make_trials
@@ -71,7 +71,7 @@ def trials_around(
     ----------
     Säilynoja et al. (2025), arXiv:2502.03279.
     """
-    if not can(simulator, "log_likelihood"):
+    if not isinstance(simulator, HasLikelihood):
         raise InputError(
             f"observation: posterior SBC needs a likelihood; {type(simulator).__name__} has no "
             "log_likelihood(theta, x)"
@@ -137,7 +137,9 @@ def read_observation(path: Path) -> NDArray[np.generic]:
 class _Around:
     """A simulator, an estimator and the observation between them."""
 
-    def __init__(self, simulator: Simulator, estimator: Estimator, observed: NDArray[np.generic], seed: int):
+    def __init__(
+        self, simulator: LikelihoodSimulator, estimator: Estimator, observed: NDArray[np.generic], seed: int
+    ):
         self.simulator, self.estimator, self.observed, self.seed = simulator, estimator, observed, seed
 
     def chunk(self, trials: range, draws: int, proposals: int) -> tuple[NDArray[np.generic], ...]:
@@ -189,7 +191,7 @@ class _Around:
         inside = np.asarray(np.isfinite(prior.log_prob(known)) & np.isfinite(theta).all(axis=-1))
         known = np.where(inside[..., None], known, prior.center)
         x = np.repeat(self.observed[None, None], len(theta), axis=0)
-        value = np.asarray(self.simulator.log_likelihood(known, x))  # type: ignore[attr-defined]
+        value = np.asarray(self.simulator.log_likelihood(known, x))
         return np.where(inside & ~np.isnan(value), value, -np.inf)
 
     def streams(self, purpose: str, trials: range) -> TrialStreams:

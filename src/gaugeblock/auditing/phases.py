@@ -13,15 +13,15 @@ import xarray as xr
 
 from gaugeblock.auditing.samples import Again, Plan
 from gaugeblock.core.errors import blamed
-from gaugeblock.estimators.protocol import Estimator
-from gaugeblock.simulators.protocol import Simulator, can
+from gaugeblock.estimators.protocol import Closable, Estimator, HasDensity, Phased
+from gaugeblock.simulators.protocol import Simulator
 from gaugeblock.validate.trials import make_trials
 
 
 def end_phase(estimator: object) -> None:
     """Let it forget what it was asked so far, where it can be made to."""
-    if can(estimator, "end_phase"):
-        estimator.end_phase()  # type: ignore[attr-defined]
+    if isinstance(estimator, Phased):
+        estimator.end_phase()
 
 
 @contextmanager
@@ -30,12 +30,14 @@ def ended(estimator: object) -> Iterator[None]:
     try:
         yield
     finally:
-        if can(estimator, "close"):
-            estimator.close()  # type: ignore[attr-defined]
+        if isinstance(estimator, Closable):
+            estimator.close()
 
 
 class DensityTrials(Again):
     """The main trials with the densities of their draws and, somewhere among these, of the truth."""
+
+    estimator: HasDensity
 
     def __call__(self, trials: range) -> xr.Dataset:
         rows = self.rows(trials)
@@ -44,7 +46,7 @@ class DensityTrials(Again):
         order = self.streams("shuffle", trials).random(points.shape[:2]).argsort(axis=1)
         shuffled = np.take_along_axis(points, order[..., None], axis=1)
         with blamed("the estimator", trials):
-            answered = self.estimator.log_prob(shuffled, rows["x"].values)  # type: ignore[attr-defined]
+            answered = self.estimator.log_prob(shuffled, rows["x"].values)
         answered = self.checked(answered, trials, points.shape[1], what="log_q")
         density = np.empty_like(answered)
         np.put_along_axis(density, order, answered, axis=1)
@@ -72,6 +74,8 @@ class ImportanceDraws(Again):
 class WeighedDraws(Again):
     """The draws for importance weights with their densities, likelihoods and prior."""
 
+    estimator: HasDensity
+
     def __init__(
         self, simulator: Simulator, estimator: Estimator, plan: Plan, main: xr.Dataset, drawn: xr.Dataset
     ):
@@ -83,7 +87,7 @@ class WeighedDraws(Again):
         drawn = self.drawn.isel(trial=slice(trials.start, trials.stop)).load()
         draws = drawn["draws"].values
         with blamed("the estimator", trials):
-            answered = self.estimator.log_prob(draws, x)  # type: ignore[attr-defined]
+            answered = self.estimator.log_prob(draws, x)
         log_prior, log_likelihood = self.log_prior_and_likelihood(draws, x)
         density = self.checked(answered, trials, draws.shape[1], what="log_q")
         columns = {"log_q": density, "log_likelihood": log_likelihood, "log_prior": log_prior}

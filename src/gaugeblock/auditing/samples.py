@@ -10,8 +10,8 @@ import xarray as xr
 
 from gaugeblock.core.errors import InputError, blamed
 from gaugeblock.core.streams import TrialStreams
-from gaugeblock.estimators.protocol import Estimator, sample_and_log_prob
-from gaugeblock.simulators.protocol import Simulator, can
+from gaugeblock.estimators.protocol import Estimator, HasDensity, has_density, sample_and_log_prob
+from gaugeblock.simulators.protocol import LikelihoodSimulator, Simulator
 from gaugeblock.validate.trials import make_trials
 
 
@@ -41,11 +41,6 @@ class Plan:
             importance_number=min(self.importance_number, number),
             joint_number=min(self.joint_number, number),
         )
-
-
-def has_density(estimator: Estimator) -> bool:
-    """Whether the estimator can say how probable its draws are."""
-    return can(estimator, "log_prob") or can(estimator, "sample_and_log_prob")
 
 
 def untrusted(estimator: object) -> bool:
@@ -100,8 +95,8 @@ class MainTrials:
             else:
                 sampled, density = sample_and_log_prob(self.estimator, x, n, stream)
                 log_q = self.checked(density, trials, n, what="log_q")
-            if can(self.estimator, "log_prob") and not untrusted(self.estimator):
-                at_truth = self.estimator.log_prob(theta[:, None], x)  # type: ignore[attr-defined]
+            if isinstance(self.estimator, HasDensity) and not untrusted(self.estimator):
+                at_truth = self.estimator.log_prob(theta[:, None], x)
                 log_q_true = self.checked(at_truth, trials, 1, what="log_q of the truth")[:, 0]
         draws = self.checked(sampled, trials, n)
         return make_trials(
@@ -117,7 +112,9 @@ class MainTrials:
 
 
 class Again(MainTrials):
-    """Something further on the truths and data of the main trials."""
+    """Something further on the truths and data of the main trials, made where there is what it needs."""
+
+    simulator: LikelihoodSimulator
 
     def __init__(self, simulator: Simulator, estimator: Estimator, plan: Plan, main: xr.Dataset):
         super().__init__(simulator, estimator, plan)
@@ -136,7 +133,7 @@ class Again(MainTrials):
         log_prior = np.where(finite, prior.log_prob(known), np.nan)
         inside = np.isfinite(log_prior)
         known = np.where(inside[..., None], known, prior.center)
-        likelihood = np.asarray(self.simulator.log_likelihood(known, x[:, None]))  # type: ignore[attr-defined]
+        likelihood = np.asarray(self.simulator.log_likelihood(known, x[:, None]))
         return log_prior, np.where(inside, likelihood, np.where(finite, -np.inf, np.nan))
 
 

@@ -5,8 +5,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.simulators import Effect, Simulator, Uniform, build_simulator, can
+from gaugeblock.simulators import Effect, Simulator, Uniform, build_simulator
 from gaugeblock.simulators.epidemic import EFFECTS, Epidemic, EpidemicEffect
+from gaugeblock.simulators.protocol import HasExactDensity, HasExactEvidence, HasExactPosterior
 from gaugeblock.simulators.segments import segments
 
 RATES = np.array([[0.3, 0.12], [0.5, 0.2], [0.9, 0.06]])
@@ -46,9 +47,9 @@ def test_an_extended_epidemic_is_a_simulator_without_an_exact_posterior(name):
     simulator, theta = extended(name, entry.neutral + entry.step)
     assert isinstance(simulator, Simulator)
     assert simulator.prior.names[2:] == tuple(f"{name}_1.{p}" for p in entry.parameters)
-    for missing in ("posterior_sample", "posterior_log_prob", "log_evidence"):
-        assert can(PLAIN, missing)
-        assert not can(simulator, missing)
+    for missing in (HasExactPosterior, HasExactDensity, HasExactEvidence):
+        assert isinstance(PLAIN, missing)
+        assert not isinstance(simulator, missing)
     x = simulator.simulate(theta, np.random.default_rng(1))
     assert x.shape == (3, 12)
     assert simulator.log_likelihood(theta[:, None], x).shape == (3, 3)
