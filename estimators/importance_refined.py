@@ -75,7 +75,14 @@ class ImportanceRefined:
     Rubin (1988), Bayesian Statistics 3, 395; Dax et al. (2023), PRL 130, 171403.
     """
 
-    def __init__(self, base: Any, simulator: Simulator | HasLikelihood, *, oversample: int = 8, evidence_draws: int = 2000):
+    def __init__(
+        self,
+        base: Any,
+        simulator: Simulator | HasLikelihood,
+        *,
+        oversample: int = 8,
+        evidence_draws: int = 2000,
+    ):
         if not has_density(base):
             raise InputError(
                 f"importance_refined: {type(base).__name__} has no log_prob, so its draws cannot be weighted"

@@ -154,7 +154,15 @@ class Described(Protocol):
 
 CAPABILITIES: tuple[type, ...] = (
     *(Simulator, HasExpected, HasJacobian, HasNoise, Holdable),
-    *(HasLikelihood, LikelihoodSimulator, HasTraceableLikelihood, Extensible, HasEffectLibrary, HasGaps, Segmented),
+    *(
+        HasLikelihood,
+        LikelihoodSimulator,
+        HasTraceableLikelihood,
+        Extensible,
+        HasEffectLibrary,
+        HasGaps,
+        Segmented,
+    ),
     *(HasExactPosterior, HasExactDensity, HasExactEvidence, Described),
 )
 
