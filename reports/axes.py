@@ -1,32 +1,118 @@
-"""A gate's picture on axes of matplotlib: what `result.plot` draws."""
+"""A picture on axes of matplotlib: what `result.plot` draws."""
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from gaugeblock.core.errors import InputError, require
-from gaugeblock.validate import Finding, Gate
+from gaugeblock.reports.pictures import Cells, Curve, Histogram, Intervals, picture
+from gaugeblock.reports.words import number, short
+from gaugeblock.validate import Finding, Gate, Outcome
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+COLOURS = {Outcome.PASS: "#17703f", Outcome.FAIL: "#b3261e", Outcome.INCONCLUSIVE: "#8a5a00", None: "#24578a"}
+ACCENT, INK = "#24578a", "#59616b"
+
 
 def draw(finding: Finding | None, gate: Gate | None, *, ax: Axes | None = None) -> Axes:
-    """The finding behind a gate on `ax`, or on new axes, against what is tolerated.
+    """What is behind a gate or a finding on `ax`, or on new axes; shaded green is what is tolerated.
 
     Raises
     ------
     InputError
-        If there is nothing to draw.
+        If there is nothing to draw: the check could not be made.
     MissingExtraError
         Without matplotlib.
     """
-    axes: Axes = require("matplotlib.pyplot", "report").subplots()[1] if ax is None else ax
-    if gate is None or not math.isfinite(gate.statistic):
-        identifier = gate.id if gate is not None else finding.id if finding is not None else ""
-        raise InputError(f"{identifier}: nothing to draw")
-    axes.plot(gate.interval, [0, 0])
-    axes.plot([gate.statistic], [0], "o")
-    axes.set_title(gate.id)
+    shown = picture(finding, gate)
+    if shown is None:
+        said = (
+            gate.message if gate is not None else f"{finding.id if finding else 'it'} holds a p-value alone"
+        )
+        raise InputError(f"there is nothing to draw: {said}")
+    pyplot = require("matplotlib.pyplot", "report")
+    axes: Axes = pyplot.subplots(layout="constrained")[1] if ax is None else ax
+    match shown:
+        case Histogram():
+            _histogram(shown, axes)
+        case Cells():
+            _cells(shown, axes, gate)
+        case Intervals():
+            _intervals(shown, axes, gate)
+        case _:
+            _curves(shown, axes, gate)
+    name = gate.id if gate is not None else finding.id if finding is not None else ""
+    p_value = finding.p_value if finding is not None and gate is None else None
+    said = f": {gate.outcome}" if gate is not None else "" if p_value is None else f": p = {short(p_value)}"
+    axes.set_title(f"{name}{said}", fontsize="medium")
+    for text in axes.findobj(require("matplotlib.text", "report").Text):
+        text.set_parse_math(False)  # a dollar in somebody's name is a dollar
     return axes
+
+
+def _curves(shown: list[Curve], axes: Axes, gate: Gate | None) -> None:
+    first = shown[0]
+    axes.fill_between(first.x, first.low, first.high, color=ACCENT, alpha=0.15, lw=0, label="exact: 95%")
+    if gate is not None:
+        _tolerated(axes, (-gate.tolerance, gate.tolerance), "h")
+    axes.axhline(0, color=INK, lw=0.8, ls=":")
+    for curve in shown[:MOST_CURVES]:
+        axes.plot(curve.x, curve.y, marker="o" if curve.points else None, ms=4, lw=1.4, label=curve.name)
+    axes.set(xlabel=first.x_label, ylabel=first.y_label, xlim=(0, 1))
+    axes.legend(fontsize="small", framealpha=0.7)
+
+
+def _histogram(shown: Histogram, axes: Axes) -> None:
+    values = shown.values[np.isfinite(shown.values)]
+    axes.hist(np.clip(values, *shown.range), bins=30, range=shown.range, color=ACCENT, alpha=0.7)
+    for (text, place), style in zip(shown.marks.items(), ("-", "--"), strict=False):
+        axes.axvline(place, color="black", ls=style, lw=1.2, label=f"{text} {short(place)}")
+    axes.set(xlabel=shown.x_label, ylabel="trials")
+    axes.legend(fontsize="small", framealpha=0.7)
+
+
+def _cells(shown: Cells, axes: Axes, gate: Gate | None) -> None:
+    limit = gate.tolerance if gate is not None else float(np.nanmax(np.abs(shown.gap)))
+    image = axes.imshow(shown.gap, cmap="RdBu", vmin=-2 * limit, vmax=2 * limit, aspect="auto")
+    for (row, column), value in np.ndenumerate(shown.gap):
+        dark = abs(value) > 1.4 * limit
+        text = number(float(value), 3, sign=True)
+        axes.text(column, row, text, ha="center", va="center", color="white" if dark else "black")
+    axes.set_xticks(range(len(shown.columns)), shown.columns)
+    axes.set_yticks(range(len(shown.rows)), shown.rows)
+    axes.set_xlabel(shown.x_label)
+    axes.figure.colorbar(image, ax=axes, label=f"coverage gap (tolerated {short(limit)})" if gate else "gap")
+
+
+def _intervals(shown: Intervals, axes: Axes, gate: Gate | None) -> None:
+    place = np.arange(len(shown.rows))[::-1]
+    colour = COLOURS[None if gate is None else gate.outcome]
+    if shown.tolerated is not None:
+        _tolerated(axes, shown.tolerated, "v")
+    axes.axvline(0, color=INK, lw=0.8, ls=":")
+    sides = [shown.estimate - shown.low, shown.high - shown.estimate]
+    axes.errorbar(shown.estimate, place, xerr=sides, fmt="o", color=colour, ms=6, lw=1.4, capsize=3)
+    for name, (low, high) in shown.inner.items():
+        if name in shown.rows:
+            axes.plot([low, high], [place[shown.rows.index(name)]] * 2, color=colour, lw=6, alpha=0.35)
+    axes.set_yticks(place, shown.rows)
+    axes.set_ylim(-0.7, len(place) - 0.3)
+    axes.set_xlabel(shown.x_label)
+
+
+# Curves that one frame can hold and a legend name.
+MOST_CURVES = 10
+
+
+def _tolerated(axes: Axes, bounds: tuple[float, float], along: str) -> None:
+    """The tolerated range, shaded, and its edges; the frame shows it whole, with room on either side."""
+    line, span = (axes.axhline, axes.axhspan) if along == "h" else (axes.axvline, axes.axvspan)
+    finite = [bound for bound in bounds if np.isfinite(bound)]
+    if len(finite) == 2 and finite[0] < finite[1]:
+        span(*finite, color=COLOURS[Outcome.PASS], alpha=0.08, lw=0)
+    for bound in finite:
+        line(bound, color=COLOURS[Outcome.PASS], lw=1, ls="--")

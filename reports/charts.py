@@ -1,4 +1,4 @@
-"""The report's figures, each from plain arrays: curve with band, histogram, scatter."""
+"""The report's figures as SVG: curve with band, histogram, scatter, a row of the forest plot of gates."""
 
 from __future__ import annotations
 
@@ -9,41 +9,29 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import ArrayLike
 
-from gaugeblock.reports.svg import Frame, drawing
+from gaugeblock.reports.pictures import Curve, Histogram
+from gaugeblock.reports.svg import Frame, drawing, tag
 from gaugeblock.reports.words import count, number, short
+from gaugeblock.validate.finding import Sense
 
 _POINTS = 400  # more than this on one line cannot be seen at the size it is drawn
 
 
-def curve_with_band(
-    x: ArrayLike,
-    y: ArrayLike,
-    low: ArrayLike,
-    high: ArrayLike,
-    *,
-    key: str,
-    name: str,
-    x_label: str,
-    y_label: str,
-    half_height: float | None = None,
-    points: bool = False,
-) -> Markup:
-    """A curve around zero with its band, all of shape ``(n,)``; `half_height` makes panels comparable.
-
-    `points` marks the places where the curve was computed, where these are few.
-    """
-    whole = [np.asarray(values, dtype=float) for values in (x, y, low, high)]
+def curve_with_band(curve: Curve, *, key: str, name: str, half_height: float | None = None) -> Markup:
+    """A curve around zero with its band; `half_height` makes panels comparable."""
+    x_label, y_label = curve.x_label, curve.y_label
+    whole = [curve.x, curve.y, curve.low, curve.high]
     beyond = np.maximum(whole[1] - whole[3], whole[2] - whole[1])
     outside = int(np.sum(beyond > 0))
     # Thinned evenly, but never so that the points farthest out go missing.
     shown = np.linspace(0, len(beyond) - 1, min(_POINTS, len(beyond))).astype(int)
     shown = np.unique([*shown, int(np.argmax(beyond)), int(np.argmax(np.abs(whole[1])))])
-    across, curve, lower, upper = (values[shown] for values in whole)
-    half = half_height or half_height_of(curve, lower, upper)
+    across, middle, lower, upper = (values[shown] for values in whole)
+    half = half_height or half_height_of(middle, lower, upper)
     frame = Frame(x=(0.0, 1.0), y=(-half, half))
-    farthest = int(np.argmax(np.abs(curve)))
+    farthest = int(np.argmax(np.abs(middle)))
     description = (
-        f"{y_label} against {x_label}. Largest deviation {number(float(curve[farthest]), 3)} "
+        f"{y_label} against {x_label}. Largest deviation {number(float(middle[farthest]), 3)} "
         f"at {number(float(across[farthest]), 2)}; "
         + (
             "inside its band everywhere."
@@ -55,10 +43,10 @@ def curve_with_band(
         frame.band(across, lower, upper),
         frame.axes(x_label, y_label),
         frame.line([0.0, 1.0], [0.0, 0.0], "zero"),
-        frame.line(across, curve, "line" if not outside else "line astray"),
+        frame.line(across, middle, "line" if not outside else "line astray"),
     ]
-    if points:
-        marks.append(frame.dots(across, curve, "points" if not outside else "points astray"))
+    if curve.points:
+        marks.append(frame.dots(across, middle, "points" if not outside else "points astray"))
     return _figure(marks, frame, key=key, title=name, description=description)
 
 
@@ -68,18 +56,10 @@ def half_height_of(*curves: ArrayLike) -> float:
     return 1.12 * largest if largest > 0 else 1.0
 
 
-def histogram(
-    values: ArrayLike,
-    marks: Mapping[str, float],
-    *,
-    key: str,
-    name: str,
-    x_label: str,
-    x: tuple[float, float],
-) -> Markup:
-    """A histogram of finite `values` over the range `x`, with labelled upright `marks`."""
-    finite = np.asarray(values, dtype=float)
-    finite = finite[np.isfinite(finite)]
+def histogram(picture: Histogram, *, key: str) -> Markup:
+    """A histogram of the finite values, with labelled upright marks."""
+    x_label, x = picture.x_label, picture.range
+    finite = picture.values[np.isfinite(picture.values)]
     heights, edges = np.histogram(
         np.clip(finite, *x), bins=max(10, min(40, int(2 * len(finite) ** 0.5))), range=x
     )
@@ -87,14 +67,14 @@ def histogram(
     middle = float(np.median(finite)) if len(finite) else math.nan
     uprights = [
         frame.upright(min(max(value, x[0]), x[1]), f"{text} {short(value)}", f"mark mark-{index}", row=index)
-        for index, (text, value) in enumerate(marks.items())
+        for index, (text, value) in enumerate(picture.marks.items())
     ]
-    picture = [frame.axes(x_label, "trials"), frame.bars(edges, heights), *uprights]
+    marks = [frame.axes(x_label, "trials"), frame.bars(edges, heights), *uprights]
     return _figure(
-        picture,
+        marks,
         frame,
         key=key,
-        title=name,
+        title=picture.name,
         description=f"Histogram of {x_label} over {count(len(finite), 'trial')}; median {short(middle)}.",
     )
 
@@ -151,3 +131,75 @@ def _figure(marks: list[Markup], frame: Frame, *, key: str, title: str, descript
         description=description,
         class_="chart",
     )
+
+
+def gate_bar(
+    statistic: float,
+    interval: tuple[float, float],
+    pass_interval: tuple[float, float],
+    tolerance: float,
+    sense: Sense,
+    *,
+    key: str,
+    name: str,
+) -> Markup | None:
+    """Tolerated range shaded, simultaneous interval thin, one-sided 95% bounds thick, estimate a dot.
+
+    Two-sided gates are drawn in units of their tolerance, so that rows compare. None where there is nothing
+    to draw: no tolerance to scale by, or no estimate.
+    """
+    if not (math.isfinite(statistic) and math.isfinite(tolerance)) or tolerance <= 0:
+        return None
+    if sense == "two-sided":
+        shown, tolerated = (-2.5 * tolerance, 2.5 * tolerance), (-tolerance, tolerance)
+    else:
+        top = max([1.0 if max(statistic, tolerance) <= 1 else 0.0, 1.4 * tolerance, 1.1 * statistic])
+        shown, tolerated = (0.0, top), (tolerance, top) if sense == "at-least" else (0.0, tolerance)
+    frame = Frame(x=shown, y=(0.0, 1.0), width=230, height=26, left=7, right=7, top=0, bottom=0)
+
+    def between(low: float, high: float, thickness: float, class_: str) -> Markup:
+        start, end = (float(frame.across(min(max(v, shown[0]), shown[1]))) for v in (low, high))
+        size = {"width": f"{max(end - start, 0.5):.1f}", "height": f"{thickness:g}"}
+        return tag("rect", x=f"{start:.1f}", y=f"{13 - thickness / 2:g}", **size, class_=class_)
+
+    marks = [
+        between(*shown, 1, "axis-line"),
+        between(*tolerated, 22, "tolerated"),
+        *(_edge(frame, edge) for edge in tolerated if shown[0] < edge < shown[1]),
+    ]
+    if sense == "two-sided":
+        marks.append(tag("path", d=f"M{float(frame.across(0.0)):.1f} 2V24", class_="zero"))
+    marks.append(between(*_closed(interval, shown), 2, "whisker"))
+    marks.append(between(*_closed(pass_interval, shown), 7, "box"))
+    marks.append(_estimate(frame, statistic, shown))
+    description = (
+        f"Estimate {short(statistic)}, interval {short(interval[0])} to {short(interval[1])}, "
+        f"tolerance {short(tolerance)} ({sense})."
+    )
+    return drawing(
+        marks,
+        width=frame.width,
+        height=frame.height,
+        key=key,
+        title=name,
+        description=description,
+        class_="bar-row",
+    )
+
+
+def _edge(frame: Frame, value: float) -> Markup:
+    return tag("path", d=f"M{float(frame.across(value)):.1f} 2V24", class_="limit")
+
+
+def _estimate(frame: Frame, value: float, shown: tuple[float, float]) -> Markup:
+    """A dot, or an arrow head where the estimate lies beyond what is shown."""
+    if shown[0] <= value <= shown[1]:
+        return tag("circle", cx=f"{float(frame.across(value)):.1f}", cy="13", r="4.2", class_="dot")
+    tip, back = (1.0, 9.0) if value < shown[0] else (frame.width - 1, frame.width - 9)
+    return tag("path", d=f"M{tip:g} 13L{back:g} 7V19Z", class_="dot")
+
+
+def _closed(bounds: tuple[float, float], shown: tuple[float, float]) -> tuple[float, float]:
+    """Open or unknown ends reach to the end of what is shown."""
+    low, high = bounds
+    return (low if math.isfinite(low) else shown[0]), (high if math.isfinite(high) else shown[1])

@@ -5,14 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import xarray as xr
 
+from gaugeblock.reports.cells import cells
 from gaugeblock.reports.charts import curve_with_band, half_height_of, histogram, scatter
-from gaugeblock.reports.errors_of_trials import TrialErrors
-from gaugeblock.reports.joint_figures import joint_section
-from gaugeblock.reports.local_figures import local_section
+from gaugeblock.reports.pictures import REGIONS, Curve, curves, ranks, weights
+from gaugeblock.reports.pictures import cells as region_cells
 from gaugeblock.reports.section import Panel, Section
-from gaugeblock.reports.words import p_equals, parameter_of, short
+from gaugeblock.reports.words import number, p_equals, parameter_of, short
+from gaugeblock.reports.worst import TrialErrors
 from gaugeblock.validate import Finding, Verdict
+
+# Where no policy has a tolerance: the colour of a region is full at this gap.
+FULL = 0.1
 
 
 def sections(verdict: Verdict, findings: Sequence[Finding], errors: TrialErrors | None) -> list[Section]:
@@ -23,39 +28,34 @@ def sections(verdict: Verdict, findings: Sequence[Finding], errors: TrialErrors 
         _ranks(findings),
         _coverage(by_id.get("coverage.central")),
         joint_section(findings),
-        local_section(findings, _local_tolerance(verdict)),
+        local_section(
+            findings, next((v for name, v in tolerance.items() if name.startswith("local.")), None)
+        ),
         _weights(by_id, tolerance.get("importance.ess")),
         _errors(errors),
     ]
     return [section for section in made if section is not None]
 
 
-def _local_tolerance(verdict: Verdict) -> float | None:
-    return next((gate.tolerance for gate in verdict.gates if gate.id.startswith("local.")), None)
+def _panels(
+    found: Sequence[Curve], keys: Sequence[str], names: str, remarks: Sequence[str]
+) -> tuple[Panel, ...]:
+    """A panel for each curve, all of one height so that they compare."""
+    half = half_height_of(*(values for curve in found for values in (curve.y, curve.low, curve.high)))
+    return tuple(
+        Panel(
+            curve.name,
+            remark,
+            curve_with_band(curve, key=key, name=names.format(curve.name), half_height=half),
+        )
+        for curve, key, remark in zip(found, keys, remarks, strict=True)
+    )
 
 
 def _ranks(findings: Sequence[Finding]) -> Section | None:
-    names = ("ecdf_difference", "band_low", "band_high")
-    found = [f for f in findings if f.id.startswith("sbc.uniform") and set(names) <= set(f.details)]
+    found = [f for f in findings if f.id.startswith("sbc.uniform") and curves(f)]
     if not found:
         return None
-    # At 0 and 1 the ECDF is exact: curve and band close there.
-    curves = [[np.pad(f.details[name].values, 1) for name in names] for f in found]
-    half = half_height_of(*(curve for three in curves for curve in three))
-    panels = []
-    for index, (finding, (difference, low, high)) in enumerate(zip(found, curves, strict=True)):
-        name = parameter_of(finding.id) or finding.id
-        point = np.pad(finding.details["evaluation_point"].values, 1, constant_values=(0.0, 1.0))
-        panels.append(
-            Panel(
-                name,
-                p_equals(finding.p_value),
-                curve_with_band(
-                    point, difference, low, high, key=f"rank-{index}", name=f"Ranks of {name}",
-                    x_label="rank of the truth / draws", y_label="ECDF minus uniform", half_height=half,
-                ),
-            )
-        )  # fmt: skip
     return Section(
         "ranks",
         "Where the truth ranks among the draws",
@@ -63,33 +63,19 @@ def _ranks(findings: Sequence[Finding]) -> Section | None:
         "minus how often they should.",
         "A healthy curve wanders inside the shaded band, which holds the whole curve of an exact estimator "
         "in 95% of audits. An arch means bias, an S means posteriors too narrow or too wide.",
-        tuple(panels),
+        _panels(
+            [ranks(f) for f in found],
+            [f"rank-{index}" for index in range(len(found))],
+            "Ranks of {}",
+            [p_equals(f.p_value) for f in found],
+        ),
     )
 
 
 def _coverage(finding: Finding | None) -> Section | None:
-    if finding is None or "coverage" not in finding.details:
+    found = [] if finding is None else curves(finding)
+    if not found:
         return None
-    coverage = finding.details["coverage"].transpose("parameter", "level")
-    level = np.asarray(coverage["level"].values, dtype=float)
-    covered = coverage.values
-    gap = covered - level
-    low, high = (finding.details[name].values - level for name in ("band_low", "band_high"))
-    half = half_height_of(gap, low, high)
-    panels = []
-    for index, name in enumerate(str(n) for n in coverage["parameter"].values):
-        worst = int(np.argmax(np.abs(gap[index])))
-        panels.append(
-            Panel(
-                name,
-                f"the {short(100 * level[worst])}% intervals hold {short(100 * covered[index, worst])}%",
-                curve_with_band(
-                    level, gap[index], low, high, points=True,
-                    key=f"coverage-{index}", name=f"Coverage of {name}",
-                    x_label="level claimed", y_label="coverage minus level", half_height=half,
-                ),
-            )
-        )  # fmt: skip
     return Section(
         "coverage",
         "How often credible intervals hold the truth",
@@ -97,38 +83,114 @@ def _coverage(finding: Finding | None) -> Section | None:
         "the share claimed. The remark names the level with the largest gap.",
         "A healthy curve stays near zero, inside its band. Below zero the intervals are too short "
         "(overconfident), above zero too long.",
+        _panels(
+            found,
+            [f"coverage-{index}" for index in range(len(found))],
+            "Coverage of {}",
+            [curve.remark for curve in found],
+        ),
+    )
+
+
+def joint_section(findings: Sequence[Finding]) -> Section | None:
+    """Coverage of regions in all parameters at once; None where no validator computed any."""
+    by_id = {finding.id: finding for finding in findings}
+    found = {name: curves(by_id[name])[0] for name in REGIONS if name in by_id and curves(by_id[name])}
+    if not found:
+        return None
+    uniform = [by_id.get(f"{name}_uniform") for name in found]
+    p_values = ["" if finding is None else p_equals(finding.p_value) for finding in uniform]
+    return Section(
+        "joint",
+        "Whether the parameters are right together",
+        "Regions in all parameters at once: where the posterior is densest, balls around points that the "
+        "data suggest, and draws that are less likely than the truth.",
+        "A healthy curve stays near zero, inside its band. Marginals can all be right while a correlation is "
+        "missing; and the prior returned as posterior shows here alone.",
+        _panels(
+            list(found.values()),
+            [name.replace(".", "-") for name in found],
+            "{}",
+            [
+                "; ".join(part for part in (curve.remark, p_value) if part)
+                for curve, p_value in zip(found.values(), p_values, strict=True)
+            ],
+        ),
+    )
+
+
+def local_section(findings: Sequence[Finding], tolerance: float | None) -> Section | None:
+    """Coverage gaps by region, a panel per data feature and one for the parameters' own locations."""
+    local = [f for f in findings if f.id.startswith("local.coverage[") and "gap" in f.details]
+    found = {parameter_of(finding.id): finding.details for finding in local}
+    if not found:
+        return None
+    own = [table for name, table in found.items() if list(table["parameter"].values) == [name]]
+    features = {name: [table] for name, table in found.items() if list(table["parameter"].values) != [name]}
+    if own:
+        features = {"each parameter's own posterior": own, **features}
+    panels = [_regions(*each, tolerance, index) for index, each in enumerate(features.items())]
+    overall = next((f for f in findings if f.id == "local.homogeneous"), None)
+    remark = f" Equally calibrated everywhere: {p_equals(overall.p_value)}." if overall is not None else ""
+    return Section(
+        "local",
+        "Whether it is right everywhere, or only on average",
+        "Trials are divided by their data: by where the posterior lies, by total counts, by principal "
+        "components and by any variable of your own. Each cell is the largest gap between the truths that "
+        "intervals hold and the share they claim." + remark,
+        "Healthy cells are pale, with signs that follow no pattern. A row that changes from one sign to the "
+        "other is right on average and wrong for most of the data.",
         tuple(panels),
+        wide=True,
+    )
+
+
+def _regions(feature: str, tables: list[xr.Dataset], tolerance: float | None, index: int) -> Panel:
+    shown = region_cells(feature, tables)
+    parts = [part.sel(parameter=name) for part in tables for name in part["parameter"].values]
+    regions = shown.gap.shape[1]
+    notes = [
+        [_note(part, region, int(check), feature) for region, check in enumerate(row[: part.sizes["region"]])]
+        + [""] * (regions - part.sizes["region"])
+        for part, row in zip(parts, shown.check, strict=True)
+    ]
+    at = np.unravel_index(np.nanargmax(np.abs(shown.gap)), shown.gap.shape)
+    largest = f"largest gap {number(float(shown.gap[at]), 3, sign=True)}"
+    picture = cells(
+        shown.gap,
+        [[number(float(value), 3, sign=True) for value in row] for row in shown.gap],
+        notes,
+        rows=shown.rows, columns=shown.columns, limit=tolerance or FULL,
+        key=f"local-{index}", name=f"Regions of {feature}",
+        description=f"Coverage gaps in {regions} regions of {feature}; {largest} for {shown.rows[at[0]]}.",
+        x_label=shown.x_label,
+    )  # fmt: skip
+    return Panel(f"By {feature}", largest, picture)
+
+
+def _note(part: xr.Dataset, region: int, check: int, feature: str) -> str:
+    low, high, n, shift, width = (
+        float(part[name].values[region]) for name in ("low", "high", "n", "bias", "log_width")
+    )
+    gap = number(float(part["gap"].values[region, check]), 3, sign=True)
+    which = part["check"].values[check]
+    return (
+        f"{feature} {short(low)} to {short(high)}, {int(n):,} trials, {which}: gap {gap}, "
+        f"bias {number(shift, 3, sign=True)} sd, width ratio {number(float(np.exp(width)), 3)}"
     )
 
 
 def _weights(by_id: dict[str, Finding], tolerance: float | None) -> Section | None:
-    panels = []
-    ess, shape = by_id.get("importance.ess"), by_id.get("importance.khat")
-    if ess is not None and ess.values is not None and np.isfinite(ess.values).any():
-        marks = {"median": float(np.nanmedian(ess.values))}
-        if tolerance is not None:
-            marks["tolerated from"] = tolerance
-        panels.append(
-            Panel(
-                "Effective share of the draws",
-                "",
-                histogram(ess.values, marks, key="ess", name="Effective sample size",
-                          x_label="effective sample size / draws", x=(0.0, 1.0)),
-            )
-        )  # fmt: skip
-    if shape is not None and "khat" in shape.details:
-        finite = shape.details["khat"].values
-        finite = finite[np.isfinite(finite)]
-    if shape is not None and "khat" in shape.details and len(finite):
-        span = (min(-0.5, float(np.quantile(finite, 0.01))), max(1.2, float(np.quantile(finite, 0.99))))
-        panels.append(
-            Panel(
-                "Pareto shape k of the weights",
-                "",
-                histogram(finite, {"trust below": 0.7}, key="khat", name="Pareto shape of the weights",
-                          x_label="k-hat", x=span),
-            )
-        )  # fmt: skip
+    headings = {
+        "importance.ess": "Effective share of the draws",
+        "importance.khat": "Pareto shape k of the weights",
+    }
+    shown = {name: weights(by_id[name], tolerance) for name in headings if name in by_id}
+    panels = [
+        Panel(headings[name], "", histogram(each, key=name.rpartition(".")[2]))
+        for name, each in shown.items()
+        if each is not None
+    ]
     if not panels:
         return None
     return Section(

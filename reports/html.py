@@ -9,14 +9,13 @@ import xarray as xr
 
 from gaugeblock.reports.baseline import comparison
 from gaugeblock.reports.contents import contained, contents
-from gaugeblock.reports.errors_of_trials import trial_errors
 from gaugeblock.reports.figures import sections
 from gaugeblock.reports.page import render
 from gaugeblock.reports.reason import reason
 from gaugeblock.reports.rows import gate_groups, reported_groups
 from gaugeblock.reports.verdict_json import plain
 from gaugeblock.reports.words import count
-from gaugeblock.reports.worst import largest_errors, lowest_shares
+from gaugeblock.reports.worst import largest_errors, lowest_shares, trial_errors
 from gaugeblock.validate import Finding, Outcome, Verdict
 from gaugeblock.validate.trials import importance_trials, main_trials
 

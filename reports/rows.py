@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
-from gaugeblock.reports.forest import gate_bar
+from gaugeblock.reports.charts import gate_bar
 from gaugeblock.reports.verdict_json import unjudged
 from gaugeblock.reports.words import (
     NOTHING,

@@ -1,4 +1,4 @@
-"""The trials a person should look at first."""
+"""Standardised errors of every trial, and the trials a person should look at first."""
 
 from __future__ import annotations
 
@@ -8,10 +8,48 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from gaugeblock.reports.errors_of_trials import TrialErrors
 from gaugeblock.reports.words import number, short
 from gaugeblock.validate import Finding
-from gaugeblock.validate.prepared import trial_numbers
+from gaugeblock.validate.block import Block
+from gaugeblock.validate.prepared import Prepared, errors, trial_numbers
+
+
+@dataclass(frozen=True)
+class TrialErrors:
+    """Per trial and parameter: truth, posterior mean, and (mean - truth) / posterior sd as the gates use it.
+
+    Shapes: `truth`, `mean`, `error` ``(trial, parameter)``; `trial` ``(trial,)`` holds the trials' numbers.
+    """
+
+    parameters: tuple[str, ...]
+    trial: NDArray[np.int64]
+    truth: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    error: NDArray[np.float64]
+
+
+def trial_errors(trials: xr.DataTree) -> TrialErrors | None:
+    """Errors of the trials whose draws are all finite; None where there is no such trial."""
+    # The seed only breaks ties of posteriors without any spread.
+    prepared = Prepared(trials, 0)
+    if not prepared.unaffected.any():
+        return None
+    prepared.compute([posterior_mean, errors])
+    return TrialErrors(
+        prepared.parameters,
+        prepared.trial,
+        prepared.theta_true,
+        prepared.per_trial(posterior_mean),
+        prepared.errors,
+    )
+
+
+def posterior_mean(block: Block) -> NDArray[np.float64]:
+    """Statistic: mean of the draws, ``(trial, parameter)``."""
+    if block.weight is None:
+        return np.asarray(block.draws.mean(axis=1))
+    total = np.einsum("td,tdp->tp", block.weight, block.draws)
+    return np.asarray(total / block.weight.sum(axis=1)[:, None])
 
 
 @dataclass(frozen=True)
@@ -25,25 +63,25 @@ class WorstTrials:
     rows: tuple[tuple[str, str, tuple[str, ...]], ...]
 
 
-def largest_errors(errors: TrialErrors, *, how_many: int = 8) -> WorstTrials | None:
+def largest_errors(found: TrialErrors, *, how_many: int = 8) -> WorstTrials | None:
     """Trials with the largest standardised error in any parameter."""
-    size = np.nan_to_num(np.abs(errors.error), nan=-1.0)
+    size = np.nan_to_num(np.abs(found.error), nan=-1.0)
     worst = np.argsort(-size.max(axis=1), kind="stable")[:how_many]
     rows = []
     for trial in worst:
         which = int(np.argmax(size[trial]))
         if size[trial, which] < 0:
             continue
-        said = f"{errors.parameters[which]}: {number(float(errors.error[trial, which]), 1, sign=True)} sd"
-        rows.append((str(errors.trial[trial]), said, _texts(errors.truth[trial])))
+        said = f"{found.parameters[which]}: {number(float(found.error[trial, which]), 1, sign=True)} sd"
+        rows.append((str(found.trial[trial]), said, _texts(found.truth[trial])))
     if not rows:
         return None
     return WorstTrials(
         "Largest errors",
-        f"In {len(errors.error):,} trials of {errors.error.shape[1]} parameters, an exact Gaussian posterior "
-        f"would show a largest error near {number(_expected_maximum(errors.error), 1)} sd.",
+        f"In {len(found.error):,} trials of {found.error.shape[1]} parameters, an exact Gaussian posterior "
+        f"would show a largest error near {number(_expected_maximum(found.error), 1)} sd.",
         "error / posterior sd",
-        errors.parameters,
+        found.parameters,
         tuple(rows),
     )
 

@@ -4,8 +4,8 @@ from xml.etree import ElementTree as tree
 import numpy as np
 import pytest
 
-from gaugeblock.reports.charts import curve_with_band, histogram, scatter
-from gaugeblock.reports.forest import gate_bar
+from gaugeblock.reports.charts import curve_with_band, gate_bar, histogram, scatter
+from gaugeblock.reports.pictures import Curve, Histogram
 from gaugeblock.reports.svg import Frame, round_ticks, tag
 
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
@@ -71,9 +71,8 @@ def test_without_an_estimate_or_a_scale_there_is_no_bar(statistic, tolerance):
 
 def curve(y):
     x = np.linspace(0, 1, len(y))
-    return curve_with_band(
-        x, y, -np.ones_like(y), np.ones_like(y), key="k", name="n", x_label="x", y_label="y"
-    )
+    shown = Curve(name="n", x=x, y=y, low=-np.ones_like(y), high=np.ones_like(y), x_label="x", y_label="y")
+    return curve_with_band(shown, key="k", name="n")
 
 
 def test_a_curve_that_leaves_its_band_is_said_and_drawn_to_do_so():
@@ -106,9 +105,9 @@ def test_every_coordinate_lies_in_the_frame_and_is_finite():
 
 
 def test_a_histogram_counts_every_finite_value():
-    picture = histogram(
-        [0.2] * 30 + [0.9] * 10 + [float("nan")], {"median": 0.2}, key="k", name="n", x_label="x", x=(0, 1)
-    )
+    values = np.array([0.2] * 30 + [0.9] * 10 + [np.nan])
+    shown = Histogram(name="n", values=values, marks={"median": 0.2}, x_label="x", range=(0, 1))
+    picture = histogram(shown, key="k")
     (bars,) = elements(picture, "bar")
     tops = [float(v) for v in re.findall(r"V([\d.]+)H", bars.get("d", ""))]
     heights = sorted((192 - top for top in tops), reverse=True)

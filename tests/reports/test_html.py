@@ -163,7 +163,7 @@ def test_a_wide_posterior_with_weights_is_drawn_from_its_weights():
     draws = theta[:, None] + rng.normal(size=(200, 50, 1))
     draws[:, :25] += 1000.0
     weight = np.r_[np.zeros(25), np.ones(25)] * np.ones((200, 1))
-    from gaugeblock.reports.errors_of_trials import trial_errors
+    from gaugeblock.reports.worst import trial_errors
 
     errors = trial_errors(trials_tree(make_trials(theta, draws, ["a"], weight=weight)))
     assert errors is not None

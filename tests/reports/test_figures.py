@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaugeblock.reports.local_figures import local_section
+from gaugeblock.reports.figures import joint_section, local_section
 from gaugeblock.validate import make_trials, run_validators
 
 
@@ -38,3 +38,20 @@ def test_the_worst_region_is_written_deepest_and_named_in_its_tooltip(findings):
 
 def test_no_local_findings_make_no_section():
     assert local_section([], None) is None
+
+
+def test_every_joint_region_has_its_panel(passing):
+    section = joint_section(passing.findings)
+    assert section is not None
+    assert [panel.heading for panel in section.panels] == ["Balls around references"]
+    assert "regions hold" in section.panels[0].remark
+    assert "p = " in section.panels[0].remark
+
+
+def test_posteriors_too_narrow_leave_the_band(failing):
+    panel = joint_section(failing.findings).panels[0]
+    assert 'class="line astray"' in panel.picture
+
+
+def test_no_joint_findings_make_no_section():
+    assert joint_section([]) is None

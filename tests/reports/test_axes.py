@@ -1,0 +1,77 @@
+"""Every kind of gate has a picture, drawn where it is asked for, of the numbers that the gate holds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gaugeblock.core.errors import InputError
+from gaugeblock.reports.axes import draw
+from gaugeblock.reports.pictures import Cells, Histogram, Intervals, intervals, picture
+from gaugeblock.validate import Finding, Gate
+
+pyplot = pytest.importorskip("matplotlib.pyplot")
+
+
+@pytest.fixture(autouse=True)
+def closed():
+    yield
+    pyplot.close("all")
+
+
+def found(audit, identifier: str) -> tuple[Finding | None, Gate | None]:
+    finding = next((f for f in audit.findings if f.id == identifier), None)
+    return finding, next((g for g in audit.verdict.gates if g.id == identifier), None)
+
+
+def test_every_gate_and_every_finding_has_a_picture(audit):
+    known = [g.id for g in audit.verdict.gates if np.isfinite(g.statistic)]
+    for identifier in dict.fromkeys([*known, *(f.id for f in audit.findings)]):
+        axes = draw(*found(audit, identifier))
+        axes.figure.canvas.draw()
+        assert identifier in axes.get_title()
+        pyplot.close(axes.figure)
+
+
+@pytest.mark.parametrize(
+    ("identifier", "kind"),
+    [
+        ("sbc.bias[beta]", Intervals),
+        ("coverage.central", list),
+        ("sbc.uniform[beta]", list),
+        ("joint.tarp", list),
+        ("joint.projections", Intervals),
+        ("local.coverage[beta]", Cells),
+        ("importance.ess", Histogram),
+        ("importance.khat", Histogram),
+        ("draws.finite", Intervals),
+    ],
+)
+def test_each_kind_has_its_own(failing, identifier, kind):
+    assert isinstance(picture(*found(failing, identifier)), kind)
+
+
+def test_it_is_drawn_on_the_axes_handed_in(failing):
+    figure, (left, right) = pyplot.subplots(1, 2)
+    assert draw(*found(failing, "sbc.bias[beta]"), ax=right) is right
+    assert right.has_data()
+    assert not left.has_data()
+    assert len(figure.axes) == 2
+
+
+def test_intervals_are_those_of_the_gate(failing):
+    finding, gate = found(failing, "joint.projections")
+    shown = intervals(finding, gate)
+    row = shown.rows.index(gate.component)
+    assert (shown.low[row], shown.high[row]) == pytest.approx(gate.interval)
+    assert shown.tolerated == (-gate.tolerance, gate.tolerance)
+    # Every component reaches as many of its own standard errors as the judged one.
+    error = finding.standard_error[[finding.components.index(name) for name in shown.rows]]
+    reach = (shown.high - shown.estimate) / error
+    assert reach == pytest.approx(np.full(len(error), reach[row]))
+
+
+def test_a_check_that_could_not_be_made_is_refused_with_its_reason(undecided):
+    missing = next(g for g in undecided.verdict.gates if not np.isfinite(g.statistic))
+    with pytest.raises(InputError, match=r"nothing to draw: .* could not be checked"):
+        draw(None, missing)
