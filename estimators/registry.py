@@ -53,10 +53,29 @@ def build_estimator(name: str, simulator: Simulator, **options: Any) -> Estimato
     if ":" in name:
         estimator = load_object(name, "estimator")
         if inspect.isclass(estimator) or not hasattr(estimator, "sample"):
-            estimator = call(estimator, where, simulator, **options)
+            estimator = made_for(estimator, where, simulator, **options)
         elif options:
             raise InputError(f"{where} is ready-made and takes no options, got {', '.join(options)}")
     else:
         estimator = build_named(ESTIMATORS, "estimator", name, {"simulator": simulator, **options})
     check_members(estimator, where, ("sample",))
     return cast(Estimator, estimator)
+
+
+def made_for(factory: Any, where: str, simulator: Simulator, **options: Any) -> Any:
+    """What a class or function makes, called with the simulator where it takes one, and the options.
+
+    Raises
+    ------
+    InputError
+        If the options do not fit its signature.
+    """
+    try:
+        inspect.signature(factory).bind(simulator, **options)
+    except (TypeError, ValueError):
+        try:
+            inspect.signature(factory).bind(**options)
+        except (TypeError, ValueError):
+            return call(factory, where, simulator, **options)
+        return call(factory, where, **options)
+    return call(factory, where, simulator, **options)

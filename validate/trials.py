@@ -40,7 +40,7 @@ GROUPS = (IMPORTANCE, JOINT, POSTERIOR)
 def make_trials(
     theta_true: ArrayLike,
     draws: ArrayLike,
-    parameters: Sequence[str],
+    parameters: Sequence[str] | None = None,
     *,
     x: ArrayLike | None = None,
     log_q: ArrayLike | None = None,
@@ -56,6 +56,9 @@ def make_trials(
 ) -> xr.Dataset:
     """Trials from plain arrays: truths ``(trial, parameter)`` and draws ``(trial, draw, parameter)``.
 
+    Of one parameter the last axis may lack in both. `parameters` are their names; theta_1, theta_2 and so on
+    if not given.
+
     Raises
     ------
     InputError
@@ -68,6 +71,8 @@ def make_trials(
     """
     data: dict[str, Any] = {}
     theta, sampled = np.asarray(theta_true), np.asarray(draws)
+    if theta.ndim == 1 and sampled.ndim == 2:
+        theta, sampled = theta[:, None], sampled[..., None]
     _put(data, "theta_true", theta, ("trial", "parameter"))
     _put(data, "draws", sampled, ("trial", "draw", "parameter"))
     optional = {
@@ -82,6 +87,8 @@ def make_trials(
         observed = np.asarray(x)
         inner = ("channel",) if observed.ndim == 2 else tuple(f"x_{i}" for i in range(observed.ndim - 1))
         _put(data, "x", observed, ("trial", *inner))
+    if parameters is None:
+        parameters = [f"theta_{i + 1}" for i in range(theta.shape[1])]
     names = [str(name) for name in parameters]
     if theta.shape[1] != len(names):
         raise InputError(

@@ -1,42 +1,82 @@
 """gaugeblock: statistical validation of simulator-based estimators.
 
-The rooms of the house, lowest first: `gaugeblock.simulators`, then `gaugeblock.estimators` and
-`gaugeblock.validate`, `gaugeblock.reports`, and `gaugeblock.auditing.audit`, where they meet.
+    import gaugeblock as gb
 
-Trials of one's own, for ``gaugeblock audit --trials``: `make_trials`, `write_trials`, `read_trials`, and
-`trials_from_sbi`, `trials_from_bayesflow`, `trials_from_numpyro`, `trials_from_arviz`.
+    result = gb.audit(estimator, simulator)             # PASS, FAIL or INCONCLUSIVE, with stated error rates
+    result = gb.audit_draws(theta_true, draws, x=x)     # the same of draws in hand
+    found = gb.discover(simulator, x)                   # what the simulator lacks, if data disagree
+
+Nothing heavy is imported until it is asked for.
 """
 
 from importlib import import_module
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
+_PLACES = {
+    "Audit": "auditing.audit",
+    "Beta": "simulators",
+    "Effect": "simulators",
+    "Gamma": "simulators",
+    "InputError": "core.errors",
+    "LogNormal": "simulators",
+    "LogUniform": "simulators",
+    "Normal": "simulators",
+    "Policy": "validate.policy",
+    "Prior": "simulators",
+    "Uniform": "simulators",
+    "audit": "auditing.audit",
+    "audit_draws": "auditing.audit",
+    "discover": "auditing.discovering",
+    "judge": "auditing.audit",
+    "load": "auditing.estimator_from",
+    "make_trials": "validate.trials",
+    "plan": "auditing.planned",
+    "read_trials": "validate.trials",
+    "trials_from_arviz": "auditing.trials_from",
+    "trials_from_bayesflow": "auditing.trials_from",
+    "trials_from_numpyro": "auditing.trials_from",
+    "trials_from_sbi": "auditing.trials_from",
+    "write_trials": "validate.trials",
+}
+
 if TYPE_CHECKING:
-    from gaugeblock.auditing.trials_from import (
-        trials_from_arviz,
-        trials_from_bayesflow,
-        trials_from_numpyro,
-        trials_from_sbi,
-    )
-    from gaugeblock.validate import make_trials, read_trials, write_trials
+    from gaugeblock.auditing.audit import Audit as Audit
+    from gaugeblock.auditing.audit import audit as audit
+    from gaugeblock.auditing.audit import audit_draws as audit_draws
+    from gaugeblock.auditing.audit import judge as judge
+    from gaugeblock.auditing.discovering import discover as discover
+    from gaugeblock.auditing.estimator_from import load as load
+    from gaugeblock.auditing.planned import plan as plan
+    from gaugeblock.auditing.trials_from import trials_from_arviz as trials_from_arviz
+    from gaugeblock.auditing.trials_from import trials_from_bayesflow as trials_from_bayesflow
+    from gaugeblock.auditing.trials_from import trials_from_numpyro as trials_from_numpyro
+    from gaugeblock.auditing.trials_from import trials_from_sbi as trials_from_sbi
+    from gaugeblock.core.errors import InputError as InputError
+    from gaugeblock.simulators import Beta as Beta
+    from gaugeblock.simulators import Effect as Effect
+    from gaugeblock.simulators import Gamma as Gamma
+    from gaugeblock.simulators import LogNormal as LogNormal
+    from gaugeblock.simulators import LogUniform as LogUniform
+    from gaugeblock.simulators import Normal as Normal
+    from gaugeblock.simulators import Prior as Prior
+    from gaugeblock.simulators import Uniform as Uniform
+    from gaugeblock.validate.policy import Policy as Policy
+    from gaugeblock.validate.trials import make_trials as make_trials
+    from gaugeblock.validate.trials import read_trials as read_trials
+    from gaugeblock.validate.trials import write_trials as write_trials
 
-__version__ = version("gaugeblock")
-
-__all__ = [
-    "__version__",
-    "make_trials",
-    "read_trials",
-    "trials_from_arviz",
-    "trials_from_bayesflow",
-    "trials_from_numpyro",
-    "trials_from_sbi",
-    "write_trials",
-]
+__all__ = [*sorted(_PLACES), "__version__"]
 
 
 def __getattr__(name: str) -> Any:
-    # Imported when asked for: `gaugeblock --help` must not wait for xarray.
-    if name not in __all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    room = "trials_from" if name.startswith("trials_from") else "validate"
-    return getattr(import_module(f"{__name__}.{room}"), name)
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("gaugeblock")
+    if name not in _PLACES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}; there are {', '.join(_PLACES)}")
+    return getattr(import_module(f"{__name__}.{_PLACES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(_PLACES)

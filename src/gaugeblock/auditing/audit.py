@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import os
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import xarray as xr
+from numpy.typing import ArrayLike
 
 from gaugeblock.auditing.baseline import compared, kept_baseline, read_baseline
-from gaugeblock.auditing.collect import Progress, collect, discard, fingerprint
-from gaugeblock.auditing.config import AuditConfig
+from gaugeblock.auditing.collect import collect, discard, fingerprint
+from gaugeblock.auditing.config import AuditConfig, PolicyLike, TrialsTable, as_policy, as_trials_table
+from gaugeblock.auditing.estimator_from import as_estimator
 from gaugeblock.auditing.explain import explained
 from gaugeblock.auditing.identity import identity, versions
 from gaugeblock.auditing.kept_seed import kept_seed
@@ -20,204 +25,297 @@ from gaugeblock.auditing.observation import read_observation, trials_around
 from gaugeblock.auditing.phases import end_phase, ended
 from gaugeblock.auditing.provenance import digests, earlier_provenance, named, title
 from gaugeblock.auditing.result import Audit, made_folder, write_arrays
-from gaugeblock.auditing.samples import Plan, untrusted
-from gaugeblock.auditing.trials_from import read_any_trials
+from gaugeblock.auditing.samples import untrusted
+from gaugeblock.auditing.trials_from import any_trials
 from gaugeblock.auditing.watch import Watch, watched
+from gaugeblock.core.arrays import numbers, plain
 from gaugeblock.core.digest import digest, file_digest
-from gaugeblock.estimators.protocol import Confined, Estimator, Listed
-from gaugeblock.reports.verdict_json import plain
-from gaugeblock.simulators import Simulator, build_simulator
-from gaugeblock.validate import Policy, judge, run_validators
+from gaugeblock.core.progress import Progress, shown
+from gaugeblock.estimators.protocol import Confined, Listed
+from gaugeblock.reports.verdict_json import plain as plain_data
+from gaugeblock.simulators.from_function import as_simulator
+from gaugeblock.simulators.protocol import HasLikelihood
+from gaugeblock.validate import Policy, make_trials, run_validators
+from gaugeblock.validate import judge as judged
 from gaugeblock.validate.findings_file import read_findings
-from gaugeblock.validate.trials import POSTERIOR, add_group, read_trials
+from gaugeblock.validate.trials import POSTERIOR, add_group, read_trials, trials_tree
 from gaugeblock.validate.validators import default_validators
 
 CHUNKS = ".chunks"
 
 
 def audit(
-    config: AuditConfig,
-    out: Path,
+    estimator: Any,
+    simulator: Any,
     *,
-    policy: Policy | None = None,
-    baseline: Path | None = None,
-    command: str = "",
-    progress: Progress | None = None,
-) -> Audit:
-    """Simulate, estimate, validate and judge as `config` says; write all files of the contract into `out`.
-
-    An interrupted audit, started again, goes on where it stopped and ends in the same bits.
-
-    Raises
-    ------
-    InputError
-        If anything in the configuration cannot be used, or simulator and estimator do not fit.
-    """
-    simulator = build_simulator(config.simulator.name, **config.simulator.options)
-    estimator = _estimator(config, simulator)
-    plan = config.trials.plan()
-    with ended(estimator):
-        if untrusted(estimator) and "seed" not in config.trials.model_fields_set:
-            # A stranger that can foresee the seed could draw the truths again.
-            key = fingerprint(simulator, estimator, replace(plan, seed=0))
-            plan = replace(plan, seed=kept_seed(made_folder(out) / CHUNKS, key))
-        return audit_objects(
-            simulator,
-            estimator,
-            plan,
-            out,
-            policy=policy or config.read_policy(),
-            select=config.validators,
-            anytime=config.trials.anytime,
-            observation=None if config.trials.observation is None else Path(config.trials.observation),
-            names=(named(config.simulator), named(config.estimator)),
-            baseline=baseline,
-            command=command,
-            progress=progress,
-        )
-
-
-def audit_objects(
-    simulator: Simulator,
-    estimator: Estimator,
-    plan: Plan,
-    out: Path,
-    *,
-    policy: Policy,
-    select: Iterable[str] | None = None,
+    prior: Any = None,
+    names: Sequence[str] | None = None,
+    trials: int | Mapping[str, Any] | TrialsTable | None = None,
+    draws: int | None = None,
+    seed: int | None = None,
+    policy: PolicyLike = "default",
+    out: str | os.PathLike[str] | None = None,
     anytime: bool = False,
-    observation: Path | None = None,
-    names: tuple[Mapping[str, Any], Mapping[str, Any]] = ({}, {}),
-    baseline: Path | None = None,
+    observation: Any = None,
+    baseline: str | os.PathLike[str] | None = None,
+    progress: Progress | bool | None = None,
+    validators: Iterable[str] | None = None,
+    densities: bool | None = None,
     command: str = "",
-    progress: Progress | None = None,
 ) -> Audit:
-    """As `audit`, of a simulator and an estimator in hand; `names` say how each was asked for.
+    """Audit an estimator on a simulator: simulate, estimate, validate, judge, report.
 
-    With `anytime` it stops as soon as the estimator is certainly broken or certainly within tolerance; then
-    the gates of that mode judge, and everything else that needs a number of trials fixed beforehand is
-    reported only. `observation` is a file with data in hand, around which calibration is looked at too.
+    Parameters
+    ----------
+    estimator
+        An object with ``sample(x, n, rng)``, a posterior of sbi, a workflow of BayesFlow, a function
+        ``(x, n, rng)``, a class, a model folder, a name: see `as_estimator`. x is ``(batch, *data_shape)``,
+        draws are ``(batch, n, parameter)``.
+    simulator
+        An object with `prior` and ``simulate(theta, rng)``, a function beside its `prior`, a class, a name:
+        see `as_simulator`. theta is ``(n, parameter)``, `rng` a `numpy.random.Generator`.
+    prior
+        Of a simulator that has none, or in place of its own: whatever `as_prior` takes.
+    names : sequence of str, optional
+        Names of the parameters.
+    trials : int or table
+        How many (4,000); as a table every key of ``[trials]`` in a configuration, for instance
+        ``{"number": 500, "block": 1}``.
+    draws : int
+        Posterior draws of each trial (250).
+    seed : int, optional
+        Of everything random. Without it a fixed one, but for somebody else's estimator in its sandbox, which
+        could draw the truths again if it knew the seed.
+    policy
+        ``"default"``, ``"strict"``, a TOML file, a table over one of these (``{"base": "strict", ...}``),
+        or a `Policy`.
+    out : path, optional
+        Folder for trials, findings, verdict and reports; an interrupted audit goes on there. None: no files.
+    anytime : bool
+        Stop as soon as the estimator is certainly broken or certainly within tolerance.
+    observation : path or array, optional
+        Data in hand, around which calibration is looked at too.
+    baseline : path, optional
+        Folder of an earlier audit to compare with.
+    progress : callable ``(what, done, total)`` or bool, optional
+        None: bars in a terminal and in a notebook.
+    validators : names, optional
+        Which to run; all by default.
+    densities : bool, optional
+        Whether to ask another library's object for the density of its draws. None: where the simulator has a
+        likelihood, which makes it worth its time.
 
     Raises
     ------
     InputError
-        If simulator and estimator do not fit, or one of them fails.
+        If anything given cannot be used, simulator and estimator do not fit, or one of them fails.
     """
-    made = made_folder(out)
-    earlier = None if baseline is None else read_baseline(baseline)
-    watch = Watch(policy, plan.seed) if anytime else None
-    observed = None if observation is None else read_observation(observation)
-    trials = collect(simulator, estimator, plan, made / CHUNKS, watch=watch, progress=progress)
-    if observed is not None:
-        if progress is not None:
-            progress("around the observation", 0, 1)
-        add_group(trials, POSTERIOR, trials_around(simulator, estimator, observed, seed=plan.seed))
-        if progress is not None:
-            progress("around the observation", 1, 1)
-    stopped = {"anytime": True, "used": trials.sizes["trial"]} if anytime else {}
-    provenance = {
-        "command": command,
-        "seed": plan.seed,
-        "simulator": {**names[0], **identity(simulator)},
-        "estimator": {**names[1], **identity(estimator)},
-        "trials": {**vars(plan), **stopped},
-    }
-    resources: dict[str, Any] = {}
-    if isinstance(estimator, Confined):
-        confinement = dict(estimator.confinement())
-        # What was used differs from run to run, and so stays out of everything that must not.
-        resources = dict(confinement.pop("used", {}))
-        provenance["confinement"] = confinement
-    if isinstance(estimator, Listed):
-        provenance["listing"] = estimator.listing()
-    end_phase(estimator)
-    if observation is not None:
-        provenance["observation"] = {"file": str(observation), "file_sha256": file_digest(observation)}
-    result = _judged(
-        trials,
-        policy,
-        seed=plan.seed,
-        select=watched(select) if anytime else select,
-        provenance=provenance,
-        resources=resources,
-        out=made,
-        earlier=earlier,
-        progress=progress,
-    )
-    discard(made / CHUNKS)
+    rules = as_policy(policy)
+    table = as_trials_table(trials, draws=draws, seed=seed)
+    earlier = None if baseline is None else read_baseline(Path(baseline))
+    watching = anytime or table.anytime
+    observed = read_observation(table.observation if observation is None else observation)
+    simulated = as_simulator(simulator, prior=prior, names=names)
+    dense = isinstance(simulated, HasLikelihood) if densities is None else densities
+    estimating = as_estimator(estimator, simulated, densities=dense)
+    plan = table.plan()
+    # What the caller made is the caller's to end.
+    with (
+        ended(None if estimating is estimator else estimating),
+        shown(progress) as tell,
+        _workplace(out) as folder,
+    ):
+        if untrusted(estimating) and "seed" not in table.model_fields_set:
+            # A stranger that can foresee the seed could draw the truths again.
+            key = fingerprint(simulated, estimating, replace(plan, seed=0))
+            plan = replace(plan, seed=kept_seed(folder / CHUNKS, key))
+        watch = Watch(rules, plan.seed) if watching else None
+        tree = collect(simulated, estimating, plan, folder / CHUNKS, watch=watch, progress=tell)
+        if observed is not None:
+            tell("around the observation", 0, 1)
+            add_group(tree, POSTERIOR, trials_around(simulated, estimating, observed.data, seed=plan.seed))
+            tell("around the observation", 1, 1)
+        stopped = {"anytime": True, "used": tree.sizes["trial"]} if watching else {}
+        provenance: dict[str, Any] = {
+            "command": command,
+            "seed": plan.seed,
+            "simulator": {**named(simulator), **identity(simulated)},
+            "estimator": {**named(estimator), **identity(estimating)},
+            "trials": {**vars(plan), **stopped},
+        }
+        resources: dict[str, Any] = {}
+        if isinstance(estimating, Confined):
+            confinement = dict(estimating.confinement())
+            # What was used differs from run to run, and so stays out of everything that must not.
+            resources = dict(confinement.pop("used", {}))
+            provenance["confinement"] = confinement
+        if isinstance(estimating, Listed):
+            provenance["listing"] = estimating.listing()
+        end_phase(estimating)
+        if observed is not None:
+            provenance["observation"] = observed.record
+        chosen = None if validators is None else tuple(validators)
+        result = _judged(
+            tree,
+            rules,
+            seed=plan.seed,
+            validators=watched(chosen) if watching else chosen,
+            provenance=provenance,
+            out=None if out is None else folder,
+            earlier=earlier,
+            resources=resources,
+            progress=tell,
+        )
+        if out is None:
+            tree.load()
+        discard(folder / CHUNKS)
     return result
 
 
-def audit_trials(
-    file: Path,
-    out: Path,
+def audit_configured(
+    config: AuditConfig,
+    out: str | os.PathLike[str] | None = None,
     *,
-    policy: Policy,
-    seed: int = 0,
-    select: Iterable[str] | None = None,
-    baseline: Path | None = None,
+    policy: PolicyLike | None = None,
+    baseline: str | os.PathLike[str] | None = None,
     command: str = "",
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> Audit:
-    """Judge draws from disk: run what the file allows and list what it does not.
-
-    The file holds Trials, or many fits in ArviZ's groups.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, breaks the schema of Trials, or its groups cannot be mapped.
-    """
-    earlier = None if baseline is None else read_baseline(baseline)
-    trials = read_any_trials(file)
-    provenance = {
-        "command": command,
-        "seed": seed,
-        "trials": {"file": str(file), "file_sha256": file_digest(file)},
-    }
-    return _judged(
-        trials,
-        policy,
-        seed=seed,
-        select=select,
-        provenance=provenance,
-        out=made_folder(out),
-        earlier=earlier,
+    """`audit` as a configuration says; a `policy` takes the place of the configuration's."""
+    return audit(
+        config.estimator.table,
+        config.simulator.table,
+        trials=config.trials,
+        policy=config.read_policy() if policy is None else policy,
+        out=out,
+        baseline=baseline,
         progress=progress,
+        validators=config.validators,
+        command=command,
     )
 
 
-def judge_again(
-    folder: Path, *, policy: Policy, out: Path | None = None, seed: int | None = None, command: str = ""
+def audit_draws(
+    theta_true: Any,
+    draws: ArrayLike | None = None,
+    *,
+    x: ArrayLike | None = None,
+    names: Sequence[str] | None = None,
+    log_q: ArrayLike | None = None,
+    log_q_true: ArrayLike | None = None,
+    weight: ArrayLike | None = None,
+    autocorrelated: bool = False,
+    seed: int = 0,
+    policy: PolicyLike = "default",
+    out: str | os.PathLike[str] | None = None,
+    baseline: str | os.PathLike[str] | None = None,
+    progress: Progress | bool | None = None,
+    validators: Iterable[str] | None = None,
+    command: str = "",
 ) -> Audit:
-    """Judge the findings of an earlier audit under another policy; nothing is sampled.
+    """Judge draws in hand: run what they allow, and list what they do not.
 
-    `seed` is of the bootstrap behind the simultaneous intervals; without it, the earlier audit's. What that
-    one was compared with, this one is compared with too.
+    Parameters
+    ----------
+    theta_true : array ``(trial, parameter)``, or a source of everything
+        The truths behind each data set; or, without `draws`, a path of a NetCDF file (Trials, or ArviZ's
+        groups) or of an ``.npz`` whose arrays have the names of these arguments, a Dataset or DataTree of
+        Trials, or an ArviZ object of many fits.
+    draws : array ``(trial, draw, parameter)``
+        Posterior draws given the data of each trial.
+    x : array ``(trial, ...)``, optional
+        The data themselves: without them nothing says whether the draws depend on them as they should.
+    names : sequence of str, optional
+        Of the parameters.
+    log_q, log_q_true, weight : arrays, optional
+        ``(trial, draw)``, ``(trial,)`` and ``(trial, draw)``: natural log densities of draws and truths,
+        linear weights of draws.
+    autocorrelated : bool
+        Whether the draws come from Markov chains.
+
+    The other arguments are those of `audit`.
 
     Raises
     ------
     InputError
-        If the folder does not hold an audit.
+        If the draws cannot be read or do not fit together.
     """
-    trials = read_trials(folder / "trials.nc")
-    findings, not_checked = read_findings(folder / "findings.nc")
-    earlier, baseline = earlier_provenance(folder), kept_baseline(folder)
+    rules, earlier = as_policy(policy), None if baseline is None else read_baseline(Path(baseline))
+    if draws is None:
+        tree = any_trials(theta_true, names=names)
+    else:
+        tree = trials_tree(
+            make_trials(
+                plain(theta_true, what="theta_true"),
+                plain(draws, what="draws"),
+                names,
+                x=None if x is None else numbers(x, what="x"),
+                log_q=None if log_q is None else plain(log_q, what="log_q"),
+                log_q_true=None if log_q_true is None else plain(log_q_true, what="log_q_true"),
+                weight=None if weight is None else plain(weight, what="weight"),
+                autocorrelated=autocorrelated,
+            )
+        )
+    file = theta_true if isinstance(theta_true, str | os.PathLike) else None
+    record = {} if file is None else {"file": str(file), "file_sha256": file_digest(Path(file))}
+    folder = None if out is None else made_folder(Path(out))
+    with shown(progress) as tell:
+        return _judged(
+            tree,
+            rules,
+            seed=seed,
+            validators=None if validators is None else tuple(validators),
+            provenance={"command": command, "seed": seed, "trials": record},
+            out=folder,
+            earlier=earlier,
+            progress=tell,
+        )
+
+
+def judge(
+    audited: Audit | str | os.PathLike[str],
+    policy: PolicyLike = "default",
+    *,
+    out: str | os.PathLike[str] | None = None,
+    seed: int | None = None,
+    command: str = "",
+) -> Audit:
+    """Judge the findings of an audit, or of one in a folder, under another policy; nothing is sampled.
+
+    `seed` is of the bootstrap behind the simultaneous intervals; without it, the earlier audit's. What that
+    one was compared with, this one is compared with too. Reports are written into `out`, if there is one.
+
+    Raises
+    ------
+    InputError
+        If the folder does not hold an audit, or the policy cannot be used.
+    """
+    rules = as_policy(policy)
+    if isinstance(audited, Audit):
+        trials, findings, not_checked = audited.trials, audited.findings, audited.not_checked
+        earlier, kept = dict(audited.verdict.provenance), audited.verdict.baseline
+        baseline: Mapping[str, Any] | None = None if kept is None else kept["earlier"]
+    else:
+        folder = Path(audited)
+        trials = read_trials(folder / "trials.nc")
+        findings, not_checked = read_findings(folder / "findings.nc")
+        earlier, baseline = earlier_provenance(folder), kept_baseline(folder)
     chosen = int(earlier.get("seed") or 0) if seed is None else seed
-    verdict = judge(findings, not_checked, policy, seed=chosen)
-    rules = policy.model_dump(mode="json")
+    verdict = judged(findings, not_checked, rules, seed=chosen)
+    plain_rules = rules.model_dump(mode="json")
     record = {
         **earlier,
         "command": command,
         "judge_seed": chosen,
-        "policy": rules,
-        "sha256": {**dict(earlier.get("sha256") or {}), "policy": digest(rules)},
+        "policy": plain_rules,
+        "sha256": {**dict(earlier.get("sha256") or {}), "policy": digest(plain_rules)},
     }
     verdict = explained(replace(verdict, provenance=record), trials)
     if baseline is not None:
         verdict = replace(verdict, baseline=compared(baseline, verdict, findings))
     result = Audit(trials, findings, not_checked, verdict)
-    result.write_reports(made_folder(out or folder))
+    if out is not None:
+        result.write_reports(made_folder(Path(out)))
     return result
 
 
@@ -226,25 +324,23 @@ def _judged(
     policy: Policy,
     *,
     seed: int,
-    select: Iterable[str] | None,
+    validators: tuple[str, ...] | None,
     provenance: Mapping[str, Any],
     out: Path | None,
-    resources: Mapping[str, Any] = MappingProxyType({}),
     earlier: Mapping[str, Any] | None,
-    progress: Progress | None,
+    progress: Progress,
+    resources: Mapping[str, Any] = MappingProxyType({}),
 ) -> Audit:
-    if progress is not None:
-        progress("validators", 0, 1)
-    findings, not_checked = run_validators(trials, seed=seed, select=select)
-    if progress is not None:
-        progress("validators", 1, 1)
-    verdict = judge(findings, not_checked, policy, seed=seed)
-    record = plain(
+    progress("validators", 0, 1)
+    findings, not_checked = run_validators(trials, seed=seed, select=validators)
+    progress("validators", 1, 1)
+    verdict = judged(findings, not_checked, policy, seed=seed)
+    record = plain_data(
         {
             **provenance,
             "title": title(provenance),
             "policy": policy.model_dump(mode="json"),
-            "validators": default_validators() if select is None else list(select),
+            "validators": default_validators() if validators is None else list(validators),
             "versions": versions(),
         }
     )
@@ -260,7 +356,11 @@ def _judged(
     return result
 
 
-def _estimator(config: AuditConfig, simulator: Simulator) -> Any:
-    from gaugeblock.estimators.registry import build_estimator
-
-    return build_estimator(config.estimator.name, simulator, **config.estimator.options)
+@contextmanager
+def _workplace(out: str | os.PathLike[str] | None) -> Iterator[Path]:
+    """The folder that is written to; without one a temporary folder, which is gone afterwards."""
+    if out is not None:
+        yield made_folder(Path(out))
+        return
+    with tempfile.TemporaryDirectory(prefix="gaugeblock-") as temporary:
+        yield Path(temporary)

@@ -26,10 +26,10 @@ from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.protocol import Estimator, has_density
 from gaugeblock.simulators.protocol import HasLikelihood, Simulator
+from gaugeblock.core.progress import Progress
 from gaugeblock.validate.storage import open_groups, read_groups, write_groups
 from gaugeblock.validate.trials import trials_tree
 
-Progress = Callable[[str, int, int], None]
 Make = Callable[[range], xr.Dataset]
 WEIGHING = "importance sampling"
 

@@ -14,7 +14,7 @@ from gaugeblock.auditing.samples import Plan
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.settings import apply_settings
 from gaugeblock.core.tables import Named, Table, checked, read_toml
-from gaugeblock.validate.policy import Policy, make_policy, read_policy
+from gaugeblock.validate.policy import SHIPPED, Policy, make_policy, read_policy
 from gaugeblock.validate.validators import check_validators
 
 Count = Annotated[int, Field(gt=0)]
@@ -67,6 +67,67 @@ class TrialsTable(Table):
         )
 
 
+def as_trials_table(
+    trials: int | Mapping[str, Any] | TrialsTable | None = None,
+    *,
+    draws: int | None = None,
+    seed: int | None = None,
+) -> TrialsTable:
+    """How many trials, given as a number or as a table, with `draws` and `seed` put over it.
+
+    Raises
+    ------
+    InputError
+        For an unknown key or an impossible value.
+
+    >>> as_trials_table(500, draws=100).joint_number
+    500
+    """
+    given: Mapping[str, Any] = {}
+    if isinstance(trials, TrialsTable):
+        given = trials.model_dump(exclude_unset=True)
+    elif isinstance(trials, Mapping):
+        given = trials
+    elif trials is not None:
+        given = {"number": trials}
+    over = {name: value for name, value in (("draws", draws), ("seed", seed)) if value is not None}
+    table = checked(TrialsTable, {**given, **over}, where="trials")
+    return table.model_copy(
+        update={
+            "importance_number": min(table.importance_number, table.number),
+            "joint_number": min(table.joint_number, table.number),
+            "joint_draws": min(table.joint_draws, table.draws),
+        }
+    )
+
+
+PolicyLike = str | os.PathLike[str] | Mapping[str, Any] | Policy
+
+
+def as_policy(policy: PolicyLike, *, where: str = "policy") -> Policy:
+    """A policy by its name, from a file, from a table over another (``base``), or as it is.
+
+    Raises
+    ------
+    InputError
+        If there is no such policy, or a key or value in it cannot be.
+
+    >>> as_policy({"base": "strict", "tolerance": {"bias": 0.2}}).tolerance.bias
+    0.2
+    """
+    if isinstance(policy, Policy):
+        return policy
+    if isinstance(policy, Mapping):
+        own = dict(policy)
+        return make_policy(own, source=where, base=as_policy(own.pop("base", "default"), where=where))
+    if not isinstance(policy, str | os.PathLike):
+        raise InputError(
+            f"{where} cannot be a {type(policy).__name__}: give {' or '.join(SHIPPED)}, a TOML file, a table "
+            "or a Policy"
+        )
+    return read_policy(policy)
+
+
 class AuditConfig(Table):
     """A whole audit. Without any table: the shipped reference flow on EPIC-pn at medium counts.
 
@@ -102,9 +163,7 @@ class AuditConfig(Table):
         InputError
             If there is no such base or a key cannot be.
         """
-        own = dict(self.policy)
-        base = read_policy(own.pop("base", "default"))
-        return make_policy(own, source=f"{where}: policy", base=base)
+        return as_policy(self.policy, where=f"{where}: policy")
 
 
 def read_config(

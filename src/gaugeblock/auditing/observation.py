@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -11,6 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.auditing.samples import untrusted
 from gaugeblock.core.arrays import Array
+from gaugeblock.core.arrays import Array, numbers
+from gaugeblock.core.digest import digest, file_digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import TrialStreams
 from gaugeblock.estimators._rows import resample
@@ -115,23 +120,41 @@ def _chunks(number: int) -> Iterator[range]:
         yield range(first, min(first + CHUNK, number))
 
 
-def read_observation(path: Path) -> NDArray[np.generic]:
-    """Data in hand, of the shape of one simulated data set, from a .npy file or from `x` of a NetCDF file.
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """Data in hand ``(*data_shape)``, and what identifies them."""
+
+    data: NDArray[np.generic]
+    record: Mapping[str, Any]
+
+
+def read_observation(given: Any) -> Observation | None:
+    """Data in hand, of the shape of one simulated data set: an array, or a file with one; None as it is.
+
+    A file is ``.npy``, or NetCDF with an array `x`.
 
     Raises
     ------
     InputError
-        If the file cannot be read as either.
+        If the file cannot be read as either, or what is given is no array of numbers.
     """
+    if given is None:
+        return None
+    if not isinstance(given, str | os.PathLike):
+        data = numbers(given, what="observation")
+        return Observation(data, {"sha256": digest([data.shape, data.tolist()])})
+    path = Path(given)
     if path.suffix == ".npy":
         try:
-            return np.asarray(np.load(path, allow_pickle=False))
+            data = np.asarray(np.load(path, allow_pickle=False))
         except (OSError, ValueError) as error:
             raise InputError(f"{path}: cannot be read as a NumPy array ({error})") from None
-    found = read_groups(path, what="observation")[""]
-    if "x" not in found:
-        raise InputError(f"{path}: no array 'x'; an observation is a .npy file, or NetCDF with x")
-    return np.asarray(found["x"].values)
+    else:
+        found = read_groups(path, what="observation")[""]
+        if "x" not in found:
+            raise InputError(f"{path}: no array 'x'; an observation is a .npy file, or NetCDF with x")
+        data = np.asarray(found["x"].values)
+    return Observation(data, {"file": str(path), "file_sha256": file_digest(path)})
 
 
 class _Around:

@@ -6,8 +6,10 @@ import json
 import math
 from typing import IO, Any
 
+from gaugeblock.auditing.config import PolicyLike, as_policy
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.planning.planner import StudyPlan
+from gaugeblock.validate.planning.planner import plan as planned
 from gaugeblock.validate.policy import Policy, make_policy
 
 # Wide enough for the table, on a terminal or in a file.
@@ -54,34 +56,64 @@ def tolerating(
     return make_policy(table, source="command line", base=policy)
 
 
-def as_json(planned: StudyPlan) -> str:
+def plan(
+    *,
+    bias: float | None = None,
+    width_error: float | None = None,
+    coverage: float | None = None,
+    power: float | None = None,
+    params: int = 5,
+    trials: int | None = None,
+    draws: int | None = None,
+    policy: PolicyLike = "default",
+    seed: int = 0,
+) -> StudyPlan:
+    """How many trials and draws an audit takes, or, with `trials`, what so many can show.
+
+    `bias` is tolerated in posterior standard deviations, `width_error` as a fraction, `coverage` as a gap of
+    probability; `power` is the probability of the right verdict, `params` the number of parameters. What is
+    not given is as in the policy. Nothing is simulated.
+
+    Raises
+    ------
+    InputError
+        If a number cannot be a tolerance, a power or a size.
+
+    >>> plan(width_error=0.1, bias=0.1, params=5).draws
+    130
+    """
+    rules = tolerating(as_policy(policy), bias=bias, width_error=width_error, coverage=coverage, power=power)
+    return planned(rules, params=params, trials=trials, draws=draws, seed=seed)
+
+
+def as_json(made: StudyPlan) -> str:
     """The plan as JSON."""
-    return json.dumps(planned.to_json(), indent=2, allow_nan=False)
+    return json.dumps(made.to_json(), indent=2, allow_nan=False)
 
 
-def print_table(planned: StudyPlan, file: IO[str]) -> None:
+def print_table(made: StudyPlan, file: IO[str]) -> None:
     """The plan for people: one line of numbers, one table of faults."""
     from rich.console import Console
     from rich.table import Table
 
-    power = planned.policy.planning.power
+    power = made.policy.planning.power
     console = Console(file=file, highlight=False, width=WIDTH)
     console.print(
-        f"{planned.trials:,} trials of {planned.draws} draws, {planned.params} parameter"
-        f"{'' if planned.params == 1 else 's'}: an exact estimator passes with probability "
-        f"{planned.pass_probability_exact:.3g}"
+        f"{made.trials:,} trials of {made.draws} draws, {made.params} parameter"
+        f"{'' if made.params == 1 else 's'}: an exact estimator passes with probability "
+        f"{made.pass_probability_exact:.3g}"
     )
     table = Table(box=None, pad_edge=False)
     table.add_column("fault")
     for head in ("tolerated", f"{power:.0%} FAIL from", "twice tolerated FAILs", "rank test notices"):
         table.add_column(head, justify="right")
     for name, words in _FAULTS.items():
-        noticed = planned.noticed_by_rank_test.get(name)
+        noticed = made.noticed_by_rank_test.get(name)
         table.add_row(
             words,
-            f"{getattr(planned.policy.tolerance, name):.4g}",
-            f"{planned.smallest_detectable[name]:.4g}",
-            f"{planned.fail_probability[name]:.1%}",
+            f"{getattr(made.policy.tolerance, name):.4g}",
+            f"{made.smallest_detectable[name]:.4g}",
+            f"{made.fail_probability[name]:.1%}",
             f"{noticed['neyman_4']:,} trials" if noticed else "",
         )
     console.print(table)

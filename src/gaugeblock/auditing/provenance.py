@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError, one_line
-from gaugeblock.core.tables import Named
 
 DIGESTED = ("simulator", "estimator", "policy")
 
 
-def named(choice: Named) -> dict[str, Any]:
-    """How a simulator or an estimator was asked for."""
-    return {"name": choice.name, "options": choice.options}
+def named(choice: object) -> dict[str, Any]:
+    """How a simulator or an estimator was asked for: by name and options, or what kind of object it was."""
+    if isinstance(choice, str | os.PathLike):
+        return {"name": os.fspath(choice)}
+    if isinstance(choice, Mapping):
+        return {"name": choice["name"], "options": {k: v for k, v in choice.items() if k != "name"}}
+    return {"name": getattr(choice, "__name__", type(choice).__name__)}
 
 
 def title(provenance: Mapping[str, Any]) -> str:

@@ -7,7 +7,7 @@ import sys
 import traceback
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -46,9 +46,26 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
-    help="Statistical validation of simulator-based estimators: PASS, FAIL or INCONCLUSIVE, "
-    "with stated error rates.",
 )
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from gaugeblock import __version__
+
+        typer.echo(f"gaugeblock {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """Statistical validation of simulator-based estimators: PASS, FAIL or INCONCLUSIVE."""
+
+
 data_app = typer.Typer(no_args_is_help=True, help="Real responses, spectra and tables.")
 app.add_typer(data_app, name="data")
 app.command(epilog=DISCOVER_EXIT_CODES)(discover)
@@ -64,7 +81,7 @@ def audit(
     ] = None,
     trials: Annotated[
         Path | None,
-        typer.Option("--trials", metavar="FILE.nc", help="Audit draws from disk; nothing is sampled."),
+        typer.Option("--trials", metavar="FILE", help="Audit draws from disk; nothing is sampled."),
     ] = None,
     estimator: StrangerPath = None,
     simulator: SimulatorName = None,
@@ -93,12 +110,9 @@ def audit(
     --estimator it audits a file that nobody vouches for: that runs in a sandbox, and sees data only.
     An interrupted audit goes on where it stopped when the same command runs again.
     """
-    from gaugeblock.auditing.audit import audit as run
-    from gaugeblock.auditing.audit import audit_trials
+    from gaugeblock.auditing.audit import audit_configured, audit_draws
     from gaugeblock.auditing.config import read_config
-    from gaugeblock.core.progress import Bars
     from gaugeblock.core.settings import parse_settings
-    from gaugeblock.validate import read_policy
 
     changes = stranger_settings(
         path=estimator,
@@ -120,21 +134,17 @@ def audit(
     if validator:
         changes["validators"] = validator
     chosen = read_config(config, settings=changes, draws_given=trials is not None)
-    rules = chosen.read_policy() if policy is None else read_policy(policy)
-    with Bars(quiet=quiet) as bars:
-        if trials is not None:
-            result = audit_trials(
-                trials,
-                out,
-                policy=rules,
-                seed=seed or 0,
-                select=chosen.validators,
-                baseline=baseline,
-                command=command(),
-                progress=bars.show,
-            )
-        else:
-            result = run(chosen, out, policy=rules, baseline=baseline, command=command(), progress=bars.show)
+    said: dict[str, Any] = {
+        "out": out,
+        "policy": chosen.read_policy() if policy is None else policy,
+        "baseline": baseline,
+        "command": command(),
+        "progress": not quiet,
+    }
+    if trials is None:
+        result = audit_configured(chosen, **said)
+    else:
+        result = audit_draws(trials, seed=seed or 0, validators=chosen.validators, **said)
     _finish(result, out)
 
 
@@ -149,11 +159,9 @@ def gate(
     debug: Debug = False,  # noqa: ARG001
 ) -> None:
     """Judge the findings of an earlier audit again, under another policy; nothing is sampled."""
-    from gaugeblock.auditing.audit import judge_again
-    from gaugeblock.validate import read_policy
+    from gaugeblock.auditing.audit import judge
 
-    rules = read_policy(policy or "default")
-    result = judge_again(folder, policy=rules, out=out, seed=seed, command=command())
+    result = judge(folder, policy or "default", out=out or folder, seed=seed, command=command())
     _finish(result, out or folder)
 
 
@@ -181,18 +189,23 @@ def plan(
 
     What is not given is as in the policy. Nothing is simulated.
     """
-    from gaugeblock.auditing import planned as planning
-    from gaugeblock.validate import read_policy
-    from gaugeblock.validate.planning.planner import plan as make_plan
+    from gaugeblock.auditing import planned
 
-    rules = planning.tolerating(
-        read_policy(policy or "default"), bias=bias, width_error=width_error, coverage=coverage, power=power
+    made = planned.plan(
+        bias=bias,
+        width_error=width_error,
+        coverage=coverage,
+        power=power,
+        params=params,
+        trials=trials,
+        draws=draws,
+        policy=policy or "default",
+        seed=seed or 0,
     )
-    planned = make_plan(rules, params=params, trials=trials, draws=draws, seed=seed or 0)
     if as_json:
-        typer.echo(planning.as_json(planned))
+        typer.echo(planned.as_json(made))
     else:
-        planning.print_table(planned, sys.stdout)
+        planned.print_table(made, sys.stdout)
 
 
 @app.command()

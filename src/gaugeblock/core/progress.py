@@ -1,11 +1,63 @@
-"""Progress bars on stderr."""
+"""Progress: bars on stderr, in a terminal or a notebook."""
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import TracebackType
+from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as RichProgress
+
+Progress = Callable[[str, int, int], None]
+"""Told what is being done, how many are done, and how many there are."""
+
+
+@contextmanager
+def shown(progress: Progress | bool | None) -> Iterator[Progress]:
+    """What to tell: the caller's own, bars (True), nobody (False), or bars where somebody looks (None)."""
+    if callable(progress):
+        yield progress
+        return
+    notebook = in_notebook()
+    if progress is False or (progress is None and not (notebook or sys.stderr.isatty())):
+        yield _silent
+    elif notebook:
+        yield NotebookBars().show
+    else:
+        with Bars() as bars:
+            yield bars.show
+
+
+def _silent(what: str, done: int, total: int) -> None:
+    """Nobody looks."""
+
+
+def in_notebook() -> bool:
+    """Whether this runs in a kernel whose output is a page."""
+    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    return shell is not None and "IPKernelApp" in shell.config
+
+
+class NotebookBars:
+    """One line of the page for each kind of work."""
+
+    def __init__(self) -> None:
+        self._lines: dict[str, Any] = {}
+
+    def show(self, what: str, done: int, total: int) -> None:
+        """Say that `done` of `total` are done."""
+        display: Any = sys.modules["IPython"].display
+        line = display.HTML(
+            f'<label>{what} <progress value="{done}" max="{total}"></progress> {done:,}/{total:,}</label>'
+        )
+        if what in self._lines:
+            self._lines[what].update(line)
+        else:
+            self._lines[what] = display.display(line, display_id=True)
 
 
 class Bars:
@@ -17,7 +69,7 @@ class Bars:
     def __init__(self, *, quiet: bool = False):
         self._quiet = quiet
         self._console = Console(stderr=True)
-        self._bars = Progress(
+        self._bars = RichProgress(
             TextColumn("{task.description:>20}"),
             BarColumn(),
             MofNCompleteColumn(),

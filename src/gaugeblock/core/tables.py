@@ -32,6 +32,11 @@ class Named(BaseModel):
         """Everything but the name."""
         return dict(self.model_extra or {})
 
+    @property
+    def table(self) -> dict[str, Any]:
+        """Name and options together, as a configuration holds them."""
+        return {"name": self.name, **self.options}
+
 
 def read_toml(path: str | os.PathLike[str], *, remedy: str = "give a TOML file") -> dict[str, Any]:
     """The content of a TOML file.

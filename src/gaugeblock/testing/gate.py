@@ -2,30 +2,29 @@
 
 from __future__ import annotations
 
-import inspect
 import re
 import shutil
 import traceback
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
 
 import pytest
 
 import gaugeblock
+<<<<<<< HEAD
 from gaugeblock.auditing.audit import CHUNKS, audit_objects
 from gaugeblock.auditing.kept_seed import unforeseen_seed
 from gaugeblock.auditing.phases import ended
 from gaugeblock.auditing.result import Audit
 from gaugeblock.auditing.samples import untrusted
+=======
+from gaugeblock.auditing.audit import CHUNKS, Audit, audit
+>>>>>>> 6710072 (Front door: one audit for objects, names and configurations; draws, policies and plans from Python)
 from gaugeblock.core.digest import digest
-from gaugeblock.core.errors import GaugeblockError, InputError
-from gaugeblock.estimators.protocol import Estimator
-from gaugeblock.estimators.registry import build_estimator
-from gaugeblock.simulators import Simulator, build_simulator
+from gaugeblock.core.errors import GaugeblockError
 from gaugeblock.testing.plugin import CalibrationError, CalibrationFailed, CalibrationInconclusive, Note
 from gaugeblock.testing.settings import GateSettings, Layer, decide, outer_layers
 from gaugeblock.testing.text import blocked, detectable, headline, properties
@@ -50,6 +49,8 @@ class CalibrationGate:
         estimator: Any,
         simulator: Any,
         *,
+        prior: Any = None,
+        names: Sequence[str] | None = None,
         trials: int | None = None,
         draws: int | None = None,
         seed: int | None = None,
@@ -59,8 +60,7 @@ class CalibrationGate:
     ) -> Audit:
         """Audit the estimator on the simulator and return what was found, if the verdict is PASS.
 
-        Both are objects, or names as on the command line (``"npe"``, ``"package.module:object"``), or
-        tables as in a configuration (``{"name": "npe", "path": "trained"}``). What is not given here is as
+        Both, `prior` and `names` are whatever `gaugeblock.audit` takes. What else is not given here is as
         the marker says, else the command line, else the ini file.
 
         Raises
@@ -73,6 +73,7 @@ class CalibrationGate:
             If something given cannot be used, or simulator and estimator do not fit.
         """
         __tracebackhide__ = True
+        model = {"prior": prior, "names": names}
         given = {"trials": trials, "draws": draws, "seed": seed, "policy": policy}
         call = self._call({**given, "validators": validators, "out": out})
         with _one_line():
@@ -80,14 +81,14 @@ class CalibrationGate:
             self._number += 1
             folder = self._folder(settings)
             with _warnings_stay_warnings():
-                audit = self._audit(estimator, simulator, settings, folder)
-        self._tell(audit, settings)
-        if audit.verdict.outcome is Outcome.PASS:
-            return audit
-        text = blocked(audit, settings, folder)
-        if audit.verdict.outcome is Outcome.FAIL:
-            raise CalibrationFailed(text, audit)
-        self._undecided(text, audit, settings.inconclusive)
+                audited = self._audit(estimator, simulator, model, settings, folder)
+        self._tell(audited, settings)
+        if audited.verdict.outcome is Outcome.PASS:
+            return audited
+        text = blocked(audited, settings, folder)
+        if audited.verdict.outcome is Outcome.FAIL:
+            raise CalibrationFailed(text, audited)
+        self._undecided(text, audited, settings.inconclusive)
 
     def _call(self, values: Mapping[str, Any]) -> Layer:
         return Layer("its call with {}=...", values, self._item.path.parent)
@@ -100,27 +101,22 @@ class CalibrationGate:
         again = f"-{self._number}" if self._number > 1 else ""
         return settings.out / (folder_name(self._item.nodeid) + again)
 
-    def _audit(self, estimator: Any, simulator: Any, settings: GateSettings, folder: Path) -> Audit:
+    def _audit(
+        self, estimator: Any, simulator: Any, model: Mapping[str, Any], settings: GateSettings, folder: Path
+    ) -> Audit:
         # Never resumed: what an object holds, a retrained network for example, is not part of its identity.
         shutil.rmtree(folder / CHUNKS, ignore_errors=True)
-        simulated, simulator_name = _simulator(simulator)
-        estimating, estimator_name = _estimator(estimator, simulated)
-        plan = settings.trials.plan()
-        if untrusted(estimating) and "seed" not in settings.trials.model_fields_set:
-            # A stranger that can foresee the seed could draw the truths again.
-            plan = replace(plan, seed=unforeseen_seed())
-        # What the caller made is the caller's to end.
-        with ended(None if estimating is estimator else estimating):
-            return audit_objects(
-                simulated,
-                estimating,
-                plan,
-                folder,
-                policy=settings.policy,
-                select=settings.validators,
-                names=(simulator_name, estimator_name),
-                command=f"pytest {self._item.nodeid}",
-            )
+        return audit(
+            estimator,
+            simulator,
+            **model,
+            trials=settings.trials,
+            policy=settings.policy,
+            validators=settings.validators,
+            out=folder,
+            progress=False,
+            command=f"pytest {self._item.nodeid}",
+        )
 
     def _tell(self, audit: Audit, settings: GateSettings) -> None:
         again = f".{self._number}" if self._number > 1 else ""
@@ -160,42 +156,6 @@ def folder_name(test: str) -> str:
     if re.fullmatch(r"[\w./:]{1,100}", test, flags=re.ASCII):
         return name
     return f"{name[:80]}-{digest(test)[:6]}"
-
-
-def _simulator(simulator: Any) -> tuple[Simulator, dict[str, Any]]:
-    if isinstance(simulator, str | Mapping):
-        name, options = _named(simulator, "simulator")
-        return build_simulator(name, **options), {"name": name, "options": options}
-    _check(simulator, "simulator", ("prior", "simulate"), "an object with prior and simulate(theta, rng)")
-    _check(simulator.prior, "simulator's prior", ("names", "sample"), "a gaugeblock.simulators.Prior")
-    return simulator, {"name": type(simulator).__name__}
-
-
-def _estimator(estimator: Any, simulator: Simulator) -> tuple[Estimator, dict[str, Any]]:
-    if isinstance(estimator, str | Mapping):
-        name, options = _named(estimator, "estimator")
-        return build_estimator(name, simulator, **options), {"name": name, "options": options}
-    _check(estimator, "estimator", ("sample",), "an object with sample(x, n, rng)")
-    return estimator, {"name": type(estimator).__name__}
-
-
-def _named(given: str | Mapping[str, Any], what: str) -> tuple[str, dict[str, Any]]:
-    options = {"name": given} if isinstance(given, str) else dict(given)
-    name = options.pop("name", None)
-    if not isinstance(name, str):
-        raise InputError(f"the {what}'s table needs a name, as in {{'name': 'npe', 'path': 'trained'}}")
-    return name, options
-
-
-def _check(thing: Any, what: str, members: tuple[str, ...], wanted: str) -> None:
-    if inspect.isclass(thing):
-        raise InputError(f"the {what} is the class {thing.__name__} itself: give {wanted}")
-    missing = [member for member in members if not hasattr(thing, member)]
-    if missing:
-        order = "; the order is calibration_gate(estimator, simulator)" if "prior" not in what else ""
-        raise InputError(
-            f"the {what} is a {type(thing).__name__} without {' and '.join(missing)}: give {wanted}{order}"
-        )
 
 
 @contextmanager

@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from gaugeblock.auditing.config import TrialsTable
+from gaugeblock.auditing.config import TrialsTable, as_policy
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.tables import checked
 from gaugeblock.testing.plugin import INCONCLUSIVE
-from gaugeblock.validate.policy import SHIPPED, Policy, make_policy, read_policy
+from gaugeblock.validate.policy import SHIPPED, Policy
 from gaugeblock.validate.validators import check_validators
 
 MARKED = ("trials", "draws", "seed", "policy", "validators", "inconclusive")
@@ -114,26 +114,19 @@ def _whole(value: object, where: str) -> int:
         raise InputError(f"{where} = {value!r} cannot be: it must be a whole number") from None
 
 
-def _policy(layer: Layer, value: object, root: Path) -> tuple[Policy, str]:
+def _policy(layer: Layer, value: Any, root: Path) -> tuple[Policy, str]:
     where = layer.where("policy")
-    if isinstance(value, Policy):
-        return value, "given as an object"
     if isinstance(value, Mapping):
-        own = dict(value)
-        base = str(own.pop("base", "default"))
-        return make_policy(own, source=where, base=_policy(layer, base, root)[0]), f"{base}, changed"
-    if not isinstance(value, str | Path):
-        raise InputError(
-            f"{where} cannot be a {type(value).__name__}: give {' or '.join(SHIPPED)}, a TOML file, a table "
-            "or a Policy"
-        )
-    if str(value) in SHIPPED:
-        return read_policy(value), str(value)
-    places = [folder / value for folder in (layer.folder, root) if (folder / value).is_file()]
+        base = str(value.get("base", "default"))
+        return as_policy({**value, "base": _policy(layer, base, root)[0]}, where=where), f"{base}, changed"
+    if isinstance(value, str | Path) and str(value) not in SHIPPED:
+        value = next((at / value for at in (layer.folder, root) if (at / value).is_file()), value)
     try:
-        return read_policy(places[0] if places else value), str(value)
+        chosen = as_policy(value, where=where)
     except InputError as error:
-        raise InputError(f"{where}: {error}") from None
+        said = str(error)
+        raise InputError(said if said.startswith(where) else f"{where}: {said}") from None
+    return chosen, "given as an object" if isinstance(value, Policy) else str(value)
 
 
 def _validators(layer: Layer, value: object) -> tuple[str, ...]:

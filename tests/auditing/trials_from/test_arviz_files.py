@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from gaugeblock.auditing.trials_from import read_any_trials, trials_from_arviz
+from gaugeblock.auditing.trials_from import any_trials, trials_from_arviz
 from gaugeblock.core.errors import InputError
 
 
@@ -38,7 +38,7 @@ def written(groups: dict[str, xr.Dataset], path: Path) -> Path:
 
 
 def read(path: Path) -> xr.Dataset:
-    return read_any_trials(path).to_dataset()
+    return any_trials(path).to_dataset()
 
 
 def test_groups_in_a_file_are_the_direct_trials(drawn, tmp_path: Path) -> None:
@@ -130,7 +130,7 @@ CASES = {
 def test_what_cannot_be_mapped_is_one_line(case: str, drawn, tmp_path: Path) -> None:
     path = written(changed(layout(drawn), case), tmp_path / "fits.nc")
     with pytest.raises(InputError, match=CASES[case]) as caught:
-        read_any_trials(path)
+        any_trials(path)
     assert "\n" not in str(caught.value)
     assert str(caught.value).startswith(str(path))
 

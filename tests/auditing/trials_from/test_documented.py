@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from gaugeblock.auditing.audit import audit_trials
-from gaugeblock.auditing.trials_from import read_any_trials
+from gaugeblock.auditing.trials_from import any_trials
 from gaugeblock.validate import Outcome, read_policy
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "samples-only.md"
@@ -69,7 +69,7 @@ def run_block(heading: str, folder: Path) -> None:
         [sys.executable, "block.py"], cwd=folder, capture_output=True, text=True, check=False, timeout=1800
     )
     assert done.returncode == 0, done.stderr
-    trials = read_any_trials(folder / "trials.nc").to_dataset()
+    trials = any_trials(folder / "trials.nc").to_dataset()
     sizes, names = EXPECTED[heading]
     assert {name: trials.sizes[name] for name in sizes} == sizes
     assert trials["parameter"].values.tolist() == names

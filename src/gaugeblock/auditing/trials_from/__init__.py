@@ -7,11 +7,11 @@ Dataset, which `gaugeblock.write_trials` writes for ``gaugeblock audit --trials`
 from gaugeblock.auditing.trials_from.arviz import trials_from_arviz
 from gaugeblock.auditing.trials_from.bayesflow import trials_from_bayesflow
 from gaugeblock.auditing.trials_from.numpyro import trials_from_numpyro
-from gaugeblock.auditing.trials_from.reading import read_any_trials
+from gaugeblock.auditing.trials_from.reading import any_trials
 from gaugeblock.auditing.trials_from.sbi import trials_from_sbi
 
 __all__ = [
-    "read_any_trials",
+    "any_trials",
     "trials_from_arviz",
     "trials_from_bayesflow",
     "trials_from_numpyro",

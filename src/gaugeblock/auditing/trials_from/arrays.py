@@ -8,31 +8,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from gaugeblock.core.arrays import Array
+from gaugeblock.core.arrays import Array, plain
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate import make_trials
-
-
-def plain(value: object, *, what: str) -> Array:
-    """A NumPy, torch or JAX array, or nested lists, as float64; `what` names it in errors.
-
-    Raises
-    ------
-    InputError
-        If it holds anything but real numbers, or rows of different lengths.
-
-    >>> plain([[1, 2], [3, 4]], what="theta").dtype
-    dtype('float64')
-    """
-    held = value.detach().cpu() if hasattr(value, "detach") else value
-    try:
-        array = np.asarray(held)
-    except (TypeError, ValueError) as error:
-        reason = " ".join(str(error).split())[:120]
-        raise InputError(f"{what}: cannot be made an array of numbers ({reason})") from None
-    if not (np.issubdtype(array.dtype, np.integer) or np.issubdtype(array.dtype, np.floating)):
-        raise InputError(f"{what} holds {array.dtype} values; it must hold real numbers")
-    return np.asarray(array, dtype=float)
 
 
 def named_arrays(

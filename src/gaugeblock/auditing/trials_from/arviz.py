@@ -13,7 +13,6 @@ from gaugeblock.auditing.trials_from.arrays import (
     assembled,
     chosen_names,
     named_arrays,
-    plain,
     stacked,
 )
 from gaugeblock.auditing.trials_from.layout import (
@@ -25,7 +24,7 @@ from gaugeblock.auditing.trials_from.layout import (
     layout_of,
     per_trial,
 )
-from gaugeblock.core.arrays import Array
+from gaugeblock.core.arrays import Array, plain
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.storage import open_groups
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from gaugeblock.auditing.trials_from.arrays import plain
-from gaugeblock.core.arrays import Array
+from gaugeblock.core.arrays import Array, plain
 from gaugeblock.core.errors import InputError
 
 CHAIN, DRAW, SAMPLE = "chain", "draw", "sample"

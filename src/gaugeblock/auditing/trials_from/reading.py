@@ -1,32 +1,84 @@
-"""Trials from a file, whoever wrote it: our own schema, or ArviZ's groups."""
+"""Trials from whatever holds them: our own files, NumPy's, ArviZ's, and what xarray has in memory."""
 
 from __future__ import annotations
 
 import os
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from gaugeblock.auditing.trials_from.arviz import POSTERIOR, RANKS, trials_from_arviz
-from gaugeblock.validate.trials import read_trials, trials_tree
+from gaugeblock.core.arrays import numbers
+from gaugeblock.core.errors import InputError
+from gaugeblock.validate.check import check_trials
+from gaugeblock.validate.trials import make_trials, read_trials, trials_tree
+
+OPTIONAL = (
+    *("x", "log_q", "log_likelihood", "log_prior", "log_q_true", "log_likelihood_true", "log_prior_true"),
+    "weight",
+)
+TRIALS = {"theta_true", "draws"}
+NAMES = ("names", "parameter")
 
 
-def read_any_trials(path: str | os.PathLike[str]) -> xr.DataTree:
-    """A Trials tree from a Trials file, or from a NetCDF file with ArviZ's group ``posterior`` in it.
+def any_trials(source: Any, *, names: Sequence[str] | None = None) -> xr.DataTree:
+    """A Trials tree from a path or from an object in memory.
+
+    A path: NetCDF with Trials or with ArviZ's group ``posterior``, or ``.npz`` with arrays of the names that
+    `make_trials` takes and `names`. An object: Trials as a Dataset or DataTree, or whatever
+    `trials_from_arviz` takes. `names` chooses variables of ArviZ's, and names the parameters of ``.npz``.
 
     Raises
     ------
     InputError
         If the file cannot be read, or what is in it cannot be mapped.
     """
-    return trials_tree(trials_from_arviz(path)) if _has_groups_of_arviz(path) else read_trials(path)
+    if isinstance(source, str | os.PathLike):
+        path = Path(source)
+        if zipfile.is_zipfile(path):
+            return trials_tree(_npz(path, names))
+        if not _has_groups_of_arviz(path):
+            return read_trials(path)
+    elif isinstance(source, xr.Dataset | xr.DataTree) and set(source.data_vars) >= TRIALS:
+        if isinstance(source, xr.DataTree):
+            return source
+        return trials_tree(check_trials(source, source="trials"))
+    return trials_tree(trials_from_arviz(source, names=names))
 
 
-def _has_groups_of_arviz(path: str | os.PathLike[str]) -> bool:
+def _has_groups_of_arviz(path: Path) -> bool:
     import netCDF4
 
     try:
         with netCDF4.Dataset(path) as file:
-            ours = {"theta_true", "draws"} & set(file.variables)
+            ours = TRIALS & set(file.variables)
             return not ours and bool({POSTERIOR, *RANKS} & set(file.groups))
     except (OSError, RuntimeError):  # what it is instead, `read_trials` says
         return False
+
+
+def _npz(path: Path, names: Sequence[str] | None) -> xr.Dataset:
+    """Trials of arrays by name, as `numpy.savez` writes them."""
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            held = {name: stored[name] for name in stored.files}
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path}: cannot be read as NumPy arrays ({' '.join(str(error).split())})") from None
+    missing = sorted(TRIALS - set(held))
+    unknown = sorted(set(held) - TRIALS - {*OPTIONAL, *NAMES})
+    if missing or unknown:
+        what = f"no array {missing[0]}" if missing else f"an array {unknown[0]} that is none of ours"
+        raise InputError(
+            f"{path}: {what}; save theta_true (trial, parameter) and draws (trial, draw, parameter), and "
+            f"where you have them {', '.join(OPTIONAL)} and names"
+        )
+    said = next((held[name] for name in NAMES if name in held), None)
+    chosen = names if names is not None else None if said is None else [str(name) for name in np.ravel(said)]
+    arrays: dict[str, Any] = {
+        name: numbers(held[name], what=f"{path}: {name}") for name in held if name not in NAMES
+    }
+    return make_trials(arrays.pop("theta_true"), arrays.pop("draws"), chosen, **arrays)

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from gaugeblock.auditing.trials_from.arrays import plain
-from gaugeblock.core.arrays import Array
+from gaugeblock.core.arrays import Array, plain
 from gaugeblock.core.errors import InputError, blamed, require
 from gaugeblock.validate import make_trials
 

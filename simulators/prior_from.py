@@ -1,0 +1,6 @@
+from gaugeblock.simulators.prior import Prior
+
+
+def as_prior(prior, names=None):
+    assert isinstance(prior, Prior)
+    return prior

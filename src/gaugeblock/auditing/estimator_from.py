@@ -1,0 +1,206 @@
+"""Any estimator somebody has in hand, as one of ours: other libraries' objects, classes, functions."""
+
+from __future__ import annotations
+
+import inspect
+import os
+from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gaugeblock.auditing.identity import identity
+from gaugeblock.core.arrays import Array, plain
+from gaugeblock.core.errors import InputError
+from gaugeblock.estimators.protocol import Estimator, HasDensity
+from gaugeblock.estimators.registry import build_estimator, made_for
+from gaugeblock.simulators.from_function import SEEDS, seeded_globals, source_of
+from gaugeblock.simulators.protocol import Simulator
+from gaugeblock.stranger.mapping import Mapping as ColumnMapping
+
+SHIPPED = "shipped:"
+
+
+class FunctionEstimator:
+    """A function ``(x, n, rng)`` of data ``(batch, *data_shape)`` that gives ``(batch, n, parameter)``."""
+
+    def __init__(self, function: Callable[..., Any]):
+        self._function = function
+
+    def sample(self, x: ArrayLike, n: int, rng: np.random.Generator) -> Array:
+        """Draws ``(batch, n, parameter)``."""
+        return plain(self._function(x, n, rng), what="the estimator's draws")
+
+    def describe(self) -> dict[str, Any]:
+        """The function and its source; without a source file of its own it has no identity."""
+        name = getattr(self._function, "__qualname__", type(self._function).__name__)
+        return {"estimator": str(name), **source_of(self._function)}
+
+
+class LibraryEstimator:
+    """An object of another library, read by the code that reads it in a stranger's sandbox too.
+
+    `model` has ``sample(x, n, seed)`` and ``describe()``, as the files of `gaugeblock.stranger.child.formats`
+    make them. That code takes its random numbers from global generators, which are seeded and put back.
+    """
+
+    def __init__(self, model: Any):
+        self._model = model
+        self.autocorrelated = bool(model.describe().get("autocorrelated"))
+
+    def sample(self, x: ArrayLike, n: int, rng: np.random.Generator) -> Array:
+        """Draws ``(batch, n, parameter)``."""
+        with seeded_globals(rng):
+            return plain(self._model.sample(x, n, int(rng.integers(SEEDS))), what="the estimator's draws")
+
+    def __repr__(self) -> str:
+        return f"LibraryEstimator({self._model.describe()['library']})"
+
+
+class DenseLibraryEstimator(LibraryEstimator):
+    """One whose normalised density is asked for too."""
+
+    def log_prob(self, theta: ArrayLike, x: ArrayLike) -> Array:
+        """Natural log density ``(batch, n)`` at theta ``(batch, n, parameter)``."""
+        with seeded_globals(np.random.default_rng(0)):
+            return plain(self._model.log_prob(theta, x), what="the estimator's log density")
+
+
+class RearrangedEstimator:
+    """An estimator whose columns are in another order or unit than the simulator's parameters."""
+
+    def __init__(self, base: Estimator, mapping: ColumnMapping):
+        self.base, self.mapping = base, mapping
+        self.autocorrelated = bool(getattr(base, "autocorrelated", False))
+
+    def sample(self, x: ArrayLike, n: int, rng: np.random.Generator) -> Array:
+        """Draws ``(batch, n, parameter)``, in the simulator's order and units."""
+        return self.mapping.to_simulator(plain(self.base.sample(x, n, rng), what="the estimator's draws"))
+
+    def describe(self) -> dict[str, Any]:
+        """What it rearranges, and how."""
+        return {"base": identity(self.base), "mapping": self.mapping.to_json()}
+
+
+class DenseRearrangedEstimator(RearrangedEstimator):
+    """One whose base has a density, in which all of its columns are the simulator's."""
+
+    base: HasDensity
+
+    def log_prob(self, theta: ArrayLike, x: ArrayLike) -> Array:
+        """Natural log density ``(batch, n)`` at theta ``(batch, n, parameter)``, in the simulator's units."""
+        theirs = self.mapping.from_simulator(theta)
+        known = plain(self.base.log_prob(theirs, x), what="log_q")
+        return np.asarray(known + self.mapping.log_jacobian(theirs))
+
+
+def rearranged(base: Estimator, table: Any, names: Sequence[str]) -> RearrangedEstimator:
+    """An estimator with a table as ``[estimator.parameters]`` has it: see `gaugeblock.stranger.mapping`.
+
+    Raises
+    ------
+    InputError
+        If the table does not fit the parameters.
+    """
+    mapping = ColumnMapping.of(table, names)
+    if mapping.whole and isinstance(base, HasDensity):
+        return DenseRearrangedEstimator(base, mapping)
+    return RearrangedEstimator(base, mapping)
+
+
+def as_estimator(estimator: Any, simulator: Simulator, *, densities: bool = False) -> Estimator:
+    """Whatever draws from a posterior, as an `Estimator` for `simulator`.
+
+    Parameters
+    ----------
+    estimator
+        An object with ``sample(x, n, rng)``; a posterior of sbi, or its trainer; a workflow or approximator
+        of BayesFlow; a function ``(x, n, rng)``; a class of estimators, made with the simulator where it
+        takes one; ``"shipped:NAME"``, a model folder, a name (``"exact"``, ``"module:object"``), a file of
+        somebody else's, which runs in a sandbox; or a table ``{"name": ..., ...options}``.
+    simulator : Simulator
+        What it is for.
+    densities : bool
+        Whether to ask another library's object for the density of its draws: sbi takes 10,000 draws for each
+        data set to normalise it.
+
+    Raises
+    ------
+    InputError
+        If it is none of these.
+    """
+    if isinstance(estimator, os.PathLike):
+        estimator = os.fspath(estimator)
+    if isinstance(estimator, str):
+        estimator = _table(estimator)
+    if isinstance(estimator, Mapping):
+        options = dict(estimator)
+        name = options.pop("name", None)
+        if not isinstance(name, str):
+            raise InputError("the estimator's table needs a name, as in {'name': 'npe', 'path': 'trained'}")
+        table = options.pop("parameters", None) if name != "stranger" else None
+        made = build_estimator(name, simulator, **options)
+        return made if table is None else rearranged(made, table, simulator.prior.names)
+    if inspect.isclass(estimator):
+        estimator = made_for(estimator, f"the estimator, the class {estimator.__name__},", simulator)
+    library = _library(estimator)
+    if library is not None:
+        dense = densities and callable(getattr(library, "log_prob", None))
+        return DenseLibraryEstimator(library) if dense else LibraryEstimator(library)
+    if callable(getattr(estimator, "sample", None)):
+        return estimator  # type: ignore[no-any-return]
+    if callable(estimator):
+        return FunctionEstimator(estimator)
+    raise InputError(
+        f"the estimator is a {type(estimator).__name__} without sample: give an object with sample(x, n, "
+        "rng), a function (x, n, rng), a posterior of sbi or a workflow of BayesFlow; the order is "
+        "(estimator, simulator)"
+    )
+
+
+def load(path: str | os.PathLike[str]) -> Estimator:
+    """A trained flow: a model folder of ``gaugeblock train``, or ``"shipped:NAME"``.
+
+    Raises
+    ------
+    InputError
+        If the folder holds no model, or not all of one.
+    MissingExtraError
+        If torch or sbi is not installed.
+    """
+    from gaugeblock.estimators.npe import load as load_flow
+
+    return load_flow(path)
+
+
+def _table(name: str) -> dict[str, Any]:
+    """What a single word may mean."""
+    path = Path(name)
+    if name.startswith(SHIPPED) or (path / "model.json").is_file():
+        return {"name": "npe", "path": name}
+    return {"name": "stranger", "path": name} if path.is_file() else {"name": name}
+
+
+def _library(estimator: Any) -> Any:
+    """The model of another library's object; None for what is none."""
+    modules = {kind.__module__.partition(".")[0] for kind in type(estimator).__mro__}
+    formats = "gaugeblock.stranger.child.formats"
+    if "sbi" in modules:
+        sbi = import_module(f"{formats}.sbi_posterior")
+        try:
+            return sbi.Posterior(sbi.ready(estimator), {})
+        except ValueError:
+            raise InputError(
+                f"the estimator is sbi's {type(estimator).__name__}, which draws nothing: give the "
+                "posterior that build_posterior() returns"
+            ) from None
+    if "bayesflow" in modules:
+        bayesflow = import_module(f"{formats}.bayesflow")
+        try:
+            return bayesflow.Approximator(getattr(estimator, "approximator", estimator), {})
+        except (AttributeError, ValueError) as error:
+            raise InputError(f"the estimator, BayesFlow's {type(estimator).__name__}: {error}") from None
+    return None
