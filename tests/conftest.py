@@ -147,17 +147,22 @@ BROKEN = Draws(lambda draws: np.where(draws > 0, draws, np.nan))
 @pytest.fixture(scope="session")
 def _audit_imported(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Everything an audit imports: what a run within this process imports anew, it imports at every run."""
-    from gaugeblock.auditing.audit import audit_objects
+    from gaugeblock.auditing.audit import audit
     from gaugeblock.auditing.config import TrialsTable
     from gaugeblock.estimators.exact import Exact
     from gaugeblock.simulators import build_simulator
     from gaugeblock.validate import read_policy
 
     simulator = build_simulator("linear_gaussian", parameters=1, data=1)
-    plan = TrialsTable(number=10, draws=10).plan()
+    plan = TrialsTable(number=10, draws=10)
     policy, folder = read_policy("default"), tmp_path_factory.mktemp("audit")
-    audit_objects(
-        simulator, Exact(simulator), plan, folder, policy=policy, select=("draws", "sbc", "coverage")
+    audit(
+        Exact(simulator),
+        simulator,
+        trials=plan,
+        out=folder,
+        policy=policy,
+        validators=("draws", "sbc", "coverage"),
     )
 
 

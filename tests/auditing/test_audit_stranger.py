@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from gaugeblock.auditing.audit import audit
+from gaugeblock.auditing.audit import audit_configured
 from gaugeblock.auditing.config import AuditConfig, read_config
 from gaugeblock.cli.options import stranger_settings
 from gaugeblock.core.errors import InputError
@@ -76,7 +76,7 @@ def test_good_passes_and_narrow_fails_as_in_this_process(
         }
     )
     policy = make_policy(POLICY, source="test")
-    result = audit(config, tmp_path / "out", policy=policy)
+    result = audit_configured(config, tmp_path / "out", policy=policy)
     assert result.verdict.outcome.name == verdict
     own = {"name": "broken", "base": {"name": "exact"}, "fault": "narrow", "size": width}
     same = AuditConfig.build(
@@ -87,7 +87,7 @@ def test_good_passes_and_narrow_fails_as_in_this_process(
             "validators": select,
         }
     )
-    trusted = audit(same, tmp_path / "own", policy=policy)
+    trusted = audit_configured(same, tmp_path / "own", policy=policy)
     assert trusted.verdict.outcome.name == verdict
     assert result.trials["theta_true"].equals(trusted.trials["theta_true"])
 
@@ -121,7 +121,7 @@ def test_interrupted_it_goes_on_with_the_seed_it_began_with(
             if done >= 30:
                 raise KeyboardInterrupt
         config = read_config(Path(sys.argv[1]))
-        module.audit(config, Path(sys.argv[2]), progress=stop if len(sys.argv) > 3 else None)
+        module.audit_configured(config, Path(sys.argv[2]), progress=stop if len(sys.argv) > 3 else None)
         """
     )
     (tmp_path / "audit.toml").write_text(

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from gaugeblock.auditing.audit import audit_trials, judge_again
+from gaugeblock.auditing.audit import audit_draws, judge
 from gaugeblock.auditing.baseline import read_baseline
 from gaugeblock.auditing.explain import explained, suggested_by_name
 from gaugeblock.auditing.verify import verify
@@ -48,7 +48,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     for name, options in kinds.items():
         file = draws_from_disk(root / f"{name}.nc", **options)
         baseline = None if name == "good" else root / "good"
-        audit_trials(file, root / name, policy=POLICY, select=SELECT, baseline=baseline)
+        audit_draws(file, out=root / name, policy=POLICY, validators=SELECT, baseline=baseline)
     return {name: root / name for name in kinds}
 
 
@@ -152,7 +152,7 @@ def test_judged_again_it_is_compared_again(folders: dict[str, Path], tmp_path: P
     assert after["same"]["policy"] is False
     assert not [item for item in after["changed"] if item["id"].startswith("sbc.log_width")]
     assert verify(tmp_path / "out", trials=folders["narrow"] / "trials.nc").differences == ()
-    judged = judge_again(folders["good"], policy=POLICY, out=tmp_path / "none")
+    judged = judge(folders["good"], POLICY, out=tmp_path / "none")
     assert judged.verdict.baseline is None
 
 
@@ -213,8 +213,11 @@ def test_names_in_another_order_are_suggested_by_name() -> None:
 
 
 def test_what_names_suggest_stands_beside_what_draws_do(folders: dict[str, Path]) -> None:
-    result = audit_trials(
-        folders["good"].parent / "swapped.nc", folders["good"].parent / "other", policy=POLICY, select=SELECT
+    result = audit_draws(
+        folders["good"].parent / "swapped.nc",
+        out=folders["good"].parent / "other",
+        policy=POLICY,
+        validators=SELECT,
     )
     verdict = replace(result.verdict, provenance={"estimator": record(["b", "a"], [0, 1])})
     verdict = explained(verdict, result.trials)

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 from scipy import stats
 
-from gaugeblock.auditing.audit import audit
+from gaugeblock.auditing.audit import audit_configured
 from gaugeblock.auditing.config import read_config
 from gaugeblock.auditing.observation import OWN_TRUTHS, read_observation, trials_around
 from gaugeblock.core.errors import InputError
@@ -222,7 +222,7 @@ def test_an_audit_looks_around_the_observation_it_is_given(tmp_path, suffix):
     else:
         xr.Dataset({"x": ("channel", [0.5, 0.1, -0.2])}).to_netcdf(file)
     (tmp_path / "audit.toml").write_text(TOML.format(file=file.name))
-    made = audit(read_config(tmp_path / "audit.toml"), tmp_path / "out")
+    made = audit_configured(read_config(tmp_path / "audit.toml"), tmp_path / "out")
     assert "posterior_sbc.bias[theta_1]" in {finding.id for finding in made.findings}
     assert group_trials(read_trials(tmp_path / "out" / "trials.nc"), "posterior") is not None
     assert made.verdict.provenance["observation"]["file_sha256"]

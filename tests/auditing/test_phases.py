@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 from scipy.stats import kstest
 
-from gaugeblock.auditing.audit import CHUNKS, audit
+from gaugeblock.auditing.audit import CHUNKS, audit_configured
 from gaugeblock.auditing.collect import collect, discard
 from gaugeblock.auditing.config import AuditConfig
 from gaugeblock.auditing.kept_seed import kept_seed
@@ -181,7 +181,7 @@ def test_an_audit_takes_a_seed_of_its_own_and_records_it(
             "validators": ["draws"],
         }
     )
-    first, second = (audit(config, tmp_path / name) for name in "ab")
+    first, second = (audit_configured(config, tmp_path / name) for name in "ab")
     seeds = [result.verdict.provenance["seed"] for result in (first, second)]
     assert len(set(seeds)) == (2 if seed is None else 1)
     assert seeds[0] == seed or seed is None

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaugeblock.auditing.audit import audit_trials
+from gaugeblock.auditing.audit import audit_draws
 from gaugeblock.auditing.result import Audit, UnknownGateError
 from gaugeblock.auditing.verify import verify
 from gaugeblock.core.errors import InputError
@@ -101,7 +101,7 @@ def test_a_notebook_shows_the_verdict_and_every_gate_in_a_frame_of_its_own(resul
 def test_a_saved_result_verifies(result: Audit, tmp_path: Path) -> None:
     file = write_trials(result.trials, tmp_path / "trials.nc")
     rules, names = read_policy("default"), ["draws", "sbc"]
-    audited = audit_trials(file, tmp_path / "first", policy=rules, select=names)
+    audited = audit_draws(file, out=tmp_path / "first", policy=rules, validators=names)
     folder = audited.save(tmp_path / "made" / "here")
     assert {path.name for path in folder.iterdir()} == {path.name for path in (tmp_path / "first").iterdir()}
     assert verify(folder).differences == ()

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from gaugeblock.auditing.audit import audit_objects, audit_trials, judge_again
+from gaugeblock.auditing.audit import audit, audit_draws, judge
 from gaugeblock.auditing.config import TrialsTable
 from gaugeblock.auditing.verify import verify
 from gaugeblock.cli import app
@@ -36,9 +36,9 @@ def audited(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a small audit, which no test may change."""
     folder = tmp_path_factory.mktemp("audited")
     simulator = build_simulator("linear_gaussian", parameters=2, data=2)
-    plan = TrialsTable(number=200, draws=40, importance_number=50, importance_draws=60, seed=4).plan()
+    plan = TrialsTable(number=200, draws=40, importance_number=50, importance_draws=60, seed=4)
     policy = read_policy("default")
-    audit_objects(simulator, Exact(simulator), plan, folder, policy=policy, select=SELECT)
+    audit(Exact(simulator), simulator, trials=plan, out=folder, policy=policy, validators=SELECT)
     return folder
 
 
@@ -48,7 +48,7 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("tiny")
     draws = np.random.default_rng(2).standard_normal((12, 5, 1))
     write_trials(make_trials(np.zeros((12, 1)), draws, ["a"]), folder / "t.nc")
-    audit_trials(folder / "t.nc", folder / "out", policy=read_policy("default"), select=("draws",))
+    audit_draws(folder / "t.nc", out=folder / "out", validators=("draws",))
     return folder / "out"
 
 
@@ -87,10 +87,16 @@ def test_an_audit_as_it_was_written_is_the_same(audited: Path) -> None:
 
 def test_an_anytime_audit_is_the_same(tmp_path: Path) -> None:
     simulator = build_simulator("linear_gaussian", parameters=1, data=1)
-    plan = TrialsTable(number=400, draws=40, chunk=100, importance_number=0, joint_number=0).plan()
+    plan = TrialsTable(number=400, draws=40, chunk=100, importance_number=0, joint_number=0)
     policy = read_policy("default")
-    audit_objects(
-        simulator, Exact(simulator), plan, tmp_path, policy=policy, select=("draws", "sbc"), anytime=True
+    audit(
+        Exact(simulator),
+        simulator,
+        trials=plan,
+        out=tmp_path,
+        policy=policy,
+        validators=("draws", "sbc"),
+        anytime=True,
     )
     assert "anytime" in json.loads((tmp_path / "verdict.json").read_text())["provenance"]["validators"]
     assert verify(tmp_path).differences == ()
@@ -102,14 +108,14 @@ def test_draws_from_disk_and_what_was_judged_again_are_the_same(tmp_path: Path) 
     theta, draws = x + rng.standard_normal((300, 2)), x[:, None] + rng.standard_normal((300, 50, 2))
     write_trials(make_trials(theta, draws, ["a", "b"]), tmp_path / "t.nc")
     policy = read_policy("default")
-    audit_trials(tmp_path / "t.nc", tmp_path / "first", policy=policy, seed=3, select=("draws", "sbc"))
+    audit_draws(tmp_path / "t.nc", out=tmp_path / "first", policy=policy, seed=3, validators=("draws", "sbc"))
     assert verify(tmp_path / "first").differences == ()
     strict = make_policy({"tolerance": {"bias": 0.02}}, source="here", base=policy)
-    judge_again(tmp_path / "first", policy=strict, out=tmp_path / "second", seed=8)
+    judge(tmp_path / "first", strict, out=tmp_path / "second", seed=8)
     with pytest.raises(InputError, match="give the audit's Trials with --trials"):
         verify(tmp_path / "second")
     assert verify(tmp_path / "second", trials=tmp_path / "first" / "trials.nc").differences == ()
-    judge_again(tmp_path / "first", policy=strict, seed=8)
+    judge(tmp_path / "first", strict, out=tmp_path / "first", seed=8)
     assert verify(tmp_path / "first").differences == ()
 
 
@@ -215,9 +221,7 @@ def test_an_edit_of_the_trials_shows_against_either_digest(folder: Path) -> None
     assert any(line.startswith("findings.nc: sbc.bias[theta_1]") for line in found)
     # Whoever makes everything anew is only seen against what is kept elsewhere.
     record = json.loads((folder / "verdict.json").read_text())["provenance"]
-    audit_trials(
-        folder / "trials.nc", folder, policy=read_policy("default"), seed=record["seed"], select=SELECT
-    )
+    audit_draws(folder / "trials.nc", out=folder, seed=record["seed"], validators=SELECT)
     assert verify(folder).differences == ()
     (line,) = verify(folder, trials_sha256=kept).differences
     assert line.startswith("trials.nc: ")

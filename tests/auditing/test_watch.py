@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gaugeblock.auditing.audit import audit_objects, judge_again
+from gaugeblock.auditing.audit import audit, judge
 from gaugeblock.auditing.collect import collect, fingerprint
 from gaugeblock.auditing.config import AuditConfig
 from gaugeblock.auditing.result import Audit
@@ -53,7 +53,7 @@ class Chained(Exact):
 
 
 def run(simulator: Any, estimator: Any, out: Path, plan: Plan = PLAN, **options: Any) -> Audit:
-    return audit_objects(simulator, estimator, plan, out, policy=DEFAULT, anytime=True, **options)
+    return audit(estimator, simulator, trials=vars(plan), out=out, policy=DEFAULT, anytime=True, **options)
 
 
 def test_a_broken_estimator_is_blocked_after_a_few_chunks(simulator: Any, tmp_path: Path) -> None:
@@ -71,7 +71,7 @@ def test_a_broken_estimator_is_blocked_after_a_few_chunks(simulator: Any, tmp_pa
 
 
 def test_an_exact_estimator_passes_before_the_last_trial(simulator: Any, tmp_path: Path) -> None:
-    result = run(simulator, Exact(simulator), tmp_path, select=["draws"])
+    result = run(simulator, Exact(simulator), tmp_path, validators=["draws"])
     assert result.verdict.outcome is Outcome.PASS
     assert 500 < result.trials.sizes["trial"] < 4000
     assert {gate.id for gate in result.verdict.gates} >= {"anytime.coverage", "draws.finite"}
@@ -97,12 +97,12 @@ def test_an_interrupted_audit_ends_in_the_same_bits(simulator: Any, tmp_path: Pa
 
 def test_judged_again_without_sampling(simulator: Any, tmp_path: Path) -> None:
     first = run(simulator, Narrow(simulator), tmp_path)
-    again = judge_again(tmp_path, policy=DEFAULT)
+    again = judge(tmp_path, DEFAULT)
     assert again.verdict.gates == first.verdict.gates
     lenient = DEFAULT.model_copy(
         update={"tolerance": DEFAULT.tolerance.model_copy(update={"log_width": 2.0, "coverage": 0.6})}
     )
-    assert judge_again(tmp_path, policy=lenient).verdict.outcome is not Outcome.FAIL
+    assert judge(tmp_path, lenient).verdict.outcome is not Outcome.FAIL
 
 
 def test_a_draw_that_is_no_number_stops_at_once(simulator: Any, tmp_path: Path) -> None:
@@ -119,14 +119,14 @@ def test_a_draw_that_is_no_number_stops_at_once(simulator: Any, tmp_path: Path) 
 
 def test_what_the_watch_saw_is_what_the_verdict_says(simulator: Any, tmp_path: Path) -> None:
     """Also where draws are thinned together: a stop is always a verdict."""
-    result = run(simulator, Chained(simulator), tmp_path, select=["draws"])
+    result = run(simulator, Chained(simulator), tmp_path, validators=["draws"])
     assert result.verdict.outcome is not Outcome.INCONCLUSIVE
     assert result.trials.sizes["trial"] < 4000
 
 
 def test_audits_of_a_fixed_number_never_run_it(simulator: Any, tmp_path: Path) -> None:
     plan = replace(PLAN, number=100)
-    result = audit_objects(simulator, Exact(simulator), plan, tmp_path, policy=DEFAULT)
+    result = audit(Exact(simulator), simulator, trials=vars(plan), out=tmp_path, policy=DEFAULT)
     assert not any(finding.kind == "sequence" for finding in result.findings)
     assert "anytime" not in result.verdict.provenance["trials"]
 

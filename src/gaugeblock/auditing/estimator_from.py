@@ -19,6 +19,7 @@ from gaugeblock.estimators.protocol import Estimator, HasDensity
 from gaugeblock.estimators.registry import build_estimator, made_for
 from gaugeblock.simulators.from_function import SEEDS, seeded_globals, source_of
 from gaugeblock.simulators.protocol import Simulator
+from gaugeblock.simulators.registry import load_object
 from gaugeblock.stranger.mapping import Mapping as ColumnMapping
 
 SHIPPED = "shipped:"
@@ -142,7 +143,7 @@ def as_estimator(estimator: Any, simulator: Simulator, *, densities: bool = Fals
         if not isinstance(name, str):
             raise InputError("the estimator's table needs a name, as in {'name': 'npe', 'path': 'trained'}")
         table = options.pop("parameters", None) if name != "stranger" else None
-        made = build_estimator(name, simulator, **options)
+        made = _named(name, simulator, options)
         return made if table is None else rearranged(made, table, simulator.prior.names)
     if inspect.isclass(estimator):
         estimator = made_for(estimator, f"the estimator, the class {estimator.__name__},", simulator)
@@ -182,6 +183,15 @@ def _table(name: str) -> dict[str, Any]:
     if name.startswith(SHIPPED) or (path / "model.json").is_file():
         return {"name": "npe", "path": name}
     return {"name": "stranger", "path": name} if path.is_file() else {"name": name}
+
+
+def _named(name: str, simulator: Simulator, options: Mapping[str, Any]) -> Estimator:
+    """What a name stands for; ``module:function`` may be a function that draws, not one that makes it."""
+    if ":" in name and not options:
+        found = load_object(name, "estimator")
+        if inspect.isfunction(found) and next(iter(inspect.signature(found).parameters), "") == "x":
+            return FunctionEstimator(found)
+    return build_estimator(name, simulator, **options)
 
 
 def _library(estimator: Any) -> Any:

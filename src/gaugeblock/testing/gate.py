@@ -14,15 +14,8 @@ from typing import Any, NoReturn
 import pytest
 
 import gaugeblock
-<<<<<<< HEAD
-from gaugeblock.auditing.audit import CHUNKS, audit_objects
-from gaugeblock.auditing.kept_seed import unforeseen_seed
-from gaugeblock.auditing.phases import ended
+from gaugeblock.auditing.audit import CHUNKS, audit
 from gaugeblock.auditing.result import Audit
-from gaugeblock.auditing.samples import untrusted
-=======
-from gaugeblock.auditing.audit import CHUNKS, Audit, audit
->>>>>>> 6710072 (Front door: one audit for objects, names and configurations; draws, policies and plans from Python)
 from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import GaugeblockError
 from gaugeblock.testing.plugin import CalibrationError, CalibrationFailed, CalibrationInconclusive, Note

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from gaugeblock.auditing.audit import audit_trials
+from gaugeblock.auditing.audit import audit_draws
 from gaugeblock.auditing.trials_from import any_trials
-from gaugeblock.validate import Outcome, read_policy
+from gaugeblock.validate import Outcome
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "samples-only.md"
 BLOCK = re.compile(
@@ -75,9 +75,7 @@ def run_block(heading: str, folder: Path) -> None:
     assert trials["parameter"].values.tolist() == names
     assert "x" in trials
     chosen = ["draws", "sbc", "coverage"]
-    verdict = audit_trials(
-        folder / "trials.nc", folder / "out", policy=read_policy("default"), select=chosen
-    ).verdict
+    verdict = audit_draws(folder / "trials.nc", out=folder / "out", validators=chosen).verdict
     gates = {gate.id: gate for gate in verdict.gates}
     assert {"coverage.central", *(f"sbc.bias[{name}]" for name in names)} <= set(gates)
     assert gates["draws.finite"].outcome is Outcome.PASS
