@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import numbers, plain
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import Rng
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.prior_from import as_prior
 from gaugeblock.simulators.protocol import HasLikelihood, Simulator
@@ -45,7 +46,7 @@ class FunctionSimulator:
             return cls(simulate, prior)
         return FunctionSimulatorWithLikelihood(simulate, prior, log_likelihood)
 
-    def simulate(self, theta: ArrayLike, rng: np.random.Generator) -> NDArray[Any]:
+    def simulate(self, theta: ArrayLike, rng: Rng) -> NDArray[Any]:
         """Data ``(n, *data_shape)`` for each row of theta."""
         if not self._alone:
             made = self._simulate(np.asarray(theta, dtype=float), rng)
@@ -197,7 +198,7 @@ def source_of(function: Callable[..., Any]) -> dict[str, Any]:
 
 
 @contextmanager
-def seeded_globals(rng: np.random.Generator) -> Iterator[Any]:
+def seeded_globals(rng: Rng) -> Iterator[Any]:
     """Seed the global generators of torch, NumPy and Python from `rng`, give torch or None, put all back.
 
     For other people's code that takes its random numbers from there.

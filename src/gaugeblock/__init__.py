@@ -13,12 +13,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 _PLACES = {
-    "Audit": "auditing.audit",
-    "Beta": "simulators",
+    "Audit": "auditing.result",
     "Effect": "simulators",
-    "Gamma": "simulators",
     "InputError": "core.errors",
-    "LogNormal": "simulators",
     "LogUniform": "simulators",
     "Normal": "simulators",
     "Policy": "validate.policy",
@@ -26,7 +23,6 @@ _PLACES = {
     "Uniform": "simulators",
     "audit": "auditing.audit",
     "audit_draws": "auditing.audit",
-    "discover": "auditing.discovering",
     "judge": "auditing.audit",
     "load": "auditing.estimator_from",
     "make_trials": "validate.trials",
@@ -40,22 +36,18 @@ _PLACES = {
 }
 
 if TYPE_CHECKING:
-    from gaugeblock.auditing.audit import Audit as Audit
     from gaugeblock.auditing.audit import audit as audit
     from gaugeblock.auditing.audit import audit_draws as audit_draws
     from gaugeblock.auditing.audit import judge as judge
-    from gaugeblock.auditing.discovering import discover as discover
     from gaugeblock.auditing.estimator_from import load as load
     from gaugeblock.auditing.planned import plan as plan
+    from gaugeblock.auditing.result import Audit as Audit
     from gaugeblock.auditing.trials_from import trials_from_arviz as trials_from_arviz
     from gaugeblock.auditing.trials_from import trials_from_bayesflow as trials_from_bayesflow
     from gaugeblock.auditing.trials_from import trials_from_numpyro as trials_from_numpyro
     from gaugeblock.auditing.trials_from import trials_from_sbi as trials_from_sbi
     from gaugeblock.core.errors import InputError as InputError
-    from gaugeblock.simulators import Beta as Beta
     from gaugeblock.simulators import Effect as Effect
-    from gaugeblock.simulators import Gamma as Gamma
-    from gaugeblock.simulators import LogNormal as LogNormal
     from gaugeblock.simulators import LogUniform as LogUniform
     from gaugeblock.simulators import Normal as Normal
     from gaugeblock.simulators import Prior as Prior

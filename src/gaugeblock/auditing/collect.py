@@ -24,9 +24,9 @@ from gaugeblock.auditing.samples import (
 from gaugeblock.auditing.watch import Watch
 from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.progress import Progress
 from gaugeblock.estimators.protocol import Estimator, has_density
 from gaugeblock.simulators.protocol import HasLikelihood, Simulator
-from gaugeblock.core.progress import Progress
 from gaugeblock.validate.storage import open_groups, read_groups, write_groups
 from gaugeblock.validate.trials import trials_tree
 

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from gaugeblock.auditing.identity import identity
 from gaugeblock.core.arrays import Array, plain
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import Rng
 from gaugeblock.estimators.protocol import Estimator, HasDensity
 from gaugeblock.estimators.registry import build_estimator, made_for
 from gaugeblock.simulators.from_function import SEEDS, seeded_globals, source_of
@@ -31,7 +32,7 @@ class FunctionEstimator:
     def __init__(self, function: Callable[..., Any]):
         self._function = function
 
-    def sample(self, x: ArrayLike, n: int, rng: np.random.Generator) -> Array:
+    def sample(self, x: ArrayLike, n: int, rng: Rng) -> Array:
         """Draws ``(batch, n, parameter)``."""
         return plain(self._function(x, n, rng), what="the estimator's draws")
 
@@ -52,7 +53,7 @@ class LibraryEstimator:
         self._model = model
         self.autocorrelated = bool(model.describe().get("autocorrelated"))
 
-    def sample(self, x: ArrayLike, n: int, rng: np.random.Generator) -> Array:
+    def sample(self, x: ArrayLike, n: int, rng: Rng) -> Array:
         """Draws ``(batch, n, parameter)``."""
         with seeded_globals(rng):
             return plain(self._model.sample(x, n, int(rng.integers(SEEDS))), what="the estimator's draws")
@@ -77,7 +78,7 @@ class RearrangedEstimator:
         self.base, self.mapping = base, mapping
         self.autocorrelated = bool(getattr(base, "autocorrelated", False))
 
-    def sample(self, x: ArrayLike, n: int, rng: np.random.Generator) -> Array:
+    def sample(self, x: ArrayLike, n: int, rng: Rng) -> Array:
         """Draws ``(batch, n, parameter)``, in the simulator's order and units."""
         return self.mapping.to_simulator(plain(self.base.sample(x, n, rng), what="the estimator's draws"))
 

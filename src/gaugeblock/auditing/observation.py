@@ -13,7 +13,6 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.auditing.samples import untrusted
-from gaugeblock.core.arrays import Array
 from gaugeblock.core.arrays import Array, numbers
 from gaugeblock.core.digest import digest, file_digest
 from gaugeblock.core.errors import InputError
