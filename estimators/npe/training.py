@@ -23,8 +23,8 @@ from gaugeblock.estimators.npe.loop import train_default
 from gaugeblock.estimators.npe.networks import NetworkShape, build_network
 from gaugeblock.estimators.npe.published import train_published
 from gaugeblock.estimators.npe.storage import load, save
+from gaugeblock.simulators.from_function import as_simulator
 from gaugeblock.simulators.protocol import HasLikelihood, Simulator
-from gaugeblock.simulators.registry import build_simulator
 
 FEATURE_ROWS = 20_000
 CURVE_POINTS = 100
@@ -140,7 +140,7 @@ def run_training(
     settings = "".join(f" --set {name}={json.dumps(value)}" for name, value in changes.items())
     place = f" --out {out}" if out is not None else ""
     command = f"gaugeblock train {config_path}{place}{settings}"
-    simulator = build_simulator(config.simulator.name, **config.simulator.options)
+    simulator = as_simulator(config.simulator.table)
     train(simulator, config, folder=target, progress=progress, command=command)
     return Path(target)
 
