@@ -15,9 +15,7 @@ class Estimator(Protocol):
     """The least that gaugeblock needs. Everything else is a capability, used where it is there.
 
     Shapes: ``x`` is ``(batch, *data_shape)``, draws are ``(batch, n, parameter)`` in physical units and in
-    the order of the simulator's prior. `rng` is a `numpy.random.Generator`, or a
-    `gaugeblock.core.streams.TrialStreams` with one stream per row of x: draw with the batch as the first
-    axis, or iterate over it for one Generator per row.
+    the order of the simulator's prior. `rng` is a `numpy.random.Generator`.
 
     Capabilities, looked up by name with `gaugeblock.simulators.can`:
 
