@@ -23,13 +23,14 @@ from gaugeblock.auditing.identity import identity, versions
 from gaugeblock.auditing.kept_seed import kept_seed
 from gaugeblock.auditing.observation import read_observation, trials_around
 from gaugeblock.auditing.phases import end_phase, ended
-from gaugeblock.auditing.provenance import digests, earlier_provenance, named, title
+from gaugeblock.auditing.provenance import FORMAT, digests, earlier_provenance, named, title
 from gaugeblock.auditing.result import Audit, made_folder, write_arrays
 from gaugeblock.auditing.samples import untrusted
 from gaugeblock.auditing.trials_from import any_trials
 from gaugeblock.auditing.watch import Watch, watched
 from gaugeblock.core.arrays import numbers, plain
 from gaugeblock.core.digest import digest, file_digest
+from gaugeblock.core.errors import InputError
 from gaugeblock.core.progress import Progress, shown
 from gaugeblock.estimators.protocol import Confined, Listed
 from gaugeblock.reports.verdict_json import plain as plain_data
@@ -39,7 +40,7 @@ from gaugeblock.validate import Policy, make_trials, run_validators
 from gaugeblock.validate import judge as judged
 from gaugeblock.validate.findings_file import read_findings
 from gaugeblock.validate.trials import POSTERIOR, add_group, read_trials, trials_tree
-from gaugeblock.validate.validators import default_validators
+from gaugeblock.validate.validators import check_validators, default_validators
 
 CHUNKS = ".chunks"
 
@@ -110,7 +111,14 @@ def audit(
     InputError
         If anything given cannot be used, simulator and estimator do not fit, or one of them fails.
     """
+    if hasattr(estimator, "simulate") and not hasattr(estimator, "sample"):
+        raise InputError(
+            f"the estimator is a {type(estimator).__name__}, which simulates; "
+            "the order is (estimator, simulator)"
+        )
     rules = as_policy(policy)
+    chosen = None if validators is None else tuple(validators)
+    check_validators(chosen or ())
     table = as_trials_table(trials, draws=draws, seed=seed)
     earlier = None if baseline is None else read_baseline(Path(baseline))
     watching = anytime or table.anytime
@@ -133,7 +141,8 @@ def audit(
         tree = collect(simulated, estimating, plan, folder / CHUNKS, watch=watch, progress=tell)
         if observed is not None:
             tell("around the observation", 0, 1)
-            add_group(tree, POSTERIOR, trials_around(simulated, estimating, observed.data, seed=plan.seed))
+            around = trials_around(simulated, estimating, observed.data, seed=plan.seed, block=plan.block)
+            add_group(tree, POSTERIOR, around)
             tell("around the observation", 1, 1)
         stopped = {"anytime": True, "used": tree.sizes["trial"]} if watching else {}
         provenance: dict[str, Any] = {
@@ -154,7 +163,6 @@ def audit(
         end_phase(estimating)
         if observed is not None:
             provenance["observation"] = observed.record
-        chosen = None if validators is None else tuple(validators)
         result = _judged(
             tree,
             rules,
@@ -339,6 +347,7 @@ def _judged(
         {
             **provenance,
             "title": title(provenance),
+            "format": FORMAT,
             "policy": policy.model_dump(mode="json"),
             "validators": default_validators() if validators is None else list(validators),
             "versions": versions(),

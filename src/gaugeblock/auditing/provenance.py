@@ -11,6 +11,8 @@ from typing import Any
 from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError, one_line
 
+# Of the folders that audits write; 1 was gaugeblock 0.1.0's, which drew other random numbers.
+FORMAT = 2
 DIGESTED = ("simulator", "estimator", "policy")
 
 
