@@ -24,7 +24,7 @@ def assert_same(first: tuple[Finding, ...], second: tuple[Finding, ...]) -> None
     for one, other in zip(first, second, strict=True):
         xr.testing.assert_identical(one.to_dataset(), other.to_dataset())
         xr.testing.assert_identical(one.details, other.details)
-        assert (one.components, one.caveats, one.p_value) == (other.components, other.caveats, other.p_value)
+        assert one == other
 
 
 @pytest.fixture(scope="module")

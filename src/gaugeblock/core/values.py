@@ -48,7 +48,7 @@ class Value:
             if plain is not MISSING and same(value, plain):
                 named = True
                 continue
-            named = named or each.kw_only
+            named = named or bool(each.kw_only)
             yield f"{each.name}={short(value)}" if named else short(value)
 
 
