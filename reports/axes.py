@@ -8,7 +8,7 @@ import numpy as np
 
 from gaugeblock.core.errors import InputError, require
 from gaugeblock.reports.pictures import Cells, Curve, Histogram, Intervals, picture
-from gaugeblock.reports.words import number, short
+from gaugeblock.reports.words import number, p_equals, short
 from gaugeblock.validate import Finding, Gate, Outcome
 
 if TYPE_CHECKING:
@@ -46,9 +46,9 @@ def draw(finding: Finding | None, gate: Gate | None, *, ax: Axes | None = None) 
         case _:
             _curves(shown, axes, gate)
     name = gate.id if gate is not None else finding.id if finding is not None else ""
-    p_value = finding.p_value if finding is not None and gate is None else None
-    said = f": {gate.outcome}" if gate is not None else "" if p_value is None else f": p = {short(p_value)}"
-    axes.set_title(f"{name}{said}", fontsize="medium")
+    p_value = p_equals(finding.p_value) if finding is not None and gate is None else ""
+    said = gate.outcome if gate is not None else p_value
+    axes.set_title(f"{name}: {said}" if said else name, fontsize="medium")
     for text in axes.findobj(require("matplotlib.text", "report").Text):
         text.set_parse_math(False)  # a dollar in somebody's name is a dollar
     return axes

@@ -23,7 +23,7 @@ from gaugeblock.reports.words import (
     short,
     unit,
 )
-from gaugeblock.validate import Finding, Gate, Outcome, Verdict
+from gaugeblock.validate import CountFinding, Finding, Gate, Outcome, Verdict
 
 MARKS = {Outcome.PASS: "✓", Outcome.FAIL: "✕", Outcome.INCONCLUSIVE: "?"}
 
@@ -104,7 +104,7 @@ def gate_groups(verdict: Verdict, findings: Sequence[Finding]) -> list[GateGroup
 
 def _gate_row(index: int, gate: Gate, finding: Finding | None, decimals: int) -> GateRow:
     sense = finding.sense if finding is not None else "two-sided"
-    counted = finding is not None and finding.kind == "count"
+    counted = isinstance(finding, CountFinding)
     decimals = 0 if counted else decimals
     tolerance = short(gate.tolerance)
     before = {"two-sided": "±", "at-least": "at least ", "at-most": "at most "}[sense]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -112,7 +113,7 @@ def _posterior(rng: Rng) -> dict[str, float]:
     log_likelihood, of_truth = (simulator.log_likelihood(points, observed[0]) for points in (draws, theta))
     names, seed = ("theta_1", "theta_2"), int(rng.integers(2**31))
     findings = posterior_sbc_findings(theta, draws, log_likelihood, of_truth, names, seed=seed)
-    return {finding.id: finding.p_value for finding in findings if finding.p_value is not None}
+    return {finding.id: finding.p_value for finding in findings if not math.isnan(finding.p_value)}
 
 
 def _nested(rng: Rng) -> dict[str, float]:

@@ -14,7 +14,17 @@ from gaugeblock.auditing.collect import Plan
 from gaugeblock.auditing.samples import ImportanceTrials, JointTrials, MainTrials
 from gaugeblock.estimators.protocol import has_density
 from gaugeblock.simulators.protocol import HasLikelihood
-from gaugeblock.validate import Finding, NotChecked, Policy, Verdict, family, judge, run_validators
+from gaugeblock.validate import (
+    Finding,
+    MeanFinding,
+    NotChecked,
+    Policy,
+    QuantileFinding,
+    Verdict,
+    family,
+    judge,
+    run_validators,
+)
 from gaugeblock.validate.trials import trials_tree
 
 Truth = Mapping[str, Sequence[float]]
@@ -80,7 +90,9 @@ def audit(
 def judged(audited: Audited) -> dict[str, Finding]:
     """Findings that the verdict holds against a tolerance and that have an interval."""
     gates = {gate.id for gate in audited.verdict.gates}
-    return {f.id: f for f in audited.findings if f.id in gates and f.kind in ("mean", "quantile")}
+    return {
+        f.id: f for f in audited.findings if f.id in gates and isinstance(f, MeanFinding | QuantileFinding)
+    }
 
 
 def all_inside(audited: Audited, truth: Truth) -> bool:
@@ -90,7 +102,7 @@ def all_inside(audited: Audited, truth: Truth) -> bool:
         if finding.id not in truth:
             continue
         low, high = (np.array([bound]) for bound in gates[finding.id].interval)
-        if finding.kind == "mean":
+        if isinstance(finding, MeanFinding):
             # A gate states the interval of its worst component; all components reach as many errors.
             worst = finding.components.index(gates[finding.id].component)
             critical = (high - finding.estimate[worst]) / finding.standard_error[worst]

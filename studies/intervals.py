@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gaugeblock.validate import Finding
+from gaugeblock.validate import Finding, MeanFinding
 from studies.audits import Audited, Truth, all_inside, audit, judged, plan
 from studies.boundary import Moved
 from studies.policies import DEFAULT
@@ -50,7 +50,7 @@ def _estimated(estimator: Moved, *, exact: bool) -> Replicate:
 
     def replicate(seed: int) -> Values:
         return {
-            f"{name} #{place}": 0.0 if exact and finding.kind == "mean" else value
+            f"{name} #{place}": 0.0 if exact and isinstance(finding, MeanFinding) else value
             for name, finding in judged(_audit(estimator, seed)).items()
             if _is_known(finding, exact=exact)
             for place, value in enumerate(finding.estimate.tolist())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from gaugeblock.estimators import build_estimator
@@ -24,7 +25,7 @@ def _validators(simulator: Any, estimator: Any) -> Replicate:
     def replicate(seed: int) -> Values:
         tree = collected(simulator, estimator, plan(TRIALS, DRAWS, seed, **GROUPS))
         findings, _ = run_validators(tree, seed=seed)
-        return {finding.id: finding.p_value for finding in findings if finding.p_value is not None}
+        return {finding.id: finding.p_value for finding in findings if not math.isnan(finding.p_value)}
 
     return replicate
 

@@ -43,7 +43,7 @@ INSIDE = {
             *("trials", "check", "storage", "features", "block", "prepared", "p_values"),
             *("finding", "findings_file", "policy", "family", "verdict", "messages"),
         ),
-        ("validators", "judge"),
+        ("validators", "judging"),
     ),
     "stranger": (("limits", "wire", "usage", "system_calls", "opcodes", "material"), ("stranger",)),
     "discovery": (("coordinates", "sources", "candidates", "fit", "locate"), ("record", "run")),

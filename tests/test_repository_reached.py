@@ -22,7 +22,6 @@ UNREACHED = {
     "auc_finding",
     "count_ratio_finding",
     "difference_finding",
-    "findings_tree",
     "fisher_information",
     "fisher_screen",
     "insertion_finding",

@@ -4,9 +4,18 @@ Nothing here imports an estimator or a simulator: validators see arrays and Tria
 """
 
 from gaugeblock.validate.check import check_trials
-from gaugeblock.validate.finding import Finding, NotChecked, Suggestion
-from gaugeblock.validate.findings_file import findings_tree, read_findings, write_findings
-from gaugeblock.validate.judge import judge
+from gaugeblock.validate.finding import (
+    CountFinding,
+    Finding,
+    MeanFinding,
+    NotChecked,
+    PValueFinding,
+    QuantileFinding,
+    SequenceFinding,
+    Suggestion,
+)
+from gaugeblock.validate.findings_file import read_findings, write_findings
+from gaugeblock.validate.judging import judge
 from gaugeblock.validate.likelihood.same_likelihood import LikelihoodComparison, assert_same_likelihood
 from gaugeblock.validate.policy import Policy, make_policy, read_policy
 from gaugeblock.validate.trials import (
@@ -22,19 +31,23 @@ from gaugeblock.validate.verdict import Gate, Outcome, Verdict, combine
 
 __all__ = [
     "VALIDATORS",
+    "CountFinding",
     "Finding",
     "Gate",
     "LikelihoodComparison",
+    "MeanFinding",
     "NotChecked",
     "Outcome",
+    "PValueFinding",
     "Policy",
+    "QuantileFinding",
+    "SequenceFinding",
     "Suggestion",
     "Verdict",
     "assert_same_likelihood",
     "check_trials",
     "check_validators",
     "combine",
-    "findings_tree",
     "importance_trials",
     "judge",
     "main_trials",

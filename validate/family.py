@@ -1,6 +1,6 @@
 """Simultaneous intervals: findings on shared trials, and one error budget over all of them.
 
-Findings of kind ``mean`` that share their trials form a family. Its critical value is that of the largest
+Means that share their trials form a family. Its critical value is that of the largest
 |estimate - truth| / standard error over all components, by a Gaussian multiplier bootstrap of the stacked
 influence functions (Chernozhukov, Chetverikov & Kato 2013, arXiv:1212.6906). Given the influences, a
 replicate with Gaussian multipliers is exactly normal with their correlation matrix, so replicates are drawn
@@ -19,7 +19,7 @@ from scipy import special, stats
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import generator
-from gaugeblock.validate.finding import Finding
+from gaugeblock.validate.finding import CountFinding, Finding, MeanFinding, QuantileFinding
 
 REPLICATES = 40_000
 CHUNK = 10_000
@@ -60,17 +60,18 @@ def families(judged: Sequence[Judgeable]) -> list[list[Judgeable]]:
     apart = []
     for item in judged:
         finding = item.finding
-        if finding.kind == "mean" and finding.influence is not None:
+        if isinstance(finding, MeanFinding):
             together.setdefault((finding.population, finding.influence.shape[1]), []).append(item)
-        elif finding.kind != "count":
+        elif not isinstance(finding, CountFinding):
             apart.append([item])
     return [*together.values(), *apart]
 
 
 def bounds(family: Sequence[Judgeable], *, budget: float, number: int, seed: int) -> list[Bounds]:
     """Bounds of each finding of one of `number` families that share `budget`; the seed decides all."""
-    if family[0].finding.kind == "quantile":
-        return [_quantile_bounds(item, budget=budget, number=number) for item in family]
+    finding = family[0].finding
+    if isinstance(finding, QuantileFinding):
+        return [_quantile_bounds(finding, family[0], budget=budget, number=number)]
     return _mean_bounds(family, budget=budget, number=number, seed=seed)
 
 
@@ -90,7 +91,7 @@ def exact_bounds(item: Judgeable) -> Bounds:
 
 
 def _mean_bounds(family: Sequence[Judgeable], *, budget: float, number: int, seed: int) -> list[Bounds]:
-    influence = [item.finding.influence for item in family if item.finding.influence is not None]
+    influence = [item.finding.influence for item in family if isinstance(item.finding, MeanFinding)]
     n = influence[0].shape[1]
     largest = maxima(influence, seed=seed)
     critical = float(np.quantile(largest, 1 - budget / number, method="higher"))
@@ -166,9 +167,7 @@ def order_statistic_bounds(values: Array, quantile: float, tail: float) -> tuple
     return lower, float(ordered[first]) if first < n else np.inf
 
 
-def _quantile_bounds(item: Judgeable, *, budget: float, number: int) -> Bounds:
-    finding = item.finding
-    assert finding.values is not None
+def _quantile_bounds(finding: QuantileFinding, item: Judgeable, *, budget: float, number: int) -> Bounds:
     bad = -np.inf if finding.sense == "at-least" else np.inf
     values = np.where(np.isnan(finding.values), bad, finding.values)
     n, q = len(values), finding.quantile

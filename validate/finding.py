@@ -1,16 +1,18 @@
-"""What one validator says about Trials."""
+"""What one validator says about Trials: a class for each way in which an interval follows from it."""
 
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-Kind = Literal["mean", "quantile", "count", "test", "sequence"]
+from gaugeblock.core.arrays import Array
+from gaugeblock.core.values import Value
+
 Sense = Literal["two-sided", "at-least", "at-most"]
 
 
@@ -22,9 +24,11 @@ class Suggestion:
     toml: str = ""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Finding:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Finding(Value):
     """One statistic, what it is an estimate of, how well it is known, and on how many trials.
+
+    What all kinds share; a validator makes one of the kinds below.
 
     Attributes
     ----------
@@ -39,25 +43,16 @@ class Finding:
         What holds for a perfect estimator.
     reference
         The paper, or the argument, behind the statistic.
-    kind
-        How an interval follows from what is stored. ``mean``: every component is asymptotically normal
-        with per-trial `influence`. ``quantile``: the `quantile`-th quantile of the per-trial `values`, with
-        a distribution-free interval. ``count``: an exact count. ``test``: a p-value alone.
     sense
         ``two-sided``: |estimate| must stay within the tolerance. ``at-least`` / ``at-most``: one-sided.
     components
         Names of the components, for example one per level and parameter.
     estimate, standard_error
         Shape ``(component,)``.
-    influence
-        ``(component, trial)``: per-trial contributions of mean zero whose average is the sampling error of
-        the estimate; None unless `kind` is ``mean``. It is what makes simultaneous intervals possible.
-    values
-        ``(trial,)`` for kind ``quantile``.
     population
         Which trials it was computed on; findings of one population are dependent.
     p_value
-        Against the point null, where there is one.
+        Against the point null; NaN where there is none.
     details
         Arrays worth plotting, as a Dataset.
     caveats
@@ -66,22 +61,28 @@ class Finding:
         What may be the matter, where the statistic can tell; no verdict rests on it.
     """
 
+    kind: ClassVar[str] = ""
+    arrays: ClassVar[dict[str, tuple[str, ...]]] = {
+        "estimate": ("component",),
+        "standard_error": ("component",),
+    }
+    words: ClassVar[tuple[str, ...]] = (
+        *("id", "quantity", "claim", "null", "reference", "sense"),
+        *("n_trials", "population", "p_value"),
+    )
+
     id: str
     quantity: str
     claim: str
     null: str
     reference: str
-    kind: Kind
     n_trials: int
     sense: Sense = "two-sided"
     components: tuple[str, ...] = ("",)
-    estimate: NDArray[np.float64]
-    standard_error: NDArray[np.float64]
-    influence: NDArray[np.float64] | None = None
-    values: NDArray[np.float64] | None = None
-    quantile: float = 0.5
+    estimate: Array
+    standard_error: Array
     population: str = "trials"
-    p_value: float | None = None
+    p_value: float = math.nan
     details: xr.Dataset = field(default_factory=xr.Dataset)
     caveats: tuple[str, ...] = ()
     suggestions: tuple[Suggestion, ...] = ()
@@ -92,63 +93,113 @@ class Finding:
         return self.id.split(".", 1)[0]
 
     def to_dataset(self) -> xr.Dataset:
-        """Everything the finding holds, as one Dataset; `from_dataset` restores it."""
-        data: dict[str, Any] = {
-            "estimate": ("component", self.estimate),
-            "standard_error": ("component", self.standard_error),
-        }
-        if self.influence is not None:
-            data["influence"] = (("component", "influence_trial"), self.influence)
-        if self.values is not None:
-            data["values"] = ("value_trial", self.values)
+        """Everything the finding holds, as one Dataset; `finding_from` restores it."""
         details = self.details.rename({name: f"detail_{name}" for name in self.details.data_vars})
         attributes = {
-            "id": self.id,
-            "quantity": self.quantity,
-            "claim": self.claim,
-            "null": self.null,
-            "reference": self.reference,
             "kind": self.kind,
-            "sense": self.sense,
-            "n_trials": self.n_trials,
-            "quantile": self.quantile,
-            "population": self.population,
-            "p_value": np.nan if self.p_value is None else float(self.p_value),
+            **{name: getattr(self, name) for name in self.words},
             "caveats": json.dumps(self.caveats),
             "components": json.dumps(self.components),
             "suggestions": json.dumps([[item.text, item.toml] for item in self.suggestions]),
         }
+        data = {name: (dims, getattr(self, name)) for name, dims in self.arrays.items()}
         return xr.Dataset(data, attrs=attributes).merge(details, combine_attrs="override")
 
-    @classmethod
-    def from_dataset(cls, dataset: xr.Dataset) -> Finding:
-        """Inverse of `to_dataset`."""
-        attributes = dataset.attrs
-        names = [str(name) for name in dataset.data_vars if str(name).startswith("detail_")]
-        details = dataset[names].rename({name: name.removeprefix("detail_") for name in names})
-        details.attrs = {}
-        p_value = float(attributes["p_value"])
-        return cls(
-            id=str(attributes["id"]),
-            quantity=str(attributes["quantity"]),
-            claim=str(attributes["claim"]),
-            null=str(attributes["null"]),
-            reference=str(attributes["reference"]),
-            kind=attributes["kind"],
-            sense=attributes["sense"],
-            n_trials=int(attributes["n_trials"]),
-            components=tuple(json.loads(attributes["components"])),
-            estimate=np.asarray(dataset["estimate"].values, dtype=float),
-            standard_error=np.asarray(dataset["standard_error"].values, dtype=float),
-            influence=np.asarray(dataset["influence"].values) if "influence" in dataset else None,
-            values=np.asarray(dataset["values"].values) if "values" in dataset else None,
-            quantile=float(attributes["quantile"]),
-            population=str(attributes["population"]),
-            p_value=None if np.isnan(p_value) else p_value,
-            details=details,
-            caveats=tuple(json.loads(attributes["caveats"])),
-            suggestions=tuple(Suggestion(*item) for item in json.loads(attributes.get("suggestions", "[]"))),
-        )
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class MeanFinding(Finding):
+    """Components that are asymptotically normal, with what every trial contributed.
+
+    `influence` ``(component, trial)``: contributions of mean zero whose average is the sampling error of the
+    estimate. It is what makes simultaneous intervals possible.
+    """
+
+    kind: ClassVar[str] = "mean"
+    arrays: ClassVar[dict[str, tuple[str, ...]]] = {
+        **Finding.arrays,
+        "influence": ("component", "influence_trial"),
+    }
+
+    influence: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class QuantileFinding(Finding):
+    """The `quantile`-th quantile of the trials' `values` ``(trial,)``: a distribution-free interval."""
+
+    kind: ClassVar[str] = "quantile"
+    arrays: ClassVar[dict[str, tuple[str, ...]]] = {**Finding.arrays, "values": ("value_trial",)}
+    words: ClassVar[tuple[str, ...]] = (*Finding.words, "quantile")
+
+    values: Array
+    quantile: float = 0.5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class CountFinding(Finding):
+    """Exact counts of what must not happen at all."""
+
+    kind: ClassVar[str] = "count"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class PValueFinding(Finding):
+    """A p-value, and what it was computed from: reported, never judged."""
+
+    kind: ClassVar[str] = "test"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class SequenceFinding(Finding):
+    """Bounded scores trial by trial, so that one may stop watching at any time.
+
+    `score` ``(component, trial)``; `expected`, of an exact estimator, has as many columns or one; `draws` is
+    the number in each pool, where it matters, or infinite.
+    """
+
+    kind: ClassVar[str] = "sequence"
+    arrays: ClassVar[dict[str, tuple[str, ...]]] = {
+        **Finding.arrays,
+        "score": ("component", "sequence_trial"),
+        "expected": ("component", "expected_trial"),
+    }
+    words: ClassVar[tuple[str, ...]] = (*Finding.words, "draws")
+
+    score: np.ndarray[Any, np.dtype[Any]]
+    expected: Array
+    draws: float = math.inf
+
+
+KINDS = {
+    each.kind: each for each in (MeanFinding, QuantileFinding, CountFinding, PValueFinding, SequenceFinding)
+}
+
+
+def finding_from(dataset: xr.Dataset) -> Finding:
+    """The finding that `to_dataset` made this of.
+
+    Raises
+    ------
+    KeyError, ValueError
+        If the dataset is none.
+    """
+    attributes = dataset.attrs
+    made = KINDS[attributes["kind"]]
+    named = {str(name): str(name).removeprefix("detail_") for name in dataset.data_vars}
+    details = dataset[[name for name in named if name.startswith("detail_")]]
+    details = details.rename({name: named[name] for name in map(str, details.data_vars)})
+    details.attrs = {}
+    held: dict[str, Any] = {name: attributes[name] for name in made.words}
+    # NetCDF has no Python numbers.
+    held |= {name: float(held[name]) for name in ("p_value", "quantile", "draws") if name in held}
+    held |= {name: np.asarray(dataset[name].values) for name in made.arrays}
+    return made(
+        **held | {"n_trials": int(held["n_trials"])},
+        components=tuple(json.loads(attributes["components"])),
+        details=details,
+        caveats=tuple(json.loads(attributes["caveats"])),
+        suggestions=tuple(Suggestion(*item) for item in json.loads(attributes["suggestions"])),
+    )
 
 
 @dataclass(frozen=True)

@@ -1,34 +1,33 @@
-"""An audit's findings as one tree, in memory and on disk."""
+"""An audit's findings on disk: a group for each, by its id."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from urllib.parse import quote
 
 import xarray as xr
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.finding import Finding, NotChecked, finding_from
 from gaugeblock.validate.storage import SCHEMA_VERSION, read_groups, schema_version, write_groups
 
-
-def _groups(findings: Sequence[Finding], not_checked: Sequence[NotChecked]) -> dict[str, xr.Dataset]:
-    # Ids hold dots and brackets, which group names should not: groups are numbered, attributes hold the ids.
-    attributes = {
-        "schema_version": SCHEMA_VERSION,
-        "not_checked": json.dumps([[item.id, item.why] for item in not_checked]),
-        "findings": json.dumps([finding.id for finding in findings]),
-    }
-    root = {"": xr.Dataset(attrs=attributes)}
-    return root | {f"finding_{number:04d}": finding.to_dataset() for number, finding in enumerate(findings)}
+# NetCDF's names have at most 256 bytes.
+LONGEST = 200
 
 
-def findings_tree(findings: Sequence[Finding], not_checked: Sequence[NotChecked]) -> xr.DataTree:
-    """All findings as one DataTree: a child per finding, its id among the attributes."""
-    groups = _groups(findings, not_checked)
-    return xr.DataTree.from_dict({f"/{name}": dataset for name, dataset in groups.items()})
+def group_name(identifier: str) -> str:
+    """What the group of a finding is called: its id, with what no name of NetCDF may hold escaped.
+
+    >>> group_name("sbc.bias[a]"), group_name("sbc.bias[a/b]")
+    ('sbc.bias[a]', 'sbc.bias[a%2Fb]')
+    """
+    name = quote(identifier, safe="[]@=,:+")
+    tail = hashlib.sha256(name.encode()).hexdigest()[:16]
+    return name if len(name) <= LONGEST else f"{name[:LONGEST]}~{tail}"
 
 
 def write_findings(
@@ -41,7 +40,13 @@ def write_findings(
     InputError
         If the path cannot be written.
     """
-    return write_groups(_groups(findings, not_checked), path)
+    attributes = {
+        "schema_version": SCHEMA_VERSION,
+        "not_checked": json.dumps([[item.id, item.why] for item in not_checked]),
+        "findings": json.dumps([finding.id for finding in findings]),
+    }
+    groups = {group_name(finding.id): finding.to_dataset() for finding in findings}
+    return write_groups({"": xr.Dataset(attrs=attributes), **groups}, path)
 
 
 def read_findings(path: str | os.PathLike[str]) -> tuple[tuple[Finding, ...], tuple[NotChecked, ...]]:
@@ -57,8 +62,8 @@ def read_findings(path: str | os.PathLike[str]) -> tuple[tuple[Finding, ...], tu
     schema_version(root, source=str(path))
     try:
         not_checked = tuple(NotChecked(name, why) for name, why in json.loads(root.attrs["not_checked"]))
-        names = sorted(name for name in groups if name.startswith("finding_"))
-        findings = tuple(Finding.from_dataset(groups[name]) for name in names)
+        names = json.loads(root.attrs["findings"])
+        findings = tuple(finding_from(groups[group_name(name)]) for name in names)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
             f"{path}: holds no findings of gaugeblock ({type(error).__name__}: {error})"

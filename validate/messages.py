@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.validate.family import Bounds, Judgeable
+from gaugeblock.validate.finding import CountFinding
 from gaugeblock.validate.policy import Policy
 from gaugeblock.validate.verdict import Outcome
 
@@ -32,7 +33,7 @@ def gate_message(
     """One line for one gate."""
     quantity = item.finding.quantity
     level = f"{100 * (1 - policy.error_budget):g}% simultaneous"
-    if item.finding.kind == "count":
+    if isinstance(item.finding, CountFinding):
         return _count(item)
     described = _DESCRIBE.get(quantity, _plain)(item, bound, _shown(item, fails, worst), level)
     if outcome is Outcome.FAIL:

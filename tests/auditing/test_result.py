@@ -96,6 +96,7 @@ def test_a_notebook_shows_the_verdict_and_every_gate_in_a_frame_of_its_own(resul
     assert "<!DOCTYPE" not in shown
     assert ":root" not in shown
     assert "body {" not in shown
+    assert "& {\n  color-scheme" in shown
 
 
 def test_a_saved_result_verifies(result: Audit, tmp_path: Path) -> None:

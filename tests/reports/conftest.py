@@ -17,7 +17,7 @@ import pytest
 import xarray as xr
 
 from gaugeblock.validate import Finding, Verdict, make_trials, trials_tree
-from gaugeblock.validate.judge import judge
+from gaugeblock.validate.judging import judge
 from gaugeblock.validate.policy import read_policy
 from gaugeblock.validate.validators import run_validators
 

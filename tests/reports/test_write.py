@@ -5,6 +5,7 @@ import pytest
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.reports import write_reports
+from gaugeblock.validate.finding import finding_from
 
 FILES = ["junit.xml", "report.html", "summary.md", "verdict.json"]
 
@@ -67,9 +68,8 @@ def test_a_page_that_cannot_be_rendered_leaves_the_old_files(passing, tmp_path: 
 
 
 def test_reports_of_an_audit_from_disk_are_the_same(passing, tmp_path: Path):
-    from gaugeblock.validate import Finding
 
-    again = [Finding.from_dataset(finding.to_dataset()) for finding in passing.findings]
+    again = [finding_from(finding.to_dataset()) for finding in passing.findings]
     write_reports(passing.verdict, passing.findings, passing.trials, tmp_path / "a")
     write_reports(passing.verdict, again, passing.trials, tmp_path / "b")
     for name in FILES:

@@ -20,7 +20,7 @@ from gaugeblock.validate.anytime.normal_process import log_evidence_against_unif
 from gaugeblock.validate.anytime.sequence import REFERENCE, gap_sequence, sequence_finding
 from gaugeblock.validate.anytime.wager_units import bias_of, log_width_of
 from gaugeblock.validate.block import Block
-from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.finding import Finding, NotChecked, PValueFinding
 from gaugeblock.validate.marginal.coverage import LEVELS, inside_central
 from gaugeblock.validate.marginal.winsorised import Scores, winsorised_scores
 from gaugeblock.validate.p_values import SMALLEST
@@ -133,13 +133,12 @@ def coverage_sequence(
 def uniform_evidence(pit: ArrayLike, *, caveats: tuple[str, ...] = ()) -> Finding:
     """Evidence against uniform ranks after each trial, from randomised PIT ``(trial, parameter)``."""
     log_evidence = log_evidence_against_uniform(pit)
-    return Finding(
+    return PValueFinding(
         id="anytime.uniform",
         quantity="",
         claim="largest log10 of the evidence against exact calibration so far; above 1.3, refuted at 5%",
         null="randomised ranks uniform, exactly, for an exact posterior",
         reference="likelihood ratios of normal scores; " + REFERENCE,
-        kind="test",
         n_trials=len(log_evidence),
         estimate=np.array([log_evidence.max() / np.log(10)]),
         standard_error=np.array([np.nan]),

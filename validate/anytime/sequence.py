@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate.finding import Finding
+from gaugeblock.validate.finding import SequenceFinding
 
 REFERENCE = "betting: Waudby-Smith & Ramdas 2024, arXiv:2010.09686"
 
@@ -28,31 +27,26 @@ def sequence_finding(
     components: tuple[str, ...],
     caveats: tuple[str, ...],
     draws: float = np.inf,
-) -> Finding:
-    """A finding of kind ``sequence`` from scores ``(component, trial)`` and what an exact estimator scores.
+) -> SequenceFinding:
+    """A finding from scores ``(component, trial)`` and what an exact estimator scores.
 
     `expected` has as many columns as trials, or one; `error` is the standard deviation of one trial's part in
     the estimate, `draws` the number in each pool, where it matters.
     """
     n = score.shape[1]
-    dims = ("component", "sequence_trial") if expected.shape[1] == n else ("component", "constant")
-    details = {
-        "score": (("component", "sequence_trial"), score),
-        "expected": (dims, expected),
-        "draws": ((), draws),
-    }
-    return Finding(
+    return SequenceFinding(
         id=identifier,
         quantity=quantity,
         claim=claim,
         null=null,
         reference=REFERENCE,
-        kind="sequence",
         n_trials=n,
         components=components,
         estimate=estimate,
         standard_error=error / np.sqrt(n),
-        details=xr.Dataset(details),
+        score=score,
+        expected=expected,
+        draws=draws,
         caveats=caveats,
     )
 
@@ -66,7 +60,7 @@ def gap_sequence(
     *,
     claim: str,
     caveats: tuple[str, ...] = (),
-) -> Finding:
+) -> SequenceFinding:
     """Coverage gaps: hits ``(component, trial)``, of probability `levels` ``(component,)`` when exact."""
     hits, nominal = np.asarray(inside, dtype=bool), np.asarray(levels, dtype=float)
     return sequence_finding(
@@ -83,12 +77,13 @@ def gap_sequence(
     )
 
 
-def extended(earlier: Finding, later: Finding) -> Finding:
+def extended(earlier: SequenceFinding, later: SequenceFinding) -> SequenceFinding:
     """The scores of two sequences in a row, for `stakes`; everything else is the later one's."""
-    details = {
-        name: xr.concat([first, later.details[name]], dim="sequence_trial")
-        if "sequence_trial" in first.dims
-        else first
-        for name, first in earlier.details.data_vars.items()
-    }
-    return replace(later, n_trials=earlier.n_trials + later.n_trials, details=xr.Dataset(details))
+    # One column may be of all trials, or of the only one.
+    constant = any(each.expected.shape[1] == 1 < each.score.shape[1] for each in (earlier, later))
+    return replace(
+        later,
+        n_trials=earlier.n_trials + later.n_trials,
+        score=np.concatenate([earlier.score, later.score], axis=1),
+        expected=later.expected if constant else np.concatenate([earlier.expected, later.expected], axis=1),
+    )

@@ -11,7 +11,7 @@ from scipy import special
 from gaugeblock.validate.anytime.stakes import PASS_THRESHOLD, Evidence, decide, gather
 from gaugeblock.validate.anytime.wager import AIMED, BOLD
 from gaugeblock.validate.family import Bounds, Judgeable
-from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.finding import CountFinding, Finding, NotChecked, SequenceFinding
 from gaugeblock.validate.messages import gate_message
 from gaugeblock.validate.policy import Policy, covers
 from gaugeblock.validate.verdict import Gate, Outcome
@@ -29,8 +29,8 @@ _ANSWERS = {
 _WHOLE = ("sbc", "coverage")
 
 
-def sequence_gates(findings: Sequence[Finding], policy: Policy) -> list[Gate]:
-    """A gate for each finding of kind ``sequence``; all of one audit together, because they share one budget.
+def sequence_gates(findings: Sequence[SequenceFinding], policy: Policy) -> list[Gate]:
+    """A gate for each sequence; all of one audit together, because they share one budget.
 
     The same findings and policy give the same gates.
     """
@@ -44,10 +44,10 @@ def sequence_gates(findings: Sequence[Finding], policy: Policy) -> list[Gate]:
 
 def only_counts(judged: Sequence[Judgeable]) -> tuple[list[Judgeable], list[NotChecked]]:
     """What may be judged beside sequences: exact counts. Everything else is reported, and said to be."""
-    kept = [item for item in judged if item.finding.kind == "count"]
+    kept = [item for item in judged if isinstance(item.finding, CountFinding)]
     why = "reported, not judged: its intervals hold for a number of trials fixed beforehand, not watched ones"
     left_out = dict.fromkeys(
-        item.finding.id.partition("[")[0] for item in judged if item.finding.kind != "count"
+        item.finding.id.partition("[")[0] for item in judged if not isinstance(item.finding, CountFinding)
     )
     return kept, [NotChecked(name, why) for name in left_out]
 
@@ -62,13 +62,12 @@ def answered(entry: str, gates: Sequence[Gate]) -> bool:
     return bool(asked) and all(any(covers(_ANSWERS[name], gate.id) for gate in gates) for name in asked)
 
 
-def _gate(finding: Finding, found: Evidence, policy: Policy, outcome: Outcome) -> Gate:
+def _gate(finding: SequenceFinding, found: Evidence, policy: Policy, outcome: Outcome) -> Gate:
     grown, threshold = found.grown, found.threshold(policy.error_budget)
     fail = outcome is Outcome.FAIL
     worst = int(np.argmax(grown.max(axis=1))) if fail else int(np.argmin(found.outside.min(axis=1)))
     bound = _bounds(found, worst, threshold)
-    tolerance = policy.tolerated(finding.quantity)
-    assert tolerance is not None
+    tolerance = float(getattr(policy.tolerance, finding.quantity))
     item = Judgeable(finding=finding, low=-tolerance, high=tolerance)
     detectable = tolerance + _reach(finding, worst, threshold, policy.planning.power)
     settle = (

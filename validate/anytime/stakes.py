@@ -19,7 +19,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.validate.anytime.wager import AIMED, BOLD
 from gaugeblock.validate.anytime.wager_units import Question, question
 from gaugeblock.validate.family import PASS_LEVEL
-from gaugeblock.validate.finding import Finding
+from gaugeblock.validate.finding import SequenceFinding
 from gaugeblock.validate.policy import Policy
 from gaugeblock.validate.verdict import Outcome
 
@@ -50,7 +50,7 @@ class Evidence:
         return -float(np.log(budget)) - self.share
 
 
-def gather(findings: Sequence[Finding], policy: Policy) -> list[Evidence]:
+def gather(findings: Sequence[SequenceFinding], policy: Policy) -> list[Evidence]:
     """The bets on all sequences of one audit: equal capital for each quantity, then for each of its gates."""
     quantities = [finding.quantity for finding in findings]
     shares = [1 / len(set(quantities)) / quantities.count(quantity) for quantity in quantities]
@@ -74,7 +74,7 @@ def decide(gathered: Sequence[Evidence], budget: float) -> list[Outcome]:
     ]
 
 
-def _evidence(finding: Finding, policy: Policy, share: float) -> Evidence:
+def _evidence(finding: SequenceFinding, policy: Policy, share: float) -> Evidence:
     """All bets on one sequence, `share` of the capital against "within tolerance"."""
     asked = question(finding, policy)
     wager = asked.wager

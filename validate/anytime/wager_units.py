@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.anytime.wager import Wager
-from gaugeblock.validate.finding import Finding
+from gaugeblock.validate.finding import SequenceFinding
 from gaugeblock.validate.marginal.winsorised import CUT, cut_mean, cut_square_ratio
 from gaugeblock.validate.policy import Policy
 
@@ -45,7 +45,7 @@ def hidden(draws: float) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Question:
-    """A finding of kind ``sequence`` as a wager, with the edges that a policy tolerates.
+    """A sequence as a wager, with the edges that a policy tolerates.
 
     `tolerable` are the outermost edges, low and high, of an estimator within all tolerances: beyond them it
     FAILs. `passable` lie inside of every estimator out of this tolerance: refuting both sides is PASS. The
@@ -63,14 +63,12 @@ class Question:
     falls: bool = False
 
 
-def question(finding: Finding, policy: Policy) -> Question:
+def question(finding: SequenceFinding, policy: Policy) -> Question:
     """What is asked of a sequence under a policy."""
-    details = finding.details
-    score = np.asarray(details["score"].values, dtype=float)
-    expected = np.asarray(details["expected"].values, dtype=float)
+    score, expected = finding.score.astype(float), finding.expected
     if finding.quantity in ("coverage", "joint"):
         return _gap(score, expected, float(getattr(policy.tolerance, finding.quantity)))
-    return _QUESTIONS[finding.quantity](score, expected, float(details["draws"]), policy)
+    return _QUESTIONS[finding.quantity](score, expected, finding.draws, policy)
 
 
 def _bias(score: Array, expected: Array, draws: float, policy: Policy) -> Question:  # noqa: ARG001

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate.finding import Finding
+from gaugeblock.validate.finding import Finding, PValueFinding
 
 REPLICATES = 4999
 VALUES = 1 << 21
@@ -110,13 +110,12 @@ def count_ratio_regression(
 
 def count_ratio_finding(regression: CountRatio) -> Finding:
     """The regression as finding ``paired.count_ratio``; its p-value is of the effect at equal counts."""
-    return Finding(
+    return PValueFinding(
         id="paired.count_ratio",
         quantity="",
         claim="paired differences on ln(count ratio): slope per e-fold, and difference at equal counts",
         null="no difference between the arms at equal counts",
         reference="ordinary least squares; the slope's p-value by permutation, in the details",
-        kind="mean",
         n_trials=regression.n,
         components=("slope", "effect"),
         estimate=np.array([regression.slope, regression.effect]),

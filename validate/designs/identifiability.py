@@ -16,7 +16,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.validate.block import Block, block_length
 from gaugeblock.validate.check import circular_parameters
 from gaugeblock.validate.designs.shrink import capture, weighted_sd
-from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.joint.importance import KHAT_LIMIT, NEEDED, log_weights
 from gaugeblock.validate.joint.psis import pareto_khat
 from gaugeblock.validate.marginal.ranks import unwrap_circular
@@ -128,13 +128,12 @@ def shrink_finding(
     estimate = float(ratio.mean())
     square = (truth - truth.mean()) ** 2
     influence = ratio - estimate - 0.5 * estimate * (square / square.mean() - 1)
-    return Finding(
+    return MeanFinding(
         id=f"identifiability.shrink[{name}]",
         quantity="",
         claim=f"mean posterior sd of {name} as a fraction of its prior sd; 1: nothing learned",
         null="1 where data carry no information, or the estimator returns the prior",
         reference=REFERENCE,
-        kind="mean",
         n_trials=n,
         components=(name,),
         estimate=np.array([estimate]),
@@ -180,13 +179,12 @@ def capture_finding(
     share = float(capture(a, b))
     influence = (share * (exact - b) - (estimated - a)) / (1 - b)
     prior_part = (a - share * b) / (1 - b) * prior_error
-    return Finding(
+    return MeanFinding(
         id=f"identifiability.capture[{name}]",
         quantity="",
         claim=f"share of the exact constraint on {name} that the estimator captures; below 1: too wide",
         null="1 for an exact posterior, 0 for an estimator that returns the prior",
         reference=REFERENCE,
-        kind="mean",
         n_trials=n,
         components=(name,),
         estimate=np.array([share]),

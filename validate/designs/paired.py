@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.designs.shifts import Shifts, shift_interval
-from gaugeblock.validate.finding import Finding
+from gaugeblock.validate.finding import Finding, PValueFinding
 
 REPLICATES = 4999
 # All sign flips of this many pairs are enumerated; more are sampled.
@@ -164,13 +164,12 @@ def paired_finding(name: str, test: PairedTest, *, level: float = 0.95) -> Findi
         "level": ((), level),
         "effect_size": ((), test.effect_size),
     }
-    return Finding(
+    return PValueFinding(
         id=f"paired.{name}",
         quantity="",
         claim="difference between the arms, in the units of what was measured",
         null="no difference: arms exchangeable within pairs or strata",
         reference="Fisher 1935; Phipson & Smyth 2010 (the +1); Hodges & Lehmann 1963 (intervals)",
-        kind="test",
         n_trials=test.n,
         estimate=np.array([test.difference]),
         standard_error=np.array([np.nan]),

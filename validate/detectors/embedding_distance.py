@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.detectors.mmd import PERMUTATIONS, mmd
-from gaugeblock.validate.finding import Finding
+from gaugeblock.validate.finding import Finding, PValueFinding
 
 REFERENCE = "Schmitt et al. 2023, arXiv:2112.08866; Gretton et al. 2012, JMLR 13, 723; Vovk et al. 2005"
 
@@ -92,13 +92,12 @@ def embedding_distance(
     discrepancy, p_value, spread = mmd(observed, simulated, rng=rng, permutations=permutations)
     n = len(np.asarray(simulated))
     return (
-        Finding(
+        PValueFinding(
             id="embedding_distance.mahalanobis",
             quantity="",
             claim="mean squared Mahalanobis distance of observed embeddings from the simulated ones",
             null=f"{found.simulated.mean():.3g}, as for simulated data that were left out",
             reference=REFERENCE,
-            kind="test",
             n_trials=m + n,
             estimate=np.array([found.observed.mean()]),
             standard_error=np.array([found.simulated.std(ddof=1) / np.sqrt(m)]),
@@ -114,13 +113,12 @@ def embedding_distance(
             if k >= 200
             else (f"{k} simulations to rank against: p is at least {1 / (k + 1):.3g}",),
         ),
-        Finding(
+        PValueFinding(
             id="embedding_distance.mmd",
             quantity="",
             claim="squared maximum mean discrepancy between observed and simulated embeddings, unbiased",
             null="0 in the mean: observed and simulated data are exchangeable",
             reference=REFERENCE,
-            kind="test",
             n_trials=m + n,
             estimate=np.array([discrepancy]),
             standard_error=np.array([spread.std(ddof=1)]),

@@ -20,7 +20,7 @@ from scipy import special
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate.finding import Finding
+from gaugeblock.validate.finding import Finding, PValueFinding
 
 DataStatistic = Callable[[Array, Array, Array], Array]
 """From data ``(m, k, channel)``, mean and variance ``(m, 1, channel)`` to ``(m, k)``; large is suspicious."""
@@ -154,13 +154,12 @@ def predictive_check(
         null = rng.permuted(np.tile(score, (permutations, 1)), axis=1)[:, : len(p)].mean(axis=1)
         lower = np.count_nonzero(null <= score[: len(p)].mean() + 1e-12)
         combined, caveats = float((1 + lower) / (1 + permutations)), ()
-    return Finding(
+    return PValueFinding(
         id=f"predictive_check.{name}",
         quantity="",
         claim=f"median posterior predictive p of {len(p)} observations, by {name}",
         null="observed data are draws of the simulator at draws of their posteriors",
         reference=REFERENCE,
-        kind="test",
         n_trials=len(p) + n,
         estimate=np.array([np.median(p)]),
         standard_error=np.array([np.sqrt(np.mean(p * (1 - p)) / copies / len(p))]),

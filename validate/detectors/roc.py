@@ -17,7 +17,7 @@ from scipy import stats
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate.finding import Finding
+from gaugeblock.validate.finding import Finding, PValueFinding
 
 REFERENCE = "Hanley & McNeil 1982; permutation and bootstrap of rank sums"
 CHUNK = 1 << 22
@@ -105,14 +105,13 @@ def auc_finding(
     low, high = _scores(clean), _scores(suspicious)
     spread = bootstrap_auc(low, high, rng=rng, replicates=replicates)
     bounds = np.quantile(spread, [0.025, 0.975])
-    return Finding(
+    return PValueFinding(
         id=f"roc.auc[{name}]",
         quantity="",
         claim=f"AUC of {name}: probability that suspicious data score higher than clean ones "
         f"(95% bootstrap interval {bounds[0]:.3f} to {bounds[1]:.3f})",
         null="1/2: clean and suspicious scores are exchangeable",
         reference=REFERENCE,
-        kind="test",
         n_trials=len(low) + len(high),
         components=(name,),
         estimate=np.array([float(auc(low, high))]),

@@ -7,6 +7,7 @@ errors and `evidence_difference` those of differences; the findings here report 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,7 +17,7 @@ from scipy import special
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.evidence.thread_bootstrap import LogEvidence, evidence_difference
-from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked, PValueFinding, QuantileFinding
 from gaugeblock.validate.marginal.standardised import bias, log_width
 from gaugeblock.validate.p_values import SMALLEST, two_sided
 from gaugeblock.validate.prepared import Prepared
@@ -89,13 +90,12 @@ def pull_finding(
     correlation = spread[0, 1] / (scale[0] * scale[1]) if scale.min() > 0 else 0.0
     z = np.array([mean[0], width[0]]) / standard_error
     joint = (z @ z - 2 * correlation * z[0] * z[1]) / max(1 - correlation**2, 1e-6)
-    return Finding(
+    return MeanFinding(
         id="evidence.pull",
         quantity="",
         claim="mean of (log evidence - truth) / error; log of stated over actual error (negative: too small)",
         null="pulls of mean 0 and variance 1 for an unbiased log evidence whose error is right",
         reference=REFERENCE,
-        kind="mean",
         n_trials=n,
         components=("mean", "log_width"),
         estimate=np.array([mean[0], width[0]]),
@@ -113,13 +113,12 @@ def error_finding(
 ) -> Finding:
     """Median of the log evidences' stated errors ``(trial,)`` or ``(run,)``, in nat."""
     stated = np.atleast_1d(np.asarray(error, dtype=float))
-    return Finding(
+    return QuantileFinding(
         id="evidence.error",
         quantity="",
         claim="median stated error of the log evidence (nat)",
         null="0 for an exact log evidence",
         reference=REFERENCE,
-        kind="quantile",
         sense="at-most",
         n_trials=len(stated),
         estimate=np.array([np.median(stated)]),
@@ -152,19 +151,18 @@ def difference_finding(
     each = np.array([one.value - two.value for one, two in zip(first, second, strict=True)])
     error = np.array([np.hypot(one.error, two.error) for one, two in zip(first, second, strict=True)])
     monte_carlo = total.error / np.sqrt(2 * (len(total.replicates) - 1))
-    return Finding(
+    return PValueFinding(
         id="evidence.difference",
         quantity="",
         claim="differences of log evidences over pairs (nat): sum and mean, with nested sampling's error",
         null="0 if both models are equally probable given all data",
         reference=REFERENCE,
-        kind="mean",
         n_trials=n,
         components=("sum", "mean"),
         estimate=np.array([total.value, total.value / n]),
         standard_error=np.array([total.error, total.error / n]),
         population="evidence pairs",
-        p_value=two_sided(total.value / total.error) if total.error > 0 else None,
+        p_value=two_sided(total.value / total.error) if total.error > 0 else math.nan,
         details=xr.Dataset(
             {
                 "difference": ("pair", each),

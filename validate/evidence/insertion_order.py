@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.evidence.nested_threads import NestedPoints, Threads, threads_of
-from gaugeblock.validate.finding import Finding
+from gaugeblock.validate.finding import Finding, PValueFinding
 from gaugeblock.validate.marginal.uniformity import ecdf_test
 from gaugeblock.validate.p_values import two_sided
 
@@ -116,13 +116,12 @@ def insertion_order_test(
 def insertion_finding(test: InsertionTest) -> Finding:
     """Uniformity of a run's insertion ranks as a finding."""
     rank = test.rank
-    return Finding(
+    return PValueFinding(
         id="evidence.insertion",
         quantity="",
         claim="mean insertion rank of new live points minus 1/2; positive: they lie too far inside",
         null="insertion ranks uniform and independent, exactly, for draws from the prior above the contour",
         reference="Fowlie, Handley & Su 2020, arXiv:2006.03371; Buchner 2021, arXiv:2101.09675",
-        kind="test",
         n_trials=len(rank),
         estimate=np.array([rank.mean() - 0.5]),
         standard_error=np.array([rank.std(ddof=1) / np.sqrt(len(rank))]),

@@ -6,13 +6,14 @@ uniform for an exact posterior; so the region of the lowest (or most central) 80
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.validate.finding import Finding
+from gaugeblock.validate.finding import Finding, MeanFinding, PValueFinding
 from gaugeblock.validate.marginal.coverage import LEVELS, STEADYING, inside_central, perfect_estimator
 from gaugeblock.validate.marginal.uniformity import ecdf_test
 
@@ -56,7 +57,7 @@ def gap_finding(
     reference: str,
     null: str = "coverage equal to the nominal level, exactly, for an exact posterior",
     population: str = "trials",
-    p_value: float | None = None,
+    p_value: float = math.nan,
     details: xr.Dataset | None = None,
     caveats: tuple[str, ...] = (),
 ) -> Finding:
@@ -72,13 +73,12 @@ def gap_finding(
     covered = held.mean(axis=1)
     first = (held.sum(axis=1) + STEADYING) / total
     second = (np.einsum("ct,ct->c", held, held) + STEADYING) / total
-    return Finding(
+    return MeanFinding(
         id=id,
         quantity="joint",
         claim=claim,
         null=null,
         reference=reference,
-        kind="mean",
         n_trials=n,
         components=tuple(components),
         estimate=covered - level,
@@ -135,13 +135,12 @@ def uniform_finding(
         "band_high": ("evaluation_point", test.high),
     }
     coordinates = {"evaluation_point": test.point} | ({} if trial is None else {"trial": trial})
-    return Finding(
+    return PValueFinding(
         id=id,
         quantity="",
         claim=f"largest distance of the rank ECDF of {what} from uniform",
         null="randomised ranks uniform, exactly, for an exact posterior",
         reference=f"{BAND_REFERENCE}; {reference}",
-        kind="test",
         n_trials=len(u),
         estimate=np.array([np.abs(test.difference).max()]),
         standard_error=np.array([np.nan]),

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.block import block_length
-from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked, QuantileFinding
 from gaugeblock.validate.joint.psis import pareto_khat
 from gaugeblock.validate.prepared import Prepared, count_not_finite, trial_numbers
 
@@ -178,13 +178,12 @@ def summary_findings(
             "ESS counts as 0",
         )
     return (
-        Finding(
+        QuantileFinding(
             id="importance.ess",
             quantity="ess",
             claim=f"median over trials of the Kish effective sample size, as a fraction of {draws} draws",
             null="1 for an exact posterior",
             reference="Kish 1965; order-statistic interval of a quantile",
-            kind="quantile",
             sense="at-least",
             n_trials=n,
             estimate=np.array([np.median(ess)]),
@@ -195,13 +194,12 @@ def summary_findings(
             details=xr.Dataset({"ess": ("trial", ess)}, coords=coordinates),
             caveats=caveats,
         ),
-        Finding(
+        MeanFinding(
             id="importance.khat",
             quantity="",
             claim=f"fraction of trials whose Pareto k-hat exceeds {KHAT_LIMIT}: weights not to be relied on",
             null="0 for an exact posterior",
             reference="Vehtari et al. 2024, arXiv:1507.02646; Zhang & Stephens 2009",
-            kind="mean",
             sense="at-most",
             n_trials=n,
             estimate=np.array([above.mean()]),
@@ -230,13 +228,12 @@ def _evidence_finding(
         "acceptance": ("trial", accepted),
     }
     known = error[np.isfinite(error)]
-    return Finding(
+    return QuantileFinding(
         id="importance.evidence",
         quantity="",
         claim="median error of the importance-sampling log evidence (nat), over trials",
         null="0 for an exact posterior",
         reference="error of a mean of weights; trust it only where k-hat is below 0.7",
-        kind="quantile",
         sense="at-most",
         n_trials=len(evidence),
         estimate=np.array([np.median(known) if known.size else np.nan]),

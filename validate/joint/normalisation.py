@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.block import Block
 from gaugeblock.validate.check import circular_parameters
-from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.joint.dense_ratio import least_draws, log_density_ratio
 from gaugeblock.validate.joint.psis import pareto_khat
 from gaugeblock.validate.prepared import Prepared
@@ -102,13 +102,12 @@ def normalisation_finding(
     said = caveats
     if not known.all():
         said = (*said, f"{n - known.sum()} trial(s) say nothing: draws at the edge of the truths' range")
-    return Finding(
+    return MeanFinding(
         id=ID,
         quantity="normalisation",
         claim="natural log of the mean over draws of a normalised density over q; positive: log q too low",
         null="mean ratio 1, exactly, for the draws' own normalised density, above 0 where they lie dense",
         reference=REFERENCE,
-        kind="mean",
         n_trials=n,
         estimate=np.array([np.log(mean) + shift]),
         standard_error=np.array([np.sqrt(spread / n)]),

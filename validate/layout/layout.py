@@ -14,7 +14,7 @@ from scipy import stats
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.block import block_length
-from gaugeblock.validate.finding import Finding, NotChecked, Suggestion
+from gaugeblock.validate.finding import Finding, NotChecked, PValueFinding, Suggestion
 from gaugeblock.validate.layout.assignment import suggested
 from gaugeblock.validate.layout.rank_loss import EVERYWHERE, Foretelling, foretellings
 from gaugeblock.validate.layout.readings import AS_IT_IS
@@ -64,13 +64,12 @@ def layout_finding(
             loss[f.parameter, f.column] = f.loss
     means = np.stack([np.average(values[..., j], axis=1, weights=weight) for j in range(number)], axis=1)
     axes = ("layout_parameter", "layout_column")
-    return Finding(
+    return PValueFinding(
         id="layout.columns",
         quantity="",
         claim="share of a parameter's squared rank error that another column, unit or scale would remove",
         null="at most 0, exactly: nothing computed from data foretells better than the exact posterior",
         reference="the conditional mean has the least mean square error; assignment as Kuhn 1955",
-        kind="test",
         n_trials=len(truths),
         components=tuple(names),
         estimate=np.array([f.gain / max(own[f.parameter], np.finfo(float).tiny) for f in best]),

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import generator
-from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked, PValueFinding
 from gaugeblock.validate.learned.learned import LEAST_TRIALS, LearnedRanks, learned_from
 from gaugeblock.validate.marginal.coverage import LEVELS, STEADYING, inside_central
 from gaugeblock.validate.p_values import lower_tail
@@ -80,7 +80,7 @@ def rank_finding(
     held = hits / scored
     z = float(u.mean() - 0.5) * np.sqrt(12 * scored)
     numbers = np.arange(n) if trial is None else trial
-    return Finding(
+    return MeanFinding(
         id="c2st.rank",
         quantity="joint",
         claim="coverage minus level of a learned score of parameters and data; below 0: it tells truths from "
@@ -88,7 +88,6 @@ def rank_finding(
         null="ranks of the truth's score uniform, exactly, for an exact posterior and any score learned on "
         "other trials",
         reference=REFERENCE,
-        kind="mean",
         n_trials=n,
         components=tuple(
             f"learned score{part} @ {level:g}" for part in ("", " (central)") for level in levels
@@ -120,7 +119,7 @@ def accuracy_finding(ranks: LearnedRanks, *, seed: int, caveats: tuple[str, ...]
     rng = generator(seed, "accuracy", n, draws)
     null = rng.binomial(members, chance, size=(REPLICATES, draws + 2)).sum(axis=1)
     exceeded = np.count_nonzero(null >= np.count_nonzero(ranks.truth_above))
-    return Finding(
+    return PValueFinding(
         id="c2st.accuracy",
         quantity="",
         claim=f"balanced accuracy of telling the truth from its draws, on {n:,} trials that were not learned "
@@ -128,7 +127,6 @@ def accuracy_finding(ranks: LearnedRanks, *, seed: int, caveats: tuple[str, ...]
         null="1/2, exactly in the mean: truth and draws exchangeable within each trial (a classifier that "
         f"always says draw is right {draws / (draws + 1):.3f} of the time, unbalanced)",
         reference=REFERENCE + "; exact permutation of truth and draws within trials",
-        kind="test",
         n_trials=n,
         estimate=np.array([right.mean()]),
         standard_error=np.array([right.std(ddof=1) / np.sqrt(n)]),

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import generator
 from gaugeblock.validate.features import Features
-from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.learned.c2st import spread_out
 from gaugeblock.validate.learned.learned import LEAST_TRIALS, STAGES, learned_from
 from gaugeblock.validate.local.regions import LEAST, Regions, quantile_regions
@@ -102,14 +102,13 @@ def local_finding(
         },
         coords={"level": list(LEVELS)},
     )
-    return Finding(
+    return MeanFinding(
         id="lc2st.local",
         quantity="local",
         claim="coverage minus level of a learned score within regions of the data; below 0: truths and draws "
         "differ there",
         null="ranks of the truth's score uniform in every region of the data, for an exact posterior",
         reference=REFERENCE,
-        kind="mean",
         n_trials=total,
         components=tuple(f"learned score in {name} @ {level:g}" for name in names for level in LEVELS),
         estimate=gap.ravel(),

@@ -18,7 +18,7 @@ from scipy import sparse, special
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate.finding import Finding
+from gaugeblock.validate.finding import Finding, PValueFinding
 from gaugeblock.validate.learned.discriminant import columns, normal_scores, penalties
 from gaugeblock.validate.learned.pool_coordinates import pool_coordinates, soft_limit
 
@@ -160,14 +160,13 @@ def _check(truth: Array, sampled: Array, features: Array, there: Array, where: A
 def local_c2st_finding(result: LocalC2ST, *, n: int) -> Finding:
     """A Finding of kind `test` from a `LocalC2ST` taught by n trials; p-value over all observations."""
     names = tuple(f"observation {number}" for number in range(len(result.statistic)))
-    return Finding(
+    return PValueFinding(
         id="lc2st.observed",
         quantity="",
         claim="mean squared distance from 1/2 of the probability that a draw at the observation is a truth",
         null="truths and draws exchangeable given x: a mean of "
         f"{float(result.null.mean()):.3g} from noise alone, at the observation",
         reference=REFERENCE,
-        kind="test",
         n_trials=n,
         components=names,
         estimate=result.statistic,

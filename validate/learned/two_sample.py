@@ -20,7 +20,7 @@ from scipy import stats
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate.finding import Finding
+from gaugeblock.validate.finding import Finding, PValueFinding
 from gaugeblock.validate.learned.classifier import fit_classifier
 
 Fit = Callable[[Array, NDArray[np.bool_], int], Callable[[Array], Array]]
@@ -183,7 +183,7 @@ def _conformal(
 
 def two_sample_finding(result: TwoSample, *, identifier: str = "two_sample.accuracy", n: int) -> Finding:
     """A Finding of kind `test` from a `TwoSample` of n points in all; its p-value is the conformal one."""
-    return Finding(
+    return PValueFinding(
         id=identifier,
         quantity="",
         claim="held-out balanced accuracy of telling two samples apart; AUC (mean conformal rank) "
@@ -191,7 +191,6 @@ def two_sample_finding(result: TwoSample, *, identifier: str = "two_sample.accur
         null=f"1/2: both are samples of one distribution; always naming the larger one is right "
         f"{result.majority:.3f} of the time, unbalanced",
         reference=REFERENCE,
-        kind="test",
         n_trials=n,
         estimate=np.array([result.accuracy]),
         standard_error=np.array([result.standard_error]),

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import generator
-from gaugeblock.validate.finding import Finding
+from gaugeblock.validate.finding import Finding, PValueFinding
 
 PERMUTATIONS = 999
 LEAST_PERMUTATIONS = 199
@@ -83,14 +83,13 @@ def homogeneous_finding(
 ) -> Finding:
     """Whether calibration is the same in all regions; its details rank the regions of `findings`."""
     largest, p_value = largest_deviation(values, groups, seed=seed)
-    return Finding(
+    return PValueFinding(
         id="local.homogeneous",
         quantity="",
         claim="largest deviation of a region's coverage, bias or squared error from that of all trials, in "
         "standard errors",
         null="equally calibrated in all regions: ranks and errors independent of the data's features",
         reference="permutation of trials between regions; maximum over regions, parameters and checks",
-        kind="test",
         n_trials=np.asarray(values).shape[-1],
         estimate=np.array([largest]),
         standard_error=np.array([np.nan]),

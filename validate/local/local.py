@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.block import Block
 from gaugeblock.validate.check import circular_parameters
-from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.local.homogeneity import homogeneous_finding
 from gaugeblock.validate.local.regions import LEAST, Regions, quantile_regions
 from gaugeblock.validate.marginal.coverage import STEADYING, inside_central
@@ -133,14 +133,13 @@ def local_finding(
         for name in parameters
         for part, level in (*(("", level) for level in LEVELS), (" (lower half)", 0.5))
     )
-    return Finding(
+    return MeanFinding(
         id=f"local.coverage[{regions.name}]",
         quantity="local",
         claim=f"coverage minus level within regions of {regions.name}, of central intervals and of the lower "
         "half of the posterior",
         null="coverage equal to the level in every region of the data, exactly, for an exact posterior",
         reference=REFERENCE,
-        kind="mean",
         n_trials=len(u),
         components=components,
         estimate=found.gap.ravel(),

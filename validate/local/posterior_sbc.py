@@ -30,7 +30,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rows, Uniforms
 from gaugeblock.validate.check import circular_parameters, is_autocorrelated
-from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.finding import Finding, NotChecked, QuantileFinding
 from gaugeblock.validate.joint.importance import kish_fraction
 from gaugeblock.validate.marginal.ranks import unwrap_circular
 from gaugeblock.validate.marginal.sbc import bias_finding, log_width_finding, uniform_finding
@@ -208,14 +208,13 @@ def posterior_sbc_findings(
 
 
 def _ess_finding(fraction: Array, trial: NDArray[np.int64], draws: int, caveats: tuple[str, ...]) -> Finding:
-    return Finding(
+    return QuantileFinding(
         id="posterior_sbc.ess",
         quantity="",
         claim=f"median over trials of the Kish effective sample size, as a fraction of {draws} draws, "
         "weighted by the likelihood of the observation",
         null="below 1 for an exact posterior too: two data sets say more than one. It limits power alone",
         reference="Kish 1965",
-        kind="quantile",
         sense="at-least",
         n_trials=len(fraction),
         estimate=np.array([np.median(fraction)]),

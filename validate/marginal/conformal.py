@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.block import Block
-from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.local.regions import Regions, quantile_regions
 from gaugeblock.validate.marginal.row_quantiles import reachable, row_quantiles
 from gaugeblock.validate.prepared import Prepared
@@ -180,14 +180,13 @@ def stretch_finding(
         details["region_low"], details["region_high"] = ("region", regions.low), ("region", regions.high)
     what = identifier.partition("[")[2].removesuffix("]")
     intervals = f"central intervals of {what}" if what else "boxes around the joint posterior"
-    return Finding(
+    return MeanFinding(
         id=identifier,
         quantity="",
         claim=f"factor by which {intervals} must be stretched for a fresh truth to lie in them with at least "
         "the probability that they claim",
         null="1 at every level for an exact posterior, where levels fall between draws",
         reference=REFERENCE,
-        kind="mean",
         n_trials=n,
         components=tuple(f"{level:g}" for level in nominal),
         estimate=factor,

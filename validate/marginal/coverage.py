@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.streams import generator
-from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked, PValueFinding
 from gaugeblock.validate.prepared import Prepared
 
 LEVELS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.68, 0.7, 0.8, 0.9, 0.95)
@@ -96,13 +96,12 @@ def central_finding(
         },
         coords={"parameter": list(parameters), "level": nominal},
     )
-    return Finding(
+    return MeanFinding(
         id="coverage.central",
         quantity="coverage",
         claim="coverage minus level of central intervals; negative: too narrow or displaced",
         null="coverage equal to the nominal level, exactly, for an exact posterior",
         reference=REFERENCE,
-        kind="mean",
         n_trials=n,
         components=tuple(f"{name} @ {level:g}" for name in parameters for level in levels),
         estimate=(covered - nominal).ravel(),
@@ -131,13 +130,12 @@ def deviation_finding(
     rng = generator(seed, "coverage deviation", n, len(parameters))
     normal = rng.standard_normal((REPLICATES, len(flat)))
     null = np.abs((normal * np.sqrt(np.maximum(values, 0))) @ vectors.T).mean(axis=1)
-    return Finding(
+    return PValueFinding(
         id="coverage.deviation",
         quantity="",
         claim="mean absolute gap between empirical and nominal central coverage, over parameters and levels",
         null=f"a perfect estimator shows {floor:.4f} on average at {n} trials (95%: {low:.4f} to {high:.4f})",
         reference=REFERENCE,
-        kind="test",
         n_trials=n,
         estimate=np.array([deviation]),
         standard_error=np.array([null.std()]),

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.finding import CountFinding, Finding, NotChecked
 from gaugeblock.validate.prepared import Prepared, count_not_finite, trial_numbers
 
 
@@ -22,13 +22,12 @@ def finite(prepared: Prepared) -> list[Finding | NotChecked]:
     caveats = tuple(_where(count, prefix[name]) for name, count in counts.items() if count["any"].any())
     main = counts["trials"]
     return [
-        Finding(
+        CountFinding(
             id="draws.finite",
             quantity="finite",
             claim="number of draws and log densities that are NaN or infinite",
             null="0: an estimator's draws and their densities are finite numbers",
             reference="a draw that is not a number is the estimator's fault, never left out in silence",
-            kind="count",
             sense="at-most",
             n_trials=sum(len(count["trial"]) for count in counts.values()),
             components=names,

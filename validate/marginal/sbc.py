@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked, PValueFinding
 from gaugeblock.validate.marginal.smooth import smooth_finding
 from gaugeblock.validate.marginal.standardised import bias, log_width
 from gaugeblock.validate.marginal.uniformity import ecdf_test
@@ -84,13 +84,12 @@ def _moment_finding(
 ) -> Finding:
     """A moment of standardised errors, given as estimate, standard error and influence, as a finding."""
     estimate, standard_error, influence = moment
-    return Finding(
+    return MeanFinding(
         id=f"sbc.{quantity}[{name}]",
         quantity=quantity,
         claim=claim,
         null=null,
         reference="exchangeability of the truth with its draws; " + REFERENCE,
-        kind="mean",
         n_trials=len(influence),
         components=(name,),
         estimate=np.array([estimate]),
@@ -113,13 +112,12 @@ def uniform_finding(
         "band_low": ("evaluation_point", test.low),
         "band_high": ("evaluation_point", test.high),
     }
-    return Finding(
+    return PValueFinding(
         id=f"sbc.uniform[{name}]",
         quantity="",
         claim=f"largest distance of the rank ECDF of {name} from uniform",
         null="randomised ranks uniform, exactly, for an exact posterior",
         reference=BAND_REFERENCE + "; " + REFERENCE,
-        kind="test",
         n_trials=len(pit),
         components=(name,),
         estimate=np.array([np.abs(test.difference).max()]),

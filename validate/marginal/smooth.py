@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate.finding import Finding
+from gaugeblock.validate.finding import Finding, PValueFinding
 from gaugeblock.validate.p_values import SMALLEST
 
 ORDER = 4
@@ -97,13 +97,12 @@ def smooth_test(values: ArrayLike, *, order: int = ORDER) -> SmoothTest:
 def smooth_finding(name: str, pit: ArrayLike, *, caveats: tuple[str, ...] = ()) -> Finding:
     """Smooth test of one parameter's randomised PIT ``(trial,)``; the components say what kind of fault."""
     test = smooth_test(pit)
-    return Finding(
+    return PValueFinding(
         id=f"sbc.smooth[{name}]",
         quantity="",
         claim=f"departure of the ranks of {name} from uniform in location, spread, skew and tails",
         null="sum of four squared standard normal components: 4 on average for an exact posterior",
         reference=REFERENCE,
-        kind="test",
         n_trials=len(np.asarray(pit)),
         components=(name,),
         estimate=np.array([test.statistic]),

@@ -8,7 +8,7 @@ import xarray as xr
 
 from gaugeblock.validate.anytime.sequence import extended
 from gaugeblock.validate.anytime.stakes import decide, gather
-from gaugeblock.validate.finding import Finding
+from gaugeblock.validate.finding import CountFinding, Finding, SequenceFinding
 from gaugeblock.validate.policy import Policy
 from gaugeblock.validate.validators import default_validators, run_validators
 from gaugeblock.validate.verdict import Outcome, combine
@@ -33,14 +33,14 @@ class Watch:
 
     def __init__(self, policy: Policy, seed: int):
         self.policy, self.seed = policy, seed
-        self._sequences: dict[str, Finding] = {}
+        self._sequences: dict[str, SequenceFinding] = {}
         self._next = 0.0
 
     def see(self, block: xr.Dataset) -> bool:
         """Whether, with this block, it seems settled; `confirm` makes it certain."""
         findings = self._findings(block)
         for finding in findings:
-            if finding.kind == "sequence":
+            if isinstance(finding, SequenceFinding):
                 earlier = self._sequences.get(finding.id)
                 self._sequences[finding.id] = finding if earlier is None else extended(earlier, finding)
         if _not_finite(findings):
@@ -54,15 +54,15 @@ class Watch:
     def confirm(self, trials: xr.Dataset) -> bool:
         """Whether all trials so far settle it together: Markov chains are thinned by what all of them say."""
         findings = self._findings(trials)
-        return _not_finite(findings) or self._settled(f for f in findings if f.kind == "sequence")
+        return _not_finite(findings) or self._settled(f for f in findings if isinstance(f, SequenceFinding))
 
     def _findings(self, trials: xr.Dataset) -> tuple[Finding, ...]:
         return run_validators(trials, seed=self.seed, select=WATCHED)[0]
 
-    def _settled(self, sequences: Iterable[Finding]) -> bool:
+    def _settled(self, sequences: Iterable[SequenceFinding]) -> bool:
         decided = decide(gather(list(sequences), self.policy), self.policy.error_budget)
         return combine(decided) is not Outcome.INCONCLUSIVE
 
 
 def _not_finite(findings: Iterable[Finding]) -> bool:
-    return any(finding.kind == "count" and finding.estimate.any() for finding in findings)
+    return any(isinstance(finding, CountFinding) and finding.estimate.any() for finding in findings)

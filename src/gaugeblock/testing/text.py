@@ -12,7 +12,7 @@ from gaugeblock.reports.reason import reason
 from gaugeblock.reports.rows import GateRow, gate_groups
 from gaugeblock.reports.words import decimals_of, number, unit
 from gaugeblock.testing.settings import GateSettings
-from gaugeblock.validate import Finding, Gate, Outcome, Verdict
+from gaugeblock.validate import CountFinding, Finding, Gate, Outcome, Verdict
 
 ROWS = 6
 LONGEST = 300  # characters of one message; the report has it whole
@@ -81,7 +81,7 @@ def _least_sensitive(verdict: Verdict, found: dict[str, Finding]) -> dict[str, G
     chosen: dict[str, Gate] = {}
     for gate in verdict.gates:
         size, finding = gate.smallest_detectable, found.get(gate.id)
-        if size is None or not math.isfinite(size) or finding is None or finding.kind == "count":
+        if size is None or not math.isfinite(size) or isinstance(finding, CountFinding | None):
             continue
         stem = gate.id.partition("[")[0]
         other = chosen[stem].smallest_detectable if stem in chosen else None

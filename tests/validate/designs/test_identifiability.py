@@ -7,7 +7,7 @@ import xarray as xr
 from gaugeblock.validate import make_trials, run_validators, trials_tree
 from gaugeblock.validate.designs.identifiability import capture_finding, shrink_finding
 from gaugeblock.validate.designs.shrink import capture, effective_dimension, shrink, weighted_sd
-from gaugeblock.validate.finding import NotChecked
+from gaugeblock.validate.finding import NotChecked, finding_from
 
 # theta ~ N(0, 1), x ~ N(theta, 1): the posterior's sd is 0.707 of the prior's.
 EXACT = np.sqrt(0.5)
@@ -160,5 +160,5 @@ def test_findings_survive_storage(gaussian_trials):
     for finding in findings.values():
         dataset = finding.to_dataset()
         assert isinstance(dataset, xr.Dataset)
-        again = type(finding).from_dataset(dataset)
+        again = finding_from(dataset)
         np.testing.assert_array_equal(again.estimate, finding.estimate)

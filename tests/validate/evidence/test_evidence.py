@@ -8,7 +8,7 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.validate.evidence.evidence import difference_finding, error_finding, pull_finding
 from gaugeblock.validate.evidence.perfect_run import perfect_run
 from gaugeblock.validate.evidence.thread_bootstrap import LogEvidence, thread_bootstrap
-from gaugeblock.validate.finding import Finding
+from gaugeblock.validate.finding import finding_from
 from gaugeblock.validate.validators import run_validators
 
 
@@ -103,7 +103,7 @@ def test_difference_over_pairs_has_sampling_errors_of_sum_and_mean():
         LogEvidence(value=run.value + 1, error=run.error, replicates=run.replicates + 1) for run in runs[:6]
     ]
     assert difference_finding(moved, runs[6:]).p_value < 1e-6
-    assert Finding.from_dataset(finding.to_dataset()).components == ("sum", "mean")
+    assert finding_from(finding.to_dataset()).components == ("sum", "mean")
     with pytest.raises(InputError, match="no pairs"):
         difference_finding([], [])
 

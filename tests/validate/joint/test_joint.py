@@ -17,6 +17,7 @@ from gaugeblock.validate import (
     run_validators,
     trials_tree,
 )
+from gaugeblock.validate.finding import finding_from
 from gaugeblock.validate.joint.joint import STATISTICS, joint
 from gaugeblock.validate.prepared import Prepared
 
@@ -75,9 +76,7 @@ def test_everything_that_trials_allow():
             assert largest_z(finding) < 4.5
         else:
             assert finding.p_value > 1e-4
-        xr.testing.assert_identical(
-            Finding.from_dataset(finding.to_dataset()).to_dataset(), finding.to_dataset()
-        )
+        xr.testing.assert_identical(finding_from(finding.to_dataset()).to_dataset(), finding.to_dataset())
 
 
 def test_what_cannot_be_checked_and_why():

@@ -3,8 +3,8 @@
 PASS is an intersection-union test: of every required gate, every component's one-sided 95% bounds lie inside
 the tolerance; that needs no correction for multiplicity. FAIL: some component's simultaneous interval lies
 wholly outside, which happens to an estimator within all tolerances with at most the policy's error budget.
-Everything else is INCONCLUSIVE, with the number of trials that would settle it. Findings of kind ``sequence``
-(the anytime mode) are judged by betting instead, and beside them only what is counted exactly.
+Everything else is INCONCLUSIVE, with the number of trials that would settle it. Sequences (the
+anytime mode) are judged by betting instead, and beside them only what is counted exactly.
 """
 
 from __future__ import annotations
@@ -17,7 +17,14 @@ from scipy import special
 
 from gaugeblock.validate.anytime.sequential import answered, only_counts, sequence_gates
 from gaugeblock.validate.family import PASS_LEVEL, Bounds, Judgeable, bounds, exact_bounds, families
-from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.finding import (
+    CountFinding,
+    Finding,
+    NotChecked,
+    PValueFinding,
+    QuantileFinding,
+    SequenceFinding,
+)
 from gaugeblock.validate.messages import gate_message
 from gaugeblock.validate.policy import Policy, covers
 from gaugeblock.validate.verdict import Gate, Outcome, Verdict, combine
@@ -33,7 +40,7 @@ def judge(
     same verdict.
     """
     judged = [item for finding in findings if (item := _judgeable(finding, policy)) is not None]
-    sequences = [finding for finding in findings if finding.kind == "sequence"]
+    sequences = [finding for finding in findings if isinstance(finding, SequenceFinding)]
     if sequences:
         judged, reported = only_counts(judged)
         not_checked = [*not_checked, *reported]
@@ -57,9 +64,9 @@ def judge(
 
 def _judgeable(finding: Finding, policy: Policy) -> Judgeable | None:
     """The finding and its tolerated region, or None where the policy has no say or there is no interval."""
-    if finding.kind in ("test", "sequence"):
+    if isinstance(finding, PValueFinding | SequenceFinding):
         return None
-    tolerance = 0.0 if finding.kind == "count" else policy.tolerated(finding.quantity)
+    tolerance = 0.0 if isinstance(finding, CountFinding) else policy.tolerated(finding.quantity)
     if tolerance is None:
         return None
     low = (
@@ -122,12 +129,11 @@ def smallest_detectable(item: Judgeable, bound: Bounds, power: float) -> float |
     """
     finding = item.finding
     z = float(special.ndtri(power))
-    if finding.kind == "count":
+    if isinstance(finding, CountFinding):
         return 1.0
-    if finding.kind == "mean":
+    if not isinstance(finding, QuantileFinding):
         reach = (bound.critical + z) * float(finding.standard_error.max())
         return item.low - reach if finding.sense == "at-least" else item.high + reach
-    assert finding.values is not None
     n, q = len(finding.values), finding.quantile
     shift = (bound.critical + z) * math.sqrt(n * q * (1 - q))
     rank = n * q + shift if finding.sense == "at-least" else n * q - shift
@@ -149,8 +155,7 @@ def trials_to_settle(item: Judgeable, bound: Bounds, power: float) -> int | None
     n = finding.n_trials
     spare = float(special.ndtri(power))
     pass_reach, fail_reach = float(special.ndtri(PASS_LEVEL)) + spare, bound.critical + spare
-    if finding.kind == "quantile":
-        assert finding.values is not None
+    if isinstance(finding, QuantileFinding):
         at_least, q = finding.sense == "at-least", finding.quantile
         share = float(np.mean(finding.values < item.low if at_least else finding.values <= item.high))
         reach = pass_reach if (share < q) == at_least else fail_reach

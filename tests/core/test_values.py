@@ -1,0 +1,76 @@
+"""Dataclasses with arrays compare, hash, pickle, copy and show themselves."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from gaugeblock.core.values import Value
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Held(Value):
+    name: str
+    values: np.ndarray
+    table: xr.Dataset = field(default_factory=xr.Dataset)
+    further: dict[str, Any] = field(default_factory=dict)
+    number: float = float("nan")
+    several: tuple[Any, ...] = ()
+
+
+def held(**changes: Any) -> Held:
+    table = xr.Dataset({"a": ("trial", np.arange(5.0))})
+    made = Held(name="n", values=np.array([1.0, np.nan]), table=table, further={"x": np.zeros(2)})
+    return replace(made, **changes)
+
+
+def test_equal_content_is_equal_and_hashes_alike():
+    assert held() == held()
+    assert hash(held()) == hash(held())
+    assert {held(): 1}[held()] == 1
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"values": np.array([1.0, 2.0])},
+        {"values": np.array([1.0, np.nan, 3.0])},
+        {"values": np.array([1, 0])},
+        {"table": xr.Dataset()},
+        {"further": {"x": np.ones(2)}},
+        {"further": {}},
+        {"number": 2.0},
+        {"several": (np.zeros(1),)},
+        {"name": "m"},
+    ],
+)
+def test_whatever_differs_makes_it_another(changes):
+    assert held(**changes) != held()
+    assert held() != "something else"
+
+
+def test_copies_and_pickles_are_equal():
+    made = held(several=(np.zeros(3), [1, "a"]))
+    for again in (copy.copy(made), copy.deepcopy(made), pickle.loads(pickle.dumps(made)), replace(made)):
+        assert again == made
+        assert hash(again) == hash(made)
+
+
+def test_the_repr_tells_sizes_and_stays_short():
+    large = held(
+        values=np.zeros((4000, 250)),
+        further={f"key {n}": "x" * 1000 for n in range(1000)},
+        several=tuple(range(1000)),
+        name="n" * 10_000,
+    )
+    shown = repr(large)
+    assert len(shown) < 2000
+    assert "values=float64(4000, 250)" in shown
+    assert "1000 in all" in shown
+    assert repr(held(further={})) == ("Held(name='n', values=array([ 1., nan]), table=Dataset(trial: 5))")
