@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from gaugeblock.cli.app import run
+from gaugeblock.cli.commands import run
 from gaugeblock.cli.options import Debug, Out, Quiet, Seed
 from gaugeblock.core.errors import InputError, printable
 from gaugeblock.core.progress import Bars

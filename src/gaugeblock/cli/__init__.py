@@ -1,5 +1,5 @@
 """The command line: parses, calls, prints."""
 
-from gaugeblock.cli.app import main
+from gaugeblock.cli.commands import app, main
 
-__all__ = ["main"]
+__all__ = ["app", "main"]
