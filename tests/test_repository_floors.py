@@ -34,7 +34,10 @@ ALLOWED = {("stranger", "estimators")}
 INSIDE = {
     "core": (("errors",), ()),
     "simulators": (
-        ("marginals", "prior", "protocol", "effects", "library"),
+        (
+            *("_truncated_normal", "marginals", "blocks", "foreign", "prior", "prior_from"),
+            *("segments", "protocol", "effects", "library"),
+        ),
         ("epidemic", "xray", "registry"),
     ),
     "estimators": (("protocol", "_rows"), ("registry", "broken")),
