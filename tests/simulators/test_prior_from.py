@@ -1,4 +1,4 @@
-"""Other people's priors: drawn from alike, of the density that their own library says, refused in one line."""
+"""Priors of other people: drawn from, of the density that their own library says, refused in one line."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def log_density(given, theta):
 
 @pytest.mark.parametrize("name", ONE_DIMENSION)
 def test_scipy_in_one_dimension(name):
-    # One Kolmogorov-Smirnov test (chi-square where discrete) at 1e-4 each: a false alarm for 2 seeds in 1,000.
+    # One Kolmogorov-Smirnov test (chi-square if discrete) at 1e-4 each: a false alarm for 2 seeds in 1,000.
     given, can_do = ONE_DIMENSION[name]
     prior = as_prior(given)
     assert prior.names == ("theta_1",)
@@ -87,7 +87,7 @@ def test_scipy_in_one_dimension(name):
         mass = frozen.pmf(values)
         big = mass * 2000 > 5
         assert stats.chi2.sf(((counts - 2000 * mass) ** 2 / (2000 * mass))[big].sum(), big.sum()) > 1e-4
-        with pytest.raises(InputError, match="bijection to R.*theta_1 has none"):
+        with pytest.raises(InputError, match=r"bijection to R.*theta_1 has none"):
             require_prior(prior, HasBijections, "npe")
 
 
