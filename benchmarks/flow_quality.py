@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import kstest
 
-from gaugeblock.core.streams import TrialStreams
+from gaugeblock.core.streams import generator
 from gaugeblock.estimators.npe import load, reference_model_path
 from gaugeblock.simulators import build_simulator
 from gaugeblock.validate.joint.importance import kish_fraction, log_weights
@@ -26,13 +26,12 @@ from gaugeblock.validate.marginal.standardised import bias, log_width, standardi
 
 def calibration(simulator, flow, trials, draws, seed):
     """Ranks, coverage, bias and width of every parameter."""
-    numbers = range(trials)
-    theta = simulator.prior.sample(trials, TrialStreams.spawn(seed, "theta", numbers))
-    x = simulator.simulate(theta, TrialStreams.spawn(seed, "data", numbers))
+    theta = simulator.prior.sample(trials, generator(seed, "theta"))
+    x = simulator.simulate(theta, generator(seed, "data"))
     begun = time.perf_counter()
-    sampled = flow.sample(x, draws, TrialStreams.spawn(seed, "draws", numbers))
+    sampled = flow.sample(x, draws, generator(seed, "draws"))
     seconds = time.perf_counter() - begun
-    ties = TrialStreams.spawn(seed, "ties", numbers)
+    ties = generator(seed, "ties")
     pit = randomised_pit(theta, sampled, ties)
     errors = standardised_errors(theta, sampled, ties)
     nominal = np.array(LEVELS)
@@ -55,10 +54,9 @@ def calibration(simulator, flow, trials, draws, seed):
 
 def importance(simulator, flow, trials, draws, seed):
     """Kish ESS, k-hat and where the ESS is low."""
-    numbers = range(trials)
-    theta = simulator.prior.sample(trials, TrialStreams.spawn(seed, "theta-importance", numbers))
-    x = simulator.simulate(theta, TrialStreams.spawn(seed, "data-importance", numbers))
-    sampled, log_q = flow.sample_and_log_prob(x, draws, TrialStreams.spawn(seed, "draws-importance", numbers))
+    theta = simulator.prior.sample(trials, generator(seed, "theta-importance"))
+    x = simulator.simulate(theta, generator(seed, "data-importance"))
+    sampled, log_q = flow.sample_and_log_prob(x, draws, generator(seed, "draws-importance"))
     likelihood = simulator.log_likelihood(sampled, x[:, None])
     weight = log_weights(log_q, likelihood, simulator.prior.log_prob(sampled))
     ess, khat = kish_fraction(weight), pareto_khat(weight)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-from gaugeblock.core.streams import Rng, TrialStreams
+from gaugeblock.core.streams import Rng
 from gaugeblock.estimators._ingredients import BRIGHT_SHARE, Ingredients, total
 from gaugeblock.estimators.protocol import HasDensity
 
@@ -141,7 +141,7 @@ def _some_nan(of: Ingredients, x: NDArray[Any], n: int, rng: Rng) -> Array:
 
 
 def _fixed_seed(of: Ingredients, x: NDArray[Any], n: int, rng: Rng) -> Array:  # noqa: ARG001
-    return np.asarray(of.base.sample(x, n, TrialStreams([np.random.default_rng(0) for _ in x])))
+    return np.concatenate([of.base.sample(row[None], n, np.random.default_rng(0)) for row in x])
 
 
 def _base_sample(of: Ingredients, x: NDArray[Any], n: int, rng: Rng) -> Array:

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.core.streams import TrialStreams
 from gaugeblock.estimators.protocol import Estimator
 from gaugeblock.simulators.protocol import Simulator
 
@@ -35,10 +34,10 @@ class Ingredients:
 
         That makes every map that is built on them a function of the data, with a density.
         """
-        rows = np.ascontiguousarray(x).reshape(len(x), -1)
-        seeds = [np.frombuffer(hashlib.sha256(row.tobytes()).digest(), dtype=np.uint32) for row in rows]
-        streams = TrialStreams([np.random.default_rng(np.random.SeedSequence(seed)) for seed in seeds])
-        return np.asarray(self.base.sample(x, REFERENCE_DRAWS, streams))
+        seeds = [hashlib.sha256(np.ascontiguousarray(row).tobytes()).digest() for row in x]
+        rngs = [np.random.default_rng(np.frombuffer(seed, dtype=np.uint32)) for seed in seeds]
+        drawn = [self.base.sample(row[None], REFERENCE_DRAWS, rng) for row, rng in zip(x, rngs, strict=True)]
+        return np.concatenate(drawn)
 
     def moments(self, x: NDArray[Any]) -> tuple[Array, Array]:
         """Posterior mean and sd, each ``(batch, 1, parameter)``."""

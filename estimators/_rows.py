@@ -9,7 +9,7 @@ from gaugeblock.core.streams import Rng
 
 
 def row_seeds(rng: Rng, rows: int) -> NDArray[np.int64]:
-    """One seed for each row of data, ``(rows,)``; from `TrialStreams`, row i's comes from stream i alone."""
+    """One seed for each row of data, ``(rows,)``."""
     return np.asarray(rng.integers(0, 2**63 - 1, size=(rows,)))
 
 

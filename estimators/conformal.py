@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-from gaugeblock.core.streams import Rng, TrialStreams
+from gaugeblock.core.streams import Rng, generator, whole_blocks
 from gaugeblock.simulators.protocol import Simulator, description
 
 CHUNK = 200
@@ -81,11 +81,10 @@ class Conformal:
     def _scores(self) -> Array:
         """Levels of the calibration truths, ``(number, parameter)``, each parameter's sorted."""
         parts = []
-        for first in range(0, self._number, CHUNK):
-            trials = range(first, min(first + CHUNK, self._number))
-            truth = self._simulator.prior.sample(len(trials), self._streams("truth", trials))
-            x = np.asarray(self._simulator.simulate(truth, self._streams("data", trials)))
-            drawn = self._unbounded(self._base.sample(x, self._draws, self._streams("draws", trials)))
+        for trials in whole_blocks(self._number, CHUNK):
+            truth = self._simulator.prior.sample(len(trials), self._rng("truth", trials))
+            x = np.asarray(self._simulator.simulate(truth, self._rng("data", trials)))
+            drawn = self._unbounded(self._base.sample(x, self._draws, self._rng("draws", trials)))
             wrong = ~np.isfinite(drawn).all(axis=(1, 2))
             if wrong.any():
                 raise InputError(
@@ -93,10 +92,10 @@ class Conformal:
                     f"trials {trials[0]} to {trials[-1]}; mend it before it is calibrated"
                 )
             parts.append(_level(self._unbounded(truth), np.sort(drawn, axis=1)))
-        return np.sort(np.concatenate(parts), axis=0)
+        return np.sort(np.concatenate(parts)[: self._number], axis=0)
 
-    def _streams(self, purpose: str, trials: range) -> TrialStreams:
-        return TrialStreams.spawn(self._seed, f"conformal {purpose}", trials)
+    def _rng(self, purpose: str, trials: range) -> Rng:
+        return generator(self._seed, f"conformal {purpose}", trials.start // CHUNK)
 
     def _unbounded(self, theta: ArrayLike) -> Array:
         inside = np.clip(np.asarray(theta, dtype=float), *self._simulator.prior.bounds.T)

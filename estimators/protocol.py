@@ -17,9 +17,7 @@ class Estimator(Protocol):
     """The least that gaugeblock needs. Everything else is a capability, used where it is there.
 
     Shapes: ``x`` is ``(batch, *data_shape)``, draws are ``(batch, n, parameter)`` in physical units and in
-    the order of the simulator's prior. `rng` is a `numpy.random.Generator`, or a
-    `gaugeblock.core.streams.TrialStreams` with one stream per row of x: draw with the batch as the first
-    axis, or iterate over it for one Generator per row.
+    the order of the simulator's prior. `rng` is a `numpy.random.Generator`.
 
     Each capability is a protocol of this file, or `gaugeblock.simulators.protocol.Described`, asked for by
     ``isinstance(estimator, HasDensity)``. That looks whether the methods are there, not what they take; an

@@ -135,7 +135,7 @@ def check_audit(spectrum, candidate, folder):
     from gaugeblock.validate.trials import JOINT, group_trials
 
     plan = Plan(
-        number=12, draws=3, chunk=12, importance_number=12, importance_draws=40,
+        number=12, draws=3, block=12, importance_number=12, importance_draws=40,
         joint_number=12, joint_draws=3, seed=3,
     )  # fmt: skip
     tree = collect(candidate, FromPrior(spectrum.prior), plan, folder)

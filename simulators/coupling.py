@@ -46,8 +46,7 @@ def coupled_poisson(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Poisson counts of two means of one shape, with the largest correlation that they can have.
 
-    Each is Poisson on its own; where ``mean_a <= mean_b``, ``a <= b`` in every draw. `rng` may be a
-    `TrialStreams`, with trials along the first axis.
+    Each is Poisson on its own; where ``mean_a <= mean_b``, ``a <= b`` in every draw.
 
     Raises
     ------

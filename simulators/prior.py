@@ -321,7 +321,7 @@ class Prior:
         return sum(columns[1:], start=columns[0])
 
     def sample(self, n: int, rng: Rng) -> NDArray[np.float64]:
-        """Draws of shape ``(n, parameter)``; with `TrialStreams`, n must be the number of trials."""
+        """Draws of shape ``(n, parameter)``."""
         return np.asarray(self.from_unit_cube(rng.random((n, self.size))))
 
     def log_prob(self, theta: ArrayLike | Array) -> Any:

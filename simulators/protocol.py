@@ -20,8 +20,7 @@ class Simulator(Protocol):
     """The least that gaugeblock needs. Everything else is a capability, used where it is there.
 
     Shapes: ``theta`` is ``(n, parameter)`` in physical units, ``x`` is ``(n, *data_shape)``. `rng` is a
-    `numpy.random.Generator`, or a `gaugeblock.core.streams.TrialStreams` that behaves like one as long as
-    every draw has n as its first axis; draw nothing of any other shape.
+    `numpy.random.Generator`: draw from it what you like, in any order and shape.
 
     Each capability is a protocol of this file, asked for by ``isinstance(simulator, HasLikelihood)``. That
     looks whether the methods are there, not what they take; an attribute that is None counts as absent.

@@ -43,7 +43,7 @@ def plan(
     return Plan(
         number=number,
         draws=draws,
-        chunk=number,
+        block=number,
         importance_number=importance[0],
         importance_draws=importance[1],
         joint_number=joint[0],
@@ -52,22 +52,19 @@ def plan(
     )
 
 
-def _plain(collector: MainTrials) -> Any:
-    """One random stream for all trials of a purpose instead of one each, which costs more than the rest."""
-    seed = collector.plan.seed
-    collector.streams = lambda purpose, _: np.random.default_rng([seed, *purpose.encode()])
-    return collector
-
-
 def collected(simulator: Any, estimator: Any, plan: Plan) -> xr.DataTree:
     """What `gaugeblock.auditing.collect` would collect, without the disk."""
-    main = _plain(MainTrials(simulator, estimator, plan))(range(plan.number))
+    main = MainTrials(simulator, estimator, plan)(range(plan.number))
+
+    def first(trials: range) -> xr.Dataset:
+        return main.isel(trial=slice(len(trials)))
+
     likelihood = isinstance(simulator, HasLikelihood)
     importance = joint = None
     if plan.importance_number and likelihood and has_density(estimator):
-        importance = _plain(ImportanceTrials(simulator, estimator, plan, main))(range(plan.importance_number))
+        importance = ImportanceTrials(simulator, estimator, plan, first)(range(plan.importance_number))
     if plan.joint_number and likelihood:
-        joint = _plain(JointTrials(simulator, estimator, plan, main))(range(plan.joint_number))
+        joint = JointTrials(simulator, estimator, plan, first)(range(plan.joint_number))
     return trials_tree(main, importance, joint=joint)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.core.streams import TrialStreams
+from gaugeblock.core.streams import Rows
 
 if TYPE_CHECKING:
     from gaugeblock.validate.prepared import Prepared
@@ -48,9 +48,9 @@ class Block:
     def __len__(self) -> int:
         return len(self.trial)
 
-    def streams(self, purpose: str) -> TrialStreams:
-        """A random stream per trial; the same (seed, purpose, trial) is the same stream in any block."""
-        return TrialStreams.spawn(self.prepared.seed, purpose, self.trial)
+    def rng(self, purpose: str) -> Rows:
+        """Random numbers of each trial; the same (seed, purpose, trial) has the same ones in any block."""
+        return Rows(self.prepared.seed, purpose, self.trial)
 
 
 Statistic = Callable[[Block], NDArray[Any]]

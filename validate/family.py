@@ -18,6 +18,7 @@ import numpy as np
 from scipy import special, stats
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.core.streams import generator
 from gaugeblock.validate.finding import CountFinding, Finding, MeanFinding, QuantileFinding
 
 REPLICATES = 40_000
@@ -126,7 +127,7 @@ def maxima(influence: Sequence[Array], *, seed: int) -> Array:
     correlation = product[np.ix_(known, known)] / np.outer(scale[known], scale[known])
     values, vectors = np.linalg.eigh(correlation) if known.any() else (np.zeros(0), np.zeros((0, 0)))
     root = np.sqrt(np.maximum(values, 0))[:, None] * vectors.T
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(components, n)))
+    rng = generator(seed, "simultaneous intervals", components, n)
     parts = []
     for _ in range(0, REPLICATES, CHUNK):  # bounds memory
         largest = np.abs(rng.standard_normal((CHUNK, len(root))) @ root).max(axis=1, initial=0.0)

@@ -35,14 +35,14 @@ def trial_numbers(trials: xr.Dataset) -> NDArray[np.int64]:
 
 
 def pit(block: Block) -> Array:
-    """Statistic: randomised PIT ``(trial, parameter)``; each trial has a random stream of its own."""
-    return randomised_pit(block.theta_true, block.draws, block.streams("ranks"), weight=block.weight)
+    """Statistic: randomised PIT ``(trial, parameter)``; each trial has random numbers of its own."""
+    return randomised_pit(block.theta_true, block.draws, block.rng("ranks"), weight=block.weight)
 
 
 def errors(block: Block) -> Array:
     """Statistic: standardised errors ``(trial, parameter)``."""
-    streams = block.streams("standardised errors")
-    return standardised_errors(block.theta_true, block.draws, streams, weight=block.weight)
+    rng = block.rng("standardised errors")
+    return standardised_errors(block.theta_true, block.draws, rng, weight=block.weight)
 
 
 def effective_draws(block: Block) -> Array:

@@ -109,7 +109,7 @@ class XraySpectrum:
         return self.forward.expected(theta)
 
     def observe(self, expected: ArrayLike, rng: Rng) -> NDArray[np.int64]:
-        """Poisson counts of the given means; with `TrialStreams`, trials along the first axis."""
+        """Poisson counts of the given means."""
         return np.asarray(rng.poisson(np.asarray(expected, dtype=float)))
 
     def simulate(self, theta: ArrayLike, rng: Rng) -> NDArray[np.int64]:

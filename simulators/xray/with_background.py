@@ -116,7 +116,7 @@ class WithBackground:
         return result
 
     def observe(self, expected: ArrayLike, rng: Rng) -> NDArray[np.int64]:
-        """Poisson counts of the given means; with `TrialStreams`, trials along the first axis."""
+        """Poisson counts of the given means."""
         return np.asarray(rng.poisson(np.asarray(expected, dtype=float)))
 
     def simulate(self, theta: ArrayLike, rng: Rng) -> NDArray[np.int64]:

@@ -64,7 +64,7 @@ SMALL = ("--set", "trials.number=40", "--set", "trials.draws=20", "--validator",
 def test_good_passes_and_narrow_fails_as_in_this_process(
     sandbox: Any, theirs: Any, tmp_path: Path, width: float, verdict: str
 ) -> None:
-    trials = {"number": 1500, "draws": 60, "seed": 11, "joint_number": 0, "chunk": 500}
+    trials = {"number": 1500, "draws": 60, "seed": 11, "joint_number": 0, "block": 500}
     toy = {"name": "linear_gaussian", "parameters": 2, "data": 3}
     select = ["draws", "sbc", "coverage"]
     config = AuditConfig.build(
@@ -137,7 +137,7 @@ def test_interrupted_it_goes_on_with_the_seed_it_began_with(
         [trials]
         number = 60
         draws = 10
-        chunk = 10
+        block = 10
         """
     )
     command = [sys.executable, "-c", stopping, tmp_path / "audit.toml", tmp_path / "out"]

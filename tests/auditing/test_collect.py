@@ -2,6 +2,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,11 +18,12 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.exact import Exact
 from gaugeblock.simulators import build_simulator
 from gaugeblock.validate import importance_trials, main_trials
+from gaugeblock.validate.trials import group_trials
 
 PLAN = Plan(
     number=60,
     draws=12,
-    chunk=20,
+    block=20,
     importance_number=10,
     importance_draws=30,
     joint_number=20,
@@ -63,17 +65,123 @@ def test_trials_hold_what_the_plan_says(simulator: Any, tmp_path: Path) -> None:
     assert np.allclose(importance["log_likelihood"] + importance["log_prior"], exact, atol=1e-9)
 
 
-def test_chunks_do_not_change_the_trials(simulator: Any, tmp_path: Path) -> None:
-    whole = collect(simulator, Exact(simulator), replace(PLAN, chunk=60), tmp_path / "a")
-    parts = collect(simulator, Exact(simulator), replace(PLAN, chunk=7), tmp_path / "b")
-    xr.testing.assert_allclose(main_trials(whole), main_trials(parts), rtol=1e-12)
-    assert np.array_equal(main_trials(whole)["theta_true"], main_trials(parts)["theta_true"])
+# The ways in which people draw their noise, of x | theta ~ N(theta, 0.3^2) or counts, three channels.
+SIMULATIONS: dict[str, Callable[[Any, np.random.Generator], Any]] = {
+    "normal": lambda theta, rng: rng.normal(theta @ MIX, 0.3),
+    "uniform": lambda theta, rng: theta @ MIX + 0.3 * np.sqrt(12) * (rng.uniform(size=(len(theta), 3)) - 0.5),
+    "gamma": lambda theta, rng: theta @ MIX + 0.3 * (rng.gamma(1.0, size=(len(theta), 3)) - 1),
+    "multivariate": lambda theta, rng: (
+        theta @ MIX + rng.multivariate_normal(np.zeros(3), 0.09 * np.eye(3), size=len(theta))
+    ),
+    "binomial": lambda theta, rng: rng.binomial(200, _logistic(theta @ MIX)),
+    "binomial of many": lambda theta, rng: rng.binomial(
+        np.full((len(theta), 3), 20), _logistic(theta[:, :1])
+    ),
+    "loop of shocks": lambda theta, rng: [row @ MIX + 0.3 * rng.standard_normal(3) for row in theta],
+    "one shock for all": lambda theta, rng: theta @ MIX + 0.3 * rng.standard_normal(3),
+    "bounds": lambda theta, rng: rng.integers(0, [1, 1000, 1_000_000], (len(theta), 3)) + 0 * theta[:, :1],
+    "foreign seed": lambda theta, rng: (
+        theta @ MIX + 0.3 * np.random.default_rng(rng.integers(2**31)).standard_normal((len(theta), 3))
+    ),
+    "loop": lambda theta, rng: np.stack([rng.normal(row @ MIX, 0.3) for row in theta]),
+    "shuffled": lambda theta, rng: np.take_along_axis(
+        rng.normal(theta @ MIX, 0.3), rng.permuted(np.tile(np.arange(3), (len(theta), 1)), axis=1), axis=1
+    ),
+    "choice": lambda theta, rng: theta @ MIX + rng.choice([-0.3, 0.3], (len(theta), 3)),
+}
+MIX = np.array([[1.0, 0.5, 0.0], [0.0, 0.5, 1.0]])
 
 
-def test_a_shorter_run_is_the_beginning_of_a_longer_one(simulator: Any, tmp_path: Path) -> None:
-    short = collect(simulator, Exact(simulator), replace(PLAN, number=20), tmp_path)
-    long = collect(simulator, Exact(simulator), PLAN, tmp_path)
-    assert np.array_equal(main_trials(short)["draws"], main_trials(long)["draws"][:20])
+def _logistic(z: Any) -> Any:
+    return 1 / (1 + np.exp(-z))
+
+
+class Own:
+    """A simulator as people write it."""
+
+    def __init__(self, simulator: Any, simulate: Any):
+        self.prior, self._simulate = simulator.prior, simulate
+
+    def simulate(self, theta: Any, rng: Any) -> Any:
+        assert type(rng) is np.random.Generator
+        return self._simulate(theta, rng)
+
+
+def plain(x: Any, n: int, rng: Any) -> Any:
+    """Draws as people write them: a loop over data, and numbers that belong to none of them."""
+    assert type(rng) is np.random.Generator
+    return np.stack([rng.normal(row[:2], rng.uniform(0.5, 1.0), (n, 2)) for row in np.asarray(x)])
+
+
+@pytest.mark.parametrize(("block", "number"), [(1, 12), (7, 30), (200, 410)])
+@pytest.mark.parametrize("name", SIMULATIONS)
+def test_every_way_to_draw_gives_right_data_and_a_longer_run_begins_with_a_shorter_one(
+    simulator: Any, name: str, block: int, number: int, tmp_path: Path
+) -> None:
+    own, short = Own(simulator, SIMULATIONS[name]), replace(PLAN, number=10, block=block)
+    first = main_trials(collect(own, Answers(plain), short, tmp_path))
+    longer = main_trials(collect(own, Answers(plain), replace(short, number=number), tmp_path))
+    xr.testing.assert_identical(first, longer.isel(trial=slice(10)))
+    theta, x = longer["theta_true"].values, longer["x"].values
+    assert x.shape == (number, 3)
+    assert len(np.unique(longer["draws"].values)) == longer["draws"].size
+    if name == "bounds":
+        assert x[:, 0].max() == 0
+        assert 500 < x[:, 1].max() < 1000 < 500_000 < x[:, 2].max() < 1_000_000
+        return
+    mean, sd = theta @ MIX, np.full((number, 3), 0.3)
+    if name.startswith("binomial"):
+        mean = _logistic(theta[:, :1] if "many" in name else mean)
+        count = 20 if "many" in name else 200
+        mean, sd = count * mean, np.sqrt(count * mean * (1 - mean))
+    if name == "shuffled":
+        mean, x = mean.sum(axis=1, keepdims=True), x.sum(axis=1, keepdims=True)
+        sd = np.full((number, 1), 0.3 * np.sqrt(3))
+    z = (x - mean) / sd
+    # Data belong to their own theta: 4.5 standard errors of a mean, and of a mean square (kurtosis 9 at
+    # most). One shock for all of a block is as many shocks as there are blocks.
+    if name == "one shock for all":
+        assert np.ptp(z[: min(block, number)], axis=0).max() < 1e-9
+        return
+    assert abs(z.mean()) < 4.5 / np.sqrt(z.size)
+    assert abs((z**2).mean() - 1) < 4.5 * np.sqrt(8 / z.size)
+
+
+def test_blocks_have_noise_of_their_own(simulator: Any, tmp_path: Path) -> None:
+    own = Own(simulator, SIMULATIONS["one shock for all"])
+    main = main_trials(collect(own, Answers(plain), PLAN, tmp_path))
+    shock = main["x"].values - main["theta_true"].values @ MIX
+    assert [len(np.unique(shock[:, k].round(9))) for k in range(3)] == [3, 3, 3]
+
+
+def test_the_last_block_is_seen_whole_and_cut(simulator: Any, tmp_path: Path) -> None:
+    seen: list[int] = []
+    exact = Exact(simulator)
+
+    def counted(x: Any, n: int, rng: Any) -> Any:
+        seen.append(len(x))
+        return exact.sample(x, n, rng)
+
+    plan = replace(PLAN, number=30)
+    tree = collect(simulator, Answers(counted), plan, tmp_path)
+    assert seen == [20, 20]
+    assert main_trials(tree).sizes["trial"] == 30
+    assert main_trials(tree)["trial"].values.tolist() == list(range(30))
+
+
+@pytest.mark.parametrize("block", [1, 7, 20, 200])
+def test_a_shorter_run_is_the_beginning_of_a_longer_one(simulator: Any, block: int, tmp_path: Path) -> None:
+    """Of all groups, bit for bit, whatever the groups' own numbers."""
+    short = collect(simulator, Exact(simulator), replace(PLAN, number=23, block=block), tmp_path)
+    more = replace(PLAN, block=block, importance_number=33, joint_number=45)
+    long = collect(simulator, Exact(simulator), more, tmp_path)
+    xr.testing.assert_identical(main_trials(short), main_trials(long).isel(trial=slice(23)))
+    for group, number in (("importance", 10), ("joint", 20)):
+        one, other = (group_trials(tree, group) for tree in (short, long))
+        assert one is not None
+        assert other is not None
+        assert one.sizes["trial"] == number
+        xr.testing.assert_identical(one, other.isel(trial=slice(number)))
 
 
 def test_another_seed_gives_other_trials_and_never_the_stored_ones(simulator: Any, tmp_path: Path) -> None:
@@ -106,7 +214,7 @@ def test_the_fingerprint_follows_everything_that_decides_the_bits(simulator: Any
         fingerprint(other, Exact(other), PLAN),
         fingerprint(simulator, Answers(None), PLAN),
         fingerprint(simulator, Exact(simulator), replace(PLAN, draws=13)),
-        fingerprint(simulator, Exact(simulator), replace(PLAN, chunk=21)),
+        fingerprint(simulator, Exact(simulator), replace(PLAN, block=21)),
     }
     assert len(keys) == 5
     assert len(identity(Answers(None))["source_sha256"]) == 64

@@ -111,14 +111,22 @@ def test_another_prior_shows_where_there_is_a_density_and_hides_where_there_is_n
     assert OWN_TRUTHS in findings["posterior_sbc.bias[theta_1]"].caveats
 
 
-def test_bits_depend_on_the_seed_alone_and_survive_the_disk(tmp_path, monkeypatch):
+def test_bits_depend_on_the_seed_and_the_block_alone_and_survive_the_disk(tmp_path):
     first = trials_around(SIMULATOR, exact(), OBSERVED, number=30, draws=20, seed=6)
     other = trials_around(SIMULATOR, exact(), OBSERVED, number=30, draws=20, seed=7)
-    monkeypatch.setattr("gaugeblock.auditing.observation.CHUNK", 7)
     again = trials_around(SIMULATOR, exact(), OBSERVED, number=30, draws=20, seed=6)
     for name in ("theta_true", "draws", "x", "weight", "weight_true"):
         np.testing.assert_array_equal(first[name], again[name])
         assert not np.array_equal(first[name], other[name])
+    for block in (1, 7, 30):
+        short, longer = (
+            trials_around(SIMULATOR, exact(), OBSERVED, number=number, draws=20, seed=6, block=block)
+            for number in (12, 30)
+        )
+        for name in ("theta_true", "draws", "x", "weight", "weight_true"):
+            np.testing.assert_array_equal(short[name], longer[name][:12])
+            # No trial is there twice; impossible weights are all 0 or 1.
+            assert name.startswith("weight") or len(np.unique(longer[name], axis=0)) == 30
     main = first.drop_vars(["weight", "weight_true"])
     tree = read_trials(write_trials(trials_tree(main, posterior=first), tmp_path / "trials.nc"))
     stored = Prepared(tree, 1).group("posterior")

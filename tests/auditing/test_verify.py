@@ -87,7 +87,7 @@ def test_an_audit_as_it_was_written_is_the_same(audited: Path) -> None:
 
 def test_an_anytime_audit_is_the_same(tmp_path: Path) -> None:
     simulator = build_simulator("linear_gaussian", parameters=1, data=1)
-    plan = TrialsTable(number=400, draws=40, chunk=100, importance_number=0, joint_number=0).plan()
+    plan = TrialsTable(number=400, draws=40, block=100, importance_number=0, joint_number=0).plan()
     policy = read_policy("default")
     audit_objects(
         simulator, Exact(simulator), plan, tmp_path, policy=policy, select=("draws", "sbc"), anytime=True

@@ -23,7 +23,7 @@ from gaugeblock.validate import Outcome, read_policy
 PLAN = Plan(
     number=4000,
     draws=40,
-    chunk=50,
+    block=50,
     importance_number=60,
     importance_draws=20,
     joint_number=100,
@@ -85,7 +85,7 @@ def test_trials_run_out(simulator: Any, tmp_path: Path) -> None:
 
 
 def test_an_interrupted_audit_ends_in_the_same_bits(simulator: Any, tmp_path: Path) -> None:
-    plan = replace(PLAN, chunk=8)
+    plan = replace(PLAN, block=8)
     whole = run(simulator, Narrow(simulator), tmp_path / "whole", plan)
     work = tmp_path / "parts" / ".chunks" / fingerprint(simulator, Narrow(simulator), plan)
     collect(simulator, Narrow(simulator), plan, work.parent, watch=Watch(DEFAULT, plan.seed))
@@ -100,7 +100,11 @@ def test_judged_again_without_sampling(simulator: Any, tmp_path: Path) -> None:
     again = judge_again(tmp_path, policy=DEFAULT)
     assert again.verdict.gates == first.verdict.gates
     lenient = DEFAULT.model_copy(
-        update={"tolerance": DEFAULT.tolerance.model_copy(update={"log_width": 2.0, "coverage": 0.6})}
+        update={
+            "tolerance": DEFAULT.tolerance.model_copy(
+                update={"log_width": 2.0, "coverage": 0.6, "joint": 0.6}
+            )
+        }
     )
     assert judge_again(tmp_path, policy=lenient).verdict.outcome is not Outcome.FAIL
 
@@ -114,7 +118,7 @@ def test_a_draw_that_is_no_number_stops_at_once(simulator: Any, tmp_path: Path) 
 
     result = run(simulator, Sometimes(simulator), tmp_path)
     assert result.verdict.outcome is Outcome.FAIL
-    assert result.trials.sizes["trial"] == PLAN.chunk
+    assert result.trials.sizes["trial"] == PLAN.block
 
 
 def test_what_the_watch_saw_is_what_the_verdict_says(simulator: Any, tmp_path: Path) -> None:

@@ -155,7 +155,7 @@ def test_interrupted_and_run_again_gives_the_same_bytes(blow: signal.Signals, tm
     (tmp_path / "slow.py").write_text(SLOW)
     command = [
         *(sys.executable, "-m", "gaugeblock", "audit", "--set", "simulator.name=linear_gaussian"),
-        *("--set", "estimator.name=slow:Slow", "--set", "trials.number=100", "--set", "trials.chunk=10"),
+        *("--set", "estimator.name=slow:Slow", "--set", "trials.number=100", "--set", "trials.block=10"),
         *("--quiet", "--out", "out"),
     ]
     undisturbed = subprocess.run(command, cwd=tmp_path, check=False, capture_output=True, timeout=300)

@@ -1,76 +1,83 @@
-"""Random streams that belong to trials."""
+"""Random numbers that belong to blocks of trials."""
+
+import itertools
 
 import numpy as np
 import pytest
-from scipy.stats import chisquare, kstest, poisson
+from scipy.stats import kstest
 
-from gaugeblock.core.errors import InputError
-from gaugeblock.core.streams import TrialStreams
-
-TRIALS = 12
+from gaugeblock.core.streams import ROWS, Rows, generator, whole_blocks
 
 DRAWS = {
-    "random": lambda s: s.random((len(s), 3)),
-    "standard_normal": lambda s: s.standard_normal((len(s), 3)),
-    "standard_exponential": lambda s: s.standard_exponential((len(s), 3)),
-    "integers": lambda s: s.integers(0, 1000, (len(s), 3)),
-    "poisson": lambda s: s.poisson(np.full((len(s), 3), 5.0)),
-    "binomial": lambda s: s.binomial(np.full((len(s), 3), 50), 0.3),
+    "random": lambda rows, n: rows.random((n, 3)),
+    "standard_normal": lambda rows, n: rows.standard_normal((n, 3)),
+    "one each": lambda rows, n: rows.random((n,)),
 }
 
 
 @pytest.mark.parametrize("draw", DRAWS.values(), ids=DRAWS)
-def test_a_trial_gets_the_same_numbers_in_any_company(draw):
-    whole = draw(TrialStreams.spawn(5, "x", range(TRIALS)))
-    halves = [draw(TrialStreams.spawn(5, "x", half)) for half in (range(5), range(5, TRIALS))]
-    backwards = draw(TrialStreams.spawn(5, "x", reversed(range(TRIALS))))
-    np.testing.assert_array_equal(whole, np.concatenate(halves))
-    np.testing.assert_array_equal(whole, backwards[::-1])
+@pytest.mark.parametrize("first", [0, 7, ROWS - 1, 2**40])
+def test_a_trial_gets_the_same_rows_in_any_company(draw, first):
+    trials = np.arange(first, first + 3 * ROWS)
+    whole = draw(Rows(5, "x", trials), len(trials))
+    order = np.random.default_rng(1).permutation(len(trials))
+    for part in (order, order[:1], order[:50], np.arange(20), np.arange(30, 3 * ROWS)):
+        np.testing.assert_array_equal(draw(Rows(5, "x", trials[part]), len(part)), whole[part])
 
 
-def test_a_second_draw_goes_on_where_the_first_ended():
-    streams = TrialStreams.spawn(5, "x", range(3))
-    first, second = streams.random((3, 2)), streams.random((3, 2))
-    both = TrialStreams.spawn(5, "x", range(3)).random((3, 4))
-    np.testing.assert_array_equal(np.concatenate([first, second], axis=1), both)
+def test_a_second_array_goes_on_where_the_first_ended():
+    """In any company too: blocks are drawn whole, so what one array takes does not depend on who asks."""
+    together = Rows(5, "x", range(2 * ROWS))
+    first, second = (together.random((2 * ROWS, 2)) for _ in range(2))
+    assert not np.isin(first, second).any()
+    alone = Rows(5, "x", [70, 3])
+    np.testing.assert_array_equal(alone.random((2, 2)), first[[70, 3]])
+    np.testing.assert_array_equal(alone.random((2, 2)), second[[70, 3]])
+
+
+def test_no_trials_have_no_rows():
+    assert Rows(1, "x", []).random((0, 4)).shape == (0, 4)
+
+
+@pytest.mark.parametrize("size", [(4,), (2, 3), ()])
+def test_the_first_axis_must_be_the_trial(size):
+    with pytest.raises(ValueError, match="Rows of 3 trials"):
+        Rows(1, "x", range(3)).random(size)
+
+
+KEYS = [
+    *((seed, purpose, *numbers) for seed in (5, 6) for purpose in ("x", "y", "xx", "", "\0x") for numbers in
+      ((), (0,), (1,), (0, 0), (1, 0), (2**32,), (1, 2**32), (2**32 + 1,))),
+    *((5, "audit " + name, k) for name in ("truth", "data", "draws", "importance draws") for k in range(50)),
+]  # fmt: skip
+
+
+def test_no_two_purposes_or_numbers_share_a_stream():
+    """Of 128 bits a stream: two equal ones by chance are impossible, and any overlap would show."""
+    firsts = np.array([generator(*key).integers(2**64, size=50, dtype=np.uint64) for key in KEYS])
+    assert len(np.unique(firsts)) == firsts.size
 
 
 @pytest.mark.parametrize("other", [(6, "x"), (5, "y"), (5, "xx"), (5, "")])
-def test_another_seed_or_purpose_is_another_stream(other):
-    base = TrialStreams.spawn(5, "x", range(200)).standard_normal((200, 50)).ravel()
-    unlike = TrialStreams.spawn(*other, range(200)).standard_normal((200, 50)).ravel()
+def test_another_seed_or_purpose_is_another_array(other):
+    base, unlike = (Rows(*key, range(200)).standard_normal((200, 50)).ravel() for key in ((5, "x"), other))
     # Correlation of 10,000 independent pairs: beyond 4.5 / sqrt(10,000) for 7 seeds in a million.
     assert abs(np.corrcoef(base, unlike)[0, 1]) < 0.045
 
 
 def test_trials_are_independent_and_uniform():
-    u = TrialStreams.spawn(8, "trials", range(4000)).random((4000, 2))
-    # Two Kolmogorov-Smirnov tests and one correlation, each a false alarm for about 1 seed in 10,000.
+    u = Rows(8, "trials", range(4000)).random((4000, 2))
+    # Two Kolmogorov-Smirnov tests and three correlations (neighbours, columns, the same place of neighbouring
+    # blocks), each a false alarm for about 1 seed in 10,000.
     assert kstest(u[:, 0], "uniform").pvalue > 1e-4
     assert kstest(u[:, 1], "uniform").pvalue > 1e-4
-    assert abs(np.corrcoef(u[:-1, 0], u[1:, 0])[0, 1]) < 3.9 / np.sqrt(4000)
+    for one, other in ((u[:-1, 0], u[1:, 0]), (u[:, 0], u[:, 1]), (u[:-ROWS, 0], u[ROWS:, 0])):
+        assert abs(np.corrcoef(one, other)[0, 1]) < 3.9 / np.sqrt(3900)
 
 
-def test_poisson_counts_have_the_poisson_distribution():
-    counts = TrialStreams.spawn(9, "counts", range(4000)).poisson(np.full(4000, 3.0))
-    seen = np.bincount(np.minimum(counts, 9), minlength=10)
-    expected = 4000 * np.append(poisson.pmf(np.arange(9), 3.0), poisson.sf(8, 3.0))
-    assert chisquare(seen, expected).pvalue > 1e-4  # a false alarm for 1 seed in 10,000
-
-
-def test_means_may_differ_from_trial_to_trial():
-    counts = TrialStreams.spawn(9, "counts", range(3)).poisson(np.array([[0.0], [1e3], [1e6]]))
-    assert counts[0, 0] == 0
-    assert counts[0, 0] < counts[1, 0] < counts[2, 0]
-
-
-def test_iterates_over_one_generator_a_trial():
-    streams = TrialStreams.spawn(1, "x", [7, 9])
-    assert len(list(streams)) == len(streams) == 2
-    assert streams[1].random() == TrialStreams.spawn(1, "x", [9])[0].random()
-
-
-@pytest.mark.parametrize("size", [4, (4, 2), (), (2, 3)])
-def test_the_first_axis_must_be_the_trial(size):
-    with pytest.raises(InputError, match="first axis must be the trial"):
-        TrialStreams.spawn(1, "x", range(3)).random(size)
+@pytest.mark.parametrize(("number", "size"), list(itertools.product([1, 5, 6, 7], [1, 3, 200])))
+def test_whole_blocks_hold_every_trial_once(number, size):
+    blocks = list(whole_blocks(number, size))
+    assert [trial for block in blocks for trial in block][:number] == list(range(number))
+    assert {len(block) for block in blocks} == {size}
+    assert len(blocks) == -(-number // size)

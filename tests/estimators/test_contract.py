@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from gaugeblock.core.streams import TrialStreams
 from gaugeblock.estimators import ESTIMATORS, Estimator, build_estimator
 from gaugeblock.estimators.protocol import Closable, HasDensity, HasEvidence
 from gaugeblock.simulators import build_simulator
@@ -19,15 +18,13 @@ from gaugeblock.simulators import build_simulator
 
 @dataclass(frozen=True)
 class Case:
-    """How to build a small member, and how far its results may depend on the batch they come in.
+    """How to build a small member, and how many `trials` go into the rank test.
 
-    `chunk_tolerance` is 0 for bitwise, None where only the distribution is promised; `trials` how many go
-    into the rank test, None where the member is too slow or, being hardly trained, promises no calibration.
+    None where the member is too slow or, being hardly trained, promises no calibration.
     """
 
     needs: str | None = None
     options: dict[str, Any] = field(default_factory=dict)
-    chunk_tolerance: float | None = 0.0
     trials: int | None = None
 
 
@@ -41,11 +38,10 @@ CASES = {
     "nuts": Case(
         needs="numpyro",
         options={"warmup": 200, "thinning": 4, "parallel": 4},
-        chunk_tolerance=None,
         trials=256,
     ),
-    "npe": Case(needs="sbi", chunk_tolerance=1e-5),
-    "stranger": Case(options={"format": "python"}, chunk_tolerance=None, trials=1000),
+    "npe": Case(needs="sbi"),
+    "stranger": Case(options={"format": "python"}, trials=1000),
     "broken": Case(options={"fault": "narrow"}),
 }
 
@@ -166,23 +162,6 @@ def test_nothing_is_printed_or_logged(member, data, capfd, caplog):
     estimator.sample(data, 5, np.random.default_rng(8))
     assert tuple(capfd.readouterr()) == ("", "")
     assert not caplog.records
-
-
-def test_draws_do_not_depend_on_how_trials_are_batched(member, data):
-    case, estimator = member
-    if case.chunk_tolerance is None:
-        pytest.skip(
-            "promises its distribution across batch sizes, not its values; the rank test holds it to that"
-        )
-
-    def draws(rows):
-        return estimator.sample(data[rows], 20, TrialStreams.spawn(9, "posterior", rows))
-
-    whole, parts = draws([0, 1, 2]), np.concatenate([draws([0]), draws([1, 2])])
-    if case.chunk_tolerance == 0.0:
-        np.testing.assert_array_equal(whole, parts)
-    else:
-        np.testing.assert_allclose(whole, parts, rtol=case.chunk_tolerance, atol=case.chunk_tolerance)
 
 
 def test_density_is_normalised(member, data):

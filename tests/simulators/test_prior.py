@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from scipy.stats import kstest
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.core.streams import TrialStreams
 from gaugeblock.simulators import LogUniform, Normal, Prior, Uniform
 
 MIXED = Prior({"index": Uniform(1.0, 3.0), "norm": LogUniform(1e-5, 1e-1), "offset": Normal(-2.0, 0.3)})
@@ -63,12 +62,6 @@ def test_samples_are_uniform_in_the_cube():
     # Three Kolmogorov-Smirnov tests at 1e-4 each: a false alarm for 3 seeds in 10,000.
     u = MIXED.to_unit_cube(MIXED.sample(4000, np.random.default_rng(11)))
     assert all(kstest(u[:, k], "uniform").pvalue > 1e-4 for k in range(3))
-
-
-def test_samples_belong_to_their_trial():
-    together = MIXED.sample(6, TrialStreams.spawn(3, "prior", range(6)))
-    alone = MIXED.sample(1, TrialStreams.spawn(3, "prior", [4]))
-    np.testing.assert_array_equal(together[4:5], alone)
 
 
 def test_jax_agrees_and_differentiates():

@@ -73,7 +73,7 @@ def zoo_trials() -> Callable[..., xr.DataTree]:
         plan = Plan(
             number=n,
             draws=draws,
-            chunk=n,
+            block=n,
             importance_number=min(n, 100),
             importance_draws=200,
             joint_number=min(n, 1000),
@@ -81,10 +81,10 @@ def zoo_trials() -> Callable[..., xr.DataTree]:
             seed=seed,
         )
         main = MainTrials(simulator, estimator, plan)(range(n))
-        weighed = None
+        weighed, first = None, lambda trials: main.isel(trial=slice(len(trials)))
         if has_density(estimator):
-            weighed = ImportanceTrials(simulator, estimator, plan, main)(range(plan.importance_number))
-        joint = JointTrials(simulator, estimator, plan, main)(range(plan.joint_number))
+            weighed = ImportanceTrials(simulator, estimator, plan, first)(range(plan.importance_number))
+        joint = JointTrials(simulator, estimator, plan, first)(range(plan.joint_number))
         return trials_tree(main, weighed, joint=joint)
 
     return collected

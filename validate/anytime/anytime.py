@@ -29,8 +29,8 @@ from gaugeblock.validate.prepared import Prepared, effective_draws, pit
 
 def cut_scores(block: Block) -> Array:
     """Statistic: the four cut scores ``(trial, 4, parameter)``; see `Scores`."""
-    streams = block.streams("cut scores")
-    return np.stack(winsorised_scores(block.theta_true, block.draws, streams, weight=block.weight), axis=1)
+    rng = block.rng("cut scores")
+    return np.stack(winsorised_scores(block.theta_true, block.draws, rng, weight=block.weight), axis=1)
 
 
 def anytime(prepared: Prepared) -> list[Finding | NotChecked]:

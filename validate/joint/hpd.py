@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.core.streams import Rng
+from gaugeblock.core.streams import Uniforms
 from gaugeblock.validate.block import Block
 from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.joint.gaps import curve, gap_finding, inside_lowest, uniform_finding
@@ -22,7 +22,7 @@ REFERENCE = "Hyndman 1996; Hermans et al. 2022, arXiv:2110.06581; Modrak et al. 
 
 
 def credible_level(
-    log_q_true: ArrayLike, log_q: ArrayLike, rng: Rng, *, weight: ArrayLike | None = None
+    log_q_true: ArrayLike, log_q: ArrayLike, rng: Uniforms, *, weight: ArrayLike | None = None
 ) -> Array:
     """Level ``(n,)`` of the smallest highest-density region that holds the truth; uniform when exact.
 
@@ -49,9 +49,7 @@ def hpd(block: Block) -> Array:
     """
     if block.log_q is None or block.log_q_true is None:
         return np.empty((len(block), 0))
-    level = credible_level(
-        block.log_q_true, block.log_q, block.streams("highest density"), weight=block.weight
-    )
+    level = credible_level(block.log_q_true, block.log_q, block.rng("highest density"), weight=block.weight)
     truth = block.log_q_true
     return np.column_stack(
         [level, np.isneginf(truth), np.isnan(truth), (~np.isfinite(block.log_q)).sum(axis=1)]

@@ -13,7 +13,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.core.streams import TrialStreams
+from gaugeblock.core.streams import Rows
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.joint.gaps import LEAST_TRIALS, uniform_finding
 from gaugeblock.validate.joint.hpd import density_caveats, hpd, hpd_findings
@@ -89,7 +89,7 @@ def _likelihood(prepared: Prepared) -> list[Finding | NotChecked]:
     values = likelihood_pit(
         own["log_likelihood_true"].values[kept],
         own["log_likelihood"].values[kept][:, :: prepared.stride],
-        TrialStreams.spawn(prepared.seed, "joint likelihood", trial),
+        Rows(prepared.seed, "joint likelihood", trial),
         weight=own["weight"].values[kept][:, :: prepared.stride] if "weight" in own else None,
     )
     said = () if kept.all() else (f"{(~kept).sum()} trials have NaN or infinite draws; left out here",)

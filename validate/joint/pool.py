@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.core.streams import Rng
+from gaugeblock.core.streams import Uniforms
 
 # Directions whose variance is less than this share of a parameter's are taken to have none: rounding.
 SMALLEST_VARIANCE = 1e-10
@@ -75,7 +75,7 @@ def make_pool(theta_true: ArrayLike, draws: ArrayLike, *, weight: ArrayLike | No
     return Pool(members, mean, sd * np.where(reach > 0, reach, 1.0), whitening, own)
 
 
-def pool_pit(values: ArrayLike, rng: Rng, *, weight: Array | None = None) -> Array:
+def pool_pit(values: ArrayLike, rng: Uniforms, *, weight: Array | None = None) -> Array:
     """Randomised PIT ``(trial, quantity)`` of the first of all `values` ``(trial, quantity, 1 + draw)``.
 
     Values are compared in single precision, so that draws equal to the truth stay ties after arithmetic. In

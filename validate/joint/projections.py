@@ -17,7 +17,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.core.streams import Rng
+from gaugeblock.core.streams import Uniforms
 from gaugeblock.validate.block import Block
 from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.joint.gaps import gap_finding, inside_lowest
@@ -60,7 +60,7 @@ def pairs(parameters: int) -> tuple[tuple[int, int], ...]:
     return tuple(every[k] for k in sorted(rng.choice(len(every), MOST_PAIRS, replace=False).tolist()))
 
 
-def projected_pit(pool: Pool, rng: Rng) -> Array:
+def projected_pit(pool: Pool, rng: Uniforms) -> Array:
     """Randomised PIT ``(trial, quantity)`` of the projections, then the products, of a pool's truths."""
     parameters = pool.members.shape[1]
     chosen = pairs(parameters)
@@ -77,7 +77,7 @@ def projected_pit(pool: Pool, rng: Rng) -> Array:
 def projections(block: Block) -> Array:
     """Statistic: randomised PIT of projections and products, ``(trial, quantity)``."""
     pool = make_pool(block.theta_true, block.draws, weight=block.weight)
-    return projected_pit(pool, block.streams("projections"))
+    return projected_pit(pool, block.rng("projections"))
 
 
 def projections_finding(

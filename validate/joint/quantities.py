@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.core.streams import Rng
+from gaugeblock.core.streams import Uniforms
 from gaugeblock.validate.block import Block
 from gaugeblock.validate.check import QUANTITY
 from gaugeblock.validate.finding import Finding
@@ -26,7 +26,7 @@ REFERENCE = "Modrak et al. 2023, arXiv:2211.02383"
 
 
 def quantity_pit(
-    f_true: ArrayLike, f_draws: ArrayLike, rng: Rng, *, weight: ArrayLike | None = None
+    f_true: ArrayLike, f_draws: ArrayLike, rng: Uniforms, *, weight: ArrayLike | None = None
 ) -> Array:
     """Randomised PIT ``(n,)`` of a test quantity with values `f_true` ``(n,)`` and `f_draws` ``(n, draw)``.
 
@@ -45,7 +45,7 @@ def quantity_findings(
     name: str,
     f_true: ArrayLike,
     f_draws: ArrayLike,
-    rng: Rng,
+    rng: Uniforms,
     *,
     weight: ArrayLike | None = None,
     population: str = "trials",
@@ -126,10 +126,10 @@ def quantities(block: Block) -> Array:
     found = np.empty((len(block), len(names), 2))
     if not names:
         return found
-    streams, stride = block.streams("test quantities"), block.prepared.stride
+    rng, stride = block.rng("test quantities"), block.prepared.stride
     for column, name in enumerate(names):
         truth, draws = block.own[f"{QUANTITY}{name}_true"], block.own[f"{QUANTITY}{name}"][:, ::stride]
-        found[:, column, 0] = quantity_pit(truth, draws, streams, weight=block.weight)
+        found[:, column, 0] = quantity_pit(truth, draws, rng, weight=block.weight)
         found[:, column, 1] = _count_nan(truth, draws)
     return found
 
@@ -139,9 +139,9 @@ def likelihood(block: Block) -> Array:
     truth, draws = block.log_likelihood_true, block.log_likelihood
     if truth is None or draws is None:
         return np.empty((len(block), 0))
-    return likelihood_pit(truth, draws, block.streams("joint likelihood"), weight=block.weight)
+    return likelihood_pit(truth, draws, block.rng("joint likelihood"), weight=block.weight)
 
 
-def likelihood_pit(truth: Array, draws: Array, rng: Rng, *, weight: Array | None = None) -> Array:
+def likelihood_pit(truth: Array, draws: Array, rng: Uniforms, *, weight: Array | None = None) -> Array:
     """PIT of log likelihoods ``(trial,)`` among those of draws ``(trial, draw)``; and how many are NaN."""
     return np.column_stack([quantity_pit(truth, draws, rng, weight=weight), _count_nan(truth, draws)])

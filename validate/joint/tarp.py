@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.core.streams import Rng
+from gaugeblock.core.streams import Uniforms
 from gaugeblock.validate.block import Block
 from gaugeblock.validate.check import circular_parameters
 from gaugeblock.validate.finding import Finding
@@ -33,7 +33,7 @@ BLIND = (
 )
 
 
-def distance_pit(pool: Pool, references: ArrayLike, rng: Rng) -> Array:
+def distance_pit(pool: Pool, references: ArrayLike, rng: Uniforms) -> Array:
     """Randomised PIT ``(trial, reference)`` of the truth's distance to each reference among its draws'.
 
     `references` ``(trial, reference, parameter)`` in the parameters' own units. Uniform for an exact
@@ -57,11 +57,11 @@ def distance_pit(pool: Pool, references: ArrayLike, rng: Rng) -> Array:
 def tarp(block: Block) -> Array:
     """Statistic: randomised PIT of distances to random references, ``(trial, reference)``."""
     pool = make_pool(block.theta_true, block.draws, weight=block.weight)
-    streams = block.streams("tarp")
-    return distance_pit(pool, _references(block, streams), streams)
+    rng = block.rng("tarp")
+    return distance_pit(pool, _references(block, rng), rng)
 
 
-def _references(block: Block, rng: Rng) -> Array:
+def _references(block: Block, rng: Uniforms) -> Array:
     prepared = block.prepared
     size = (*block.theta_true.shape, REFERENCES)
     if has_features(prepared):
@@ -77,14 +77,15 @@ def _references(block: Block, rng: Rng) -> Array:
     return np.swapaxes(points, 1, 2)
 
 
-def _others(prepared: Prepared, rows: slice, rng: Rng) -> NDArray[np.int64]:
+def _others(prepared: Prepared, rows: slice, rng: Uniforms) -> NDArray[np.int64]:
     """Rows of other trials, ``(n, reference)``, by their place in the order of trial numbers."""
     n = len(prepared.trial)
     order = np.argsort(prepared.trial, kind="stable")
     place = np.empty(n, dtype=np.int64)
     place[order] = np.arange(n)
     own = place[rows]
-    return np.asarray(order[(own[:, None] + rng.integers(1, n, (len(own), REFERENCES))) % n])
+    further = 1 + np.floor(rng.random((len(own), REFERENCES)) * (n - 1)).astype(np.int64)
+    return np.asarray(order[(own[:, None] + further) % n])
 
 
 def has_features(prepared: Prepared) -> bool:

@@ -18,6 +18,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.core.streams import generator
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked, PValueFinding
 from gaugeblock.validate.learned.learned import LEAST_TRIALS, LearnedRanks, learned_from
 from gaugeblock.validate.marginal.coverage import LEVELS, STEADYING, inside_central
@@ -115,7 +116,7 @@ def accuracy_finding(ranks: LearnedRanks, *, seed: int, caveats: tuple[str, ...]
     right = (ranks.truth_above + 1 - above) / 2
     members = np.bincount(ranks.draws_above + ranks.truth_above, minlength=draws + 2)
     chance = np.arange(draws + 2) / (draws + 1)
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(n, draws, 3)))
+    rng = generator(seed, "accuracy", n, draws)
     null = rng.binomial(members, chance, size=(REPLICATES, draws + 2)).sum(axis=1)
     exceeded = np.count_nonzero(null >= np.count_nonzero(ranks.truth_above))
     return PValueFinding(

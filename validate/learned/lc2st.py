@@ -11,6 +11,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.core.streams import generator
 from gaugeblock.validate.features import Features
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.learned.c2st import spread_out
@@ -138,7 +139,7 @@ def largest_gap(
     centre = inside.sum(axis=1)[:, None] * level
     z = ((u <= level[:, None]).astype(np.float32) @ inside.T).T
     observed = (z - centre) / scale
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(*inside.shape, 4)))
+    rng = generator(seed, "largest gap", *inside.shape)
     size = max(1, CHUNK // len(u))
     exceeded = 0
     for start in range(0, replicates, size):  # bounds memory

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import generator
 from gaugeblock.validate.block import Block
 from gaugeblock.validate.learned.discriminant import fit_discriminant
 from gaugeblock.validate.learned.pool_coordinates import context_of, pool_coordinates
@@ -56,7 +57,7 @@ class LearnedRanks:
 
 def candidates(block: Block) -> Array:
     """Statistic of a block: `pool_coordinates`, and a last row that holds a number to break ties with."""
-    rng = block.streams("learned")
+    rng = block.rng("learned")
     found = pool_coordinates(block.theta_true, block.draws, rng, weight=block.weight)
     ties = np.broadcast_to(rng.random((len(block.trial), 1))[:, :, None], (len(found), 1, found.shape[2]))
     return np.concatenate([found, ties], axis=1)
@@ -72,7 +73,7 @@ def learned_from(prepared: Prepared) -> LearnedRanks:
     found = prepared.per_trial(candidates)[by_number]
     features = None if prepared.features is None else usable(prepared.features.values)[by_number]
     context = context_of(found[:, -3], found[:, -2], features)
-    rng = np.random.default_rng(np.random.SeedSequence(prepared.seed, spawn_key=(len(by_number), 2)))
+    rng = generator(prepared.seed, "order of learning", len(by_number))
     order = rng.permutation(len(by_number))
     ranks = learned_ranks(found[:, :-3], context, found[:, -1, 0], discriminant_fit, order=order)
     return replace(ranks, row=by_number[ranks.row])

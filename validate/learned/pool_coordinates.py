@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.core.streams import Rng
+from gaugeblock.core.streams import Uniforms
 from gaugeblock.validate.learned.discriminant import normal_scores
 
 SCORED_DRAWS = 32
@@ -18,7 +18,7 @@ SOFT_LIMIT = 6.0
 
 
 def pool_coordinates(
-    theta_true: ArrayLike, draws: ArrayLike, rng: Rng, *, weight: ArrayLike | None = None
+    theta_true: ArrayLike, draws: ArrayLike, rng: Uniforms, *, weight: ArrayLike | None = None
 ) -> Array:
     """Truth and some draws in coordinates of their own trial's pool, ``(trial, 3 + draw, p)``.
 
@@ -47,7 +47,7 @@ def soft_limit(z: Array) -> Array:
     return np.asarray(z / np.sqrt(1 + (z / SOFT_LIMIT) ** 2))
 
 
-def _some(rng: Rng, n: int, number: int, weight: ArrayLike | None) -> NDArray[np.int64]:
+def _some(rng: Uniforms, n: int, number: int, weight: ArrayLike | None) -> NDArray[np.int64]:
     wanted = min(SCORED_DRAWS, number)
     if weight is None:
         return np.asarray(np.argsort(rng.random((n, number)), axis=1)[:, :wanted])

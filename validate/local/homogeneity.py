@@ -14,6 +14,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.core.streams import generator
 from gaugeblock.validate.finding import Finding, PValueFinding
 
 PERMUTATIONS = 999
@@ -55,7 +56,7 @@ def largest_deviation(
     kept = np.repeat(looked_at, checks, axis=1)[:, known]
     rows = np.ascontiguousarray(standard.T, dtype=np.float32)
     observed = _largest(scaled, rows[None], kept)[0]
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(n, len(member), 1)))
+    rng = generator(seed, "homogeneity", n, len(member))
     size = max(1, CHUNK // max(rows.size, 1))
     null = []
     for start in range(0, permutations, size):  # bounds memory

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-from gaugeblock.core.streams import Rng, TrialStreams
+from gaugeblock.core.streams import Rows, Uniforms
 from gaugeblock.validate.check import circular_parameters, is_autocorrelated
 from gaugeblock.validate.finding import Finding, NotChecked, QuantileFinding
 from gaugeblock.validate.joint.importance import kish_fraction
@@ -71,7 +71,7 @@ def pool_weights(log_likelihood: ArrayLike, log_likelihood_true: ArrayLike) -> A
     return np.asarray(weight / weight.sum(axis=1, keepdims=True))
 
 
-def weighted_pit(theta_true: ArrayLike, draws: ArrayLike, weight: ArrayLike, rng: Rng) -> Array:
+def weighted_pit(theta_true: ArrayLike, draws: ArrayLike, weight: ArrayLike, rng: Uniforms) -> Array:
     """Randomised PIT ``(trial, parameter)`` of truths among their draws, from pool weights; exactly uniform.
 
     `theta_true` is ``(trial, parameter)``, `draws` ``(trial, draw, parameter)``, `weight`
@@ -88,7 +88,7 @@ def weighted_pit(theta_true: ArrayLike, draws: ArrayLike, weight: ArrayLike, rng
     return np.asarray(below + equal * rng.random(truth.shape))
 
 
-def weighted_errors(theta_true: ArrayLike, draws: ArrayLike, weight: ArrayLike, rng: Rng) -> Array:
+def weighted_errors(theta_true: ArrayLike, draws: ArrayLike, weight: ArrayLike, rng: Uniforms) -> Array:
     """Standardised errors ``(trial, parameter)``, of mean 0 and mean square 1 for an exact posterior.
 
     (Pooled mean - truth) / pooled sd under the pool weights; arguments as for `weighted_pit`. `rng` serves
@@ -184,8 +184,8 @@ def posterior_sbc_findings(
             f"{few} of {len(truth)} trials have fewer than {FEW:g} effective draws: they stay, but can "
             "hardly show a fault; more draws would help",
         )
-    u = weighted_pit(truth, sampled, weight, TrialStreams.spawn(seed, "posterior ranks", numbers))
-    t = weighted_errors(truth, sampled, weight, TrialStreams.spawn(seed, "posterior errors", numbers))
+    u = weighted_pit(truth, sampled, weight, Rows(seed, "posterior ranks", numbers))
+    t = weighted_errors(truth, sampled, weight, Rows(seed, "posterior errors", numbers))
     found: list[Finding] = []
     for column, name in enumerate(parameters):
         made = (

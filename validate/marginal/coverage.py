@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.streams import generator
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked, PValueFinding
 from gaugeblock.validate.prepared import Prepared
 
@@ -126,7 +127,7 @@ def deviation_finding(
     (floor, low, high), _ = perfect_estimator(n, len(parameters))
     flat = inside.reshape(-1, n).astype(float)
     values, vectors = np.linalg.eigh(np.atleast_2d(np.cov(flat)) / n)
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(n, len(parameters))))
+    rng = generator(seed, "coverage deviation", n, len(parameters))
     normal = rng.standard_normal((REPLICATES, len(flat)))
     null = np.abs((normal * np.sqrt(np.maximum(values, 0))) @ vectors.T).mean(axis=1)
     return PValueFinding(

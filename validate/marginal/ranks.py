@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.core.streams import Rng
+from gaugeblock.core.streams import Uniforms
 
 
 def ranks_and_ties(theta_true: ArrayLike, draws: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -29,14 +29,14 @@ def ranks_and_ties(theta_true: ArrayLike, draws: ArrayLike) -> tuple[NDArray[np.
     return below, np.count_nonzero(sampled == truth, axis=1)
 
 
-def randomised_ranks(theta_true: ArrayLike, draws: ArrayLike, rng: Rng) -> NDArray[np.int64]:
+def randomised_ranks(theta_true: ArrayLike, draws: ArrayLike, rng: Uniforms) -> NDArray[np.int64]:
     """Rank of each truth in 0..L, ties broken at random; uniform for an exact posterior."""
     below, equal = ranks_and_ties(theta_true, draws)
     return below + np.floor((equal + 1) * rng.random(below.shape)).astype(np.int64)
 
 
 def randomised_pit(
-    theta_true: ArrayLike, draws: ArrayLike, rng: Rng, *, weight: ArrayLike | None = None
+    theta_true: ArrayLike, draws: ArrayLike, rng: Uniforms, *, weight: ArrayLike | None = None
 ) -> Array:
     """Randomised PIT ``(trial, parameter)`` in [0, 1): u = (r + (ties + 1) V) / (L + 1), V uniform.
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.core.streams import Rng
+from gaugeblock.core.streams import Uniforms
 
 # Observations' worth of a Gaussian's variance that steady the standard errors of a handful of trials (two
 # equal errors have a sample variance of 0); from a thousand trials on they change one by less than 0.5%.
@@ -24,7 +24,7 @@ STEADYING = 10.0
 
 
 def standardised_errors(
-    theta_true: ArrayLike, draws: ArrayLike, rng: Rng, *, weight: ArrayLike | None = None
+    theta_true: ArrayLike, draws: ArrayLike, rng: Uniforms, *, weight: ArrayLike | None = None
 ) -> Array:
     """t = (pooled mean - theta*) / pooled sd, ``(trial, parameter)``; positive: the estimator lies too high.
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.core.streams import Rng
+from gaugeblock.core.streams import Uniforms
 
 CUT = 3.0
 # Wider than any bias (sd) or log width ratio that the cut scores can tell apart.
@@ -37,7 +37,7 @@ class Scores(NamedTuple):
 
 
 def winsorised_scores(
-    theta_true: ArrayLike, draws: ArrayLike, rng: Rng, *, weight: ArrayLike | None = None
+    theta_true: ArrayLike, draws: ArrayLike, rng: Uniforms, *, weight: ArrayLike | None = None
 ) -> Scores:
     """Scores ``(trial, parameter)`` of `theta_true` among `draws` ``(trial, draw, parameter)``.
 

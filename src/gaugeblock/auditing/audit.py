@@ -18,7 +18,7 @@ from gaugeblock.auditing.identity import identity, versions
 from gaugeblock.auditing.kept_seed import kept_seed
 from gaugeblock.auditing.observation import read_observation, trials_around
 from gaugeblock.auditing.phases import end_phase, ended
-from gaugeblock.auditing.provenance import digests, earlier_provenance, named, title
+from gaugeblock.auditing.provenance import FORMAT, digests, earlier_provenance, named, title
 from gaugeblock.auditing.result import Audit, made_folder, write_arrays
 from gaugeblock.auditing.samples import Plan, untrusted
 from gaugeblock.auditing.trials_from import read_any_trials
@@ -111,7 +111,8 @@ def audit_objects(
     if observed is not None:
         if progress is not None:
             progress("around the observation", 0, 1)
-        add_group(trials, POSTERIOR, trials_around(simulator, estimator, observed, seed=plan.seed))
+        around = trials_around(simulator, estimator, observed, seed=plan.seed, block=plan.block)
+        add_group(trials, POSTERIOR, around)
         if progress is not None:
             progress("around the observation", 1, 1)
     stopped = {"anytime": True, "used": trials.sizes["trial"]} if anytime else {}
@@ -243,6 +244,7 @@ def _judged(
         {
             **provenance,
             "title": title(provenance),
+            "format": FORMAT,
             "policy": policy.model_dump(mode="json"),
             "validators": default_validators() if select is None else list(select),
             "versions": versions(),

@@ -1,13 +1,14 @@
-"""Trials collected: a simulator draws truths and data, an estimator answers, chunk after chunk on disk.
+"""Trials collected: a simulator draws truths and data, an estimator answers, block after block on disk.
 
-Every chunk is written under a key made of everything that decides its content, so an interrupted run goes
-on where it stopped, to the same bits, and never mixes trials of two configurations.
+Every block is written whole, under a key made of everything that decides its content, so an interrupted run
+goes on where it stopped, to the same bits, and never mixes trials of two configurations.
 """
 
 from __future__ import annotations
 
 import secrets
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import xarray as xr
@@ -15,6 +16,7 @@ import xarray as xr
 from gaugeblock.auditing.identity import identity, versions
 from gaugeblock.auditing.phases import DensityTrials, ImportanceDraws, WeighedDraws, end_phase
 from gaugeblock.auditing.samples import (
+    Blocks,
     ImportanceTrials,
     JointTrials,
     MainTrials,
@@ -24,13 +26,13 @@ from gaugeblock.auditing.samples import (
 from gaugeblock.auditing.watch import Watch
 from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import whole_blocks
 from gaugeblock.estimators.protocol import Estimator, has_density
 from gaugeblock.simulators.protocol import HasLikelihood, Simulator
 from gaugeblock.validate.storage import open_groups, read_groups, write_groups
 from gaugeblock.validate.trials import trials_tree
 
 Progress = Callable[[str, int, int], None]
-Make = Callable[[range], xr.Dataset]
 WEIGHING = "importance sampling"
 
 
@@ -43,11 +45,11 @@ def collect(
     watch: Watch | None = None,
     progress: Progress | None = None,
 ) -> xr.DataTree:
-    """Trials of an estimator on a simulator, resumed from `folder` where it holds chunks of the same run.
+    """Trials of an estimator on a simulator, resumed from `folder` where it holds blocks of the same run.
 
-    The result does not depend on where a run was interrupted. It depends on the chunk size only as far as
-    the estimator's arithmetic does, and with a `watch` also because it stops at the end of a chunk. An
-    estimator that is `untrusted` gives all its draws before anything is said of densities.
+    The result does not depend on where a run was interrupted, and a longer run begins with a shorter one's
+    trials; with a `watch` it stops at the end of a block. An estimator that is `untrusted` gives all its
+    draws before anything is said of densities.
 
     Raises
     ------
@@ -56,49 +58,26 @@ def collect(
     """
     work = folder / fingerprint(simulator, estimator, plan)
     work.mkdir(parents=True, exist_ok=True)
-    sampler = MainTrials(simulator, estimator, plan)
-    main = _chunks("trials", plan.number, plan.chunk, work, progress, sampler, watch)
+    blocks = _OnDisk(work, plan.block, progress)
+    main = blocks.joined("trials", plan.number, MainTrials(simulator, estimator, plan), watch=watch)
     plan = plan.at_most(main.sizes["trial"])
+    again = (simulator, estimator, plan, blocks.reader("trials"))
+    weighed = plan.importance_number if _weighable(simulator, estimator) else 0
     importance, joint = None, None
     if untrusted(estimator):
-        main, importance = _in_phases(simulator, estimator, plan, main, work, progress)
-    elif plan.importance_number and _weighable(simulator, estimator):
-        weigh = ImportanceTrials(simulator, estimator, plan, main)
-        importance = _chunks(WEIGHING, plan.importance_number, _size(plan), work, progress, weigh)
+        if weighed:
+            importance = blocks.joined("importance draws", weighed, ImportanceDraws(*again))
+        end_phase(estimator)
+        if has_density(estimator):
+            main = blocks.joined("densities", plan.number, DensityTrials(*again))
+        if weighed:
+            weigh = WeighedDraws(*again, blocks.reader("importance draws"))
+            importance = blocks.joined(WEIGHING, weighed, weigh)
+    elif weighed:
+        importance = blocks.joined(WEIGHING, weighed, ImportanceTrials(*again))
     if plan.joint_number and isinstance(simulator, HasLikelihood):
-        size = max(1, plan.chunk * plan.draws // plan.joint_draws)
-        evaluate = JointTrials(simulator, estimator, plan, main)
-        joint = _chunks("joint likelihood", plan.joint_number, size, work, progress, evaluate)
+        joint = blocks.joined("joint likelihood", plan.joint_number, JointTrials(*again))
     return trials_tree(main, importance, joint=joint)
-
-
-def _in_phases(
-    simulator: Simulator,
-    estimator: Estimator,
-    plan: Plan,
-    main: xr.Dataset,
-    work: Path,
-    progress: Progress | None,
-) -> tuple[xr.Dataset, xr.Dataset | None]:
-    """The main trials and those for importance weights: the draws that lack, and only then densities."""
-    number = plan.importance_number if _weighable(simulator, estimator) else 0
-    importance = None
-    if number:
-        draw = ImportanceDraws(simulator, estimator, plan, main)
-        importance = _chunks("importance draws", number, _size(plan), work, progress, draw)
-    end_phase(estimator)
-    if has_density(estimator):
-        ask = DensityTrials(simulator, estimator, plan, main)
-        main = _chunks("densities", plan.number, plan.chunk, work, progress, ask)
-    if importance is not None:
-        weigh = WeighedDraws(simulator, estimator, plan, main, importance)
-        importance = _chunks(WEIGHING, number, _size(plan), work, progress, weigh)
-    return main, importance
-
-
-def _size(plan: Plan) -> int:
-    """Trials in a chunk of draws for importance weights."""
-    return max(1, plan.chunk * plan.draws // plan.importance_draws)
 
 
 def _weighable(simulator: Simulator, estimator: Estimator) -> bool:
@@ -121,53 +100,67 @@ def fingerprint(simulator: Simulator, estimator: Estimator, plan: Plan) -> str:
     return digest(content)[:16]
 
 
-def _chunks(
-    what: str,
-    number: int,
-    size: int,
-    work: Path,
-    progress: Progress | None,
-    make: Make,
-    watch: Watch | None = None,
-) -> xr.Dataset:
-    parts: list[Path] = []
-    joined = work / f"{what.replace(' ', '-')}.nc"
-    for first in range(0, number, size):
-        trials = range(first, min(first + size, number))
-        if progress is not None:
-            progress(what, first, number)
-        path = work / f"{what.replace(' ', '-')}-{first:08d}.nc"
-        if not _intact(path):
-            write_groups({"": make(trials)}, path)
-        parts.append(path)
-        if watch is not None and watch.see(_chunk(path)) and watch.confirm(_together(parts, joined)):
-            break
-    if progress is not None:
-        progress(what, number, number)
-    return _together(parts, joined)
+@dataclass(frozen=True)
+class _OnDisk:
+    """Blocks of `size` trials as files of the folder `work`, each whole."""
+
+    work: Path
+    size: int
+    progress: Progress | None
+
+    def joined(self, what: str, number: int, make: Blocks, *, watch: Watch | None = None) -> xr.Dataset:
+        """The first `number` trials, or fewer where the `watch` has seen enough; damaged blocks anew."""
+        stop = number
+        for trials in whole_blocks(number, self.size):
+            self._say(what, trials.start, number)
+            path = self._path(what, trials)
+            if not _intact(path):
+                write_groups({"": make(trials)}, path)
+            if watch is None:
+                continue
+            stop = min(trials.stop, number)
+            if watch.see(self._cut(what, trials, number)) and watch.confirm(self._together(what, stop)):
+                break
+        self._say(what, number, number)
+        return self._together(what, stop)
+
+    def reader(self, what: str) -> Blocks:
+        """Reads whole blocks back."""
+        return lambda trials: _read(self._path(what, trials))
+
+    def _together(self, what: str, number: int) -> xr.Dataset:
+        """One file out of all blocks: small ones are read back into memory, large ones stay there."""
+        parts = (self._cut(what, trials, number) for trials in whole_blocks(number, self.size))
+        whole = write_groups({"": parts}, self._path(what))
+        return open_groups(whole, what="Trials")[""].drop_encoding()
+
+    def _cut(self, what: str, trials: range, number: int) -> xr.Dataset:
+        return _read(self._path(what, trials)).isel(trial=slice(number - trials.start))
+
+    def _path(self, what: str, trials: range | None = None) -> Path:
+        name = what.replace(" ", "-")
+        return self.work / (f"{name}.nc" if trials is None else f"{name}-{trials.start:08d}.nc")
+
+    def _say(self, what: str, done: int, number: int) -> None:
+        if self.progress is not None:
+            self.progress(what, done, number)
 
 
-def _together(parts: list[Path], path: Path) -> xr.Dataset:
-    """One file out of all chunks: small ones are read back into memory, large ones stay there."""
-    whole = write_groups({"": map(_chunk, parts)}, path)
-    return open_groups(whole, what="Trials")[""].drop_encoding()
-
-
-def _chunk(path: Path) -> xr.Dataset:
-    return read_groups(path, what="chunk of trials")[""]
+def _read(path: Path) -> xr.Dataset:
+    return read_groups(path, what="block of trials")[""]
 
 
 def _intact(path: Path) -> bool:
-    """Whether the chunk is on disk; a damaged one is not."""
+    """Whether the block is on disk; a damaged one is not."""
     try:
-        _chunk(path)
+        _read(path)
     except InputError:
         return False
     return True
 
 
 def discard(folder: Path) -> None:
-    """Remove the chunks below `folder` and their seeds, once what they were for is written."""
+    """Remove the blocks below `folder` and their seeds, once what they were for is written."""
     for path in sorted([*folder.glob("*/*.nc"), *folder.glob("*.seed")]):
         path.unlink(missing_ok=True)
         if path.parent != folder and not any(path.parent.iterdir()):

@@ -23,16 +23,17 @@ Count = Annotated[int, Field(gt=0)]
 class TrialsTable(Table):
     """How many trials and draws, from which seed.
 
-    `chunk` trials are simulated and sampled together; it is part of what makes a run repeatable to the bit.
-    The first `importance_number` trials get `importance_draws` further draws each, with densities; the
-    likelihood is evaluated at the first `joint_draws` draws of the first `joint_number` trials. With
-    `anytime` trials are watched chunk by chunk, and `number` is the most there can be. `observation` is a
-    file with the data in hand, around which calibration is looked at too.
+    `block` trials are simulated and sampled together, with one random generator (1 is for simulators of a
+    minute a call); it is part of what makes a run repeatable to the bit. The first `importance_number` trials
+    get `importance_draws` further draws each, with densities; the likelihood is evaluated at the first
+    `joint_draws` draws of the first `joint_number` trials. With `anytime` trials are watched block by block,
+    and `number` is the most there can be. `observation` is a file with the data in hand, around which
+    calibration is looked at too.
     """
 
     number: Annotated[int, Field(ge=10)] = 4000
     draws: Annotated[int, Field(ge=2)] = 250
-    chunk: Count = 200
+    block: Count = 200
     importance_number: Annotated[int, Field(ge=0)] = 200
     importance_draws: Annotated[int, Field(ge=10)] = 500
     joint_number: Annotated[int, Field(ge=0)] = 1000
@@ -40,6 +41,13 @@ class TrialsTable(Table):
     seed: Annotated[int, Field(ge=0)] = 20260611
     anytime: bool = False
     observation: str | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _renamed(cls, table: Any) -> Any:
+        if isinstance(table, dict) and "chunk" in table:
+            raise ValueError("chunk is no longer a key; its name is block")
+        return table
 
     @model_validator(mode="after")
     def _subset(self) -> TrialsTable:
@@ -58,7 +66,7 @@ class TrialsTable(Table):
         return Plan(
             number=self.number,
             draws=self.draws,
-            chunk=self.chunk,
+            block=self.block,
             importance_number=min(self.importance_number, self.number),
             importance_draws=self.importance_draws,
             joint_number=min(self.joint_number, self.number),

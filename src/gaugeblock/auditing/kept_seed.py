@@ -1,4 +1,4 @@
-"""A seed that nobody can foresee, kept beside the chunks that were made with it."""
+"""A seed that nobody can foresee, kept beside the blocks that were made with it."""
 
 from __future__ import annotations
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.auditing.samples import untrusted
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-from gaugeblock.core.streams import TrialStreams
+from gaugeblock.core.streams import Rng, generator, whole_blocks
 from gaugeblock.estimators._rows import resample
 from gaugeblock.estimators.protocol import Estimator, has_density, sample_and_log_prob
 from gaugeblock.simulators.protocol import HasLikelihood, LikelihoodSimulator, Simulator
@@ -20,7 +19,6 @@ from gaugeblock.validate.joint.importance import log_weights
 from gaugeblock.validate.storage import read_groups
 from gaugeblock.validate.trials import make_trials
 
-CHUNK = 50
 # Relative weights beyond this range are 0 beside each other in double precision.
 RANGE = 700.0
 OWN_TRUTHS = (
@@ -42,6 +40,7 @@ def trials_around(
     draws: int = 500,
     seed: int,
     proposals: int = 200,
+    block: int = 200,
 ) -> xr.Dataset:
     """Weighted Trials around the observation `x_obs` ``(*data_shape)``, the group `posterior` of a tree.
 
@@ -50,8 +49,8 @@ def trials_around(
     posterior. An estimator without density chooses its own truths; the attribute `caveat` says so, and where
     one that nobody vouches for had a part in choosing them. Data are simulated at the truth, and the
     estimator answers with `draws` draws. `weight` ``(trial, draw)`` and `weight_true` ``(trial,)`` are the
-    likelihood of x_obs there, relative to the largest among the trial's draws. Bits depend on the seed, not
-    on chunks.
+    likelihood of x_obs there, relative to the largest among the trial's draws. Simulator and
+    estimator see `block` trials at a time.
 
     >>> from gaugeblock.estimators.registry import build_estimator
     >>> from gaugeblock.simulators import build_simulator
@@ -89,8 +88,10 @@ def trials_around(
             f"{number}, {draws} and {proposals}"
         )
     around = _Around(simulator, estimator, observed, seed)
-    parts = [around.chunk(trials, draws, proposals) for trials in _chunks(number)]
-    theta, x, sampled, weight, weight_true = (np.concatenate(part) for part in zip(*parts, strict=True))
+    parts = [around.block(trials, draws, proposals) for trials in whole_blocks(number, block)]
+    theta, x, sampled, weight, weight_true = (
+        np.concatenate(part)[:number] for part in zip(*parts, strict=True)
+    )
     made = make_trials(
         theta,
         sampled,
@@ -108,11 +109,6 @@ def _caveat(estimator: Estimator) -> dict[str, str]:
     said = [] if has_density(estimator) else [OWN_TRUTHS]
     said += [THEIR_TRUTHS] if untrusted(estimator) else []
     return {"caveat": "; ".join(said)} if said else {}
-
-
-def _chunks(number: int) -> Iterator[range]:
-    for first in range(0, number, CHUNK):
-        yield range(first, min(first + CHUNK, number))
 
 
 def read_observation(path: Path) -> NDArray[np.generic]:
@@ -142,11 +138,11 @@ class _Around:
     ):
         self.simulator, self.estimator, self.observed, self.seed = simulator, estimator, observed, seed
 
-    def chunk(self, trials: range, draws: int, proposals: int) -> tuple[NDArray[np.generic], ...]:
-        """Truths, data, draws and relative weights of the draws and of the truth, of some trials."""
+    def block(self, trials: range, draws: int, proposals: int) -> tuple[NDArray[np.generic], ...]:
+        """Truths, data, draws and relative weights of the draws and of the truth, of a block of trials."""
         theta = self.truths(trials, proposals)
-        x = np.asarray(self.simulator.simulate(theta, self.streams("data", trials)))
-        sampled = self.checked(self.estimator.sample(x, draws, self.streams("draws", trials)), trials, draws)
+        x = np.asarray(self.simulator.simulate(theta, self.rng("data", trials)))
+        sampled = self.checked(self.estimator.sample(x, draws, self.rng("draws", trials)), trials, draws)
         at_draws, at_truth = self.log_likelihood(sampled), self.log_likelihood(theta[:, None])[:, 0]
         largest = at_draws.max(axis=1)
         # Draws that are all impossible weigh the same, and nothing beside the truth.
@@ -158,10 +154,10 @@ class _Around:
     def truths(self, trials: range, proposals: int) -> Array:
         """One draw of the posterior at the observation for each trial, ``(trial, parameter)``."""
         x = np.repeat(self.observed[None], len(trials), axis=0)
-        stream = self.streams("truth", trials)
+        rng = self.rng("truth", trials)
         if not has_density(self.estimator):
-            return self.checked(self.estimator.sample(x, 1, stream), trials, 1)[:, 0]
-        proposed, log_q = sample_and_log_prob(self.estimator, x, proposals, stream)
+            return self.checked(self.estimator.sample(x, 1, rng), trials, 1)[:, 0]
+        proposed, log_q = sample_and_log_prob(self.estimator, x, proposals, rng)
         sampled = self.checked(proposed, trials, proposals)
         finite = np.asarray(np.isfinite(sampled).all(axis=-1))
         known = np.where(finite[..., None], sampled, self.simulator.prior.center)
@@ -172,7 +168,7 @@ class _Around:
                 "observation: no draw of the estimator at the observation is possible under the simulator's "
                 "prior and likelihood; is it data of this simulator?"
             )
-        chosen = resample(weight, stream.random((len(trials), 1)))
+        chosen = resample(weight, rng.random((len(trials), 1)))
         return np.take_along_axis(sampled, chosen[..., None], axis=1)[:, 0]
 
     def checked(self, draws: ArrayLike, trials: range, n: int) -> Array:
@@ -194,5 +190,5 @@ class _Around:
         value = np.asarray(self.simulator.log_likelihood(known, x))
         return np.where(inside & ~np.isnan(value), value, -np.inf)
 
-    def streams(self, purpose: str, trials: range) -> TrialStreams:
-        return TrialStreams.spawn(self.seed, f"observation {purpose}", trials)
+    def rng(self, purpose: str, trials: range) -> Rng:
+        return generator(self.seed, f"observation {purpose}", trials.start // len(trials))

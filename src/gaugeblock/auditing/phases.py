@@ -11,7 +11,7 @@ from contextlib import contextmanager
 import numpy as np
 import xarray as xr
 
-from gaugeblock.auditing.samples import Again, Plan
+from gaugeblock.auditing.samples import Again, Blocks, Plan
 from gaugeblock.core.errors import blamed
 from gaugeblock.estimators.protocol import Closable, Estimator, HasDensity, Phased
 from gaugeblock.simulators.protocol import Simulator
@@ -40,10 +40,10 @@ class DensityTrials(Again):
     estimator: HasDensity
 
     def __call__(self, trials: range) -> xr.Dataset:
-        rows = self.rows(trials)
+        rows = self.main(trials)
         theta, draws = rows["theta_true"].values, rows["draws"].values
         points = np.concatenate([theta[:, None], draws], axis=1)
-        order = self.streams("shuffle", trials).random(points.shape[:2]).argsort(axis=1)
+        order = self.rng("shuffle", trials).random(points.shape[:2]).argsort(axis=1)
         shuffled = np.take_along_axis(points, order[..., None], axis=1)
         with blamed("the estimator", trials):
             answered = self.estimator.log_prob(shuffled, rows["x"].values)
@@ -57,10 +57,10 @@ class ImportanceDraws(Again):
     """The draws for importance weights, without their densities."""
 
     def __call__(self, trials: range) -> xr.Dataset:
-        rows = self.rows(trials)
+        rows = self.main(trials)
         n = self.plan.importance_draws
         with blamed("the estimator", trials):
-            sampled = self.estimator.sample(rows["x"].values, n, self.streams("importance draws", trials))
+            sampled = self.estimator.sample(rows["x"].values, n, self.rng("importance draws", trials))
         draws = self.checked(sampled, trials, n)
         names = self.simulator.prior.names
         return make_trials(
@@ -76,15 +76,12 @@ class WeighedDraws(Again):
 
     estimator: HasDensity
 
-    def __init__(
-        self, simulator: Simulator, estimator: Estimator, plan: Plan, main: xr.Dataset, drawn: xr.Dataset
-    ):
+    def __init__(self, simulator: Simulator, estimator: Estimator, plan: Plan, main: Blocks, drawn: Blocks):
         super().__init__(simulator, estimator, plan, main)
         self.drawn = drawn
 
     def __call__(self, trials: range) -> xr.Dataset:
-        x = self.rows(trials)["x"].values
-        drawn = self.drawn.isel(trial=slice(trials.start, trials.stop)).load()
+        x, drawn = self.main(trials)["x"].values, self.drawn(trials)
         draws = drawn["draws"].values
         with blamed("the estimator", trials):
             answered = self.estimator.log_prob(draws, x)

@@ -11,6 +11,8 @@ from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError, one_line
 from gaugeblock.core.tables import Named
 
+# Of the folders that audits write; 1 was gaugeblock 0.1.0's, which drew other random numbers.
+FORMAT = 2
 DIGESTED = ("simulator", "estimator", "policy")
 
 

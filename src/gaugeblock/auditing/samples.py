@@ -1,7 +1,8 @@
-"""What a chunk of trials holds: truths, data, draws, their densities, and likelihoods where there are any."""
+"""What a block of trials holds: truths, data, draws, their densities, and likelihoods where there are any."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.core.errors import InputError, blamed
-from gaugeblock.core.streams import TrialStreams
+from gaugeblock.core.streams import Rng, generator
 from gaugeblock.estimators.protocol import Estimator, HasDensity, has_density, sample_and_log_prob
 from gaugeblock.simulators.protocol import LikelihoodSimulator, Simulator
 from gaugeblock.validate.trials import make_trials
@@ -17,16 +18,18 @@ from gaugeblock.validate.trials import make_trials
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """How many trials and draws, in what chunks, from which seed.
+    """How many trials and draws, in what blocks, from which seed.
 
-    `number` trials of `draws` draws; the first `importance_number` of them get `importance_draws` further
-    draws with densities, where estimator and simulator have them; the likelihood is evaluated at the truth
-    and the first `joint_draws` draws of the first `joint_number` trials, where the simulator has one.
+    Simulator and estimator see `block` trials at a time, also at the end, where what is beyond `number` is
+    cut off: a longer plan begins with a shorter one's trials. `number` trials have `draws` draws; the first
+    `importance_number` of them get `importance_draws` further draws with densities, where estimator and
+    simulator have them; the likelihood is evaluated at the truth and the first `joint_draws` draws of the
+    first `joint_number` trials, where the simulator has one.
     """
 
     number: int
     draws: int
-    chunk: int
+    block: int
     importance_number: int
     importance_draws: int
     joint_number: int
@@ -49,18 +52,18 @@ def untrusted(estimator: object) -> bool:
 
 
 class MainTrials:
-    """Truth, data and draws of a range of trials."""
+    """Truth, data and draws of a whole block of trials."""
 
     def __init__(self, simulator: Simulator, estimator: Estimator, plan: Plan):
         self.simulator, self.estimator, self.plan = simulator, estimator, plan
 
-    def streams(self, purpose: str, trials: range) -> TrialStreams:
-        return TrialStreams.spawn(self.plan.seed, f"audit {purpose}", trials)
+    def rng(self, purpose: str, trials: range) -> Rng:
+        return generator(self.plan.seed, f"audit {purpose}", trials.start // self.plan.block)
 
     def truth_and_data(self, trials: range) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-        theta = self.simulator.prior.sample(len(trials), self.streams("truth", trials))
+        theta = self.simulator.prior.sample(len(trials), self.rng("truth", trials))
         with blamed("the simulator", trials):
-            x = np.asarray(self.simulator.simulate(theta, self.streams("data", trials)))
+            x = np.asarray(self.simulator.simulate(theta, self.rng("data", trials)))
         if x.shape[:1] != (len(trials),):
             raise InputError(
                 f"the simulator gave data of shape {x.shape} for {len(trials)} trials; "
@@ -86,14 +89,14 @@ class MainTrials:
 
     def __call__(self, trials: range) -> xr.Dataset:
         theta, x = self.truth_and_data(trials)
-        n, stream = self.plan.draws, self.streams("draws", trials)
+        n, rng = self.plan.draws, self.rng("draws", trials)
         log_q = log_q_true = None
         with blamed("the estimator", trials):
             # Densities of a stranger are asked for after all draws (`phases`).
             if untrusted(self.estimator) or not has_density(self.estimator):
-                sampled = self.estimator.sample(x, n, stream)
+                sampled = self.estimator.sample(x, n, rng)
             else:
-                sampled, density = sample_and_log_prob(self.estimator, x, n, stream)
+                sampled, density = sample_and_log_prob(self.estimator, x, n, rng)
                 log_q = self.checked(density, trials, n, what="log_q")
             if isinstance(self.estimator, HasDensity) and not untrusted(self.estimator):
                 at_truth = self.estimator.log_prob(theta[:, None], x)
@@ -111,17 +114,18 @@ class MainTrials:
         ).assign_coords(trial=np.asarray(trials))
 
 
+Blocks = Callable[[range], xr.Dataset]
+"""A whole block of trials, made or read back."""
+
+
 class Again(MainTrials):
-    """Something further on the truths and data of the main trials, made where there is what it needs."""
+    """Something further on the main trials, which `main` reads back, made where there is what it needs."""
 
     simulator: LikelihoodSimulator
 
-    def __init__(self, simulator: Simulator, estimator: Estimator, plan: Plan, main: xr.Dataset):
+    def __init__(self, simulator: Simulator, estimator: Estimator, plan: Plan, main: Blocks):
         super().__init__(simulator, estimator, plan)
         self.main = main
-
-    def rows(self, trials: range) -> xr.Dataset:
-        return self.main.isel(trial=slice(trials.start, trials.stop)).load()
 
     def log_prior_and_likelihood(
         self, draws: np.ndarray[Any, Any], x: np.ndarray[Any, Any]
@@ -141,12 +145,12 @@ class ImportanceTrials(Again):
     """Draws with their log densities, for importance weights."""
 
     def __call__(self, trials: range) -> xr.Dataset:
-        rows = self.rows(trials)
+        rows = self.main(trials)
         theta, x = rows["theta_true"].values, rows["x"].values
         n = self.plan.importance_draws
-        stream = self.streams("importance draws", trials)
+        rng = self.rng("importance draws", trials)
         with blamed("the estimator", trials):
-            sampled, density = sample_and_log_prob(self.estimator, x, n, stream)
+            sampled, density = sample_and_log_prob(self.estimator, x, n, rng)
         draws = self.checked(sampled, trials, n)
         log_q = self.checked(density, trials, n, what="log_q")
         log_prior, log_likelihood = self.log_prior_and_likelihood(draws, x)
@@ -165,7 +169,7 @@ class JointTrials(Again):
     """The likelihood at the truth and at the first draws of the main trials."""
 
     def __call__(self, trials: range) -> xr.Dataset:
-        rows = self.rows(trials)
+        rows = self.main(trials)
         theta, draws = rows["theta_true"].values, rows["draws"].values[:, : self.plan.joint_draws]
         both = np.concatenate([theta[:, None], draws], axis=1)
         _, log_likelihood = self.log_prior_and_likelihood(both, rows["x"].values)

@@ -26,7 +26,7 @@ from gaugeblock.auditing.compare import (
 )
 from gaugeblock.auditing.explain import explained
 from gaugeblock.auditing.identity import versions
-from gaugeblock.auditing.provenance import digests, earlier_provenance, title
+from gaugeblock.auditing.provenance import FORMAT, digests, earlier_provenance, title
 from gaugeblock.auditing.watch import watched
 from gaugeblock.core.digest import file_digest
 from gaugeblock.core.errors import InputError
@@ -71,12 +71,18 @@ def verify(
     Raises
     ------
     InputError
-        If the trials or verdict.json cannot be read, or the latter names a policy or validator that is none.
+        If the trials or verdict.json cannot be read, the latter names a policy or validator that is none, or
+        the audit is of gaugeblock 0.1.0.
     """
     source = trials or folder / "trials.nc"
     if not source.exists():
         raise InputError(f"{source}: no such file; give the audit's Trials with --trials FILE.nc")
     record = earlier_provenance(folder)
+    if record.get("format", 1) != FORMAT:
+        raise InputError(
+            f"{folder}: an audit of gaugeblock 0.1.0, whose random numbers this version cannot draw again; "
+            "verify it with gaugeblock 0.1.0, or audit anew"
+        )
     found = file_digest(source)
     tree = read_trials(source)
     near, notes = _nearness(record, tolerance)

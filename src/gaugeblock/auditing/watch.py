@@ -25,10 +25,10 @@ def watched(select: Iterable[str] | None) -> tuple[str, ...]:
 
 
 class Watch:
-    """Sees chunks of trials in their order, and says when nothing that is left could matter.
+    """Sees blocks of trials in their order, and says when nothing that is left could matter.
 
     That is when one gate of the anytime mode FAILs, all of them PASS, or some draw is no finite number. The
-    same chunks, policy and seed give the same answers.
+    same blocks, policy and seed give the same answers.
     """
 
     def __init__(self, policy: Policy, seed: int):
@@ -36,9 +36,9 @@ class Watch:
         self._sequences: dict[str, SequenceFinding] = {}
         self._next = 0.0
 
-    def see(self, chunk: xr.Dataset) -> bool:
-        """Whether, with this chunk, it seems settled; `confirm` makes it certain."""
-        findings = self._findings(chunk)
+    def see(self, block: xr.Dataset) -> bool:
+        """Whether, with this block, it seems settled; `confirm` makes it certain."""
+        findings = self._findings(block)
         for finding in findings:
             if isinstance(finding, SequenceFinding):
                 earlier = self._sequences.get(finding.id)

@@ -1,98 +1,91 @@
-"""Random streams that belong to trials, so that no result depends on chunking, order or workers.
+"""Random numbers that belong to blocks of trials, so that no result depends on grouping, order or workers.
 
-`TrialStreams` looks like a `numpy.random.Generator` whose draws always have trials along their first
-axis: row i comes from trial i's own stream. Simulators and estimators that are written for a plain
-Generator, drawing arrays of shape ``(len(theta), ...)``, work with either.
+Simulators and estimators get a plain `numpy.random.Generator` for a whole block of consecutive trials, and
+may draw from it what they like; a block that is not needed whole is drawn whole and cut. Validators draw
+`Rows`, one for each trial, from blocks of their own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.core.errors import InputError
+from gaugeblock.core.arrays import Array
+
+Rng = np.random.Generator
+
+# Trials that share a generator in `Rows`; part of what makes a run repeatable to the bit.
+ROWS = 64
 
 
-class TrialStreams:
-    """One independent `Generator` per trial, drawn from side by side.
+def generator(seed: int, purpose: str, *numbers: int) -> Rng:
+    """The generator of (seed, purpose, numbers): always the same one, and never that of another purpose.
 
-    Every drawing method takes `size` with the number of trials first, or array arguments whose first
-    axis is the trial, and fills row i from trial i's stream alone.
+    >>> generator(7, "noise", 3).random() == generator(7, "noise", 3).random()
+    True
+    """
+    name = purpose.encode()
+    words = [int.from_bytes(name[start : start + 4], "big") for start in range(0, len(name), 4)]
+    # Lengths first and two words a number: no two purposes and numbers make the same key.
+    halves = [half for number in numbers for half in (int(number) & 0xFFFFFFFF, int(number) >> 32)]
+    return np.random.default_rng(
+        np.random.SeedSequence(seed, spawn_key=(len(name), len(numbers), *words, *halves))
+    )
 
-    >>> import numpy as np
-    >>> together = TrialStreams.spawn(7, "noise", range(4)).standard_normal((4, 2))
-    >>> apart = TrialStreams.spawn(7, "noise", [2, 3]).standard_normal((2, 2))
-    >>> bool(np.array_equal(together[2:], apart))
+
+def whole_blocks(number: int, size: int) -> Iterator[range]:
+    """Trials of the blocks that hold the first `number` trials; the last one may reach beyond them.
+
+    >>> list(whole_blocks(5, 3))
+    [range(0, 3), range(3, 6)]
+    """
+    return (range(first, first + size) for first in range(0, number, size))
+
+
+class Uniforms(Protocol):
+    """What a validator draws from: a Generator, or the `Rows` of its trials."""
+
+    def random(self, size: tuple[int, ...], /) -> Array:
+        """Uniform on [0, 1), shape `size`."""
+
+    def standard_normal(self, size: tuple[int, ...], /) -> Array:
+        """Standard normal, shape `size`."""
+
+
+class Rows:
+    """Rows of endless random arrays: each trial (a number from 0) has the same ones in any company.
+
+    `size` begins with the number of trials. Each further array goes on where the one before ended.
+
+    >>> together = Rows(7, "ties", range(100)).random((100, 2))
+    >>> bool(np.array_equal(Rows(7, "ties", [64, 3]).random((2, 2)), together[[64, 3]]))
     True
     """
 
-    def __init__(self, generators: Sequence[np.random.Generator]):
-        self._generators = list(generators)
+    def __init__(self, seed: int, purpose: str, trials: ArrayLike):
+        self._place = np.asarray(trials, dtype=np.int64) % ROWS
+        block, inverse = np.unique(np.asarray(trials, dtype=np.int64) // ROWS, return_inverse=True)
+        self._generators = [generator(seed, purpose, number) for number in block.tolist()]
+        ends = np.cumsum(np.bincount(inverse, minlength=len(block)))[:-1]
+        self._members: list[NDArray[np.intp]] = np.split(np.argsort(inverse, kind="stable"), ends)
 
-    @classmethod
-    def spawn(cls, seed: int, purpose: str, trials: Iterable[int]) -> TrialStreams:
-        """Streams for the given trial numbers; the same (seed, purpose, trial) is always the same stream."""
-        name = int.from_bytes(purpose.encode(), "big")
-        words = [(name >> shift) & 0xFFFFFFFF for shift in range(0, max(name.bit_length(), 1), 32)]
-        return cls(
-            [
-                np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(*words, int(trial))))
-                for trial in trials
-            ]
-        )
-
-    def __len__(self) -> int:
-        return len(self._generators)
-
-    def __iter__(self) -> Iterator[np.random.Generator]:
-        return iter(self._generators)
-
-    def __getitem__(self, index: int) -> np.random.Generator:
-        return self._generators[index]
-
-    def _rows(self, size: Any) -> tuple[int, ...]:
-        shape = (int(size),) if np.ndim(size) == 0 else tuple(int(s) for s in size)
-        if not shape or shape[0] != len(self):
-            raise InputError(
-                f"TrialStreams holds {len(self)} trials and was asked for shape {shape}; "
-                "the first axis must be the trial"
-            )
-        return shape[1:]
-
-    def _each(self, draw: Callable[[np.random.Generator, tuple[int, ...]], Any], size: Any) -> NDArray[Any]:
-        rest = self._rows(size)
-        return np.stack([np.asarray(draw(generator, rest)) for generator in self._generators])
-
-    def random(self, size: Any) -> NDArray[np.float64]:
+    def random(self, size: tuple[int, ...], /) -> Array:
         """Uniform on [0, 1), shape `size`, trials first."""
-        return self._each(lambda g, rest: g.random(rest), size)
+        return self._filled("random", size)
 
-    def standard_normal(self, size: Any) -> NDArray[np.float64]:
+    def standard_normal(self, size: tuple[int, ...], /) -> Array:
         """Standard normal, shape `size`, trials first."""
-        return self._each(lambda g, rest: g.standard_normal(rest), size)
+        return self._filled("standard_normal", size)
 
-    def standard_exponential(self, size: Any) -> NDArray[np.float64]:
-        """Standard exponential, shape `size`, trials first."""
-        return self._each(lambda g, rest: g.standard_exponential(rest), size)
-
-    def integers(self, low: int, high: int, size: Any) -> NDArray[np.int64]:
-        """Integers in [low, high), shape `size`, trials first."""
-        return self._each(lambda g, rest: g.integers(low, high, rest), size)
-
-    def poisson(self, lam: ArrayLike) -> NDArray[np.int64]:
-        """Poisson counts with mean `lam`, trials along the first axis of `lam`."""
-        mean = np.asarray(lam, dtype=float)
-        self._rows(mean.shape)
-        return np.stack([g.poisson(row) for g, row in zip(self._generators, mean, strict=True)])
-
-    def binomial(self, n: ArrayLike, p: float) -> NDArray[np.int64]:
-        """Binomial counts, trials along the first axis of `n`."""
-        count = np.asarray(n)
-        self._rows(count.shape)
-        return np.stack([g.binomial(row, p) for g, row in zip(self._generators, count, strict=True)])
-
-
-Rng = np.random.Generator | TrialStreams
+    def _filled(self, method: str, size: tuple[int, ...]) -> Array:
+        found = np.empty((len(self._place), *size[1:]))
+        if found.shape != tuple(size):
+            raise ValueError(f"Rows of {len(self._place)} trials were asked for shape {size}")
+        for one, members in zip(
+            self._generators, self._members, strict=False
+        ):  # of no trials, one empty part
+            found[members] = getattr(one, method)((ROWS, *size[1:]))[self._place[members]]
+        return found

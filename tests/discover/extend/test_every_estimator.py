@@ -35,8 +35,8 @@ POLICY = make_policy(
 
 def plan(number, draws=20):
     return Plan(
-        number=number, draws=draws, chunk=number, importance_number=min(number, 10), importance_draws=60,
-        joint_number=min(number, 100), joint_draws=10, seed=3,
+        number=number, draws=draws, block=min(number, 10), importance_number=min(number, 10),
+        importance_draws=60, joint_number=min(number, 100), joint_draws=10, seed=3,
     )  # fmt: skip
 
 

@@ -108,7 +108,7 @@ def test_a_header_with_other_arrays_is_refused(attack: Callable[..., Any], answe
 def test_a_second_answer_is_not_taken_for_the_next(attack: Callable[..., Any]) -> None:
     five = "block(npy(shape='(5, 10, 2)', content=bytes(800)))"
     program = f"introduce(); request(); draws(); {five}; introduce()"
-    done = attack(program, "--set", "trials.chunk=5", speaks=True)
+    done = attack(program, "--set", "trials.block=5", speaks=True)
     assert "answered something else than sample" in done.reason
 
 

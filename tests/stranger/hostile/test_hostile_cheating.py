@@ -7,26 +7,26 @@ import numpy as np
 import pytest
 
 from gaugeblock.auditing.config import TrialsTable
-from gaugeblock.core.streams import TrialStreams
+from gaugeblock.core.streams import generator
 from gaugeblock.simulators import build_simulator
 from gaugeblock.validate import main_trials, read_trials
 
 # The truths of a seed, as the audit draws them; around each, draws whose ranks are as a perfect posterior's.
 REPLAY = """
 from statistics import NormalDist
-first = 0
+block = 0
 
-def uniform(purpose, trial, size):
-    name = int.from_bytes(purpose.encode(), "big")
-    words = [(name >> shift) & 0xFFFFFFFF for shift in range(0, name.bit_length(), 32)]
-    stream = np.random.SeedSequence({seed}, spawn_key=(*words, trial))
+def uniform(purpose, number, size):
+    name = purpose.encode()
+    words = [int.from_bytes(name[i : i + 4], "big") for i in range(0, len(name), 4)]
+    stream = np.random.SeedSequence({seed}, spawn_key=(len(name), 1, *words, number, 0))
     return np.random.default_rng(stream).random(size)
 
 def sample(x, n, seed):
-    global first
-    trials = range(first, first + len(x))
-    first += len(x)
-    truth = np.array([[NormalDist().inv_cdf(u) for u in uniform("audit truth", t, 2)] for t in trials])
+    global block
+    cube = uniform("audit truth", block, (len(x), 2))
+    block += 1
+    truth = np.array([[NormalDist().inv_cdf(u) for u in row] for row in cube])
     rng = np.random.default_rng(seed)
     return truth[:, None] + 0.001 * (rng.normal(size=(len(x), 1, 2)) + rng.normal(size=(len(x), n, 2)))
 """
@@ -41,7 +41,7 @@ def furthest(place: Any) -> float:
 def test_the_truths_can_be_replayed_by_whoever_knows_the_seed() -> None:
     # Were this not so, the next test could not fail.
     prior = build_simulator("linear_gaussian", parameters=2, data=3).prior
-    truth = prior.sample(3, TrialStreams.spawn(7, "audit truth", range(3)))
+    truth = prior.sample(3, generator(7, "audit truth", 0))
     room: dict[str, Any] = {"np": np}
     exec(REPLAY.format(seed=7), room)
     draws = room["sample"](np.zeros((3, 3)), 5, 0)

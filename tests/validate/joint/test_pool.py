@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gaugeblock.core.streams import TrialStreams
+from gaugeblock.core.streams import Rows
 from gaugeblock.validate.joint.pool import make_pool, pool_pit
 from gaugeblock.validate.marginal.ranks import randomised_pit
 
@@ -49,7 +49,7 @@ def test_equal_weights_change_nothing_and_a_zero_weight_removes_a_draw():
     weight[:, 20:] = 0
     fewer, weighted = make_pool(truth, draws[:, :20]), make_pool(truth, draws, weight=weight)
     np.testing.assert_allclose(fewer.members, weighted.members[:, :, :21], atol=1e-12)
-    streams = [TrialStreams.spawn(1, "a", range(6)) for _ in range(2)]
+    streams = [Rows(1, "a", range(6)) for _ in range(2)]
     np.testing.assert_allclose(
         pool_pit(fewer.members, streams[0]), pool_pit(weighted.members, streams[1], weight=weighted.weight)
     )

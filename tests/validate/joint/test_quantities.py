@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gaugeblock.core.streams import TrialStreams
+from gaugeblock.core.streams import Rows
 from gaugeblock.validate.joint.quantities import quantity_findings, quantity_names, quantity_pit
 
 
@@ -69,15 +69,13 @@ def test_nan_is_said():
         assert finding.caveats == ("r is NaN somewhere in 2 trial(s); there it ranks below every number",)
 
 
-def test_weights_and_streams():
+def test_weights_and_rows():
     rng = np.random.default_rng(7)
     f_true, f_draws = rng.random(40), rng.random((40, 20))
-    plain = quantity_pit(f_true, f_draws, TrialStreams.spawn(1, "q", range(40)))
-    weighted = quantity_pit(
-        f_true, f_draws, TrialStreams.spawn(1, "q", range(40)), weight=np.full(f_draws.shape, 3.0)
-    )
+    plain = quantity_pit(f_true, f_draws, Rows(1, "q", range(40)))
+    weighted = quantity_pit(f_true, f_draws, Rows(1, "q", range(40)), weight=np.full(f_draws.shape, 3.0))
     np.testing.assert_allclose(plain, weighted, atol=1e-12)
-    some = quantity_pit(f_true[5:9], f_draws[5:9], TrialStreams.spawn(1, "q", range(5, 9)))
+    some = quantity_pit(f_true[5:9], f_draws[5:9], Rows(1, "q", range(5, 9)))
     np.testing.assert_array_equal(plain[5:9], some)
 
 

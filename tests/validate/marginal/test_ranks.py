@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from gaugeblock.core.streams import TrialStreams
+from gaugeblock.core.streams import Rows
 from gaugeblock.validate.marginal.ranks import (
     randomised_pit,
     randomised_ranks,
@@ -45,12 +45,12 @@ def test_pit_lies_in_the_cell_of_its_rank():
     np.testing.assert_array_equal(np.floor(pit * 20).astype(int), below)
 
 
-def test_a_trials_pit_depends_on_its_own_stream_only():
+def test_a_trials_pit_depends_on_its_own_number_only():
     rng = np.random.default_rng(3)
     truth, draws = rng.normal(size=(9, 2)), rng.normal(size=(9, 5, 2))
-    whole = randomised_pit(truth, draws, TrialStreams.spawn(4, "ranks", range(9)))
+    whole = randomised_pit(truth, draws, Rows(4, "ranks", range(9)))
     order = [7, 2, 5]
-    part = randomised_pit(truth[order], draws[order], TrialStreams.spawn(4, "ranks", order))
+    part = randomised_pit(truth[order], draws[order], Rows(4, "ranks", order))
     np.testing.assert_array_equal(part, whole[order])
 
 
