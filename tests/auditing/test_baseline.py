@@ -16,7 +16,7 @@ from gaugeblock.auditing.audit import audit_trials, judge_again
 from gaugeblock.auditing.baseline import read_baseline
 from gaugeblock.auditing.explain import explained, suggested_by_name
 from gaugeblock.auditing.verify import verify
-from gaugeblock.cli import app
+from gaugeblock.cli.app import app
 from gaugeblock.core.errors import InputError
 from gaugeblock.reports.baseline import comparison
 from gaugeblock.reports.terminal import terminal_summary
