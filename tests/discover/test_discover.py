@@ -7,8 +7,8 @@ import pytest
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery import Sources, candidates, discover
-from gaugeblock.discovery.fit import fit
-from gaugeblock.discovery.name.profile import profile
+from gaugeblock.discovery.fitting import fit
+from gaugeblock.discovery.name.profiles import profile
 from gaugeblock.discovery.search import compared, look
 from gaugeblock.simulators.effects import Effect
 

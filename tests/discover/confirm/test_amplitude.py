@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discovery.candidates import candidates
+from gaugeblock.discovery.library import candidates
 from gaugeblock.discovery.confirm.amplitude import Place, held_out_amplitude, profile_interval
-from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.sources import Sources
 
 THETA = np.array([20_000.0, 1.5])

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discovery.candidates import candidates
+from gaugeblock.discovery.library import candidates
 from gaugeblock.discovery.confirm.decoys import random_shapes
 from gaugeblock.discovery.confirm.held_out import Model, deviance, held_out
-from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.sources import Sources
 
 THETA = np.array([20_000.0, 1.5])

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from gaugeblock.discovery.candidates import candidates
-from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.library import candidates
+from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.name.null import search_null
 from gaugeblock.discovery.name.score import allowed, scores
-from gaugeblock.discovery.name.templates import templates
+from gaugeblock.discovery.name.shapes import templates
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.effects import Effect
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.discovery.candidates import candidates
-from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.library import candidates
+from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.name import catalogue
 from gaugeblock.discovery.name.catalogue import Group, search
 from gaugeblock.discovery.name.influence import influence, without
 from gaugeblock.discovery.name.shared import Term, share
 from gaugeblock.discovery.name.shared_scores import join, shared_scores
-from gaugeblock.discovery.name.stack import stack
+from gaugeblock.discovery.name.stacked import stack
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators import Effect
 

@@ -7,7 +7,7 @@ from gaugeblock.discovery.simulated import discover_simulated
 from gaugeblock.discovery.simulated.before import prepare
 from gaugeblock.discovery.simulated.extend import refit
 from gaugeblock.discovery.simulated.fit import Budget, Observed
-from gaugeblock.discovery.simulated.held_out import gap
+from gaugeblock.discovery.simulated.judged import gap
 from gaugeblock.discovery.simulated.search import find
 
 CATALOGUES = 200

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.discovery.candidates import candidates
+from gaugeblock.discovery.library import candidates
 from gaugeblock.discovery.simulated.features import learn_features
 from gaugeblock.discovery.simulated.fit import Budget, Observed, fit_simulated
 from gaugeblock.discovery.simulated.model import Model

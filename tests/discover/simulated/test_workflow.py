@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.discovery.discovery import Discovery
+from gaugeblock.discovery.result import Discovery
 from gaugeblock.discovery.simulated import discover_simulated
 from gaugeblock.simulators import build_simulator
 

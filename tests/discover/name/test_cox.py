@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discovery.candidates import candidates
-from gaugeblock.discovery.fit import fit
-from gaugeblock.discovery.name.confidence_set import compare
-from gaugeblock.discovery.name.profile import Profile
+from gaugeblock.discovery.library import candidates
+from gaugeblock.discovery.fitting import fit
+from gaugeblock.discovery.name.cox import compare
+from gaugeblock.discovery.name.profiles import Profile
 from gaugeblock.discovery.sources import Sources
 
 THETA = np.array([20_000.0, 1.5])

@@ -5,7 +5,7 @@ import pytest
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.extend import refit
-from gaugeblock.discovery.extend.refit import ENGINES
+from gaugeblock.discovery.extend.refitting import ENGINES
 
 NEEDS = {"nested_sampling": "ultranest", "nuts": "numpyro"}
 OPTIONS = {"nested_sampling": {"live_points": 150}, "nuts": {"warmup": 200, "parallel": 8}}

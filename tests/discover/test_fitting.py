@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import minimize
 
 from gaugeblock.discovery.coordinates import Coordinates
-from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.fitting import fit
 from gaugeblock.simulators import LogUniform, Normal, Prior, Uniform
 from gaugeblock.simulators.protocol import poisson_log_likelihood
 

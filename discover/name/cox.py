@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from gaugeblock.discovery.fit import fit
-from gaugeblock.discovery.name.profile import Profile
+from gaugeblock.discovery.engine import Comparison
+from gaugeblock.discovery.fitting import fit
+from gaugeblock.discovery.name.profiles import Profile
 from gaugeblock.discovery.sources import Sources
-
-CRITICAL = 2.5
-"""Standard normal quantile at which an effect leaves the set; 0.6% of true ones would."""
 
 HOPELESS = 12.0
 """Gain in log likelihood of the best over another beyond which that one is out whatever their distance.
@@ -19,20 +15,6 @@ HOPELESS = 12.0
 Between models a distance D^2 / 2 apart the log ratio has mean -D^2 / 2 and standard deviation D under the
 other, so a ratio r is at least sqrt(2 r) standard deviations away.
 """
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """A profile against the best: `lead` of the best in nats, `z` of that lead were this one true."""
-
-    profile: Profile
-    lead: float
-    z: float
-
-    @property
-    def indistinguishable(self) -> bool:
-        """Whether this one may well be the true one."""
-        return self.z < CRITICAL
 
 
 def compare(best: Profile, rival: Profile, sources: Sources) -> Comparison:

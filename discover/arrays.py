@@ -1,4 +1,4 @@
-"""The arrays behind a search in one source, in the groups of discovery.nc."""
+"""The arrays behind a search, in the groups of discovery.nc that more than one engine fills."""
 
 from __future__ import annotations
 
@@ -11,44 +11,29 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.fit import Fit
+from gaugeblock.discovery.engine import Look
+from gaugeblock.discovery.fitting import Fit
+from gaugeblock.discovery.held_out import BEFORE, NAMED, HeldOut
 from gaugeblock.discovery.locate.fitted import FittedCounts
 from gaugeblock.discovery.locate.quantiles import CumulativeCounts
 from gaugeblock.discovery.locate.residuals import channel_scores
 from gaugeblock.discovery.locate.windows import WindowScan
-from gaugeblock.discovery.search import Look
-from gaugeblock.discovery.single import Search
 from gaugeblock.discovery.sources import Sources
-from gaugeblock.simulators.segments import segments
-
-
-def tree(search: Search) -> xr.DataTree:
-    """Everything that the figures of a discovery draw."""
-    names = axis(search.sources)
-    groups: dict[str, xr.Dataset] = {
-        "spectrum": spectrum(search),
-        "windows": windows(search.first.windows, names),
-        "quantiles": quantiles(search.quantiles, names),
-        "candidates": alike(search.first),
-        "scan": scan(search.first),
-    }
-    if search.held_out is not None:
-        groups["held_out"] = held_out(search)
-    if search.correction is not None:
-        one = search.correction
-        groups["shape"] = xr.Dataset(
-            {name: ("channel", getattr(one, name)) for name in ("factor", "low", "high")} | names
-        )
-    return xr.DataTree.from_dict(groups)
+from gaugeblock.simulators.segments import Segment
 
 
 def axis(sources: Sources) -> dict[str, Any]:
     """Energies and the segment of every channel."""
-    parts = segments(sources.simulator, sources.counts.shape[1])
+    parts = sources.segments
     if len(sources) > 1 and [part.role for part in parts].count("source") == 1:
         # They are added up: a segment is called after the first one's file.
         added = f"sum of {len(sources):,} sources"
         parts = tuple(replace(part, name=added) if part.role == "source" else part for part in parts)
+    return places(parts)
+
+
+def places(parts: tuple[Segment, ...]) -> dict[str, Any]:
+    """Edges, name, unit and role of every channel of some segments."""
     edges = np.concatenate([part.edges for part in parts])
 
     def text(name: str) -> NDArray[np.str_]:
@@ -61,21 +46,6 @@ def axis(sources: Sources) -> dict[str, Any]:
         "unit": ("channel", text("unit")),
         "role": ("channel", text("role")),
     }
-
-
-def spectrum(search: Search) -> xr.Dataset:
-    """Counts, expected counts and residuals before and after."""
-    counts, base = search.sources.counts, search.first.fit
-    values: dict[str, Any] = {
-        "counts": ("channel", counts[0]),
-        "before": ("channel", base.expected[0]),
-        "residual_before": ("channel", residual(counts, base)),
-    }
-    if search.decision.named_all:
-        after = search.rounds[-1].best.fit
-        values["after"] = ("channel", after.expected[0])
-        values["residual_after"] = ("channel", residual(counts, after))
-    return xr.Dataset(values | axis(search.sources))
 
 
 def residual(counts: Array, fitted: Fit) -> Array:
@@ -99,16 +69,14 @@ def windows(found: WindowScan, names: Mapping[str, Any]) -> xr.Dataset:
             "excess": ("window", found.excess),
             "strongest": ("channel", found.strongest),
             "null_maximum": ("replicate", found.null_maximum),
-            "channel_lo": names["energy_lo"],
-            "channel_hi": names["energy_hi"],
-            "channel_segment": names["segment"],
-            "channel_unit": names["unit"],
+            **{f"channel_{end}": names[f"energy_{end}"] for end in ("lo", "hi")},
+            **{f"channel_{name}": names[name] for name in ("segment", "unit")},
         },
         attrs={"p_global": found.p_overall, "replicates": len(found.null_maximum)},
     )
 
 
-def quantiles(curve: CumulativeCounts, names: Mapping[str, Any]) -> xr.Dataset:
+def cumulative(curve: CumulativeCounts, names: Mapping[str, Any]) -> xr.Dataset:
     """The cumulative counts with their band; `names` from `axis`."""
     return xr.Dataset(
         {name: ("channel", getattr(curve, name)) for name in ("expected", "difference", "low", "high")}
@@ -117,30 +85,28 @@ def quantiles(curve: CumulativeCounts, names: Mapping[str, Any]) -> xr.Dataset:
     )
 
 
-def alike(look: Look) -> xr.Dataset:
-    """Correlation of the candidates' strongest templates, after projection."""
-    keys = list(look.candidates.entries)
-    shape = look.scores.shape[0, [look.best_template(key) for key in keys]]
+def alike(keys: list[str], correlation: Array) -> xr.Dataset:
+    """How alike the effects' shapes are."""
     return xr.Dataset(
-        {"correlation": (("effect", "rival"), shape @ shape.T)}, coords={"effect": keys, "rival": keys}
+        {"correlation": (("effect", "rival"), correlation)}, coords={"effect": keys, "rival": keys}
     )
 
 
 def scan(look: Look) -> xr.Dataset:
     """z, in the direction that an effect may take, at every scanned value of those that have any."""
     effects, parameters, values, units, z = [], [], [], [], []
-    for key, entry in look.candidates.entries.items():
+    for key, entry in look.entries.items():
         shown = next(
             (name for name in entry.energies if name in entry.scanned), next(iter(entry.scanned), None)
         )
         if shown is None:
             continue
-        mine = np.flatnonzero(look.templates.owner == key)
+        mine = np.flatnonzero(look.owner == key)
         column = list(entry.parameters).index(shown)
         effects += [key] * len(mine)
         parameters += [shown] * len(mine)
         units += [entry.units.get(shown, "")] * len(mine)
-        values += entry.nodes[look.templates.node[mine], column].tolist()
+        values += entry.nodes[look.node[mine], column].tolist()
         z += look.z[mine].tolist()
     return xr.Dataset(
         {
@@ -150,25 +116,27 @@ def scan(look: Look) -> xr.Dataset:
             "unit": ("node", np.array(units, dtype=str)),
             "z": ("node", np.array(z, dtype=float)),
         },
-        attrs={"threshold": float(np.quantile(look.null.largest, 0.95))},
+        attrs={"threshold": float(np.quantile(look.null, 0.95))},
     )
 
 
-def held_out(search: Search) -> xr.Dataset:
-    """Scores of all models on the folds that did not train them."""
-    scored = search.held_out
-    assert scored is not None
-    folds = scored.deviance.shape[1]
-    difference = scored.log_score - scored.log_score[:1]
+def held_out(scored: HeldOut, scheme: str, measure: str) -> xr.Dataset:
+    """Scores of all models on the pieces that did not train them."""
+    gaps = np.array([scored.gap(name) for name in scored.names])
     values: dict[str, Any] = {
         "model": ("model", np.array(scored.names)),
         "kind": ("model", np.array(scored.kinds)),
-        "deviance": ("model", scored.deviance.mean(axis=1)),
-        "deviance_error": ("model", scored.deviance.std(axis=1, ddof=1) / np.sqrt(folds)),
-        "log_score": ("model", difference.sum(axis=1)),
-        "log_score_error": ("model", scored.spread),
-        "before": ("fold", scored.deviance[0]),
+        "deviance": ("model", gaps[:, 0]),
+        "deviance_error": ("model", gaps[:, 1]),
+        "log_score": ("model", np.array([scored.gain(name) for name in scored.names])),
+        "log_score_error": ("model", scored.error),
     }
-    if "named" in scored.kinds:
-        values["after"] = ("fold", scored.deviance[scored.kinds.index("named")])
-    return xr.Dataset(values, attrs={"scheme": f"Poisson thinning, {folds} folds"})
+    if scored.deviance.shape[1] <= FOLDS:
+        values["before"] = ("fold", scored.deviance[scored.kinds.index(BEFORE)])
+        if NAMED in scored.kinds:
+            values["after"] = ("fold", scored.deviance[scored.kinds.index(NAMED)])
+    return xr.Dataset(values, attrs={"scheme": scheme, "measure": measure})
+
+
+FOLDS = 20
+"""Most pieces that are shown one by one."""

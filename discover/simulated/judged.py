@@ -3,40 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.discovery.held_out import BEFORE, NAMED, RANDOM, RIVAL, UNNAMED, HeldOut
 from gaugeblock.discovery.simulated.extend import Extended, LogRatio, refit
 from gaugeblock.discovery.simulated.features import Features
 from gaugeblock.discovery.simulated.fit import Budget, Observed, SimulatedFit, inflation
 
-FOLDS = 2
-RANDOM = 3
 SMALL = 1e-2
-BEFORE = "before"
-UNNAMED = "unnamed"
-
-
-@dataclass(frozen=True, eq=False)
-class HeldOutGap:
-    """Models judged on data that did not fit them.
-
-    `gain` (nats, over all folds) and `error` are of the learned log ratio over the model before; for decoys,
-    which have no simulator, of the same ratio with Gaussian moments. `gap` is the mean square of the moments.
-    """
-
-    names: tuple[str, ...]
-    kinds: tuple[str, ...]
-    gain: Array
-    error: Array
-    gap: Array
-
-    def of(self, name: str) -> tuple[float, float, float]:
-        """Gain, its error and gap of one model."""
-        row = self.names.index(name)
-        return float(self.gain[row]), float(self.error[row]), float(self.gap[row])
+"""Variance of a combination of moments, in units of theirs, below which it hardly varies."""
 
 
 def moments(fitted: SimulatedFit, features: Features, observed: Observed) -> Array:
@@ -58,7 +35,7 @@ def gap(fitted: SimulatedFit, features: Features, observed: Observed) -> float:
     return float((moments(fitted, features, observed) ** 2).mean())
 
 
-def held_out(
+def learned_scores(
     before: SimulatedFit,
     models: Mapping[str, Extended],
     span: Array,
@@ -67,7 +44,9 @@ def held_out(
     budget: Budget,
     *,
     rng: np.random.Generator,
-) -> HeldOutGap:
+    folds: int,
+    decoys: int,
+) -> HeldOut:
     """Fit each model to either half of the data sets, judge it on the other; the named one comes first.
 
     Log ratios are sought in the span ``(score, feature)`` of learned scores.
@@ -75,15 +54,15 @@ def held_out(
     Decoys live in the space of the moments of the model before: `unnamed` moves all of them, shrunk
     (James & Stein 1961), random shapes move them along one direction each.
     """
-    fold = rng.permutation(np.arange(len(observed)) % FOLDS)
-    names = (BEFORE, *models, UNNAMED, *(f"random {i + 1}" for i in range(RANDOM)))
-    kinds = (BEFORE, *("rival" if i else "named" for i in range(len(models))), UNNAMED, *["random"] * RANDOM)
+    fold = rng.permutation(np.arange(len(observed)) % folds)
+    names = (BEFORE, *models, UNNAMED, *(f"random {i + 1}" for i in range(decoys)))
+    kinds = (BEFORE, *(RIVAL if i else NAMED for i in range(len(models))), UNNAMED, *[RANDOM] * decoys)
     size = 2 * features.coordinates
-    shapes = rng.normal(size=(RANDOM, size))
+    shapes = rng.normal(size=(decoys, size))
     shapes /= np.linalg.norm(shapes, axis=1, keepdims=True)
     scores: list[list[Array]] = [[] for _ in names]
-    gaps = np.zeros((len(names), FOLDS))
-    for k in range(FOLDS):
+    gaps = np.zeros((len(names), folds))
+    for k in range(folds):
         fitting, judging = Observed(observed.rows[fold != k]), Observed(observed.rows[fold == k])
         plain = refit(before.model, before, features, fitting, budget, span=span)
         there, here = moments(plain, features, fitting), moments(plain, features, judging)
@@ -99,8 +78,8 @@ def held_out(
             gaps[row, k] = ((here - move) ** 2).mean()
             won = 0.5 * size * (gaps[0, k] - gaps[row, k])
             scores[row].append(np.full(len(judging), won / len(judging)))
-    each = [np.concatenate(parts) for parts in scores]
-    return HeldOutGap(
-        names, kinds, np.array([s.sum() for s in each]),
-        np.array([s.std() * np.sqrt(len(s)) for s in each]), gaps.mean(axis=1),
-    )  # fmt: skip
+    each = np.array([np.concatenate(parts) for parts in scores])
+    # What decoys gain is known of all data sets together only.
+    alone = np.array([kind in (UNNAMED, RANDOM) for kind in kinds])
+    error = np.where(alone, np.nan, each.std(axis=1) * np.sqrt(each.shape[1]))
+    return HeldOut(names, kinds, each, error, gaps)

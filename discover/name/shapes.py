@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.candidates import Candidate, Candidates
-from gaugeblock.discovery.fit import Fit
+from gaugeblock.discovery.fitting import Fit
+from gaugeblock.discovery.library import Candidate, Candidates
 from gaugeblock.discovery.sources import Sources
 
 

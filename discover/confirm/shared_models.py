@@ -1,16 +1,21 @@
-"""Models that all sources of a catalogue share: named effects, a smooth correction, random shapes."""
+"""Models that all sources of a catalogue share, judged on sources that did not train them.
+
+Named effects, a smooth correction of the channels, random shapes: what they share is learned from some
+sources and held while others are fitted.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.confirm.held_out_sources import Judge, Rows, SharedModel
-from gaugeblock.discovery.fit import Fit, fit, select
+from gaugeblock.discovery.fitting import Fit, fit, select
+from gaugeblock.discovery.held_out import BEFORE, RANDOM, UNNAMED, HeldOut, deviance
 from gaugeblock.discovery.name.score import projection
 from gaugeblock.discovery.name.shared import Shared, Term, fit_held, share
 from gaugeblock.discovery.name.shared_profile import newton, shared_parts
@@ -23,11 +28,62 @@ SIZE = 0.1
 """Prior standard deviation of the log of a shared smooth correction, at each of its curves."""
 
 
-def before(fits: Sequence[Fit]) -> SharedModel:
+Rows = Sequence[NDArray[np.bool_]]
+"""Which sources of every group."""
+
+Judge = Callable[[Rows], Sequence[Fit]]
+"""Fits of held-out sources, one a group, under a model whose shared part is known already."""
+
+
+@dataclass(frozen=True, eq=False)
+class SharedModel:
+    """A model of a catalogue: `train` learns what is shared from some sources and returns a fitter."""
+
+    train: Callable[[Rows], Judge]
+    kind: str
+
+
+def source_scores(
+    models: Mapping[str, SharedModel],
+    groups: Sequence[Sources],
+    fits: Sequence[Fit],
+    *,
+    rng: np.random.Generator,
+    folds: int,
+) -> HeldOut:
+    """Train models on all folds but one and score them on that one; every source is held out once.
+
+    A source's own parameters are fitted to the source itself under every model alike: what differs is only
+    what the other sources taught. The log score is the log likelihood of a source, its own parameters fitted,
+    over the model before; errors are by the sources' scatter.
+    """
+    sizes = [len(group) for group in groups]
+    fold = rng.permutation(np.arange(sum(sizes)) % folds)
+    parts = np.split(fold, np.cumsum(sizes)[:-1])
+    counts = len(models)
+    gains = [np.zeros((counts, size)) for size in sizes]
+    gaps = [
+        np.repeat(deviance(group.counts, before.expected)[None], counts, axis=0)
+        for group, before in zip(groups, fits, strict=True)
+    ]
+    for number in range(folds):
+        held = [part == number for part in parts]
+        for m, model in enumerate(models.values()):
+            if model.kind == BEFORE:
+                continue
+            found = model.train([~rows for rows in held])(held)
+            for i, (rows, judged) in enumerate(zip(held, found, strict=True)):
+                gains[i][m, rows] = fits[i].objective[rows] - judged.objective
+                gaps[i][m, rows] = deviance(groups[i].counts[rows], judged.expected)
+    gain = np.concatenate(gains, axis=1)
+    error = gain.std(axis=1, ddof=1) * np.sqrt(gain.shape[1])
+    kinds = tuple(model.kind for model in models.values())
+    return HeldOut(tuple(models), kinds, gain, error, np.concatenate(gaps, axis=1))
+
+
+def before_model(fits: Sequence[Fit]) -> SharedModel:
     """The model as it was given."""
-    return SharedModel(
-        lambda _: lambda held: [select(f, r) for f, r in zip(fits, held, strict=True)], "before"
-    )
+    return SharedModel(lambda _: lambda held: [select(f, r) for f, r in zip(fits, held, strict=True)], BEFORE)
 
 
 def effect_model(
@@ -158,7 +214,7 @@ def smooth_model(groups: Sequence[Sources], fits: Sequence[Fit]) -> SharedModel 
     if len(groups) != 1:
         return None
     shapes = curves(groups[0].simulator, groups[0].counts.shape[1])
-    return curve_model(groups, fits, shapes, SIZE, "unnamed") if shapes.shape[1] else None
+    return curve_model(groups, fits, shapes, SIZE, UNNAMED) if shapes.shape[1] else None
 
 
 def random_models(
@@ -172,7 +228,7 @@ def random_models(
         return {}
     return {
         f"random {i + 1}": curve_model(
-            groups, fits, basis @ rng.normal(size=(basis.shape[1], 1)), 1.0, "random"
+            groups, fits, basis @ rng.normal(size=(basis.shape[1], 1)), 1.0, RANDOM
         )
         for i in range(number)
     }

@@ -6,8 +6,8 @@ import pytest
 pytest.importorskip("jaxspec")
 
 from gaugeblock.discovery import Sources, candidates
-from gaugeblock.discovery.fit import fit
-from gaugeblock.discovery.name.profile import profile
+from gaugeblock.discovery.fitting import fit
+from gaugeblock.discovery.name.profiles import profile
 from gaugeblock.discovery.search import FAR, look
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.prior import Prior

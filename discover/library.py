@@ -80,39 +80,40 @@ class Candidates:
             self._after[key] = Candidates(self[key].simulator, self.entries)
         return self._after[key]
 
+    @classmethod
+    def of(
+        cls,
+        simulator: Any,
+        theta: Array,
+        *,
+        own: Mapping[str, LibraryEffect] | None = None,
+        only: tuple[str, ...] = (),
+    ) -> Candidates:
+        """The simulator's own library, scaled for theta ``(n, parameter)``, and the user's effects.
 
-def candidates(
-    simulator: Any,
-    theta: Array,
-    *,
-    own: Mapping[str, LibraryEffect] | None = None,
-    only: tuple[str, ...] = (),
-) -> Candidates:
-    """The simulator's own library, scaled for theta ``(n, parameter)``, and the user's effects.
+        Parameters
+        ----------
+        own : mapping, optional
+            Further effects by name; one of the library's name takes its place.
+        only : tuple of str
+            Names to which the candidates are restricted; empty: all.
 
-    Parameters
-    ----------
-    own : mapping, optional
-        Further effects by name; one of the library's name takes its place.
-    only : tuple of str
-        Names to which the candidates are restricted; empty: all.
-
-    Raises
-    ------
-    InputError
-        If neither the simulator nor the user proposes anything, or `only` names what is not there.
-    """
-    entries: dict[str, LibraryEffect] = {}
-    if isinstance(simulator, HasEffectLibrary):
-        entries.update(simulator.effect_library(theta))
-    entries.update(own or {})
-    unknown = set(only) - set(entries)
-    if unknown:
-        raise InputError(
-            f"discover: no effect {', '.join(sorted(unknown))}; there are {', '.join(entries) or 'none'}"
-        )
-    if not entries:
-        raise InputError(
-            f"discover: {type(simulator).__name__} has no effect_library(theta) and no effect was given"
-        )
-    return Candidates(simulator, {key: e for key, e in entries.items() if not only or key in only})
+        Raises
+        ------
+        InputError
+            If neither the simulator nor the user proposes anything, or `only` names what is not there.
+        """
+        entries: dict[str, LibraryEffect] = {}
+        if isinstance(simulator, HasEffectLibrary):
+            entries.update(simulator.effect_library(np.atleast_2d(np.asarray(theta, dtype=float))))
+        entries.update(own or {})
+        unknown = set(only) - set(entries)
+        if unknown:
+            raise InputError(
+                f"discover: no effect {', '.join(sorted(unknown))}; there are {', '.join(entries) or 'none'}"
+            )
+        if not entries:
+            raise InputError(
+                f"discover: {type(simulator).__name__} has no effect_library(theta) and no effect was given"
+            )
+        return cls(simulator, {key: e for key, e in entries.items() if not only or key in only})

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.candidates import Candidate
-from gaugeblock.discovery.fit import Fit, fit, likeliest_draws
+from gaugeblock.discovery.engine import Extension
+from gaugeblock.discovery.fitting import Fit, fit, likeliest_draws
+from gaugeblock.discovery.library import Candidate
 from gaugeblock.discovery.name.score import Scores, allowed
-from gaugeblock.discovery.name.templates import Templates, observed_nodes
+from gaugeblock.discovery.name.shapes import Templates, observed_nodes
 from gaugeblock.discovery.sources import Sources
 
 TRIES = 3
@@ -22,32 +23,18 @@ BANK, DRAWN = 512, 4
 
 
 @dataclass(frozen=True, eq=False)
-class Profile:
+class Profile(Extension):
     """A candidate, behind effects that were added before, fitted with everything else.
 
-    `path` names the effects in the order they were added; `gain` is the log likelihood won over the model
-    without any of them, `size` how many parameters they have.
+    `gain` is over the model without any of the effects, `size` how many parameters all of them have.
     """
 
     candidate: Candidate
     fit: Fit
-    gain: float
-    path: tuple[str, ...]
-    size: int
-
-    @property
-    def label(self) -> str:
-        """The effects as one name."""
-        return " + ".join(self.path)
-
-    @property
-    def merit(self) -> float:
-        """Gain in log likelihood less the number of parameters that won it (Akaike)."""
-        return self.gain - self.size
 
     @property
     def values(self) -> dict[str, float]:
-        """The effect's parameters."""
+        """The last effect's parameters."""
         return self.candidate.values(self.fit.theta[0])
 
 
@@ -73,9 +60,10 @@ def profile(
         start = np.concatenate([start, draws], axis=1)
     fitted = fit(candidate.simulator, sources.counts, scale=sources.scale, start=start)
     gain, size = float(base.objective[0] - fitted.objective[0]), len(candidate.entry.parameters)
-    if behind is None:
-        return Profile(candidate, fitted, gain, (candidate.key,), size)
-    return Profile(candidate, fitted, behind.gain + gain, (*behind.path, candidate.key), behind.size + size)
+    path: tuple[str, ...] = (candidate.key,)
+    if behind is not None:
+        path, gain, size = (*behind.path, candidate.key), behind.gain + gain, behind.size + size
+    return Profile(path, gain, size, candidate, fitted)
 
 
 def starts(candidate: Candidate, sources: Sources, base: Fit, found: Templates, tested: Scores) -> Array:
