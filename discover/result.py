@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from html import escape
 from typing import Any
 
@@ -277,6 +277,10 @@ class Discovery:
             if one.effect == effect:
                 return one
         raise KeyError(effect)
+
+    def with_provenance(self, provenance: Mapping[str, Any]) -> Discovery:
+        """The same with what tells where it came from: seeds, versions, digests."""
+        return replace(self, provenance=provenance)
 
     def to_json(self) -> dict[str, Any]:
         """Plain data, as in discovery.json: the same keys whatever was searched; no NaN, null instead."""

@@ -97,9 +97,10 @@ def discover_simulated(
     simulator: Any,
     x: ArrayLike,
     *,
-    library: Mapping[str, LibraryEffect] | None = None,
     seed: int = 0,
-    effects: int = 1,
+    effects: Mapping[str, LibraryEffect] | None = None,
+    only: tuple[str, ...] = (),
+    most: int = 1,
     simulations: int = 10_000,
     replicates: int = 999,
     summaries: Summaries | None = None,
@@ -113,14 +114,16 @@ def discover_simulated(
     ----------
     simulator
         With ``prior``, ``simulate(theta, rng)``, ``with_effect(effect)``, and ``effect_library(theta)``
-        unless a library is given.
+        unless effects are given.
     x : array, shape (n, ...)
         Independent data sets: at least 30, whose population of theta is fitted with everything else, or one.
-    library : mapping of str to LibraryEffect, optional
-        The effects to propose, in place of the simulator's own.
     seed : int
         Of everything random.
-    effects : int
+    effects : mapping of str to LibraryEffect, optional
+        Effects of one's own beside the simulator's library, if it has one.
+    only : tuple of str
+        Effects to which the search is restricted.
+    most : int
         Most effects that are added. Two explain more than one, also what neither of them is.
     simulations : int
         Simulations at each state; a half of them on each side of a derivative.
@@ -138,7 +141,7 @@ def discover_simulated(
         than 1,000 simulations or 399 replicates.
     """
     engine = Simulations(
-        simulator, x, seed=seed, library=library, effects=effects, simulations=simulations,
+        simulator, x, seed=seed, own=effects, only=only, most=most, simulations=simulations,
         replicates=replicates, summaries=summaries, step=step,
     )  # fmt: skip
     return recorded(engine, search(engine, step=step))

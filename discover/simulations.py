@@ -61,9 +61,9 @@ class Simulations:
 
     Parameters
     ----------
-    library : mapping of str to LibraryEffect, optional
-        The effects to propose, in place of the simulator's own.
-    effects : int
+    own : mapping of str to LibraryEffect, optional
+        Effects beside the simulator's library.
+    most : int
         Most effects that are added.
     simulations : int
         At each state; a half of them on each side of a derivative.
@@ -85,8 +85,9 @@ class Simulations:
         x: ArrayLike,
         *,
         seed: int,
-        library: Mapping[str, LibraryEffect] | None,
-        effects: int,
+        own: Mapping[str, LibraryEffect] | None,
+        only: tuple[str, ...],
+        most: int,
         simulations: int,
         replicates: int,
         summaries: Summaries | None,
@@ -98,12 +99,12 @@ class Simulations:
                 f"disagreement could reach a global p of {SIMULATIONS.level}"
             )
         self.simulator, self.replicates = simulator, replicates
-        self.thresholds = replace(SIMULATIONS, most=effects)
+        self.thresholds = replace(SIMULATIONS, most=most)
         self._budget = Budget(simulations, int(np.random.default_rng(seed).integers(2**31)))
         self._streams = np.random.default_rng(seed).spawn(4)
         step("fitting the population of theta")
         self._before = prepare(
-            simulator, x, library=library, budget=self._budget, summaries=summaries, step=step
+            simulator, x, own=own, only=only, budget=self._budget, summaries=summaries, step=step
         )
         self._left: dict[tuple[str, ...], Look] = {}
 
@@ -304,7 +305,7 @@ class Simulations:
             **{f"channel_{end}": axis[f"energy_{end}"] for end in ("lo", "hi")},
             **{f"channel_{name}": axis[name] for name in ("segment", "unit")},
         }
-        told = {"p_global": found.p_moments, "replicates": self.replicates}
+        told: dict[str, Any] = {"p_global": found.p_moments, "replicates": self.replicates}
         told["scan"] = (
             "The mean of every number of a data set is compared with simulations of the fitted model"
         )

@@ -26,8 +26,8 @@ The summary (discovery.json)
                                                     scored together with those found before
         "decoys": [{"name", "kind", "held_out", "held_out_error", "deviance"}]
         "gap": {"measure", "held_out": {..., "before_error", "after_error"},
-                "delta_log_evidence": {"value", "error", "sensitivity": [{"prior", "value", "lower_bound"}]}}
-        "fit": {"before": {name: value}, "after"}   of many sources median[name] low[name] high[name] over them
+                "delta_log_evidence": {"value", "error", "sensitivity": [{"prior", "value"}]}}
+        "fit": {"before": {name: value}, "after"}   of many: median[name] low[name] high[name]
         "e_value": {"log", "p", "log_own", "paths"} split likelihood ratio, natural log: log_own of the named
                                                     effects, log with the choice among all paid for
         "disagreement": {..., "p_effects", "p_windows", "p_quantiles", "p_moments", "p_left", "replicates",
@@ -115,8 +115,8 @@ GROUPS: Mapping[str, Group] = {
         ("scheme", "measure"),
     ),
     "moments": Group(
-        "Of data sets that can only be simulated: z of every coordinate's mean and square, and moments orthogonal "
-        "to all that was fitted, before and after.",
+        "Of data sets that can only be simulated: z of every coordinate's mean and square, and moments "
+        "orthogonal to all that was fitted, before and after.",
         {"z": ("moment",), "before": ("direction",)},
         {"after": ("direction",)},
     ),

@@ -3,18 +3,20 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discovery.library import candidates
+from gaugeblock.discovery.engine import Thresholds
 from gaugeblock.discovery.fitting import fit
+from gaugeblock.discovery.library import Candidates
 from gaugeblock.discovery.name.cox import compare
 from gaugeblock.discovery.name.profiles import Profile
 from gaugeblock.discovery.sources import Sources
 
 THETA = np.array([20_000.0, 1.5])
+CRITICAL = Thresholds().critical
 
 
 @pytest.fixture(scope="module")
 def library(power_law):
-    return candidates(power_law(), THETA[None], only=("line", "dip"))
+    return Candidates.of(power_law(), THETA[None], only=("line", "dip"))
 
 
 def profiles(library, counts, base_objective, starts):
@@ -22,7 +24,7 @@ def profiles(library, counts, base_objective, starts):
     for key, start in starts.items():
         candidate = library[key]
         fitted = fit(candidate.simulator, counts, start=start)
-        made[key] = Profile(candidate, fitted, float(base_objective - fitted.objective[0]), (key,), 2)
+        made[key] = Profile((key,), float(base_objective - fitted.objective[0]), 2, candidate, fitted)
     return made
 
 
@@ -41,16 +43,16 @@ def compared(library, strength, seed):
 
 def test_the_truth_stays_in(library):
     # The true effect may be put out in 0.6% of cases: of 60 more than two would be a defect.
-    out = sum(not compared(library, 1500.0, seed)[1].indistinguishable for seed in range(60))
+    out = sum(compared(library, 1500.0, seed)[1].z >= CRITICAL for seed in range(60))
     assert out <= 2
 
 
 def test_a_rival_far_away_is_put_out(library):
     # Distance of the noise-free dip from a line of this strength: about eight standard deviations.
-    out = sum(not compared(library, 3000.0, seed)[0].indistinguishable for seed in range(20))
+    out = sum(compared(library, 3000.0, seed)[0].z >= CRITICAL for seed in range(20))
     assert out >= 19
 
 
 def test_a_rival_nearby_stays_in(library):
-    inside = sum(compared(library, 400.0, seed)[0].indistinguishable for seed in range(20))
+    inside = sum(compared(library, 400.0, seed)[0].z < CRITICAL for seed in range(20))
     assert inside >= 15

@@ -5,10 +5,11 @@ import pytest
 
 pytest.importorskip("jaxspec")
 
-from gaugeblock.discovery import Sources, candidates
+from gaugeblock.discovery import Candidates, Sources
+from gaugeblock.discovery.counts import Counts
+from gaugeblock.discovery.engine import Thresholds, promising
 from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.name.profiles import profile
-from gaugeblock.discovery.search import FAR, look
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray import reference
@@ -28,24 +29,26 @@ def covered():
     scale = np.array([100.0])
     counts = np.random.default_rng(5).poisson(hidden.expected(THETA) * scale[:, None]).astype(float)
     sources = Sources.of(model, counts, scale=scale)
-    library = candidates(model, THETA, only=("partial_covering", "effective_area", "high_energy_cutoff"))
-    base = fit(model, counts, scale=scale)
-    return sources, look(library, sources, base, rng=np.random.default_rng(6), replicates=99)
+    library = Candidates.of(model, THETA, only=("partial_covering", "effective_area", "high_energy_cutoff"))
+    engine = Counts(sources, rng=np.random.default_rng(6), replicates=99, proposed=library)
+    return sources, engine.look()
 
 
 def test_draws_of_the_prior_find_what_the_tangent_misses(covered):
     sources, seen = covered
-    candidate = seen.candidates["partial_covering"]
-    given = (candidate, sources, seen.fit, seen.templates, seen.scores)
+    at = seen.state
+    candidate = at.candidates["partial_covering"]
+    given = (candidate, sources, at.fit, at.templates, at.scores)
     truth = candidate.at(THETA, np.array(list(COVERED.values())))
     best = fit(candidate.simulator, sources.counts, scale=sources.scale, start=truth)
-    most = float(seen.fit.objective[0] - best.objective[0])
+    most = float(at.fit.objective[0] - best.objective[0])
     assert profile(*given).gain < most - 10.0
     assert profile(*given, far=True).gain == pytest.approx(most, abs=0.01)
 
 
 def test_a_gross_misfit_leaves_no_candidate_out(covered):
     _, seen = covered
-    assert seen.gross
-    assert seen.z.max() ** 2 / 2 > FAR
-    assert set(seen.promising()) == set(seen.candidates.entries)
+    thresholds = Thresholds()
+    assert seen.gross(thresholds)
+    assert seen.z.max() ** 2 / 2 > thresholds.far
+    assert set(promising(seen, thresholds, None)) == set(seen.entries)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discovery.library import candidates
-from gaugeblock.discovery.confirm.decoys import random_shapes
-from gaugeblock.discovery.confirm.held_out import Model, deviance, held_out
+from gaugeblock.discovery.confirm.thinned import ScoredModel, random_shapes, thinned_scores
 from gaugeblock.discovery.fitting import fit
+from gaugeblock.discovery.held_out import deviance
+from gaugeblock.discovery.library import Candidates
 from gaugeblock.discovery.sources import Sources
 
 THETA = np.array([20_000.0, 1.5])
@@ -21,16 +21,16 @@ def scored(library, depth, seed):
     base = fit(simulator, counts, start=THETA[None])
     start = np.array([[*base.theta[0], 1.7, 0.02]])
     models = {
-        "before": Model(simulator, base.theta, "before"),
-        "dip": Model(dip.simulator, start, "named"),
+        "before": ScoredModel(simulator, base.theta, "before"),
+        "dip": ScoredModel(dip.simulator, start, "named"),
         **random_shapes(simulator, base, number=2, dimension=2, rng=rng),
     }
-    return held_out(models, sources, rng=rng)
+    return thinned_scores(models, sources, rng=rng, folds=5)
 
 
 @pytest.fixture(scope="module")
 def library(power_law):
-    return candidates(power_law(), THETA[None])
+    return Candidates.of(power_law(), THETA[None])
 
 
 def test_a_true_effect_predicts_what_it_has_not_seen(library):

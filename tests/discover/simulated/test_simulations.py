@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from gaugeblock.core.errors import InputError
+from gaugeblock.discovery import discover_simulated
 from gaugeblock.discovery.result import Discovery
-from gaugeblock.discovery.simulated import discover_simulated
 from gaugeblock.simulators import build_simulator
 
 SMALL = {"simulations": 3000, "replicates": 399}
@@ -22,14 +22,14 @@ def test_the_hidden_effect_is_named_where_it_is(spike):
     assert spike.named == "spike"
     assert spike.named_all == ("spike",)
     assert spike.p_global <= 4 / 400
-    assert spike.candidate("spike")["parameters"]["mark"] == pytest.approx(2.0, abs=0.4)
-    region = spike.summary["disagreement"]["regions"][0]
+    assert spike.candidate("spike").parameters["mark"] == pytest.approx(2.0, abs=0.4)
+    region = spike.to_json()["disagreement"]["regions"][0]
     assert region["start"] <= 2 < region["stop"]
     assert region["z"] > 4
 
 
 def test_its_amplitude_is_recovered(spike):
-    (amplitude,) = spike.summary["amplitude"]
+    (amplitude,) = spike.to_json()["amplitude"]
     low, high = amplitude["interval"]
     error = (high - low) / 3.29
     # Noise of 1 in 300 readings, about 0.06 once the population is free; 4 errors.
@@ -38,24 +38,24 @@ def test_its_amplitude_is_recovered(spike):
 
 
 def test_the_gap_shrinks_where_it_was_not_fitted(spike):
-    for gap in spike.summary["gap"]["in_sample"], spike.summary["gap"]["held_out"]:
+    for gap in spike.to_json()["gap"]["in_sample"], spike.to_json()["gap"]["held_out"]:
         assert gap["before"] > 1.8
         assert gap["after"] < 0.6 * gap["before"]
-    assert spike.candidate("spike")["held_out"] > 5
-    for decoy in spike.summary["decoys"]:
-        assert decoy["held_out"] < spike.candidate("spike")["held_out"]
+    assert spike.candidate("spike").held_out > 5
+    for decoy in spike.to_json()["decoys"]:
+        assert decoy["held_out"] < spike.candidate("spike").held_out
 
 
 def test_the_same_seed_finds_the_same(ruler, readings):
     x = readings(40, 12, tilt={"slope": 0.2})
     first, second = (discover_simulated(ruler, x, seed=2, simulations=1000, replicates=399) for _ in range(2))
-    assert first.summary == second.summary
+    assert first.to_json() == second.to_json()
     assert first.named == "tilt"
 
 
 def test_two_effects_are_both_named(ruler, readings):
     x = readings(300, 13, spike={"height": 0.7, "mark": 1.0}, tilt={"slope": 0.15})
-    found = discover_simulated(ruler, x, seed=3, effects=2, **SMALL)
+    found = discover_simulated(ruler, x, seed=3, most=2, **SMALL)
     assert set(found.named_all) == {"spike", "tilt"}
 
 
@@ -70,11 +70,11 @@ def test_what_is_not_in_the_library_is_unnamed(ruler, readings):
 def test_one_data_set_alone(ruler, readings):
     x = readings(1, 15, centre=0.3, width=0.1, spike={"height": 6.0, "mark": 5.0})
     found = discover_simulated(ruler, x, seed=5, **SMALL)
-    best = found.summary["candidates"][0]
+    best = found.to_json()["candidates"][0]
     assert found.p_global <= 0.01
     assert best["effect"] == "spike"
     assert best["parameters"]["mark"] == pytest.approx(5.0, abs=0.5)
-    assert "held_out" in {item["id"] for item in found.summary["not_checked"]}
+    assert "held_out" in {item["id"] for item in found.to_json()["not_checked"]}
     quiet = discover_simulated(ruler, readings(1, 16, centre=0.3, width=0.1), seed=5, **SMALL)
     assert quiet.named is None
 
@@ -96,7 +96,7 @@ def test_effects_on_the_epidemic(name, values, amplitude):
     x = epidemic.with_effect(entry.effect(**values)).simulate(theta, rng)
     found = discover_simulated(epidemic, x, seed=6, simulations=8000)
     assert found.named == name
-    (said,) = found.summary["amplitude"]
+    (said,) = found.to_json()["amplitude"]
     error = (said["interval"][1] - said["interval"][0]) / 3.29
     assert abs(said["value"] - values[amplitude]) < 4 * error
 
@@ -109,7 +109,7 @@ def test_effects_on_the_epidemic(name, values, amplitude):
         (np.full((40, 8), np.nan), {}, "NaN or infinite"),
         (np.zeros((40, 8)), {"simulations": 10}, "at least 1,000 simulations"),
         (np.zeros((40, 8)), {"replicates": 99}, "at least 399 replicates"),
-        (np.zeros((40, 8)), {"library": {}, "simulations": 1000}, "holds no effect"),
+        (np.zeros((40, 8)), {"only": ("glow",), "simulations": 1000}, "no effect glow"),
     ],
 )
 def test_mistakes_are_one_clear_line(ruler, x, options, words):
