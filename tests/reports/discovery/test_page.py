@@ -128,6 +128,7 @@ def test_a_variable_along_the_wrong_dimension_is_said(tree, summary):
 def test_background_and_channel_numbers_have_their_own_axes(make_tree, summary):
     page = Page(discovery_html(make_tree(background=True), summary))
     assert "pn background (background region)" in page.text
+    summary["disagreement"]["regions"][0] |= {"lo": 114.0, "hi": 126.0, "unit": "channel"}
     page = Page(discovery_html(make_tree(unit="channel"), summary))
     assert "channels 114–126" in page.text
     assert "counts / channel" in page.text
