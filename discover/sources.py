@@ -10,6 +10,7 @@ import numpy as np
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.protocol import Extensible, HasExpected
+from gaugeblock.simulators.segments import Segment, segments
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +89,16 @@ class Sources:
 
     def __len__(self) -> int:
         return len(self.counts)
+
+    @property
+    def segments(self) -> tuple[Segment, ...]:
+        """Which channels are what."""
+        return segments(self.simulator, self.counts.shape[1])
+
+    @property
+    def edges(self) -> Array:
+        """Lower and upper edge of every channel, ``(channel, 2)``."""
+        return np.concatenate([part.edges for part in self.segments])
 
     def expected(self, theta: Any, *, simulator: Any = None) -> Array:
         """Expected counts ``(source, channel)``, under another simulator of the same data if given."""

@@ -11,7 +11,7 @@ import sys
 
 import numpy as np
 
-from gaugeblock.discovery.simulated import discover_simulated
+from gaugeblock.discovery import discover_simulated
 from gaugeblock.simulators import build_simulator
 
 TOWNS, FACTOR, WEEK = 200, 0.85, 4.5
@@ -41,18 +41,18 @@ def story():
     reality = epidemic.with_effect(library["contact_change"].effect(factor=FACTOR, week=WEEK))
     cases = reality.simulate(theta, rng)
 
-    found = discover_simulated(SimulateOnly(epidemic), cases, library=library, seed=1, simulations=8000)
+    found = discover_simulated(SimulateOnly(epidemic), cases, effects=library, seed=1, simulations=8000)
 
     yield f"global p of a disagreement: {found.p_global:.3g}"
     yield f"named: {found.named}; just as likely: {', '.join(found.indistinguishable[1:]) or 'nothing'}"
-    for said in found.summary["amplitude"]:
-        low, high = said["interval"]
-        yield f"{said['parameter']} {said['value']:.3f}, 90% interval {low:.3f} to {high:.3f} (hidden: 0.85)"
-    gap = found.summary["gap"]["held_out"]
+    for said in found.amplitude:
+        low, high = said.interval
+        yield f"{said.parameter} {said.value:.3f}, 90% interval {low:.3f} to {high:.3f} (hidden: 0.85)"
+    gap = found.gap.held_out
     if found.named_all:
-        yield f"held-out gap (1 where all is well): {gap['before']:.2f} before, {gap['after']:.2f} after"
-    for decoy in found.summary["decoys"]:
-        yield f"  with {decoy['name']} instead: {decoy['deviance']:.2f}"
+        yield f"held-out gap (1 where all is well): {gap.before:.2f} before, {gap.after:.2f} after"
+    for decoy in found.decoys:
+        yield f"  with {decoy.name} instead: {decoy.deviance:.2f}"
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@
     python own_effect.py
 
 A layer of carbon has grown on the detector's window. The effect is added to the reference spectrum like any
-other, and discovery proposes it beside its own: `candidates(simulator, theta, own={"carbon": CARBON})`.
+other, and discovery proposes it beside its own: `Candidates.of(simulator, theta, own={"carbon": CARBON})`.
 """
 
 import sys

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import inspect
-import random
-import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import numbers, plain
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.global_state import SEEDS, seeded_globals
 from gaugeblock.core.streams import Rng
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.prior_from import as_prior
@@ -23,7 +21,6 @@ from gaugeblock.simulators.protocol import HasLikelihood, Simulator
 from gaugeblock.simulators.registry import build_simulator, load_object
 
 GIVE_A_PRIOR = "give prior=..., a gaugeblock.Prior or one of scipy, torch, sbi or numpyro"
-SEEDS = 2**31
 
 
 class FunctionSimulator:
@@ -51,7 +48,7 @@ class FunctionSimulator:
         if not self._alone:
             made = self._simulate(np.asarray(theta, dtype=float), rng)
         else:
-            with seeded_globals(rng) as torch:
+            with seeded_globals(int(rng.integers(SEEDS))) as torch:
                 rows = np.asarray(theta, dtype=float)
                 made = self._simulate(rows if torch is None else torch.as_tensor(rows, dtype=torch.float32))
         return numbers(made, what="the simulator's data")
@@ -195,26 +192,3 @@ def source_of(function: Callable[..., Any]) -> dict[str, Any]:
     except (OSError, TypeError):
         return {"state_sha256": None}
     return {"source_sha256": digest, **({"state_sha256": None} if bound else {})}
-
-
-@contextmanager
-def seeded_globals(rng: Rng) -> Iterator[Any]:
-    """Seed the global generators of torch, NumPy and Python from `rng`, give torch or None, put all back.
-
-    For other people's code that takes its random numbers from there.
-    """
-    torch = sys.modules.get("torch")
-    seed = int(rng.integers(SEEDS))
-    state, words = np.random.get_state(), random.getstate()  # noqa: NPY002
-    np.random.seed(seed)  # noqa: NPY002
-    random.seed(seed)
-    try:
-        if torch is None:
-            yield None
-        else:
-            with torch.random.fork_rng():
-                torch.manual_seed(seed)
-                yield torch
-    finally:
-        np.random.set_state(state)  # noqa: NPY002
-        random.setstate(words)

@@ -1,19 +1,23 @@
 """One-dimensional prior distributions, each with its bijections to the unit interval and to the real line.
 
 The bijection to the real line uses nothing but `exp` and `log`, so it runs on NumPy and on JAX arrays
-alike and stays differentiable; the one to the unit interval is the distribution function.
+alike and stays differentiable; the one to the unit interval is the distribution function. Distributions of
+scipy and `Truncated` have theirs on NumPy alone; discrete ones have a quantile function and no bijection.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+from numpy.typing import NDArray
+from scipy.special import betainc, betaincinv, betaln, gammainc, gammaincinv, gammaln, ndtr, ndtri
 
 from gaugeblock.core.errors import InputError
+from gaugeblock.simulators import _truncated_normal
 
 Array = Any  # a NumPy or a JAX array
 
@@ -227,3 +231,427 @@ class Normal:
 
     def describe(self) -> dict[str, Any]:
         return {"distribution": "normal", "mean": self.mean, "sd": self.sd}
+
+
+def _check_positive(kind: str, **numbers: float) -> None:
+    for name, number in numbers.items():
+        if not (math.isfinite(number) and number > 0):
+            raise InputError(f"{kind}: {name} must be finite and positive, got {number}")
+
+
+def _log_sigmoid(z: Array) -> Array:
+    xp = namespace(z)
+    return xp.minimum(z, 0.0) - xp.log1p(xp.exp(-xp.abs(z)))
+
+
+class _BySupport:
+    """Bijection to the real line by the support alone: logit, logarithm or nothing."""
+
+    @property
+    def support(self) -> tuple[float, float]:
+        raise NotImplementedError
+
+    def log_prob(self, value: Array) -> Array:
+        raise NotImplementedError
+
+    def to_real(self, value: Array) -> Array:
+        xp, (low, high) = namespace(value), self.support
+        with np.errstate(divide="ignore"):  # the ends of the support are minus and plus infinity
+            if math.isfinite(low) and math.isfinite(high):
+                return xp.log(value - low) - xp.log(high - value)
+            if math.isfinite(low):
+                return xp.log(value - low)
+            return -xp.log(high - value) if math.isfinite(high) else value
+
+    def from_real(self, z: Array) -> Array:
+        xp, (low, high) = namespace(z), self.support
+        if math.isfinite(low) and math.isfinite(high):
+            return Uniform(low, high).from_real(z)
+        if math.isfinite(low):
+            return low + xp.exp(z)
+        return high - xp.exp(-z) if math.isfinite(high) else z
+
+    def log_prob_real(self, z: Array) -> Array:
+        low, high = self.support
+        slope = 0.0
+        if math.isfinite(low) and math.isfinite(high):
+            slope = math.log(high - low) + _log_logistic(z)
+        elif math.isfinite(low) or math.isfinite(high):
+            slope = z if math.isfinite(low) else -z
+        return self.log_prob(self.from_real(z)) + slope
+
+
+@dataclass(frozen=True)
+class LogNormal:
+    """A positive number whose natural logarithm is normal with the given mean and standard deviation.
+
+    >>> float(LogNormal(0.0, 0.5).to_unit(1.0))
+    0.5
+    """
+
+    mean: float
+    sd: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.mean) and math.isfinite(self.sd) and self.sd > 0):
+            raise InputError(f"log-normal: needs a finite mean and a positive sd, got {self.mean}, {self.sd}")
+
+    @property
+    def support(self) -> tuple[float, float]:
+        return 0.0, math.inf
+
+    @property
+    def center(self) -> float:
+        return math.exp(self.mean)
+
+    def log_prob(self, value: Array) -> Array:
+        xp = namespace(value)
+        safe = xp.where(value > 0, value, 1.0)
+        density = self.log_prob_real(self.to_real(safe)) - math.log(self.sd) - xp.log(safe)
+        return xp.where(value > 0, density, -xp.inf)
+
+    def to_unit(self, value: Array) -> Array:
+        with np.errstate(divide="ignore"):
+            return ndtr(self.to_real(np.maximum(value, 0.0)))
+
+    def from_unit(self, u: Array) -> Array:
+        return self.from_real(ndtri(u))
+
+    def to_real(self, value: Array) -> Array:
+        return (namespace(value).log(value) - self.mean) / self.sd
+
+    def from_real(self, z: Array) -> Array:
+        return namespace(z).exp(self.mean + self.sd * z)
+
+    def log_prob_real(self, z: Array) -> Array:
+        return -0.5 * z * z - 0.5 * math.log(2.0 * math.pi)
+
+    def describe(self) -> dict[str, Any]:
+        return {"distribution": "log_normal", "mean": self.mean, "sd": self.sd}
+
+
+@dataclass(frozen=True)
+class Gamma(_BySupport):
+    """Gamma with the given shape and scale: mean ``shape * scale``. A shape of 1 is the exponential.
+
+    >>> float(np.round(Gamma(1.0, 2.0).to_unit(2.0), 6)) == round(1 - math.exp(-1), 6)
+    True
+    """
+
+    shape: float
+    scale: float
+
+    def __post_init__(self) -> None:
+        _check_positive("gamma", shape=self.shape, scale=self.scale)
+
+    @property
+    def support(self) -> tuple[float, float]:
+        return 0.0, math.inf
+
+    @property
+    def center(self) -> float:
+        return float(self.from_unit(0.5))
+
+    def log_prob(self, value: Array) -> Array:
+        xp = namespace(value)
+        safe = xp.where(value > 0, value, 1.0) / self.scale
+        density = (self.shape - 1.0) * xp.log(safe) - safe - float(gammaln(self.shape)) - math.log(self.scale)
+        return xp.where(value > 0, density, -xp.inf)
+
+    def to_unit(self, value: Array) -> Array:
+        return gammainc(self.shape, np.maximum(value, 0.0) / self.scale)
+
+    def from_unit(self, u: Array) -> Array:
+        return self.scale * gammaincinv(self.shape, u)
+
+    def log_prob_real(self, z: Array) -> Array:
+        # In the logarithm: finite where the density at 0 is not.
+        relative = z - math.log(self.scale)
+        return self.shape * relative - namespace(z).exp(relative) - float(gammaln(self.shape))
+
+    def describe(self) -> dict[str, Any]:
+        return {"distribution": "gamma", "shape": self.shape, "scale": self.scale}
+
+
+@dataclass(frozen=True)
+class Beta(_BySupport):
+    """Beta between 0 and 1, density proportional to ``value^(alpha - 1) (1 - value)^(beta - 1)``.
+
+    >>> float(Beta(2.0, 2.0).to_unit(0.5))
+    0.5
+    """
+
+    alpha: float
+    beta: float
+
+    def __post_init__(self) -> None:
+        _check_positive("beta", alpha=self.alpha, beta=self.beta)
+
+    @property
+    def support(self) -> tuple[float, float]:
+        return 0.0, 1.0
+
+    @property
+    def center(self) -> float:
+        return float(self.from_unit(0.5))
+
+    def log_prob(self, value: Array) -> Array:
+        xp = namespace(value)
+        inside = (value > 0) & (value < 1)
+        safe = xp.where(inside, value, 0.5)
+        density = (self.alpha - 1.0) * xp.log(safe) + (self.beta - 1.0) * xp.log1p(-safe)
+        return xp.where(inside, density - float(betaln(self.alpha, self.beta)), -xp.inf)
+
+    def to_unit(self, value: Array) -> Array:
+        return betainc(self.alpha, self.beta, np.clip(value, 0.0, 1.0))
+
+    def from_unit(self, u: Array) -> Array:
+        return betaincinv(self.alpha, self.beta, u)
+
+    def log_prob_real(self, z: Array) -> Array:
+        logs = self.alpha * _log_sigmoid(z) + self.beta * _log_sigmoid(-z)
+        return logs - float(betaln(self.alpha, self.beta))
+
+    def describe(self) -> dict[str, Any]:
+        return {"distribution": "beta", "alpha": self.alpha, "beta": self.beta}
+
+
+@dataclass(frozen=True)
+class TruncatedNormal(_BySupport):
+    """Normal with the given mean and standard deviation, cut off below `low` and above `high`.
+
+    Either end may be infinite. Exact far into either tail.
+
+    >>> float(np.round(TruncatedNormal(0.0, 1.0, 0.0, math.inf).from_unit(0.5), 4))
+    0.6745
+    """
+
+    mean: float
+    sd: float
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        _check_positive("truncated normal", sd=self.sd)
+        if not (math.isfinite(self.mean) and self.low < self.high):
+            raise InputError(
+                f"truncated normal: needs a finite mean and low < high, got {self.mean}, {self.low} and "
+                f"{self.high}"
+            )
+
+    @property
+    def _ends(self) -> tuple[float, float]:
+        return (self.low - self.mean) / self.sd, (self.high - self.mean) / self.sd
+
+    @property
+    def support(self) -> tuple[float, float]:
+        return self.low, self.high
+
+    @property
+    def center(self) -> float:
+        return float(self.from_unit(0.5))
+
+    @cached_property
+    def _log_mass(self) -> float:
+        return float(_truncated_normal.log_mass(*self._ends))
+
+    def log_prob(self, value: Array) -> Array:
+        xp = namespace(value)
+        density = Normal(self.mean, self.sd).log_prob(value) - self._log_mass
+        return xp.where((value >= self.low) & (value <= self.high), density, -xp.inf)
+
+    def to_unit(self, value: Array) -> Array:
+        below, _ = self._ends
+        place = np.clip((np.asarray(value, dtype=float) - self.mean) / self.sd, *self._ends)
+        return np.clip(np.exp(_truncated_normal.log_mass(below, place) - self._log_mass), 0.0, 1.0)
+
+    def from_unit(self, u: Array) -> Array:
+        place = _truncated_normal.quantile(np.asarray(u, dtype=float), *self._ends)
+        return np.clip(self.mean + self.sd * place, self.low, self.high)
+
+    def describe(self) -> dict[str, Any]:
+        numbers = {"mean": self.mean, "sd": self.sd, "low": self.low, "high": self.high}
+        return {"distribution": "truncated_normal", **_plain_ends(numbers)}
+
+
+def _plain_ends(numbers: dict[str, float]) -> dict[str, Any]:
+    """An end at infinity as text: JSON has no number for it."""
+    return {key: value if math.isfinite(value) else str(value) for key, value in numbers.items()}
+
+
+def _numpy_only(kind: str, value: Array) -> Array:
+    if namespace(value) is not np:
+        raise InputError(
+            f"{kind}: runs on NumPy arrays alone; where JAX differentiates, as for nuts, give uniform, "
+            "log_uniform, normal, log_normal, gamma, beta or truncated_normal"
+        )
+    return np.asarray(value, dtype=float)
+
+
+@dataclass(frozen=True)
+class Truncated(_BySupport):
+    """Any continuous distribution, cut off below `low` and above `high`; either end may be infinite.
+
+    Made by `truncated`. What is left must hold at least 1e-6 of the distribution.
+    """
+
+    of: Any
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        if not self.low < self.high:
+            raise InputError(f"truncated: needs low < high, got {self.low} and {self.high}")
+        if not self._cut[1] - self._cut[0] > 1e-6:
+            raise InputError(
+                f"truncated: less than 1e-6 of {self.of!r} lies between {self.low} and {self.high}; "
+                "widen them"
+            )
+
+    @cached_property
+    def _cut(self) -> tuple[float, float]:
+        low, high = (float(self.of.to_unit(end)) for end in self.support)
+        return low, high
+
+    @property
+    def support(self) -> tuple[float, float]:
+        low, high = self.of.support
+        return max(low, self.low), min(high, self.high)
+
+    @property
+    def center(self) -> float:
+        return float(self.from_unit(0.5))
+
+    def log_prob(self, value: Array) -> Array:
+        place, (low, high) = _numpy_only("truncated", value), self.support
+        density = self.of.log_prob(place) - math.log(self._cut[1] - self._cut[0])
+        return np.where((place >= low) & (place <= high), density, -np.inf)
+
+    def to_unit(self, value: Array) -> Array:
+        low, high = self._cut
+        inside = np.clip(_numpy_only("truncated", value), *self.support)
+        return np.clip((self.of.to_unit(inside) - low) / (high - low), 0.0, 1.0)
+
+    def from_unit(self, u: Array) -> Array:
+        low, high = self._cut
+        return np.clip(self.of.from_unit(low + (high - low) * _numpy_only("truncated", u)), *self.support)
+
+    def describe(self) -> dict[str, Any]:
+        ends = _plain_ends({"low": self.low, "high": self.high})
+        return {"distribution": "truncated", "of": self.of.describe(), **ends}
+
+
+def truncated(of: Marginal, *, low: float = -math.inf, high: float = math.inf) -> Marginal:
+    """A distribution cut off below `low` and above `high`.
+
+    >>> truncated(Uniform(0.0, 1.0), low=0.5)
+    Uniform(low=0.5, high=1.0)
+
+    Raises
+    ------
+    InputError
+        If low is not below high, or hardly anything of the distribution lies between them.
+    """
+    if isinstance(of, Uniform | LogUniform):
+        return type(of)(max(of.low, low), min(of.high, high))
+    return TruncatedNormal(of.mean, of.sd, low, high) if isinstance(of, Normal) else Truncated(of, low, high)
+
+
+@dataclass(frozen=True)
+class Discrete:
+    """Finitely many numbers with the given probabilities: a density of masses, and no bijection.
+
+    >>> Discrete((1.0, 2.0, 5.0), (0.5, 0.25, 0.25)).from_unit([0.1, 0.6, 0.9]).tolist()
+    [1.0, 2.0, 5.0]
+    """
+
+    values: tuple[float, ...]
+    probabilities: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        values, weights = np.ravel(self.values).astype(float), np.ravel(self.probabilities).astype(float)
+        good = len(values) == len(weights) > 0 and np.isfinite(values).all() and (weights >= 0).all()
+        if not good or len(set(values)) < len(values) or abs(weights.sum() - 1.0) > 1e-6:
+            raise InputError(
+                "discrete: needs different finite values and as many probabilities that sum to 1, got "
+                f"{len(values)} values and probabilities that sum to {weights.sum():g}"
+            )
+        order = np.argsort(values)
+        object.__setattr__(self, "values", tuple(values[order].tolist()))
+        object.__setattr__(self, "probabilities", tuple((weights[order] / weights.sum()).tolist()))
+
+    @property
+    def support(self) -> tuple[float, float]:
+        return self.values[0], self.values[-1]
+
+    @property
+    def center(self) -> float:
+        return float(self.from_unit(0.5))
+
+    def log_prob(self, value: Array) -> NDArray[np.float64]:
+        place = np.searchsorted(self.values, _numpy_only("discrete", value))
+        place = np.minimum(place, len(self.values) - 1)
+        with np.errstate(divide="ignore"):
+            mass = np.log(np.asarray(self.probabilities))[place]
+        return np.where(np.asarray(self.values)[place] == value, mass, -np.inf)
+
+    def from_unit(self, u: Array) -> NDArray[np.float64]:
+        """Quantile function, in steps."""
+        step = np.searchsorted(np.cumsum(self.probabilities), _numpy_only("discrete", u))
+        return np.asarray(np.asarray(self.values)[np.minimum(step, len(self.values) - 1)])
+
+    def describe(self) -> dict[str, Any]:
+        values, probabilities = list(self.values), list(self.probabilities)
+        return {"distribution": "discrete", "values": values, "probabilities": probabilities}
+
+
+@dataclass(frozen=True)
+class ScipyDiscrete:
+    """A one-dimensional discrete distribution of scipy.stats, frozen: masses and a quantile function."""
+
+    frozen: Any
+    name: str
+    numbers: tuple[float, ...]
+
+    @property
+    def support(self) -> tuple[float, float]:
+        low, high = self.frozen.support()
+        return float(low), float(high)
+
+    @property
+    def center(self) -> float:
+        return float(self.frozen.ppf(0.5))
+
+    def log_prob(self, value: Array) -> NDArray[np.float64]:
+        return np.asarray(self.frozen.logpmf(_numpy_only(self.name, value)))
+
+    def from_unit(self, u: Array) -> NDArray[np.float64]:
+        """Quantile function, in steps; scipy's is one below the support at 0."""
+        return np.asarray(np.maximum(self.frozen.ppf(_numpy_only(self.name, u)), self.support[0]))
+
+    def describe(self) -> dict[str, Any]:
+        return {"distribution": "scipy", "name": self.name, "numbers": list(self.numbers)}
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and self.describe() == other.describe()
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.numbers))
+
+
+class ScipyContinuous(_BySupport, ScipyDiscrete):
+    """A one-dimensional continuous distribution of scipy.stats, frozen."""
+
+    @property
+    def support(self) -> tuple[float, float]:
+        low, high = self.frozen.support()
+        return float(low), float(high)
+
+    def log_prob(self, value: Array) -> NDArray[np.float64]:
+        return np.asarray(self.frozen.logpdf(_numpy_only(self.name, value)))
+
+    def to_unit(self, value: Array) -> NDArray[np.float64]:
+        return np.asarray(self.frozen.cdf(_numpy_only(self.name, value)))
+
+    def from_unit(self, u: Array) -> NDArray[np.float64]:
+        return np.asarray(self.frozen.ppf(_numpy_only(self.name, u)))

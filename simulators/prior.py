@@ -2,24 +2,142 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
-from gaugeblock.simulators.marginals import Array, LogUniform, Marginal, Normal, Uniform, namespace
+from gaugeblock.simulators.blocks import Dirichlet, DirichletWithoutLast, MultivariateNormal
+from gaugeblock.simulators.foreign import distributions, scipy_again
+from gaugeblock.simulators.marginals import (
+    Array,
+    Beta,
+    Discrete,
+    Gamma,
+    LogNormal,
+    LogUniform,
+    Marginal,
+    Normal,
+    TruncatedNormal,
+    Uniform,
+    namespace,
+    truncated,
+)
 
-_DISTRIBUTIONS: dict[str, Any] = {"uniform": Uniform, "log_uniform": LogUniform, "normal": Normal}
+Key = str | tuple[str, ...]
+
+
+def _truncated(of: Mapping[str, Any], **ends: Any) -> Marginal:
+    return truncated(_rebuilt("truncated", of), **{key: float(end) for key, end in ends.items()})
+
+
+def _truncated_normal(mean: float, sd: float, *, low: Any = -np.inf, high: Any = np.inf) -> TruncatedNormal:
+    return TruncatedNormal(mean, sd, float(low), float(high))
+
+
+_DISTRIBUTIONS: dict[str, tuple[Any, str]] = {
+    "uniform": (Uniform, "low, high"),
+    "log_uniform": (LogUniform, "low, high"),
+    "normal": (Normal, "mean, sd"),
+    "log_normal": (LogNormal, "mean, sd"),
+    "gamma": (Gamma, "shape, scale"),
+    "beta": (Beta, "alpha, beta"),
+    "truncated_normal": (_truncated_normal, "mean, sd, low, high"),
+    "truncated": (_truncated, "of, low, high"),
+    "discrete": (Discrete, "values, probabilities"),
+    "scipy": (scipy_again, "name, numbers"),
+    "multivariate_normal": (MultivariateNormal, "parameters, mean, covariance"),
+    "dirichlet": (Dirichlet, "parameters, alpha"),
+    "dirichlet_without_last": (DirichletWithoutLast, "parameters, alpha"),
+}
+
+
+def _rebuilt(name: str, entry: Mapping[str, Any]) -> Any:
+    """A distribution from its description, `parameters` left aside."""
+    numbers = {key: value for key, value in entry.items() if key not in ("distribution", "parameters")}
+    kind = entry.get("distribution")
+    if kind not in _DISTRIBUTIONS:
+        raise InputError(
+            f"prior of {name}: distribution must be one of {', '.join(_DISTRIBUTIONS)}, got {kind!r}"
+        )
+    make, takes = _DISTRIBUTIONS[kind]
+    try:
+        return make(**numbers)
+    except TypeError:
+        raise InputError(
+            f"prior of {name}: {kind} takes {takes}, got {', '.join(numbers) or 'nothing'}"
+        ) from None
+    except InputError as error:
+        raise InputError(f"prior of {name}: {error}") from None
+
+
+@runtime_checkable
+class HasPriorDensity(Protocol):
+    """A prior with a density."""
+
+    def log_prob(self, theta: ArrayLike | Array) -> Any:
+        """Normalised log density in physical units, shape ``theta.shape[:-1]``; -inf outside the support."""
+
+
+@runtime_checkable
+class HasUnitCube(Protocol):
+    """A prior with a quantile function."""
+
+    def from_unit_cube(self, u: ArrayLike) -> NDArray[np.float64]:
+        """Theta ``(..., parameter)`` that follows the prior where u ``(..., parameter)`` is uniform."""
+
+
+@runtime_checkable
+class HasBijections(Protocol):
+    """A continuous prior with bijections to the unit cube and to R^d."""
+
+    def to_unit_cube(self, theta: ArrayLike) -> NDArray[np.float64]:
+        """Bijection to the unit cube under which the prior becomes uniform."""
+
+    def to_unbounded(self, theta: ArrayLike | Array) -> Any:
+        """Bijection to R^d."""
+
+    def from_unbounded(self, z: ArrayLike | Array) -> Any:
+        """Inverse of `to_unbounded`."""
+
+    def log_prob_unbounded(self, z: ArrayLike | Array) -> Any:
+        """Normalised log density of the prior in unbounded coordinates, shape ``z.shape[:-1]``."""
+
+
+_NEEDS: dict[type, tuple[str, str]] = {
+    HasPriorDensity: ("density", "log_prob"),
+    HasUnitCube: ("quantile function (unit cube)", "from_unit"),
+    HasBijections: ("bijection to R^d", "to_real"),
+}
+
+
+def require_prior(prior: Any, capability: type, who: str) -> None:
+    """Raise InputError, naming who needs it and what lacks it, where a prior has not the capability.
+
+    >>> require_prior(Prior({"k": Discrete((0.0, 1.0), (0.5, 0.5))}), HasUnitCube, "nested_sampling")
+    """
+    if not isinstance(prior, capability):
+        wanted, method = _NEEDS[capability]
+        lacking = prior.lacking(method) if isinstance(prior, Prior) else type(prior).__name__
+        raise InputError(
+            f"{who} needs the prior's {wanted}; {lacking} has none; give gaugeblock.Prior of continuous "
+            "distributions, or independent ones of scipy"
+        )
 
 
 class Prior:
-    """Product of named one-dimensional priors, in the order given.
+    """Product of named priors, in the order given: of one parameter each, or of several together.
 
     Arrays of parameters have the parameter as their last axis: ``theta`` of shape ``(..., parameter)``
-    in physical units, ``u`` in the unit cube, ``z`` in R^d.
+    in physical units, ``u`` in the unit cube, ``z`` in R^d. A key that is a tuple of names is of a block, as
+    `MultivariateNormal`. Distributions of scipy, torch, sbi and numpyro may stand beside ours.
+
+    What a prior can do is what all its parts can: without a density `log_prob` is None, without a quantile
+    function `from_unit_cube`, without a bijection `to_unit_cube` and everything unbounded, so that
+    ``isinstance(prior, HasUnitCube)`` tells; `require_prior` says it in words.
 
     >>> prior = Prior({"index": Uniform(1.0, 3.0), "norm": LogUniform(1e-4, 1e-2)})
     >>> prior.names
@@ -27,83 +145,113 @@ class Prior:
     >>> theta = prior.sample(3, np.random.default_rng(1))
     >>> bool(np.allclose(prior.from_unit_cube(prior.to_unit_cube(theta)), theta))
     True
+    >>> Prior({("a", "b"): MultivariateNormal([0, 0], [[1.0, 0.9], [0.9, 1.0]])}).names
+    ('a', 'b')
 
     Raises
     ------
     InputError
-        If there is no parameter.
+        If there is no parameter, two have one name, or a distribution is none or does not fit its names.
     """
 
-    def __init__(self, marginals: Mapping[str, Marginal]):
-        if not marginals:
+    def __new__(cls, parts: Mapping[Any, Any] | None = None) -> Prior:
+        """The class that has what all parts can do; copies are made without parts."""
+        if cls is not Prior or parts is None:
+            return super().__new__(cls)
+        found = [each for _, each in _parts(parts)]
+        for method, kind in (("log_prob", _Draws), ("from_unit", _Densities), ("to_real", _Quantiles)):
+            if not all(hasattr(each, method) for each in found):
+                return super().__new__(kind)
+        return super().__new__(cls)
+
+    def __init__(self, parts: Mapping[Any, Any]):
+        self._parts: dict[Key, Any] = {}
+        for key, distribution in _parts(parts):
+            if set(_names(key)) & set(self.names):
+                raise InputError(f"prior: two parameters are called {', '.join(_names(key))}; rename one")
+            self._parts[key] = distribution
+        if not self._parts:
             raise InputError("a prior needs at least one parameter")
-        self._marginals = dict(marginals)
 
     @classmethod
     def from_description(cls, description: Mapping[str, Mapping[str, Any]]) -> Prior:
         """Build from plain data, as in TOML: ``{name: {distribution, ...numbers}}``.
+
+        A block's entry has the names of its `parameters`; its own name is free.
 
         Raises
         ------
         InputError
             If a distribution is unknown or its numbers do not fit it.
         """
-        marginals: dict[str, Marginal] = {}
-        for name, entry in description.items():
-            numbers = dict(entry)
-            kind = numbers.pop("distribution", None)
-            if kind not in _DISTRIBUTIONS:
-                raise InputError(
-                    f"prior of {name}: distribution must be one of {', '.join(_DISTRIBUTIONS)}, got {kind!r}"
-                )
-            try:
-                marginals[name] = _DISTRIBUTIONS[kind](**numbers)
-            except TypeError:
-                expected = ", ".join(_DISTRIBUTIONS[kind].__dataclass_fields__)
-                raise InputError(
-                    f"prior of {name}: {kind} takes {expected}, got {', '.join(numbers) or 'nothing'}"
-                ) from None
-            except InputError as error:
-                raise InputError(f"prior of {name}: {error}") from None
-        return cls(marginals)
+        return cls(
+            {
+                tuple(entry["parameters"]) if "parameters" in entry else name: _rebuilt(name, entry)
+                for name, entry in description.items()
+            }
+        )
 
     def describe(self) -> dict[str, dict[str, Any]]:
-        """Plain data from which `from_description` makes an equal prior."""
-        return {name: marginal.describe() for name, marginal in self._marginals.items()}
+        """Plain data from which `from_description` makes an equal prior, if its distributions are ours."""
+        return {
+            ", ".join(_names(key)): part.describe()
+            | ({"parameters": list(key)} if isinstance(key, tuple) else {})
+            for key, part in self._parts.items()
+        }
 
     @property
     def names(self) -> tuple[str, ...]:
         """Parameter names, in order."""
-        return tuple(self._marginals)
+        return tuple(name for key in self._parts for name in _names(key))
 
     @property
     def size(self) -> int:
         """Number of parameters."""
-        return len(self._marginals)
+        return len(self.names)
 
     @property
     def marginals(self) -> dict[str, Marginal]:
-        """The one-dimensional priors by name."""
-        return dict(self._marginals)
+        """The one-dimensional priors by name.
+
+        Raises
+        ------
+        InputError
+            If a part is a block, or has no bijection.
+        """
+        for key, part in self._parts.items():
+            if isinstance(key, tuple) or not hasattr(part, "to_real"):
+                raise InputError(
+                    f"the prior of {', '.join(_names(key))} is a {_called(part)}: what is asked for here "
+                    "needs independent continuous parameters"
+                )
+        return {str(key): part for key, part in self._parts.items()}
+
+    def lacking(self, method: str) -> str:
+        """The parts without a method of that name, for a message."""
+        return " and ".join(
+            f"the {_called(part)} of {', '.join(_names(key))}"
+            for key, part in self._parts.items()
+            if not hasattr(part, method)
+        )
 
     @property
     def bounds(self) -> NDArray[np.float64]:
         """Support of every parameter, shape ``(parameter, 2)``."""
-        return np.array([marginal.support for marginal in self._marginals.values()])
+        return np.concatenate([np.reshape(part.support, (-1, 2)) for part in self._parts.values()])
 
     @property
     def center(self) -> NDArray[np.float64]:
-        """Median of every parameter, shape ``(parameter,)``."""
-        return np.array([marginal.center for marginal in self._marginals.values()])
+        """Median or another typical value of every parameter, shape ``(parameter,)``."""
+        return np.concatenate([np.ravel(part.center) for part in self._parts.values()])
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Prior) and list(self._marginals.items()) == list(other._marginals.items())
+        return isinstance(other, Prior) and list(self._parts.items()) == list(other._parts.items())
 
     def __hash__(self) -> int:
-        return hash(tuple(self._marginals))
+        return hash(self.names)
 
     def __repr__(self) -> str:
-        return f"Prior({self._marginals!r})"
+        return f"Prior({self._parts!r})"
 
     def __mul__(self, other: Prior) -> Prior:
         """Product of two priors over different parameters.
@@ -116,32 +264,60 @@ class Prior:
         shared = set(self.names) & set(other.names)
         if shared:
             raise InputError(f"both priors hold {', '.join(sorted(shared))}; rename one of them")
-        return Prior({**self._marginals, **other._marginals})
+        return Prior({**self._parts, **other._parts})
 
-    def replace(self, **changes: Marginal) -> Prior:
+    def replace(self, **changes: Any) -> Prior:
         """Copy with some one-dimensional priors exchanged; names with dots go through ``**{...}``."""
-        unknown = set(changes) - set(self.names)
+        unknown = set(changes) - set(self._parts)
         if unknown:
             raise InputError(f"no parameter {', '.join(sorted(unknown))}; there are {', '.join(self.names)}")
-        return Prior({**self._marginals, **changes})
+        return Prior({**self._parts, **changes})
 
-    def _columns(self, array: Array, method: str) -> list[Array]:
+    def renamed(self, names: tuple[str, ...]) -> Prior:
+        """Copy whose parameters are called otherwise.
+
+        Raises
+        ------
+        InputError
+            If there are more or fewer names than parameters.
+        """
+        if len(names) != self.size:
+            raise InputError(
+                f"prior: {len(names)} names ({', '.join(names)}) for {self.size} parameters; give one "
+                "for each"
+            )
+        new = iter(names)
+        return Prior(
+            {
+                tuple(next(new) for _ in key) if isinstance(key, tuple) else next(new): part
+                for key, part in self._parts.items()
+            }
+        )
+
+    def _columns(self, array: Array) -> Iterator[tuple[Any, Array, bool]]:
+        """Every part with its values, a block's with the parameter as last axis."""
         if array.shape[-1:] != (self.size,):
             raise InputError(
                 f"expected {self.size} parameters ({', '.join(self.names)}) along the last axis, "
                 f"got shape {tuple(array.shape)}"
             )
-        return [
-            getattr(marginal, method)(array[..., i]) for i, marginal in enumerate(self._marginals.values())
-        ]
+        first = 0
+        for key, part in self._parts.items():
+            if isinstance(key, tuple):
+                yield part, array[..., first : first + len(key)], True
+            else:
+                yield part, array[..., first], False
+            first += len(_names(key))
 
     def _map(self, array: ArrayLike | Array, method: str) -> Any:
         array = array if hasattr(array, "__array_namespace__") else np.asarray(array, dtype=float)
-        return namespace(array).stack(self._columns(array, method), axis=-1)
+        mapped = [(getattr(part, method)(values), block) for part, values, block in self._columns(array)]
+        columns = [values if block else values[..., None] for values, block in mapped]
+        return namespace(array).concatenate(columns, axis=-1)
 
     def _sum(self, array: ArrayLike | Array, method: str) -> Any:
         array = array if hasattr(array, "__array_namespace__") else np.asarray(array, dtype=float)
-        columns = self._columns(array, method)
+        columns = [getattr(part, method)(values) for part, values, _ in self._columns(array)]
         return sum(columns[1:], start=columns[0])
 
     def sample(self, n: int, rng: Rng) -> NDArray[np.float64]:
@@ -186,3 +362,79 @@ class Prior:
         Equal to ``log_prob_unbounded(z) - log_prob(theta)``, and finite wherever theta is inside.
         """
         return self.log_prob_unbounded(z) - self.log_prob(self.from_unbounded(z))
+
+
+class _Quantiles(Prior):
+    """A prior of which some parts are discrete: no bijection."""
+
+    to_unit_cube = to_unbounded = from_unbounded = None  # type: ignore[assignment]
+    log_prob_unbounded = log_jacobian_unbounded = None  # type: ignore[assignment]
+
+
+class _Densities(_Quantiles):
+    """A prior of which some parts have a density and no more."""
+
+    from_unit_cube = None  # type: ignore[assignment]
+
+    def sample(self, n: int, rng: Rng) -> NDArray[np.float64]:
+        """Draws of shape ``(n, parameter)``, part after part."""
+        columns = []
+        for key, part in self._parts.items():
+            if hasattr(part, "sample"):
+                columns.append(part.sample(n, rng))
+            else:
+                u = rng.random((n, len(_names(key))))
+                columns.append(part.from_unit(u if isinstance(key, tuple) else u[:, 0]).reshape(n, -1))
+        return np.concatenate(columns, axis=1)
+
+
+class _Draws(_Densities):
+    """A prior of which some parts can be drawn from and no more."""
+
+    log_prob = None  # type: ignore[assignment]
+
+
+def _names(key: Key) -> tuple[str, ...]:
+    return key if isinstance(key, tuple) else (key,)
+
+
+def _called(part: Any) -> str:
+    return str(part.describe().get("name") or part.describe()["distribution"])
+
+
+def _parts(given: Mapping[Any, Any]) -> Iterator[tuple[Key, Any]]:
+    """Distributions by the names of their parameters, other people's translated.
+
+    One of several parameters under one name gives ``<name>_1``, ``<name>_2``, ...
+    """
+    if not isinstance(given, Mapping):
+        raise InputError(f"Prior: takes a dict of distributions by name, not a {type(given).__name__}")
+    for key, value in given.items():
+        if not _names(key) or not all(isinstance(name, str) for name in _names(key)):
+            raise InputError(f"prior: {key!r} must be a parameter's name, or a tuple of names")
+        names = _names(key)
+        try:
+            found = distributions(value)
+        except InputError as error:
+            raise InputError(f"prior of {', '.join(names)}: {str(error).removeprefix('prior: ')}") from None
+        size = sum(getattr(each, "size", 1) for each in found)
+        if isinstance(key, str) and size > 1:
+            names = tuple(f"{key}_{k + 1}" for k in range(size))
+        if len(names) != size:
+            raise InputError(f"prior of {', '.join(names)}: {len(names)} names for {size} parameters")
+        rest = iter(names)
+        for each in found:
+            block = getattr(each, "size", None)
+            yield (next(rest) if block is None else tuple(next(rest) for _ in range(block))), each
+
+
+def named(found: list[Any]) -> Prior:
+    """Distributions without names, as a prior over ``theta_1``, ``theta_2``, ..."""
+    rest = iter(range(1, 1 + sum(getattr(each, "size", 1) for each in found)))
+    sizes = [getattr(each, "size", None) for each in found]
+    return Prior(
+        {
+            f"theta_{next(rest)}" if size is None else tuple(f"theta_{next(rest)}" for _ in range(size)): each
+            for size, each in zip(sizes, found, strict=True)
+        }
+    )

@@ -116,14 +116,14 @@ def said(folder: Path) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
 
 
 def _simulated(seed: int, x: Any) -> dict[str, Any]:
-    from gaugeblock.discovery.simulated import discover_simulated
+    from gaugeblock.discovery import discover_simulated
     from gaugeblock.simulators import build_simulator
     from studies.hidden.engine import found
 
     epidemic = build_simulator("epidemic")
     library = epidemic.effect_library(np.array([[0.4, 0.13]]))
     discovery = discover_simulated(
-        SimulateOnly(epidemic), x, library=library, seed=seed, simulations=6000, replicates=499
+        SimulateOnly(epidemic), x, effects=library, seed=seed, simulations=6000, replicates=499
     )
     return asdict(replace(found(seed, discovery), number=seed))
 

@@ -34,7 +34,10 @@ ALLOWED = {("stranger", "estimators")}
 INSIDE = {
     "core": (("errors",), ()),
     "simulators": (
-        ("marginals", "prior", "protocol", "effects", "library"),
+        (
+            *("_truncated_normal", "marginals", "blocks", "foreign", "prior", "prior_from"),
+            *("segments", "protocol", "effects", "library"),
+        ),
         ("epidemic", "xray", "registry"),
     ),
     "estimators": (("protocol", "_rows"), ("registry", "broken")),
@@ -46,7 +49,7 @@ INSIDE = {
         ("validators", "judging"),
     ),
     "stranger": (("limits", "wire", "usage", "system_calls", "opcodes", "material"), ("stranger",)),
-    "discovery": (("coordinates", "sources", "candidates", "fit", "locate"), ("record", "run")),
+    "discovery": (("coordinates", "sources", "library", "fitting", "locate"), ("record", "searches")),
     "reports": (
         ("words", "page", "section", "markdown", "svg", "verdict_json"),
         ("html", "write", "terminal"),
@@ -68,7 +71,6 @@ CIRCLES = {
     frozenset(f"gaugeblock.{name}" for name in names.split())
     for names in (
         "validate.block validate.check validate.prepared validate.trials",
-        "discovery.simulated.record discovery.simulated.workflow",
         "testing.gate testing.plugin testing.settings testing.text",
     )
 }

@@ -9,7 +9,7 @@ import numpy as np
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.coordinates import Coordinates
-from gaugeblock.discovery.fit import TINY, Fit
+from gaugeblock.discovery.fitting import TINY, Fit
 from gaugeblock.simulators.marginals import Normal, Uniform
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.protocol import HasJacobian

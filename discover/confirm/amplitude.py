@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.candidates import Candidate
 from gaugeblock.discovery.confirm.thinning import thin
-from gaugeblock.discovery.fit import Fit, fit
+from gaugeblock.discovery.fitting import Fit, fit
+from gaugeblock.discovery.library import Candidate
+from gaugeblock.discovery.result import Amplitude
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
 
@@ -41,20 +42,6 @@ class Place:
     def of(cls, candidate: Candidate) -> Place:
         """The effect that was added last."""
         return cls(candidate.key, candidate.entry, candidate.simulator, candidate.amplitude_name)
-
-
-@dataclass(frozen=True)
-class Amplitude:
-    """An amplitude with its interval; `held_out` says whether from counts that did not choose the effect."""
-
-    effect: str
-    parameter: str
-    value: float
-    interval: tuple[float, float]
-    level: float
-    unit: str
-    neutral: float
-    held_out: bool
 
 
 def held_out_amplitude(

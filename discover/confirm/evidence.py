@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-from gaugeblock.discovery.confirm.prior_sensitivity import FACTORS, PriorSensitivity, prior_sensitivity
+from gaugeblock.discovery.confirm.prior_widths import FACTORS, PriorSensitivity, prior_sensitivity
 from gaugeblock.discovery.extend.engines import BATCH
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.marginals import Uniform

@@ -14,7 +14,7 @@ from gaugeblock.discovery.confirm.alternatives import unpenalised
 from gaugeblock.discovery.confirm.shared_fit import held, shared_fit
 from gaugeblock.discovery.confirm.split_ratio import SplitRatio, check_extension
 from gaugeblock.discovery.confirm.thinning import thin
-from gaugeblock.discovery.fit import Fit, fit
+from gaugeblock.discovery.fitting import Fit, fit
 from gaugeblock.discovery.sources import Sources
 
 SPLITS = 2

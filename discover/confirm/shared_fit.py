@@ -9,7 +9,7 @@ import numpy as np
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.coordinates import Coordinates
-from gaugeblock.discovery.fit import TINY, Fit, fit
+from gaugeblock.discovery.fitting import TINY, Fit, fit
 from gaugeblock.discovery.sources import Sources
 
 PROPOSED = 64

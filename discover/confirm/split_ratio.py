@@ -19,7 +19,7 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.confirm.alternatives import draws_about, extended_starts, unpenalised
 from gaugeblock.discovery.confirm.thinning import thin
 from gaugeblock.discovery.coordinates import Coordinates
-from gaugeblock.discovery.fit import TINY, fit
+from gaugeblock.discovery.fitting import TINY, fit
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.protocol import poisson_log_likelihood
 

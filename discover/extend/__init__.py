@@ -6,7 +6,7 @@ effects as nuisance.
 """
 
 from gaugeblock.discovery.extend.composition import Addition, extended
-from gaugeblock.discovery.extend.refit import Refit, refit
+from gaugeblock.discovery.extend.refitting import Refit, refit
 from gaugeblock.discovery.extend.retraining import retrain
 
 __all__ = ["Addition", "Refit", "extended", "refit", "retrain"]

@@ -8,7 +8,7 @@ of two `frames` they lie still. `fitted` holds what all of them rest on.
 from gaugeblock.discovery.locate.fitted import FittedCounts, normal_score
 from gaugeblock.discovery.locate.frames import Fixed, Frames, compare_frames
 from gaugeblock.discovery.locate.quantiles import CumulativeCounts, cumulative_counts
-from gaugeblock.discovery.locate.residuals import channel_scores, randomised_scores
+from gaugeblock.discovery.locate.residuals import channel_scores
 from gaugeblock.discovery.locate.stacking import StackedExcess, stack_excess, stacking_bins
 from gaugeblock.discovery.locate.windows import WindowScan, scan_windows
 
@@ -23,7 +23,6 @@ __all__ = [
     "compare_frames",
     "cumulative_counts",
     "normal_score",
-    "randomised_scores",
     "scan_windows",
     "stack_excess",
     "stacking_bins",

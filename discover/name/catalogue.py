@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
-from gaugeblock.discovery.candidates import Candidates
-from gaugeblock.discovery.fit import TINY, Fit
-from gaugeblock.discovery.name.null import SearchNull
+from gaugeblock.discovery.fitting import TINY, Fit
+from gaugeblock.discovery.library import Candidates
 from gaugeblock.discovery.name.score import allowed, projection
+from gaugeblock.discovery.name.shapes import Templates, templates
 from gaugeblock.discovery.name.shared import Term, share
 from gaugeblock.discovery.name.shared_scores import SEEN, SharedScores, join, shared_scores
-from gaugeblock.discovery.name.stack import Stack, projector, stack
-from gaugeblock.discovery.name.templates import Templates, templates
+from gaugeblock.discovery.name.stacked import Stack, projector, stack
 from gaugeblock.discovery.sources import Sources
 
 BLOCK = 128
@@ -27,7 +26,7 @@ BLOCK = 128
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class Members:
     """Sources of one response, their fits, and the candidates worked into their simulator."""
 
     sources: Sources
@@ -36,11 +35,12 @@ class Group:
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
+class SharedSearch:
     """What a catalogue says of every candidate at every scanned value.
 
     `owner`, `node` and `sign` ``(template,)`` as in `Templates`; `gram` ``(template, template)`` the
-    information that templates share, off the sources' own parameters.
+    information that templates share, off the sources' own parameters; `null` ``(replicate,)`` the largest
+    allowed z of each simulated effect-free catalogue.
     """
 
     owner: NDArray[np.str_]
@@ -49,17 +49,12 @@ class Search:
     scores: SharedScores
     stack: Stack
     gram: Array
-    null: SearchNull
-
-    @property
-    def p_global(self) -> Array:
-        """Share of simulated effect-free catalogues in which anything stands out as far, ``(template,)``."""
-        return self.null.p_global(allowed(self.stack.z, self.sign))
+    null: Array
 
 
-def search(
-    groups: Sequence[Group], terms: Sequence[Term] = (), *, replicates: int = 999, rng: np.random.Generator
-) -> Search:
+def search_shared(
+    groups: Sequence[Members], terms: Sequence[Term] = (), *, replicates: int = 999, rng: np.random.Generator
+) -> SharedSearch:
     """Search a catalogue for one shared effect, beside the shared nuisances `terms` with their priors.
 
     An effect is never tested beside a nuisance of its own kind: the slope of the gain beside a free offset,
@@ -95,8 +90,8 @@ def search(
         )
     order = np.argsort(np.concatenate([columns for columns, _ in pieces]))
     whole = Stack(*(np.concatenate([getattr(s, f.name) for s in stacked])[order] for f in fields(Stack)))
-    null = _search_null(allowed(z, first.sign), first.owner)
-    return Search(first.owner, first.node, first.sign, scores, whole, gram, null)
+    null = allowed(z, first.sign).max(axis=1)
+    return SharedSearch(first.owner, first.node, first.sign, scores, whole, gram, null)
 
 
 def _pieces(
@@ -125,7 +120,7 @@ class _Pass:
     """Summed scores of templates, then nuisances, ``(replicate, template + nuisance)``."""
 
 
-def _pass(group: Group, terms: Sequence[Term], replicates: int, rng: np.random.Generator) -> _Pass:
+def _pass(group: Members, terms: Sequence[Term], replicates: int, rng: np.random.Generator) -> _Pass:
     shared = share(group.sources.simulator, terms)
     streams = rng.spawn(len(group.sources))
     scores: list[SharedScores] = []
@@ -172,10 +167,3 @@ def _simulated_z(template: Array, nuisance: Array, scores: SharedScores, sd: Arr
     seen = information > SEEN * own
     score = template - nuisance @ weight.T
     return np.where(seen, score / np.sqrt(np.where(seen, information, 1.0)), 0.0)
-
-
-def _search_null(z: Array, owner: NDArray[np.str_]) -> SearchNull:
-    names = list(dict.fromkeys(owner.tolist()))
-    best = np.stack([z[:, owner == name].max(axis=1) for name in names], axis=1)
-    gain = (np.maximum(best, 0.0) ** 2 / 2.0).mean(axis=0)
-    return SearchNull(z.max(axis=1), dict(zip(names, gain.tolist(), strict=True)))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.name.shared_scores import SharedScores
-from gaugeblock.discovery.name.stack import prior_precision, projector, solved
+from gaugeblock.discovery.name.stacked import prior_precision, projector, solved
 
 
 @dataclass(frozen=True, eq=False)

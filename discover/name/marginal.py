@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.fit import TINY, Fit
+from gaugeblock.discovery.fitting import TINY, Fit
 from gaugeblock.discovery.name.population import ITERATIONS, Tilt, fit_population
 from gaugeblock.discovery.name.posterior_draws import BLOCK, Draws, posterior_draws
 from gaugeblock.discovery.name.shared import Shared

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.coordinates import Coordinates
-from gaugeblock.discovery.fit import TINY, Fit
-from gaugeblock.discovery.fit import fit as fit_sources
+from gaugeblock.discovery.fitting import TINY, Fit
+from gaugeblock.discovery.fitting import fit as fit_sources
 
 WIDTHS = np.array([1.0, 3.0])
 """Of the first round's proposals, in units of the fit's own."""

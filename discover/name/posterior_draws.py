@@ -10,7 +10,7 @@ from scipy.special import logsumexp
 from scipy.stats import qmc
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.fit import TINY, Fit
+from gaugeblock.discovery.fitting import TINY, Fit
 from gaugeblock.discovery.name.peaks import peaks, rows_of, systematic
 from gaugeblock.discovery.name.truncated import TruncatedNormal
 

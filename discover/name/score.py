@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.fit import TINY, Fit
+from gaugeblock.discovery.fitting import TINY, Fit
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import numpy as np
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-from gaugeblock.discovery.fit import Fit, fit
+from gaugeblock.discovery.fitting import Fit, fit
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.protocol import HasJacobian, Holdable

@@ -11,11 +11,11 @@ from scipy.stats import norm
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-from gaugeblock.discovery.fit import Fit
+from gaugeblock.discovery.fitting import Fit
 from gaugeblock.discovery.name.shared import Shared, Term, fit_held, share
 from gaugeblock.discovery.name.shared_scores import SharedScores, join, shared_scores
 from gaugeblock.discovery.name.shared_starts import spread_starts
-from gaugeblock.discovery.name.stack import prior_precision, solved, stack
+from gaugeblock.discovery.name.stacked import prior_precision, solved, stack
 from gaugeblock.discovery.sources import Sources
 
 ITERATIONS = 8

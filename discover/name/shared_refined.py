@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.candidates import Candidate
-from gaugeblock.discovery.name.catalogue import Group
+from gaugeblock.discovery.library import Candidate
+from gaugeblock.discovery.name.catalogue import Members
 from gaugeblock.discovery.name.score import allowed
+from gaugeblock.discovery.name.shapes import effect_templates
 from gaugeblock.discovery.name.shared_scores import join, shared_scores
-from gaugeblock.discovery.name.stack import stack
-from gaugeblock.discovery.name.templates import effect_templates
+from gaugeblock.discovery.name.stacked import stack
 from gaugeblock.simulators.library import LibraryEffect
 
 POINTS = 5
@@ -24,11 +24,11 @@ ENOUGH = 0.5
 """A pass that gains fewer nats is the last."""
 
 
-def refined(groups: Sequence[Group], key: str, node: Array) -> tuple[Array, float]:
+def refined(groups: Sequence[Members], key: str, node: Array) -> tuple[Array, float]:
     """The likeliest values near a scanned node ``(parameter,)``, and the departure from neutral there.
 
     A pass tries `POINTS` values of every scanned parameter up to half a spacing to either side, the next one
-    as many around the best of them. Scores are those of `search` without shared nuisances.
+    as many around the best of them. Scores are those of `search_shared` without shared nuisances.
     """
     entry = groups[0].candidates.entries[key]
     names = [name for name in entry.parameters if name != entry.amplitude]
@@ -56,7 +56,7 @@ def refined(groups: Sequence[Group], key: str, node: Array) -> tuple[Array, floa
     return best, start
 
 
-def _scored(groups: Sequence[Group], key: str, entry: LibraryEffect) -> tuple[Array, Array]:
+def _scored(groups: Sequence[Members], key: str, entry: LibraryEffect) -> tuple[Array, Array]:
     """z towards the allowed side and amplitude of every node of an entry, ``(node,)``."""
     parts = []
     for group in groups:

@@ -10,7 +10,7 @@ import numpy as np
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-from gaugeblock.discovery.fit import Fit
+from gaugeblock.discovery.fitting import Fit
 from gaugeblock.discovery.name.score import projection
 
 SEEN = 1e-9

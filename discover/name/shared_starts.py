@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.fit import TINY, Fit, fit
+from gaugeblock.discovery.fitting import TINY, Fit, fit
 from gaugeblock.discovery.sources import Sources
 
 TRIES = 16

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.fit import Fit, fit
+from gaugeblock.discovery.fitting import Fit, fit
 from gaugeblock.discovery.name.score import projection
 from gaugeblock.discovery.reshaped import Reshaped
 from gaugeblock.discovery.sources import Sources

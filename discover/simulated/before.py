@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.discovery.candidates import Candidates, candidates
-from gaugeblock.discovery.simulated.close_in import close_in
+from gaugeblock.discovery.library import Candidates
+from gaugeblock.discovery.simulated.closing_in import close_in
 from gaugeblock.discovery.simulated.features import Features, Summaries, learn_features
 from gaugeblock.discovery.simulated.fit import Budget, Observed, SimulatedFit, fit_simulated
 from gaugeblock.discovery.simulated.model import Model
@@ -38,7 +38,8 @@ def prepare(
     simulator: Any,
     x: ArrayLike,
     *,
-    library: Mapping[str, LibraryEffect] | None,
+    own: Mapping[str, LibraryEffect] | None,
+    only: tuple[str, ...],
     budget: Budget,
     summaries: Summaries | None,
     step: Callable[[str], None],
@@ -68,7 +69,6 @@ def prepare(
         fitted = fit_simulated(model, features, observed, budget, start=state)
         state = fitted.state
     theta = model.population.theta(state[: model.hyper], model.normal(1000, budget.seed))
-    own = library is None
-    proposed = candidates(simulator, theta) if own else Candidates(simulator, dict(library or {}))
+    proposed = Candidates.of(simulator, theta, own=own, only=only)
     step("learning the score of every effect")
     return Before(features, observed, fitted, proposed, learn_effects(proposed, fitted, features, budget))

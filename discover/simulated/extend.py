@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.candidates import Candidate
+from gaugeblock.discovery.engine import Extension, Look
+from gaugeblock.discovery.library import Candidate
 from gaugeblock.discovery.simulated.features import Features
 from gaugeblock.discovery.simulated.fit import (
     DISTINCT,
@@ -23,42 +24,6 @@ from gaugeblock.discovery.simulated.search import Found
 
 SHARE = 0.04
 """Steps of scanned parameters, as a share of their prior's width."""
-
-
-@dataclass(frozen=True, eq=False)
-class Extended:
-    """A candidate fitted with everything else; `path` are all effects of the model, this one last.
-
-    `ratio` is the learned log ratio of this model over the one before.
-    """
-
-    candidate: Candidate
-    path: tuple[str, ...]
-    fit: SimulatedFit
-    ratio: LogRatio
-    gain: float
-
-    @property
-    def merit(self) -> float:
-        """Gain in log likelihood, as far as features tell, less the number of parameters (Akaike)."""
-        return self.gain - len(self.candidate.entry.parameters)
-
-    @property
-    def values(self) -> dict[str, float]:
-        """The effect's fitted parameters."""
-        return self.candidate.values(self.fit.state)
-
-    @property
-    def significance(self) -> float:
-        """Standard errors of the amplitude from neutral."""
-        value, error = self.amplitude
-        return abs(value - self.candidate.entry.neutral) / max(error, 1e-300)
-
-    @property
-    def amplitude(self) -> tuple[float, float]:
-        """The amplitude and its standard error."""
-        index = self.candidate.amplitude_index
-        return float(self.fit.state[index]), float(self.fit.error[index])
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,18 +52,38 @@ class LogRatio:
         return np.asarray((rows - self.middle) @ self.weights)
 
 
-def extend(
+@dataclass(frozen=True, eq=False)
+class Extended(Extension):
+    """A candidate fitted with everything else, `ratio` being the learned log ratio over the model before."""
+
+    candidate: Candidate
+    fit: SimulatedFit
+    ratio: LogRatio
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The effect's fitted parameters."""
+        return self.candidate.values(self.fit.state)
+
+    @property
+    def significance(self) -> float:
+        """Standard errors of the amplitude from neutral."""
+        at, entry = self.candidate.amplitude_index, self.candidate.entry
+        return float(abs(self.fit.state[at] - entry.neutral) / max(self.fit.error[at], 1e-300))
+
+
+def extended_by(
     candidate: Candidate,
     path: tuple[str, ...],
-    found: Found,
+    seen: Look,
     before: SimulatedFit,
     features: Features,
     observed: Observed,
     budget: Budget,
 ) -> Extended:
     """Fit one candidate, starting from its best scanned value and the amplitude that one step promises."""
-    entry = candidate.entry
-    best = found.best(candidate.key)
+    entry, found = candidate.entry, seen.state
+    best = seen.best(candidate.key)
     low, high = entry.parameters[entry.amplitude].support
     departure = found.amplitude[best]
     # No farther than a third of the prior, and never neutral: there the other parameters mean nothing.
@@ -128,7 +113,8 @@ def _compared(
     observed: Observed,
 ) -> Extended:
     ratio = LogRatio.learned(found.span, fitted.base, before.base)
-    return Extended(candidate, path, fitted, ratio, float(ratio(observed.rows).sum()))
+    size, gain = len(candidate.entry.parameters), float(ratio(observed.rows).sum())
+    return Extended(path, gain, size, candidate, fitted, ratio)
 
 
 def refine(

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.candidates import Candidates
+from gaugeblock.discovery.engine import Look, beyond
+from gaugeblock.discovery.library import Candidates
 from gaugeblock.discovery.simulated.features import Features
 from gaugeblock.discovery.simulated.fit import Budget, Observed, SimulatedFit, inflation
 from gaugeblock.discovery.simulated.scores import Base, derivative
+from gaugeblock.simulators.library import LibraryEffect
+
+SIGMA = 5.0
+"""The smallest detectable amplitude is one that stands out by this many standard errors."""
 
 SCAN_SEED = 1000
 """Seeds of the scan's simulations begin so far behind the fit's."""
@@ -87,35 +93,29 @@ class Found:
     """Weights ``(score, feature)`` of all scores that were learned, the fitted state's among them."""
 
     @property
-    def allowed(self) -> Array:
-        """z in the direction that the amplitude may take."""
-        return self.scores.allowed(self.z)
-
-    @property
-    def p_effects(self) -> float:
-        """Global p over the library, all scanned values counted."""
-        return beyond(self.null_largest, float(self.allowed.max()))
-
-    @property
     def p_moments(self) -> float:
         """Global p over the moments: the largest one, and all together (Bonferroni)."""
         largest = beyond(self.null_moment, float(np.abs(self.moment_z).max()))
         return min(1.0, 2.0 * min(largest, beyond(self.null_square, float((self.moment_z**2).mean()))))
 
-    @property
-    def p_global(self) -> float:
-        """Global p of any disagreement (Bonferroni)."""
-        return min(1.0, 2.0 * min(self.p_effects, self.p_moments))
-
-    def best(self, key: str) -> int:
-        """The score of an effect with the largest allowed z."""
-        mine = np.flatnonzero(self.scores.owner == key)
-        return int(mine[np.argmax(self.allowed[mine])])
-
-
-def beyond(null: Array, value: float) -> float:
-    """Share of a simulated null at or beyond a value, the data counted among them."""
-    return float((1 + np.count_nonzero(null >= value - 1e-12)) / (1 + len(null)))
+    def look(self, entries: Mapping[str, LibraryEffect], data_sets: int) -> Look:
+        """Score tests of the effects on so many data sets."""
+        information = self.information * data_sets
+        nodes = [np.arange(np.count_nonzero(self.scores.owner == key)) for key in entries]
+        with np.errstate(divide="ignore"):
+            smallest = SIGMA / np.sqrt(information)
+        return Look(
+            entries=entries,
+            owner=self.scores.owner,
+            node=np.concatenate(nodes),
+            z=self.scores.allowed(self.z),
+            amplitude=self.amplitude,
+            kept=self.kept,
+            smallest_detectable=smallest,
+            null=self.null_largest,
+            p_rest=self.p_moments,
+            state=self,
+        )
 
 
 def find(

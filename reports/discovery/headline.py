@@ -19,6 +19,9 @@ from gaugeblock.reports.discovery.phrases import (
 )
 from gaugeblock.reports.words import number, short
 
+MEASURE = "mean Poisson deviance per channel"
+"""What a gap is, unless a discovery says otherwise."""
+
 Kind = Literal["named", "set", "unnamed", "withdrawn", "nothing"]
 
 
@@ -70,11 +73,12 @@ def figures(summary: Mapping[str, Any]) -> tuple[tuple[str, str, str], ...]:
         shown = number(p, 3 if p < 0.1 else 2)
         found.append(("Global p of the disagreement", shown, "over every effect, scan and window"))
     before, after = (finite(pick(summary, "gap", "held_out", key)) for key in ("before", "after"))
+    measure = str(pick(summary, "gap", "measure") or MEASURE)
     if before is not None and after is not None:
         text = f"{number(before, 3)} \N{RIGHTWARDS ARROW} {number(after, 3)}"
-        found.append(("Held-out gap", text, "deviance per channel, before and after"))
+        found.append(("Held-out gap", text, f"{measure}, before and after"))
     elif before is not None:
-        found.append(("Held-out gap", number(before, 3), "deviance per channel"))
+        found.append(("Held-out gap", number(before, 3), measure))
     for one in amplitudes(summary)[:1]:
         where = "from data that did not choose the name" if one.get("held_out") else "in sample"
         low, high = (finite(end) for end in (one.get("interval") or (None, None)))
@@ -85,10 +89,8 @@ def figures(summary: Mapping[str, Any]) -> tuple[tuple[str, str, str], ...]:
 
 
 def amplitudes(summary: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """The amplitudes, whether one or a list was written."""
-    given = summary.get("amplitude")
-    rows = [given] if isinstance(given, Mapping) else given if isinstance(given, Sequence) else []
-    return [row for row in rows if isinstance(row, Mapping)]
+    """The amplitudes of all effects that were added."""
+    return [row for row in summary.get("amplitude") or [] if isinstance(row, Mapping)]
 
 
 def repeated(name: str, words: str, names: Sequence[str]) -> str:
@@ -109,10 +111,11 @@ def _where(summary: Mapping[str, Any]) -> str:
     if not regions:
         return f"{said}, though no single range of channels stands out."
     strongest = regions[0]
-    unit = str(strongest.get("unit") or "keV")
-    span = energy_range(strongest["energy_lo_kev"], strongest["energy_hi_kev"], unit)
+    span = energy_range(strongest["lo"], strongest["hi"], str(strongest.get("unit") or ""))
     z = finite(strongest.get("z")) or 0.0
-    many = "more counts than expected" if z > 0 else "fewer counts than expected"
+    many = f"{'more' if z > 0 else 'fewer'} counts than expected"
+    if finite(pick(summary, "data", "counts")) is None:
+        many = f"{'higher' if z > 0 else 'lower'} than expected"
     return f"{said}, most at {span}: {many}, z = {number(z, 1, sign=True)}."
 
 
@@ -134,7 +137,7 @@ def _named(summary: Mapping[str, Any], names: Sequence[str]) -> str:
     name, score = max(rivals, key=lambda rival: rival[1] or 0.0)
     behind = own - (score or 0.0)
     return (
-        f"{said} The next best candidate, {effect_words(name)}, predicts held-out counts "
+        f"{said} The next best candidate, {effect_words(name)}, predicts held-out data "
         f"{number(behind, 1)} nats worse."
     )
 
@@ -194,8 +197,9 @@ def _gap(summary: Mapping[str, Any]) -> list[str]:
         return []
     verb = "shrinks" if after < before else "does not shrink"
     it = "it" if len(summary.get("named_all") or []) < 2 else "them"
+    measure = pick(summary, "gap", "measure") or MEASURE
     return [
-        f"With {it} in the model, the gap on data that did not choose {it} {verb}: mean deviance per channel "
+        f"With {it} in the model, the gap on data that did not choose {it} {verb}: {measure} "
         f"{number(before, 3)} before, {number(after, 3)} after."
     ]
 

@@ -11,8 +11,9 @@ from markupsafe import Markup
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.reports.discovery.chapter import Chapter, LeftOut
+from gaugeblock.reports.discovery.headline import MEASURE
 from gaugeblock.reports.discovery.phrases import effect_words, finite, pick
-from gaugeblock.reports.discovery.read import Missing, attribute, floats, group, texts
+from gaugeblock.reports.discovery.read import Missing, floats, group, texts
 from gaugeblock.reports.section import Panel
 from gaugeblock.reports.svg import Frame, drawing, tag
 from gaugeblock.reports.words import number, probability, short
@@ -41,20 +42,20 @@ def held_out_chapter(tree: xr.DataTree, summary: Mapping[str, Any]) -> Chapter |
         "than its rivals, and than decoys: random shapes with as much freedom, and a smooth correction that "
         "fits anything."
     )
-    said = _e_value(summary, data)
+    said = _e_value(summary)
     names, kinds = texts(data, "model"), texts(data, "kind")
     labels = [_label(name, kind) for name, kind in zip(names, kinds, strict=True)]
     panels = []
-    deviance = floats(data, "deviance")
+    deviance, measure = floats(data, "deviance"), str(data.attrs.get("measure") or MEASURE)
     order = np.argsort(deviance, kind="stable")
     panels.append(
         Panel(
-            "Gap: mean deviance per channel",
+            f"Gap: {measure}",
             "lower is better; dashed: the model before",
             _rows(
                 labels, kinds, deviance, _optional(data, "deviance_error"), order,
                 _of_before(kinds, deviance), key="gap", name="Held-out gap of each model",
-                x_label="mean Poisson deviance per channel",
+                x_label=measure,
             ),
         )
     )  # fmt: skip
@@ -77,9 +78,8 @@ def held_out_chapter(tree: xr.DataTree, summary: Mapping[str, Any]) -> Chapter |
     return Chapter("held-out", "Held out", title, f"{lead} {said}".strip(), tuple(panels), keys=keys)
 
 
-def _e_value(summary: Mapping[str, Any], data: xr.Dataset) -> str:
+def _e_value(summary: Mapping[str, Any]) -> str:
     log = finite(pick(summary, "e_value", "log"))
-    log = attribute(data, "log_e_value") if log is None else log
     if log is None:
         return ""
     p = finite(pick(summary, "e_value", "p"))
@@ -154,7 +154,7 @@ def _folds(before: Array, after: Array) -> Panel:
     fold = np.arange(1, len(before) + 1)
     ticks = {float(i): str(i) for i in fold} if len(fold) <= 12 else None
     marks = [
-        frame.axes("fold", "deviance per channel", x_ticks=ticks),
+        frame.axes("fold", "gap", x_ticks=ticks),
         frame.whiskers(fold, np.minimum(before, after), np.maximum(before, after), "error"),
         frame.dots(fold, before, "points hollow"),
         frame.dots(fold, after, "points"),

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
-from gaugeblock.core.atomic import write_atomically
+from gaugeblock.core.atomic import atomic_path, write_atomically
 from gaugeblock.core.errors import InputError
+from gaugeblock.discovery import Discovery
 from gaugeblock.reports.discovery.before_after import after_chapter, before_chapter
 from gaugeblock.reports.discovery.candidate_chapter import candidate_chapter
 from gaugeblock.reports.discovery.catalogue import catalogue_chapter
@@ -18,7 +20,6 @@ from gaugeblock.reports.discovery.headline import headline
 from gaugeblock.reports.discovery.held_out import held_out_chapter
 from gaugeblock.reports.discovery.located import located_chapter
 from gaugeblock.reports.discovery.phrases import effect_words, finite, pick
-from gaugeblock.reports.discovery.read import Missing, group, texts
 from gaugeblock.reports.discovery.size import amplitude_chapter, evidence_chapter, shape_chapter
 from gaugeblock.reports.page import render
 from gaugeblock.reports.verdict_json import plain
@@ -37,7 +38,6 @@ def discovery_html(tree: xr.DataTree, summary: Mapping[str, Any]) -> str:
         If a variable of the tree lies along other dimensions than the schema's.
     """
     content = plain(summary)
-    _tell_units(tree, content)
     made = _chapters(tree, content)
     unknown = [{"id": chapter.title, "why": chapter.why} for chapter in made if isinstance(chapter, LeftOut)]
     name = pick(content, "data", "name")
@@ -56,31 +56,25 @@ def discovery_html(tree: xr.DataTree, summary: Mapping[str, Any]) -> str:
     )
 
 
-def write_discovery(discovery_tree: xr.DataTree, summary: Mapping[str, Any], out: Path) -> None:
-    """Write report.html into the folder `out`, made where missing; whole or not at all.
+def write_discovery(found: Discovery, out: Path | str) -> None:
+    """Write discovery.json, discovery.nc and report.html into the folder `out`, each whole or not at all.
 
     Raises
     ------
     InputError
-        If the folder cannot be made or written to, or the tree is not as its schema says.
+        If the folder cannot be made or written to.
     """
-    content = discovery_html(discovery_tree, summary)
+    folder, summary = Path(out), found.to_json()
     try:
-        Path(out).mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"cannot make the folder {out}: {error.strerror}") from error
+    write_atomically(folder / "discovery.json", json.dumps(summary, indent=2, allow_nan=False) + "\n")
+    with atomic_path(folder / "discovery.nc") as path:
+        found.tree.to_netcdf(path, engine="netcdf4")
+    content = discovery_html(found.tree, summary)
     # A file name in the data may hold bytes that are no text; they must not stop the report.
-    write_atomically(Path(out) / "report.html", content.encode("utf-8", "replace"))
-
-
-def _tell_units(tree: xr.DataTree, summary: dict[str, Any]) -> None:
-    """Give the summary's regions the units of the tree's windows, which come in the same order."""
-    windows = group(tree, "windows")
-    if not isinstance(windows, Missing):
-        for region, unit in zip(
-            pick(summary, "disagreement", "regions") or [], texts(windows, "unit"), strict=False
-        ):
-            region.setdefault("unit", unit)
+    write_atomically(folder / "report.html", content.encode("utf-8", "replace"))
 
 
 def _chapters(tree: xr.DataTree, summary: Mapping[str, Any]) -> list[Chapter | LeftOut]:
@@ -88,17 +82,20 @@ def _chapters(tree: xr.DataTree, summary: Mapping[str, Any]) -> list[Chapter | L
     after = str(summary.get("model_after") or "the model with what was added")
     sources = int(finite(pick(summary, "data", "n_sources")) or 1)
     added, unnamed = bool(summary.get("named_all")), summary.get("named") == "unnamed"
+    joined = "unnamed" in (summary.get("indistinguishable") or [])
+    # A simulator that can only simulate expects nothing of a channel.
+    counted = finite(pick(summary, "data", "counts")) is not None
     made = [
-        before_chapter(tree, before, sources),
+        before_chapter(tree, before, sources) if counted else None,
         located_chapter(tree, summary),
         candidate_chapter(tree, summary),
         # What is not there because nothing was found is no gap in the report.
-        after_chapter(tree, after, sources) if added else None,
-        shape_chapter(tree) if "unnamed" in (summary.get("indistinguishable") or []) or unnamed else None,
+        after_chapter(tree, after, sources) if added and counted else None,
+        shape_chapter(tree) if counted and (unnamed or joined) else None,
         held_out_chapter(tree, summary) if added or "held_out" in tree.children else None,
         amplitude_chapter(summary) if added else None,
         catalogue_chapter(tree, summary),
-        evidence_chapter(summary) if added else None,
+        evidence_chapter(summary) if added and counted else None,
     ]
     return [chapter for chapter in made if chapter is not None]
 

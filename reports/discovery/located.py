@@ -28,14 +28,15 @@ def located_chapter(tree: xr.DataTree, summary: Mapping[str, Any]) -> Chapter | 
         return LeftOut(title, f"{windows.why}; {quantiles.why}")
     panels: list[Panel] = []
     tables: tuple[Table, ...] = ()
-    said = "Two looks that know nothing of the library of effects."
+    said = "Looks that know nothing of the library of effects."
     if not isinstance(windows, Missing):
         tables = (_regions(windows),)
         p = global_p(attribute(windows, "p_global"), attribute(windows, "replicates"))
-        said += (
-            " The scan slides windows of many widths over the channels and asks of each whether it holds too "
-            f"many counts or too few, given that the model was fitted: {p}."
+        scanned = windows.attrs.get("scan") or (
+            "The scan slides windows of many widths over the channels and asks of each whether it holds too "
+            "many counts or too few, given that the model was fitted"
         )
+        said += f" {scanned}: {p}."
         panels += _strongest(windows)
     else:
         said += f" No windows: {windows.why}."
@@ -45,11 +46,11 @@ def located_chapter(tree: xr.DataTree, summary: Mapping[str, Any]) -> Chapter | 
             f"sees broad differences best: {global_p(attribute(quantiles, 'p_global'))}."
         )
         panels += _cumulative(quantiles)
-    else:
+    elif "scan" not in getattr(windows, "attrs", {}):
         said += f" No cumulative curve: {quantiles.why}."
     replicates = pick(summary, "disagreement", "replicates")
     if replicates:
-        said += f" Both are judged against {replicates:,} data sets simulated from the fitted model."
+        said += f" They are judged against {replicates:,} data sets simulated from the fitted model."
     return Chapter("where", "Where", title, said, tuple(panels), tables)
 
 
@@ -72,7 +73,7 @@ def _regions(windows: xr.Dataset) -> Table:
     if not rows:
         rows, note = [("no range stands out", *[""] * len(columns))], ""
     return Table(
-        "Ranges that hold more or fewer counts than chance allows",
+        "Ranges that hold more or less than chance allows",
         (*columns, Column("Global p")),
         (Rows("", tuple(rows)),),
         note,

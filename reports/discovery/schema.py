@@ -15,24 +15,28 @@ The tree (`xarray.DataTree`, written to discovery.nc)
 The summary (discovery.json)
     The contract's keys, and these further ones, each optional::
 
-        "amplitude": {"effect", "parameter", "value", "interval": [lo, hi], "level", "unit", "neutral",
-                      "held_out": bool, "beside_nuisances": {"value", "interval", "nuisances": [text]}}
-                                                    of the first named effect; a list of such for several
+        "amplitude": [{"effect", "parameter", "value", "interval": [lo, hi], "level", "unit", "neutral",
+                       "held_out": bool, "standard_error",
+                       "beside_nuisances": {"value", "interval", "nuisances": [text]}}]
+                                                    of every named effect
         "candidates": [{..., "held_out", "held_out_error", "held_out_model", "in_set": bool, "amplitude",
-                        "amplitude_interval": [lo, hi], "unit", "z_orthogonal", "z_marginal", "cause"}]
+                        "unit", "gain", "cause"}]
                                                     held_out: gain in log score over the model before, nats,
                                                     of held_out_model: after several rounds effects are
                                                     scored together with those found before
         "decoys": [{"name", "kind", "held_out", "held_out_error", "deviance"}]
-        "gap": {"held_out": {..., "before_error", "after_error"},
+        "gap": {"measure", "held_out": {..., "before_error", "after_error"},
                 "delta_log_evidence": {"value", "error", "sensitivity": [{"prior", "value"}]}}
+        "fit": {"before": {name: value}, "after"}   of many: median[name] low[name] high[name]
         "e_value": {"log", "p", "log_own", "paths"} split likelihood ratio, natural log: log_own of the named
                                                     effects, log with the choice among all paid for
-        "disagreement": {..., "p_quantiles", "replicates"}
+        "disagreement": {..., "p_effects", "p_windows", "p_quantiles", "p_moments", "p_left", "replicates",
+                         "regions": [{..., "start", "stop", "lo", "hi", "unit", "excess"}]}
+                                                    energy_lo_kev, energy_hi_kev where the unit is keV
         "catalogue": {"n", "fixed_to", "statement", "floor", "sandwich_error", "effective_sources", "z",
                       "z_beside_nuisances"}
         "withdrawn": {"effect", "why"}              a name that was found and did not hold
-        "remarks": [text]                           said under the headline
+        "remarks": [text]                           said under the headline, why it was decided first
         "not_checked": [{"id", "why"}]
         "data": {"name", "n_sources", "n_channels", "counts"}
         "effects": {name: {"cause", "typical", "origin", "units"}}
@@ -79,7 +83,7 @@ GROUPS: Mapping[str, Group] = {
             "null_maximum": ("replicate",),
             **{f"channel_{name}": CHANNEL for name in ("lo", "hi", "segment", "unit")},
         },
-        ("p_global", "replicates"),
+        ("p_global", "replicates", "scan"),
     ),
     "quantiles": Group(
         "Cumulative observed minus expected counts of each segment, over the root of its total, with a band "
@@ -108,7 +112,17 @@ GROUPS: Mapping[str, Group] = {
             **_along("model", "deviance_error log_score log_score_error"),
             **_along("fold", "before after"),
         },
-        ("scheme", "log_e_value"),
+        ("scheme", "measure"),
+    ),
+    "moments": Group(
+        "Of data sets that can only be simulated: z of every coordinate's mean and square, and moments "
+        "orthogonal to all that was fitted, before and after.",
+        {"z": ("moment",), "before": ("direction",)},
+        {"after": ("direction",)},
+    ),
+    "null": Group(
+        "Of each simulated catalogue the largest z of the library, the largest moment, their mean square.",
+        _along("replicate", "largest moment square"),
     ),
     "shape": Group(
         "For a disagreement that has no name: smooth correction factor of the expected counts with its "

@@ -59,7 +59,8 @@ class EpidemicWithEffects:
             column = self._prior.size
             free = effect.prior(label)
             columns = {name: column + i for i, name in enumerate(effect.free)}
-            self._worked_in.append((effect_kind(effect), effect.fixed, columns))
+            fixed = {name: np.asarray(value) for name, value in effect.fixed.items()}
+            self._worked_in.append((effect_kind(effect), fixed, columns))
             self._prior = self._prior if free is None else self._prior * free
 
     @property

@@ -13,6 +13,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 _PLACES = {
+    "as_prior": "simulators",
+    "truncated": "simulators",
+    "TruncatedNormal": "simulators",
+    "MultivariateNormal": "simulators",
+    "LogNormal": "simulators",
+    "Gamma": "simulators",
+    "Discrete": "simulators",
+    "Dirichlet": "simulators",
+    "Beta": "simulators",
     "Audit": "auditing.result",
     "Effect": "simulators",
     "InputError": "core.errors",
@@ -23,6 +32,7 @@ _PLACES = {
     "Uniform": "simulators",
     "audit": "auditing.audit",
     "audit_draws": "auditing.audit",
+    "discover": "auditing.discovering",
     "judge": "auditing.audit",
     "load": "auditing.estimator_from",
     "make_trials": "validate.trials",
@@ -39,6 +49,7 @@ if TYPE_CHECKING:
     from gaugeblock.auditing.audit import audit as audit
     from gaugeblock.auditing.audit import audit_draws as audit_draws
     from gaugeblock.auditing.audit import judge as judge
+    from gaugeblock.auditing.discovering import discover as discover
     from gaugeblock.auditing.estimator_from import load as load
     from gaugeblock.auditing.planned import plan as plan
     from gaugeblock.auditing.result import Audit as Audit
@@ -47,11 +58,20 @@ if TYPE_CHECKING:
     from gaugeblock.auditing.trials_from import trials_from_numpyro as trials_from_numpyro
     from gaugeblock.auditing.trials_from import trials_from_sbi as trials_from_sbi
     from gaugeblock.core.errors import InputError as InputError
+    from gaugeblock.simulators import Beta as Beta
+    from gaugeblock.simulators import Dirichlet as Dirichlet
+    from gaugeblock.simulators import Discrete as Discrete
     from gaugeblock.simulators import Effect as Effect
+    from gaugeblock.simulators import Gamma as Gamma
+    from gaugeblock.simulators import LogNormal as LogNormal
     from gaugeblock.simulators import LogUniform as LogUniform
+    from gaugeblock.simulators import MultivariateNormal as MultivariateNormal
     from gaugeblock.simulators import Normal as Normal
     from gaugeblock.simulators import Prior as Prior
+    from gaugeblock.simulators import TruncatedNormal as TruncatedNormal
     from gaugeblock.simulators import Uniform as Uniform
+    from gaugeblock.simulators import as_prior as as_prior
+    from gaugeblock.simulators import truncated as truncated
     from gaugeblock.validate.policy import Policy as Policy
     from gaugeblock.validate.trials import make_trials as make_trials
     from gaugeblock.validate.trials import read_trials as read_trials

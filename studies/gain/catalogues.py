@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.discovery.name.marginal import MarginalScores
-from gaugeblock.discovery.name.stack import stack
+from gaugeblock.discovery.name.stacked import stack
 from studies.gain.models import NUISANCES, SETS, nuisance_sd
 from studies.gain.pools import TEMPLATES, Scored
 

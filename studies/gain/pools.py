@@ -13,7 +13,7 @@ import numpy as np
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.atomic import atomic_path
 from gaugeblock.core.digest import digest
-from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.name.marginal import marginal_scores
 from gaugeblock.discovery.name.shared_scores import SharedScores, join, shared_scores
 from gaugeblock.discovery.sources import Sources

@@ -16,7 +16,7 @@ import xarray as xr
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.digest import digest
-from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.name.posterior_draws import posterior_draws
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.protocol import poisson_log_likelihood

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.name.marginal import marginal_scores
 from gaugeblock.discovery.name.shared_profile import profile_models
-from gaugeblock.discovery.name.stack import stack
+from gaugeblock.discovery.name.stacked import stack
 from gaugeblock.discovery.sources import Sources
 from studies.gain.models import GAINS, TabulatedShared, table
 from studies.gain.pools import CHUNK, DRAWS, Pool, draw

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.candidates import Candidate, Candidates
-from gaugeblock.discovery.fit import Fit, fit, likeliest_draws, select
+from gaugeblock.discovery.fitting import Fit, fit, likeliest_draws, select
+from gaugeblock.discovery.library import Candidate, Candidates
 from gaugeblock.discovery.name.score import allowed, scores
 
 TRIES = 2

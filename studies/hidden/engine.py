@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from gaugeblock.discovery import Candidates, Discovery, Sources, candidates, discover
-from gaugeblock.discovery.run import discover_catalogue
+from gaugeblock.discovery import Candidates, Discovery, Sources, discover_catalogue, discover_source
 from studies.hidden.distance import distances
 from studies.hidden.runner import Engine
 from studies.hidden.score import Found
@@ -30,7 +28,7 @@ def library(setup: str, only: tuple[str, ...] = ()) -> Candidates:
     """The candidates of a setup, worked in once; `only` some of them."""
     model = simulator(setup)
     theta = [TYPICAL.get(name, marginal.center) for name, marginal in model.prior.marginals.items()]
-    return candidates(model, np.array([theta]), only=only)
+    return Candidates.of(model, np.array([theta]), only=only)
 
 
 def engine(only: tuple[str, ...] = ()) -> Engine:
@@ -42,28 +40,24 @@ def engine(only: tuple[str, ...] = ()) -> Engine:
             several = discover_catalogue([sources], seed=seed, only=only, replicates=REPLICATES)
             return found(case.number, several)
         shared = library(case.setup, only)
-        return found(case.number, discover(sources, seed=seed, replicates=REPLICATES, library=shared))
+        return found(case.number, discover_source(sources, seed=seed, replicates=REPLICATES, library=shared))
 
     return search
 
 
 def found(number: int, discovery: Discovery) -> Found:
     """What a discovery says, in the words of the study."""
-    summary: Mapping[str, Any] = discovery.summary
-    gap, withdrawn = summary["gap"]["held_out"], summary.get("withdrawn") or {}
+    gap = discovery.gap.held_out
     return Found(
         number=number,
         named=discovery.named or "",
         named_all=tuple(discovery.named_all),
         alike=tuple(discovery.indistinguishable),
         p_global=discovery.p_global,
-        amplitude={
-            one["effect"]: (float(one["value"]), *map(float, one["interval"]))
-            for one in reversed(summary.get("amplitude") or [])
-        },
-        gap=tuple(float("nan") if gap[side] is None else float(gap[side]) for side in ("before", "after")),
-        withdrawn=str(withdrawn.get("effect", "")),
-        why="; ".join(map(str, summary.get("remarks") or [])),
+        amplitude={one.effect: (one.value, *one.interval) for one in reversed(discovery.amplitude)},
+        gap=tuple(float("nan") if side is None else side for side in (gap.before, gap.after)),
+        withdrawn="" if discovery.withdrawn is None else discovery.withdrawn.effect,
+        why="; ".join(discovery.remarks),
         seconds=0.0,
     )
 

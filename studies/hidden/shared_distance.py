@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.candidates import Candidate, Candidates
 from gaugeblock.discovery.coordinates import Coordinates
-from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.fitting import fit
+from gaugeblock.discovery.library import Candidate, Candidates
 from gaugeblock.discovery.name.score import scores
 from studies.hidden.distance import Blocks, begun, deviance
 

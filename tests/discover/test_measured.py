@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from gaugeblock.discovery import Sources, discover
+from gaugeblock.discovery import Sources, discover_source
 from gaugeblock.simulators import Effect, LogUniform, Prior, Uniform
 
 pytest.importorskip("jaxspec")
@@ -103,7 +103,7 @@ def search(*files, **options):
     """The whole workflow on one spectrum, and the observation that it searched."""
     found = read_observation(*files, **options)
     sources = Sources(found.simulator, found.counts, found.scale, found.redshift, found.names)
-    return discover(sources, seed=1), found
+    return discover_source(sources, seed=1), found
 
 
 @pytest.mark.slow
@@ -117,7 +117,7 @@ def test_of_what_a_source_may_do_the_search_leaves_the_line_and_the_covering(mcg
     library = observation.simulator.effect_library(observation.simulator.prior.center[None])
     alike = {name for name in found.indistinguishable if name in library and library[name].origin == "source"}
     assert alike == {"emission_line", "partial_covering"}
-    gap = found.summary["gap"]["held_out"]
+    gap = found.to_json()["gap"]["held_out"]
     assert gap["after"] < gap["before"] - 0.15
 
 
@@ -129,7 +129,7 @@ def test_the_withheld_background_of_ngc_7793_is_not_named(ngc7793):
     )
     assert found.named is None
     assert found.p_global > 0.01
-    assert found.candidate("background")["p_global"] > 0.01
+    assert found.candidate("background").p_global > 0.01
 
 
 @pytest.mark.slow

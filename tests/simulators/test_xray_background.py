@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from scipy.stats import poisson
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.fitting import fit
 from gaugeblock.simulators import Effect, Simulator, Uniform
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.protocol import Described, Extensible, HasJacobian, HasLikelihood, HasNoise

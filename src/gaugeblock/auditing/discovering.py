@@ -1,132 +1,325 @@
-"""Discovery on measured spectra: read files, search, write discovery.json, discovery.nc and report.html."""
+"""`discover`: one way in to discovery, for measured spectra and for a simulator with data in hand."""
 
 from __future__ import annotations
 
-import json
+import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.auditing.identity import versions
-from gaugeblock.core.atomic import atomic_path, write_atomically
 from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError
-from gaugeblock.discovery import Discovery, Sources, discover, discover_catalogue
+from gaugeblock.core.progress import Progress, shown
+from gaugeblock.discovery import (
+    Discovery,
+    Sources,
+    discover_catalogue,
+    discover_simulated,
+    discover_source,
+)
+from gaugeblock.reports.discovery import write_discovery
 from gaugeblock.reports.verdict_json import plain
+from gaugeblock.simulators.effects import Effect
+from gaugeblock.simulators.from_function import as_simulator
 from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators.prior import Prior
+from gaugeblock.simulators.protocol import (
+    Extensible,
+    HasExpected,
+    HasLikelihood,
+    description,
+    poisson_log_likelihood,
+)
 from gaugeblock.simulators.registry import load_object
 
-Progress = Callable[[str, int, int], None]
+Kind = Literal["counts", "catalogue", "simulations"]
+Files = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Measured:
-    """What was measured and how it should be explained, as the command line gives it."""
+def discover(
+    what: Any,
+    x: ArrayLike | None = None,
+    *,
+    model: str = "tbabs*powerlaw",
+    priors: str | os.PathLike[str] | None = None,
+    band: tuple[float, float] | None = None,
+    rmf: Files = (),
+    arf: Files = (),
+    background: Sequence[str] = (),
+    redshift: float = 0.0,
+    regroup: str = "ungrouped",
+    prior: Any = None,
+    engine: Kind | None = None,
+    effects: Mapping[str, LibraryEffect] | Sequence[LibraryEffect | str] = (),
+    only: Sequence[str] = (),
+    most: int = 1,
+    simulations: int = 10_000,
+    summaries: Callable[[Any], Any] | None = None,
+    evidence: bool | None = None,
+    replicates: int = 999,
+    seed: int = 0,
+    out: str | os.PathLike[str] | None = None,
+    progress: Progress | bool | None = None,
+    command: str = "",
+) -> Discovery:
+    """Find where simulation and data disagree, name the missing effect, add it, test the name.
 
-    pha: tuple[Path, ...] = ()
-    catalog: Path | None = None
-    model: str
-    priors: Path | None = None
-    band: tuple[float, float] | None = None
-    rmf: tuple[Path, ...] = ()
-    arf: tuple[Path, ...] = ()
-    background: tuple[str, ...] = ()
-    redshift: float = 0.0
-    regroup: str = "ungrouped"
-
-
-def read(measured: Measured, *, progress: Progress, seed: int = 0) -> list[Sources]:
-    """The sources that files hold, one group a response.
+    Parameters
+    ----------
+    what
+        Measured spectra: a PHA file, several of one source, or a folder that holds a catalogue. Or, with `x`,
+        the simulator that should explain it: an object, a name, or a function ``(theta, rng)`` beside its
+        `prior`. Or `Sources`, one group or several.
+    x : array, optional
+        ``(n, ...)`` independent data sets that share the effect; one source's counts also as ``(channel,)``.
+    model, priors, band, rmf, arf, background, redshift, regroup
+        Of measured spectra: the model as in XSPEC, a TOML file of priors, energies in keV, responses and
+        backgrounds in place of the headers', channels to be grouped; see docs/xray.md.
+    prior
+        Of a simulator that has none, or in place of its own: whatever `as_prior` takes.
+    engine : "counts", "catalogue" or "simulations", optional
+        Without it: for a simulator whose likelihood is the Poisson one of its ``expected(theta)`` and data
+        that are counts, "counts" for one data set and "catalogue" for several; else "simulations", which
+        uses ``simulate`` alone.
+    effects : mapping or sequence of LibraryEffect, or ``module:object`` of such
+        Beside the simulator's own library. Of a simulator without ``with_effect``, an effect's `kind` is a
+        function ``(simulate, theta, values, rng)`` that gives its data: `simulate(theta, rng)` is the
+        simulator without it, `values` its parameters by name, ``(n,)`` each.
+    only : sequence of str
+        Effects to which the search is restricted.
+    most : int
+        Most effects that are added by "simulations", where a second explains much that is none.
+    simulations, summaries
+        Of "simulations": how many at each state, and from data ``(n, ...)`` to numbers ``(n, k)``.
+    evidence : bool or None
+        Whether to run nested sampling for the evidence of the named effect of "counts"; None: where it is
+        quick.
+    replicates : int
+        Simulated data sets behind every global p, which is never below 1 / (replicates + 1).
+    seed : int
+        Of everything random.
+    out : path, optional
+        Folder for discovery.json, discovery.nc and report.html; without it no file is written.
+    progress : callable ``(what, done, total)`` or bool, optional
+        None: bars in a terminal and in a notebook.
 
     Raises
     ------
     InputError
-        If neither spectra nor a catalogue are named, or both, or a file cannot be read.
+        In one line: for files that cannot be read, or what makes no sense together.
+    """
+    if engine is not None and engine not in get_args(Kind):
+        raise InputError(f"discover: engine must be one of {', '.join(get_args(Kind))}, got {engine!r}")
+    own = own_effects(effects)
+    with ExitStack() as stack:
+        show = stack.enter_context(shown(progress))
+        steps = _Steps(show)
+        common: dict[str, Any] = {
+            "seed": seed, "effects": own, "only": tuple(only), "replicates": replicates, "step": steps.begin,
+        }  # fmt: skip
+        groups: Sequence[Sources] = ()
+        simulator: Any = None
+        if isinstance(what, Sources):
+            groups = [what]
+        elif x is not None:
+            simulator = _simulator(what, prior, own)
+            counts = np.asarray(x)
+            engine = engine or _engine(simulator, counts)
+            if engine != "simulations":
+                groups = [Sources.of(simulator, counts)]
+        elif isinstance(what, str | os.PathLike) or _all(what, str | os.PathLike):
+            groups = read_measured(
+                what, model=model, priors=priors, band=band, rmf=rmf, arf=arf, background=background,
+                redshift=redshift, regroup=regroup, seed=seed, progress=show,
+            )  # fmt: skip
+        elif _all(what, Sources):
+            groups = list(what)
+        else:
+            raise InputError(
+                f"discover: a {type(what).__name__} without data; give discover(simulator, x), PHA files, "
+                "or a folder of them"
+            )
+        if not groups:
+            found = discover_simulated(
+                simulator, np.asarray(x), most=most, simulations=simulations, summaries=summaries, **common
+            )
+        elif engine == "simulations":
+            raise InputError("discover: engine 'simulations' takes a simulator and x")
+        elif engine != "catalogue" and sum(map(len, groups)) == 1:
+            found = discover_source(groups[0], evidence=evidence, e_value=True, **common)
+        elif engine == "counts":
+            raise InputError(f"discover: engine 'counts' takes one source, got {sum(map(len, groups))}")
+        else:
+            found = discover_catalogue(groups, **common)
+        steps.end()
+    data = [group.counts.tolist() for group in groups] if groups else np.asarray(x).tolist()
+    searched = [group.simulator for group in groups] if groups else [simulator]
+    found = found.with_provenance(
+        plain(
+            {
+                "command": command,
+                "seed": seed,
+                "replicates": replicates,
+                "versions": versions(),
+                "model": found.model_before,
+                "simulators": [description(one) for one in searched],
+                "data": digest(data),
+            }
+        )
+    )
+    if out is not None:
+        write_discovery(found, Path(out))
+    return found
+
+
+def _all(what: Any, kind: Any) -> bool:
+    return isinstance(what, Sequence) and bool(what) and all(isinstance(one, kind) for one in what)
+
+
+def _simulator(what: Any, prior: Any, own: Mapping[str, LibraryEffect]) -> Any:
+    """A simulator that takes effects, from an object, a name, or a function with its prior."""
+    made = as_simulator(what, prior=prior)
+    called_on_functions = own and all(callable(entry.kind) for entry in own.values())
+    if not isinstance(made, Extensible) and called_on_functions:
+        return WithFunctions(made.simulate, made.prior)
+    return made
+
+
+def _engine(simulator: Any, x: NDArray[Any]) -> Kind:
+    """Counts and their mean say most; everything else is simulated."""
+    rows = np.atleast_2d(x)
+    counts = rows.ndim == 2 and np.issubdtype(rows.dtype, np.number) and bool(np.all(rows >= 0))
+    if not isinstance(simulator, HasExpected) or not counts or not np.array_equal(rows, np.round(rows)):
+        return "simulations"
+    if isinstance(simulator, HasLikelihood):
+        theta = np.atleast_2d(simulator.prior.center)
+        poisson = poisson_log_likelihood(simulator.expected(theta), rows[:1])
+        if not np.allclose(simulator.log_likelihood(theta, rows[:1]), poisson, rtol=1e-6, atol=1e-6):
+            return "simulations"
+    return "counts" if len(rows) == 1 else "catalogue"
+
+
+class WithFunctions:
+    """A simulator that takes functions as effects.
+
+    An effect's `kind` is a function ``(simulate, theta, values, rng)`` whose data ``(n, ...)`` are those of
+    `simulate(theta, rng)`, what was there before, with the effect; at its neutral value the same data.
+
+    Parameters
+    ----------
+    simulate : callable
+        ``(theta, rng)`` to data ``(n, ...)``.
+    prior : Prior
+        Of its parameters.
+    """
+
+    def __init__(
+        self, simulate: Callable[..., Any], prior: Prior, effects: tuple[tuple[Effect, str], ...] = ()
+    ):
+        self._simulate, self._plain, self._effects = simulate, prior, effects
+        self.prior = prior
+        for effect, label in effects:
+            free = effect.prior(label)
+            self.prior = self.prior if free is None else self.prior * free
+
+    def simulate(self, theta: ArrayLike, rng: np.random.Generator) -> NDArray[Any]:
+        """Data ``(n, ...)`` for each row of theta, the effects' parameters behind the simulator's."""
+        rows = np.asarray(theta, dtype=float)
+        at, call = self._plain.size, self._simulate
+        for effect, _ in self._effects:
+            values = {name: np.full(len(rows), value) for name, value in effect.fixed.items()}
+            for name in effect.free:
+                values[name], at = rows[:, at], at + 1
+            call = _changed(effect.kind, call, values)
+        return np.asarray(call(rows[:, : self._plain.size], rng))
+
+    def with_effect(self, effect: Effect) -> WithFunctions:
+        """The same with an effect worked in.
+
+        Raises
+        ------
+        InputError
+            If the effect's kind is no function.
+        """
+        if not callable(effect.kind):
+            raise InputError(
+                f"effect {effect.name}: a simulator without with_effect takes a function (simulate, theta, "
+                "values, rng) as the effect's kind"
+            )
+        number = 1 + sum(one.name == effect.name for one, _ in self._effects)
+        more = (*self._effects, (effect, f"{effect.name}_{number}"))
+        return WithFunctions(self._simulate, self._plain, more)
+
+
+def _changed(kind: Callable[..., Any], call: Callable[..., Any], values: Mapping[str, Any]) -> Any:
+    return lambda theta, rng: kind(call, theta, values, rng)
+
+
+def read_measured(
+    files: Files,
+    *,
+    model: str,
+    priors: str | os.PathLike[str] | None = None,
+    band: tuple[float, float] | None = None,
+    rmf: Files = (),
+    arf: Files = (),
+    background: Sequence[str] = (),
+    redshift: float = 0.0,
+    regroup: str = "ungrouped",
+    seed: int = 0,
+    progress: Progress = lambda what, done, total: None,  # noqa: ARG005
+) -> list[Sources]:
+    """The sources that PHA files, or a folder with a catalogue, hold: one group a response.
+
+    Raises
+    ------
+    InputError
+        If there are none, or a file cannot be read.
     """
     from gaugeblock.simulators.xray.catalog import read_catalog
     from gaugeblock.simulators.xray.observation import read_observation
 
-    if bool(measured.pha) == (measured.catalog is not None):
-        raise InputError("discover: name either PHA files of one source, or --catalog with a folder of many")
-    if measured.catalog is not None:
-        if len(measured.rmf) > 1 or len(measured.arf) > 1:
+    pha, rmfs, arfs = (_paths(given) for given in (files, rmf, arf))
+    told: dict[str, Any] = {
+        "model": model, "priors": None if priors is None else Path(priors), "band": band, "regroup": regroup,
+    }  # fmt: skip
+    if not pha:
+        raise InputError("discover: name PHA files of one source, or a folder with a catalogue of many")
+    if any(path.is_dir() for path in pha):
+        if len(pha) > 1:
+            raise InputError("discover: name either PHA files of one source, or one folder with many")
+        if len(rmfs) > 1 or len(arfs) > 1:
             raise InputError("discover: a catalogue takes one --rmf and one --arf at most")
         found = read_catalog(
-            measured.catalog,
-            model=measured.model,
-            priors=measured.priors,
-            rmf=next(iter(measured.rmf), None),
-            arf=next(iter(measured.arf), None),
-            background=measured.background != ("none",),
-            band=measured.band,
-            regroup=measured.regroup,
+            pha[0],
+            rmf=next(iter(rmfs), None),
+            arf=next(iter(arfs), None),
+            background=tuple(background) != ("none",),
             seed=seed,
             progress=lambda done, total: progress("reading spectra", done, total),
+            **told,
         )
     else:
         found = (
             read_observation(
-                measured.pha,
-                model=measured.model,
-                priors=measured.priors,
-                rmf=measured.rmf or None,
-                arf=measured.arf or None,
-                background=measured.background or None,
-                band=measured.band,
-                redshift=measured.redshift,
-                regroup=measured.regroup,
+                pha,
+                rmf=rmfs or None,
+                arf=arfs or None,
+                background=tuple(background) or None,
+                redshift=redshift,
+                **told,
             ),
         )
     return [Sources(o.simulator, o.counts, o.scale, o.redshift, o.names) for o in found]
 
 
-def run(
-    measured: Measured,
-    out: Path,
-    *,
-    seed: int = 0,
-    own: Sequence[str] = (),
-    only: Sequence[str] = (),
-    replicates: int = 999,
-    evidence: bool | None = None,
-    command: str = "",
-    progress: Progress,
-) -> Discovery:
-    """Discover and write the files into `out`.
-
-    Parameters
-    ----------
-    own : sequence of str
-        Effects of one's own as ``module:object``, a `LibraryEffect` or several.
-    only : sequence of str
-        Effects to which the search is restricted.
-    evidence : bool or None
-        Whether to run nested sampling for the evidence of the named effect; None: where it is quick.
-
-    Raises
-    ------
-    InputError
-        In one line: for files that cannot be read or options that make no sense.
-    """
-    groups = read(measured, progress=progress, seed=seed)
-    steps = _Steps(progress)
-    options: dict[str, Any] = {
-        "seed": seed,
-        "effects": own_effects(own),
-        "only": tuple(only),
-        "replicates": replicates,
-        "step": steps.begin,
-    }
-    if len(groups) == 1 and len(groups[0]) == 1:
-        found = discover(groups[0], evidence=evidence, e_value=True, **options)
-    else:
-        found = discover_catalogue(groups, **options)
-    steps.end()
-    summary = dict(found.summary) | {"provenance": _provenance(measured, groups, seed, replicates, command)}
-    found = replace(found, summary=plain(summary))
-    write(found, out)
-    return found
+def _paths(given: Files) -> tuple[Path, ...]:
+    return (Path(given),) if isinstance(given, str | os.PathLike) else tuple(map(Path, given))
 
 
 class _Steps:
@@ -147,45 +340,24 @@ class _Steps:
         self._open = None
 
 
-def write(found: Discovery, out: Path) -> None:
-    """Write discovery.json, discovery.nc and report.html, each wholly or not at all."""
-    from gaugeblock.reports.discovery import write_discovery
-
-    out.mkdir(parents=True, exist_ok=True)
-    write_atomically(out / "discovery.json", json.dumps(found.summary, indent=2, allow_nan=False) + "\n")
-    with atomic_path(out / "discovery.nc") as path:
-        found.tree.to_netcdf(path, engine="netcdf4")
-    write_discovery(found.tree, dict(found.summary), out)
-
-
-def own_effects(names: Sequence[str]) -> dict[str, LibraryEffect]:
-    """Effects that a user keeps in a module of their own.
+def own_effects(
+    given: Mapping[str, LibraryEffect] | Sequence[LibraryEffect | str],
+) -> dict[str, LibraryEffect]:
+    """Effects of one's own by name, those given as ``module:object`` loaded.
 
     Raises
     ------
     InputError
-        If a module cannot be imported, or what it holds is no effect.
+        If a module cannot be imported, or something is no effect.
     """
+    if isinstance(given, Mapping):
+        return dict(given)
     found: dict[str, LibraryEffect] = {}
-    for name in names:
-        loaded = load_object(name, "effect")
+    for name in given:
+        loaded: Any = load_object(name, "effect") if isinstance(name, str) else name
         several = loaded.values() if isinstance(loaded, Mapping) else loaded
         for entry in [loaded] if isinstance(loaded, LibraryEffect) else list(several):
             if not isinstance(entry, LibraryEffect):
                 raise InputError(f"effect {name!r}: holds a {type(entry).__name__}, not a LibraryEffect")
             found[entry.name] = entry
     return found
-
-
-def _provenance(
-    measured: Measured, groups: Sequence[Sources], seed: int, replicates: int, command: str
-) -> dict[str, Any]:
-    return {
-        "command": command,
-        "seed": seed,
-        "replicates": replicates,
-        "versions": versions(),
-        "model": measured.model,
-        "simulators": [group.simulator.describe() for group in groups],
-        "data": digest([group.counts.tolist() for group in groups]),
-    }

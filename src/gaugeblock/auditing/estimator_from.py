@@ -15,10 +15,11 @@ from numpy.typing import ArrayLike
 from gaugeblock.auditing.identity import identity
 from gaugeblock.core.arrays import Array, plain
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.global_state import SEEDS, seeded_globals
 from gaugeblock.core.streams import Rng
 from gaugeblock.estimators.protocol import Estimator, HasDensity
 from gaugeblock.estimators.registry import build_estimator, made_for
-from gaugeblock.simulators.from_function import SEEDS, seeded_globals, source_of
+from gaugeblock.simulators.from_function import source_of
 from gaugeblock.simulators.protocol import Simulator
 from gaugeblock.simulators.registry import load_object
 from gaugeblock.stranger.mapping import Mapping as ColumnMapping
@@ -55,8 +56,9 @@ class LibraryEstimator:
 
     def sample(self, x: ArrayLike, n: int, rng: Rng) -> Array:
         """Draws ``(batch, n, parameter)``."""
-        with seeded_globals(rng):
-            return plain(self._model.sample(x, n, int(rng.integers(SEEDS))), what="the estimator's draws")
+        seed = int(rng.integers(SEEDS))
+        with seeded_globals(seed):
+            return plain(self._model.sample(x, n, seed), what="the estimator's draws")
 
     def __repr__(self) -> str:
         return f"LibraryEstimator({self._model.describe()['library']})"
@@ -67,7 +69,7 @@ class DenseLibraryEstimator(LibraryEstimator):
 
     def log_prob(self, theta: ArrayLike, x: ArrayLike) -> Array:
         """Natural log density ``(batch, n)`` at theta ``(batch, n, parameter)``."""
-        with seeded_globals(np.random.default_rng(0)):
+        with seeded_globals(0):
             return plain(self._model.log_prob(theta, x), what="the estimator's log density")
 
 

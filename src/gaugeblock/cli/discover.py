@@ -69,33 +69,34 @@ def discover(
 
     Writes discovery.json, discovery.nc and report.html.
     """
-    from gaugeblock.auditing.discovering import Measured, run
+    from gaugeblock.auditing import discovering
+    from gaugeblock.core.errors import InputError
     from gaugeblock.core.progress import Bars
     from gaugeblock.reports.discovery.headline import headline
 
-    measured = Measured(
-        pha=tuple(pha or ()),
-        catalog=catalog,
-        model=model,
-        priors=priors,
-        band=band,
-        rmf=tuple(rmf or ()),
-        arf=tuple(arf or ()),
-        background=tuple(background or ()),
-        redshift=redshift,
-        regroup=regroup,
-    )
+    if bool(pha) == (catalog is not None):
+        raise InputError("discover: name either PHA files of one source, or --catalog with a folder of many")
+    if catalog is not None and not catalog.is_dir():
+        raise InputError(f"discover: --catalog {catalog} is no folder")
     with Bars(quiet=quiet) as bars:
-        found = run(
-            measured,
-            out,
-            seed=seed or 0,
-            own=own or (),
+        found = discovering.discover(
+            catalog if catalog is not None else pha,
+            model=model,
+            priors=priors,
+            band=band,
+            rmf=rmf or (),
+            arf=arf or (),
+            background=background or (),
+            redshift=redshift,
+            regroup=regroup,
+            effects=own or (),
             only=effect or (),
-            replicates=replicates,
             evidence=evidence,
-            command=command(),
+            replicates=replicates,
+            seed=seed or 0,
+            out=out,
             progress=bars.show,
+            command=command(),
         )
-    typer.echo(printable(headline(found.summary).paragraph))
+    typer.echo(printable(headline(found.to_json()).paragraph))
     typer.echo(f"report: {out / 'report.html'}")

@@ -11,7 +11,7 @@ from scipy import stats
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.extend.adaptive import Mixture, effective_draws
-from gaugeblock.discovery.fit import fit, likeliest_draws
+from gaugeblock.discovery.fitting import fit, likeliest_draws
 from gaugeblock.discovery.name.peaks import systematic
 from gaugeblock.discovery.name.posterior_draws import POOR, posterior_draws
 from studies.paper.experiments.arithmetic import GAIN_PRIOR_SD

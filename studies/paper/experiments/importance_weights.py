@@ -103,7 +103,7 @@ def ceiling(simulator: Any, *, number: int, draws: int, rng: np.random.Generator
 
     No flow that learns from the simulations does better.
     """
-    from gaugeblock.discovery.fit import fit
+    from gaugeblock.discovery.fitting import fit
     from gaugeblock.discovery.name.posterior_draws import posterior_draws
 
     counts = np.asarray(simulator.simulate(simulator.prior.sample(number, rng), rng), dtype=float)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discovery.candidates import candidates
 from gaugeblock.discovery.confirm.amplitude import Place, held_out_amplitude, profile_interval
-from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.fitting import fit
+from gaugeblock.discovery.library import Candidates
 from gaugeblock.discovery.sources import Sources
 
 THETA = np.array([20_000.0, 1.5])
@@ -14,7 +14,7 @@ TRIALS = 120
 
 @pytest.fixture(scope="module")
 def dip(power_law):
-    return candidates(power_law(), THETA[None])["dip"]
+    return Candidates.of(power_law(), THETA[None])["dip"]
 
 
 def test_the_interval_covers(dip):
@@ -46,7 +46,7 @@ def test_the_interval_is_the_likelihoods(dip):
 
 
 def test_at_a_bound_the_interval_ends_there(power_law):
-    line = candidates(power_law(), THETA[None])["line"]
+    line = Candidates.of(power_law(), THETA[None])["line"]
     counts = np.round(power_law().expected(THETA[None]))
     start = np.array([[*THETA, 3.0, 10.0]])
     fitted = fit(line.simulator, counts, start=start, fixed=("line_1.energy",))

@@ -7,7 +7,7 @@ from scipy.stats import multivariate_normal
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.confirm.evidence import allowed_factors, delta_log_evidence
-from gaugeblock.discovery.confirm.prior_sensitivity import prior_sensitivity
+from gaugeblock.discovery.confirm.prior_widths import prior_sensitivity
 from gaugeblock.simulators import Normal, Prior, Uniform
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.validate.evidence import LogEvidence, perfect_run

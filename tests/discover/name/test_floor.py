@@ -6,7 +6,7 @@ import pytest
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.name.floor import reach
 from gaugeblock.discovery.name.shared_scores import SharedScores, shared_scores
-from gaugeblock.discovery.name.stack import stack
+from gaugeblock.discovery.name.stacked import stack
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def test_an_unmodelled_nuisance_needs_a_size(scores):
 
 def test_without_nuisances_there_is_no_floor(power_law):
     rng = np.random.default_rng(2)
-    from gaugeblock.discovery.fit import fit
+    from gaugeblock.discovery.fitting import fit
 
     simulator = power_law()
     counts = simulator.simulate(np.array([[1000.0, 2.0]] * 3), rng)

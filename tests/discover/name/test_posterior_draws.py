@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.name.posterior_draws import posterior_draws
 from gaugeblock.simulators import Normal, Prior, Uniform
 

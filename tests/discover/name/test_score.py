@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from gaugeblock.discovery.candidates import candidates
-from gaugeblock.discovery.fit import fit
-from gaugeblock.discovery.name.null import search_null
+from gaugeblock.discovery.engine import beyond
+from gaugeblock.discovery.fitting import fit
+from gaugeblock.discovery.library import Candidates
+from gaugeblock.discovery.name.null import largest_null
 from gaugeblock.discovery.name.score import allowed, scores
-from gaugeblock.discovery.name.templates import templates
+from gaugeblock.discovery.name.shapes import templates
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.effects import Effect
 
@@ -20,7 +21,7 @@ def quiet(power_law):
     theta = np.stack([np.exp(rng.uniform(6.5, 9.0, 400)), rng.uniform(0.5, 2.5, 400)], axis=1)
     sources = Sources.of(simulator, simulator.simulate(theta, rng))
     fitted = fit(simulator, sources.counts, start=theta)
-    found = templates(candidates(simulator, theta), sources, fitted)
+    found = templates(Candidates.of(simulator, theta), sources, fitted)
     return sources, fitted, found, scores(sources.counts, fitted, found.values)
 
 
@@ -44,11 +45,12 @@ def test_without_the_projection_it_would_not_be(quiet):
 def test_p_global_is_uniform_without_an_effect(quiet):
     _, fitted, found, tested = quiet
     p = [
-        float(
-            search_null(
-                fitted.expected[i], tested.shape[i], found.sign, found.owner, replicates=199,
+        beyond(
+            largest_null(
+                fitted.expected[i], tested.shape[i], found.sign, replicates=199,
                 rng=np.random.default_rng(1000 + i),
-            ).p_global(allowed(tested.z[i], found.sign).max())
+            ),
+            allowed(tested.z[i], found.sign).max(),
         )
         for i in range(200)
     ]  # fmt: skip
@@ -62,7 +64,7 @@ def test_information_is_the_projected_fisher_information(power_law):
     theta = np.array([[5000.0, 1.2]])
     sources = Sources.of(simulator, np.round(simulator.expected(theta)))
     fitted = fit(simulator, sources.counts)
-    found = templates(candidates(simulator, theta), sources, fitted)
+    found = templates(Candidates.of(simulator, theta), sources, fitted)
     tested = scores(sources.counts, fitted, found.values)
     for t in (0, 40, 100):
         columns = np.concatenate([fitted.jacobian[0], found.values[0, t][:, None]], axis=1)
@@ -90,7 +92,7 @@ def test_the_amplitude_is_read_off(power_law):
     fitted = fit(plain, sources.counts, start=theta)
     entry = plain.effect_library(theta)["dip"]
     near = int(np.argmin(np.abs(np.asarray(entry.scanned["energy"]) - 2.0)))
-    found = templates(candidates(plain, theta, only=("dip",)), sources, fitted)
+    found = templates(Candidates.of(plain, theta, only=("dip",)), sources, fitted)
     tested = scores(sources.counts, fitted, found.values)
     # The nearest scanned energy is not 2 keV exactly, so a little of the depth is lost, never gained.
     mean = tested.amplitude[:, near].mean()

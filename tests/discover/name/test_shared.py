@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.discovery.candidates import candidates
-from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.engine import beyond
+from gaugeblock.discovery.fitting import fit
+from gaugeblock.discovery.library import Candidates
 from gaugeblock.discovery.name import catalogue
-from gaugeblock.discovery.name.catalogue import Group, search
-from gaugeblock.discovery.name.influence import influence, without
+from gaugeblock.discovery.name.catalogue import Members, search_shared
+from gaugeblock.discovery.name.score import allowed
 from gaugeblock.discovery.name.shared import Term, share
 from gaugeblock.discovery.name.shared_scores import join, shared_scores
-from gaugeblock.discovery.name.stack import stack
+from gaugeblock.discovery.name.stacked import influence, stack, without
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators import Effect
 
@@ -119,14 +120,14 @@ def test_the_sandwich_sees_scatter_between_sources(made):
 def group(power_law, seed, **hidden):
     sources, _ = population(power_law, 60, seed, **hidden)
     fitted = fit(sources.simulator, sources.counts)
-    return Group(sources, fitted, candidates(sources.simulator, fitted.theta, only=("dip", "edge")))
+    return Members(sources, fitted, Candidates.of(sources.simulator, fitted.theta, only=("dip", "edge")))
 
 
 def test_a_hidden_dip_is_found_where_it_is(power_law):
-    found = search([group(power_law, 4, depth=-0.08)], replicates=199, rng=np.random.default_rng(0))
+    found = search_shared([group(power_law, 4, depth=-0.08)], replicates=199, rng=np.random.default_rng(0))
     best = np.argmax(np.abs(found.stack.z))
     assert found.owner[best] == "dip"
-    assert found.p_global[best] == 1 / 200
+    assert beyond(found.null, np.abs(found.stack.z[best])) == 1 / 200
     library = power_law().effect_library(np.array([[1000.0, 2.0]]))
     assert library["dip"].nodes[found.node[best], 0] == pytest.approx(2.0, rel=0.1)
     assert found.stack.amplitude[best] == pytest.approx(-0.08, abs=4 * found.stack.standard_error[best])
@@ -135,8 +136,9 @@ def test_a_hidden_dip_is_found_where_it_is(power_law):
 def test_effect_free_catalogues_are_quiet(power_law):
     # Twelve searches: more than four below 0.1 in fewer than one of two hundred.
     p = [
-        search([group(power_law, 20 + k)], replicates=99, rng=np.random.default_rng(k)).p_global.min()
+        beyond(found.null, allowed(found.stack.z, found.sign).max())
         for k in range(12)
+        for found in [search_shared([group(power_law, 20 + k)], replicates=99, rng=np.random.default_rng(k))]
     ]
     assert np.sum(np.array(p) <= 0.1) <= 4
     assert max(p) > 0.3
@@ -146,13 +148,13 @@ def test_a_search_does_not_depend_on_blocks_or_on_the_order_of_terms(power_law, 
     one = group(power_law, 5)
     entry = one.candidates.entries["edge"]
     terms = [Term(entry, {"energy": 3.0}, sd=0.05)]
-    whole = search([one], terms, replicates=50, rng=np.random.default_rng(0))
+    whole = search_shared([one], terms, replicates=50, rng=np.random.default_rng(0))
     monkeypatch.setattr(catalogue, "BLOCK", 7)
-    parts = search([one], terms, replicates=50, rng=np.random.default_rng(0))
+    parts = search_shared([one], terms, replicates=50, rng=np.random.default_rng(0))
     np.testing.assert_allclose(parts.stack.z, whole.stack.z, atol=1e-9)
-    np.testing.assert_allclose(parts.null.largest, whole.null.largest, atol=1e-9)
+    np.testing.assert_allclose(parts.null, whole.null, atol=1e-9)
     # An effect is not tested beside itself.
-    alone = search([one], replicates=50, rng=np.random.default_rng(0))
+    alone = search_shared([one], replicates=50, rng=np.random.default_rng(0))
     edge = whole.owner == "edge"
     np.testing.assert_allclose(whole.stack.z[edge], alone.stack.z[edge], atol=1e-12)
     assert np.abs(whole.stack.z[~edge] - alone.stack.z[~edge]).max() > 1e-3
@@ -165,6 +167,6 @@ def test_terms_are_checked(power_law):
     with pytest.raises(InputError, match="positive sd"):
         Term(entry, {"energy": 2.0}, sd=-1.0)
     with pytest.raises(InputError, match="a catalogue needs sources"):
-        search([], rng=np.random.default_rng(0))
+        search_shared([], rng=np.random.default_rng(0))
     with pytest.raises(InputError, match="at least one source"):
         join([])

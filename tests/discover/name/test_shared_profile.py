@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.discovery.fit import fit
+from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.name.shared import Term, fit_held, share
 from gaugeblock.discovery.name.shared_profile import profile_shared
 from gaugeblock.discovery.sources import Sources

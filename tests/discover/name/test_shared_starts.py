@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discovery.fit import fit, likeliest_draws
+from gaugeblock.discovery.fitting import fit, likeliest_draws
 from gaugeblock.discovery.name.shared_starts import APART, BANK, spread_starts
 from gaugeblock.simulators import Prior, Uniform
 

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discovery.simulated import discover_simulated
+from gaugeblock.discovery import discover_simulated
+from gaugeblock.discovery.result import Sides
 from gaugeblock.discovery.simulated.before import prepare
 from gaugeblock.discovery.simulated.extend import refit
 from gaugeblock.discovery.simulated.fit import Budget, Observed
-from gaugeblock.discovery.simulated.held_out import gap
+from gaugeblock.discovery.simulated.judged import gap
 from gaugeblock.discovery.simulated.search import find
 
 CATALOGUES = 200
@@ -17,7 +18,9 @@ BUDGET = Budget(3000, 21)
 @pytest.fixture(scope="module")
 def nulls(ruler, readings):
     """Global p-values of effect-free catalogues: scores learned once, population fitted to each."""
-    before = prepare(ruler, readings(80, 0), library=None, budget=BUDGET, summaries=None, step=lambda _: None)
+    before = prepare(
+        ruler, readings(80, 0), own=None, only=(), budget=BUDGET, summaries=None, step=lambda _: None
+    )
     rows = []
     for k in range(CATALOGUES):
         observed = Observed(before.features(readings(80, 1000 + k)))
@@ -25,9 +28,9 @@ def nulls(ruler, readings):
         found = find(
             before.scores, fitted, before.features, observed, replicates=199, rng=np.random.default_rng(k)
         )
-        rows.append(
-            (found.p_effects, found.p_moments, found.p_global, gap(fitted, before.features, observed))
-        )
+        seen = found.look(before.candidates.entries, len(observed))
+        left = gap(fitted, before.features, observed)
+        rows.append((seen.p_effects, found.p_moments, seen.p_global, left))
     return np.array(rows).T
 
 
@@ -52,5 +55,5 @@ def test_nothing_is_named(ruler, readings):
     assert found.named is None
     assert found.named_all == ()
     assert found.p_global > 0.01
-    assert found.summary["decoys"] == []
-    assert found.summary["gap"]["held_out"] == {"before": None, "after": None}
+    assert found.decoys == ()
+    assert found.gap.held_out == Sides(None, None)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discovery.simulated.close_in import close_in
+from gaugeblock.discovery.simulated.closing_in import close_in
 from gaugeblock.discovery.simulated.population import Population
 from gaugeblock.simulators import LogUniform, Normal, Prior, Uniform
 

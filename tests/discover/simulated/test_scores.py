@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.discovery.candidates import candidates
+from gaugeblock.discovery.library import Candidates
 from gaugeblock.discovery.simulated.features import learn_features
 from gaugeblock.discovery.simulated.fit import Budget, Observed, fit_simulated
 from gaugeblock.discovery.simulated.model import Model
@@ -22,7 +22,7 @@ def learned(ruler, readings):
     features = learn_features(model.draw(np.zeros(2), 6000, 3), np.random.default_rng(1))
     observed = Observed(features(readings(400, 7)))
     fitted = fit_simulated(model, features, observed, BUDGET, start=np.zeros(2))
-    scores = learn_effects(candidates(ruler, np.zeros((1, 1))), fitted, features, BUDGET)
+    scores = learn_effects(Candidates.of(ruler, np.zeros((1, 1))), fitted, features, BUDGET)
     return SimpleNamespace(features=features, fit=fitted, scores=scores, observed=observed)
 
 

@@ -104,7 +104,7 @@ def single_tree(*, channels: int = 200, unit: str = "keV", background: bool = Fa
                 "before": ("fold", [1.5, 1.4, 1.36]),
                 "after": ("fold", [1.0, 1.1, 0.96]),
             },
-            attrs={"scheme": "Poisson thinning, 3 folds", "log_e_value": 30.2},
+            attrs={"scheme": "Poisson thinning, 3 folds"},
         ),
         "shape": xr.Dataset(
             places
@@ -162,7 +162,7 @@ def named_summary() -> dict[str, Any]:
         "disagreement": {
             "p_global": 0.001,
             "replicates": 999,
-            "regions": [{"energy_lo_kev": 6.08, "energy_hi_kev": 6.72, "z": 8.7, "p_global": 0.001}],
+            "regions": [{"lo": 6.08, "hi": 6.72, "unit": "keV", "z": 8.7, "p_global": 0.001}],
         },
         "candidates": [
             candidate("emission_line", in_set=True),
@@ -184,10 +184,11 @@ def named_summary() -> dict[str, Any]:
             },
         },
         "decoys": [{"name": "random 1", "kind": "random", "held_out": 2.1}],
-        "amplitude": {
+        "amplitude": [{
             "effect": "emission_line", "parameter": "norm", "value": 1.18e-4, "interval": [0.9e-4, 1.5e-4],
             "level": 0.9, "unit": "photons/cm2/s", "neutral": 0.0, "held_out": True,
-        },
+        }],
+        "e_value": {"log": 30.2, "p": 7.6e-14, "log_own": 32.8, "paths": 13.0},
         "not_checked": [{"id": "pileup", "why": "the file names no frame time"}],
         "effects": {
             "emission_line": {"cause": "Atoms shine.", "typical": "50 eV", "units": {"energy": "keV"}}

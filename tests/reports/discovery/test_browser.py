@@ -4,15 +4,16 @@ import re
 
 import pytest
 
-from gaugeblock.reports.discovery import write_discovery
+from gaugeblock.reports.discovery import discovery_html
 
 pytestmark = pytest.mark.browser
 
 
 @pytest.fixture
 def page(catalogue, summary, tmp_path):
-    write_discovery(catalogue, summary, tmp_path / "out")
-    return tmp_path / "out" / "report.html"
+    path = tmp_path / "report.html"
+    path.write_text(discovery_html(catalogue, summary))
+    return path
 
 
 @pytest.mark.parametrize("width", [1200, 500])
@@ -29,8 +30,9 @@ def test_every_picture_has_a_size_nothing_overflows_and_nothing_is_fetched(page,
 
 
 def test_every_ending_renders_without_complaints(tree, ending, chromium, tmp_path):
-    write_discovery(tree, ending[1], tmp_path)
-    visit = chromium(tmp_path / "report.html", "--dump-dom")
+    path = tmp_path / "report.html"
+    path.write_text(discovery_html(tree, ending[1]))
+    visit = chromium(path, "--dump-dom")
     assert visit.complaints == []
     assert re.search(r'<div class="word"><span>.+</span>', visit.dom)
 

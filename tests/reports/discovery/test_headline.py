@@ -22,8 +22,8 @@ def test_a_name_says_what_where_how_sure_and_how_much_the_gap_shrinks(summary):
     said = headline(summary).paragraph
     for part in (
         "disagree with tbabs*powerlaw", "none of 999 simulated", "6.08–6.72 keV", "more counts", "z = +8.7",
-        "lacks is an emission line", "partial covering, predicts held-out counts 24.3 nats worse",
-        "shrinks: mean deviance per channel 1.420 before, 1.020 after", "90% interval 9e−5 to 1.5e−4",
+        "lacks is an emission line", "partial covering, predicts held-out data 24.3 nats worse",
+        "shrinks: mean Poisson deviance per channel 1.420 before, 1.020 after", "90% interval 9e−5 to 1.5e−4",
         "held-out half",
     ):  # fmt: skip
         assert part in said, part

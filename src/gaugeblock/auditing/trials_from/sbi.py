@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ import xarray as xr
 
 from gaugeblock.core.arrays import Array, plain
 from gaugeblock.core.errors import InputError, blamed, require
+from gaugeblock.core.global_state import seeded_globals
 from gaugeblock.validate import make_trials
 
 SOURCE = "trials_from_sbi"
@@ -75,7 +75,9 @@ def trials_from_sbi(
     given = torch.as_tensor(x if hasattr(x, "detach") else data, dtype=torch.float32)
     parts: list[Array] = []
     log_q: list[tuple[Array, Array]] = []
-    with _seeded(torch, seed):
+    with seeded_globals(seed), warnings.catch_warnings():
+        # How sbi divides its work is nothing that a reader could act on.
+        warnings.filterwarnings("ignore", message="Capping max_sampling_batch_size")
         length = _at_once(posterior, max(draws, LEAKAGE_DRAWS if densities else 0), is_chain=is_chain)
         for trials in _chunks(len(truths), length):
             with blamed(f"{SOURCE}: {type(posterior).__name__}", trials):
@@ -159,18 +161,3 @@ def _bounded(prior: Any) -> bool:
     while hasattr(support, "base_constraint"):
         support = support.base_constraint
     return str(support) not in ("Real()", "RealVector()")
-
-
-@contextmanager
-def _seeded(torch: Any, seed: int) -> Iterator[None]:
-    # sbi draws from the global generators, torch's and (slice sampling) NumPy's.
-    state = np.random.get_state()  # noqa: NPY002
-    try:
-        with torch.random.fork_rng(), warnings.catch_warnings():
-            # How sbi divides its work is nothing that a reader could act on.
-            warnings.filterwarnings("ignore", message="Capping max_sampling_batch_size")
-            torch.manual_seed(seed)
-            np.random.seed(seed)  # noqa: NPY002
-            yield
-    finally:
-        np.random.set_state(state)  # noqa: NPY002

@@ -1,0 +1,509 @@
+"""The engine for a catalogue: an effect that all sources share, judged on those that did not choose it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from gaugeblock.core.arrays import Array
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.arrays import axis, cumulative, residual, windows
+from gaugeblock.discovery.confirm.shared_models import (
+    SharedModel,
+    before_model,
+    effect_model,
+    random_models,
+    smooth_model,
+    source_scores,
+)
+from gaugeblock.discovery.counts import counted, window_regions
+from gaugeblock.discovery.engine import Comparison, Extension, Look, Round, Thresholds
+from gaugeblock.discovery.fitting import Fit
+from gaugeblock.discovery.held_out import BEFORE, NAMED, RIVAL, UNNAMED, HeldOut, deviance
+from gaugeblock.discovery.library import Candidates
+from gaugeblock.discovery.locate.frames import Frames, compare_frames
+from gaugeblock.discovery.locate.quantiles import CumulativeCounts, cumulative_counts
+from gaugeblock.discovery.locate.stacking import stack_excess, stacking_bins
+from gaugeblock.discovery.locate.windows import WindowScan, scan_windows
+from gaugeblock.discovery.name.catalogue import Members, SharedSearch, search_shared
+from gaugeblock.discovery.name.floor import reach
+from gaugeblock.discovery.name.score import allowed
+from gaugeblock.discovery.name.shared import Shared, Term, share
+from gaugeblock.discovery.name.shared_profile import SharedAmplitude, profile_models, profile_shared
+from gaugeblock.discovery.name.shared_refined import refined
+from gaugeblock.discovery.name.shared_starts import fitted_from_afar
+from gaugeblock.discovery.name.stacked import influence
+from gaugeblock.discovery.result import Amplitude, Beside, Catalogue, DataSaid, NotChecked, Region
+from gaugeblock.discovery.sources import Sources
+from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators.protocol import HasGaps
+
+CATALOGUE = Thresholds(
+    profiled=5,  # each fits every source again
+    later=5,
+    at_least=3,  # sources together leave less doubt of what their scores promise than one alone
+    far=float("inf"),  # sources are fitted from afar, and no single one's misfit is the catalogue's
+    most=2,  # a third was never told from what sources have of their own
+    beam=1,  # a second first effect would double the cost, and is put to the test on held-out sources
+    ended=0.0,  # what sources have of their own is left behind any shared effect: `unnamed` joins the set
+    smooth_left=1.0,  # for the same reason
+    rivals=3,  # each is trained on every fold's sources
+    decoys=3,
+    folds=3,
+)
+
+OFFSET, SLOPE, AREA = 0.01, 0.01, 0.02
+"""Prior standard deviations of shared nuisances: gain offset (keV), gain slope, effective area at a bump."""
+
+BUMPS = 8
+
+NUMBERS = (10, 30, 100, 300, 1000, 3000, 10_000, 100_000)
+"""Numbers of sources for which the amplitude's error is told."""
+
+
+@dataclass(frozen=True, eq=False)
+class CatalogueState:
+    """The sources with what was added so far, and the search for what they share."""
+
+    members: tuple[Members, ...]
+    found: SharedSearch
+
+
+@dataclass(frozen=True, eq=False)
+class SharedProfile(Extension):
+    """One shared effect profiled over the catalogue `members`, behind those added `before` it."""
+
+    key: str
+    term: Term
+    template: int
+    amplitude: SharedAmplitude
+    models: tuple[Shared, ...]
+    members: tuple[Members, ...]
+    before: tuple[SharedProfile, ...]
+
+    @property
+    def chain(self) -> tuple[SharedProfile, ...]:
+        """All effects of the path."""
+        return (*self.before, self)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The effect's parameters."""
+        entry = self.term.entry
+        known = {**self.term.values, entry.amplitude: self.amplitude.value}
+        return {name: known[name] for name in entry.parameters}
+
+
+@dataclass(frozen=True, eq=False)
+class BesideNuisances:
+    """The first effect's amplitude beside the shared `nuisances`, and the search for it beside them."""
+
+    nuisances: tuple[Term, ...]
+    amplitude: SharedAmplitude
+    found: SharedSearch
+    template: int
+
+
+class CatalogueCounts:
+    """Counts of many sources, one group of them a response, each with a theta of its own."""
+
+    thresholds = CATALOGUE
+    held = "sources"
+    measure = "mean Poisson deviance per channel"
+    scheme = "sources held out, three folds"
+
+    def __init__(
+        self,
+        groups: Sequence[Sources],
+        *,
+        rng: np.random.Generator,
+        told: np.random.Generator,
+        replicates: int,
+        own: Mapping[str, LibraryEffect] | None = None,
+        only: tuple[str, ...] = (),
+    ):
+        if not groups:
+            raise InputError("discover: a catalogue needs sources")
+        self.groups_of, self.replicates, self._told = tuple(groups), replicates, told
+        self.simulator = groups[0].simulator
+        names = ("search", "held_out", "decoys", "beside")
+        self._streams = dict(zip(names, rng.spawn(4), strict=True))
+        fits = [fitted_from_afar(group) for group in groups]
+        theta = np.concatenate([found.theta for found in fits])
+        self.members = tuple(
+            Members(group, found, Candidates.of(group.simulator, theta, own=own, only=only))
+            for group, found in zip(groups, fits, strict=True)
+        )
+        self.fits = tuple(fits)
+        self._beside: BesideNuisances | None = None
+
+    @property
+    def entries(self) -> Mapping[str, LibraryEffect]:
+        """The effects that are proposed."""
+        return self.members[0].candidates.entries
+
+    @cached_property
+    def _first(self) -> Look:
+        return self._looked(self.members, ())
+
+    def look(self) -> Look:
+        """What the models as they were given leave."""
+        return self._first
+
+    def after(self, model: SharedProfile) -> Look:
+        """What the effects leave, held at their amplitudes while the next is looked for beside them."""
+        term = model.term
+        fixed = {term.entry.amplitude: model.amplitude.value, **term.values}
+        members = []
+        for one, old in zip(model.members, model.amplitude.fits, strict=True):
+            simulator = one.sources.simulator.with_effect(term.entry.effect(**fixed))
+            group = replace(one.sources, simulator=simulator)
+            later = Candidates(simulator, one.candidates.entries)
+            members.append(Members(group, fitted_from_afar(group, old.theta), later))
+        return self._looked(tuple(members), [one.term for one in model.chain])
+
+    def _looked(self, members: tuple[Members, ...], beside: Sequence[Term]) -> Look:
+        found = search_shared(members, beside, replicates=self.replicates, rng=self._streams["search"])
+        return Look(
+            entries=self.entries,
+            owner=found.owner,
+            node=found.node,
+            z=allowed(found.stack.z, found.sign),
+            amplitude=found.stack.amplitude,
+            kept=found.stack.kept,
+            smallest_detectable=found.stack.smallest_detectable,
+            null=found.null,
+            state=CatalogueState(members, found),
+        )
+
+    def fitted(self, seen: Look, keys: Sequence[str], behind: SharedProfile | None) -> list[SharedProfile]:
+        """Profile each effect, theta of every source fitted again, energies and widths refined."""
+        members, chain = seen.state.members, () if behind is None else behind.chain
+        groups, fits = [one.sources for one in members], [one.fit for one in members]
+        made = []
+        for key in keys:
+            entry, at = self.entries[key], seen.best(key)
+            node, away = entry.nodes[seen.node[at]], float(seen.amplitude[at])
+            if entry.scanned:
+                node, away = refined(members, key, node)
+            term = term_at(entry, node)
+            low, high = entry.parameters[entry.amplitude].support
+            inside = np.clip(entry.neutral + away, low + 0.02 * (high - low), high - 0.02 * (high - low))
+            models = tuple(share(group.simulator, [term]) for group in groups)
+            found = profile_models(models, groups, start=np.array([inside]), fits=fits)
+            path = (*(one.key for one in chain), key)
+            size = len(entry.parameters)
+            made.append(SharedProfile(path, found.gain, size, key, term, at, found, models, members, chain))
+        return made
+
+    def compared(self, models: Sequence[SharedProfile], seen: Look) -> tuple[Comparison, ...]:
+        """Cox's test in the linear model.
+
+        With the rival at z_r and templates that correlate by rho, the lead has mean -z_r^2 (1 - rho^2) / 2
+        and variance z_r^2 (1 - rho^2) if the rival is true.
+        """
+        ranked = sorted(models, key=lambda one: -one.merit)
+        best, made = ranked[0], [Comparison(ranked[0], 0.0, 0.0)]
+        for rival in ranked[1:]:
+            lead = best.gain - rival.gain - (best.size - rival.size) / 2.0
+            (correlation,) = self.likeness(seen, [best.template, rival.template])[0, 1:]
+            apart = 2.0 * max(rival.gain, 0.0) * max(1.0 - correlation**2, 0.0)
+            z = (lead + apart / 2.0) / np.sqrt(apart + (best.size + rival.size) / 2.0)
+            made.append(Comparison(rival, lead, float(z)))
+        return tuple(made)
+
+    def likeness(self, seen: Look, chosen: Sequence[int]) -> Array:
+        """Correlation of projected templates over the catalogue."""
+        gram = seen.state.found.gram[np.ix_(chosen, chosen)]
+        size = np.diag(gram)
+        return np.asarray(gram / np.sqrt(np.maximum(np.outer(size, size), 1e-300)))
+
+    def scored(self, rounds: Sequence[Round]) -> HeldOut:
+        """Before, the effects and those without the last of them, rivals of the last, decoys."""
+        groups, fits = self.groups_of, self.fits
+        models = {BEFORE: before_model(fits)}
+        for place, last in enumerate(rounds[-1].models[: self.thresholds.rivals + 1]):
+            models[last.label] = self._model(last.chain, RIVAL if place else NAMED)
+        if len(rounds) > 1:
+            short = rounds[-1].best.before
+            models[short[-1].label] = self._model(short, RIVAL)
+        smooth = smooth_model(groups, fits)
+        if smooth is not None:
+            models[UNNAMED] = smooth
+        decoys = self._streams["decoys"]
+        models |= random_models(groups, fits, number=self.thresholds.decoys, rng=decoys)
+        return self._judged(models, groups, fits)
+
+    def _judged(
+        self, models: Mapping[str, SharedModel], groups: Sequence[Sources], fits: Sequence[Fit]
+    ) -> HeldOut:
+        folds = self.thresholds.folds
+        return source_scores(models, groups, fits, rng=self._streams["held_out"], folds=folds)
+
+    def _model(self, chain: Sequence[SharedProfile], kind: str) -> SharedModel:
+        return effect_model(
+            self.groups_of,
+            # Nearer to where all of them lead than the fits without effects.
+            chain[-1].amplitude.fits if len(chain) > 1 else self.fits,
+            [one.term for one in chain],
+            np.array([one.amplitude.value for one in chain]),
+            kind,
+            # Of one effect alone everything is compiled and fitted.
+            known=(chain[0].models, chain[0].amplitude.fits) if len(chain) == 1 else None,
+        )
+
+    def holds(self, rounds: Sequence[Round], scored: HeldOut | None) -> bool:
+        """Whether the last effect predicts held-out sources better than those before it do alone, and than
+        every random shape does beside them.
+        """
+        assert scored is not None
+        best = rounds[-1].best
+        gain = scored.gain(best.label, over=best.before[-1].label)
+        groups, fits = [one.sources for one in best.members], [one.fit for one in best.members]
+        shapes = random_models(groups, fits, number=self.thresholds.decoys, rng=self._streams["decoys"])
+        noise = self._judged({BEFORE: before_model(fits), **shapes}, groups, fits).noise
+        return gain > max(0.0, noise)
+
+    def beside(self, rounds: Sequence[Round]) -> BesideNuisances:
+        """The first effect's amplitude beside the later ones and shared nuisances.
+
+        Later ones of its own kind stay at their amplitudes: they may lie where it does.
+        """
+        if self._beside is not None:
+            return self._beside
+        chain = rounds[-1].best.chain
+        first, groups, fits = chain[0], self.groups_of, self.fits
+        nuisances = shared_nuisances(self.entries, first.key)
+        later = [one for one in chain[1:] if one.key != first.key]
+        like = [one for one in chain[1:] if one.key == first.key]
+        start = [one.amplitude.value for one in (first, *later)] + [term.entry.neutral for term in nuisances]
+        moved = groups
+        for one in like:
+            effect = one.term.entry.effect(**one.values)
+            moved = tuple(replace(group, simulator=group.simulator.with_effect(effect)) for group in moved)
+        amplitude = profile_shared(
+            moved,
+            first.term,
+            [*(one.term for one in later), *nuisances],
+            fits=None if like else fits,
+            start=np.array(start),
+        )
+        alone = {first.key: self.entries[first.key]}
+        members = [
+            Members(one.sources, one.fit, Candidates(one.sources.simulator, alone)) for one in self.members
+        ]
+        found = search_shared(members, nuisances, replicates=99, rng=self._streams["beside"])
+        at = int(self._first.node[first.template])
+        self._beside = BesideNuisances(nuisances, amplitude, found, at)
+        return self._beside
+
+    def amplitudes(self, rounds: Sequence[Round]) -> tuple[Amplitude, ...]:
+        """From all sources; the first one's beside the shared nuisances too."""
+        made = []
+        for i, one in enumerate(rounds[-1].best.chain):
+            entry, beside = one.term.entry, None
+            if i == 0:
+                known = self.beside(rounds)
+                names = tuple(f"{term.entry.name} (sd {term.sd:g})" for term in known.nuisances)
+                beside = Beside(known.amplitude.value, known.amplitude.interval(0.9), names)
+            made.append(
+                Amplitude(
+                    one.key, entry.amplitude, one.amplitude.value, one.amplitude.interval(0.9), 0.9,
+                    entry.units.get(entry.amplitude, ""), entry.neutral, False,
+                    one.amplitude.standard_error, beside,
+                )
+            )  # fmt: skip
+        return tuple(made)
+
+    def at_edge(self, rounds: Sequence[Round]) -> list[tuple[str, str]]:
+        """Amplitudes that their priors stopped."""
+        chain = rounds[-1].best.chain
+        return [(one.key, one.term.entry.amplitude) for one in chain if one.amplitude.at_edge]
+
+    @cached_property
+    def _located(self) -> tuple[Frames | None, WindowScan, CumulativeCounts]:
+        """Frames, windows and cumulative counts, these of the first response's sources added up."""
+        frames = self._frames()
+        sources, fitted = self.groups_of[0], self.fits[0]
+        first, second = self._told.spawn(1)[0].spawn(2)
+        told = counted(sources, fitted, self.replicates)
+        measured = (sources.counts, fitted.expected, fitted.jacobian)
+        scanned = scan_windows(*measured, sources.edges, rng=first, **told)
+        return frames, scanned, cumulative_counts(*measured, rng=second, **told)
+
+    def _frames(self) -> Frames | None:
+        """Residuals in the detector's and in the sources' frame; None where channels have no energies."""
+        groups = self.groups_of
+        if any(part.unit != "keV" for group in groups for part in group.segments):
+            return None
+        redshift = np.concatenate([group.redshift for group in groups])
+        bins = stacking_bins(groups[0].edges, redshift)
+        stacked: Any = None
+        for group, fitted in zip(groups, self.fits, strict=True):
+            parts = group.segments
+            one = stack_excess(
+                group.counts,
+                fitted.expected,
+                fitted.jacobian,
+                group.edges,
+                group.redshift,
+                bins=bins,
+                channels=np.concatenate([np.full(p.stop - p.start, p.role == "source") for p in parts]),
+                prior_precision=fitted.precision,
+            )
+            stacked = one if stacked is None else stacked + one
+        return compare_frames(stacked, rng=self._told, replicates=self.replicates)
+
+    def located(self) -> Mapping[str, float]:
+        """Global p of windows and of cumulative counts."""
+        _, scanned, curve = self._located
+        return {"p_windows": scanned.p_overall, "p_quantiles": curve.p_global}
+
+    def regions(self) -> tuple[Region, ...]:
+        """The windows of the summed sources that stand out."""
+        return window_regions(self._located[1], self.groups_of[0])
+
+    def gap(self, model: SharedProfile | None) -> float:
+        """Mean Poisson deviance per channel over all sources."""
+        fits = self.fits if model is None else model.amplitude.fits
+        rows = [deviance(g.counts, fit.expected) for g, fit in zip(self.groups_of, fits, strict=True)]
+        return float(np.concatenate(rows).mean())
+
+    def state(self, model: SharedProfile | None) -> Mapping[str, float]:
+        """Quantiles of theta over the sources, and the effects' shared parameters."""
+        fits, size = self.fits if model is None else model.amplitude.fits, self.simulator.prior.size
+        rows = np.quantile(np.concatenate([fit.theta[:, :size] for fit in fits]), [0.5, 0.16, 0.84], axis=0)
+        names = self.simulator.prior.names
+        made = {
+            f"{word}[{name}]": float(value)
+            for word, row in zip(("median", "low", "high"), rows, strict=True)
+            for name, value in zip(names, row, strict=True)
+        }
+        for i, one in enumerate(() if model is None else model.chain):
+            made |= {f"{one.key}_{i + 1}.{name}": float(value) for name, value in one.values.items()}
+        return made
+
+    def data(self) -> DataSaid:
+        """What was searched."""
+        number = sum(len(group) for group in self.groups_of)
+        counts = int(sum(group.counts.sum() for group in self.groups_of))
+        return DataSaid(f"{number} sources", number, self.groups_of[0].counts.shape[1], counts)
+
+    def not_checked(self) -> list[NotChecked]:
+        """Effects that this simulator's library would hold if it knew more, and what it needs to know."""
+        missing = self.simulator.not_in_library() if isinstance(self.simulator, HasGaps) else {}
+        return [NotChecked(name, why) for name, why in missing.items()]
+
+    def _reach(self, rounds: Sequence[Round]) -> tuple[Array, float]:
+        """Error of the amplitude for `NUMBERS` sources, and the floor of an effective area that nobody
+        models.
+        """
+        known = self.beside(rounds)
+        sd = np.array([term.sd for term in known.nuisances], dtype=float)
+        area = np.array([term.entry.name == "effective_area" for term in known.nuisances], dtype=bool)
+        scores, at = known.found.scores, known.template
+        errors = reach(scores, sd, number=NUMBERS).standard_error[:, at]
+        floor = reach(scores, sd, number=(1,), modelled=~area).floor[at] if area.any() else 0.0
+        return errors, float(floor)
+
+    def catalogue(self, rounds: Sequence[Round]) -> Catalogue:
+        """The claim in numbers, and the frame in which residuals lie still."""
+        frames = self._located[0]
+        made = Catalogue(sum(len(group) for group in self.groups_of))
+        if frames is not None:
+            made = replace(made, fixed_to=frames.fixed.name.lower(), statement=frames.fixed.value)
+        if not rounds:
+            return made
+        known, first = self.beside(rounds), rounds[-1].best.chain[0]
+        stack = self._first.state.found.stack
+        return replace(
+            made,
+            z=float(stack.z[first.template]),
+            z_beside_nuisances=float(known.found.stack.z[known.template]),
+            floor=self._reach(rounds)[1],
+            sandwich_error=first.amplitude.sandwich_error,
+            effective_sources=float(stack.effective_sources[first.template]),
+        )
+
+    def groups(self, rounds: Sequence[Round], model: SharedProfile | None) -> Mapping[str, xr.Dataset]:
+        """Summed counts before and after, windows, cumulative counts, frames, influence, growth."""
+        group, before, places = self.groups_of[0], self.fits[0], axis(self.groups_of[0])
+        frames, scanned, curve = self._located
+        spectrum: dict[str, Any] = {
+            "counts": ("channel", group.counts.sum(axis=0)),
+            "before": ("channel", before.expected.sum(axis=0)),
+            "residual_before": ("channel", residual(group.counts, before)),
+        }
+        if model is not None:
+            after = model.amplitude.fits[0]
+            spectrum["after"] = ("channel", after.expected.sum(axis=0))
+            spectrum["residual_after"] = ("channel", residual(group.counts, after))
+        return {
+            "spectrum": xr.Dataset(spectrum | places),
+            "windows": windows(scanned, places),
+            "quantiles": cumulative(curve, places),
+            "catalogue": self._told_of(rounds, frames),
+        }
+
+    def _told_of(self, rounds: Sequence[Round], frames: Frames | None) -> xr.Dataset:
+        values: dict[str, Any] = {}
+        attributes: dict[str, Any] = {}
+        if frames is not None:
+            for name, z in (("detector", frames.detector), ("rest", frames.source)):
+                values[f"{name}_lo"] = (f"{name}_bin", frames.edges[:-1])
+                values[f"{name}_hi"] = (f"{name}_bin", frames.edges[1:])
+                values[f"{name}_z"] = (f"{name}_bin", z)
+            attributes = {
+                "p_detector": frames.p_detector,
+                "p_rest": frames.p_source,
+                "fixed_to": frames.fixed.name.lower(),
+                "statement": frames.fixed.value,
+            }
+        if rounds:
+            best = rounds[-1].best.chain[0]
+            entry = best.term.entry
+            errors, floor = self._reach(rounds)
+            groups = self.groups_of
+            scores = self._first.state.found.scores
+            values["source"] = ("source", np.array([name for group in groups for name in group.names]))
+            values["redshift"] = ("source", np.concatenate([group.redshift for group in groups]))
+            values["influence"] = ("source", influence(scores)[:, best.template])
+            values["number"] = ("size", np.array(NUMBERS))
+            values["amplitude"] = ("size", np.full(len(NUMBERS), best.amplitude.value))
+            values["amplitude_error"] = ("size", errors)
+            attributes |= {"floor": floor, "effect": best.key, "neutral": entry.neutral}
+            attributes["unit"] = entry.units.get(entry.amplitude, "")
+        return xr.Dataset(values, attrs=attributes)
+
+
+def term_at(entry: LibraryEffect, node: Array) -> Term:
+    """The effect with its scanned parameters held at a node's values."""
+    values = dict(zip(entry.parameters, map(float, node), strict=True))
+    values.pop(entry.amplitude)
+    return Term(entry, values)
+
+
+def shared_nuisances(entries: Mapping[str, LibraryEffect], named: str) -> tuple[Term, ...]:
+    """Freedom that every instrument has: gain slope and offset, effective area in `BUMPS` broad bumps.
+
+    An effect of the named kind is not among them: nothing is told from itself.
+    """
+    made: list[Term] = []
+    for name, sd in (("gain_slope", SLOPE), ("gain_offset", OFFSET)):
+        if name in entries and name != named:
+            made.append(replace(term_at(entries[name], entries[name].nodes[0]), sd=sd))
+    if "effective_area" in entries and named != "effective_area":
+        entry = entries["effective_area"]
+        scanned: Any = np.asarray(entry.scanned["energy"], dtype=float)
+        centres = np.geomspace(scanned.min(), scanned.max(), BUMPS)
+        spacing = np.log(centres[1] / centres[0])
+        made += [
+            Term(entry, {"energy": float(centre), "width": float(0.6 * spacing * centre)}, sd=AREA)
+            for centre in centres
+        ]
+    return tuple(made)

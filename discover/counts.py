@@ -1,0 +1,303 @@
+"""The engine for counts of one source: profile likelihoods, Poisson thinning."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from gaugeblock.core.arrays import Array
+from gaugeblock.discovery.arrays import axis, cumulative, residual, windows
+from gaugeblock.discovery.confirm.amplitude import Place, held_out_amplitude
+from gaugeblock.discovery.confirm.thinned import ScoredModel, random_shapes, thinned_scores
+from gaugeblock.discovery.engine import Comparison, Look, Round, Thresholds
+from gaugeblock.discovery.fitting import Fit, fit
+from gaugeblock.discovery.held_out import BEFORE, NAMED, RIVAL, UNNAMED, HeldOut, deviance
+from gaugeblock.discovery.library import Candidates
+from gaugeblock.discovery.locate.quantiles import CumulativeCounts, cumulative_counts
+from gaugeblock.discovery.locate.windows import WindowScan, scan_windows
+from gaugeblock.discovery.name.cox import confidence_set
+from gaugeblock.discovery.name.null import largest_null
+from gaugeblock.discovery.name.profiles import Profile, profile
+from gaugeblock.discovery.name.score import Scores, allowed, scores
+from gaugeblock.discovery.name.shapes import Templates, templates
+from gaugeblock.discovery.name.unnamed import Correction, correction
+from gaugeblock.discovery.result import Amplitude, Catalogue, DataSaid, NotChecked, Region
+from gaugeblock.discovery.sources import Sources
+from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators.protocol import HasGaps
+
+SAME = 1.0
+"""Nats within which the same effects in another order are the same fit, and the order tried first stands."""
+
+EDGE_SHARE = 0.01
+"""Share of a prior's range within which a value is at its edge."""
+
+
+@dataclass(frozen=True, eq=False)
+class CountsState:
+    """What a fitted model leaves of one source's counts, and the candidates worked into that model."""
+
+    candidates: Candidates
+    fit: Fit
+    templates: Templates
+    scores: Scores
+    windows: WindowScan
+
+
+class Counts:
+    """One source, its counts seen by one instrument or by several.
+
+    Parameters
+    ----------
+    proposed : Candidates, optional
+        That an earlier search of the same simulator has worked in; without it, `own` beside the simulator's.
+    """
+
+    thresholds = Thresholds()
+    held = "counts"
+    measure = "mean Poisson deviance per channel"
+
+    def __init__(
+        self,
+        sources: Sources,
+        *,
+        rng: np.random.Generator,
+        replicates: int,
+        own: Mapping[str, LibraryEffect] | None = None,
+        only: tuple[str, ...] = (),
+        proposed: Candidates | None = None,
+    ):
+        self.sources, self.replicates = sources, replicates
+        self.simulator = sources.simulator
+        names = ("look", "quantiles", "held_out", "decoys", "amplitude")
+        self._streams = dict(zip(names, rng.spawn(len(names)), strict=True))
+        self.base = fit(self.simulator, sources.counts, scale=sources.scale, bank=16384, tries=16)
+        self.candidates = proposed or Candidates.of(self.simulator, self.base.theta, own=own, only=only)
+        self.scheme = f"Poisson thinning, {self.thresholds.folds} folds"
+
+    @property
+    def entries(self) -> Mapping[str, LibraryEffect]:
+        """The effects that are proposed."""
+        return self.candidates.entries
+
+    @cached_property
+    def _first(self) -> Look:
+        return self._looked(self.candidates, self.base, templates(self.candidates, self.sources, self.base))
+
+    @cached_property
+    def quantiles(self) -> CumulativeCounts:
+        """Cumulative counts, which see broad differences best."""
+        told = counted(self.sources, self.base, self.replicates)
+        measured = (self.sources.counts[0], self.base.expected[0], self.base.jacobian[0])
+        return cumulative_counts(*measured, rng=self._streams["quantiles"], **told)
+
+    @cached_property
+    def correction(self) -> Correction | None:
+        """The smooth correction without a name."""
+        return correction(self.simulator, self.sources, self.base)
+
+    def look(self) -> Look:
+        """What the model as it was given leaves."""
+        return self._first
+
+    def after(self, model: Profile) -> Look:
+        """What a model with effects leaves.
+
+        Templates are those of the model without them, scaled by the ratio of expected counts: good enough to
+        see whether anything is left, and nothing needs to be compiled.
+        """
+        here = self.candidates
+        for key in model.path:
+            here = here.after(key)
+        theta = model.fit.theta[:, : self.simulator.prior.size]
+        inner = replace(model.fit, theta=theta, expected=self.sources.expected(theta))
+        found = templates(self.candidates, self.sources, inner)
+        ratio = model.fit.expected / np.maximum(inner.expected, 1e-12)
+        return self._looked(here, model.fit, replace(found, values=found.values * ratio[:, None]))
+
+    def _looked(self, here: Candidates, fitted: Fit, found: Templates) -> Look:
+        """Test every candidate and every window on what a fit leaves."""
+        sources, told = self.sources, counted(self.sources, fitted, self.replicates)
+        tested = scores(sources.counts, fitted, found.values)
+        first, second = self._streams["look"].spawn(2)
+        null = largest_null(
+            fitted.expected[0], tested.shape[0], found.sign, replicates=self.replicates, rng=first
+        )
+        scanned = scan_windows(
+            sources.counts[0], fitted.expected[0], fitted.jacobian[0], sources.edges, rng=second, **told
+        )
+        return Look(
+            entries=self.entries,
+            owner=found.owner,
+            node=found.node,
+            z=allowed(tested.z[0], found.sign),
+            amplitude=tested.amplitude[0],
+            kept=tested.kept[0],
+            smallest_detectable=tested.smallest_detectable()[0],
+            null=null,
+            p_rest=scanned.p_overall,
+            state=CountsState(here, fitted, found, tested, scanned),
+        )
+
+    def fitted(self, seen: Look, keys: Sequence[str], behind: Profile | None) -> list[Profile]:
+        """Theta fitted again together with each effect."""
+        at, far = seen.state, seen.gross(self.thresholds)
+        return [
+            profile(at.candidates[key], self.sources, at.fit, at.templates, at.scores, behind=behind, far=far)
+            for key in keys
+        ]
+
+    def compared(self, models: Sequence[Profile], seen: Look) -> tuple[Comparison, ...]:  # noqa: ARG002
+        """Cox's test against the best; of the same effects in another order only the best counts."""
+        best: dict[tuple[str, ...], Profile] = {}
+        for one in models:
+            effects = tuple(sorted(one.path))
+            if effects not in best or one.gain > best[effects].gain + SAME:
+                best[effects] = one
+        return tuple(confidence_set(list(best.values()), self.sources))
+
+    def scored(self, rounds: Sequence[Round]) -> HeldOut:
+        """Before, the name, its rivals, `unnamed` and random shapes on folds of thinned counts."""
+        models = {BEFORE: ScoredModel(self.simulator, self.base.theta, BEFORE)}
+        final = rounds[-1] if rounds else None
+        for place, one in enumerate(final.models[: self.thresholds.rivals + 1] if final else ()):
+            kind = RIVAL if place else NAMED
+            models[one.label] = ScoredModel(one.candidate.simulator, one.fit.theta, kind)
+        if self.correction is not None:
+            fitted = self.correction.fit.theta
+            models[UNNAMED] = ScoredModel(self.correction.simulator, fitted, UNNAMED)
+        size = final.best.size if final else 1
+        decoys = self._streams["decoys"]
+        models |= random_shapes(
+            self.simulator, self.base, number=self.thresholds.decoys, dimension=size, rng=decoys
+        )
+        folds = self.thresholds.folds
+        return thinned_scores(models, self.sources, rng=self._streams["held_out"], folds=folds)
+
+    def holds(self, rounds: Sequence[Round], scored: HeldOut | None) -> bool:  # noqa: ARG002
+        """All effects are scored together, and stand or fall together."""
+        return True
+
+    def amplitudes(self, rounds: Sequence[Round]) -> tuple[Amplitude, ...]:
+        """From the half of the counts that had no say."""
+        places = list(self._places(rounds[-1].best))
+        streams = self._streams["amplitude"].spawn(len(places))
+        fitted = rounds[-1].best.fit
+        return tuple(
+            held_out_amplitude(place, self.sources, fitted, rng=stream)
+            for place, stream in zip(places, streams, strict=True)
+        )
+
+    def _places(self, best: Profile) -> list[Place]:
+        """Every added effect inside the simulator that has them all: parameters come in the path's order."""
+        simulator: Any = best.candidate.simulator
+        places, at = [], int(self.simulator.prior.size)
+        for key in best.path:
+            entry = self.entries[key]
+            name = simulator.prior.names[at + list(entry.parameters).index(entry.amplitude)]
+            places.append(Place(key, entry, simulator, name))
+            at += len(entry.parameters)
+        return places
+
+    def at_edge(self, rounds: Sequence[Round]) -> list[tuple[str, str]]:
+        """Amplitudes within a hundredth of an end of their priors."""
+        best, found = rounds[-1].best, []
+        for place in self._places(best):
+            value, entry = float(best.fit.theta[0, place.index]), place.entry
+            low, high = entry.parameters[entry.amplitude].support
+            room = EDGE_SHARE * (high - low)
+            # One-sided effects begin at an edge: neutral is none to speak of.
+            if any(abs(value - end) < room and end != entry.neutral for end in (low, high)):
+                found.append((place.key, entry.amplitude))
+        return found
+
+    def located(self) -> Mapping[str, float]:
+        """Global p of windows and of cumulative counts."""
+        return {
+            "p_windows": self._first.state.windows.p_overall,
+            "p_quantiles": self.quantiles.p_global,
+        }
+
+    def regions(self) -> tuple[Region, ...]:
+        """The windows that stand out."""
+        return window_regions(self._first.state.windows, self.sources)
+
+    def gap(self, model: Profile | None) -> float:
+        """Mean Poisson deviance per channel."""
+        fitted = self.base if model is None else model.fit
+        return float(deviance(self.sources.counts[0], fitted.expected[0]))
+
+    def state(self, model: Profile | None) -> Mapping[str, float]:
+        """Theta."""
+        simulator = self.simulator if model is None else model.candidate.simulator
+        theta = (self.base if model is None else model.fit).theta[0]
+        return dict(zip(simulator.prior.names, map(float, theta), strict=True))
+
+    def data(self) -> DataSaid:
+        """What was searched."""
+        counts = self.sources.counts
+        return DataSaid(self.sources.names[0], 1, counts.shape[1], int(counts.sum()))
+
+    def not_checked(self) -> list[NotChecked]:
+        """Effects that this simulator's library would hold if it knew more, and what it needs to know."""
+        missing = self.simulator.not_in_library() if isinstance(self.simulator, HasGaps) else {}
+        return [NotChecked(name, why) for name, why in missing.items()]
+
+    def catalogue(self, rounds: Sequence[Round]) -> Catalogue | None:  # noqa: ARG002
+        """One source is no catalogue."""
+        return None
+
+    def likeness(self, seen: Look, chosen: Sequence[int]) -> Array:
+        """Correlation of projected templates."""
+        shape = seen.state.scores.shape[0, list(chosen)]
+        return np.asarray(shape @ shape.T)
+
+    def groups(self, rounds: Sequence[Round], model: Profile | None) -> Mapping[str, xr.Dataset]:  # noqa: ARG002
+        """Counts before and after, windows, cumulative counts, and the shape of what has no name."""
+        counts, places = self.sources.counts, axis(self.sources)
+        values: dict[str, Any] = {
+            "counts": ("channel", counts[0]),
+            "before": ("channel", self.base.expected[0]),
+            "residual_before": ("channel", residual(counts, self.base)),
+        }
+        if model is not None:
+            values["after"] = ("channel", model.fit.expected[0])
+            values["residual_after"] = ("channel", residual(counts, model.fit))
+        groups = {
+            "spectrum": xr.Dataset(values | places),
+            "windows": windows(self._first.state.windows, places),
+            "quantiles": cumulative(self.quantiles, places),
+        }
+        if "correction" in self.__dict__ and self.correction is not None:
+            one = self.correction
+            shape = {name: ("channel", getattr(one, name)) for name in ("factor", "low", "high")}
+            groups["shape"] = xr.Dataset(shape | places)
+        return groups
+
+
+def counted(sources: Sources, fitted: Fit, replicates: int) -> dict[str, Any]:
+    """What every look at fitted counts is told besides them."""
+    return {
+        "segments": [(part.start, part.stop) for part in sources.segments if part.role == "source"],
+        "replicates": replicates,
+        "prior_precision": fitted.precision,
+    }
+
+
+def window_regions(found: WindowScan, sources: Sources) -> tuple[Region, ...]:
+    """The windows that stand out, in the units of their segments."""
+    made = []
+    for i, (start, stop) in enumerate(zip(found.start, found.stop, strict=True)):
+        unit = next(part.unit for part in sources.segments if part.start <= start < part.stop)
+        made.append(
+            Region(
+                int(start), int(stop), float(found.low[i]), float(found.high[i]), unit,
+                float(found.z[i]), float(found.p_global[i]), float(found.excess[i]),
+            )
+        )  # fmt: skip
+    return tuple(made)

@@ -1,0 +1,302 @@
+"""What discovery is made of, whatever explains the data: thresholds, looks, rounds, and what an engine does.
+
+An engine knows one kind of data: counts of one source, a catalogue of sources, data sets of a simulator that
+can only simulate. The workflow, the decision and the record are the same for all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from gaugeblock.core.arrays import Array
+from gaugeblock.discovery.held_out import HeldOut
+from gaugeblock.discovery.result import Amplitude, Catalogue, DataSaid, NotChecked, Region
+from gaugeblock.simulators.library import LibraryEffect
+
+
+@dataclass(frozen=True, kw_only=True)
+class Thresholds:
+    """Every number on which an answer hangs. The defaults are those of one source's counts."""
+
+    level: float = 0.01
+    """Global p at which a disagreement counts."""
+    adequate: float = 0.05
+    """Global p of what the named effects leave below which they are not the whole story."""
+    further: float = 1.0
+    """Global p of any disagreement at which a further effect is looked for, where the library's allows it."""
+    ended: float = 0.01
+    """The library's global p at which a disagreement that is left takes the name away: it should have ended
+    it."""
+    critical: float = 2.5
+    """Standard normal quantile at which an effect leaves the set; 0.6% of true ones would."""
+    margin: float = 1.0
+    """Held-out log score (nats) by which a name must beat what it is told apart from."""
+    smooth: float = 1.0
+    """Nats by which a smooth correction must beat a name to take its place; a tie within it joins the set."""
+    smooth_left: float = -1.0
+    """The same where a disagreement is left."""
+    alone: int = 1
+    """Effects beyond which a first name does not stand alone: from two on, a shape that no library has can be
+    put together."""
+    most: int = 3
+    """Most effects that are added one after the other."""
+    again: bool = True
+    """Whether an effect may be added beside one of its own kind."""
+    profiled: int = 10
+    """Most candidates that are fitted in a round, unless the misfit is gross."""
+    later: int = 5
+    """Most candidates that are fitted once an effect is in."""
+    at_least: int = 4
+    """Candidates that are fitted however far behind they are: curvature may have hidden the right one."""
+    behind: float = 15.0
+    """Nats by which a candidate's best template may promise less than the best one's ..."""
+    share: float = 2.0 / 3.0
+    """... or down to this share of what that promises."""
+    far: float = 50.0
+    """Nats promised from which on a misfit is gross: a tangent then neither ranks candidates nor leads to
+    their best fits, so all are fitted, and from draws of the prior too."""
+    beam: int = 3
+    """How many first effects the second is looked for behind, of those that gain half of the best or more."""
+    rivals: int = 5
+    """Most rivals whose held-out score is taken."""
+    decoys: int = 5
+    """Random shapes that are scored beside the name."""
+    folds: int = 5
+    """Parts of the data, each of which judges what the others taught."""
+
+
+@dataclass(frozen=True)
+class Tested:
+    """What a look says of one effect, at the scanned values where its score is largest.
+
+    `z` in the direction that the amplitude may take; `values` of its parameters, the amplitude one step along
+    the score; `kept` the share of its information that fitted parameters leave; `smallest_detectable` the
+    departure of the amplitude that would stand out by five standard errors.
+    """
+
+    template: int
+    z: float
+    p_global: float
+    values: Mapping[str, float]
+    kept: float
+    smallest_detectable: float | None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Look:
+    """What a fitted model leaves: score tests of every effect at every scanned value.
+
+    All of `owner node z amplitude kept smallest_detectable` are ``(template,)``: the effect, which of its
+    nodes, z in the direction that it may take, departure of the amplitude from neutral, share of the
+    information kept, departure seen at five standard errors. `null` ``(replicate,)`` holds the largest z of
+    each simulated data set; `p_rest` the global p of all that is looked at beside the library, if anything
+    is; `state` what the engine needs to go on from here.
+    """
+
+    entries: Mapping[str, LibraryEffect]
+    owner: NDArray[np.str_]
+    node: NDArray[np.int64]
+    z: Array
+    amplitude: Array
+    kept: Array
+    smallest_detectable: Array
+    null: Array
+    p_rest: float | None = None
+    state: Any = field(repr=False)
+
+    def p_of(self, z: float) -> float:
+        """Share of simulated searches with anything as large, the data counted among them."""
+        return beyond(self.null, z)
+
+    @property
+    def p_effects(self) -> float:
+        """Global p of the strongest candidate over all effects and scanned values."""
+        return self.p_of(float(self.z.max()))
+
+    @property
+    def p_global(self) -> float:
+        """Global p of any disagreement (Bonferroni, where more is looked at than the library)."""
+        return self.p_effects if self.p_rest is None else min(1.0, 2.0 * min(self.p_effects, self.p_rest))
+
+    def best(self, key: str) -> int:
+        """The template of an effect with the largest z."""
+        mine = np.flatnonzero(self.owner == key)
+        return int(mine[np.argmax(self.z[mine])])
+
+    def promise(self, key: str) -> float:
+        """Log likelihood that an effect's best template promises, less the number of its parameters."""
+        return max(float(self.z[self.best(key)]), 0.0) ** 2 / 2.0 - len(self.entries[key].parameters)
+
+    def gross(self, thresholds: Thresholds) -> bool:
+        """Whether so much is to be gained that tangents say little."""
+        return bool(max(self.z.max(), 0.0) ** 2 / 2.0 > thresholds.far)
+
+    def tested(self, key: str) -> Tested:
+        """What it says of one effect."""
+        entry, at = self.entries[key], self.best(key)
+        values = dict(zip(entry.parameters, map(float, entry.nodes[self.node[at]]), strict=True))
+        values[entry.amplitude] = entry.neutral + float(self.amplitude[at])
+        z, seen = float(self.z[at]), float(self.smallest_detectable[at])
+        smallest = seen if np.isfinite(seen) else None
+        return Tested(at, z, self.p_of(z), values, float(self.kept[at]), smallest)
+
+
+def beyond(null: Array, value: float) -> float:
+    """Share of a simulated null at or beyond a value, the data counted among them."""
+    return float((1 + np.count_nonzero(null >= value - 1e-12)) / (1 + len(null)))
+
+
+@dataclass(frozen=True, eq=False)
+class Extension:
+    """The model with effects: `path` in the order they were added, the last one fitted with everything else.
+
+    `gain` is the log likelihood won over what the models of its round are compared with, `size` the number of
+    parameters that won it.
+    """
+
+    path: tuple[str, ...]
+    gain: float
+    size: int
+
+    @property
+    def label(self) -> str:
+        """The effects as one name."""
+        return " + ".join(self.path)
+
+    @property
+    def merit(self) -> float:
+        """Gain in log likelihood less the number of parameters that won it (Akaike)."""
+        return self.gain - self.size
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """The last effect's parameters."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A model against the best: `lead` of the best in nats, `z` of that lead were this one true (Cox)."""
+
+    model: Any
+    lead: float
+    z: float
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """Models with one more effect, fitted on what a look found: the best first, each compared with it."""
+
+    seen: Look
+    comparisons: tuple[Comparison, ...]
+
+    @property
+    def best(self) -> Any:
+        """The model that the data like best, parameters paid for."""
+        return self.comparisons[0].model
+
+    @property
+    def models(self) -> list[Any]:
+        """All of them, the best first."""
+        return [one.model for one in self.comparisons]
+
+
+def promising(seen: Look, thresholds: Thresholds, behind: Extension | None) -> list[str]:
+    """Effects by what they promise, but for those far behind the best; all of them if the misfit is gross."""
+    taken = () if thresholds.again or behind is None else behind.path
+    promise = {key: seen.promise(key) for key in seen.entries if key not in taken}
+    ranked = sorted(promise, key=lambda key: -promise[key])
+    gross = seen.gross(thresholds)
+    if not gross and ranked:
+        most = promise[ranked[0]]
+        least = min(thresholds.share * most, most - thresholds.behind)
+        near = [key for key in ranked if promise[key] >= least]
+        ranked = ranked[: max(thresholds.at_least, len(near))]
+    if behind is not None:
+        return ranked[: thresholds.later]
+    return ranked if gross else ranked[: thresholds.profiled]
+
+
+class Engine(Protocol):
+    """How one kind of data is looked at, fitted, judged and described."""
+
+    @property
+    def thresholds(self) -> Thresholds:
+        """The numbers on which its answers hang."""
+
+    @property
+    def simulator(self) -> Any:
+        """The simulator that should explain the data."""
+
+    @property
+    def entries(self) -> Mapping[str, LibraryEffect]:
+        """The effects that are proposed."""
+
+    @property
+    def held(self) -> str:
+        """What is held out, in words: counts, sources, data sets."""
+
+    @property
+    def scheme(self) -> str:
+        """How it is held out, in words."""
+
+    @property
+    def measure(self) -> str:
+        """What the gap is, in words."""
+
+    def look(self) -> Look:
+        """What the model as it was given leaves."""
+
+    def after(self, model: Any) -> Look:
+        """What a model with effects leaves."""
+
+    def fitted(self, seen: Look, keys: Sequence[str], behind: Any) -> list[Any]:
+        """The model behind which a look was taken (None: as given), with each of some effects more."""
+
+    def compared(self, models: Sequence[Any], seen: Look) -> tuple[Comparison, ...]:
+        """Models of one round against the best of them, which comes first."""
+
+    def scored(self, rounds: Sequence[Round]) -> HeldOut | None:
+        """The model before, the named one, rivals and decoys on held-out data; None where none can be."""
+
+    def holds(self, rounds: Sequence[Round], scored: HeldOut | None) -> bool:
+        """Whether the last effect earns its place beside those before it."""
+
+    def amplitudes(self, rounds: Sequence[Round]) -> tuple[Amplitude, ...]:
+        """The amplitude of every effect of the last round's best model."""
+
+    def at_edge(self, rounds: Sequence[Round]) -> list[tuple[str, str]]:
+        """Effects, with their amplitude's name, whose amplitude was stopped by its prior."""
+
+    def located(self) -> Mapping[str, float]:
+        """Global p of every look that knows nothing of the library, by name."""
+
+    def regions(self) -> tuple[Region, ...]:
+        """Where the model as it was given disagrees with the data, the strongest first."""
+
+    def gap(self, model: Any) -> float:
+        """The gap on all data, of a model with effects or (None) as it was given."""
+
+    def state(self, model: Any) -> Mapping[str, float]:
+        """The fitted parameters of a model with effects or (None) as it was given."""
+
+    def data(self) -> DataSaid:
+        """What was searched."""
+
+    def not_checked(self) -> list[NotChecked]:
+        """What could not be looked at, and why."""
+
+    def catalogue(self, rounds: Sequence[Round]) -> Catalogue | None:
+        """What many sources say together."""
+
+    def likeness(self, seen: Look, templates: Sequence[int]) -> Array:
+        """Correlation ``(template, template)`` of some effects' shapes, after projection."""
+
+    def groups(self, rounds: Sequence[Round], model: Any) -> Mapping[str, xr.Dataset]:
+        """Arrays behind figures that other kinds of data do not have, `model` being the named one, if any."""

@@ -1,0 +1,119 @@
+"""The candidates: every effect of the library, worked into the simulator once and used everywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from gaugeblock.core.arrays import Array
+from gaugeblock.core.errors import InputError
+from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators.protocol import HasEffectLibrary
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One effect and the simulator that has it; its parameters come last in that simulator's theta."""
+
+    key: str
+    entry: LibraryEffect
+    simulator: Any
+
+    @property
+    def amplitude_name(self) -> str:
+        """Name of the amplitude in the extended theta."""
+        return str(self.simulator.prior.names[self.amplitude_index])
+
+    @property
+    def amplitude_index(self) -> int:
+        """Place of the amplitude in the extended theta, from the end: a negative number."""
+        return list(self.entry.parameters).index(self.entry.amplitude) - len(self.entry.parameters)
+
+    def at(self, theta: Array, values: Array) -> Array:
+        """Extended theta ``(..., parameter + k)``: theta with effect values ``(k,)`` behind it."""
+        tail = np.broadcast_to(values, (*theta.shape[:-1], np.shape(values)[-1]))
+        return np.concatenate([theta, tail], axis=-1)
+
+    def values(self, theta: Array) -> dict[str, float]:
+        """The effect's parameters by name from one extended theta."""
+        tail = theta[-len(self.entry.parameters) :]
+        return {name: float(value) for name, value in zip(self.entry.parameters, tail, strict=True)}
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """The library's effects on one simulator. Each is worked in when asked for.
+
+    Raises
+    ------
+    InputError
+        If there is no effect to propose.
+    """
+
+    simulator: Any
+    entries: Mapping[str, LibraryEffect]
+    _made: dict[str, Candidate] = field(default_factory=dict)
+    _after: dict[str, Candidates] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not self.entries:
+            raise InputError("discover: the library holds no effect; give at least one")
+
+    def __iter__(self) -> Iterator[Candidate]:
+        return (self[key] for key in self.entries)
+
+    def __len__(self) -> int:
+        return len(self.entries)
+
+    def __getitem__(self, key: str) -> Candidate:
+        if key not in self._made:
+            entry = self.entries[key]
+            self._made[key] = Candidate(key, entry, self.simulator.with_effect(entry.effect()))
+        return self._made[key]
+
+    def after(self, key: str) -> Candidates:
+        """The same effects on the simulator that has one of them already."""
+        if key not in self._after:
+            self._after[key] = Candidates(self[key].simulator, self.entries)
+        return self._after[key]
+
+    @classmethod
+    def of(
+        cls,
+        simulator: Any,
+        theta: Array,
+        *,
+        own: Mapping[str, LibraryEffect] | None = None,
+        only: tuple[str, ...] = (),
+    ) -> Candidates:
+        """The simulator's own library, scaled for theta ``(n, parameter)``, and the user's effects.
+
+        Parameters
+        ----------
+        own : mapping, optional
+            Further effects by name; one of the library's name takes its place.
+        only : tuple of str
+            Names to which the candidates are restricted; empty: all.
+
+        Raises
+        ------
+        InputError
+            If neither the simulator nor the user proposes anything, or `only` names what is not there.
+        """
+        entries: dict[str, LibraryEffect] = {}
+        if isinstance(simulator, HasEffectLibrary):
+            entries.update(simulator.effect_library(np.atleast_2d(np.asarray(theta, dtype=float))))
+        entries.update(own or {})
+        unknown = set(only) - set(entries)
+        if unknown:
+            raise InputError(
+                f"discover: no effect {', '.join(sorted(unknown))}; there are {', '.join(entries) or 'none'}"
+            )
+        if not entries:
+            raise InputError(
+                f"discover: {type(simulator).__name__} has no effect_library(theta) and no effect was given"
+            )
+        return cls(simulator, {key: e for key, e in entries.items() if not only or key in only})

@@ -1,0 +1,351 @@
+"""The result of locate, name, extend, confirm: what discovery.json and discovery.nc hold."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from html import escape
+from typing import Any
+
+import xarray as xr
+
+
+@dataclass(frozen=True)
+class Region:
+    """Channels (or coordinates of the data) ``start:stop`` that hold more or less than chance allows.
+
+    `lo` and `hi` in `unit`; `excess` counts observed minus expected, where counts are what is measured.
+    """
+
+    start: int
+    stop: int
+    lo: float
+    hi: float
+    unit: str
+    z: float
+    p_global: float
+    excess: float | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data; energies in keV have keys of their own besides."""
+        energies = {"energy_lo_kev": self.lo, "energy_hi_kev": self.hi} if self.unit == "keV" else {}
+        return energies | _fields(self)
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """Where simulation and data disagree, and how surely.
+
+    `p_global` of any disagreement, `p_effects` of the strongest effect of the library, `p_windows`,
+    `p_quantiles` and `p_moments` of looks that know nothing of it (None where not taken), `p_left` of any
+    disagreement that the added effects leave; none is below ``1 / (replicates + 1)``.
+    """
+
+    p_global: float
+    p_effects: float
+    p_left: float
+    replicates: int
+    regions: tuple[Region, ...]
+    p_windows: float | None = None
+    p_quantiles: float | None = None
+    p_moments: float | None = None
+
+
+@dataclass(frozen=True)
+class CandidateSaid:
+    """What is said of one effect of the library.
+
+    `z`, `p_global`, `information_kept`, `smallest_detectable` of its score; `gain` of its fit, where it was
+    fitted; `held_out` with its error of the model `held_out_model`, where that was scored.
+    """
+
+    effect: str
+    parameters: Mapping[str, float]
+    z: float
+    p_global: float
+    information_kept: float
+    smallest_detectable: float | None
+    gain: float | None
+    amplitude: str
+    unit: str
+    cause: str
+    held_out: float | None
+    held_out_error: float | None
+    held_out_model: str | None
+    in_set: bool
+
+
+@dataclass(frozen=True)
+class Beside:
+    """An amplitude once nuisances that all sources share have taken their part."""
+
+    value: float
+    interval: tuple[float, float]
+    nuisances: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Amplitude:
+    """An amplitude with its interval; `held_out` says whether from data that did not choose the effect."""
+
+    effect: str
+    parameter: str
+    value: float
+    interval: tuple[float, float]
+    level: float
+    unit: str
+    neutral: float
+    held_out: bool
+    standard_error: float | None = None
+    beside_nuisances: Beside | None = None
+
+
+@dataclass(frozen=True)
+class Sides:
+    """A gap before and after the named effects are in the model; None where not taken."""
+
+    before: float | None
+    after: float | None
+    before_error: float | None = None
+    after_error: float | None = None
+
+
+@dataclass(frozen=True)
+class Widened:
+    """Delta log evidence under a prior of the amplitude that is `prior` times as wide."""
+
+    prior: float
+    value: float
+    lower_bound: bool
+
+
+@dataclass(frozen=True)
+class EvidenceSaid:
+    """Log evidence with the first named effect minus the one without; None where not taken."""
+
+    value: float | None = None
+    error: float | None = None
+    sensitivity: tuple[Widened, ...] = ()
+
+
+@dataclass(frozen=True)
+class Gap:
+    """How far model and data are apart: `measure` says what is compared."""
+
+    measure: str
+    in_sample: Sides
+    held_out: Sides
+    delta_log_evidence: EvidenceSaid = EvidenceSaid()
+
+
+@dataclass(frozen=True)
+class Decoy:
+    """A model that was not named, on held-out data: a rival, a smooth correction, a random shape."""
+
+    name: str
+    kind: str
+    held_out: float
+    held_out_error: float
+    deviance: float
+
+
+@dataclass(frozen=True)
+class Withdrawn:
+    """A name that was found and did not hold."""
+
+    effect: str
+    why: str
+
+
+@dataclass(frozen=True)
+class NotChecked:
+    """What could not be looked at, and why."""
+
+    id: str
+    why: str
+
+
+@dataclass(frozen=True)
+class EffectSaid:
+    """What the library says of an effect."""
+
+    cause: str
+    typical: str
+    origin: str
+    units: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class DataSaid:
+    """What was searched; `counts` where it was counts."""
+
+    name: str
+    n_sources: int
+    n_channels: int
+    counts: int | None = None
+
+
+@dataclass(frozen=True)
+class FitSaid:
+    """Fitted parameters by name, before and after the named effects are in the model.
+
+    Of many sources or data sets: ``median[name] low[name] high[name]`` over them (50, 16, 84%).
+    """
+
+    before: Mapping[str, float]
+    after: Mapping[str, float] | None
+
+
+@dataclass(frozen=True)
+class Catalogue:
+    """What many sources say together: of the first effect, and of the frame in which residuals lie still."""
+
+    n: int
+    fixed_to: str | None = None
+    statement: str | None = None
+    z: float | None = None
+    z_beside_nuisances: float | None = None
+    floor: float | None = None
+    sandwich_error: float | None = None
+    effective_sources: float | None = None
+
+
+@dataclass(frozen=True)
+class EValueSaid:
+    """Split likelihood ratio, natural logs: `log_own` of the named effects, `log` with the choice among all
+    `paths` paid for.
+    """
+
+    log: float
+    p: float
+    log_own: float
+    paths: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Discovery:
+    """What was found, what it was told apart from, and what it did to the gap.
+
+    Attributes
+    ----------
+    named : str or None
+        The first effect found, ``"unnamed"``, or None.
+    named_all : tuple of str
+        The effects in the order they were added.
+    indistinguishable : tuple of str
+        The effects that the data cannot tell from `named`, itself first.
+    tree : xarray.DataTree
+        Arrays behind it, as in discovery.nc.
+    """
+
+    named: str | None
+    named_all: tuple[str, ...]
+    indistinguishable: tuple[str, ...]
+    withdrawn: Withdrawn | None
+    model_before: str
+    model_after: str
+    disagreement: Disagreement
+    candidates: tuple[CandidateSaid, ...]
+    gap: Gap
+    decoys: tuple[Decoy, ...]
+    amplitude: tuple[Amplitude, ...]
+    fit: FitSaid
+    catalogue: Catalogue | None
+    e_value: EValueSaid | None
+    remarks: tuple[str, ...]
+    not_checked: tuple[NotChecked, ...]
+    effects: Mapping[str, EffectSaid]
+    data: DataSaid
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    tree: xr.DataTree = field(default_factory=xr.DataTree)
+
+    @property
+    def p_global(self) -> float:
+        """Global p of the disagreement."""
+        return self.disagreement.p_global
+
+    def candidate(self, effect: str) -> CandidateSaid:
+        """What is said of one candidate.
+
+        Raises
+        ------
+        KeyError
+            If it was not a candidate.
+        """
+        for one in self.candidates:
+            if one.effect == effect:
+                return one
+        raise KeyError(effect)
+
+    def with_provenance(self, provenance: Mapping[str, Any]) -> Discovery:
+        """The same with what tells where it came from: seeds, versions, digests."""
+        return replace(self, provenance=provenance)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data, as in discovery.json: the same keys whatever was searched; no NaN, null instead."""
+        return {key: value for key, value in _fields(self).items() if key != "tree"}
+
+    def __repr__(self) -> str:
+        rows = "\n".join(f"  {name}: {value}" for name, value in self._rows())
+        return f"Discovery of {_named(self.data.name)}: {self._word}\n{rows}"[:1990]
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><th style='text-align:left'>{escape(name)}</th>"
+            f"<td style='text-align:left'>{escape(value)}</td></tr>"
+            for name, value in self._rows()
+        )
+        title = f"<strong style='font-size:1.4em'>{escape(self._word)}</strong>"
+        return f"<div>{title} in {escape(_named(self.data.name))}<table>{rows}</table></div>"
+
+    @property
+    def _word(self) -> str:
+        if self.named is None:
+            return "no disagreement" if self.withdrawn is None else "no name holds"
+        alike = [name.replace("_", " ") for name in self.indistinguishable]
+        return " or ".join(alike) if len(alike) > 1 else " + ".join(self.named_all or (self.named,))
+
+    def _rows(self) -> list[tuple[str, str]]:
+        """Name and value of what a reader asks first."""
+        found = self.disagreement
+        rows = [("model", _named(self.model_before)), ("because", self.remarks[0] if self.remarks else "")]
+        rows.append(("global p of a disagreement", f"{found.p_global:.3g}"))
+        for one in found.regions[:1]:
+            span = f"{one.lo:.4g} to {one.hi:.4g} {one.unit}, z = {one.z:+.1f}"
+            rows.append(("most at", span.replace(" ,", ",")))
+        for side, gap in (("held-out", self.gap.held_out), ("in-sample", self.gap.in_sample)):
+            if gap.before is not None:
+                after = "" if gap.after is None else f" before, {gap.after:.4g} after"
+                rows.append((f"{side} gap ({self.gap.measure})", f"{gap.before:.4g}{after}"))
+        for amplitude in self.amplitude[:4]:
+            low, high = amplitude.interval
+            interval = f"{100 * amplitude.level:.0f}% {low:.4g} to {high:.4g}"
+            value = f"{amplitude.value:.4g} {amplitude.unit}".rstrip()
+            rows.append((f"{amplitude.effect}: {amplitude.parameter}", f"{value} ({interval})"))
+        best = [f"{_named(one.effect)} (z = {one.z:.1f})" for one in self.candidates[:4]]
+        rows.append(("candidates", ", ".join(best)))
+        return rows
+
+
+def _named(text: str) -> str:
+    return text if len(text) < 90 else f"{text[:87]}..."
+
+
+def _fields(one: Any) -> dict[str, Any]:
+    return {field.name: _plain(getattr(one, field.name)) for field in fields(one) if field.name != "tree"}
+
+
+def _plain(value: Any) -> Any:
+    """JSON's own types all the way down."""
+    if isinstance(value, Region):
+        return value.to_json()
+    if is_dataclass(value):
+        return _fields(value)
+    if isinstance(value, Mapping):
+        return {str(key): _plain(one) for key, one in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_plain(one) for one in value]
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    return value

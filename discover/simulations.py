@@ -1,0 +1,323 @@
+"""The engine for simulators that can only simulate: learned scores, simulated moments."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+from scipy.special import ndtri
+
+from gaugeblock.core.arrays import Array
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.arrays import places
+from gaugeblock.discovery.engine import Comparison, Look, Round, Thresholds, beyond
+from gaugeblock.discovery.held_out import HeldOut
+from gaugeblock.discovery.result import Amplitude, Catalogue, DataSaid, NotChecked, Region
+from gaugeblock.discovery.simulated.before import FEWEST, prepare
+from gaugeblock.discovery.simulated.extend import Extended, departure_from, extended_by, refine
+from gaugeblock.discovery.simulated.features import Summaries
+from gaugeblock.discovery.simulated.fit import Budget, SimulatedFit
+from gaugeblock.discovery.simulated.judged import gap, learned_scores, moments
+from gaugeblock.discovery.simulated.search import Found, find
+from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators.segments import Segment, segments
+
+SIMULATIONS = Thresholds(
+    most=1,  # two effects together explain much that neither is: a second one has to be asked for
+    again=False,  # scores are learned at neutral, and an effect's own tell nothing of another of its kind
+    further=0.01,  # learned scores of the library alone may be off where the moments see nothing
+    profiled=4,  # each fit simulates thousands of data sets at every step
+    later=4,
+    at_least=1,  # learned scores already hold what a data set says beyond the tangent
+    behind=12.0,  # for the same reason
+    share=0.5,  # learned scores keep a quarter to all of the information: promises are that much less sure
+    far=float("inf"),  # draws of the prior would each have to be simulated
+    beam=1,
+    ended=1.0,  # moments see what the library cannot: any disagreement left takes the name away
+    smooth=float("inf"),  # moved moments are a Gaussian's, no rival that could have been simulated
+    smooth_left=float("inf"),
+    alone=10**6,  # a second effect was asked for
+    rivals=10**6,  # all that were fitted: they are few
+    decoys=3,
+    folds=2,  # a population has to be fitted to each
+)
+
+LEAST = 2.0
+"""Standard errors by which the fitted amplitude of an effect must differ from neutral."""
+
+INTERVAL = 0.9
+
+FEWEST_REPLICATES = 399
+"""Four p-values are combined, and each is at least 1 / (replicates + 1)."""
+
+
+class Simulations:
+    """Independent data sets of a simulator that has neither likelihood nor mean.
+
+    Parameters
+    ----------
+    own : mapping of str to LibraryEffect, optional
+        Effects beside the simulator's library.
+    most : int
+        Most effects that are added.
+    simulations : int
+        At each state; a half of them on each side of a derivative.
+
+    Raises
+    ------
+    InputError
+        If the simulator lacks what is needed, the data are between 2 and 29 or not finite, or there are fewer
+        than 1,000 simulations or 399 replicates.
+    """
+
+    held = "data sets"
+    measure = "mean square of the moments"
+    scheme = "either half of the data sets judges what the other fitted"
+
+    def __init__(
+        self,
+        simulator: Any,
+        x: ArrayLike,
+        *,
+        seed: int,
+        own: Mapping[str, LibraryEffect] | None,
+        only: tuple[str, ...],
+        most: int,
+        simulations: int,
+        replicates: int,
+        summaries: Summaries | None,
+        step: Callable[[str], None],
+    ):
+        if replicates < FEWEST_REPLICATES:
+            raise InputError(
+                f"discover: needs at least {FEWEST_REPLICATES} replicates, got {replicates}: with fewer no "
+                f"disagreement could reach a global p of {SIMULATIONS.level}"
+            )
+        self.simulator, self.replicates = simulator, replicates
+        self.thresholds = replace(SIMULATIONS, most=most)
+        self._budget = Budget(simulations, int(np.random.default_rng(seed).integers(2**31)))
+        self._streams = np.random.default_rng(seed).spawn(4)
+        step("fitting the population of theta")
+        self._before = prepare(
+            simulator, x, own=own, only=only, budget=self._budget, summaries=summaries, step=step
+        )
+        self._left: dict[tuple[str, ...], Look] = {}
+
+    @property
+    def entries(self) -> Mapping[str, LibraryEffect]:
+        """The effects that are proposed."""
+        return self._before.candidates.entries
+
+    @cached_property
+    def _first(self) -> Look:
+        return self._looked(self._before.fit, self._streams[0])
+
+    def _looked(self, fitted: SimulatedFit, rng: np.random.Generator) -> Look:
+        before = self._before
+        found = find(
+            before.scores, fitted, before.features, before.observed, replicates=self.replicates, rng=rng
+        )
+        return found.look(self.entries, len(before.observed))
+
+    @property
+    def _found(self) -> Found:
+        state: Found = self._first.state
+        return state
+
+    def look(self) -> Look:
+        """What the model as it was given leaves."""
+        return self._first
+
+    def after(self, model: Extended) -> Look:
+        """What a model with effects leaves."""
+        return self._left[model.path]
+
+    def fitted(self, seen: Look, keys: Sequence[str], behind: Extended | None) -> list[Extended]:
+        """Each effect fitted with the population and what was chosen already."""
+        before = self._before
+        path, base = ((), before.fit) if behind is None else (behind.path, behind.fit)
+        pool = before.candidates
+        for key in path:
+            pool = pool.after(key)
+        told = (base, before.features, before.observed, self._budget)
+        made = [extended_by(pool[key], (*path, key), seen, *told) for key in keys]
+        # Scores that were learned before an effect was added hold less well the larger it is: what is
+        # compared has learned its own.
+        hopeful = max(one.merit for one in made) - self.thresholds.behind
+        return [refine(one, seen.state, *told) if one.merit >= hopeful else one for one in made]
+
+    def compared(self, models: Sequence[Extended], seen: Look) -> tuple[Comparison, ...]:  # noqa: ARG002
+        """Cox's test with simulated moments against the best: of most merit, among those that leave
+        nothing to explain, if any do.
+        """
+        self._left |= {one.path: self._looked(one.fit, self._streams[1]) for one in models}
+        # Where an amplitude may well be neutral, something else has moved in its place.
+        there = [one for one in models if one.significance > LEAST] or list(models)
+        level = self.thresholds.level
+        enough = [one for one in there if self._left[one.path].p_global > level] or there
+        best = max(enough, key=lambda one: one.merit)
+        span, observed = self._found.span, self._before.observed
+        rest = sorted((one for one in models if one is not best), key=lambda one: -one.merit)
+        return (
+            Comparison(best, 0.0, 0.0),
+            *(
+                Comparison(one, best.gain - one.gain, abs(departure_from(one, best, span, observed)))
+                for one in rest
+            ),
+        )
+
+    def scored(self, rounds: Sequence[Round]) -> HeldOut | None:
+        """The named model, rivals and decoys on either half; None for one data set, which has no other."""
+        before = self._before
+        if not rounds or len(before.observed) < FEWEST:
+            return None
+        models = {one.label: one for one in rounds[-1].models}
+        return learned_scores(
+            before.fit, models, self._found.span, before.features, before.observed, self._budget,
+            rng=self._streams[2], folds=self.thresholds.folds, decoys=self.thresholds.decoys,
+        )  # fmt: skip
+
+    def holds(self, rounds: Sequence[Round], scored: HeldOut | None) -> bool:  # noqa: ARG002
+        """All effects are scored together, and stand or fall together."""
+        return True
+
+    def amplitudes(self, rounds: Sequence[Round]) -> tuple[Amplitude, ...]:
+        """From all data sets."""
+        best, made = rounds[-1].best, []
+        at = best.fit.model.hyper
+        for key in best.path:
+            entry = self.entries[key]
+            index = at + list(entry.parameters).index(entry.amplitude)
+            value, error = float(best.fit.state[index]), float(best.fit.error[index])
+            low, high = entry.parameters[entry.amplitude].support
+            half = float(-ndtri((1.0 - INTERVAL) / 2.0)) * error
+            interval = (max(low, value - half), min(high, value + half))
+            unit = entry.units.get(entry.amplitude, "")
+            made.append(
+                Amplitude(key, entry.amplitude, value, interval, INTERVAL, unit, entry.neutral, False, error)
+            )
+            at += len(entry.parameters)
+        return tuple(made)
+
+    def at_edge(self, rounds: Sequence[Round]) -> list[tuple[str, str]]:  # noqa: ARG002
+        """Intervals end where priors do, and say so."""
+        return []
+
+    def located(self) -> Mapping[str, float]:
+        """Global p of the coordinates' moments."""
+        return {"p_moments": self._found.p_moments}
+
+    @cached_property
+    def _segments(self) -> tuple[Segment, ...]:
+        """What the simulator says its data consist of, else numbers."""
+        d = self._before.features.coordinates
+        found = segments(self.simulator, d)
+        if sum(len(part.edges) for part in found) == d:
+            return found
+        number = np.arange(float(d))
+        return (Segment("data", 0, d, np.stack([number, number + 1.0], axis=1), unit="channel"),)
+
+    def regions(self) -> tuple[Region, ...]:
+        """Runs of neighbouring coordinates that are off in the same direction, each with its strongest z."""
+        found = self._found
+        z = found.moment_z[: self._before.features.coordinates]
+        p = np.array([beyond(found.null_moment, abs(value)) for value in z])
+        edges = np.concatenate([part.edges for part in self._segments])
+        units = np.concatenate([np.full(len(part.edges), part.unit) for part in self._segments])
+        made: list[Region] = []
+        for k in np.flatnonzero(p <= self.thresholds.level):
+            low, high = edges[k].min(), edges[k].max()
+            here = Region(
+                int(k), int(k) + 1, float(low), float(high), str(units[k]), float(z[k]), float(p[k])
+            )
+            last = made[-1] if made else None
+            if last is not None and last.stop == k and np.sign(last.z) == np.sign(z[k]):
+                strongest = max(last, here, key=lambda one: abs(one.z))
+                made[-1] = replace(
+                    last,
+                    stop=here.stop,
+                    hi=here.hi,
+                    z=strongest.z,
+                    p_global=min(last.p_global, here.p_global),
+                )
+            else:
+                made.append(here)
+        return tuple(sorted(made, key=lambda one: -abs(one.z)))
+
+    def gap(self, model: Extended | None) -> float:
+        """Mean square of the moments orthogonal to everything in the state: about 1 where all is well."""
+        fitted = self._before.fit if model is None else model.fit
+        return gap(fitted, self._before.features, self._before.observed)
+
+    def state(self, model: Extended | None) -> Mapping[str, float]:
+        """The population of theta, and values of the effects."""
+        fitted = self._before.fit if model is None else model.fit
+        one, state = fitted.model, fitted.state
+        added = one.simulator.prior.names[one.population.prior.size :]
+        values = dict(zip(added, map(float, state[one.hyper :]), strict=True))
+        return one.population.described(state[: one.hyper]) | values
+
+    def data(self) -> DataSaid:
+        """What was searched."""
+        n = len(self._before.observed)
+        name = f"{n:,} data sets" if n > 1 else "one data set"
+        return DataSaid(name, n, self._before.features.coordinates)
+
+    def not_checked(self) -> list[NotChecked]:
+        """What needs a likelihood, or more than one data set."""
+        made = [NotChecked("delta_log_evidence", "the simulator has no likelihood")]
+        if len(self._before.observed) == 1:
+            why = "one data set that can only be simulated cannot be split"
+            made.append(NotChecked("held_out", why))
+        return made
+
+    def catalogue(self, rounds: Sequence[Round]) -> Catalogue | None:  # noqa: ARG002
+        """Data sets are fitted as a population: there is no claim beside the name's."""
+        return None
+
+    def likeness(self, seen: Look, chosen: Sequence[int]) -> Array:
+        """Correlation of learned scores, orthogonal to the population's."""
+        fitted = self._before.fit
+        weights = fitted.lesson.orthogonal(seen.state.scores.learned[list(chosen)].mean(axis=1))
+        covariance = fitted.base.covariance(weights)
+        size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        return np.asarray(covariance / np.outer(size, size))
+
+    def groups(self, rounds: Sequence[Round], model: Extended | None) -> Mapping[str, xr.Dataset]:  # noqa: ARG002
+        """The mean of every coordinate, and the moments before and after."""
+        found, before = self._found, self._before
+        axis, regions = places(self._segments), self.regions()
+        first = [one.start for one in regions]
+        rows: dict[str, Any] = {
+            "energy_lo": ("window", [one.lo for one in regions]),
+            "energy_hi": ("window", [one.hi for one in regions]),
+            "segment": ("window", axis["segment"][1][first]),
+            "unit": ("window", axis["unit"][1][first]),
+            "z": ("window", [one.z for one in regions]),
+            "p_global": ("window", [one.p_global for one in regions]),
+            "strongest": ("channel", found.moment_z[: before.features.coordinates]),
+            "null_maximum": ("replicate", found.null_moment),
+            **{f"channel_{end}": axis[f"energy_{end}"] for end in ("lo", "hi")},
+            **{f"channel_{name}": axis[name] for name in ("segment", "unit")},
+        }
+        told: dict[str, Any] = {"p_global": found.p_moments, "replicates": self.replicates}
+        told["scan"] = (
+            "The mean of every number of a data set is compared with simulations of the fitted model"
+        )
+        z: dict[str, Any] = {
+            "z": ("moment", found.moment_z),
+            "before": ("direction", moments(before.fit, before.features, before.observed)),
+        }
+        if model is not None:
+            z["after"] = ("direction", moments(model.fit, before.features, before.observed))
+        null = {"largest": found.null_largest, "moment": found.null_moment, "square": found.null_square}
+        return {
+            "windows": xr.Dataset(rows, attrs=told),
+            "moments": xr.Dataset(z),
+            "null": xr.Dataset({name: ("replicate", values) for name, values in null.items()}),
+        }

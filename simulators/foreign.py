@@ -1,0 +1,320 @@
+"""Other people's distributions: as gaugeblock's own where there is one alike, else as they are.
+
+Nothing here imports the libraries concerned unless an object of theirs is given.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.core.digest import digest
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.global_state import SEEDS, seeded_globals
+from gaugeblock.core.streams import Rng
+from gaugeblock.simulators.blocks import (
+    Dirichlet,
+    DirichletWithoutLast,
+    Drawn,
+    DrawnWithDensity,
+    MultivariateNormal,
+    state,
+)
+from gaugeblock.simulators.marginals import (
+    Beta,
+    Discrete,
+    Gamma,
+    LogNormal,
+    LogUniform,
+    Normal,
+    ScipyContinuous,
+    ScipyDiscrete,
+    Truncated,
+    TruncatedNormal,
+    Uniform,
+    truncated,
+)
+
+ACCEPTED = (
+    "gaugeblock.Prior or a dict of its distributions; scipy.stats frozen; torch.distributions; sbi's; "
+    "numpyro.distributions; a dict or a list of these; samples (n, parameter), alone or as (samples, "
+    "log_prob); a function (n, rng)"
+)
+
+OWN = (Uniform, LogUniform, Normal, LogNormal, Gamma, Beta, TruncatedNormal, Truncated, Discrete)
+OWN_BLOCKS = (MultivariateNormal, Dirichlet, DirichletWithoutLast, Drawn)
+
+
+def distributions(given: Any) -> list[Any]:
+    """One-dimensional distributions and blocks, in the order of the parameters that they are of.
+
+    Raises
+    ------
+    InputError
+        If nothing is known of such an object.
+    """
+    if isinstance(given, (*OWN, ScipyDiscrete, *OWN_BLOCKS)) or _like_own(given):
+        return [given]
+    if inspect.isclass(given):
+        raise InputError(f"prior: {given.__name__} is a class; give an instance of it, {given.__name__}(...)")
+    root = {kind.__module__.split(".")[0] for kind in type(given).__mro__}
+    if "scipy" in root:
+        return _of_scipy(given)
+    if root & {"torch", "numpyro", "sbi", "pyro"}:
+        return _of_torch_or_numpyro(given, Numpyro if "numpyro" in root else Torch)
+    if callable(getattr(given, "sample", None)):
+        arguments = list(inspect.signature(given.sample).parameters)
+        if "rng" in arguments or "generator" in arguments:
+            return [_drawn(given, given.sample, getattr(given, "log_prob", None))]
+        return [_foreign(given, Torch)]
+    if callable(given):
+        return [Drawn(given, _described(given))]
+    raise InputError(f"prior: a {type(given).__name__} is none that can be drawn from; give {ACCEPTED}")
+
+
+def _like_own(given: Any) -> bool:
+    """Whether somebody's object follows the protocol of a one-dimensional distribution."""
+    needed = ("support", "log_prob", "to_unit", "from_unit", "to_real", "from_real", "log_prob_real")
+    return not inspect.isclass(given) and all(hasattr(given, name) for name in needed)
+
+
+def _drawn(given: Any, draw: Callable[..., Any], density: Any) -> Drawn:
+    if callable(density):
+        return DrawnWithDensity(draw, _described(given), density=density)
+    return Drawn(draw, _described(given))
+
+
+def _described(given: Any) -> dict[str, Any]:
+    """What it is: the text of a function that closes over nothing, else a hash of the object's state."""
+    kind = given if inspect.isfunction(given) else type(given)
+    found: dict[str, Any] = {"distribution": f"{kind.__module__}.{kind.__qualname__}"}
+    if inspect.isfunction(given):
+        try:
+            source = None if given.__closure__ else inspect.getsource(given)
+        except OSError:
+            source = None
+        return {**found, "state_sha256": source and digest(source)}
+    return {**found, "state_sha256": state(given)}
+
+
+def _of_scipy(given: Any) -> list[Any]:
+    """Frozen distributions, and others that have nothing left to be given."""
+    from scipy import stats
+
+    if isinstance(given, stats.rv_continuous | stats.rv_discrete):
+        if given.numargs:
+            raise InputError(
+                f"prior: scipy.stats.{given.name} still needs {given.shapes}; freeze it, as in "
+                f"scipy.stats.{given.name}({given.shapes})"
+            )
+        given = given()
+    kind = getattr(given, "dist", None)
+    if isinstance(kind, stats.rv_continuous | stats.rv_discrete):
+        shapes, loc, scale = kind._parse_args(*given.args, **given.kwds)
+        columns = np.broadcast_arrays(
+            *(np.ravel(np.asarray(each, dtype=float)) for each in (*shapes, loc, scale))
+        )
+        rows = np.stack(columns, axis=-1).tolist()
+        return [_of_scipy_1d(kind, *row) for row in rows]
+    if isinstance(given, stats._multivariate.multivariate_normal_frozen):
+        return [MultivariateNormal(np.atleast_1d(given.mean), np.atleast_2d(given.cov))]
+    if isinstance(given, stats._multivariate.dirichlet_frozen):
+        return [Dirichlet(given.alpha)]
+    for density in ("logpdf", "logpmf"):
+        if hasattr(given, density):
+            return [_drawn(given, ScipyDraws(given), ScipyDensity(given, density))]
+    return [_drawn(given, ScipyDraws(given), None)]
+
+
+def _of_scipy_1d(kind: Any, *numbers: float) -> Any:
+    from scipy import stats
+
+    *shapes, loc, scale = numbers
+    name = str(kind.name)
+    if name == "uniform":
+        return Uniform(loc, loc + scale)
+    if name == "norm":
+        return Normal(loc, scale)
+    if name == "truncnorm":
+        return TruncatedNormal(loc, scale, loc + scale * shapes[0], loc + scale * shapes[1])
+    if loc == 0 and name in ("loguniform", "reciprocal"):
+        return LogUniform(shapes[0] * scale, shapes[1] * scale)
+    if loc == 0 and name == "lognorm":
+        return LogNormal(float(np.log(scale)), shapes[0])
+    if loc == 0 and name in ("gamma", "expon"):
+        return Gamma(shapes[0] if shapes else 1.0, scale)
+    if loc == 0 and scale == 1 and name == "beta":
+        return Beta(*shapes)
+    discrete = isinstance(kind, stats.rv_discrete)
+    frozen = kind(*shapes, loc) if discrete else kind(*shapes, loc, scale)
+    if type(getattr(stats, name, None)) is not type(
+        kind
+    ):  # somebody's own: its numbers do not say what it is
+        name = f"{type(kind).__name__} {state(kind)}"
+    return (ScipyDiscrete if discrete else ScipyContinuous)(frozen, name, tuple(numbers))
+
+
+def scipy_again(name: str, numbers: list[float]) -> Any:
+    """A distribution of scipy.stats from its description."""
+    from scipy import stats
+
+    kind = getattr(stats, name, None)
+    if not isinstance(kind, stats.rv_continuous | stats.rv_discrete):
+        raise InputError(f"scipy.stats has no distribution {name!r}")
+    return _of_scipy_1d(kind, *numbers)
+
+
+@dataclass(frozen=True)
+class ScipyDraws:
+    """Draws of a frozen multivariate distribution of scipy.stats, or of its kernel density estimate."""
+
+    source: Any
+
+    def __call__(self, n: int, rng: Rng) -> NDArray[np.float64]:
+        if hasattr(self.source, "resample"):
+            return np.asarray(self.source.resample(n, seed=rng)).T
+        if not hasattr(self.source, "rvs"):
+            raise InputError(f"prior: a {type(self.source).__name__} has no rvs(...); give {ACCEPTED}")
+        return np.asarray(self.source.rvs(size=n, random_state=rng)).reshape(n, -1)
+
+
+@dataclass(frozen=True)
+class ScipyDensity:
+    """Its log density or log mass."""
+
+    source: Any
+    method: str
+
+    def __call__(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
+        points = theta.T if hasattr(self.source, "resample") else theta
+        return np.asarray(getattr(self.source, self.method)(points))
+
+
+# Distributions of torch and numpyro that are one of ours, by class name and the attributes that ours takes.
+ALIKE: Mapping[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
+    "Uniform": (Uniform, ("low", "high")),
+    "Normal": (Normal, ("loc", "scale")),
+    "LogNormal": (LogNormal, ("loc", "scale")),
+    "LogUniform": (LogUniform, ("low", "high")),
+    "Gamma": (lambda shape, rate: Gamma(shape, 1.0 / rate), ("concentration", "rate")),
+    "Exponential": (lambda rate: Gamma(1.0, 1.0 / rate), ("rate",)),
+    "Beta": (Beta, ("concentration1", "concentration0")),
+}
+
+
+def _array(value: Any) -> NDArray[np.float64]:
+    return np.asarray(value.detach().cpu() if hasattr(value, "detach") else value, dtype=float)
+
+
+def _of_torch_or_numpyro(given: Any, library: type[Torch] | type[Numpyro]) -> list[Any]:
+    name = type(given).__name__
+    if getattr(given, "reinterpreted_batch_ndims", 0) and hasattr(given, "base_dist"):
+        return _of_torch_or_numpyro(given.base_dist, library)
+    if name == "MultipleIndependent":
+        return [each for part in given.dists for each in distributions(part)]
+    if name in ALIKE:
+        make, attributes = ALIKE[name]
+        columns = np.broadcast_arrays(*(np.ravel(_array(getattr(given, each))) for each in attributes))
+        return [make(*map(float, row)) for row in zip(*columns, strict=True)]
+    if name == "MultivariateNormal" and np.ndim(given.loc) == 1:
+        return [MultivariateNormal(_array(given.loc), _array(given.covariance_matrix))]
+    if name == "Dirichlet" and np.ndim(given.concentration) == 1:
+        return [Dirichlet(_array(given.concentration))]
+    if name == "TwoSidedTruncatedDistribution" and type(given.base_dist).__name__ == "Normal":
+        limits = [np.ravel(_array(each)) for each in (given.low, given.high)]
+        bases = _of_torch_or_numpyro(given.base_dist, library)
+        cut = np.broadcast_arrays(np.zeros(len(bases)), *limits)[1:]
+        return [truncated(b, low=float(c), high=float(d)) for b, c, d in zip(bases, *cut, strict=True)]
+    return [_foreign(given, library)]
+
+
+def _foreign(given: Any, library: type[Torch] | type[Numpyro]) -> Drawn:
+    made = library(given)
+    described = _parameters(given)
+    if callable(getattr(given, "log_prob", None)):
+        return DrawnWithDensity(made.draw, described, density=made.density)
+    return Drawn(made.draw, described)
+
+
+def _parameters(given: Any) -> dict[str, Any]:
+    """Class and parameters of a distribution of torch or numpyro; no state where there may be more."""
+    found: dict[str, Any] = {"distribution": f"{type(given).__module__}.{type(given).__qualname__}"}
+    names = getattr(type(given), "arg_constraints", None)
+    if not isinstance(names, Mapping) or not names or hasattr(given, "transforms"):
+        return {**found, "state_sha256": None}
+    try:
+        return {
+            **found,
+            "parameters": {name: _array(getattr(given, name)).tolist() for name in sorted(names)},
+        }
+    except (AttributeError, TypeError, ValueError):
+        return {**found, "state_sha256": None}
+
+
+@dataclass(frozen=True)
+class Torch:
+    """Draws and densities of something with torch's ``sample((n,))``, the global states left as they were."""
+
+    source: Any
+
+    @cached_property
+    def _one(self) -> Any:
+        import torch
+
+        with seeded_globals(0):
+            return torch.as_tensor(self.source.sample((1,)))
+
+    def draw(self, n: int, rng: Rng) -> NDArray[np.float64]:
+        with seeded_globals(int(rng.integers(SEEDS))):
+            return _array(self.source.sample((n,))).reshape(n, -1)
+
+    def density(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
+        import torch
+
+        points = torch.as_tensor(theta).reshape(len(theta), *self._one.shape[1:])
+        inside = self._inside(points)
+        # Outside its support a distribution may refuse to answer: it is asked about one of its draws instead.
+        known = torch.where(
+            inside.reshape(-1, *[1] * (points.ndim - 1)), points.to(self._one.dtype), self._one
+        )
+        with torch.no_grad():
+            found = _array(self.source.log_prob(known)).reshape(len(theta), -1).sum(axis=1)
+        return np.where(inside.numpy(), found, -np.inf)
+
+    def _inside(self, points: Any) -> Any:
+        import torch
+
+        try:
+            return self.source.support.check(points).reshape(len(points), -1).all(dim=1)
+        except (AttributeError, NotImplementedError):
+            return torch.ones(len(points), dtype=torch.bool)
+
+
+@dataclass(frozen=True)
+class Numpyro:
+    """Draws and densities of a distribution of numpyro, which has no global state."""
+
+    source: Any
+
+    def draw(self, n: int, rng: Rng) -> NDArray[np.float64]:
+        import jax
+
+        key = jax.random.key(int(rng.integers(SEEDS)))
+        return np.asarray(self.source.sample(key, (n,)), dtype=float).reshape(n, -1)
+
+    def density(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
+        import jax.numpy as jnp
+
+        shape = (*self.source.batch_shape, *self.source.event_shape)
+        points = jnp.asarray(theta).reshape(len(theta), *shape)
+        inside = np.asarray(self.source.support(points)).reshape(len(theta), -1).all(axis=1)
+        if self.source.support.is_discrete:
+            points = points.astype(int)
+        found = np.asarray(self.source.log_prob(points), dtype=float).reshape(len(theta), -1).sum(axis=1)
+        return np.where(inside, found, -np.inf)

@@ -1,0 +1,123 @@
+"""The whole workflow on simulators that can only simulate: names, amplitudes, gaps, and what has no name."""
+
+import numpy as np
+import pytest
+
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery import discover_simulated
+from gaugeblock.discovery.result import Discovery
+from gaugeblock.simulators import build_simulator
+
+SMALL = {"simulations": 3000, "replicates": 399}
+
+
+@pytest.fixture(scope="module")
+def spike(ruler, readings):
+    x = readings(300, 11, spike={"height": 0.45, "mark": 2.0})
+    return discover_simulated(ruler, x, seed=1, **SMALL)
+
+
+def test_the_hidden_effect_is_named_where_it_is(spike):
+    assert isinstance(spike, Discovery)
+    assert spike.named == "spike"
+    assert spike.named_all == ("spike",)
+    assert spike.p_global <= 4 / 400
+    assert spike.candidate("spike").parameters["mark"] == pytest.approx(2.0, abs=0.4)
+    region = spike.to_json()["disagreement"]["regions"][0]
+    assert region["start"] <= 2 < region["stop"]
+    assert region["z"] > 4
+
+
+def test_its_amplitude_is_recovered(spike):
+    (amplitude,) = spike.to_json()["amplitude"]
+    low, high = amplitude["interval"]
+    error = (high - low) / 3.29
+    # Noise of 1 in 300 readings, about 0.06 once the population is free; 4 errors.
+    assert 0.05 < error < 0.11
+    assert abs(amplitude["value"] - 0.45) < 4 * error
+
+
+def test_the_gap_shrinks_where_it_was_not_fitted(spike):
+    for gap in spike.to_json()["gap"]["in_sample"], spike.to_json()["gap"]["held_out"]:
+        assert gap["before"] > 1.8
+        assert gap["after"] < 0.6 * gap["before"]
+    assert spike.candidate("spike").held_out > 5
+    for decoy in spike.to_json()["decoys"]:
+        assert decoy["held_out"] < spike.candidate("spike").held_out
+
+
+def test_the_same_seed_finds_the_same(ruler, readings):
+    x = readings(40, 12, tilt={"slope": 0.2})
+    first, second = (discover_simulated(ruler, x, seed=2, simulations=1000, replicates=399) for _ in range(2))
+    assert first.to_json() == second.to_json()
+    assert first.named == "tilt"
+
+
+def test_two_effects_are_both_named(ruler, readings):
+    x = readings(300, 13, spike={"height": 0.7, "mark": 1.0}, tilt={"slope": 0.15})
+    found = discover_simulated(ruler, x, seed=3, most=2, **SMALL)
+    assert set(found.named_all) == {"spike", "tilt"}
+
+
+def test_what_is_not_in_the_library_is_unnamed(ruler, readings):
+    # Noise a third too large: no effect of the library does that, and the moments see it.
+    found = discover_simulated(ruler, readings(300, 14, spread=1.3), seed=4, **SMALL)
+    assert found.named == "unnamed"
+    assert found.named_all == ()
+    assert found.p_global <= 0.01
+
+
+def test_one_data_set_alone(ruler, readings):
+    x = readings(1, 15, centre=0.3, width=0.1, spike={"height": 6.0, "mark": 5.0})
+    found = discover_simulated(ruler, x, seed=5, **SMALL)
+    best = found.to_json()["candidates"][0]
+    assert found.p_global <= 0.01
+    assert best["effect"] == "spike"
+    assert best["parameters"]["mark"] == pytest.approx(5.0, abs=0.5)
+    assert "held_out" in {item["id"] for item in found.to_json()["not_checked"]}
+    quiet = discover_simulated(ruler, readings(1, 16, centre=0.3, width=0.1), seed=5, **SMALL)
+    assert quiet.named is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "values", "amplitude"),
+    [
+        ("reporting_step", {"share": 0.2, "week": 5.5}, "share"),
+        ("contact_change", {"factor": 0.87, "week": 4.5}, "factor"),
+        ("missed_week", {"share": 0.35, "week": 6.0}, "share"),
+    ],
+)
+def test_effects_on_the_epidemic(name, values, amplitude):
+    epidemic = build_simulator("epidemic", nodes=5)
+    rng = np.random.default_rng(17)
+    theta = epidemic.prior.from_unit_cube(np.clip(rng.normal([0.66, 0.4], 0.16, size=(300, 2)), 0.02, 0.98))
+    entry = epidemic.effect_library(theta)[name]
+    x = epidemic.with_effect(entry.effect(**values)).simulate(theta, rng)
+    found = discover_simulated(epidemic, x, seed=6, simulations=8000)
+    assert found.named == name
+    (said,) = found.to_json()["amplitude"]
+    error = (said["interval"][1] - said["interval"][0]) / 3.29
+    assert abs(said["value"] - values[amplitude]) < 4 * error
+
+
+@pytest.mark.parametrize(
+    ("x", "options", "words"),
+    [
+        (np.zeros((5, 8)), {}, "one data set .* or at least 30"),
+        (np.zeros(8), {}, "got shape"),
+        (np.full((40, 8), np.nan), {}, "NaN or infinite"),
+        (np.zeros((40, 8)), {"simulations": 10}, "at least 1,000 simulations"),
+        (np.zeros((40, 8)), {"replicates": 99}, "at least 399 replicates"),
+        (np.zeros((40, 8)), {"only": ("glow",), "simulations": 1000}, "no effect glow"),
+    ],
+)
+def test_mistakes_are_one_clear_line(ruler, x, options, words):
+    with pytest.raises(InputError, match=words) as caught:
+        discover_simulated(ruler, x, **options)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_simulator_without_effects_is_told_so():
+    with pytest.raises(InputError, match="TwoMoons has no with_effect"):
+        discover_simulated(build_simulator("two_moons"), np.zeros((40, 2)))

@@ -1,0 +1,140 @@
+"""The workflow on many sources that share an instrument."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gaugeblock.discovery import Sources, discover_catalogue
+from gaugeblock.discovery.held_out import HeldOut
+from gaugeblock.simulators import Uniform
+from gaugeblock.simulators.effects import Effect
+
+
+def catalogue(power_law, hidden, *, number=60, seed=1, counts=10_000.0):
+    rng = np.random.default_rng(seed)
+    plain = power_law()
+    true = plain if hidden is None else plain.with_effect(hidden)
+    theta = np.stack([counts * np.exp(rng.uniform(-1, 1, number)), rng.uniform(0.5, 2.5, number)], axis=1)
+    return Sources.of(plain, true.simulate(theta, rng), redshift=rng.uniform(0.0, 2.0, number))
+
+
+@pytest.fixture(scope="module")
+def dip(power_law):
+    """Sixty sources behind an area that is 12% too small around 1.7 keV."""
+    return discover_catalogue(
+        [catalogue(power_law, Effect("dip", {"energy": 1.7, "depth": -0.12}))], replicates=199
+    )
+
+
+def test_names_what_all_sources_share(dip):
+    assert dip.named == "dip"
+    gap = dip.to_json()["gap"]["held_out"]
+    assert gap["after"] < gap["before"]
+    low, high = dip.to_json()["amplitude"][0]["interval"]
+    assert low < -0.12 < high or abs(dip.to_json()["amplitude"][0]["value"] + 0.12) < 0.02
+    assert dip.candidate("dip").z > 5
+
+
+def test_says_that_it_stays_with_the_detector(dip):
+    assert dip.to_json()["catalogue"]["fixed_to"] == "detector"
+    assert dip.tree["catalogue"]["influence"].shape == (60,)
+
+
+def test_an_error_of_the_amplitude_that_falls_with_the_number(dip):
+    error = dip.tree["catalogue"]["amplitude_error"].values
+    assert np.all(np.diff(error) <= 0)
+
+
+def test_nothing_shared_is_nothing_named(power_law):
+    # p <= 0.01 is asked for: three or more of twenty would happen in 0.1%.
+    named = [
+        discover_catalogue([catalogue(power_law, None, number=20, seed=seed)], replicates=199).named
+        for seed in range(20)
+    ]
+    assert sum(name is not None for name in named) < 3
+
+
+def test_the_same_seed_gives_the_same_answer(power_law, dip):
+    again = discover_catalogue(
+        [catalogue(power_law, Effect("dip", {"energy": 1.7, "depth": -0.12}))], replicates=199
+    )
+    assert again.to_json() == dip.to_json()
+
+
+def test_where_the_summed_sources_disagree(dip):
+    windows, quantiles = dip.tree["windows"], dip.tree["quantiles"]
+    first = dip.to_json()["disagreement"]["regions"][0]
+    assert first["energy_lo_kev"] < 1.7 < first["energy_hi_kev"]
+    assert first["z"] < -5
+    assert windows.attrs["p_global"] == dip.to_json()["disagreement"]["p_windows"] <= 0.01
+    assert windows["strongest"].shape == quantiles["difference"].shape == (60,)
+
+
+def test_residuals_know_that_sources_were_fitted(dip):
+    # Sixty fits of two parameters take more than a channel's share each: Pearson's z would be too narrow.
+    after = dip.tree["spectrum"]["residual_after"].values
+    assert 0.6 < np.sqrt(np.mean(after**2)) < 1.4
+    assert np.abs(dip.tree["spectrum"]["residual_before"].values).max() > 5
+
+
+def test_an_effect_between_two_scanned_energies_is_one_effect(dip):
+    scanned = np.geomspace(0.7, 7.0, 36)
+    assert np.abs(scanned - 1.7).min() > 0.05
+    assert dip.to_json()["named_all"] == ["dip"]
+    assert dip.to_json()["disagreement"]["p_left"] > 0.05
+    assert dip.candidate("dip").parameters["energy"] == pytest.approx(1.7, abs=0.02)
+
+
+def test_a_second_effect_has_to_hold_on_sources_that_did_not_choose_it(power_law):
+    # One source in sixty has a line of its own: what all share seems to have two effects.
+    sources = catalogue(power_law, Effect("dip", {"energy": 1.7, "depth": -0.12}))
+    own = power_law().with_effect(Effect("line", {"energy": 5.0, "counts": 20_000.0}))
+    counts = sources.counts.copy()
+    counts[7] = own.simulate(np.array([[1e4, 1.5]]), np.random.default_rng(3))[0]
+    found = discover_catalogue([replace(sources, counts=counts)], replicates=199)
+    assert found.to_json()["disagreement"]["p_left"] <= 0.01
+    assert found.to_json()["named_all"] == ["dip"]
+    assert found.to_json()["indistinguishable"] == ["dip", "unnamed"]
+    assert "beside it does not hold" in found.to_json()["remarks"][0]
+
+
+def test_two_effects_that_all_share_are_both_named(power_law):
+    rng = np.random.default_rng(5)
+    true = power_law().with_effect(Effect("dip", {"energy": 1.7, "depth": -0.12}))
+    true = true.with_effect(Effect("dip", {"energy": 4.5, "depth": 0.2}))
+    theta = np.stack([1e4 * np.exp(rng.uniform(-1, 1, 60)), rng.uniform(0.5, 2.5, 60)], axis=1)
+    found = discover_catalogue([Sources.of(power_law(), true.simulate(theta, rng))], replicates=199)
+    assert found.to_json()["named_all"] == ["dip", "dip"]
+    assert found.to_json()["indistinguishable"] == ["dip", "unnamed"]
+    assert found.to_json()["amplitude"][0]["value"] == pytest.approx(0.2, abs=0.06)
+    assert found.to_json()["amplitude"][1]["value"] == pytest.approx(-0.12, abs=0.03)
+
+
+def test_candidates_say_what_model_their_held_out_score_is_of(dip):
+    best = dip.candidate("dip")
+    assert best.held_out_model == "dip"
+    assert dip.candidate("edge").held_out_model == "edge"
+    assert best.held_out > 0
+
+
+def test_of_several_models_with_an_effect_the_one_that_says_most_of_it_is_told():
+    def told(*names):
+        return HeldOut(names, (), np.zeros((0, 0)), np.zeros(0), np.zeros((0, 0))).model_of("dip")
+
+    assert told("before", "line + dip", "edge", "dip") == "dip"
+    assert told("before", "dip + line", "line + dip") == "line + dip"
+    assert told("before", "edge") is None
+
+
+def test_an_amplitude_at_the_edge_of_its_prior_is_said(power_law):
+    narrow = power_law().effect_library(np.array([[1000.0, 2.0]]))["dip"]
+    narrow = replace(narrow, parameters={**narrow.parameters, "depth": Uniform(-0.06, 0.06)}, step=0.02)
+    sources = catalogue(power_law, Effect("dip", {"energy": 1.7, "depth": -0.12}))
+    found = discover_catalogue([sources], effects={"dip": narrow}, only=("dip",), replicates=99)
+    assert found.named == "dip"
+    assert any("edge of its prior" in remark for remark in found.to_json()["remarks"])
+
+
+def test_an_amplitude_inside_its_prior_is_not_remarked_on(dip):
+    assert not any("edge of its prior" in remark for remark in dip.to_json()["remarks"])

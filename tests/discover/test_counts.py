@@ -1,0 +1,133 @@
+"""The workflow on counts in which the effect is known: named, told apart, unnamed, or nothing to name."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery import Candidates, Sources, discover_source
+from gaugeblock.discovery.counts import Counts
+from gaugeblock.simulators.effects import Effect
+
+THETA = np.array([20_000.0, 1.5])
+
+
+@pytest.fixture(scope="module")
+def library(power_law):
+    simulator = power_law()
+    return Candidates.of(simulator, THETA[None])
+
+
+def run(library, hidden, data_seed, **options):
+    """Search data of the library's simulator with effects hidden in it."""
+    true = library.simulator
+    for effect in hidden:
+        true = true.with_effect(effect)
+    counts = true.simulate(THETA[None], np.random.default_rng(data_seed))
+    return discover_source(Sources.of(library.simulator, counts), library=library, replicates=299, **options)
+
+
+@pytest.mark.parametrize(
+    ("effect", "amplitude"),
+    [
+        (Effect("line", {"energy": 3.3, "counts": 900.0}), 900.0),
+        (Effect("dip", {"energy": 1.7, "depth": 0.12}), 0.12),
+        (Effect("dip", {"energy": 1.7, "depth": -0.12}), -0.12),
+        (Effect("edge", {"energy": 2.4, "depth": 0.25}), 0.25),
+    ],
+    ids=["line", "dip up", "dip down", "edge"],
+)
+def test_names_what_is_hidden(library, effect, amplitude):
+    found = run(library, [effect], 11)
+    assert found.named == effect.name
+    assert found.named_all == (effect.name,)
+    gap = found.to_json()["gap"]
+    assert gap["in_sample"]["after"] < gap["in_sample"]["before"]
+    assert gap["held_out"]["after"] < gap["held_out"]["before"]
+    assert found.candidate(effect.name).p_global == pytest.approx(1 / 300)
+    measured = found.to_json()["amplitude"][0]
+    low, high = measured["interval"]
+    assert low - 0.5 * (high - low) < amplitude < high + 0.5 * (high - low)
+    assert measured["held_out"]
+
+
+def test_nothing_hidden_is_nothing_named(library):
+    # Global p of 0.01 is asked for: of 60 quiet sources 0.6 would be named; 4 or more happen in 0.3%.
+    named = [run(library, [], seed).named for seed in range(60)]
+    assert sum(name is not None for name in named) < 4
+
+
+def test_two_effects_are_both_named(library):
+    hidden = [Effect("line", {"energy": 5.0, "counts": 700.0}), Effect("edge", {"energy": 1.2, "depth": 0.2})]
+    found = run(library, hidden, 12)
+    assert set(found.named_all) == {"line", "edge"}
+    assert {one["effect"] for one in found.to_json()["amplitude"]} == {"line", "edge"}
+    # Two in a row may also be how one shape is eaten up that no library has: the first does not stand alone.
+    assert found.indistinguishable[0] == found.named == found.named_all[0]
+    assert "unnamed" in found.indistinguishable
+
+
+def test_of_equal_fits_the_order_that_was_tried_first_stands(library):
+    counts = library.simulator.simulate(THETA[None], np.random.default_rng(16))
+    sources = Sources.of(library.simulator, counts)
+    engine = Counts(sources, rng=np.random.default_rng(17), replicates=99, proposed=library)
+    (one,) = engine.fitted(engine.look(), ["line"], None)
+    forth = replace(one, path=("line", "edge"))
+    back = replace(one, path=("edge", "line"))
+    assert (
+        engine.compared([forth, replace(back, gain=one.gain + 0.5)], engine.look())[0].model.path
+        == forth.path
+    )
+    assert (
+        engine.compared([forth, replace(back, gain=one.gain + 5.0)], engine.look())[0].model.path == back.path
+    )
+
+
+def test_what_the_library_lacks_has_no_name(power_law, library):
+    # Waves of five per cent over the whole band: no line, dip or edge.
+    wavy = library.simulator.expected(THETA) * (1.0 + 0.05 * np.sin(np.arange(60) * 0.5))
+    counts = np.random.default_rng(13).poisson(wavy * 10)
+    found = discover_source(Sources.of(library.simulator, counts), library=library, replicates=299)
+    assert found.named == "unnamed"
+    assert found.named_all == ()
+    assert found.p_global < 0.01
+    factor = found.tree["shape"]["factor"].values
+    assert np.corrcoef(factor[8:-8], np.sin(np.arange(60) * 0.5)[8:-8])[0, 1] > 0.8
+
+
+def test_neighbours_that_data_cannot_tell_apart_are_a_set(library):
+    # An upward dip of 0.4 keV and a line of 0.15 keV are much alike while they are faint.
+    found = run(library, [Effect("line", {"energy": 3.3, "counts": 900.0})], 11)
+    assert {"line", "dip"} <= set(found.indistinguishable)
+
+
+def test_the_same_seed_gives_the_same_answer(library):
+    effect = Effect("line", {"energy": 3.3, "counts": 900.0})
+    first, again = (run(library, [effect], 11, seed=3) for _ in range(2))
+    assert first.to_json() == again.to_json()
+    assert first.tree.identical(again.tree)
+
+
+def test_only_restricts_the_search(power_law):
+    simulator = power_law()
+    counts = simulator.simulate(THETA[None], np.random.default_rng(15))
+    found = discover_source(Sources.of(simulator, counts), only=("dip",), replicates=99)
+    assert [one["effect"] for one in found.to_json()["candidates"]] == ["dip"]
+    with pytest.raises(InputError, match="no effect glow; there are line, dip, edge"):
+        discover_source(Sources.of(simulator, counts), only=("glow",))
+
+
+@pytest.mark.parametrize(
+    ("counts", "message"),
+    [
+        (np.zeros(60), "holds no counts"),
+        (np.full(60, 0.5), "channel 0 holds 0.5; discovery needs raw counts"),
+        (np.full(60, np.nan), "whole numbers of at least 0"),
+        (np.full(60, -1.0), "whole numbers of at least 0"),
+    ],
+    ids=["empty", "fraction", "nan", "negative"],
+)
+def test_bad_counts_are_refused(power_law, counts, message):
+    with pytest.raises(InputError, match=message):
+        Sources.of(power_law(), counts)

@@ -1,0 +1,90 @@
+"""Fits: the likeliest theta, bounds kept, held parameters held, every source for itself."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from gaugeblock.discovery.coordinates import Coordinates
+from gaugeblock.discovery.fitting import fit
+from gaugeblock.simulators import LogUniform, Normal, Prior, Uniform
+from gaugeblock.simulators.protocol import poisson_log_likelihood
+
+THETA = np.array([[2000.0, 1.5], [300.0, 2.5], [50_000.0, 0.3]])
+
+
+def test_agrees_with_a_general_minimiser(power_law):
+    simulator = power_law()
+    counts = simulator.simulate(THETA, np.random.default_rng(1))
+    found = fit(simulator, counts)
+    assert found.converged.all()
+    for row, theta in zip(counts, found.theta, strict=True):
+        other = minimize(
+            lambda p, row=row: -poisson_log_likelihood(simulator.expected([np.exp(p[0]), p[1]]), row),
+            [np.log(row.sum()), 1.0],
+            method="Nelder-Mead",
+            options={"xatol": 1e-6, "fatol": 1e-8},
+        )
+        assert np.log(theta[0]) == pytest.approx(other.x[0], abs=1e-3)
+        assert theta[1] == pytest.approx(other.x[1], abs=1e-3)
+
+
+def test_noise_free_counts_give_back_theta(power_law):
+    simulator = power_law()
+    found = fit(simulator, simulator.expected(THETA))
+    np.testing.assert_allclose(found.theta, THETA, rtol=1e-3)
+
+
+def test_exposures_scale_the_expectation(power_law):
+    simulator, scale = power_law(), np.array([0.5, 2.0, 10.0])
+    found = fit(simulator, simulator.expected(THETA) * scale[:, None], scale=scale)
+    np.testing.assert_allclose(found.theta, THETA, rtol=1e-3)
+
+
+def test_a_source_does_not_depend_on_its_company(power_law):
+    simulator = power_law()
+    counts = simulator.simulate(THETA, np.random.default_rng(2))
+    together = fit(simulator, counts).theta
+    alone = np.concatenate([fit(simulator, row[None]).theta for row in counts])
+    np.testing.assert_allclose(together, alone, rtol=1e-5)
+
+
+def test_bounds_are_kept(power_law):
+    prior = Prior({"norm": LogUniform(10.0, 1e6), "index": Uniform(2.0, 4.0)})
+    simulator = power_law(prior=prior)
+    found = fit(simulator, power_law().expected(THETA[:1]))
+    assert found.theta[0, 1] == pytest.approx(2.0, abs=1e-6)
+    # The other parameter is at its own best beside the bound.
+    grid = np.stack([np.geomspace(500, 5000, 2001), np.full(2001, found.theta[0, 1])], axis=1)
+    best = grid[np.argmax(poisson_log_likelihood(simulator.expected(grid), power_law().expected(THETA[0])))]
+    assert found.theta[0, 0] == pytest.approx(best[0], rel=3e-3)
+
+
+def test_a_normal_prior_pulls(power_law):
+    counts = power_law().expected(THETA[1:2])
+    wide, narrow = (
+        fit(power_law(prior=Prior({"norm": LogUniform(10.0, 1e6), "index": Normal(1.0, sd)})), counts)
+        for sd in (10.0, 0.02)
+    )
+    assert wide.theta[0, 1] == pytest.approx(2.5, abs=0.01)
+    assert 1.0 < narrow.theta[0, 1] < 1.5
+
+
+def test_held_parameters_stay(power_law):
+    simulator = power_law()
+    start = np.array([[1000.0, 1.0]])
+    found = fit(simulator, simulator.expected(THETA[:1]), start=start, fixed=("index",))
+    assert found.theta[0, 1] == pytest.approx(1.0, rel=1e-12)
+    assert found.theta[0, 0] != pytest.approx(1000.0, rel=1e-3)
+
+
+def test_coordinates_go_there_and_back():
+    prior = Prior({"a": LogUniform(1e-3, 10.0), "b": Uniform(-1.0, 3.0), "c": Normal(2.0, 0.5)})
+    coordinates = Coordinates(prior)
+    theta = prior.sample(50, np.random.default_rng(3))
+    place = coordinates.of(theta)
+    np.testing.assert_allclose(coordinates.theta(place), theta, rtol=1e-9)
+    slope = coordinates.slope(place)
+    np.testing.assert_allclose(slope[:, 0], theta[:, 0] * np.log(1e4), rtol=1e-5)
+    np.testing.assert_allclose(slope[:, 1], 4.0, rtol=1e-6)
+    np.testing.assert_allclose(slope[:, 2], 0.5, rtol=1e-6)
+    assert coordinates.precision.tolist() == [0.0, 0.0, 1.0]

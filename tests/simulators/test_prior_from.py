@@ -1,0 +1,333 @@
+"""Priors of other people: drawn from, of the density that their own library says, refused in one line."""
+
+from __future__ import annotations
+
+import json
+import pickle
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from gaugeblock.core.errors import InputError
+from gaugeblock.simulators import (
+    Beta,
+    Dirichlet,
+    Discrete,
+    Gamma,
+    LogNormal,
+    LogUniform,
+    MultivariateNormal,
+    Normal,
+    Prior,
+    TruncatedNormal,
+    Uniform,
+    as_prior,
+)
+from gaugeblock.simulators.prior import HasBijections, HasPriorDensity, HasUnitCube, require_prior
+
+COVARIANCE = np.array([[1.0, 0.6], [0.6, 2.0]])
+KDE = stats.gaussian_kde(np.random.default_rng(0).normal(size=(2, 200)))
+HISTOGRAM = stats.rv_histogram(np.histogram(np.random.default_rng(0).normal(size=500), bins=20))
+
+# What each can do: 3 everything, 2 a quantile function, 1 a density, 0 draws.
+ONE_DIMENSION = {
+    "norm": (stats.norm(1.0, 2.0), 3),
+    "uniform": (stats.uniform(-1.0, 3.0), 3),
+    "lognorm": (stats.lognorm(0.4, scale=2.0), 3),
+    "gamma": (stats.gamma(2.5, scale=0.3), 3),
+    "shifted gamma": (stats.gamma(2.5, loc=1.0, scale=0.3), 3),
+    "beta": (stats.beta(2.0, 0.7), 3),
+    "loguniform": (stats.loguniform(1e-3, 10.0), 3),
+    "truncnorm": (stats.truncnorm(-1.0, 2.0, loc=3.0, scale=0.5), 3),
+    "expon": (stats.expon(scale=2.0), 3),
+    "t": (stats.t(4.0, loc=1.0), 3),
+    "halfcauchy": (stats.halfcauchy(scale=2.0), 3),
+    "histogram": (HISTOGRAM, 3),
+    "poisson": (stats.poisson(3.5), 2),
+    "randint": (stats.randint(2, 9), 2),
+    "bernoulli": (stats.bernoulli(0.3), 2),
+    "binom": (stats.binom(12, 0.25), 2),
+}
+SEVERAL = {
+    "multivariate_normal": (stats.multivariate_normal([1.0, -1.0], COVARIANCE), 3),
+    "dirichlet": (stats.dirichlet([1.0, 2.0, 3.0]), 1),
+    "multivariate_t": (stats.multivariate_t([0.0, 1.0], COVARIANCE, df=5), 1),
+    "multinomial": (stats.multinomial(5, [0.2, 0.3, 0.5]), 1),
+    "gaussian_kde": (KDE, 1),
+}
+
+
+def reach(prior):
+    return sum(isinstance(prior, kind) for kind in (HasPriorDensity, HasUnitCube, HasBijections))
+
+
+def log_density(given, theta):
+    return given.logpdf(theta) if hasattr(given, "logpdf") else given.logpmf(theta)
+
+
+@pytest.mark.parametrize("name", ONE_DIMENSION)
+def test_scipy_in_one_dimension(name):
+    # One Kolmogorov-Smirnov test (chi-square if discrete) at 1e-4 each: a false alarm for 2 seeds in 1,000.
+    given, can_do = ONE_DIMENSION[name]
+    prior = as_prior(given)
+    assert prior.names == ("theta_1",)
+    assert reach(prior) == can_do
+    draws = prior.sample(2000, np.random.default_rng(5))
+    assert draws.shape == (2000, 1)
+    theta = np.concatenate([draws[:50], [[-100.0], [100.0]]])
+    frozen = given() if isinstance(given, stats.rv_histogram) else given
+    expected = frozen.logpdf(theta[:, 0]) if can_do == 3 else frozen.logpmf(theta[:, 0])
+    np.testing.assert_allclose(prior.log_prob(theta), expected, rtol=1e-9, atol=1e-12)
+    if can_do == 3:
+        assert stats.kstest(draws[:, 0], frozen.cdf).pvalue > 1e-4
+        round_trip(prior, draws[:200])
+    else:
+        values, counts = np.unique(draws, return_counts=True)
+        mass = frozen.pmf(values)
+        big = mass * 2000 > 5
+        assert stats.chi2.sf(((counts - 2000 * mass) ** 2 / (2000 * mass))[big].sum(), big.sum()) > 1e-4
+        with pytest.raises(InputError, match=r"bijection to R.*theta_1 has none"):
+            require_prior(prior, HasBijections, "npe")
+
+
+def round_trip(prior, theta):
+    np.testing.assert_allclose(prior.from_unit_cube(prior.to_unit_cube(theta)), theta, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(prior.from_unbounded(prior.to_unbounded(theta)), theta, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", SEVERAL)
+def test_scipy_of_several_parameters(name):
+    given, can_do = SEVERAL[name]
+    prior = as_prior(given)
+    assert reach(prior) == can_do
+    draws = prior.sample(50, np.random.default_rng(5))
+    assert draws.shape == (50, prior.size)
+    np.testing.assert_array_equal(draws, prior.sample(50, np.random.default_rng(5)))
+    columns = draws if name == "multinomial" else draws.T if name in ("dirichlet", "gaussian_kde") else draws
+    np.testing.assert_allclose(prior.log_prob(draws), log_density(given, columns), rtol=1e-6)
+    if can_do == 3:
+        round_trip(prior, draws)
+    else:
+        with pytest.raises(
+            InputError, match=r"nested_sampling needs the prior's quantile function \(unit cube\)"
+        ):
+            require_prior(prior, HasUnitCube, "nested_sampling")
+
+
+def test_arrays_of_parameters_are_independent_parameters():
+    prior = as_prior(stats.norm([0.0, 1.0], [1.0, 2.0]), names=["a", "b"])
+    assert prior == Prior({"a": Normal(0.0, 1.0), "b": Normal(1.0, 2.0)})
+
+
+def torch_cases():
+    torch = pytest.importorskip("torch")
+    d = torch.distributions
+    tensor = torch.tensor
+    normal = d.MultivariateNormal(tensor([0.0, 1.0]), tensor([[1.0, 0.5], [0.5, 2.0]]))
+    gaussian = d.Normal(tensor([0.0, 1.0]), tensor([1.0, 2.0]))
+    cases = [
+        (d.Independent(d.Uniform(tensor([0.0, 1.0]), tensor([1.0, 3.0])), 1), 3),
+        (gaussian, 3),
+        (d.LogNormal(tensor([0.1]), tensor([0.5])), 3),
+        (d.Gamma(tensor([2.0]), tensor([3.0])), 3),
+        (d.Beta(tensor([2.0]), tensor([3.0])), 3),
+        (d.Exponential(tensor([2.0])), 3),
+        (normal, 3),
+        (d.Dirichlet(tensor([1.0, 2.0, 3.0])), 1),
+        (d.TransformedDistribution(d.Normal(tensor([0.0]), tensor([1.0])), [d.ExpTransform()]), 1),
+        (d.StudentT(tensor([4.0]), tensor([0.0]), tensor([1.0])), 1),
+        (d.Categorical(tensor([0.2, 0.3, 0.5])), 1),
+        (d.Bernoulli(tensor([0.3])), 1),
+        (
+            d.MixtureSameFamily(
+                d.Categorical(tensor([0.4, 0.6])), d.Normal(tensor([0.0, 3.0]), tensor([1.0, 1.0]))
+            ),
+            1,
+        ),
+    ]
+    return torch, cases
+
+
+def test_torch_distributions():
+    torch, cases = torch_cases()
+    for given, can_do in cases:
+        prior = as_prior(given)
+        name = type(given).__name__
+        assert reach(prior) == can_do, name
+        state = torch.get_rng_state()
+        theta = prior.sample(40, np.random.default_rng(3))
+        assert torch.equal(state, torch.get_rng_state()), name
+        np.testing.assert_array_equal(theta, prior.sample(40, np.random.default_rng(3)))
+        assert np.abs(theta - prior.sample(40, np.random.default_rng(4))).max() > 0, name
+        points = torch.as_tensor(theta, dtype=torch.float32).reshape(40, *given.sample((1,)).shape[1:])
+        expected = given.log_prob(points).numpy().reshape(40, -1).sum(axis=1)
+        np.testing.assert_allclose(prior.log_prob(theta), expected, rtol=1e-4, atol=1e-4, err_msg=name)
+        outside = prior.log_prob(np.full((1, prior.size), -7.5))
+        assert not np.isnan(outside).any(), name
+        assert json.dumps(prior.describe())
+
+
+def test_sbi_priors():
+    torch = pytest.importorskip("torch")
+    utils = pytest.importorskip("sbi.utils")
+    box = as_prior(utils.BoxUniform(torch.tensor([0.0, -1.0]), torch.tensor([1.0, 4.0])), names=["a", "b"])
+    assert box == Prior({"a": Uniform(0.0, 1.0), "b": Uniform(-1.0, 4.0)})
+    several = utils.MultipleIndependent(
+        [
+            torch.distributions.Gamma(torch.tensor([2.0]), torch.tensor([1.0])),
+            utils.BoxUniform(torch.zeros(2), torch.ones(2)),
+        ]
+    )
+    prior = as_prior(several)
+    assert prior == Prior(
+        {"theta_1": Gamma(2.0, 1.0), "theta_2": Uniform(0.0, 1.0), "theta_3": Uniform(0.0, 1.0)}
+    )
+    points = prior.sample(10, np.random.default_rng(1))
+    expected = several.log_prob(torch.as_tensor(points, dtype=torch.float32)).numpy()
+    np.testing.assert_allclose(prior.log_prob(points), expected, rtol=1e-4, atol=1e-5)
+    half = utils.RestrictedPrior(
+        utils.BoxUniform(torch.zeros(2), torch.ones(2)),
+        lambda theta: theta[:, 0] > 0.5,
+        sample_with="rejection",
+    )
+    restricted = as_prior(half)
+    assert restricted.sample(100, np.random.default_rng(1))[:, 0].min() > 0.5
+    assert reach(restricted) == 1
+    assert next(iter(restricted.describe().values()))["state_sha256"] is None
+
+
+def test_numpyro_distributions():
+    pytest.importorskip("numpyro")
+    import jax.numpy as jnp
+    import numpyro.distributions as d
+
+    cases = [
+        (d.Uniform(0.0, 2.0), 3, Uniform(0.0, 2.0)),
+        (d.LogNormal(0.0, 0.5), 3, LogNormal(0.0, 0.5)),
+        (d.LogUniform(0.5, 2.0), 3, LogUniform(0.5, 2.0)),
+        (d.Beta(2.0, 3.0), 3, Beta(2.0, 3.0)),
+        (d.TruncatedNormal(1.0, 2.0, low=0.0, high=3.0), 3, TruncatedNormal(1.0, 2.0, 0.0, 3.0)),
+        (d.Normal(jnp.zeros(2), 1.0).to_event(1), 3, None),
+        (d.MultivariateNormal(jnp.zeros(2), jnp.eye(2)), 3, None),
+        (d.StudentT(4.0, 0.0, 1.0), 1, None),
+        (d.Poisson(3.0), 1, None),
+        (d.Dirichlet(jnp.ones(3)), 1, None),
+    ]
+    for given, can_do, own in cases:
+        prior, name = as_prior(given), type(given).__name__
+        assert reach(prior) == can_do, name
+        assert own is None or prior == Prior({"theta_1": own}), name
+        theta = prior.sample(30, np.random.default_rng(3))
+        np.testing.assert_array_equal(theta, prior.sample(30, np.random.default_rng(3)))
+        points = jnp.asarray(theta).reshape(30, *given.batch_shape, *given.event_shape)
+        expected = np.asarray(given.log_prob(points)).reshape(30)
+        np.testing.assert_allclose(prior.log_prob(theta), expected, rtol=2e-4, atol=2e-4, err_msg=name)
+        assert not np.isnan(prior.log_prob(np.full((1, prior.size), -7.5))).any()
+
+
+def test_mixed_by_parameter():
+    torch = pytest.importorskip("torch")
+    prior = as_prior(
+        {
+            "a": stats.norm(0.0, 1.0),
+            ("b", "c"): torch.distributions.MultivariateNormal(torch.zeros(2), torch.eye(2)),
+            "d": Uniform(0.0, 1.0),
+            "k": stats.poisson(4.0),
+            "pair": stats.uniform([0.0, 0.0], [1.0, 2.0]),
+        }
+    )
+    assert prior.names == ("a", "b", "c", "d", "k", "pair_1", "pair_2")
+    theta = prior.sample(20, np.random.default_rng(1))
+    expected = (
+        stats.norm.logpdf(theta[:, :3]).sum(axis=1) + stats.poisson(4.0).logpmf(theta[:, 4]) - np.log(2)
+    )
+    np.testing.assert_allclose(prior.log_prob(theta), expected, rtol=1e-6)
+    assert as_prior([stats.norm(), Uniform(0.0, 1.0)], names=("x", "y")).names == ("x", "y")
+
+
+def test_samples_with_and_without_a_density():
+    samples = np.random.default_rng(1).normal(size=(300, 2))
+    prior = as_prior(samples, names=["a", "b"])
+    assert reach(prior) == 0
+    drawn = prior.sample(50, np.random.default_rng(2))
+    assert all(any(np.array_equal(row, one) for one in samples) for row in drawn)
+    known = as_prior((samples, lambda theta: stats.norm.logpdf(theta).sum(axis=1)))
+    np.testing.assert_allclose(known.log_prob(drawn[None]), stats.norm.logpdf(drawn).sum(axis=1)[None])
+    assert as_prior(samples).describe() == as_prior(samples.copy()).describe()
+    assert as_prior(samples).describe() != as_prior(samples + 1).describe()
+    assert as_prior([1.0, 2.0, 3.0]).names == ("theta_1",)
+    with pytest.raises(
+        InputError, match="importance_refined needs the prior's density; the samples of a, b has none"
+    ):
+        require_prior(prior, HasPriorDensity, "importance_refined")
+
+
+def test_functions_and_objects():
+    def gamma(n, rng):
+        return rng.gamma(2.0, size=(n, 2))
+
+    class Own:
+        names = ("a", "b")
+
+        def sample(self, n, rng):
+            return gamma(n, rng)
+
+        def log_prob(self, theta):
+            return stats.gamma(2.0).logpdf(theta).sum(axis=-1)
+
+    assert reach(as_prior(gamma)) == 0
+    assert as_prior(gamma).names == ("theta_1", "theta_2")
+    for prior in (as_prior(Own()), as_prior(Own)):
+        assert prior.names == ("a", "b")
+        assert reach(prior) == 1
+    prior = as_prior(Own())
+    np.testing.assert_array_equal(
+        prior.sample(9, np.random.default_rng(1)), gamma(9, np.random.default_rng(1))
+    )
+
+
+def test_descriptions_and_copies():
+    given = {
+        "a": stats.t(4.0),
+        "k": stats.poisson(3.0),
+        "n": stats.gamma(2.0),
+        ("c", "d"): MultivariateNormal([0, 1], COVARIANCE),
+    }
+    prior = as_prior(given)
+    assert Prior.from_description(json.loads(json.dumps(prior.describe()))) == prior
+    for copy in (pickle.loads(pickle.dumps(prior)), as_prior(prior)):
+        assert copy == prior
+        assert type(copy) is type(prior)
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: as_prior(None), "None cannot be drawn from; give gaugeblock.Prior"),
+        (lambda: as_prior("flat"), "'flat' cannot be drawn from"),
+        (lambda: as_prior(object()), "a object is none that can be drawn from; give gaugeblock.Prior"),
+        (lambda: as_prior(Uniform), "Uniform is a class; give an instance"),
+        (lambda: as_prior(Prior), "Prior is a class"),
+        (lambda: as_prior(stats.gamma), "scipy.stats.gamma still needs a; freeze it"),
+        (lambda: as_prior(stats.norm(), names=["a", "b"]), r"2 names \(a, b\) for 1 parameters"),
+        (lambda: as_prior({("a", "b"): stats.norm()}), "2 names for 1 parameters"),
+        (lambda: as_prior({"a": 3.0}), "prior of a: a float is none"),
+        (lambda: as_prior(np.full((5, 2), np.nan)), "samples must be finite"),
+        (lambda: as_prior(lambda n, rng: np.full((n, 1), np.nan)), "NaN or infinite draws"),
+        (lambda: as_prior(lambda n, rng: rng.normal(size=n + 1)), r"shape \(201,\) where 200 were asked for"),
+        (lambda: as_prior({}), "at least one parameter"),
+        (
+            lambda: as_prior({"a": Normal(0.0, 1.0), ("a", "b"): stats.dirichlet([1, 1])}),
+            "two parameters are called",
+        ),
+        (lambda: as_prior(stats.poisson(2.0)).marginals, "independent continuous parameters"),
+        (lambda: Dirichlet([1.0]), "two or more positive alpha"),
+        (lambda: Discrete((1.0, 1.0), (0.5, 0.5)), "different finite values"),
+        (lambda: MultivariateNormal([0, 0], [[1, 2], [2, 1]]), "not positive definite"),
+    ],
+)
+def test_what_is_none_is_one_line(make, says):
+    with pytest.raises(InputError, match=says) as caught:
+        make()
+    assert "\n" not in str(caught.value)
