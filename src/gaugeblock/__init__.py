@@ -38,5 +38,5 @@ def __getattr__(name: str) -> Any:
     # Imported when asked for: `gaugeblock --help` must not wait for xarray.
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    room = "trials_from" if name.startswith("trials_from") else "validate"
+    room = "auditing.trials_from" if name.startswith("trials_from") else "validate"
     return getattr(import_module(f"{__name__}.{room}"), name)

@@ -25,7 +25,7 @@ from gaugeblock.auditing.trials_from import read_any_trials
 from gaugeblock.auditing.watch import Watch, watched
 from gaugeblock.core.digest import digest, file_digest
 from gaugeblock.estimators.protocol import Confined, Estimator, Listed
-from gaugeblock.reports.verdict_json import plain
+from gaugeblock.reports.machine import plain
 from gaugeblock.simulators import Simulator, build_simulator
 from gaugeblock.validate import Policy, judge, run_validators
 from gaugeblock.validate.findings_file import read_findings
