@@ -86,7 +86,7 @@ def mmd_null(rng: np.random.Generator) -> Task:
     import torch
     from sbi.diagnostics import calc_misspecification_mmd
 
-    from gaugeblock.validate.detectors.mmd import mmd
+    from gaugeblock.validate.detectors.kernels import mmd
 
     observed, simulated = rng.normal(size=(100, 5)), rng.normal(size=(1000, 5))
     there, here = (torch.as_tensor(a, dtype=torch.float32) for a in (observed, simulated))
@@ -153,8 +153,8 @@ def thread_errors(rng: np.random.Generator) -> Task:
     from nestcheck.estimators import logz
     from nestcheck.ns_run_utils import dict_given_run_array
 
-    from gaugeblock.validate.evidence.perfect_run import perfect_run
-    from gaugeblock.validate.evidence.thread_bootstrap import thread_bootstrap
+    from gaugeblock.validate.evidence.bootstrap import thread_bootstrap
+    from gaugeblock.validate.evidence.perfect_runs import perfect_run
 
     run = perfect_run(lambda v: -50 * np.exp(v / 2), live_points=400, depth=14, rng=rng)
     value = run.log_likelihood

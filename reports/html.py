@@ -10,10 +10,10 @@ import xarray as xr
 from gaugeblock.reports.baseline import comparison
 from gaugeblock.reports.contents import contained, contents
 from gaugeblock.reports.figures import sections
+from gaugeblock.reports.machine import plain
 from gaugeblock.reports.page import render
 from gaugeblock.reports.reason import reason
 from gaugeblock.reports.rows import gate_groups, reported_groups
-from gaugeblock.reports.verdict_json import plain
 from gaugeblock.reports.words import count
 from gaugeblock.reports.worst import largest_errors, lowest_shares, trial_errors
 from gaugeblock.validate import Finding, Outcome, Verdict

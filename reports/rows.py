@@ -10,7 +10,7 @@ import numpy as np
 from markupsafe import Markup
 
 from gaugeblock.reports.charts import gate_bar
-from gaugeblock.reports.verdict_json import unjudged
+from gaugeblock.reports.machine import unjudged
 from gaugeblock.reports.words import (
     NOTHING,
     decimals_for,

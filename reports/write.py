@@ -12,8 +12,8 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.reports.card import model_card
 from gaugeblock.reports.html import report_html
 from gaugeblock.reports.junit import junit_xml
+from gaugeblock.reports.machine import verdict_json
 from gaugeblock.reports.summary import summary_markdown
-from gaugeblock.reports.verdict_json import verdict_json
 from gaugeblock.validate import Finding, Verdict
 
 

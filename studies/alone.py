@@ -10,13 +10,13 @@ import numpy as np
 from gaugeblock.validate.designs.count_ratio import count_ratio_regression
 from gaugeblock.validate.designs.paired import paired_permutation, stratified_permutation
 from gaugeblock.validate.designs.signed_rank import wilcoxon_signed_rank
-from gaugeblock.validate.detectors.embedding_distance import embedding_distance
-from gaugeblock.validate.detectors.mmd import mmd
-from gaugeblock.validate.detectors.predictive_check import predictive_check
+from gaugeblock.validate.detectors.embeddings import embedding_distance
+from gaugeblock.validate.detectors.kernels import mmd
+from gaugeblock.validate.detectors.predictive import predictive_check
 from gaugeblock.validate.detectors.roc import best_of_cells, permutation_p
 from gaugeblock.validate.evidence.insertion_order import insertion_order_test
-from gaugeblock.validate.evidence.perfect_run import perfect_run
-from gaugeblock.validate.learned.local_c2st import local_c2st
+from gaugeblock.validate.evidence.perfect_runs import perfect_run
+from gaugeblock.validate.learned.observations import local_c2st
 from gaugeblock.validate.learned.two_sample import classifier_two_sample
 from gaugeblock.validate.local.posterior_sbc import posterior_sbc_findings
 from gaugeblock.validate.marginal.discrete_ranks import rank_ecdf_test

@@ -51,7 +51,7 @@ INSIDE = {
     "stranger": (("limits", "wire", "usage", "system_calls", "opcodes", "material"), ("stranger",)),
     "discovery": (("coordinates", "sources", "library", "fitting", "locate"), ("record", "searches")),
     "reports": (
-        ("words", "page", "section", "markdown", "svg", "verdict_json"),
+        ("words", "page", "section", "markdown", "svg", "machine"),
         ("html", "write", "terminal"),
     ),
     "auditing": (

@@ -19,18 +19,7 @@ ALLOWED = {
 """Reached in a way that no name shows."""
 
 UNREACHED = {
-    "auc_finding",
-    "count_ratio_finding",
-    "difference_finding",
-    "fisher_information",
-    "fisher_screen",
-    "insertion_finding",
-    "learned_from_arrays",
-    "linearisation_error",
-    "local_c2st_finding",
-    "paired_finding",
-    "quantity_findings",
-    "simulated_shrinkage",
+    "predicted_sd",
 }
 """Known to be reached by tests alone; what is reached, or gone, must go from this list too."""
 

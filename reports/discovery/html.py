@@ -21,8 +21,8 @@ from gaugeblock.reports.discovery.held_out import held_out_chapter
 from gaugeblock.reports.discovery.located import located_chapter
 from gaugeblock.reports.discovery.phrases import effect_words, finite, pick
 from gaugeblock.reports.discovery.size import amplitude_chapter, evidence_chapter, shape_chapter
+from gaugeblock.reports.machine import plain
 from gaugeblock.reports.page import render
-from gaugeblock.reports.verdict_json import plain
 from gaugeblock.reports.words import count
 
 

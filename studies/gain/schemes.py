@@ -21,8 +21,8 @@ from gaugeblock.discovery.name.posterior_draws import posterior_draws
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.protocol import poisson_log_likelihood
 from gaugeblock.validate.detectors import auc
-from gaugeblock.validate.detectors.embedding_distance import mahalanobis
-from gaugeblock.validate.detectors.predictive_check import STATISTICS, predictive_p
+from gaugeblock.validate.detectors.embeddings import mahalanobis
+from gaugeblock.validate.detectors.predictive import STATISTICS, predictive_p
 from gaugeblock.validate.joint.psis import pareto_khat
 from gaugeblock.validate.learned.two_sample import classifier_two_sample
 from studies.gain.models import table

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import require
-from gaugeblock.validate.detectors.predictive_check import kolmogorov_smirnov
+from gaugeblock.validate.detectors.predictive import kolmogorov_smirnov
 
 DRAWS = 200
 """Draws of the posterior that D1 folds."""

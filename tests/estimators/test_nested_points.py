@@ -7,9 +7,9 @@ import pytest
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.nested_points import from_dynesty, from_ultranest
+from gaugeblock.validate.evidence.bootstrap import thread_bootstrap
 from gaugeblock.validate.evidence.insertion_order import insertion_order_test
 from gaugeblock.validate.evidence.nested_threads import split_threads, threads_of
-from gaugeblock.validate.evidence.thread_bootstrap import thread_bootstrap
 
 SD = 0.1
 # A Gaussian of unit integral, well inside a box of side 2 in three dimensions.

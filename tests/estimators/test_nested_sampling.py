@@ -12,7 +12,7 @@ from gaugeblock.simulators import Prior, Uniform, build_simulator
 pytest.importorskip("ultranest")
 
 from gaugeblock.estimators.nested_sampling import LOWEST, NestedSampling
-from gaugeblock.validate.evidence.thread_bootstrap import thread_bootstrap
+from gaugeblock.validate.evidence.bootstrap import thread_bootstrap
 
 
 @pytest.fixture(scope="module")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaugeblock.validate.evidence.perfect_run import perfect_run
-from gaugeblock.validate.evidence.thread_bootstrap import log_evidence_of_threads, thread_bootstrap
+from gaugeblock.validate.evidence.bootstrap import log_evidence_of_threads, thread_bootstrap
+from gaugeblock.validate.evidence.perfect_runs import perfect_run
 
 REPLICATES = 200
 

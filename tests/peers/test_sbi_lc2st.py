@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaugeblock.validate.learned.local_c2st import local_c2st
+from gaugeblock.validate.learned.observations import local_c2st
 
 TRIALS, NULLS = 300, 10
 

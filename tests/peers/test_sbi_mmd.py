@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaugeblock.validate.detectors.mmd import mmd
+from gaugeblock.validate.detectors.kernels import mmd
 
 
 @pytest.fixture(scope="module")

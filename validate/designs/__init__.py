@@ -2,16 +2,14 @@
 
 from gaugeblock.validate.designs.count_ratio import count_ratio_regression
 from gaugeblock.validate.designs.count_trend import count_controlled_residual
-from gaugeblock.validate.designs.finite_shift import finite_shift, linearisation_error
 from gaugeblock.validate.designs.fisher import (
     effect_information,
-    fisher_information,
-    fisher_screen,
     predicted_sd,
     predicted_shrink,
 )
 from gaugeblock.validate.designs.paired import PairedTest, paired_permutation, stratified_permutation
-from gaugeblock.validate.designs.shrink import capture, effective_dimension, shrink
+from gaugeblock.validate.designs.shifted_counts import finite_shift
+from gaugeblock.validate.designs.shrinkage import capture, effective_dimension, shrink
 from gaugeblock.validate.designs.signed_rank import wilcoxon_signed_rank
 
 __all__ = [
@@ -22,9 +20,6 @@ __all__ = [
     "effect_information",
     "effective_dimension",
     "finite_shift",
-    "fisher_information",
-    "fisher_screen",
-    "linearisation_error",
     "paired_permutation",
     "predicted_sd",
     "predicted_shrink",

@@ -10,12 +10,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike
 from scipy import special
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate.finding import Finding, PValueFinding
 
 REPLICATES = 4999
 VALUES = 1 << 21
@@ -105,24 +103,6 @@ def count_ratio_regression(
         raw_error=raw_error,
         p_raw=_student(float(y.mean()), raw_error, n - 1),
         n=n,
-    )
-
-
-def count_ratio_finding(regression: CountRatio) -> Finding:
-    """The regression as finding ``paired.count_ratio``; its p-value is of the effect at equal counts."""
-    return PValueFinding(
-        id="paired.count_ratio",
-        quantity="",
-        claim="paired differences on ln(count ratio): slope per e-fold, and difference at equal counts",
-        null="no difference between the arms at equal counts",
-        reference="ordinary least squares; the slope's p-value by permutation, in the details",
-        n_trials=regression.n,
-        components=("slope", "effect"),
-        estimate=np.array([regression.slope, regression.effect]),
-        standard_error=np.array([regression.slope_error, regression.effect_error]),
-        population="pairs",
-        p_value=regression.p_effect,
-        details=xr.Dataset({name: ((), value) for name, value in regression._asdict().items()}),
     )
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
@@ -34,28 +34,6 @@ class EffectInformation(NamedTuple):
     sd: Array
 
 
-class FisherScreen(NamedTuple):
-    """Predicted sd ``(..., parameter)``, and whether it is at most what is required."""
-
-    sd: Array
-    sufficient: NDArray[np.bool_]
-
-
-def fisher_information(jacobian: ArrayLike, mean: ArrayLike, *, prior_sd: ArrayLike | None = None) -> Array:
-    """Fisher information ``(..., parameter, parameter)`` of Poisson counts, plus that of a Gaussian prior.
-
-    Raises
-    ------
-    InputError
-        For shapes that do not fit together, or means that are negative or zero where the model varies.
-
-    >>> fisher_information([[1.0], [2.0]], [4.0, 4.0]).tolist()
-    [[1.25]]
-    """
-    white = _whitened(jacobian, mean, prior_sd)
-    return np.asarray(np.swapaxes(white, -1, -2) @ white)
-
-
 def predicted_sd(jacobian: ArrayLike, mean: ArrayLike, *, prior_sd: ArrayLike | None = None) -> Array:
     """Smallest sd that an unbiased estimate can have, ``(..., parameter)``; infinite where data are silent.
 
@@ -73,17 +51,6 @@ def predicted_sd(jacobian: ArrayLike, mean: ArrayLike, *, prior_sd: ArrayLike | 
     covered = (directions**2 * seen[..., None]).sum(axis=-2)
     known = (covered > 1 - 1e-8) & (scale > 0)
     return np.where(known, np.sqrt(variance) / np.where(scale > 0, scale, 1.0), np.inf)
-
-
-def fisher_screen(
-    jacobian: ArrayLike, mean: ArrayLike, *, required_sd: ArrayLike, prior_sd: ArrayLike | None = None
-) -> FisherScreen:
-    """Which parameters the data can constrain to `required_sd` ``(parameter,)`` or better.
-
-    Failure means that no estimator can: more counts are needed, not a better flow.
-    """
-    sd = predicted_sd(jacobian, mean, prior_sd=prior_sd)
-    return FisherScreen(sd, np.asarray(sd <= np.asarray(required_sd)))
 
 
 def predicted_shrink(sd: ArrayLike, prior_sd: ArrayLike) -> Array:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.block import Block, block_length
 from gaugeblock.validate.check import circular_parameters
-from gaugeblock.validate.designs.shrink import capture, weighted_sd
+from gaugeblock.validate.designs.shrinkage import capture, weighted_sd
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.joint.importance import KHAT_LIMIT, NEEDED, log_weights
 from gaugeblock.validate.joint.psis import pareto_khat

@@ -12,13 +12,11 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.designs.shifts import Shifts, shift_interval
-from gaugeblock.validate.finding import Finding, PValueFinding
 
 REPLICATES = 4999
 # All sign flips of this many pairs are enumerated; more are sampled.
@@ -153,29 +151,6 @@ def stratified_permutation(
         p_value=shifts.p_value(0.0),
         exact=False,
         n=len(value),
-    )
-
-
-def paired_finding(name: str, test: PairedTest, *, level: float = 0.95) -> Finding:
-    """A paired test as a finding ``paired.NAME``."""
-    details = {
-        "low": ((), test.interval[0]),
-        "high": ((), test.interval[1]),
-        "level": ((), level),
-        "effect_size": ((), test.effect_size),
-    }
-    return PValueFinding(
-        id=f"paired.{name}",
-        quantity="",
-        claim="difference between the arms, in the units of what was measured",
-        null="no difference: arms exchangeable within pairs or strata",
-        reference="Fisher 1935; Phipson & Smyth 2010 (the +1); Hodges & Lehmann 1963 (intervals)",
-        n_trials=test.n,
-        estimate=np.array([test.difference]),
-        standard_error=np.array([np.nan]),
-        population="pairs",
-        p_value=test.p_value,
-        details=xr.Dataset(details),
     )
 
 

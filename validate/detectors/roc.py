@@ -11,13 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike
 from scipy import stats
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate.finding import Finding, PValueFinding
 
 REFERENCE = "Hanley & McNeil 1982; permutation and bootstrap of rank sums"
 CHUNK = 1 << 22
@@ -90,35 +88,6 @@ def permutation_p(
         far = np.abs(null) >= abs(observed) if two_sided else null >= observed
         exceeded += int(np.count_nonzero(far))
     return (1 + exceeded) / (1 + permutations)
-
-
-def auc_finding(
-    clean: ArrayLike,
-    suspicious: ArrayLike,
-    *,
-    rng: np.random.Generator,
-    name: str = "detector",
-    replicates: int = 2000,
-    permutations: int = 999,
-) -> Finding:
-    """AUC of one detector's scores ``(n,)`` clean, ``(m,)`` suspicious: bootstrap interval, permutation p."""
-    low, high = _scores(clean), _scores(suspicious)
-    spread = bootstrap_auc(low, high, rng=rng, replicates=replicates)
-    bounds = np.quantile(spread, [0.025, 0.975])
-    return PValueFinding(
-        id=f"roc.auc[{name}]",
-        quantity="",
-        claim=f"AUC of {name}: probability that suspicious data score higher than clean ones "
-        f"(95% bootstrap interval {bounds[0]:.3f} to {bounds[1]:.3f})",
-        null="1/2: clean and suspicious scores are exchangeable",
-        reference=REFERENCE,
-        n_trials=len(low) + len(high),
-        components=(name,),
-        estimate=np.array([float(auc(low, high))]),
-        standard_error=np.array([spread.std(ddof=1)]),
-        p_value=permutation_p(low, high, rng=rng, permutations=permutations, two_sided=True),
-        details=xr.Dataset({"low": ((), bounds[0]), "high": ((), bounds[1])}),
-    )
 
 
 @dataclass(frozen=True)

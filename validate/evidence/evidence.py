@@ -7,19 +7,14 @@ errors and `evidence_difference` those of differences; the findings here report 
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from gaugeblock.core.errors import InputError
-from gaugeblock.validate.evidence.thread_bootstrap import LogEvidence, evidence_difference
-from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked, PValueFinding, QuantileFinding
+from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked, QuantileFinding
 from gaugeblock.validate.marginal.standardised import bias, log_width
-from gaugeblock.validate.p_values import SMALLEST, two_sided
+from gaugeblock.validate.p_values import SMALLEST
 from gaugeblock.validate.prepared import Prepared
 
 REFERENCE = "Higson et al. 2018, arXiv:1704.03459"
@@ -126,50 +121,6 @@ def error_finding(
         values=stated,
         population="evidence",
         details=xr.Dataset({"log_evidence_error": ("trial", stated)}, coords=_coordinates(trial)),
-        caveats=caveats,
-    )
-
-
-def difference_finding(
-    first: Sequence[LogEvidence], second: Sequence[LogEvidence], *, caveats: tuple[str, ...] = ()
-) -> Finding:
-    """Log evidence of `first` minus that of `second`, pair by pair: their sum and mean with sampling errors.
-
-    The p-value is of a sum of 0 if nothing but nested sampling's own error were at work; a scatter of the
-    pairs beyond their errors (in the details) says that something else is, and belongs in
-    `paired_permutation`.
-
-    Raises
-    ------
-    InputError
-        If there are no pairs, or the two differ in length.
-    """
-    if not first:
-        raise InputError("difference of evidences: there are no pairs")
-    total = evidence_difference(first, second)
-    n = len(first)
-    each = np.array([one.value - two.value for one, two in zip(first, second, strict=True)])
-    error = np.array([np.hypot(one.error, two.error) for one, two in zip(first, second, strict=True)])
-    monte_carlo = total.error / np.sqrt(2 * (len(total.replicates) - 1))
-    return PValueFinding(
-        id="evidence.difference",
-        quantity="",
-        claim="differences of log evidences over pairs (nat): sum and mean, with nested sampling's error",
-        null="0 if both models are equally probable given all data",
-        reference=REFERENCE,
-        n_trials=n,
-        components=("sum", "mean"),
-        estimate=np.array([total.value, total.value / n]),
-        standard_error=np.array([total.error, total.error / n]),
-        population="evidence pairs",
-        p_value=two_sided(total.value / total.error) if total.error > 0 else math.nan,
-        details=xr.Dataset(
-            {
-                "difference": ("pair", each),
-                "difference_error": ("pair", error),
-                "error_of_error": ((), monte_carlo),
-            }
-        ),
         caveats=caveats,
     )
 

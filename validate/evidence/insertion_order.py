@@ -12,13 +12,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.evidence.nested_threads import NestedPoints, Threads, threads_of
-from gaugeblock.validate.finding import Finding, PValueFinding
 from gaugeblock.validate.marginal.uniformity import ecdf_test
 from gaugeblock.validate.p_values import two_sided
 
@@ -110,24 +108,4 @@ def insertion_order_test(
         p_value=ecdf_test(rank).p_value,
         p_mean=two_sided(float(rank.mean() - 0.5) * np.sqrt(12 * n)),
         p_windows=float(-np.expm1(pieces * np.log1p(-min(worst, 1 - 1e-16)))),
-    )
-
-
-def insertion_finding(test: InsertionTest) -> Finding:
-    """Uniformity of a run's insertion ranks as a finding."""
-    rank = test.rank
-    return PValueFinding(
-        id="evidence.insertion",
-        quantity="",
-        claim="mean insertion rank of new live points minus 1/2; positive: they lie too far inside",
-        null="insertion ranks uniform and independent, exactly, for draws from the prior above the contour",
-        reference="Fowlie, Handley & Su 2020, arXiv:2006.03371; Buchner 2021, arXiv:2101.09675",
-        n_trials=len(rank),
-        estimate=np.array([rank.mean() - 0.5]),
-        standard_error=np.array([rank.std(ddof=1) / np.sqrt(len(rank))]),
-        population="insertions",
-        p_value=test.p_value,
-        details=xr.Dataset(
-            {"rank": ("insertion", rank), "p_mean": ((), test.p_mean), "p_windows": ((), test.p_windows)}
-        ),
     )

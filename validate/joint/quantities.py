@@ -18,7 +18,7 @@ from gaugeblock.core.streams import Uniforms
 from gaugeblock.validate.block import Block
 from gaugeblock.validate.check import QUANTITY
 from gaugeblock.validate.finding import Finding
-from gaugeblock.validate.joint.gaps import both_names, both_regions, curve, gap_finding, uniform_finding
+from gaugeblock.validate.joint.gaps import both_names, both_regions, curve, gap_finding
 from gaugeblock.validate.marginal.coverage import LEVELS
 from gaugeblock.validate.marginal.ranks import randomised_pit
 
@@ -39,41 +39,6 @@ def quantity_pit(
     truth, sampled = (np.asarray(f, dtype=float) for f in (f_true, f_draws))
     truth, sampled = (np.where(np.isnan(f), -np.inf, f) for f in (truth, sampled))
     return randomised_pit(truth[:, None], sampled[..., None], rng, weight=weight)[:, 0]
-
-
-def quantity_findings(
-    name: str,
-    f_true: ArrayLike,
-    f_draws: ArrayLike,
-    rng: Uniforms,
-    *,
-    weight: ArrayLike | None = None,
-    population: str = "trials",
-    caveats: tuple[str, ...] = (),
-) -> tuple[Finding, Finding]:
-    """Uniformity test and coverage gaps of a test quantity of one's own, from plain arrays.
-
-    `f_true` is ``(n,)``, `f_draws` and `weight` ``(n, draw)``. The gaps are at twelve levels, of central
-    intervals and of lower tails.
-
-    >>> rng = np.random.default_rng(0)
-    >>> test, gaps = quantity_findings("radius", rng.random(500), rng.random((500, 99)) ** 2, rng)
-    >>> test.p_value < 1e-6, gaps.id, gaps.components[17]
-    (True, 'joint.quantity[radius]', 'lower tail of radius @ 0.5')
-    """
-    said = caveats + not_a_number(name, _count_nan(f_true, f_draws))
-    pit = quantity_pit(f_true, f_draws, rng, weight=weight)
-    return (
-        uniform_finding(
-            f"joint.quantity_uniform[{name}]",
-            name,
-            pit,
-            reference=REFERENCE,
-            population=population,
-            caveats=said,
-        ),
-        quantity_gaps(f"joint.quantity[{name}]", name, pit, population=population, caveats=said),
-    )
 
 
 def quantity_gaps(

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import generator
 from gaugeblock.validate.block import Block
 from gaugeblock.validate.learned.discriminant import fit_discriminant
@@ -77,37 +76,6 @@ def learned_from(prepared: Prepared) -> LearnedRanks:
     order = rng.permutation(len(by_number))
     ranks = learned_ranks(found[:, :-3], context, found[:, -1, 0], discriminant_fit, order=order)
     return replace(ranks, row=by_number[ranks.row])
-
-
-def learned_from_arrays(
-    theta_true: ArrayLike,
-    draws: ArrayLike,
-    x_features: ArrayLike | None = None,
-    *,
-    weight: ArrayLike | None = None,
-    rng: np.random.Generator,
-) -> LearnedRanks:
-    """The same from truths ``(n, p)``, draws ``(n, L, p)`` and, where there are data, features ``(n, k)``.
-
-    Raises
-    ------
-    InputError
-        For fewer than 50 trials.
-
-    >>> rng = np.random.default_rng(0)
-    >>> x = rng.normal(size=(400, 1))
-    >>> theta, draws = x + rng.normal(size=(400, 1)), rng.normal(size=(400, 30, 1)) * np.sqrt(2)
-    >>> found = learned_from_arrays(theta, draws, x, rng=rng)  # calibrated on average, but blind to x
-    >>> len(found.pit), bool(found.pit.mean() > 0.6)
-    (334, True)
-    """
-    n = len(np.asarray(theta_true))
-    if n < LEAST_TRIALS:
-        raise InputError(f"{n} trials; a score to be learned needs at least {LEAST_TRIALS}")
-    found = pool_coordinates(theta_true, draws, rng, weight=weight)
-    features = None if x_features is None else usable(np.asarray(x_features, dtype=float))
-    context = context_of(found[:, -2], found[:, -1], features)
-    return learned_ranks(found[:, :-2], context, rng.random(n), discriminant_fit, order=rng.permutation(n))
 
 
 def usable(features: Array) -> Array:

@@ -23,7 +23,7 @@ from gaugeblock.discovery import (
     discover_source,
 )
 from gaugeblock.reports.discovery import write_discovery
-from gaugeblock.reports.verdict_json import plain
+from gaugeblock.reports.machine import plain
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.from_function import as_simulator
 from gaugeblock.simulators.library import LibraryEffect

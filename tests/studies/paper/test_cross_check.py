@@ -16,7 +16,7 @@ from studies.paper.experiments.cross_spectra import chosen_bright, weighted_sd
 
 from gaugeblock.estimators.nested_points import NestedPoints
 from gaugeblock.validate.evidence import threads_of
-from gaugeblock.validate.evidence.perfect_run import perfect_run
+from gaugeblock.validate.evidence.perfect_runs import perfect_run
 
 
 def test_a_shrink_and_its_error_are_those_of_many_samples():

@@ -6,7 +6,7 @@ import xarray as xr
 from studies.paper.experiments.nested import PAIRS, drawn, floor, speed
 
 from gaugeblock.validate.evidence import thread_bootstrap
-from gaugeblock.validate.evidence.perfect_run import perfect_run
+from gaugeblock.validate.evidence.perfect_runs import perfect_run
 
 
 def test_the_floor_is_the_scatter_of_the_mean_of_twelve_pairs():

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate.designs.count_ratio import count_ratio_finding, count_ratio_regression
+from gaugeblock.validate.designs.count_ratio import count_ratio_regression
 
 # Twelve published pairs (WizardEternal/sbi-xray-calibration, MIT, commit e4f3869): log evidence with a 3%
 # gain shift less that without, and the total counts of both.
@@ -70,14 +70,6 @@ def test_confound_is_told_from_effect():
     assert sum(result.p_effect <= 0.05 for result in alone) <= stats.binom.ppf(0.999, 100, 0.05)
     assert sum(result.p_effect <= 0.05 for result in both) >= 95
     assert sum(result.p_raw <= 0.05 for result in both) <= 30
-
-
-def test_finding_names_slope_and_effect():
-    found = count_ratio_regression(*pairs(np.random.default_rng(5)), rng=np.random.default_rng(6))
-    finding = count_ratio_finding(found)
-    assert finding.components == ("slope", "effect")
-    assert finding.p_value == found.p_effect
-    assert float(finding.details["p_slope"]) == found.p_slope
 
 
 @pytest.mark.parametrize(

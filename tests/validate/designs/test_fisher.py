@@ -5,14 +5,12 @@ import pytest
 from scipy import optimize
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate.designs.finite_shift import finite_shift, linearisation_error
 from gaugeblock.validate.designs.fisher import (
     effect_information,
-    fisher_information,
-    fisher_screen,
     predicted_sd,
     predicted_shrink,
 )
+from gaugeblock.validate.designs.shifted_counts import finite_shift
 
 ENERGY = np.linspace(0.5, 8, 60)
 
@@ -29,18 +27,6 @@ def jacobian(theta):
 
 
 TRUTH = np.array([4.0, 1.5])
-
-
-def test_information_is_that_of_the_likelihood():
-    """Against the variance of the score over 20,000 simulations: 5% is five of its standard errors."""
-    mean, slope = power_law(TRUTH), jacobian(TRUTH)
-    x = np.random.default_rng(0).poisson(mean, (20_000, 60))
-    score = (x / mean - 1) @ slope
-    information = fisher_information(slope, mean)
-    np.testing.assert_allclose(np.cov(score.T), information, rtol=0.05)
-    prior = fisher_information(slope, mean, prior_sd=[0.5, 2.0])
-    np.testing.assert_allclose(prior - information, np.diag([4.0, 0.25]), atol=1e-9)
-    np.testing.assert_allclose(predicted_sd(slope, mean), np.sqrt(np.diag(np.linalg.inv(information))))
 
 
 def test_predicted_sd_is_the_scatter_of_maximum_likelihood():
@@ -81,14 +67,6 @@ def test_what_data_do_not_tell_apart_has_no_finite_error():
     assert held[3] == pytest.approx(3.0)
 
 
-def test_screen_says_what_suffices_and_what_does_not():
-    sd = predicted_sd(jacobian(TRUTH), power_law(TRUTH))
-    screen = fisher_screen(jacobian(TRUTH), power_law(TRUTH), required_sd=sd * [1.1, 0.9])
-    assert screen.sufficient.tolist() == [True, False]
-    # Four times the counts halve every error.
-    np.testing.assert_allclose(predicted_sd(4 * jacobian(TRUTH), 4 * power_law(TRUTH)), sd / 2)
-
-
 def test_predicted_shrink_is_the_exact_one_of_a_gaussian():
     with_prior = predicted_sd(jacobian(TRUTH), power_law(TRUTH), prior_sd=[np.inf, 0.1]) / [np.inf, 0.1]
     alone = predicted_sd(jacobian(TRUTH), power_law(TRUTH))[1]
@@ -117,7 +95,7 @@ def test_projection_is_the_inverse_of_the_whole_information():
     template = mean * np.sin(ENERGY)
     for prior in (np.array([np.inf, np.inf]), np.array([0.05, 0.3])):
         joint = np.concatenate([slope, template[:, None]], axis=1)
-        whole = fisher_information(joint, mean, prior_sd=[*prior, np.inf])
+        whole = joint.T @ (joint / mean[:, None]) + np.diag([*prior**-2.0, 0.0])
         found = effect_information(template, slope, mean, prior_sd=prior)
         assert found.sd == pytest.approx(np.sqrt(np.linalg.inv(whole)[2, 2]))
 
@@ -134,13 +112,8 @@ def test_finite_shift_agrees_with_the_derivative_where_that_is_small_and_not_whe
     small = finite_shift(gained(0.0), gained(1e-3), slope, amplitude=1e-3)
     assert small.sd == pytest.approx(tangent, rel=0.01)
     assert 0 < small.kept < 1
-    errors = [
-        linearisation_error(gained(0.0), gained(g), derivative, amplitude=g, jacobian=slope)
-        for g in (1e-3, 1e-2, 0.3)
-    ]
-    assert errors[0] < 0.01
-    assert errors[1] == pytest.approx(10 * errors[0], rel=0.1)
-    assert errors[2] > 0.1
+    large = finite_shift(gained(0.0), gained(0.3), slope, amplitude=0.3)
+    assert abs(large.sd / tangent - 1) > 0.05
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import xarray as xr
 
 from gaugeblock.validate import make_trials, run_validators, trials_tree
 from gaugeblock.validate.designs.identifiability import capture_finding, shrink_finding
-from gaugeblock.validate.designs.shrink import capture, effective_dimension, shrink, weighted_sd
+from gaugeblock.validate.designs.shrinkage import capture, effective_dimension, shrink, weighted_sd
 from gaugeblock.validate.finding import NotChecked, finding_from
 
 # theta ~ N(0, 1), x ~ N(theta, 1): the posterior's sd is 0.707 of the prior's.

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate.designs.paired import paired_finding, paired_permutation, stratified_permutation
+from gaugeblock.validate.designs.paired import paired_permutation, stratified_permutation
 from gaugeblock.validate.designs.signed_rank import wilcoxon_signed_rank
 
 PAIRED = [
@@ -128,14 +128,6 @@ def test_p_values_are_never_zero_and_results_repeat():
     ]
     assert results[0] == results[1]
     assert results[0].p_value == 0.01
-
-
-def test_finding_is_reported_and_never_judged():
-    test = paired_permutation(np.arange(10.0), np.ones(10), rng=np.random.default_rng(0))
-    finding = paired_finding("permutation", test)
-    assert (finding.id, finding.kind, finding.quantity) == ("paired.permutation", "test", "")
-    assert finding.p_value == test.p_value
-    assert float(finding.details["low"]) < finding.estimate[0] < float(finding.details["high"])
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ from scipy import stats
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.detectors.roc import (
     auc,
-    auc_finding,
     best_of_cells,
     bootstrap_auc,
     null_of_best,
@@ -97,15 +96,6 @@ def test_a_real_cell_survives_the_adjustment():
     assert found.p_adjusted[1, 3] == 1e-3
     assert np.sum(found.p_adjusted < 0.01) == 1
     assert 0.5 < found.null.mean() < 0.56
-
-
-def test_finding():
-    rng = np.random.default_rng(7)
-    found = auc_finding(rng.normal(size=100), 1 + rng.normal(size=80), rng=rng, name="D1")
-    assert found.kind == "test"
-    assert found.p_value == 1e-3
-    assert float(found.details["low"]) < found.estimate[0] < float(found.details["high"])
-    assert found.standard_error[0] == pytest.approx(0.034, abs=0.01)  # Hanley & McNeil
 
 
 def test_bad_input():

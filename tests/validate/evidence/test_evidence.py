@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gaugeblock.core.errors import InputError
-from gaugeblock.validate.evidence.evidence import difference_finding, error_finding, pull_finding
-from gaugeblock.validate.evidence.perfect_run import perfect_run
-from gaugeblock.validate.evidence.thread_bootstrap import LogEvidence, thread_bootstrap
-from gaugeblock.validate.finding import finding_from
+from gaugeblock.validate.evidence.evidence import error_finding, pull_finding
 from gaugeblock.validate.validators import run_validators
 
 
@@ -83,29 +79,6 @@ def test_what_is_missing_is_named(gaussian_trials):
     broken = with_evidence(trials)
     _, missing = run_validators(broken.assign(log_evidence=broken["log_evidence"] * np.nan), seed=0)
     assert {"evidence.error", "evidence.pull"} <= {item.id for item in missing}
-
-
-def test_difference_over_pairs_has_sampling_errors_of_sum_and_mean():
-    """Six pairs of perfect runs of one problem: no difference (false alarm 1 in 1,000)."""
-    rng = np.random.default_rng(2)
-    runs = [
-        thread_bootstrap(
-            perfect_run(lambda log_volume: -100 * np.exp(log_volume), live_points=50, depth=12, rng=rng),
-            rng=rng,
-        )
-        for _ in range(12)
-    ]
-    finding = difference_finding(runs[:6], runs[6:])
-    assert finding.p_value > 0.001
-    assert finding.standard_error[0] == pytest.approx(np.sqrt(sum(r.error**2 for r in runs)), rel=0.1)
-    np.testing.assert_allclose(finding.standard_error[1], finding.standard_error[0] / 6)
-    moved = [
-        LogEvidence(value=run.value + 1, error=run.error, replicates=run.replicates + 1) for run in runs[:6]
-    ]
-    assert difference_finding(moved, runs[6:]).p_value < 1e-6
-    assert finding_from(finding.to_dataset()).components == ("sum", "mean")
-    with pytest.raises(InputError, match="no pairs"):
-        difference_finding([], [])
 
 
 def test_error_finding_of_one_run():

@@ -6,12 +6,11 @@ from scipy import stats
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.evidence.insertion_order import (
-    insertion_finding,
     insertion_order_test,
     insertion_ranks,
 )
 from gaugeblock.validate.evidence.nested_threads import split_threads
-from gaugeblock.validate.evidence.perfect_run import perfect_run
+from gaugeblock.validate.evidence.perfect_runs import perfect_run
 
 
 def uniform(rng):
@@ -90,7 +89,7 @@ def test_power_against_a_sampler_that_inserts_too_high_or_too_low(share, side):
     tests = [insertion_order_test(run, rng=rng) for run in runs]
     assert sum(test.p_value < 0.01 for test in tests) >= 19
     assert sum(test.p_mean < 0.01 for test in tests) >= 19
-    assert all(np.sign(insertion_finding(test).estimate[0]) == side for test in tests)
+    assert all(np.sign(test.rank.mean() - 0.5) == side for test in tests)
 
 
 def test_windows_see_a_sampler_that_went_astray_late():
@@ -114,14 +113,6 @@ def test_blind_spot_a_sampler_that_is_wrong_in_the_same_way_always():
     rng = np.random.default_rng(4)
     runs = [sampled(too_small, live_points=50, deaths=2000, rng=rng) for _ in range(20)]
     assert sum(insertion_order_test(run, rng=rng).p_value < 0.05 for run in runs) < 4
-
-
-def test_finding_is_reported_and_never_judged():
-    run = perfect_run(lambda log_volume: -log_volume, live_points=25, depth=10, rng=np.random.default_rng(4))
-    finding = insertion_finding(insertion_order_test(run, rng=np.random.default_rng(5)))
-    assert (finding.id, finding.kind, finding.quantity) == ("evidence.insertion", "test", "")
-    assert 0.001 < finding.p_value <= 1
-    assert finding.standard_error[0] == pytest.approx(np.sqrt(1 / 12 / finding.n_trials), rel=0.2)
 
 
 def test_misuse_is_one_clear_line():

@@ -5,7 +5,7 @@ import pytest
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.evidence.nested_threads import split_threads
-from gaugeblock.validate.evidence.perfect_run import perfect_run
+from gaugeblock.validate.evidence.perfect_runs import perfect_run
 
 PRIOR = -np.inf
 

@@ -5,7 +5,8 @@ import pytest
 from scipy import stats
 
 from gaugeblock.core.streams import Rows
-from gaugeblock.validate.joint.quantities import quantity_findings, quantity_names, quantity_pit
+from gaugeblock.validate.joint.gaps import uniform_finding
+from gaugeblock.validate.joint.quantities import REFERENCE, quantity_gaps, quantity_names, quantity_pit
 
 
 def exact(n, draws, seed, *, prior=False):
@@ -36,37 +37,24 @@ def test_any_function_of_an_exact_posterior_is_uniform(name):
     assert stats.kstest(u, "uniform").pvalue > 1e-3
 
 
+def looked_at(name, f_true, f_draws, rng):
+    pit = quantity_pit(f_true, f_draws, rng)
+    return uniform_finding("test", name, pit, reference=REFERENCE), quantity_gaps("gaps", name, pit)
+
+
 def test_the_prior_as_posterior_passes_ranks_and_not_a_function_of_the_data():
     """The blind spot of marginal ranks, and what sees it."""
     theta, draws, x = exact(2000, 100, 3, prior=True)
     rng = np.random.default_rng(4)
-    test, gaps = quantity_findings("theta", theta, draws, rng)
+    test, gaps = looked_at("theta", theta, draws, rng)
     assert test.p_value > 1e-3
     assert np.abs(gaps.estimate / gaps.standard_error).max() < 4
     f = QUANTITIES["likelihood"]
-    test, gaps = quantity_findings("log likelihood", f(theta, x), f(draws, x[:, None]), rng)
+    test, gaps = looked_at("log likelihood", f(theta, x), f(draws, x[:, None]), rng)
     assert test.p_value < 1e-12
     worst = int(np.abs(gaps.estimate).argmax())
     assert gaps.components[worst].startswith("lower tail of log likelihood @ ")
     assert gaps.estimate[worst] < -0.1
-
-
-def test_findings_have_both_kinds_of_gap_at_twelve_levels():
-    rng = np.random.default_rng(5)
-    test, gaps = quantity_findings("r", rng.random(300), rng.random((300, 20)), rng, population="own")
-    assert (test.id, gaps.id) == ("joint.quantity_uniform[r]", "joint.quantity[r]")
-    assert (gaps.kind, gaps.quantity, gaps.population, len(gaps.components)) == ("mean", "joint", "own", 24)
-    assert gaps.components[7] == "r @ 0.68"
-    assert gaps.influence.shape == (24, 300)
-    assert gaps.caveats == ()
-
-
-def test_nan_is_said():
-    rng = np.random.default_rng(6)
-    f_true, f_draws = rng.random(300), rng.random((300, 20))
-    f_true[0], f_draws[0, 3], f_draws[7, 1:3] = np.nan, np.nan, np.nan
-    for finding in quantity_findings("r", f_true, f_draws, rng):
-        assert finding.caveats == ("r is NaN somewhere in 2 trial(s); there it ranks below every number",)
 
 
 def test_weights_and_rows():

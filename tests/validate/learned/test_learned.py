@@ -5,14 +5,12 @@ import pytest
 import xarray as xr
 from scipy import stats
 
-from gaugeblock.core.errors import InputError
 from gaugeblock.validate import block as block_module
 from gaugeblock.validate.learned.discriminant import fit_discriminant
 from gaugeblock.validate.learned.learned import (
     candidates,
     discriminant_fit,
     learned_from,
-    learned_from_arrays,
     learned_ranks,
 )
 from gaugeblock.validate.marginal.uniformity import ecdf_test
@@ -79,20 +77,6 @@ def test_neither_blocks_nor_the_order_of_trials_matter(gaussian_trials, monkeypa
     monkeypatch.setattr(block_module, "VALUES", 1000)
     pieces = Prepared(xr.DataTree(trials), 3)
     np.testing.assert_array_equal(pieces.per_trial(candidates), whole.per_trial(candidates))
-
-
-def test_on_plain_arrays():
-    """The prior as posterior: seen with the data's features, not without them (1e-3)."""
-    rng = np.random.default_rng(10)
-    x = rng.normal(size=(600, 1))
-    theta, draws = x + 0.5 * rng.normal(size=(600, 1)), np.sqrt(1.25) * rng.normal(size=(600, 40, 1))
-    seen, unseen = (learned_from_arrays(theta, draws, features, rng=rng) for features in (x, None))
-    assert seen.pit.mean() > 0.7
-    assert abs(unseen.pit.mean() - 0.5) < 3.3 / np.sqrt(12 * len(unseen.pit))
-    broken = np.column_stack([x, np.full(600, np.nan)])
-    assert learned_from_arrays(theta, draws, broken, rng=rng).pit.mean() > 0.7
-    with pytest.raises(InputError, match="at least 50"):
-        learned_from_arrays(theta[:49], draws[:49], x[:49], rng=rng)
 
 
 def test_intervals_hold_what_they_estimate_under_a_fault():

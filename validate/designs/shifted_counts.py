@@ -49,29 +49,3 @@ def finite_shift(
     template = np.asarray(shifted, dtype=float) - np.asarray(mean, dtype=float)
     found = effect_information(template, jacobian, mean, prior_sd=prior_sd)
     return FiniteShift(abs(amplitude) * found.sd, found.projected, found.kept)
-
-
-def linearisation_error(
-    mean: ArrayLike,
-    shifted: ArrayLike,
-    derivative: ArrayLike,
-    *,
-    amplitude: float,
-    jacobian: ArrayLike | None = None,
-    prior_sd: ArrayLike | None = None,
-) -> Array:
-    """Size of what ``amplitude * derivative`` misses of the exact shift, relative to that shift; ``(...)``.
-
-    Sizes are in sigma of Poisson noise. With the nuisance `jacobian` only what lies off its span counts,
-    which is what a fit can see: a shift that is nearly linear may be nearly absorbed, and what is left need
-    not be linear.
-
-    >>> linearisation_error([1.0, 1.0], [1.0, 1.21], [0.0, 2.0], amplitude=0.1).round(3).item()
-    0.048
-    """
-    exact = np.asarray(shifted, dtype=float) - np.asarray(mean, dtype=float)
-    missed = exact - amplitude * np.asarray(derivative, dtype=float)
-    span = np.zeros((*exact.shape, 1)) if jacobian is None else jacobian
-    sizes = [effect_information(part, span, mean, prior_sd=prior_sd).projected for part in (missed, exact)]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.sqrt(sizes[0] / sizes[1]))

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gaugeblock.validate.detectors.population_c2st import population_c2st
+from gaugeblock.validate.detectors.populations import population_c2st
 from gaugeblock.validate.learned.discriminant import fit_discriminant
 
 

@@ -9,16 +9,15 @@ import pytest
 from scipy import special
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate.evidence.nested_threads import split_threads
-from gaugeblock.validate.evidence.perfect_run import perfect_run
-from gaugeblock.validate.evidence.thread_bootstrap import (
+from gaugeblock.validate.evidence.bootstrap import (
     LogEvidence,
     evidence_difference,
     evidence_sum,
     log_evidence_of_threads,
-    simulated_shrinkage,
     thread_bootstrap,
 )
+from gaugeblock.validate.evidence.nested_threads import split_threads
+from gaugeblock.validate.evidence.perfect_runs import perfect_run
 
 # Higson's Gaussian: likelihood of sd 1, prior of sd 10, ten dimensions.
 EXACT = -5 * np.log(2 * np.pi * 101)
@@ -32,17 +31,14 @@ def higson(log_volume):
 
 @pytest.fixture(scope="module")
 def repeated():
-    """Log evidences of 1,000 runs with 50 live points, and both errors of every tenth."""
+    """Log evidences of 1,000 runs with 50 live points, and the errors of every tenth."""
     rng = np.random.default_rng(0)
     values, errors = [], []
     for number in range(1000):
         run = perfect_run(higson, live_points=50, depth=33, rng=rng)
         values.append(log_evidence_of_threads(run, np.ones(len(run.thread)))[0])
         if number % 10 == 0:
-            both = (
-                estimate(run, rng=rng, replicates=100) for estimate in (thread_bootstrap, simulated_shrinkage)
-            )
-            errors.append([evidence.error for evidence in both])
+            errors.append(thread_bootstrap(run, rng=rng, replicates=100).error)
     return np.array(values), np.array(errors)
 
 
@@ -155,7 +151,7 @@ def test_the_size_of_chunks_changes_no_bit(monkeypatch):
     run = perfect_run(higson, live_points=30, depth=33, rng=np.random.default_rng(6))
     whole = thread_bootstrap(run, rng=np.random.default_rng(7), replicates=50)
     # The package's attribute of this name is the function.
-    module = sys.modules["gaugeblock.validate.evidence.thread_bootstrap"]
+    module = sys.modules["gaugeblock.validate.evidence.bootstrap"]
     monkeypatch.setattr(module, "VALUES", 7 * len(run.thread))
     pieces = thread_bootstrap(run, rng=np.random.default_rng(7), replicates=50)
     np.testing.assert_array_equal(whole.replicates, pieces.replicates)
@@ -183,7 +179,6 @@ def test_misuse_is_one_clear_line():
     rng = np.random.default_rng(0)
     for call, words in (
         (lambda: thread_bootstrap(run, rng=rng, replicates=1), "at least 2 are needed"),
-        (lambda: simulated_shrinkage(run, rng=rng, replicates=1), "at least 2 are needed"),
         (lambda: evidence_sum([]), "at least one"),
         (lambda: evidence_sum([one, other]), "same number of replicates"),
         (lambda: evidence_sum([one], coefficients=[1.0, 2.0]), "coefficients for 1"),

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate.detectors.mmd import gaussian_kernel, mmd
+from gaugeblock.validate.detectors.kernels import gaussian_kernel, mmd
 
 
 def test_the_statistic_is_that_of_plain_sums():

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate.detectors.predictive_check import (
+from gaugeblock.validate.detectors.predictive import (
     calibrated_p,
     chi_square,
     kolmogorov_smirnov,

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate.detectors.mmd import PERMUTATIONS, mmd
+from gaugeblock.validate.detectors.kernels import PERMUTATIONS, mmd
 from gaugeblock.validate.finding import Finding, PValueFinding
 
 REFERENCE = "Schmitt et al. 2023, arXiv:2112.08866; Gretton et al. 2012, JMLR 13, 723; Vovk et al. 2005"

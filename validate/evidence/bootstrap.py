@@ -73,7 +73,7 @@ def thread_bootstrap(
     InputError
         For a run that cannot be split into threads, or fewer than 2 replicates.
 
-    >>> from gaugeblock.validate.evidence.perfect_run import perfect_run
+    >>> from gaugeblock.validate.evidence.perfect_runs import perfect_run
     >>> rng = np.random.default_rng(0)
     >>> run = perfect_run(lambda log_volume: -100 * np.exp(log_volume), live_points=100, depth=14, rng=rng)
     >>> evidence = thread_bootstrap(run, rng=rng)
@@ -92,30 +92,6 @@ def thread_bootstrap(
     step = _replicates_at_a_time(threads)
     found = [
         log_evidence_of_threads(threads, counts[start : start + step][:, threads.thread])
-        for start in range(0, replicates, step)
-    ]
-    return _summary(threads, np.concatenate(found))
-
-
-def simulated_shrinkage(
-    run: NestedPoints, *, rng: np.random.Generator, replicates: int = REPLICATES
-) -> LogEvidence:
-    """Log evidence of one run and its error, by simulating how much volume each death took (Skilling 2006).
-
-    The points stay as they are. For evidences alone it says the same as `thread_bootstrap`.
-
-    Raises
-    ------
-    InputError
-        For a run that cannot be split into threads, or fewer than 2 replicates.
-    """
-    if replicates < 2:
-        raise InputError(f"simulated shrinkage: {replicates} replicate(s) asked for; at least 2 are needed")
-    threads = threads_of(run)
-    step = _replicates_at_a_time(threads)
-    points = len(threads.log_likelihood)
-    found = [
-        log_evidence_of_threads(threads, np.ones((min(step, replicates - start), points)), rng=rng)
         for start in range(0, replicates, step)
     ]
     return _summary(threads, np.concatenate(found))

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate.detectors.embedding_distance import embedding_distance, mahalanobis
+from gaugeblock.validate.detectors.embeddings import embedding_distance, mahalanobis
 
 
 def test_conformal_p_values_are_exact_in_many_dimensions_and_few_simulations():

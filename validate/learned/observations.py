@@ -12,13 +12,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse, special
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate.finding import Finding, PValueFinding
 from gaugeblock.validate.learned.discriminant import columns, normal_scores, penalties
 from gaugeblock.validate.learned.pool_coordinates import pool_coordinates, soft_limit
 
@@ -155,23 +153,3 @@ def _check(truth: Array, sampled: Array, features: Array, there: Array, where: A
         )
     if not all(np.isfinite(part).all() for part in (truth, sampled, features, there, where)):
         raise InputError("trials or observation hold NaN or infinite values")
-
-
-def local_c2st_finding(result: LocalC2ST, *, n: int) -> Finding:
-    """A Finding of kind `test` from a `LocalC2ST` taught by n trials; p-value over all observations."""
-    names = tuple(f"observation {number}" for number in range(len(result.statistic)))
-    return PValueFinding(
-        id="lc2st.observed",
-        quantity="",
-        claim="mean squared distance from 1/2 of the probability that a draw at the observation is a truth",
-        null="truths and draws exchangeable given x: a mean of "
-        f"{float(result.null.mean()):.3g} from noise alone, at the observation",
-        reference=REFERENCE,
-        n_trials=n,
-        components=names,
-        estimate=result.statistic,
-        standard_error=result.null.std(axis=0, ddof=1),
-        p_value=result.p_global,
-        details=xr.Dataset({"p_value": ("observation", result.p_value)}),
-        caveats=(f"null of {result.refits} refits",),
-    )

@@ -3,7 +3,7 @@ import json
 import numpy as np
 
 from gaugeblock.reports import verdict_json
-from gaugeblock.reports.verdict_json import plain
+from gaugeblock.reports.machine import plain
 
 GATE_KEYS = {
     "id", "verdict", "statistic", "interval", "tolerance", "p_value", "p_adjusted", "n_trials",

@@ -1,0 +1,102 @@
+"""No submodule takes the place of what its package exports, in whatever order modules are imported."""
+
+from __future__ import annotations
+
+import ast
+import random
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parent.parent / "src" / "gaugeblock"
+
+PROGRAM = """
+import importlib, sys, types
+from gaugeblock.core.errors import MissingExtraError
+
+known = {}
+def check(when):
+    for name, module in list(sys.modules.items()):
+        if name.split(".")[0] != "gaugeblock" or not hasattr(module, "__path__"):
+            continue
+        for public in getattr(module, "__all__", ()):
+            found = getattr(module, public)
+            first = known.setdefault((name, public), found)
+            if isinstance(found, types.ModuleType) and f"{name}.{public}" in sys.modules:
+                sys.exit(f"{when}: {name}.{public} is a module")
+            if found is not first:
+                sys.exit(f"{when}: {name}.{public} is {found!r}, was {first!r}")
+
+for name in sys.argv[1:]:
+    try:
+        importlib.import_module(name)
+    except (MissingExtraError, ModuleNotFoundError) as error:
+        if str(getattr(error, "name", "")).startswith("gaugeblock"):
+            raise
+check("after all")
+for name in sys.argv[1:]:
+    try:
+        importlib.import_module(name)
+    except ImportError:
+        pass
+check("again")
+"""
+
+
+def modules() -> list[str]:
+    """Every module of the package, but for what runs in a stranger's environment or only as a program."""
+    found = []
+    for room in sorted(path for path in PACKAGE.iterdir() if path.is_dir() and path.name != "__pycache__"):
+        for path in sorted(room.rglob("*.py")):
+            parts = path.relative_to(PACKAGE).with_suffix("").parts
+            if parts[:2] != ("stranger", "child") and parts[-1] != "__main__":
+                found.append(".".join(("gaugeblock", *(part for part in parts if part != "__init__"))))
+    return sorted(found)
+
+
+def shuffled(seed: int) -> list[str]:
+    names = modules()
+    random.Random(seed).shuffle(names)
+    return names
+
+
+OTHERS = {"simulators", "discovery", "discover", "reports/discovery"}
+"""Rooms in which a package still exports what a file of it is called; it is imported first, so it stays."""
+
+
+def exported(source: str) -> set[str]:
+    """What a package's `__init__` takes from elsewhere, or says is public."""
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.ImportFrom):
+            found |= {alias.asname or alias.name for alias in node.names}
+        elif isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
+            found |= set(ast.literal_eval(node.value))
+    return found
+
+
+def test_no_package_exports_what_a_file_of_it_is_called() -> None:
+    clashes = {}
+    for room in sorted(path for path in PACKAGE.iterdir() if path.is_dir()):
+        for path in room.rglob("__init__.py"):
+            files = {other.stem for other in path.parent.glob("*.py")}
+            folders = {other.name for other in path.parent.iterdir() if other.is_dir()}
+            clash = exported(path.read_text()) & (files | folders)
+            where = path.parent.relative_to(PACKAGE).as_posix()
+            if clash and not any(where == other or where.startswith(f"{other}/") for other in OTHERS):
+                clashes[where] = clash
+    assert not clashes
+
+
+@pytest.mark.parametrize(
+    "order",
+    [modules, lambda: modules()[::-1], lambda: shuffled(1), lambda: shuffled(2)],
+    ids=["sorted", "reversed", "shuffled 1", "shuffled 2"],
+)
+def test_what_packages_export_stays_what_it_is(order) -> None:
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", PROGRAM, *order()], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
