@@ -81,7 +81,6 @@ __all__ = [*sorted(_PLACES), "__version__"]
 
 
 def __getattr__(name: str) -> Any:
-<<<<<<< HEAD
     if name == "__version__":
         from importlib.metadata import version
 
@@ -93,10 +92,3 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted(_PLACES)
-=======
-    # Imported when asked for: `gaugeblock --help` must not wait for xarray.
-    if name not in __all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    room = "auditing.trials_from" if name.startswith("trials_from") else "validate"
-    return getattr(import_module(f"{__name__}.{room}"), name)
->>>>>>> main

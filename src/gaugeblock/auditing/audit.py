@@ -30,21 +30,14 @@ from gaugeblock.auditing.trials_from import any_trials
 from gaugeblock.auditing.watch import Watch, watched
 from gaugeblock.core.arrays import numbers, plain
 from gaugeblock.core.digest import digest, file_digest
-<<<<<<< HEAD
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.progress import Progress, shown
 from gaugeblock.estimators.protocol import Confined, Listed
-from gaugeblock.reports.verdict_json import plain as plain_data
+from gaugeblock.reports.machine import plain as plain_data
 from gaugeblock.simulators.from_function import as_simulator
 from gaugeblock.simulators.protocol import HasLikelihood
 from gaugeblock.validate import Policy, make_trials, run_validators
 from gaugeblock.validate import judge as judged
-=======
-from gaugeblock.estimators.protocol import Confined, Estimator, Listed
-from gaugeblock.reports.machine import plain
-from gaugeblock.simulators import Simulator, build_simulator
-from gaugeblock.validate import Policy, judge, run_validators
->>>>>>> main
 from gaugeblock.validate.findings_file import read_findings
 from gaugeblock.validate.trials import POSTERIOR, add_group, read_trials, trials_tree
 from gaugeblock.validate.validators import check_validators, default_validators
