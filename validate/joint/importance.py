@@ -13,10 +13,10 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate.block import block_length
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked, QuantileFinding
 from gaugeblock.validate.joint.psis import pareto_khat
 from gaugeblock.validate.prepared import Prepared, count_not_finite, trial_numbers
+from gaugeblock.validate.storage import block_length
 
 NEEDED = ("log_q", "log_likelihood", "log_prior")
 IDS = ("importance.ess", "importance.khat", "importance.evidence")

@@ -12,12 +12,11 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate.block import Block
 from gaugeblock.validate.check import circular_parameters
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.joint.dense_ratio import least_draws, log_density_ratio
 from gaugeblock.validate.joint.psis import pareto_khat
-from gaugeblock.validate.prepared import Prepared
+from gaugeblock.validate.prepared import Block, Prepared
 
 ID = "density.normalisation"
 REFERENCE = "reciprocal importance sampling: Gelfand & Dey 1994; Robert & Wraith 2009, arXiv:0907.5123"
