@@ -160,7 +160,7 @@ class Dirichlet:
         return np.asarray(np.asarray(self.alpha)[: self.size] / sum(self.alpha))
 
     def sample(self, n: int, rng: Rng) -> NDArray[np.float64]:
-        return np.asarray(rng.dirichlet(self.alpha, size=n)[:, : self.size])  # type: ignore[union-attr]
+        return np.asarray(rng.dirichlet(self.alpha, size=n)[:, : self.size])
 
     def _log_prob(self, shares: NDArray[np.float64]) -> NDArray[np.float64]:
         inside = (shares > 0).all(axis=-1) & (np.abs(shares.sum(axis=-1) - 1.0) < 1e-6)
@@ -260,7 +260,9 @@ class Drawn:
 
     @property
     def center(self) -> NDArray[np.float64]:
-        return np.asarray(np.median(self._some, axis=0))
+        """The draw nearest to the medians: a place that can be."""
+        away = np.abs(self._some - np.median(self._some, axis=0)) / (self._some.std(axis=0) + 1e-300)
+        return np.asarray(self._some[away.sum(axis=1).argmin()])
 
     def _checked(self, n: int, rng: Rng) -> NDArray[np.float64]:
         draws = np.asarray(self.draw(n, rng), dtype=float)

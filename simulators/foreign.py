@@ -286,7 +286,7 @@ class Torch:
             return torch.as_tensor(self.source.sample((1,)))
 
     def draw(self, n: int, rng: Rng) -> NDArray[np.float64]:
-        with _global_state_seeded(int(rng.integers(2**31))):  # type: ignore[call-arg]
+        with _global_state_seeded(int(rng.integers(2**31))):
             return _array(self.source.sample((n,))).reshape(n, -1)
 
     def density(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -320,7 +320,7 @@ class Numpyro:
     def draw(self, n: int, rng: Rng) -> NDArray[np.float64]:
         import jax
 
-        key = jax.random.key(int(rng.integers(2**31)))  # type: ignore[call-arg]
+        key = jax.random.key(int(rng.integers(2**31)))
         return np.asarray(self.source.sample(key, (n,)), dtype=float).reshape(n, -1)
 
     def density(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -89,6 +89,8 @@ def importance(prepared: Prepared) -> list[Finding | NotChecked]:
             "needs log_q, log_likelihood and log_prior at the draws (make_trials takes them by these names); "
             f"the trials lack {', '.join(missing)}"
         )
+        if "no_log_prior" in trials.attrs:
+            why = f"needs the log density of the prior: {trials.attrs['no_log_prior']}"
         return [NotChecked(name, why) for name in IDS]
     counted = prepared.not_finite if population == "trials" else count_not_finite(trials)
     finite = counted.sum(axis=1) == 0
