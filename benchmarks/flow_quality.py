@@ -20,8 +20,8 @@ from gaugeblock.simulators import build_simulator
 from gaugeblock.validate.joint.importance import kish_fraction, log_weights
 from gaugeblock.validate.joint.psis import pareto_khat
 from gaugeblock.validate.marginal.coverage import LEVELS, inside_central, perfect_estimator
-from gaugeblock.validate.marginal.ranks import randomised_pit
-from gaugeblock.validate.marginal.standardised import bias, log_width, standardised_errors
+from gaugeblock.validate.ranks import randomised_pit
+from gaugeblock.validate.standardised import bias, log_width, standardised_errors
 
 
 def calibration(simulator, flow, trials, draws, seed):

@@ -34,7 +34,7 @@ def sbc_ranks(rng: np.random.Generator) -> Task:
     import torch
     from sbi.diagnostics import run_sbc
 
-    from gaugeblock.validate.marginal.ranks import randomised_ranks
+    from gaugeblock.validate.ranks import randomised_ranks
 
     truth, draws = rng.normal(size=(1000, 5)), rng.normal(size=(1000, 1000, 5))
     theta = torch.as_tensor(truth, dtype=torch.float32)
@@ -122,7 +122,7 @@ def expected_coverage(rng: np.random.Generator) -> Task:
     from sbi.neural_nets import posterior_nn
     from sbi.utils import BoxUniform
 
-    from gaugeblock.validate.marginal.ranks import randomised_pit
+    from gaugeblock.validate.ranks import randomised_pit
 
     torch.manual_seed(0)
     prior = BoxUniform(-torch.ones(2), torch.ones(2))

@@ -21,7 +21,7 @@ _STEP = 1e-6
 class Coordinates:
     """A prior's own scale, one coordinate a parameter.
 
-    Bounded marginals use their unit coordinate, which is flat under the prior, with no penalty; unbounded
+    Marginals use their unit coordinate, which is flat under the prior, with no penalty; normal and log-normal
     ones count standard deviations from their centre, with the penalty of a unit Gaussian.
     """
 
@@ -29,8 +29,8 @@ class Coordinates:
 
     @cached_property
     def bounded(self) -> NDArray[np.bool_]:
-        """Which parameters have finite bounds, ``(parameter,)``."""
-        return np.asarray(np.isfinite(self.prior.bounds).all(axis=1))
+        """Which parameters are not normal, nor in their logarithm, ``(parameter,)``."""
+        return ~np.asarray(self.prior.standard_normal)
 
     @cached_property
     def precision(self) -> Array:

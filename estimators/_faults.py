@@ -128,7 +128,7 @@ def _mode_dropped(of: Ingredients, x: NDArray[Any], n: int, rng: Rng) -> Array:
 
 def _prior(of: Ingredients, x: NDArray[Any], n: int, rng: Rng) -> Array:
     prior = of.simulator.prior
-    return prior.from_unit_cube(rng.random((len(x), n, prior.size)))
+    return prior.sample(len(x) * n, rng).reshape(len(x), n, prior.size)
 
 
 def _prior_log_prob(of: Ingredients, theta: Array, x: NDArray[Any]) -> Array:  # noqa: ARG001

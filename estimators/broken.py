@@ -12,7 +12,7 @@ from gaugeblock.core.streams import Rng
 from gaugeblock.estimators._faults import FAULTS
 from gaugeblock.estimators._ingredients import Ingredients
 from gaugeblock.estimators.protocol import Estimator, HasDensity
-from gaugeblock.simulators.prior import Prior
+from gaugeblock.simulators.prior import HasPriorDensity, Prior
 from gaugeblock.simulators.protocol import (
     HasExactDensity,
     HasExactEvidence,
@@ -93,7 +93,8 @@ class Broken:
         self._name, self._fault, self._size, self._base = fault, chosen, used, base
         self._ingredients = Ingredients(base, simulator, np.nan if used is None else used)
         self.autocorrelated = bool(getattr(base, "autocorrelated", False))
-        if chosen.log_prob is not None and isinstance(base, HasDensity):
+        known = fault != "prior" or isinstance(simulator.prior, HasPriorDensity)
+        if chosen.log_prob is not None and isinstance(base, HasDensity) and known:
             self.log_prob = self._log_prob
 
     def sample(self, x: ArrayLike, n: int, rng: Rng) -> NDArray[np.float64]:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng, generator, whole_blocks
+from gaugeblock.simulators.prior import HasBijections, require_prior
 from gaugeblock.simulators.protocol import Simulator, description
 
 CHUNK = 200
@@ -69,6 +70,7 @@ class Conformal:
             raise InputError(
                 f"conformal: needs number >= {2 * TAIL} and draws >= {2 * TAIL}, got {number} and {draws}"
             )
+        require_prior(simulator.prior, HasBijections, "estimator conformal")
         self._base, self._simulator = base, simulator
         self._seed, self._number, self._draws = int(seed), int(number), int(draws)
 

@@ -13,6 +13,7 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
 from gaugeblock.estimators._rows import resample
 from gaugeblock.estimators.protocol import has_density, sample_and_log_prob
+from gaugeblock.simulators.prior import HasPriorDensity, require_prior
 from gaugeblock.simulators.protocol import HasLikelihood, Simulator, description
 
 COLLAPSED = 10.0
@@ -91,6 +92,7 @@ class ImportanceRefined:
             raise InputError(
                 f"importance_refined: {type(simulator).__name__} has no log_likelihood(theta, x)"
             )
+        require_prior(simulator.prior, HasPriorDensity, "estimator importance_refined")
         if oversample < 1 or evidence_draws < 2:
             raise InputError(
                 "importance_refined: needs oversample >= 1 and evidence_draws >= 2, "

@@ -16,6 +16,7 @@ from gaugeblock.core.errors import InputError, require
 from gaugeblock.core.streams import Rng
 from gaugeblock.estimators._rows import resample, row_seeds
 from gaugeblock.estimators.nested_points import ultranest_tree
+from gaugeblock.simulators.prior import HasUnitCube, require_prior
 from gaugeblock.simulators.protocol import HasLikelihood
 
 LOWEST = -1e100
@@ -97,6 +98,7 @@ class NestedSampling:
         require("ultranest", "ultranest")
         if not isinstance(simulator, HasLikelihood):
             raise InputError(f"nested_sampling: {type(simulator).__name__} has no log_likelihood(theta, x)")
+        require_prior(simulator.prior, HasUnitCube, "estimator nested_sampling")
         if live_points < 40 or dlogz <= 0 or batch < 1:
             raise InputError(
                 "nested_sampling: needs live_points >= 40, dlogz > 0 and batch >= 1, "

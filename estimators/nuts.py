@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.core.errors import InputError, require
 from gaugeblock.core.streams import Rng
 from gaugeblock.estimators._rows import row_seeds
+from gaugeblock.simulators.prior import HasBijections, require_prior
 from gaugeblock.simulators.protocol import HasTraceableLikelihood
 
 BLOCK = 50
@@ -82,6 +83,7 @@ class Nuts:
             raise InputError(
                 f"nuts: {type(simulator).__name__} has no log_likelihood_jax(theta, x); take nested_sampling"
             )
+        require_prior(simulator.prior, HasBijections, "estimator nuts")
         if min(warmup, thinning, starts, parallel) < 1 or not 0.0 < target_acceptance < 1.0:
             raise InputError(
                 "nuts: warmup, thinning, starts, parallel must be at least 1, target_acceptance in (0, 1), "
@@ -220,15 +222,15 @@ class Nuts:
 
 
 def _draw_unbounded(prior: Any, key: Any, n: int) -> Any:
-    """Prior draws in unbounded coordinates ``(n, parameter)``: logistic where bounded, normal where not."""
+    """Starts in unbounded coordinates ``(n, parameter)``: draws of uniform and normal priors, near others."""
     import jax
     import jax.numpy as jnp
 
     keys = jax.random.split(key, prior.size)
     return jnp.stack(
         [
-            (jax.random.logistic if np.isfinite(marginal.support[0]) else jax.random.normal)(column, (n,))
-            for column, marginal in zip(keys, prior.marginals.values(), strict=True)
+            (jax.random.normal if normal else jax.random.logistic)(column, (n,))
+            for column, normal in zip(keys, prior.standard_normal, strict=True)
         ],
         axis=-1,
     )

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from gaugeblock.reports.words import number, short
 from gaugeblock.validate import Finding
-from gaugeblock.validate.block import Block
-from gaugeblock.validate.prepared import Prepared, errors, trial_numbers
+from gaugeblock.validate.prepared import Block, Prepared, errors, trial_numbers
 
 
 @dataclass(frozen=True)

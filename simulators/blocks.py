@@ -260,7 +260,9 @@ class Drawn:
 
     @property
     def center(self) -> NDArray[np.float64]:
-        return np.asarray(np.median(self._some, axis=0))
+        """The draw nearest to the medians: a place that can be."""
+        away = np.abs(self._some - np.median(self._some, axis=0)) / (self._some.std(axis=0) + 1e-300)
+        return np.asarray(self._some[away.sum(axis=1).argmin()])
 
     def _checked(self, n: int, rng: Rng) -> NDArray[np.float64]:
         draws = np.asarray(self.draw(n, rng), dtype=float)

@@ -226,6 +226,12 @@ class Prior:
                 )
         return {str(key): part for key, part in self._parts.items()}
 
+    @property
+    def standard_normal(self) -> NDArray[np.bool_]:
+        """Which unbounded coordinates are standard normal under the prior, ``(parameter,)``."""
+        kinds = (Normal, LogNormal, MultivariateNormal)
+        return np.array([isinstance(part, kinds) for key, part in self._parts.items() for _ in _names(key)])
+
     def lacking(self, method: str) -> str:
         """The parts without a method of that name, for a message."""
         return " and ".join(
@@ -327,6 +333,12 @@ class Prior:
     def log_prob(self, theta: ArrayLike | Array) -> Any:
         """Normalised log density in physical units, shape ``theta.shape[:-1]``; -inf outside the support."""
         return self._sum(theta, "log_prob")
+
+    def log_prob_or_support(self, theta: ArrayLike) -> NDArray[np.float64]:
+        """`log_prob`; of a prior without a density 0 inside its bounds and -inf outside."""
+        if isinstance(self, HasPriorDensity):
+            return np.asarray(self.log_prob(theta))
+        return np.where(self.contains(theta), 0.0, -np.inf)
 
     def contains(self, theta: ArrayLike) -> NDArray[np.bool_]:
         """Whether each theta lies in the support, shape ``theta.shape[:-1]``."""

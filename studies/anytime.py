@@ -15,8 +15,8 @@ import xarray as xr
 from gaugeblock.validate import Finding, Outcome
 from gaugeblock.validate.anytime.anytime import bias_sequence, coverage_sequence, log_width_sequence
 from gaugeblock.validate.anytime.stakes import decide, gather
-from gaugeblock.validate.marginal.ranks import randomised_pit
 from gaugeblock.validate.marginal.winsorised import winsorised_scores
+from gaugeblock.validate.ranks import randomised_pit
 from gaugeblock.validate.verdict import combine
 from studies.boundary import Moved, kink
 from studies.planned import fewest

@@ -46,3 +46,22 @@ def test_every_validator_has_its_word(said):
     assert {name for name, validator in VALIDATORS.items() if validator.by_default} == {
         item.partition(".")[0] for item in said
     }
+
+
+@pytest.mark.parametrize("needs", ["", "torch"])
+def test_the_page_on_priors_runs(needs):
+    """Its blocks, one after the other; those marked torch after all others, where torch and sbi are."""
+    text = (ROOT / "docs" / "priors.md").read_text(encoding="utf-8")
+    names = {}
+    for kind, block in re.findall(r"```python ?(\w*)\n(.*?)```", text, flags=re.DOTALL):
+        if kind:
+            pytest.importorskip("sbi") if needs else None
+        if not kind or needs:
+            exec(compile(block, "docs/priors.md", "exec"), names)
+
+
+def test_the_page_on_priors_names_every_distribution():
+    from gaugeblock.simulators.prior import _DISTRIBUTIONS
+
+    text = (ROOT / "docs" / "priors.md").read_text(encoding="utf-8")
+    assert all(f"`{name}`" in text for name in _DISTRIBUTIONS if name != "scipy")

@@ -13,8 +13,7 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate.block import block_length
-from gaugeblock.validate.storage import schema_version
+from gaugeblock.validate.storage import block_length, schema_version
 
 PER_DRAW = ("log_q", "log_likelihood", "log_prior", "weight")
 PER_TRIAL = ("log_q_true", "log_likelihood_true", "log_prior_true")

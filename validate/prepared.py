@@ -5,7 +5,7 @@ Draws stay where they are, in memory or on disk: statistics see them block by bl
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -15,13 +15,51 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate.block import Block, Statistic, block_length
+from gaugeblock.core.streams import Rows
+from gaugeblock.validate.autocorrelation import integrated_autocorrelation_time
 from gaugeblock.validate.check import PER_DRAW, PER_TRIAL, circular_parameters, is_autocorrelated
 from gaugeblock.validate.features import FITTED, Features, features_of
-from gaugeblock.validate.marginal.autocorrelation import integrated_autocorrelation_time
-from gaugeblock.validate.marginal.ranks import randomised_pit, unwrap_circular
-from gaugeblock.validate.marginal.standardised import standardised_errors
+from gaugeblock.validate.ranks import randomised_pit, unwrap_circular
+from gaugeblock.validate.standardised import standardised_errors
+from gaugeblock.validate.storage import block_length
 from gaugeblock.validate.trials import IMPORTANCE, group_trials, main_trials
+
+
+@dataclass(frozen=True, kw_only=True)
+class Block:
+    """Some unaffected trials in a row, with everything a per-trial statistic may look at.
+
+    Shapes: `trial` and the `*_true` ``(n,)``; `theta_true` ``(n, parameter)``; `draws` ``(n, draw,
+    parameter)``, circular parameters cut open and autocorrelated draws thinned; `weight`, `log_q`,
+    `log_likelihood`, `log_prior` ``(n, draw)``; `x` ``(n, ...)``. What the trials lack is None. `rows` is
+    where the block lies among all unaffected trials; `own` holds the trials' further variables by name.
+    """
+
+    prepared: Prepared
+    rows: slice
+    trial: NDArray[np.int64]
+    theta_true: Array
+    draws: Array
+    x: NDArray[Any] | None = None
+    weight: Array | None = None
+    log_q: Array | None = None
+    log_likelihood: Array | None = None
+    log_prior: Array | None = None
+    log_q_true: Array | None = None
+    log_likelihood_true: Array | None = None
+    log_prior_true: Array | None = None
+    own: dict[str, Array] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.trial)
+
+    def rng(self, purpose: str) -> Rows:
+        """Random numbers of each trial; the same (seed, purpose, trial) has the same ones in any block."""
+        return Rows(self.prepared.seed, purpose, self.trial)
+
+
+Statistic = Callable[[Block], NDArray[Any]]
+"""From a block to one row per trial, ``(n, ...)``; the rows must not depend on where blocks end."""
 
 
 def trial_numbers(trials: xr.Dataset) -> NDArray[np.int64]:

@@ -19,6 +19,8 @@ SCHEMA_VERSION = 1
 # Larger files stay on disk and are read where they are needed: a gigabyte of draws is not in memory at once.
 IN_MEMORY = 1 << 28
 APPENDED = "trial"
+# Values per block: 32 MiB of doubles. Part of what makes a run repeatable to the bit.
+VALUES = 1 << 22
 
 
 def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
@@ -165,3 +167,12 @@ def schema_version(dataset: xr.Dataset, *, source: str) -> int:
             f"({SCHEMA_VERSION}); update gaugeblock"
         )
     return version
+
+
+def block_length(values_per_trial: int) -> int:
+    """How many trials make a block.
+
+    >>> block_length(250 * 5), block_length(10**9)
+    (3355, 1)
+    """
+    return max(1, VALUES // max(values_per_trial, 1))

@@ -9,7 +9,6 @@ import xarray as xr
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.anytime.anytime import WATCHED, anytime
-from gaugeblock.validate.block import Statistic
 from gaugeblock.validate.designs.identifiability import identifiability, posterior_sd
 from gaugeblock.validate.evidence.evidence import evidence
 from gaugeblock.validate.finding import Finding, NotChecked
@@ -26,7 +25,7 @@ from gaugeblock.validate.marginal.conformal import conformal, stretch
 from gaugeblock.validate.marginal.coverage import coverage
 from gaugeblock.validate.marginal.finite import finite
 from gaugeblock.validate.marginal.sbc import sbc
-from gaugeblock.validate.prepared import Prepared, effective_draws, errors, pit
+from gaugeblock.validate.prepared import Prepared, Statistic, effective_draws, errors, pit
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtr, ndtri
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.simulators.marginals import Normal
 from gaugeblock.simulators.prior import Prior
 
 
@@ -29,10 +28,9 @@ def to_scores(prior: Prior, theta: ArrayLike) -> Array:
     >>> to_scores(prior, [[2.0]]).tolist(), from_scores(prior, [[0.0]]).tolist()
     ([[0.0]], [[2.0]])
     """
-    scores = ndtri(prior.to_unit_cube(theta))
-    for index, marginal in enumerate(prior.marginals.values()):
-        if isinstance(marginal, Normal):  # exact in the far tails, where the unit interval rounds to 1
-            scores[..., index] = marginal.to_real(np.asarray(theta, dtype=float)[..., index])
+    scores, normal = ndtri(prior.to_unit_cube(theta)), prior.standard_normal
+    if normal.any():  # exact in the far tails, where the unit interval rounds to 1
+        scores[..., normal] = np.asarray(prior.to_unbounded(theta))[..., normal]
     return np.asarray(scores)
 
 
@@ -40,9 +38,9 @@ def from_scores(prior: Prior, scores: ArrayLike) -> Array:
     """Inverse of `to_scores`; no finite score leaves the prior's support."""
     scores = np.asarray(scores, dtype=float)
     theta = prior.from_unit_cube(np.clip(ndtr(scores), np.finfo(float).tiny, 1.0 - np.finfo(float).eps))
-    for index, marginal in enumerate(prior.marginals.values()):
-        if isinstance(marginal, Normal):
-            theta[..., index] = marginal.from_real(scores[..., index])
+    normal = prior.standard_normal
+    if normal.any():
+        theta[..., normal] = np.asarray(prior.from_unbounded(scores))[..., normal]
     return np.asarray(theta)
 
 

@@ -24,6 +24,7 @@ from gaugeblock.estimators.npe.networks import NetworkShape, build_network
 from gaugeblock.estimators.npe.published import train_published
 from gaugeblock.estimators.npe.storage import load, save
 from gaugeblock.simulators.from_function import as_simulator
+from gaugeblock.simulators.prior import HasBijections, Prior, require_prior
 from gaugeblock.simulators.protocol import HasLikelihood, Simulator
 
 FEATURE_ROWS = 20_000
@@ -59,6 +60,16 @@ def train(
         raise InputError(
             'training.redraws needs network.kind = "laplace" and a simulator with a likelihood (its '
             "`log_likelihood`)"
+        )
+    require_prior(simulator.prior, HasBijections, "estimator npe")
+    try:
+        same = Prior.from_description(simulator.prior.describe()) == simulator.prior
+    except InputError:
+        same = False
+    if not same:
+        raise InputError(
+            "estimator npe: its folder could not say what the prior is; give gaugeblock.Prior of "
+            "distributions of gaugeblock or scipy.stats"
         )
     bank = Bank.simulate(
         simulator,

@@ -10,7 +10,7 @@ from gaugeblock.estimators.conformal import Conformal, _at_share, _level, _place
 from gaugeblock.simulators import Prior, Uniform, build_simulator
 from gaugeblock.validate import Outcome, judge, make_policy
 from gaugeblock.validate.marginal.coverage import central_finding
-from gaugeblock.validate.marginal.ranks import randomised_pit
+from gaugeblock.validate.ranks import randomised_pit
 
 # Posterior correlation -0.83.
 SIMULATOR = build_simulator("linear_gaussian", matrix=[[2.0, 1.8], [1.8, 2.0], [2.0, 2.0]], noise=1.5)

@@ -15,7 +15,7 @@ from gaugeblock.estimators.exact import Exact
 from gaugeblock.simulators import build_simulator
 from gaugeblock.validate import judge, make_trials, read_policy, run_validators
 from gaugeblock.validate.marginal.discrete_ranks import rank_ecdf_test
-from gaugeblock.validate.marginal.ranks import randomised_ranks
+from gaugeblock.validate.ranks import randomised_ranks
 
 TRIALS, DRAWS = 1000, 100
 PLAN = Plan(

@@ -8,7 +8,7 @@ from scipy import special
 from studies.boundary import Kink, Moved, kink, rippled
 from studies.problem import problem
 
-from gaugeblock.validate.marginal.ranks import randomised_pit
+from gaugeblock.validate.ranks import randomised_pit
 
 N = 200_000
 

@@ -19,7 +19,7 @@ from gaugeblock.validate import (
 )
 from gaugeblock.validate.joint.importance import importance_findings
 from gaugeblock.validate.marginal.sbc import bias_finding, log_width_finding, uniform_finding
-from gaugeblock.validate.marginal.standardised import standardised_errors
+from gaugeblock.validate.standardised import standardised_errors
 
 DEFAULT = read_policy("default")
 

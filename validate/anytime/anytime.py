@@ -19,12 +19,11 @@ from gaugeblock.validate.anytime.anytime_joint import STATISTICS, joint_sequence
 from gaugeblock.validate.anytime.normal_process import log_evidence_against_uniform
 from gaugeblock.validate.anytime.sequence import REFERENCE, gap_sequence, sequence_finding
 from gaugeblock.validate.anytime.wager_units import bias_of, log_width_of
-from gaugeblock.validate.block import Block
 from gaugeblock.validate.finding import Finding, NotChecked, PValueFinding
 from gaugeblock.validate.marginal.coverage import LEVELS, inside_central
 from gaugeblock.validate.marginal.winsorised import Scores, winsorised_scores
 from gaugeblock.validate.p_values import SMALLEST
-from gaugeblock.validate.prepared import Prepared, effective_draws, pit
+from gaugeblock.validate.prepared import Block, Prepared, effective_draws, pit
 
 
 def cut_scores(block: Block) -> Array:

@@ -12,13 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.anytime.sequence import gap_sequence
-from gaugeblock.validate.block import Block
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.joint.gaps import inside_lowest
 from gaugeblock.validate.joint.hpd import hpd
 from gaugeblock.validate.joint.projections import LOWEST, directions, pairs, projections
 from gaugeblock.validate.marginal.coverage import LEVELS, inside_central
-from gaugeblock.validate.prepared import Prepared
+from gaugeblock.validate.prepared import Block, Prepared
 
 CENTRAL = (0.5, 0.8)
 NEIGHBOURS = 10

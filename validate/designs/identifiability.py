@@ -13,14 +13,14 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate.block import Block, block_length
 from gaugeblock.validate.check import circular_parameters
 from gaugeblock.validate.designs.shrinkage import capture, weighted_sd
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.joint.importance import KHAT_LIMIT, NEEDED, log_weights
 from gaugeblock.validate.joint.psis import pareto_khat
-from gaugeblock.validate.marginal.ranks import unwrap_circular
-from gaugeblock.validate.prepared import Prepared, trial_numbers
+from gaugeblock.validate.prepared import Block, Prepared, trial_numbers
+from gaugeblock.validate.ranks import unwrap_circular
+from gaugeblock.validate.storage import block_length
 
 REFERENCE = (
     "law of total variance; exact posterior sd by importance weights (Vehtari et al. 2024, arXiv:1507.02646)"

@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked, QuantileFinding
-from gaugeblock.validate.marginal.standardised import bias, log_width
 from gaugeblock.validate.p_values import SMALLEST
 from gaugeblock.validate.prepared import Prepared
+from gaugeblock.validate.standardised import bias, log_width
 
 REFERENCE = "Higson et al. 2018, arXiv:1704.03459"
 NEEDED = ("log_evidence", "log_evidence_error")

@@ -13,10 +13,10 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate.block import block_length
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked, QuantileFinding
 from gaugeblock.validate.joint.psis import pareto_khat
 from gaugeblock.validate.prepared import Prepared, count_not_finite, trial_numbers
+from gaugeblock.validate.storage import block_length
 
 NEEDED = ("log_q", "log_likelihood", "log_prior")
 IDS = ("importance.ess", "importance.khat", "importance.evidence")
@@ -89,6 +89,8 @@ def importance(prepared: Prepared) -> list[Finding | NotChecked]:
             "needs log_q, log_likelihood and log_prior at the draws (make_trials takes them by these names); "
             f"the trials lack {', '.join(missing)}"
         )
+        if "no_log_prior" in trials.attrs:
+            why = f"needs the log density of the prior: {trials.attrs['no_log_prior']}"
         return [NotChecked(name, why) for name in IDS]
     counted = prepared.not_finite if population == "trials" else count_not_finite(trials)
     finite = counted.sum(axis=1) == 0

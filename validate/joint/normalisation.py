@@ -12,12 +12,11 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate.block import Block
 from gaugeblock.validate.check import circular_parameters
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.joint.dense_ratio import least_draws, log_density_ratio
 from gaugeblock.validate.joint.psis import pareto_khat
-from gaugeblock.validate.prepared import Prepared
+from gaugeblock.validate.prepared import Block, Prepared
 
 ID = "density.normalisation"
 REFERENCE = "reciprocal importance sampling: Gelfand & Dey 1994; Robert & Wraith 2009, arXiv:0907.5123"
@@ -42,12 +41,21 @@ def ratios(block: Block) -> Array:
     number, parameters = block.draws.shape[1:]
     if block.log_q is None or block.weight is not None or number < least_draws(parameters):
         return np.empty((len(block), 0))
+    if discrete(block.prepared):
+        return np.empty((len(block), 0))
     truth = block.prepared.theta_true
     low, high = truth.min(axis=0), truth.max(axis=0)
     circular = list(circular_parameters(block.prepared.main))
     low[circular], high[circular] = -np.inf, np.inf
     found = log_density_ratio(block.draws, block.log_q, low=low, high=high)
     return np.column_stack([found, (~np.isfinite(block.log_q)).sum(axis=1)])
+
+
+def discrete(prepared: Prepared) -> list[str]:
+    """Parameters of which twenty trials have fewer different draws than one trial has draws."""
+    draws = prepared.main["draws"].isel(trial=slice(0, 20)).values
+    distinct = [np.unique(draws[..., k]).size for k in range(draws.shape[2])]
+    return [name for name, n in zip(prepared.parameters, distinct, strict=True) if n < draws.shape[1]]
 
 
 def density(prepared: Prepared) -> list[Finding | NotChecked]:
@@ -60,6 +68,9 @@ def density(prepared: Prepared) -> list[Finding | NotChecked]:
         return [NotChecked(ID, f"{why}; the trials lack log_q")]
     if "weight" in prepared.main:
         return [NotChecked(ID, "weighted draws: log_q is not the density of what the weights represent")]
+    steps = discrete(prepared)
+    if steps:
+        return [NotChecked(ID, f"{', '.join(steps)} takes few values: log q is no density over draws there")]
     found = prepared.per_trial(ratios)
     if not found.shape[1]:
         parameters = len(prepared.parameters)

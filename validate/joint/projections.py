@@ -18,11 +18,11 @@ from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Uniforms
-from gaugeblock.validate.block import Block
 from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.joint.gaps import gap_finding, inside_lowest
 from gaugeblock.validate.joint.pool import Pool, make_pool, pool_pit
 from gaugeblock.validate.marginal.coverage import inside_central
+from gaugeblock.validate.prepared import Block
 
 DIRECTIONS = 16
 # All pairs of seven parameters; of more, some, and the projections see the others.

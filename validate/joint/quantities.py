@@ -15,12 +15,12 @@ from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Uniforms
-from gaugeblock.validate.block import Block
 from gaugeblock.validate.check import QUANTITY
 from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.joint.gaps import both_names, both_regions, curve, gap_finding
 from gaugeblock.validate.marginal.coverage import LEVELS
-from gaugeblock.validate.marginal.ranks import randomised_pit
+from gaugeblock.validate.prepared import Block
+from gaugeblock.validate.ranks import randomised_pit
 
 REFERENCE = "Modrak et al. 2023, arXiv:2211.02383"
 

@@ -16,14 +16,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Uniforms
-from gaugeblock.validate.block import Block
 from gaugeblock.validate.check import circular_parameters
 from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.joint.gaps import curve, gap_finding, uniform_finding
 from gaugeblock.validate.joint.pool import Pool, make_pool, pool_pit
 from gaugeblock.validate.joint.references import cross_fitted
 from gaugeblock.validate.marginal.coverage import LEVELS
-from gaugeblock.validate.prepared import Prepared
+from gaugeblock.validate.prepared import Block, Prepared
 
 REFERENCES = 8
 REFERENCE = "Lemos et al. 2023, arXiv:2302.03026; coverage values, cross-fitted references"

@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate.block import block_length
 from gaugeblock.validate.finding import Finding, NotChecked, PValueFinding, Suggestion
 from gaugeblock.validate.layout.assignment import suggested
 from gaugeblock.validate.layout.rank_loss import EVERYWHERE, Foretelling, foretellings
 from gaugeblock.validate.layout.readings import AS_IT_IS
 from gaugeblock.validate.p_values import lower_tail
 from gaugeblock.validate.prepared import Prepared, values_per_trial
+from gaugeblock.validate.storage import block_length
 
 LEAST_TRIALS = 50
 # What a wrong layout takes to be seen, and no more: trials, draws of each, and values to be ranked.

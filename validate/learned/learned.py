@@ -21,11 +21,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import generator
-from gaugeblock.validate.block import Block
 from gaugeblock.validate.learned.discriminant import fit_discriminant
 from gaugeblock.validate.learned.pool_coordinates import context_of, pool_coordinates
-from gaugeblock.validate.marginal.ranks import ranks_and_ties
-from gaugeblock.validate.prepared import Prepared
+from gaugeblock.validate.prepared import Block, Prepared
+from gaugeblock.validate.ranks import ranks_and_ties
 
 Score = Callable[[Array, Array | None], Array]
 Fit = Callable[[Array, Array], Score]

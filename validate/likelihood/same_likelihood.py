@@ -132,6 +132,11 @@ def _places(prior: Any, points: int) -> Array:
     """Centre, corners and evenly spread places of the prior, ``(place, parameter)`` in physical units."""
     from scipy.stats import qmc
 
+    if not callable(getattr(prior, "from_unit_cube", None)):
+        raise InputError(
+            "assert_same_likelihood: needs the prior's quantile function (unit cube), which this one has "
+            "not; give gaugeblock.Prior"
+        )
     dimension = len(prior.names)
     if dimension <= 6:
         corners = np.array(list(itertools.product((0.0, 1.0), repeat=dimension)))

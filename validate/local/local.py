@@ -16,14 +16,13 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate.block import Block
 from gaugeblock.validate.check import circular_parameters
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.local.homogeneity import homogeneous_finding
 from gaugeblock.validate.local.regions import LEAST, Regions, quantile_regions
 from gaugeblock.validate.marginal.coverage import STEADYING, inside_central
-from gaugeblock.validate.marginal.standardised import bias, log_width
-from gaugeblock.validate.prepared import Prepared
+from gaugeblock.validate.prepared import Block, Prepared
+from gaugeblock.validate.standardised import bias, log_width
 
 LEVELS = (0.5, 0.8, 0.95)
 # One-sided coverage stands beside the central levels: a bias of 0.3 sd changes these by 0.02 and it by 0.12.

@@ -32,9 +32,9 @@ from gaugeblock.core.streams import Rows, Uniforms
 from gaugeblock.validate.check import circular_parameters, is_autocorrelated
 from gaugeblock.validate.finding import Finding, NotChecked, QuantileFinding
 from gaugeblock.validate.joint.importance import kish_fraction
-from gaugeblock.validate.marginal.ranks import unwrap_circular
 from gaugeblock.validate.marginal.sbc import bias_finding, log_width_finding, uniform_finding
 from gaugeblock.validate.prepared import Prepared, trial_numbers
+from gaugeblock.validate.ranks import unwrap_circular
 from gaugeblock.validate.trials import POSTERIOR
 
 REFERENCE = "Säilynoja et al. 2025, arXiv:2502.03279; Tibshirani et al. 2019, arXiv:1904.06019"

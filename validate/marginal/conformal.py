@@ -17,11 +17,10 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate.block import Block
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.local.regions import Regions, quantile_regions
 from gaugeblock.validate.marginal.row_quantiles import reachable, row_quantiles
-from gaugeblock.validate.prepared import Prepared
+from gaugeblock.validate.prepared import Block, Prepared
 
 LEVELS = (0.68, 0.9, 0.95)
 # With fewer scores the 95% region would have to reach beyond them all.

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked, PValueFinding
 from gaugeblock.validate.marginal.smooth import smooth_finding
-from gaugeblock.validate.marginal.standardised import bias, log_width
 from gaugeblock.validate.marginal.uniformity import ecdf_test
 from gaugeblock.validate.p_values import two_sided
 from gaugeblock.validate.prepared import Prepared
+from gaugeblock.validate.standardised import bias, log_width
 
 REFERENCE = "Talts et al. 2018, arXiv:1804.06788; Modrak et al. 2023, arXiv:2211.02383"
 BAND_REFERENCE = "Säilynoja, Bürkner & Vehtari 2022, arXiv:2103.10522"

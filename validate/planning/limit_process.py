@@ -17,8 +17,8 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.validate.family import PASS_LEVEL
 from gaugeblock.validate.marginal.coverage import LEVELS
 from gaugeblock.validate.marginal.coverage import STEADYING as COUNTED_MORE
-from gaugeblock.validate.marginal.standardised import STEADYING
 from gaugeblock.validate.policy import Tolerance
+from gaugeblock.validate.standardised import STEADYING
 
 QUANTITIES = ("bias", "log_width", "coverage")
 REPLICATES = 100_000

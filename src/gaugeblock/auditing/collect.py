@@ -12,7 +12,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from gaugeblock.auditing.identity import identity, versions
+from gaugeblock.auditing.identity import identity, lasting, versions
 from gaugeblock.auditing.phases import DensityTrials, ImportanceDraws, WeighedDraws, end_phase
 from gaugeblock.auditing.samples import (
     Blocks,
@@ -28,6 +28,7 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.core.progress import Progress
 from gaugeblock.core.streams import whole_blocks
 from gaugeblock.estimators.protocol import Estimator, has_density
+from gaugeblock.simulators.prior import HasPriorDensity
 from gaugeblock.simulators.protocol import HasLikelihood, Simulator
 from gaugeblock.validate.storage import open_groups, read_groups, write_groups
 from gaugeblock.validate.trials import trials_tree
@@ -80,7 +81,8 @@ def collect(
 
 
 def _weighable(simulator: Simulator, estimator: Estimator) -> bool:
-    return isinstance(simulator, HasLikelihood) and has_density(estimator)
+    known = isinstance(simulator, HasLikelihood) and isinstance(simulator.prior, HasPriorDensity)
+    return known and has_density(estimator)
 
 
 def fingerprint(simulator: Simulator, estimator: Estimator, plan: Plan) -> str:
@@ -92,7 +94,7 @@ def fingerprint(simulator: Simulator, estimator: Estimator, plan: Plan) -> str:
     parts = {"simulator": identity(simulator), "estimator": identity(estimator)}
     content = {
         **parts,
-        "once": [secrets.token_hex(8) for part in parts.values() if part.get("state_sha256", "") is None],
+        "once": [secrets.token_hex(8) for part in parts.values() if not lasting(part)],
         "plan": vars(plan),
         "versions": versions(),
     }

@@ -42,6 +42,13 @@ def identity(thing: object) -> dict[str, Any]:
     return record
 
 
+def lasting(record: object) -> bool:
+    """Whether a record of `identity`, its prior's included, tells one state from every other."""
+    if isinstance(record, dict):
+        return record.get("state_sha256", "") is not None and all(map(lasting, record.values()))
+    return all(map(lasting, record)) if isinstance(record, list | tuple) else True
+
+
 def versions() -> dict[str, str]:
     """Versions of Python and of every installed library that can change a number."""
     found = {"python": platform.python_version()}

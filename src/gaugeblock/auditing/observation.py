@@ -19,6 +19,7 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng, generator, whole_blocks
 from gaugeblock.estimators._rows import resample
 from gaugeblock.estimators.protocol import Estimator, has_density, sample_and_log_prob
+from gaugeblock.simulators.prior import HasPriorDensity, require_prior
 from gaugeblock.simulators.protocol import HasLikelihood, LikelihoodSimulator, Simulator
 from gaugeblock.validate.joint.importance import log_weights
 from gaugeblock.validate.storage import read_groups
@@ -80,6 +81,7 @@ def trials_around(
             f"observation: posterior SBC needs a likelihood; {type(simulator).__name__} has no "
             "log_likelihood(theta, x)"
         )
+    require_prior(simulator.prior, HasPriorDensity, "observation: posterior SBC")
     observed = np.asarray(x_obs)
     shape = np.shape(simulator.simulate(simulator.prior.center[None], np.random.default_rng(seed)))[1:]
     if observed.shape != shape or not np.isfinite(observed).all():

@@ -12,6 +12,7 @@ import xarray as xr
 from gaugeblock.core.errors import InputError, blamed
 from gaugeblock.core.streams import Rng, generator
 from gaugeblock.estimators.protocol import Estimator, HasDensity, has_density, sample_and_log_prob
+from gaugeblock.simulators.prior import HasPriorDensity, Prior
 from gaugeblock.simulators.protocol import LikelihoodSimulator, Simulator
 from gaugeblock.validate.trials import make_trials
 
@@ -111,7 +112,15 @@ class MainTrials:
             log_q_true=log_q_true,
             circular=tuple(getattr(self.simulator, "circular", ())),
             autocorrelated=bool(getattr(self.estimator, "autocorrelated", False)),
+            attrs=without_density(self.simulator.prior),
         ).assign_coords(trial=np.asarray(trials))
+
+
+def without_density(prior: Prior) -> dict[str, str]:
+    """Why trials have no log density of the prior, as an attribute of theirs, where it has none."""
+    if isinstance(prior, HasPriorDensity):
+        return {}
+    return {"no_log_prior": f"{prior.lacking('log_prob')} has no density"}
 
 
 Blocks = Callable[[range], xr.Dataset]
@@ -134,7 +143,7 @@ class Again(MainTrials):
         prior = self.simulator.prior
         finite = np.isfinite(draws).all(axis=-1)
         known = np.where(finite[..., None], draws, prior.center)
-        log_prior = np.where(finite, prior.log_prob(known), np.nan)
+        log_prior = np.where(finite, prior.log_prob_or_support(known), np.nan)
         inside = np.isfinite(log_prior)
         known = np.where(inside[..., None], known, prior.center)
         likelihood = np.asarray(self.simulator.log_likelihood(known, x[:, None]))

@@ -103,7 +103,7 @@ def test_weights_that_cannot_be_relied_on_are_left_out(gaussian_trials):
 def test_capture_is_the_same_in_any_blocks_and_from_the_first_trials_alone(gaussian_trials, monkeypatch):
     trials = gaussian_trials(300, 100, 2, seed=14)
     whole = run(trials)[0]["identifiability.capture[p1]"]
-    monkeypatch.setattr("gaugeblock.validate.block.VALUES", 200 * 7)
+    monkeypatch.setattr("gaugeblock.validate.storage.VALUES", 200 * 7)
     pieces = run(trials)[0]["identifiability.capture[p1]"]
     np.testing.assert_array_equal(whole.influence, pieces.influence)
     monkeypatch.setattr("gaugeblock.validate.designs.identifiability.MOST_TRIALS", 50)

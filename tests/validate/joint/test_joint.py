@@ -10,7 +10,6 @@ from scipy import stats
 from gaugeblock.validate import (
     Finding,
     NotChecked,
-    block,
     judge,
     make_policy,
     make_trials,
@@ -155,7 +154,7 @@ def test_blocks_do_not_matter(monkeypatch):
     tree = trials_tree(trials(150, 20, likelihood=True))
     whole = Prepared(tree, 1)
     whole.compute(STATISTICS)
-    monkeypatch.setattr(block, "VALUES", 300)
+    monkeypatch.setattr("gaugeblock.validate.storage.VALUES", 300)
     pieces = Prepared(tree, 1)
     pieces.compute(STATISTICS)
     for statistic in STATISTICS:

@@ -6,7 +6,7 @@ from scipy import stats
 
 from gaugeblock.core.streams import Rows
 from gaugeblock.validate.joint.pool import make_pool, pool_pit
-from gaugeblock.validate.marginal.ranks import randomised_pit
+from gaugeblock.validate.ranks import randomised_pit
 
 
 def test_members_are_standard_and_whitened_and_lead_back():

@@ -10,7 +10,7 @@ from gaugeblock.validate import judge, make_policy
 from gaugeblock.validate.joint.pool import make_pool
 from gaugeblock.validate.joint.projections import directions, pairs, projected_pit, projections_finding
 from gaugeblock.validate.marginal.coverage import central_finding
-from gaugeblock.validate.marginal.ranks import randomised_pit
+from gaugeblock.validate.ranks import randomised_pit
 
 NAMES = list("abcde")
 POLICY = make_policy({"required": ["joint"]}, source="test")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gaugeblock.validate import block, make_trials, trials_tree
+from gaugeblock.validate import make_trials, trials_tree
 from gaugeblock.validate.joint.pool import make_pool
 from gaugeblock.validate.joint.tarp import REFERENCES, distance_pit, has_features, tarp, tarp_findings
 from gaugeblock.validate.marginal.coverage import LEVELS
@@ -121,7 +121,7 @@ def test_circular_parameters_keep_the_level():
 def test_blocks_and_the_order_of_trials_do_not_matter(monkeypatch):
     whole = trials(120, 20, 2, 10)
     first = whole.per_trial(tarp)
-    monkeypatch.setattr(block, "VALUES", 500)
+    monkeypatch.setattr("gaugeblock.validate.storage.VALUES", 500)
     np.testing.assert_array_equal(Prepared(whole.tree, 1).per_trial(tarp), first)
     order = np.random.default_rng(11).permutation(120)
     shuffled = Prepared(trials_tree(whole.main.isel(trial=order)), 1)

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 from scipy import stats
 
-from gaugeblock.validate import block as block_module
+from gaugeblock.validate import storage as block_module
 from gaugeblock.validate.learned.discriminant import fit_discriminant
 from gaugeblock.validate.learned.learned import (
     candidates,

@@ -10,8 +10,8 @@ from gaugeblock.validate import NotChecked, Outcome, judge, make_policy, make_tr
 from gaugeblock.validate.local.local import CHECKS, held, local, local_coverage, local_finding, location
 from gaugeblock.validate.local.regions import quantile_regions
 from gaugeblock.validate.marginal.coverage import STEADYING
-from gaugeblock.validate.marginal.ranks import randomised_pit
 from gaugeblock.validate.prepared import Prepared
+from gaugeblock.validate.ranks import randomised_pit
 
 SD = np.sqrt(0.5)
 LOCAL = make_policy({"required": ["local"]}, source="test")

@@ -160,7 +160,7 @@ def test_an_exact_estimator_passes_there():
 def test_the_same_fault_hides_among_all_trials():
     """Over the whole prior it concerns 8% of data: SBC of 8,000 trials passes the default policy."""
     from gaugeblock.validate.marginal.sbc import bias_finding, log_width_finding
-    from gaugeblock.validate.marginal.standardised import standardised_errors
+    from gaugeblock.validate.standardised import standardised_errors
 
     rng = np.random.default_rng(9)
     theta = rng.normal(size=(8000, 1))

@@ -11,7 +11,7 @@ from gaugeblock.validate.marginal.coverage import (
     inside_central,
     perfect_estimator,
 )
-from gaugeblock.validate.marginal.ranks import randomised_pit
+from gaugeblock.validate.ranks import randomised_pit
 
 NAMES = ["a", "b"]
 

@@ -5,7 +5,7 @@ import pytest
 from scipy import signal, stats
 
 from gaugeblock.validate import make_trials, run_validators
-from gaugeblock.validate.marginal.autocorrelation import integrated_autocorrelation_time
+from gaugeblock.validate.autocorrelation import integrated_autocorrelation_time
 
 
 def chains(n: int, draws: int, rho: float, seed: int) -> np.ndarray:

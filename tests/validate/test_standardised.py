@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gaugeblock.validate.marginal.standardised import bias, log_width, standardised_errors
+from gaugeblock.validate.standardised import bias, log_width, standardised_errors
 
 
 def normal(rng, size):

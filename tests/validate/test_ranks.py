@@ -4,7 +4,7 @@ import numpy as np
 from scipy import stats
 
 from gaugeblock.core.streams import Rows
-from gaugeblock.validate.marginal.ranks import (
+from gaugeblock.validate.ranks import (
     randomised_pit,
     randomised_ranks,
     ranks_and_ties,
