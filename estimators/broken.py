@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
+from gaugeblock.core.values import Shown
 from gaugeblock.estimators._faults import FAULTS
 from gaugeblock.estimators._ingredients import Ingredients
 from gaugeblock.estimators.protocol import Estimator, HasDensity
@@ -23,7 +24,7 @@ from gaugeblock.simulators.protocol import (
 )
 
 
-class Broken:
+class Broken(Shown):
     """A sound estimator with one fault of one size.
 
     ========================= ======= =====================================================================
@@ -128,7 +129,7 @@ def _check_size(fault: str, size: float | None) -> None:
         )
 
 
-class WithTruth:
+class WithTruth(Shown):
     """A simulator whose data end with the parameters that made them: what an estimator must never see.
 
     Likelihood and exact posterior are of the data alone, so that an estimator which looks at the rest shows

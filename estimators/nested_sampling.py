@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.errors import InputError, require
 from gaugeblock.core.streams import Rng
+from gaugeblock.core.values import Shown
 from gaugeblock.estimators._rows import resample, row_seeds
 from gaugeblock.estimators.nested_points import ultranest_tree
 from gaugeblock.simulators.prior import HasUnitCube, require_prior
@@ -50,7 +51,7 @@ class NestedRun:
         return np.asarray(self.theta[index])
 
 
-class NestedSampling:
+class NestedSampling(Shown):
     """UltraNest's reactive nested sampler on the simulator's prior and likelihood, one run a row of data.
 
     Each run is atomic. UltraNest draws from NumPy's global state; a run seeds that from the row's stream and

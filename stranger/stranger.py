@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
+from gaugeblock.core.values import Shown
 from gaugeblock.simulators.protocol import Simulator
 from gaugeblock.simulators.registry import call
 from gaugeblock.stranger.claims import Claims
@@ -32,7 +33,7 @@ TRUSTED = "none, trusted by --i-trust-this-estimator"
 SEEDS = 1 << 62
 
 
-class Stranger:
+class Stranger(Shown):
     """An estimator out of a file that nobody vouches for; it never sees a truth, nor this process.
 
     Draws and densities are asked of two children that know nothing of each other. `log_prob` and `embed` are

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
+from gaugeblock.core.values import Shown
 from gaugeblock.simulators._poisson_grid import ATTEMPTS, PoissonGrid
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.epidemic.with_effects import EpidemicWithEffects
@@ -19,7 +20,7 @@ from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.segments import Segment
 
 
-class Epidemic:
+class Epidemic(Shown):
     """Weekly reported cases of a deterministic SIR epidemic, Poisson about ``reported`` x new infections.
 
     With s and i the susceptible and infected shares of the population, ds/dt = -contact_rate s i and
