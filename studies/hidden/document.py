@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
-from gaugeblock.core.atomic import write_atomically
-from studies.document import read
-from studies.hidden.plots import draw
+from studies.hidden.plots import FIGURE
 from studies.hidden.targets import Target, eligible, targets
-from studies.table import rows
+from studies.kit import page, plots
+from studies.kit.page import table as rows
+from studies.kit.results import command_of, stored
 
 PAGE = "hidden-effects.md"
 
@@ -26,25 +27,16 @@ TABLES = {"hidden": "spectra", "hidden-catalogues": "catalogues"}
 
 def document(folder: Path, docs: Path) -> None:
     """Fill in the page's tables and draw its figures from the tables in `folder`."""
-    path = docs / PAGE
-    text = path.read_text(encoding="utf-8")
-    for name, label in TABLES.items():
-        if (folder / f"{name}.nc").exists():
-            table = read(name, folder)
-            text = filled(text, table, label)
-            draw(table, docs / "figures", label)
-    write_atomically(path, text)
+    for name, table in stored(list(TABLES), folder).items():
+        label = TABLES[name]
+        page.fill(docs / PAGE, blocks(table, label))
+        figures = {name: partial(make, table) for name, make in FIGURE.items()}
+        plots.draw(figures, docs / "figures", prefix=f"hidden-{label}-")
 
 
-def filled(text: str, table: xr.Dataset, label: str) -> str:
-    """The text with every table of this label in its place, between its marks."""
-    for name, make in MAKERS.items():
-        mark = f"{label} {name}"
-        before, begin, rest = text.partition(f"<!-- {mark} -->\n")
-        _, end, after = rest.partition(f"<!-- /{mark} -->")
-        if begin and end:
-            text = f"{before}{begin}{make(table)}\n{end}{after}"
-    return text
+def blocks(table: xr.Dataset, label: str) -> dict[str, str]:
+    """What stands on the page, by the name of its place."""
+    return {f"{label} {name}": make(table) for name, make in MAKERS.items()}
 
 
 def _percent(target: Target) -> str:
@@ -90,7 +82,7 @@ def said(table: xr.Dataset) -> str:
     return (
         f"{table.sizes['row']:,} of {seal['cases']:,} sealed cases, {hours:.1f} hours of one core. Sealed: "
         f"answers `{seal['answers.json'][:16]}`, data `{seal['cases.nc'][:16]}`; the generator's seed was "
-        f"{table.attrs['generator_seed']}. Made by `{table.attrs['command']}`."
+        f"{table.attrs['generator_seed']}. Made by `{command_of(table)}`."
     ) + _incomplete(table.sizes["row"], seal["cases"])
 
 

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from studies.hidden.targets import eligible
-from studies.plots import BLUE, GREY, ORANGE, STYLE, _matplotlib
-from studies.summary import clopper_pearson
+from studies.kit.plots import BLUE, GREY, ORANGE, pyplot
+from studies.kit.results import clopper_pearson
 
 BINS = (2.0, 5.0, 7.5, 10.0, 12.5, 15.0, 25.0)
 """Edges of the bins in sigma from the nearest rival."""
@@ -20,7 +19,7 @@ BINS = (2.0, 5.0, 7.5, 10.0, 12.5, 15.0, 25.0)
 
 def confusion(table: xr.Dataset) -> Any:
     """Hidden against named, of fair cases."""
-    plot = _matplotlib()
+    plot = pyplot()
     fair = eligible(table, "listed")
     truths = sorted(set(fair["truth"].values.tolist()))
     said = [*truths, *sorted(set(fair["named"].values.tolist()) - {*truths, "", "unnamed"}), "unnamed", ""]
@@ -48,7 +47,7 @@ def confusion(table: xr.Dataset) -> Any:
 
 def by_distance(table: xr.Dataset) -> Any:
     """How often the right name is given, by distance from the nearest rival."""
-    plot = _matplotlib()
+    plot = pyplot()
     listed = table.isel(row=table["kind"].values == "listed")
     near, right = listed["nearest"].values, listed["right"].values
     figure, axis = plot.subplots(figsize=(5.4, 3.0), layout="constrained")
@@ -70,7 +69,7 @@ def by_distance(table: xr.Dataset) -> Any:
 
 def amplitudes(table: xr.Dataset) -> Any:
     """How far found amplitudes lie from the true ones, in units of their intervals."""
-    plot = _matplotlib()
+    plot = pyplot()
     fair = eligible(table, "listed")
     mine = fair.isel(row=(fair["named"].values == fair["truth"].values) & np.isfinite(fair["amplitude_low"]))
     half = 0.5 * (mine["amplitude_high"] - mine["amplitude_low"]).values
@@ -89,18 +88,3 @@ FIGURE: Mapping[str, Callable[[xr.Dataset], Any]] = {
     "distance": by_distance,
     "amplitudes": amplitudes,
 }
-
-
-def draw(table: xr.Dataset, folder: Path, label: str) -> list[Path]:
-    """Write ``hidden-LABEL-NAME.svg`` for every figure."""
-    plot = _matplotlib()
-    folder.mkdir(parents=True, exist_ok=True)
-    written = []
-    for name, make in FIGURE.items():
-        with plot.rc_context(STYLE):
-            figure = make(table)
-            path = folder / f"hidden-{label}-{name}.svg"
-            figure.savefig(path, metadata={"Date": None})
-            plot.close(figure)
-        written.append(path)
-    return written

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -11,12 +12,11 @@ from gaugeblock.cli.app import run
 from gaugeblock.cli.options import Debug, Out, Quiet, Seed
 from gaugeblock.core.errors import InputError, printable
 from gaugeblock.core.progress import Bars
+from studies.kit.command import SEED
 from studies.paper import Reproduction, Setting
 from studies.paper import reproduce as measure
 from studies.paper.listing import headline, listing
 from studies.paper.run import from_committed, write
-
-SEED = 20260611
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
@@ -51,7 +51,7 @@ def paper(
         typer.echo(listing(tuple(names or ())))
         return
     if twin and committed:
-        raise InputError("reproduce: give --twin or --committed, not both; what is committed is full size")
+        raise InputError("give --twin or --committed, not both; what is committed is full size")
     result: Reproduction
     if committed:
         result = from_committed(names or ())
@@ -68,6 +68,16 @@ def paper(
     typer.echo(printable(headline(result)))
     typer.echo(f"report: {out / 'reproduction.md'}")
     raise typer.Exit(result.exit_code)
+
+
+def main(arguments: list[str]) -> int:
+    """Run the command; what cannot be used is one line."""
+    sys.argv[1:] = arguments
+    try:
+        run(app)
+    except SystemExit as done:
+        return int(done.code or 0)
+    return 0
 
 
 if __name__ == "__main__":

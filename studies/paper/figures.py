@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from gaugeblock.core.errors import require
+from studies.kit import plots
+from studies.kit.plots import BLUE, GREY, ORANGE
 from studies.paper.calibration_figure import calibration_figure
 from studies.paper.claim import Kind
 from studies.paper.experiments.arithmetic import GAIN_PRIOR_SD
@@ -21,9 +23,7 @@ from studies.paper.registry import claims
 from studies.paper.rows import published_rows
 from studies.paper.shrink_figure import shrink_figure
 
-BLUE, ORANGE, GREY, LIGHT = "#2a6f97", "#c8553d", "#8a8a8a", "#dcdcdc"
-# The same bytes for the same numbers.
-STYLE = {"svg.hashsalt": "gaugeblock", "font.size": 8, "axes.spines.top": False, "axes.spines.right": False}
+LIGHT = "#dcdcdc"
 COLOUR = {
     Verdict.AGREES: BLUE,
     Verdict.DIFFERS: ORANGE,
@@ -42,46 +42,49 @@ def draw(
     """Write what can be drawn; paths relative to the folder's parent, by caption."""
     if importlib.util.find_spec("matplotlib") is None:
         return {}
-    pyplot = require("matplotlib.pyplot", "report")
+    plot = plots.pyplot()
     made: dict[str, tuple[str, Callable[[], Any]]] = {
-        "Verdicts by kind": ("verdicts", lambda: verdicts_figure(pyplot, judgements))
+        "verdicts": ("Verdicts by kind", partial(verdicts_figure, plot, judgements))
     }
-    if "published" in tables:
-        made["Log evidences of the published runs"] = ("evidence", lambda: evidence_figure(pyplot))
-    if "information" in tables:
-        found = tables["information"]
-        made["Gain: bias and information"] = ("information", lambda: information_figure(pyplot, found))
-    if "calibration_published" in tables:
-        made["Coverage, and ranks: published ones are open circles"] = (
+    for needed, name, caption, make in (
+        ("published", "evidence", "Log evidences of the published runs", partial(evidence_figure, plot)),
+        (
+            "information",
+            "information",
+            "Gain: bias and information",
+            lambda: information_figure(plot, tables["information"]),
+        ),
+        (
+            "calibration_published",
             "calibration",
-            lambda: calibration_figure(pyplot, tables, LEVEL_COLOUR),
-        )
-    if "cross_check" in tables:
-        ten = tables["cross_check"]
-        made["Shrink of the gain"] = ("shrink", lambda: shrink_figure(pyplot, ten, (BLUE, ORANGE)))
-    if "importance" in tables:
-        cells = tables["importance"]
-        made["Effective sample size: a gain and a line"] = (
+            "Coverage, and ranks: published ones are open circles",
+            partial(calibration_figure, plot, tables, LEVEL_COLOUR),
+        ),
+        (
+            "cross_check",
+            "shrink",
+            "Shrink of the gain",
+            lambda: shrink_figure(plot, tables["cross_check"], (BLUE, ORANGE)),
+        ),
+        (
             "importance",
-            lambda: importance_figure(pyplot, cells, (BLUE, ORANGE)),
-        )
+            "importance",
+            "Effective sample size: a gain and a line",
+            lambda: importance_figure(plot, tables["importance"], (BLUE, ORANGE)),
+        ),
+    ):
+        if needed in tables:
+            made[name] = caption, make
     for name, response, words in GRIDS:
         if name in tables:
-            grid, caption = tables[name], f"Detection grid, {words}: ours, and as published (open circles)"
-            made[caption] = (
-                f"grid-{response}",
-                lambda grid=grid, response=response: grid_figure(pyplot, grid, response, LEVEL_COLOUR),  # type: ignore[misc]
+            caption = f"Detection grid, {words}: ours, and as published (open circles)"
+            made[f"grid-{response}"] = (
+                caption,
+                partial(grid_figure, plot, tables[name], response, LEVEL_COLOUR),
             )
-    folder.mkdir(parents=True, exist_ok=True)
-    written = {}
-    for caption, (name, figure_of) in made.items():
-        path = folder / f"{prefix}{name}.svg"
-        with pyplot.rc_context(STYLE):
-            figure = figure_of()
-            figure.savefig(path, metadata={"Date": None})
-            pyplot.close(figure)
-        written[caption] = f"{folder.name}/{path.name}"
-    return written
+    paths = plots.draw({name: make for name, (_, make) in made.items()}, folder, prefix=prefix)
+    captions = [caption for caption, _ in made.values()]
+    return {c: f"{folder.name}/{path.name}" for c, path in zip(captions, paths, strict=True)}
 
 
 def verdicts_figure(pyplot: Any, judgements: Sequence[Judgement]) -> Any:

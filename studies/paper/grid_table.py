@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from studies.kit.page import table
 from studies.paper.claim import SINGLE, Claim
 from studies.paper.judge import Judgement, Verdict
 from studies.paper.registry import DETECTORS
@@ -27,12 +28,11 @@ def grid_table(members: Sequence[Judgement]) -> str:
         cells.setdefault((level, family, ".".join(strength)), {})[detector] = item
     header = ["level", "family", "strength", *DETECTORS]
     rows = [[*place, *(_cell(found.get(name)) for name in DETECTORS)] for place, found in cells.items()]
-    lines = [header, ["---"] * len(header), *rows]
     said = EXPLAINED.format(
         response=members[0].claim.id.split(".")[1],
         transfer="; NICER" if members[0].claim.transfer else "",
     )
-    return said + "\n\n" + "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    return said + "\n\n" + table(header, rows)
 
 
 def _cell(item: Judgement | None) -> str:

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import xarray as xr
 
+from studies.kit.page import table as table_of
+from studies.kit.results import command_of, renamed
 from studies.paper import words
 from studies.paper.experiments import load
 from studies.paper.family import Family
 from studies.paper.grid_table import grid_table, is_cell
 from studies.paper.judge import Judgement, Verdict
+from studies.paper.paper_flow.shipped import FLOWS, record_of
 from studies.paper.past import past_the_paper
 from studies.paper.registry import claims
-from studies.paper.trainings import HEADER, trainings
 
 INTRODUCTION = """\
 A published study of amortised X-ray inference (three detection schemes, none of which sees a gain shift of
@@ -35,6 +38,8 @@ TRAINED = """\
 As the study trained it: 50,000 spectra of its seeds, batches of 200, patience of 20 epochs, the weights of
 the best epoch unless a cap of epochs ends the training, which leaves those of the last. Losses are mean
 -log q in linear parameters; the study's capped bright flow ended on -13.36."""
+
+TRAININGS = ("flow", "epochs, cap", "best epoch", "weights kept", "their validation loss", "best", "command")
 
 TOGETHER = """\
 A tolerance has an error rate of its own: of {claims} measured claims that depend on a flow and have a known
@@ -96,7 +101,7 @@ def _summary(judgements: Sequence[Judgement], key: Callable[[Judgement], str], t
         members = [item for item in judgements if key(item) == group]
         counts = [sum(item.verdict is verdict for item in members) for verdict in Verdict]
         rows.append((group, str(len(members)), *(str(count or "") for count in counts)))
-    return words.table((title, "claims", *(verdict.value for verdict in Verdict)), rows)
+    return table_of((title, "claims", *(verdict.value for verdict in Verdict)), rows)
 
 
 def _family(family: Family | None) -> str:
@@ -113,7 +118,7 @@ def _differences(judgements: Sequence[Judgement]) -> str:
         (f"`{item.claim.id}`", words.published(item.claim), words.ours(item), _sigma(item), item.reason)
         for item in found
     ]
-    return words.table(("claim", "published", "ours", "standard errors apart", "because"), rows)
+    return table_of(("claim", "published", "ours", "standard errors apart", "because"), rows)
 
 
 def _sigma(item: Judgement) -> str:
@@ -137,7 +142,7 @@ def _claims(members: Sequence[Judgement]) -> str:
                 said,
             )
         )
-    return words.table(("claim", "what", "kind", "published", "ours", "must hold", "verdict"), rows)
+    return table_of(("claim", "what", "kind", "published", "ours", "must hold", "verdict"), rows)
 
 
 def _made(tables: Mapping[str, xr.Dataset]) -> str:
@@ -150,21 +155,36 @@ def _made(tables: Mapping[str, xr.Dataset]) -> str:
             made.attrs.get("setting", ""),
             str(made.attrs.get("seed", "")),
             f"{float(made.attrs.get('cpu_seconds', 0.0)):.0f} s",
-            f"`{made.attrs.get('command', '')}`",
+            f"`{command_of(made)}`",
         )
         for name, made in tables.items()
     ]
     versions = {key: value for made in tables.values() for key, value in _versions(made).items()}
     with_what = ", ".join(f"{key} {value}" for key, value in versions.items())
     return (
-        words.table(("experiment", "what it measures", "setting", "seed", "CPU", "command"), rows)
+        table_of(("experiment", "what it measures", "setting", "seed", "CPU", "command"), rows)
         + f"\n\nMade with {with_what}."
     )
 
 
 def _trained() -> list[str]:
-    rows = trainings()
-    return ["## The published network, trained again", TRAINED, words.table(HEADER, rows)] if rows else []
+    """The trainings of the published network, read off their records alone."""
+    rows = [_training(path.stem, record_of(path.stem)) for path in sorted(FLOWS.glob("*.json"))]
+    return ["## The published network, trained again", TRAINED, table_of(TRAININGS, rows)] if rows else []
+
+
+def _training(name: str, record: Mapping[str, Any]) -> tuple[str, ...]:
+    losses = record["validation"]
+    kept = losses[-1] if record["weights"] == "last" else min(losses)
+    return (
+        f"`{name}`",
+        f"{record['epochs']}, {record['variant']['cap']}",
+        str(record["best_epoch"]),
+        str(record["weights"]),
+        f"{kept:.2f}",
+        f"{min(losses):.2f}",
+        f"`{renamed(record['command'])}`",
+    )
 
 
 def _versions(made: xr.Dataset) -> dict[str, str]:
@@ -179,4 +199,4 @@ def _planned(judgements: Sequence[Judgement]) -> list[str]:
     if not waiting:
         return []
     rows = [(name, str(number), load(name).says) for name, number in waiting.items()]
-    return ["## Not measured yet", words.table(("experiment", "claims", "what it will measure"), rows)]
+    return ["## Not measured yet", table_of(("experiment", "claims", "what it will measure"), rows)]

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from studies.paper import words
+from studies.kit.page import table as table_of
 
 CAPTURE = """\
 **What bright spectra say of the gain.** The study's flow keeps at most 0.163 of the constraint that exact
@@ -103,7 +103,7 @@ def _evidence(table: xr.Dataset) -> list[str]:
     }
     twelve = " and ".join(f"{said['twelve']:.1f}" for said in by_design["coupled"])
     left = LEFT.format(twelve=twelve, mean=farthest["mean"], error=farthest["error"], **scatter)
-    return [EVIDENCE.format(pairs=table.sizes["pair"]), words.table(HEADER, rows), left]
+    return [EVIDENCE.format(pairs=table.sizes["pair"]), table_of(HEADER, rows), left]
 
 
 def _time(table: xr.Dataset) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.core.arrays import Array
+from studies.kit.resume import Arrays, Pieces, joined, stream
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.importance_cells import (
     Cell,
@@ -25,7 +26,6 @@ from studies.paper.experiments.importance_cells import (
 from studies.paper.experiments.importance_claims import claims_of, found_of
 from studies.paper.experiments.importance_weights import FEW, Level, ceiling, diagnostics
 from studies.paper.numbers import as_table
-from studies.paper.pieces import Arrays, Pieces, joined, stream
 
 CHUNK = 50
 """Spectra in one piece."""

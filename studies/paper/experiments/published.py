@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from studies.kit.resume import Pieces, stream
 from studies.paper.claim import SINGLE
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.arithmetic import arithmetic
 from studies.paper.experiments.evidence_rows import of_the_pairs, of_the_runs
 from studies.paper.judge import Measured
 from studies.paper.numbers import as_table, by_claim
-from studies.paper.pieces import Pieces, stream
 from studies.paper.rows import published_rows
 
 NOTES = {

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy import special
-from studies.boundary import Kink, Moved, kink, rippled
-from studies.problem import problem
+from studies.error_rates.boundary import Kink, Moved, kink, rippled
+from studies.error_rates.problem import problem
 
 from gaugeblock.validate.ranks import randomised_pit
 

@@ -20,14 +20,14 @@ from gaugeblock.estimators.broken import WithTruth
 from gaugeblock.simulators import build_simulator
 from gaugeblock.validate import read_policy
 from gaugeblock.validate.planning.planner import plan as planned
-from studies.audits import audit, plan
-from studies.boundary import Moved, kink
-from studies.gate import outcome
-from studies.planned import fewest
-from studies.policies import DEFAULT
-from studies.problem import problem
-from studies.replicates import Part, Replicate, Values
-from studies.summary import indicators
+from studies.error_rates.audits import audit, plan
+from studies.error_rates.boundary import Moved, kink
+from studies.error_rates.gate import outcome
+from studies.error_rates.planned import fewest
+from studies.error_rates.policies import DEFAULT
+from studies.error_rates.problem import problem
+from studies.error_rates.replicates import Part, Replicate, Values
+from studies.error_rates.summary import indicators
 
 DRAWS = 100
 GROUPS: dict[str, tuple[int, int]] = {"importance": (100, 200), "joint": (1000, 100)}

@@ -1,10 +1,12 @@
 """Pieces are found again bit for bit, wherever a run stopped, and never mixed."""
 
+import os
 import time
+from functools import partial
 
 import numpy as np
 import pytest
-from studies.paper.pieces import Pieces, joined
+from studies.kit.resume import Pieces, joined
 
 from gaugeblock.core.errors import InputError
 
@@ -64,7 +66,23 @@ def test_progress_counts_what_was_found_too(tmp_path):
     seen = []
     for _ in range(2):
         Pieces(tmp_path, {}, name="toy", progress=lambda *said: seen.append(said)).each("draws", 2, draw, 3)
-    assert seen == [("toy: draws", done, 2) for done in (0, 1, 2)] * 2
+    assert seen == [("toy: draws", done, 2) for done in (0, 1, 2, 2)]
+
+
+def plain(index):
+    return {"index": index, "process": os.getpid(), "none": float("nan")}
+
+
+def test_processes_side_by_side_make_the_same_pieces(tmp_path):
+    """In processes that are forked or, where JAX is loaded, spawned; which also holds for plain data."""
+    wanted = {str(index): partial(plain, index) for index in range(6)}
+    together = Pieces(tmp_path / "two", {}, workers=2).made(wanted)
+    alone = Pieces(tmp_path / "one", {}).made(wanted)
+    assert list(together) == list(alone) == list(wanted)
+    assert [piece["index"] for piece in together.values()] == list(range(6))
+    assert os.getpid() not in {piece["process"] for piece in together.values()}
+    assert {piece["process"] for piece in alone.values()} == {os.getpid()}
+    assert repr(Pieces(tmp_path / "two", {}).finished()) == repr(together)
 
 
 def test_pieces_of_other_weights_are_not_used(tmp_path, monkeypatch):

@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
-from studies.boundary import kink
-from studies.replicates import seed_of
-from studies.shortcut import ESS, Case, cases, replicate
+from studies.error_rates.boundary import kink
+from studies.error_rates.replicates import seed_of
+from studies.error_rates.shortcut import ESS, Case, cases, replicate
 
 from gaugeblock.validate import Outcome
 

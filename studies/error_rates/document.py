@@ -1,19 +1,21 @@
-"""Tables of the document, made of the stored results, so that text and numbers cannot drift apart."""
+"""``docs/error-rates.md`` and its figures, made of the stored results."""
 
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 from scipy import stats
 
-from studies import anytime
-
-DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "error-rates.md"
+from studies.error_rates import anytime
+from studies.error_rates.plots import FIGURE
+from studies.kit import page, plots
+from studies.kit.page import table as rows
+from studies.kit.results import DOCS, command_of
 
 
 def percent(table: xr.Dataset, **place: str) -> str:
@@ -23,12 +25,6 @@ def percent(table: xr.Dataset, **place: str) -> str:
         return ""
     rate, low, high = (100 * float(cell[name]) for name in ("rate", "low", "high"))
     return f"{rate:.1f}% ({low:.1f} to {high:.1f})"
-
-
-def rows(header: tuple[str, ...], lines: list[tuple[str, ...]]) -> str:
-    """A Markdown table."""
-    every = [header, tuple("---" for _ in header), *lines]
-    return "\n".join("| " + " | ".join(line) + " |" for line in every)
 
 
 def size_table(table: xr.Dataset) -> str:
@@ -121,7 +117,7 @@ def made_by(table: xr.Dataset) -> str:
     number, seconds = int(table["replicates"].max()), table.attrs["seconds_per_replicate"]
     return (
         f"{table.attrs['says'].capitalize()}; {number:,} replicates of each. Made by "
-        f"`{table.attrs['command']}`, {seconds:.2g} s of CPU a replicate."
+        f"`{command_of(table)}`, {seconds:.2g} s of CPU a replicate."
     )
 
 
@@ -136,10 +132,16 @@ TABLES: Mapping[str, Callable[[xr.Dataset], str]] = {
 }
 
 
-def filled(text: str, tables: Mapping[str, xr.Dataset]) -> str:
-    """The document with everything between ``<!-- size -->`` and ``<!-- /size -->`` made anew, and so on."""
-    for name, table in tables.items():
-        content = "\n\n".join(part for part in (TABLES[name](table), made_by(table)) if part)
-        block = f"<!-- {name} -->\n{content}\n<!-- /{name} -->"
-        text = re.sub(rf"<!-- {name} -->.*?<!-- /{name} -->", lambda _: block, text, flags=re.DOTALL)  # noqa: B023
-    return text
+def blocks(tables: Mapping[str, xr.Dataset]) -> dict[str, str]:
+    """What stands in the document, by the name of its place."""
+    return {
+        name: "\n\n".join(part for part in (TABLES[name](table), made_by(table)) if part)
+        for name, table in tables.items()
+    }
+
+
+def document(tables: Mapping[str, xr.Dataset], docs: Path = DOCS) -> None:
+    """Draw the figures and fill in the tables."""
+    figures = {name: partial(FIGURE[name], table) for name, table in tables.items() if name in FIGURE}
+    plots.draw(figures, docs / "figures", prefix="error-rates-")
+    page.fill(docs / "error-rates.md", blocks(tables))

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 import xarray as xr
 from scipy import stats
-from studies.__main__ import main, parts
-from studies.anytime import summarise
-from studies.document import DOCS, RESULTS, document, stored
-from studies.plots import FIGURE
-from studies.summary import indicators, p_values
-from studies.table import TABLES, filled, percent
+from studies.error_rates.__main__ import main, parts
+from studies.error_rates.anytime import summarise
+from studies.error_rates.document import TABLES, blocks, document, percent
+from studies.error_rates.plots import FIGURE
+from studies.error_rates.summary import indicators, p_values
+from studies.kit.page import filled
+from studies.kit.results import DOCS, RESULTS, stored
 
 NAMES = list(parts(RESULTS, 1))
 
@@ -36,7 +37,12 @@ def tables():
             {"bias": [{"trials": np.nan, "PASS": 0.0}], "width 0.5": [{"trials": 9.0, "FAIL": 1.0}] * 3}
         ),
     }
-    said = {"says": "a study", "command": "python studies/run.py", "seconds_per_replicate": 0.1, "seed": 1}
+    said = {
+        "says": "a study",
+        "command": "python studies/run.py gate",
+        "seconds_per_replicate": 0.1,
+        "seed": 1,
+    }
     return {
         name: table.assign_attrs({**said, "settings": json.dumps({"zoo": zoo})})
         for name, table in made.items()
@@ -52,12 +58,15 @@ def test_tables_stand_where_the_document_wants_them(tables):
     text = (DOCS / "error-rates.md").read_text(encoding="utf-8")
     for name in NAMES:
         assert text.count(f"<!-- {name} -->") == text.count(f"<!-- /{name} -->") == 1
-    once = filled(text, tables)
-    assert filled(once, tables) == once
+    once = filled(text, blocks(tables))
+    assert filled(once, blocks(tables)) == once
     assert "| exact | default | 1,000 | 50.0% (1.3 to 98.7) | 50.0% (1.3 to 98.7) | `sbc.bias` |" in once
     assert "| `mmd` |  | 0.0% (0.0 to 8.8) |" in once
     assert "| width 0.5 | 100.0% (29.2 to 100.0) | 0.0% (0.0 to 70.8) | 9, 9, 9 |" in once
-    assert "40 replicates of each. Made by `python studies/run.py`, 0.1 s of CPU a replicate." in once
+    assert (
+        "40 replicates of each. Made by `python -m studies error-rates gate`, 0.1 s of CPU a replicate."
+        in once
+    )
 
 
 def test_a_rate_that_was_not_measured_is_left_out():
@@ -86,9 +95,9 @@ def test_the_command_reports_what_is_stored(tables, tmp_path):
 def test_the_document_says_what_the_results_say():
     known = stored(NAMES)
     if not known:
-        pytest.skip("the study has not been run; python studies/run.py --all --report")
+        pytest.skip("the study has not been run; python -m studies error-rates --all --report")
     text = (DOCS / "error-rates.md").read_text(encoding="utf-8")
-    assert filled(text, known) == text
+    assert filled(text, blocks(known)) == text
     assert set(known) == set(NAMES)
     for name in FIGURE:
         assert 0 < (DOCS / "figures" / f"error-rates-{name}.svg").stat().st_size < 200_000
@@ -102,7 +111,7 @@ def test_the_results_keep_the_promises():
     """
     known = stored(NAMES)
     if not known:
-        pytest.skip("the study has not been run; python studies/run.py --all --report")
+        pytest.skip("the study has not been run; python -m studies error-rates --all --report")
     for name in ("gate", "shortcut", "anytime"):
         edge = known[name].sel(thing=["FAIL", "PASS"])
         sound = [case for case in ("exact",) if case in edge["case"]]

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaugeblock.validate import Outcome, Policy
-from studies.audits import Audited, audit, plan
-from studies.boundary import Moved, kink, rippled
-from studies.policies import DEFAULT, alone
-from studies.problem import problem
-from studies.replicates import Part, Replicate
-from studies.summary import indicators
+from studies.error_rates.audits import Audited, audit, plan
+from studies.error_rates.boundary import Moved, kink, rippled
+from studies.error_rates.policies import DEFAULT, alone
+from studies.error_rates.problem import problem
+from studies.error_rates.replicates import Part, Replicate
+from studies.error_rates.summary import indicators
 
 TRIALS, DRAWS = 400, 80
 GROUPS: dict[str, tuple[int, int]] = {"importance": (50, 100), "joint": (200, 50)}

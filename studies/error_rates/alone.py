@@ -20,8 +20,8 @@ from gaugeblock.validate.learned.observations import local_c2st
 from gaugeblock.validate.learned.two_sample import classifier_two_sample
 from gaugeblock.validate.local.posterior_sbc import posterior_sbc_findings
 from gaugeblock.validate.marginal.discrete_ranks import rank_ecdf_test
-from studies.boundary import Moved
-from studies.problem import problem
+from studies.error_rates.boundary import Moved
+from studies.error_rates.problem import problem
 
 Rng = np.random.Generator
 PERMUTATIONS = 199

@@ -8,12 +8,12 @@ from typing import Any
 from gaugeblock.estimators import build_estimator
 from gaugeblock.simulators import build_simulator
 from gaugeblock.validate import run_validators
-from studies.alone import ALONE, alone
-from studies.audits import collected, plan
-from studies.boundary import Moved
-from studies.problem import problem
-from studies.replicates import Part, Replicate, Values
-from studies.summary import p_values
+from studies.error_rates.alone import ALONE, alone
+from studies.error_rates.audits import collected, plan
+from studies.error_rates.boundary import Moved
+from studies.error_rates.problem import problem
+from studies.error_rates.replicates import Part, Replicate, Values
+from studies.error_rates.summary import p_values
 
 TRIALS, DRAWS = 500, 100
 GROUPS: dict[str, tuple[int, int]] = {"importance": (50, 100), "joint": (300, 50)}

@@ -16,11 +16,11 @@ from gaugeblock.validate import Finding, Outcome, Policy, judge, make_policy
 from gaugeblock.validate.joint.importance import importance_findings
 from gaugeblock.validate.marginal.coverage import central_finding
 from gaugeblock.validate.marginal.sbc import bias_finding, log_width_finding
-from studies.audits import quick_bootstrap
-from studies.boundary import kink
-from studies.policies import alone
-from studies.replicates import Part, Replicate, Values
-from studies.summary import indicators
+from studies.error_rates.audits import quick_bootstrap
+from studies.error_rates.boundary import kink
+from studies.error_rates.policies import alone
+from studies.error_rates.replicates import Part, Replicate, Values
+from studies.error_rates.summary import indicators
 
 # What the simulated audits can show.
 DEFAULT = make_policy({"required": ["sbc", "coverage"]}, source="study")
@@ -104,6 +104,7 @@ def part() -> Part:
         says="one gate on its edge, 1,000 trials x 100 draws, from sufficient statistics",
         cases={name: replicate(case) for name, case in cases().items()},
         replicates=10_000,
+        together=100,
         settings={name: {**vars(case), "policy": case.policy.model_dump()} for name, case in cases().items()},
         summarise=indicators,
     )

@@ -18,12 +18,12 @@ from gaugeblock.validate.anytime.stakes import decide, gather
 from gaugeblock.validate.marginal.winsorised import winsorised_scores
 from gaugeblock.validate.ranks import randomised_pit
 from gaugeblock.validate.verdict import combine
-from studies.boundary import Moved, kink
-from studies.planned import fewest
-from studies.policies import DEFAULT
-from studies.problem import problem
-from studies.replicates import Part, Replicate, Values
-from studies.summary import indicators
+from studies.error_rates.boundary import Moved, kink
+from studies.error_rates.planned import fewest
+from studies.error_rates.policies import DEFAULT
+from studies.error_rates.problem import problem
+from studies.error_rates.replicates import Part, Replicate, Values
+from studies.error_rates.summary import indicators
 
 TRIALS, DRAWS = 4000, 50
 QUANTILES = (0.1, 0.5, 0.9)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from scipy import optimize, special
 
 from gaugeblock.core.streams import Rng
-from studies.problem import Array, Problem
+from studies.error_rates.problem import Array, Problem
 
 HALF = 0.5
 # So short a ripple that it is random at the draws, and that no posterior is wide enough to be tilted by it.

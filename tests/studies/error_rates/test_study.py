@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import doctest
 import json
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -12,18 +13,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy import stats
-from studies import anytime, curves, gate, intervals, policies, power, replicates, size, summary
-from studies.__main__ import main, parts
-from studies.boundary import Moved
-from studies.document import read
-from studies.problem import problem
-from studies.replicates import Part, run
-from studies.summary import clopper_pearson, indicators, p_values
+from studies.error_rates import anytime, curves, gate, intervals, policies, power, replicates, size
+from studies.error_rates.__main__ import main, parts
+from studies.error_rates.boundary import Moved
+from studies.error_rates.problem import problem
+from studies.error_rates.replicates import Part, run
+from studies.error_rates.summary import indicators, p_values
+from studies.kit import command, page, results, resume
+from studies.kit.results import clopper_pearson, read
 
-from gaugeblock.core.errors import InputError
 from gaugeblock.validate import Outcome
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
+PATH = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
 
 
 def draw(seed):
@@ -41,8 +43,8 @@ PART = Part(
 
 
 def test_examples_in_docstrings_run():
-    results = [doctest.testmod(module) for module in (policies, replicates, summary)]
-    assert all(result.attempted and not result.failed for result in results)
+    ran = [doctest.testmod(module) for module in (policies, replicates, command, page, resume, results)]
+    assert all(result.attempted and not result.failed for result in ran)
 
 
 def test_results_do_not_depend_on_workers(tmp_path):
@@ -50,31 +52,33 @@ def test_results_do_not_depend_on_workers(tmp_path):
     tables = []
     for workers in ("1", "2"):
         out = tmp_path / workers
-        command = ["shortcut", "--replicates", "2", "--workers", workers, "--out", out]
-        subprocess.run([sys.executable, ROOT / "studies" / "run.py", *command], check=True, cwd=tmp_path)
-        lines = (out / "checkpoints" / "shortcut.jsonl").read_text().splitlines()[1:]
-        tables.append({(case, number): values for case, number, values, _ in map(json.loads, lines)})
-    assert len(tables[0]) == 12
-    assert tables[0] == tables[1]
+        asked = ["error-rates", "shortcut", "--replicates", "204", "--workers", workers, "--out", out]
+        command = [sys.executable, "-m", "studies", *map(str, asked)]
+        subprocess.run(command, check=True, cwd=ROOT, env={**os.environ, "PYTHONPATH": PATH})
+        tables.append(read(out / "shortcut.nc").drop_attrs())
+        assert len(list((out / "checkpoints").glob("shortcut-*/*.npz"))) == 18
+    assert tables[0].identical(tables[1])
 
 
 def test_results_do_not_depend_on_interruptions(tmp_path):
     whole = run(PART, tmp_path / "one", seed=1, replicates=40)
     run(PART, tmp_path / "three", seed=1, replicates=15)
-    file = tmp_path / "three" / "toy.jsonl"
-    file.write_text(file.read_text()[:-7])  # stopped in the middle of a line
     said = []
     again = run(PART, tmp_path / "three", seed=1, replicates=40, progress=lambda *now: said.append(now))
     assert again.values == whole.values
-    assert said[0] == ("toy", 30, 80)
-    assert said[-1] == ("toy", 80, 80)
+    # Of the three pieces that 15 replicates of either case are, the last is a short one.
+    assert said[0] == ("toy", 2, 8)
+    assert said[-1] == ("toy", 8, 8)
     assert whole.values["a"] != whole.values["b"]
 
 
 def test_replicates_of_other_settings_are_not_mixed(tmp_path):
-    run(PART, tmp_path, seed=1)
-    with pytest.raises(InputError, match="another seed, other settings or other code; remove it"):
-        run(PART, tmp_path, seed=2)
+    first = run(PART, tmp_path, seed=1, replicates=20).values
+    assert run(PART, tmp_path, seed=2, replicates=20).values != first
+    told = []
+    other = replace(PART, settings={"chance": 0.4})
+    run(other, tmp_path, seed=1, replicates=20, progress=lambda *now: told.append(now))
+    assert told[0] == ("toy", 0, 4)
 
 
 def test_counts_have_exact_intervals():
@@ -175,14 +179,15 @@ def test_curves_are_named_by_fault_and_trials():
 
 
 def test_the_command_keeps_a_small_table_that_says_how_it_was_made(tmp_path, capsys):
-    arguments = ["shortcut", "--replicates", "2", "--out", str(tmp_path), "--seed", "3"]
-    assert main(arguments) == 0
-    table = read("shortcut", tmp_path)
-    assert table.attrs["command"] == "python studies/run.py " + " ".join(arguments)
+    arguments = ["shortcut", "--replicates", "2", "--seed", "3"]
+    assert main([*arguments, "--out", str(tmp_path)]) == 0
+    table = read(tmp_path / "shortcut.nc")
+    assert table.attrs["command"] == "python -m studies error-rates " + " ".join(arguments)
     assert "numpy" in json.loads(table.attrs["versions"])
     assert int(table["replicates"].max()) == 2
-    assert main([*arguments[:-1], "4"]) == 2
-    assert "other settings" in capsys.readouterr().err
+    (tmp_path / "file").write_text("")
+    assert main([*arguments, "--out", str(tmp_path / "file")]) == 2
+    assert "cannot write" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main(["nothing"])
     assert set(parts(tmp_path, 1)) >= {"size", "gate", "shortcut", "power"}

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 from gaugeblock.estimators import build_estimator
 from gaugeblock.validate import Policy, read_policy
-from studies.audits import audit, plan
-from studies.boundary import Moved
-from studies.gate import outcome
-from studies.policies import DEFAULT
-from studies.problem import problem
-from studies.replicates import Part, Replicate, Values
-from studies.summary import indicators
+from studies.error_rates.audits import audit, plan
+from studies.error_rates.boundary import Moved
+from studies.error_rates.gate import outcome
+from studies.error_rates.policies import DEFAULT
+from studies.error_rates.problem import problem
+from studies.error_rates.replicates import Part, Replicate, Values
+from studies.error_rates.summary import indicators
 
 DRAWS = 50
 GROSS = (50, 100, 200, 500, 1000)

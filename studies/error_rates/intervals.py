@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from gaugeblock.validate import Finding, MeanFinding
-from studies.audits import Audited, Truth, all_inside, audit, judged, plan
-from studies.boundary import Moved
-from studies.policies import DEFAULT
-from studies.problem import problem
-from studies.replicates import Part, Progress, Replicate, Values, run
-from studies.summary import indicators
+from studies.error_rates.audits import Audited, Truth, all_inside, audit, judged, plan
+from studies.error_rates.boundary import Moved
+from studies.error_rates.policies import DEFAULT
+from studies.error_rates.problem import problem
+from studies.error_rates.replicates import Part, Progress, Replicate, Values, run
+from studies.error_rates.summary import indicators
 
 TRIALS, DRAWS = 2000, 60
 GROUPS: dict[str, tuple[int, int]] = {"importance": (100, 100), "joint": (1000, 60)}

@@ -3,27 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from scipy import stats
 
-from gaugeblock.core.errors import require
-
-FIGURES = Path(__file__).resolve().parents[1] / "docs" / "figures"
-
-BLUE, ORANGE, GREY = "#2a6f97", "#c8553d", "#8a8a8a"
-# The same bytes for the same numbers.
-STYLE = {"svg.hashsalt": "gaugeblock", "font.size": 8, "axes.spines.top": False, "axes.spines.right": False}
-
-
-def _matplotlib() -> Any:
-    require("matplotlib", "report")
-    from matplotlib import pyplot
-
-    return pyplot
+from studies.kit.plots import BLUE, GREY, ORANGE, pyplot
 
 
 def _dots(axis: Any, table: xr.Dataset, y: Any, *, colour: str, label: str | None = None) -> None:
@@ -35,7 +21,7 @@ def _dots(axis: Any, table: xr.Dataset, y: Any, *, colour: str, label: str | Non
 
 def size_figure(table: xr.Dataset) -> Any:
     """Rejection rates of each p-value at three levels, beside what a test of exact size shows."""
-    plot = _matplotlib()
+    plot = pyplot()
     tests = sorted(set(table["test"].values.tolist()), reverse=True)
     cases = list(dict.fromkeys(table["case"].values.tolist()))
     figure, axes = plot.subplots(
@@ -63,7 +49,7 @@ def size_figure(table: xr.Dataset) -> Any:
 
 def gate_figure(table: xr.Dataset) -> Any:
     """Wrong verdicts of whole audits."""
-    plot = _matplotlib()
+    plot = pyplot()
     cases = table["case"].values.tolist()
     y = np.arange(len(cases))[::-1]
     figure, axis = plot.subplots(figsize=(6, 1.0 + 0.28 * len(cases)), layout="constrained")
@@ -83,7 +69,7 @@ def gate_figure(table: xr.Dataset) -> Any:
 
 def power_figure(table: xr.Dataset) -> Any:
     """How often each broken estimator is blocked, and the exact one passed."""
-    plot = _matplotlib()
+    plot = pyplot()
     cases = table["case"].values.tolist()
     figure, axis = plot.subplots(figsize=(6, 0.8 + 0.24 * len(cases)), layout="constrained")
     y = np.arange(len(cases))[::-1]
@@ -101,7 +87,7 @@ def power_figure(table: xr.Dataset) -> Any:
 
 def curves_figure(table: xr.Dataset) -> Any:
     """How often a fault is blocked, by number of trials."""
-    plot = _matplotlib()
+    plot = pyplot()
     figure, axis = plot.subplots(figsize=(6, 3.6), layout="constrained")
     names = list(dict.fromkeys(case.rpartition(" @ ")[0] for case in table["case"].values.tolist()))
     for name, marker in zip(names, "os^Dv", strict=False):
@@ -124,7 +110,7 @@ def curves_figure(table: xr.Dataset) -> Any:
 
 def anytime_figure(table: xr.Dataset) -> Any:
     """When the anytime mode decides, where half of the audits or more come to a decision."""
-    plot = _matplotlib()
+    plot = pyplot()
     table = table.isel(case=np.isfinite(table["trials"].values[:, 1]))
     cases, times = table["case"].values.tolist(), table["trials"].values
     figure, axis = plot.subplots(figsize=(6, 0.8 + 0.26 * len(cases)), layout="constrained")
@@ -146,19 +132,3 @@ FIGURE: Mapping[str, Callable[[xr.Dataset], Any]] = {
     "curves": curves_figure,
     "anytime": anytime_figure,
 }
-
-
-def draw(tables: Mapping[str, xr.Dataset], folder: Path = FIGURES) -> list[Path]:
-    """Write ``error-rates-NAME.svg`` for each table that there is a figure for."""
-    plot = _matplotlib()
-    folder.mkdir(parents=True, exist_ok=True)
-    written = []
-    for name, table in tables.items():
-        if name in FIGURE:
-            with plot.rc_context(STYLE):
-                figure = FIGURE[name](table)
-                path = folder / f"error-rates-{name}.svg"
-                figure.savefig(path, metadata={"Date": None})
-                plot.close(figure)
-            written.append(path)
-    return written

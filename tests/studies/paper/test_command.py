@@ -2,18 +2,21 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+ROOT = Path(__file__).resolve().parents[3]
 
-def run(*arguments, cwd=None):
+
+def run(*arguments):
     return subprocess.run(
-        [sys.executable, "-m", "gaugeblock", "reproduce", *map(str, arguments)],
+        [sys.executable, "-m", "studies.paper", *map(str, arguments)],
         capture_output=True,
         text=True,
         check=False,
         timeout=300,
-        cwd=cwd,
+        cwd=ROOT,
     )
 
 

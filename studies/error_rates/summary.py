@@ -6,26 +6,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+
+from studies.kit.results import clopper_pearson
 
 Values = Mapping[str, float]
 
 LEVELS = (0.01, 0.05, 0.1)
 BINS = 50
-
-
-def clopper_pearson(count: ArrayLike, number: ArrayLike, *, level: float = 0.95) -> NDArray[np.float64]:
-    """Exact interval for a rate, ``(2, ...)``, from `count` among `number`.
-
-    >>> clopper_pearson(77, 1000).round(3).tolist()
-    [0.061, 0.095]
-    """
-    k, n = np.asarray(count, dtype=float), np.asarray(number, dtype=float)
-    tail = (1 - level) / 2
-    low = np.where(k > 0, stats.beta.ppf(tail, np.maximum(k, 1), n - k + 1), 0.0)
-    high = np.where(k < n, stats.beta.ppf(1 - tail, k + 1, np.maximum(n - k, 1)), 1.0)
-    return np.stack([low, high])
 
 
 def indicators(results: Mapping[str, Sequence[Values]]) -> xr.Dataset:
