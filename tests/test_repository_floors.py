@@ -214,6 +214,18 @@ def test_imports_run_downward_inside_rooms():
     assert found == UPWARD_INSIDE
 
 
+def floor_row(name):
+    """What the map of the house says of a room."""
+    cells = (" ".join(f"`{each}`" for each in names) for names in INSIDE[name])
+    return f"| {' | '.join([f'`{name}`', *cells])} |".replace("|  |", "| |")
+
+
+def test_the_map_says_what_lies_where_in_a_room():
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    missing = [floor_row(name) for name in INSIDE if floor_row(name) not in text]
+    assert not missing, "\n".join(missing)
+
+
 def test_the_package_holds_rooms_and_next_to_nothing_beside():
     loose = {path.name for path in PACKAGE.glob("*.py")} - {"__init__.py", "__main__.py"}
     assert len(loose) <= 2
