@@ -19,8 +19,7 @@ from gaugeblock.validate.marginal.winsorised import winsorised_scores
 from gaugeblock.validate.ranks import randomised_pit
 from gaugeblock.validate.verdict import combine
 from studies.error_rates.boundary import Moved, kink
-from studies.error_rates.planned import fewest
-from studies.error_rates.policies import DEFAULT
+from studies.error_rates.policies import DEFAULT, fewest
 from studies.error_rates.problem import problem
 from studies.error_rates.replicates import Part, Replicate, Values
 from studies.error_rates.summary import indicators

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from gaugeblock.validate import Policy, make_policy, read_policy
+from gaugeblock.validate.planning.planner import StudyPlan, plan
 from gaugeblock.validate.policy import Tolerance
 
 DEFAULT = read_policy("default")
@@ -19,3 +22,22 @@ def alone(quantity: str, *required: str, **tolerance: float) -> Policy:
     open_wide = {name: OPEN_WIDE.get(name, 0.99) for name in Tolerance.model_fields}
     tolerated = {**open_wide, quantity: getattr(DEFAULT.tolerance, quantity), **tolerance}
     return make_policy({"required": list(required), "tolerance": tolerated}, source="study")
+
+
+def fewest(
+    policy: Policy,
+    promised: Callable[[StudyPlan], bool],
+    *,
+    params: int,
+    draws: int,
+    step: int = 1,
+    most: int = 12_800,
+    **others: int,
+) -> int:
+    """Fewest trials, in steps, for which the planner promises something; `others` are options of `plan`."""
+    low, high = 0, most // step
+    while high - low > 1:
+        middle = (low + high) // 2
+        kept = promised(plan(policy, params=params, draws=draws, trials=step * middle, **others))
+        low, high = (low, middle) if kept else (middle, high)
+    return step * high

@@ -23,8 +23,7 @@ from gaugeblock.validate.planning.planner import plan as planned
 from studies.error_rates.audits import audit, plan
 from studies.error_rates.boundary import Moved, kink
 from studies.error_rates.gate import outcome
-from studies.error_rates.planned import fewest
-from studies.error_rates.policies import DEFAULT
+from studies.error_rates.policies import DEFAULT, fewest
 from studies.error_rates.problem import problem
 from studies.error_rates.replicates import Part, Replicate, Values
 from studies.error_rates.summary import indicators

@@ -10,10 +10,9 @@ from gaugeblock.simulators import Effect
 
 pytest.importorskip("jaxspec")
 from studies.gain import document as page
-from studies.gain.catalogues import catalogues, orthogonal
 from studies.gain.models import SETS, TabulatedShared, bright, table
 from studies.gain.pools import CHUNK, TEMPLATES, Pool, draw, pools, scored
-from studies.gain.table import cases, summary
+from studies.gain.table import cases, catalogues, orthogonal, summary
 from studies.gain.whole import profiled, sources_of
 from studies.kit.results import DOCS, RESULTS
 from studies.kit.resume import Pieces

@@ -11,8 +11,7 @@ import pytest
 
 pytest.importorskip("astropy")
 
-from studies.hidden.document import MAKERS, PAGE, blocks, document
-from studies.hidden.plots import FIGURE
+from studies.hidden.document import FIGURE, MAKERS, PAGE, blocks, document
 from studies.hidden.runner import run, seed_of, so_far
 from studies.hidden.score import Found, scored, table
 from studies.hidden.seal import Answer, Case, cases, opened, seal

@@ -10,8 +10,7 @@ import xarray as xr
 from scipy import stats
 from studies.error_rates.__main__ import main, parts
 from studies.error_rates.anytime import summarise
-from studies.error_rates.document import TABLES, blocks, document, percent
-from studies.error_rates.plots import FIGURE
+from studies.error_rates.document import FIGURE, TABLES, blocks, document, percent
 from studies.error_rates.summary import indicators, p_values
 from studies.kit.page import filled
 from studies.kit.results import DOCS, RESULTS, stored

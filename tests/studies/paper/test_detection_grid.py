@@ -19,7 +19,7 @@ def mine(name):
 
 def published(response):
     pytest.importorskip("jaxspec")
-    from studies.paper.grid_figure import published_aucs
+    from studies.paper.figures import published_aucs
 
     return published_aucs(response)
 
