@@ -332,7 +332,6 @@ def importance_figure(pyplot: Any, table: xr.Dataset, colours: Sequence[str]) ->
         place = np.arange(len(groups))
         axis.axhline(0.5, color=GREY, lw=0.8)
         style = {"fmt": "o", "ms": 3.5, "lw": 0.9}
-        values = _published_scores(published)
         axis.errorbar(
             place - APART,
             *_published_scores(published),
