@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
-from gaugeblock.validate import Finding, Outcome
+from gaugeblock.validate import Outcome, SequenceFinding
 from gaugeblock.validate.anytime.anytime import bias_sequence, coverage_sequence, log_width_sequence
 from gaugeblock.validate.anytime.stakes import decide, gather
 from gaugeblock.validate.marginal.winsorised import winsorised_scores
@@ -74,7 +74,7 @@ def fixed_number(case: Case) -> int | None:
     return fewest(DEFAULT, lambda plan: plan.pass_probability_exact >= DEFAULT.planning.power, **alone)
 
 
-def sequences(case: Case, rng: np.random.Generator) -> list[Finding]:
+def sequences(case: Case, rng: np.random.Generator) -> list[SequenceFinding]:
     """The sequences of one audit, from standardised truths and draws."""
     size = len(case.estimator.problem.sd)
     x = np.zeros((case.trials, case.estimator.problem.gain.shape[1]))
@@ -92,15 +92,15 @@ def sequences(case: Case, rng: np.random.Generator) -> list[Finding]:
     return found
 
 
-def said(found: Sequence[Finding], trials: int) -> Outcome:
+def said(found: Sequence[SequenceFinding], trials: int) -> Outcome:
     """The decision after so many trials; once made, it stands."""
     first = [
-        replace(f, n_trials=trials, details=f.details.isel(sequence_trial=slice(0, trials))) for f in found
+        replace(f, n_trials=trials, score=f.score[:, :trials], expected=f.expected[:, :trials]) for f in found
     ]
     return combine(decide(gather(first, DEFAULT), DEFAULT.error_budget))
 
 
-def stopped(found: Sequence[Finding], trials: int) -> int:
+def stopped(found: Sequence[SequenceFinding], trials: int) -> int:
     """The first number of trials at which there is a decision, by bisection."""
     undecided, decided = 0, trials
     while decided - undecided > max(1, decided // 100):
