@@ -49,7 +49,7 @@ INSIDE = {
         ),
         ("validators", "judging"),
     ),
-    "stranger": (("limits", "wire", "usage", "system_calls", "opcodes", "material"), ("stranger",)),
+    "stranger": (("limits", "wire", "usage", "system_calls", "material"), ("stranger",)),
     "discovery": (("coordinates", "sources", "library", "fitting", "locate"), ("record", "searches")),
     "reports": (
         ("words", "page", "section", "markdown", "svg", "machine"),

@@ -152,7 +152,7 @@ def test_gross_faults_are_blocked(few):
 
 
 def test_the_zoo_is_whole():
-    from gaugeblock.estimators._faults import FAULTS
+    from gaugeblock.estimators.broken import FAULTS
 
     settings = power.part().settings["zoo"]
     assert {m["estimator"].get("fault") for m in settings.values()} >= set(FAULTS)
