@@ -10,12 +10,13 @@ import numpy as np
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.values import Value
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.protocol import HasEffectLibrary
 
 
-@dataclass(frozen=True, eq=False)
-class Candidate:
+@dataclass(frozen=True, eq=False, repr=False)
+class Candidate(Value):
     """One effect and the simulator that has it; its parameters come last in that simulator's theta."""
 
     key: str
@@ -43,8 +44,8 @@ class Candidate:
         return {name: float(value) for name, value in zip(self.entry.parameters, tail, strict=True)}
 
 
-@dataclass(frozen=True, eq=False)
-class Candidates:
+@dataclass(frozen=True, eq=False, repr=False)
+class Candidates(Value):
     """The library's effects on one simulator. Each is worked in when asked for.
 
     Raises
@@ -55,8 +56,8 @@ class Candidates:
 
     simulator: Any
     entries: Mapping[str, LibraryEffect]
-    _made: dict[str, Candidate] = field(default_factory=dict)
-    _after: dict[str, Candidates] = field(default_factory=dict)
+    _made: dict[str, Candidate] = field(default_factory=dict, repr=False, compare=False)
+    _after: dict[str, Candidates] = field(default_factory=dict, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not self.entries:

@@ -9,12 +9,13 @@ import numpy as np
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.values import Value
 from gaugeblock.simulators.protocol import Extensible, HasExpected
 from gaugeblock.simulators.segments import Segment, segments
 
 
-@dataclass(frozen=True, eq=False)
-class Sources:
+@dataclass(frozen=True, eq=False, repr=False)
+class Sources(Value):
     """Counts of n sources that share one simulator; each has a theta of its own.
 
     Source i expects ``scale[i] * simulator.expected(theta_i)``.

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng, generator, whole_blocks
+from gaugeblock.core.values import Shown
 from gaugeblock.simulators.prior import HasBijections, require_prior
 from gaugeblock.simulators.protocol import Simulator, description
 
@@ -21,7 +22,7 @@ TAIL = 10
 EDGE = 40.0
 
 
-class Conformal:
+class Conformal(Shown):
     """Draws of `base`, each parameter moved along its own posterior so that intervals are calibrated.
 
     On `number` calibration trials it is seen at which level of the base's posterior truths lie. A draw at

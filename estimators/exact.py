@@ -9,10 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
+from gaugeblock.core.values import Shown
 from gaugeblock.simulators.protocol import HasExactDensity, HasExactEvidence, HasExactPosterior, Simulator
 
 
-class Exact:
+class Exact(Shown):
     """Independent draws from the simulator's own reference posterior.
 
     >>> from gaugeblock.simulators.linear_gaussian import LinearGaussian

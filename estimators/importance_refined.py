@@ -11,6 +11,7 @@ from scipy.special import logsumexp
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
+from gaugeblock.core.values import Shown
 from gaugeblock.estimators._rows import resample
 from gaugeblock.estimators.protocol import has_density, sample_and_log_prob
 from gaugeblock.simulators.prior import HasPriorDensity, require_prior
@@ -49,7 +50,7 @@ class WeightedDraws:
         return np.where(invalid[:, None, None], np.nan, chosen)
 
 
-class ImportanceRefined:
+class ImportanceRefined(Shown):
     """Draws of `base`, weighted by likelihood x prior / density and resampled.
 
     The refined draws follow the exact posterior as `oversample` grows, if the base covers it. They have no

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.errors import InputError, require
 from gaugeblock.core.streams import Rng
+from gaugeblock.core.values import Shown
 from gaugeblock.estimators._rows import row_seeds
 from gaugeblock.simulators.prior import HasBijections, require_prior
 from gaugeblock.simulators.protocol import HasTraceableLikelihood
@@ -32,7 +33,7 @@ class NutsRun:
     step_size: NDArray[np.float64]
 
 
-class Nuts:
+class Nuts(Shown):
     """One NUTS chain a row of data, many rows side by side, in the prior's unbounded coordinates.
 
     A chain starts at the likeliest of `starts` draws from the prior, adapts its step and a dense mass matrix

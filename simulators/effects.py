@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from gaugeblock.core.values import Value
 from gaugeblock.simulators.marginals import Marginal
 from gaugeblock.simulators.prior import Prior
 
 
-@dataclass(frozen=True)
-class Effect:
+@dataclass(frozen=True, eq=False, repr=False)
+class Effect(Value):
     """A named effect whose parameters are either fixed numbers or free, with a prior.
 
     `Simulator.with_effect` knows what the name means. A fixed effect shifts a simulator without adding

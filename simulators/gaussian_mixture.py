@@ -10,13 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
+from gaugeblock.core.values import Shown
 from gaugeblock.simulators import _truncated_normal as truncated_normal
 from gaugeblock.simulators._shapes import data_array
 from gaugeblock.simulators.marginals import Uniform, namespace
 from gaugeblock.simulators.prior import Prior
 
 
-class GaussianMixture:
+class GaussianMixture(Shown):
     """x ~ 1/2 N(theta, broad_sd^2) + 1/2 N(theta, narrow_sd^2), theta uniform on [-bound, bound]^2.
 
     The posterior is a mixture of two normals about x, cut off at the prior's edges: draws, density and

@@ -11,14 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.values import Value
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.marginals import Marginal
 
 Origin = Literal["source", "instrument"]
 
 
-@dataclass(frozen=True, kw_only=True)
-class LibraryEffect:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class LibraryEffect(Value):
     """A candidate for the effect that is missing.
 
     A simulator with the capability ``effect_library(theta)`` returns a mapping of these by name, scaled for

@@ -10,12 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
+from gaugeblock.core.values import Shown
 from gaugeblock.simulators._shapes import data_array
 from gaugeblock.simulators.marginals import Normal
 from gaugeblock.simulators.prior import Prior
 
 
-class LinearGaussian:
+class LinearGaussian(Shown):
     """x = matrix theta + noise, theta standard normal times `prior_sd`, noise normal with sd `noise`.
 
     By default `matrix` holds the powers 1, t, t^2, ... at equally spaced t in [-1, 1]: the fit of a

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
+from gaugeblock.core.values import Shown
 from gaugeblock.simulators import _truncated_normal as truncated_normal
 from gaugeblock.simulators._inverse_cdf import draw_linear
 from gaugeblock.simulators._shapes import data_array
@@ -20,7 +21,7 @@ SHIFT = 0.25
 NODES = 2049
 
 
-class TwoMoons:
+class TwoMoons(Shown):
     """x = crescent(angle, radius) + (-|theta_1 + theta_2|, theta_2 - theta_1) / sqrt(2).
 
     The crescent is ``(radius cos(angle) + 0.25, radius sin(angle))`` with angle uniform in (-pi/2, pi/2) and

@@ -6,6 +6,7 @@ import hashlib
 import os
 import shutil
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
+from gaugeblock.core.values import Shown
 from gaugeblock.simulators.protocol import Simulator
 from gaugeblock.simulators.registry import call
-from gaugeblock.stranger.claims import Claims
 from gaugeblock.stranger.detect import detect
 from gaugeblock.stranger.limits import Limits
 from gaugeblock.stranger.listing import listing
@@ -26,13 +27,99 @@ from gaugeblock.stranger.material import Material
 from gaugeblock.stranger.process import Child, Launch
 from gaugeblock.stranger.program import Places, own_program, python_program
 from gaugeblock.stranger.sandbox import working_sandbox
-from gaugeblock.stranger.surroundings import environment, system_files
+from gaugeblock.stranger.wire import plain
+
+NAME = "stranger"
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+
+
+def environment(limits: Limits) -> dict[str, str]:
+    """Every variable that is set.
+
+    >>> environment(Limits(threads=2))["OMP_NUM_THREADS"]
+    '2'
+    """
+    return {
+        "PATH": "/usr/local/bin:/usr/bin:/bin",
+        "HOME": "/tmp",
+        "TMPDIR": "/tmp",
+        "USER": NAME,
+        "LOGNAME": NAME,
+        "LANG": "C.UTF-8",
+        "TZ": "UTC",
+        "JAX_PLATFORMS": "cpu",
+        "CUDA_VISIBLE_DEVICES": "",
+        **dict.fromkeys(THREADS, str(limits.threads)),
+    }
+
+
+def system_files(material: Material, user: int | None) -> dict[str, Path]:
+    """Files of /etc that programs ask for, with nothing of this machine's in them: place -> file."""
+    number = 65534 if user is None else user
+    texts = {
+        "passwd": f"{NAME}:x:{number}:{number}::/tmp:/bin/sh\n",
+        "group": f"{NAME}:x:{number}:\n",
+        "hosts": "127.0.0.1 localhost\n",
+        "nsswitch.conf": "passwd: files\ngroup: files\nhosts: files\n",
+    }
+    return {f"/etc/{name}": material.write(name, text) for name, text in texts.items()}
+
+
+CAN = ("sample", "log_prob", "embed")
+MOST = 1000
+WORD = 100
+
+
+@dataclass(frozen=True, kw_only=True)
+class Claims:
+    """A stranger's library and versions, the names of its parameters if it has any, and what it can do.
+
+    `autocorrelated`: its draws of one trial are a Markov chain; they are thinned, which costs precision only.
+    """
+
+    library: str
+    versions: dict[str, str]
+    parameters: tuple[str, ...] | None
+    can: tuple[str, ...]
+    autocorrelated: bool = False
+
+    @classmethod
+    def of(cls, header: Mapping[str, Any]) -> Claims:
+        """Out of the header of its answer to ``describe``.
+
+        >>> Claims.of({"can": ["sample"], "parameters": ["a", "b"]}).parameters
+        ('a', 'b')
+
+        Raises
+        ------
+        InputError
+            If it cannot sample, or a part is not what the protocol says.
+        """
+        names, versions, can = (header.get(key) for key in ("parameters", "versions", "can"))
+        if not isinstance(can, list) or "sample" not in can:
+            raise InputError(f"the stranger does not say that it can sample: can = {plain(can, 80)}")
+        if names is not None and not (isinstance(names, list) and 0 < len(names) <= MOST):
+            raise InputError(f"the stranger's parameters are no list of names: {plain(names, 80)}")
+        if versions is not None and not (isinstance(versions, dict) and len(versions) <= MOST):
+            raise InputError(f"the stranger's versions are no table: {plain(versions, 80)}")
+        return cls(
+            library=plain(header.get("library") or "", WORD),
+            versions={plain(key, WORD): plain(value, WORD) for key, value in (versions or {}).items()},
+            parameters=None if names is None else tuple(plain(name, WORD) for name in names),
+            can=tuple(name for name in CAN if name in can),
+            autocorrelated=header.get("autocorrelated") is True,
+        )
+
+    def describe(self) -> dict[str, Any]:
+        """Plain data."""
+        return asdict(self)
+
 
 TRUSTED = "none, trusted by --i-trust-this-estimator"
 SEEDS = 1 << 62
 
 
-class Stranger:
+class Stranger(Shown):
     """An estimator out of a file that nobody vouches for; it never sees a truth, nor this process.
 
     Draws and densities are asked of two children that know nothing of each other. `log_prob` and `embed` are

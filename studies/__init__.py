@@ -1,7 +1,5 @@
-"""The study of gaugeblock's own error rates: what the validators and the gate do when the answer is known.
+"""Studies: what is measured once and committed. ``python -m studies`` lists them and runs one.
 
-`problem.py` and `boundary.py` make estimators whose faults are known exactly, `audits.py` audits them in
-memory, `replicates.py` repeats that with seeds of their own and checkpoints; `size.py`, `gate.py`,
-`shortcut.py`, `power.py` and `anytime.py` are the parts of the study; `plots.py` and `table.py` make figures
-and text from the results.
+`error_rates/`, `hidden/`, `gain/` and `paper/` are the studies, `discoveries.py` holds what discovery says
+against what it said before; `kit/` is what all of them share, `results/` what they found.
 """

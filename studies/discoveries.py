@@ -15,7 +15,7 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -24,12 +24,16 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from gaugeblock import discovery, simulators
+from gaugeblock.core.atomic import write_atomically
+from gaugeblock.core.progress import Bars
 from studies.hidden.runner import seed_of
-from studies.hidden.seal import Case, cases
+from studies.hidden.seal import Case, as_dataset, cases
+from studies.kit.command import SEED, carried_out
+from studies.kit.results import RESULTS, record
+from studies.kit.resume import Pieces, code_of
 
-RESULTS = Path(__file__).parent / "results"
 EVERY = 7
-SEED = 20260611
 
 EPIDEMICS: tuple[tuple[int, str | None, dict[str, float]], ...] = (
     *((seed, "contact_change", {"factor": 0.85, "week": 4.5}) for seed in (41, 42, 43, 44)),
@@ -67,19 +71,7 @@ def gather(spectra: Path, catalogues: Path, out: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
     for name, folder in (("spectra", spectra), ("catalogues", catalogues)):
         chosen = [c for c in cases(folder) if name == "catalogues" or c.number % EVERY == 0]
-        width = max(case.counts.shape[1] for case in chosen)
-        padded = [
-            np.pad(c.counts, ((0, 0), (0, width - c.counts.shape[1])), constant_values=-1) for c in chosen
-        ]
-        data = xr.Dataset(
-            {
-                "counts": (("source", "channel"), np.concatenate(padded).astype("i4")),
-                "case": ("source", np.repeat([c.number for c in chosen], [len(c.counts) for c in chosen])),
-                "exposure": ("source", np.concatenate([c.exposure for c in chosen])),
-                "setup": ("number", [c.setup for c in chosen]),
-            },
-            coords={"number": [c.number for c in chosen]},
-        )
+        data = as_dataset(chosen)
         (out / name).mkdir(exist_ok=True)
         data.to_netcdf(out / name / "cases.nc", engine="netcdf4", encoding={"counts": {"zlib": True}})
     epidemic = build_simulator("epidemic")
@@ -130,26 +122,20 @@ def _simulated(seed: int, x: Any) -> dict[str, Any]:
 
 def run(name: str, folder: Path, work: Path) -> None:
     """Search every case once, one file each, and write them as one table when all are there."""
-    from gaugeblock.auditing.identity import versions
+    key = {"seed": SEED, "code": code_of(discovery, simulators)}
+    with Bars() as bars:
+        made = Pieces(work, key, name=name, progress=bars.show).made(
+            {case.replace("/", "-"): partial(_timed, search) for case, search in said(folder)}
+        )
+    rows = {case.replace("-", "/"): row for case, row in made.items()}
+    content = record(f"python -m studies.discoveries run {name}", SEED) | {"cases": rows}
+    content["versions"] = json.loads(content["versions"])
+    write_atomically(RESULTS / f"discoveries-{name}.json", json.dumps(content, indent=1) + "\n")
 
-    work.mkdir(parents=True, exist_ok=True)
-    rows = {}
-    for case, search in said(folder):
-        path = work / f"{case.replace('/', '-')}.json"
-        if not path.exists():
-            began = time.process_time()
-            row = {**search(), "seconds": round(time.process_time() - began, 2)}
-            path.write_text(json.dumps(row), encoding="utf-8")
-            sys.stderr.write(f"{case}: {row['named'] or 'nothing'} ({row['seconds']} s)\n")
-        rows[case] = json.loads(path.read_text(encoding="utf-8"))
-    record = {
-        "command": f"python -m studies.discoveries run {name}",
-        "seed": SEED,
-        "versions": versions(),
-        "cases": rows,
-    }
-    target = RESULTS / f"discoveries-{name}.json"
-    target.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+
+def _timed(search: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    began = time.process_time()
+    return {**search(), "seconds": round(time.process_time() - began, 2)}
 
 
 def compare(before: str, after: str) -> int:
@@ -183,7 +169,7 @@ def compare(before: str, after: str) -> int:
     return 0 if not changed else 1
 
 
-def main() -> int:
+def main(arguments: Sequence[str]) -> int:
     """One of the three steps."""
     parser = argparse.ArgumentParser(prog="python -m studies.discoveries", description=__doc__)
     parser.add_argument("step", choices=["gather", "run", "compare"])
@@ -192,16 +178,14 @@ def main() -> int:
     parser.add_argument("--catalogues", type=Path, help="sealed set of catalogues")
     parser.add_argument("--cases", type=Path, default=RESULTS / "discoveries", help="where the cases are")
     parser.add_argument("--work", type=Path, help="finished cases, to go on from")
-    chosen = parser.parse_args()
-    if chosen.step == "gather":
-        gather(chosen.spectra, chosen.catalogues, chosen.cases)
-    elif chosen.step == "run":
-        (name,) = chosen.names
-        run(name, chosen.cases, chosen.work or RESULTS / "work" / name)
-    else:
+    chosen = parser.parse_args(arguments)
+    if chosen.step == "compare":
         return compare(*chosen.names)
-    return 0
+    if chosen.step == "gather":
+        return carried_out(partial(gather, chosen.spectra, chosen.catalogues, chosen.cases))
+    (name,) = chosen.names
+    return carried_out(partial(run, name, chosen.cases, chosen.work or RESULTS / "checkpoints"))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

@@ -49,7 +49,7 @@ INSIDE = {
         ),
         ("validators", "judging"),
     ),
-    "stranger": (("limits", "wire", "usage", "system_calls", "opcodes", "material"), ("stranger",)),
+    "stranger": (("limits", "wire", "usage", "system_calls", "material"), ("stranger",)),
     "discovery": (("coordinates", "sources", "library", "fitting", "locate"), ("record", "searches")),
     "reports": (
         ("words", "page", "section", "markdown", "svg", "machine"),
@@ -212,6 +212,18 @@ def test_imports_run_downward_inside_rooms():
             if inside and level(name.split(".")[2], INSIDE[room(module)]) > mine:
                 found.add((module.removeprefix("gaugeblock."), name.removeprefix("gaugeblock.")))
     assert found == UPWARD_INSIDE
+
+
+def floor_row(name):
+    """What the map of the house says of a room."""
+    cells = (" ".join(f"`{each}`" for each in names) for names in INSIDE[name])
+    return f"| {' | '.join([f'`{name}`', *cells])} |".replace("|  |", "| |")
+
+
+def test_the_map_says_what_lies_where_in_a_room():
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    missing = [floor_row(name) for name in INSIDE if floor_row(name) not in text]
+    assert not missing, "\n".join(missing)
 
 
 def test_the_package_holds_rooms_and_next_to_nothing_beside():

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
+from gaugeblock.core.values import Value
 from gaugeblock.validate.finding import NotChecked, Suggestion
 
 
@@ -42,8 +43,8 @@ def _plain(number: float | None) -> float | None:
     return None if number is None or not math.isfinite(number) else float(number)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Gate:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Gate(Value):
     """One finding held against one tolerance.
 
     `statistic` is the worst component's estimate; `interval` its simultaneous interval at the policy's error
@@ -88,8 +89,8 @@ class Gate:
         }
 
 
-@dataclass(frozen=True, kw_only=True)
-class Verdict:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Verdict(Value):
     """Outcome over all gates, the gates, what could not be checked, and where it all came from.
 
     `suggestions` say what may be the matter, and `baseline` what is otherwise than in an earlier audit;
@@ -102,6 +103,12 @@ class Verdict:
     provenance: dict[str, Any] = field(default_factory=dict)
     suggestions: tuple[Suggestion, ...] = ()
     baseline: dict[str, Any] | None = None
+
+    def __repr__(self) -> str:
+        said = ", ".join(
+            f"{sum(gate.outcome is outcome for gate in self.gates)} {outcome}" for outcome in Outcome
+        )
+        return f"Verdict({self.outcome}; gates: {said}; {len(self.not_checked)} not checked)"
 
     def to_json(self) -> dict[str, Any]:
         """Plain data with the contract's keys."""

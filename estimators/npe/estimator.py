@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
+from gaugeblock.core.values import Shown
 from gaugeblock.estimators.npe.coordinates import from_scores, physical_log_density, to_scores
 from gaugeblock.estimators.npe.flows import as_flow
 from gaugeblock.simulators.prior import Prior
@@ -20,7 +21,7 @@ from gaugeblock.simulators.prior import Prior
 DRAWS_AT_ONCE = 8192
 
 
-class NPE:
+class NPE(Shown):
     """Posterior draws and densities from a trained flow.
 
     Made by `train` or `load`. Draws are ``(batch, n, parameter)`` in physical units and never leave the

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.streams import Rng
+from gaugeblock.core.values import Shown
 from gaugeblock.simulators._shapes import data_array
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.epidemic.course import Drive, weekly, weekly_jax
@@ -25,7 +26,7 @@ COMPLEX_STEP = 1e-30
 """Far below any rounding: a derivative along the imaginary axis takes no difference of two numbers."""
 
 
-class EpidemicWithEffects:
+class EpidemicWithEffects(Shown):
     """Weekly cases of an epidemic that effects change; no effect at all is the plain `Epidemic`.
 
     Implements `gaugeblock.simulators.Simulator` with every capability that has a likelihood but no

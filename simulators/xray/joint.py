@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
+from gaugeblock.core.values import Shown
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.prior import Prior
@@ -40,7 +41,7 @@ class Part:
         return (Segment(self.name, 0, self.channels, self.simulator.channels),)
 
 
-class JointSpectra:
+class JointSpectra(Shown):
     """Spectra of one source by several instruments: data ``(..., channel)``, one instrument after the other.
 
     The source's parameters are shared. Each instrument but the first has a constant

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
+from gaugeblock.core.values import Shown
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.prior import Prior
@@ -24,7 +25,7 @@ from gaugeblock.simulators.xray.library import effect_library, not_in_library
 from gaugeblock.simulators.xray.response import Response
 
 
-class XraySpectrum:
+class XraySpectrum(Shown):
     """Poisson counts of an XSPEC-style model seen through a response.
 
     Implements `gaugeblock.simulators.Simulator` with every capability that has a likelihood but no

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
+from gaugeblock.core.values import Shown
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.prior import Prior
@@ -21,7 +22,7 @@ from gaugeblock.simulators.xray.poisson import jax_log_likelihood, log_likelihoo
 from gaugeblock.simulators.xray.siblings import Siblings
 
 
-class WithBackground:
+class WithBackground(Shown):
     """Counts in the source region, then counts in the background region: ``(..., 2 channel)``.
 
     Expected are ``source(theta) + background(phi)`` and ``background(phi) / scale``, the background a smooth

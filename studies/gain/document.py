@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,9 @@ import xarray as xr
 from gaugeblock.core.atomic import write_atomically
 from gaugeblock.reports.discovery.gain import gain_headline
 from studies.gain.table import THRESHOLD
-from studies.table import rows
+from studies.kit.page import fill
+from studies.kit.page import table as rows
+from studies.kit.results import command_of, read
 
 OURS = {
     "alone": "shared score",
@@ -176,23 +177,16 @@ def limits_table(limits: xr.Dataset) -> str:
 
 def document(path: Path, docs: Path) -> None:
     """Draw the figure and fill in the tables."""
-    groups = {}
-    for name in ("", "profiles", "marginal", "schemes", "limits", "headline"):
-        with xr.open_dataset(path, group=name or None, engine="netcdf4") as stored:
-            groups[name] = stored.load()
+    names = ("", "profiles", "marginal", "schemes", "limits", "headline")
+    groups = {name: read(path, name) for name in names}
     tables = {
         "schemes": schemes_table(groups["schemes"], groups[""]),
         "catalogues": catalogues_table(groups[""]),
         "profiles": profiles_table(groups["profiles"]),
         "marginal": marginal_table(groups["marginal"]),
         "limits": limits_table(groups["limits"]),
-        "made": f"Made by `{groups[''].attrs['command']}`, seed {groups[''].attrs['seed']}.",
+        "made": f"Made by `{command_of(groups[''])}`, seed {groups[''].attrs['seed']}.",
     }
-    page = docs / "gain.md"
-    text = page.read_text(encoding="utf-8")
-    for name, content in tables.items():
-        block = f"<!-- {name} -->\n{content}\n<!-- /{name} -->"
-        text = re.sub(rf"<!-- {name} -->.*?<!-- /{name} -->", lambda _: block, text, flags=re.DOTALL)  # noqa: B023
-    write_atomically(page, text)
+    fill(docs / "gain.md", tables)
     (docs / "figures").mkdir(exist_ok=True)
     write_atomically(docs / "figures" / "gain.svg", str(gain_headline(groups["headline"])) + "\n")

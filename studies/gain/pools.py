@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cache, partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.core.atomic import atomic_path
 from gaugeblock.core.digest import digest
 from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.name.marginal import marginal_scores
@@ -20,6 +17,7 @@ from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.xray import reference
 from studies.gain.models import GAINS, MEDIUM, TabulatedShared, nuisance_templates, table
+from studies.kit.resume import Pieces, joined
 
 CHUNK = 500
 """Spectra that are simulated, fitted and stored together."""
@@ -114,35 +112,46 @@ def marginal(pool: Pool, chunk: int, seed: int, number: int) -> dict[str, Array]
     return {"marginal": found.score, "population": found.population}
 
 
-def scored(
-    pool: Pool, folder: Path, *, seed: int, progress: Callable[[str, int, int], None] | None = None
-) -> Scored:
-    """All of a pool, chunk after chunk; chunks on disk are not made again."""
-    folder.mkdir(parents=True, exist_ok=True)
-    parts: list[dict[str, Array]] = []
-    averaged: list[dict[str, Array]] = []
-    chunks = -(-pool.number // CHUNK)
-    for chunk in range(chunks):
+def scored(pool: Pool, pieces: Pieces, *, seed: int) -> Scored:
+    """All of a pool, chunk after chunk."""
+    wanted, averaged = {}, {}
+    for chunk in range(-(-pool.number // CHUNK)):
         number = min(CHUNK, pool.number - chunk * CHUNK)
-        end = f"{seed}_{number}_{chunk}.npz"
-        parts.append(_kept(folder / f"{pool.name}_{end}", partial(score, pool, chunk, seed, number)))
+        wanted[f"{pool.name}_{number}_{chunk}"] = partial(score, pool, chunk, seed, number)
         if chunk * CHUNK < pool.marginal:
-            path = folder / f"{pool.name}_marginal_{end}"
-            averaged.append(_kept(path, partial(marginal, pool, chunk, seed, number)))
-        if progress is not None:
-            progress(pool.name, chunk + 1, chunks)
+            averaged[f"{pool.name}_marginal_{number}_{chunk}"] = partial(marginal, pool, chunk, seed, number)
+    parts = _floats(pieces.made(wanted, kind=pool.name))
+    others = _floats(pieces.made(averaged, kind=f"{pool.name}, marginal")) if averaged else []
     names = [field.name for field in fields(SharedScores)]
     return Scored(
         join([SharedScores(*(part[name] for name in names)) for part in parts]),
-        np.concatenate([part["marginal"] for part in averaged]) if averaged else np.empty((0, 1)),
-        np.concatenate([part["population"] for part in averaged]) if averaged else np.empty((0, 0)),
+        joined(others, "marginal") if others else np.empty((0, 1)),
+        joined(others, "population") if others else np.empty((0, 0)),
     )
 
 
-def _kept(path: Path, make: Callable[[], dict[str, Array]]) -> dict[str, Array]:
-    """Arrays from disk, or made and kept there."""
-    if not path.exists():
-        with atomic_path(path) as partial_path, open(partial_path, "wb") as file:
-            np.savez(file, **make())  # type: ignore[arg-type]
-    with np.load(path) as stored:
-        return {name: stored[name].astype(float) for name in stored.files}
+def _floats(made: dict[str, Any]) -> list[dict[str, Array]]:
+    return [{name: values.astype(float) for name, values in part.items()} for part in made.values()]
+
+
+def pools(*, share: float = 1.0) -> dict[str, Pool]:
+    """All pools by name; `share` makes them smaller, for tests."""
+
+    def n(number: int) -> int:
+        return max(2, round(number * share))
+
+    found = [
+        Pool("bright", "", 0.0, n(10_000)),
+        *(Pool("bright", "published_gain", value, n(10_000)) for value in (1.03, 0.97)),
+        *(Pool("bright", "gain_slope", value, n(5_000)) for value in (1.03, 0.97)),
+        Pool("medium", "", 0.0, n(10_000), n(10_000)),
+        *(Pool("medium", "published_gain", value, n(10_000), n(4_000)) for value in (1.03, 0.97)),
+        *(Pool("medium", "gain_slope", value, n(5_000)) for value in (1.03, 0.97)),
+        Pool("bright", "", 0.0, n(20_000), integration="exact", small=True),
+        *(
+            Pool("bright", name, value, n(5_000), integration="exact", small=True)
+            for name in ("published_gain", "gain_slope")
+            for value in (1.003, 0.997)
+        ),
+    ]
+    return {pool.name: pool for pool in found}

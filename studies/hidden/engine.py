@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 
 from gaugeblock.discovery import Candidates, Discovery, Sources, discover_catalogue, discover_source
-from studies.hidden.distance import distances
+from studies.hidden.distance import distances, shared_distances
 from studies.hidden.runner import Engine
 from studies.hidden.score import Found
 from studies.hidden.seal import Case
 from studies.hidden.setups import simulator
-from studies.hidden.shared_distance import shared_distances
 from studies.hidden.strata import BRIGHT
 
 REPLICATES = 499

@@ -54,9 +54,21 @@ def seal(folder: Path, cases: Sequence[Case], answers: Sequence[Answer], *, seed
     The answers hold the seed and a random number, so that their hash says nothing about either.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    data = as_dataset(cases)
+    target = folder / "cases.nc"
+    data.to_netcdf(target, engine="netcdf4", encoding={"counts": {"zlib": True}})
+    sealed = {"seed": seed, "salt": secrets.token_hex(16), "answers": [asdict(answer) for answer in answers]}
+    write_atomically(folder / "answers.json", json.dumps(sealed))
+    hashes = {"cases": len(cases), **{name: sha256(folder / name) for name in ("cases.nc", "answers.json")}}
+    write_atomically(folder / "seal.json", json.dumps(hashes, indent=2) + "\n")
+    return hashes
+
+
+def as_dataset(cases: Sequence[Case]) -> xr.Dataset:
+    """The data of cases, ragged rows padded with -1."""
     width = max(case.counts.shape[1] for case in cases)
     padded = [np.pad(c.counts, ((0, 0), (0, width - c.counts.shape[1])), constant_values=-1) for c in cases]
-    data = xr.Dataset(
+    return xr.Dataset(
         {
             "counts": (("source", "channel"), np.concatenate(padded).astype("i4")),
             "case": ("source", np.repeat([c.number for c in cases], [len(c.counts) for c in cases])),
@@ -65,13 +77,6 @@ def seal(folder: Path, cases: Sequence[Case], answers: Sequence[Answer], *, seed
         },
         coords={"number": [c.number for c in cases]},
     )
-    target = folder / "cases.nc"
-    data.to_netcdf(target, engine="netcdf4", encoding={"counts": {"zlib": True}})
-    sealed = {"seed": seed, "salt": secrets.token_hex(16), "answers": [asdict(answer) for answer in answers]}
-    write_atomically(folder / "answers.json", json.dumps(sealed))
-    hashes = {"cases": len(cases), **{name: sha256(folder / name) for name in ("cases.nc", "answers.json")}}
-    write_atomically(folder / "seal.json", json.dumps(hashes, indent=2) + "\n")
-    return hashes
 
 
 def cases(folder: Path) -> list[Case]:

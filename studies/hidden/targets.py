@@ -9,7 +9,7 @@ import xarray as xr
 from scipy import stats
 
 from studies.hidden.score import FAIR
-from studies.summary import clopper_pearson
+from studies.kit.results import clopper_pearson
 
 ALLOWED = 0.01
 """Chance of calling a target missed that is just met."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -11,12 +12,57 @@ from gaugeblock.cli.commands import run
 from gaugeblock.cli.options import Debug, Out, Quiet, Seed
 from gaugeblock.core.errors import InputError, printable
 from gaugeblock.core.progress import Bars
-from studies.paper import Reproduction, Setting
+from studies.kit.command import SEED
+from studies.paper import Setting, words
 from studies.paper import reproduce as measure
-from studies.paper.listing import headline, listing
-from studies.paper.run import from_committed, write
+from studies.paper.experiments import EXPERIMENTS, load
+from studies.paper.judge import Verdict
+from studies.paper.registry import claims
+from studies.paper.run import Reproduction, from_committed, selected, write
 
-SEED = 20260611
+SHOWN = 12
+"""Differences that are shown; the page has them all."""
+
+
+def listing(names: tuple[str, ...] = ()) -> str:
+    """Every experiment with its claims, or those that are named.
+
+    Raises
+    ------
+    InputError
+        For a name that is neither a claim nor an experiment.
+    """
+    chosen, experiments = selected(names)
+    says = {name: load(name).says for name in EXPERIMENTS}
+    lines = []
+    for name, text in says.items():
+        members = [claim for claim in chosen.values() if claim.by == name]
+        if members:
+            lines.append(f"{name}: {text}; {len(members)} claims")
+            lines += [f"  {claim.id}  {claim.says}: {words.published(claim)}" for claim in members]
+    lines += [f"{name}: {load(name).says}; past the claims" for name in experiments if name not in says]
+    return "\n".join(lines)
+
+
+def headline(result: Reproduction) -> str:
+    """How many claims came to which verdict, and those that differ."""
+    if not result.judgements:
+        return f"no claim is measured by {', '.join(result.tables)}: its numbers are in reproduction.nc"
+    counts = ", ".join(
+        f"{sum(item.verdict is verdict for item in result.judgements)} {verdict.value}" for verdict in Verdict
+    )
+    every = "" if len(result.judgements) == len(claims()) else f" of {len(claims())}"
+    lines = [f"{len(result.judgements)}{every} claims: {counts}"]
+    differing = [item for item in result.judgements if item.verdict is Verdict.DIFFERS]
+    lines += [
+        f"  differs  {item.claim.id}: published {words.published(item.claim)}, ours {words.ours(item)}; "
+        f"{item.reason}"
+        for item in differing[:SHOWN]
+    ]
+    if len(differing) > SHOWN:
+        lines.append(f"  and {len(differing) - SHOWN} more")
+    return "\n".join(lines)
+
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
@@ -51,7 +97,7 @@ def paper(
         typer.echo(listing(tuple(names or ())))
         return
     if twin and committed:
-        raise InputError("reproduce: give --twin or --committed, not both; what is committed is full size")
+        raise InputError("give --twin or --committed, not both; what is committed is full size")
     result: Reproduction
     if committed:
         result = from_committed(names or ())
@@ -68,6 +114,16 @@ def paper(
     typer.echo(printable(headline(result)))
     typer.echo(f"report: {out / 'reproduction.md'}")
     raise typer.Exit(result.exit_code)
+
+
+def main(arguments: list[str]) -> int:
+    """Run the command; what cannot be used is one line."""
+    sys.argv[1:] = arguments
+    try:
+        run(app)
+    except SystemExit as done:
+        return int(done.code or 0)
+    return 0
 
 
 if __name__ == "__main__":

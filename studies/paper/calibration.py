@@ -8,8 +8,8 @@ import numpy as np
 from scipy.stats import kstest
 
 from gaugeblock.core.arrays import Array
+from studies.kit.resume import Arrays
 from studies.paper.grid_populations import clean_counts
-from studies.paper.pieces import Arrays
 
 RANKS, CALIBRATION, TEST, RECOVERY = 101, 303, 404, 1
 """Offsets of the study's seeds for its sets of fresh spectra."""

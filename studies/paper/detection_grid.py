@@ -12,9 +12,9 @@ import xarray as xr
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.detectors import auc
+from studies.kit.resume import Arrays, Pieces
 from studies.paper.detection_level import CELLS, STRENGTHS, Level
 from studies.paper.grid_populations import FAMILIES, LEVELS
-from studies.paper.pieces import Arrays, Pieces
 from studies.paper.registry import DETECTORS
 
 CELL = ("level", "family", "strength", "detector")

@@ -10,6 +10,7 @@ import numpy as np
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.detectors import auc
+from studies.kit.resume import Arrays
 from studies.paper.detectors import (
     Misplaced,
     classifier_scores,
@@ -24,7 +25,6 @@ from studies.paper.grid_populations import (
     cell_counts,
     clean_counts,
 )
-from studies.paper.pieces import Arrays
 
 STRENGTHS = 4
 """Of every family."""

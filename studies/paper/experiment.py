@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
@@ -11,10 +12,10 @@ from typing import Any
 
 import xarray as xr
 
+from studies.kit.results import read, record
+from studies.kit.resume import Pieces, Progress
 from studies.paper.judge import Measured, Untestable
-from studies.paper.pieces import Pieces
 
-Progress = Callable[[str, int, int], None]
 Found = Mapping[str, Measured | Untestable]
 SHIPPED = "shipped:"
 
@@ -68,6 +69,39 @@ def pieces_of(
     if experiment.flows:
         key["flows"] = {name: weights_of(name) for name in experiment.flows}
     return Pieces(folder, key, name=experiment.name, progress=progress)
+
+
+def made(
+    experiment: Experiment,
+    setting: Setting,
+    folder: Path,
+    *,
+    seed: int,
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """Run an experiment, or go on where an earlier run stopped; its table says how it was made."""
+    pieces = pieces_of(experiment, setting, folder, seed=seed, progress=progress)
+    start = time.process_time()
+    table = experiment.run(experiment.sizes[setting], pieces, seed)
+    small = " --twin" if setting is Setting.TWIN else ""
+    return table.assign_attrs(
+        record(
+            f"python -m studies.paper {experiment.name}{small} --seed {seed}",
+            seed,
+            experiment=experiment.name,
+            says=experiment.says,
+            setting=setting.value,
+            sizes=dict(experiment.sizes[setting]),
+            version=experiment.version,
+            cpu_seconds=round(pieces.spent() or time.process_time() - start, 1),
+        )
+    )
+
+
+def committed(name: str) -> xr.Dataset | None:
+    """The result of an experiment that is committed, if there is one."""
+    path = Path(__file__).parent / "results" / f"{name}.nc"
+    return read(path) if path.is_file() else None
 
 
 def weights_of(flow: str) -> str:

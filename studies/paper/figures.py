@@ -4,26 +4,26 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from gaugeblock.core.errors import require
-from studies.paper.calibration_figure import calibration_figure
-from studies.paper.claim import Kind
+from gaugeblock.core.arrays import Array
+from studies.kit import plots
+from studies.kit.plots import BLUE, GREY, ORANGE
+from studies.paper.claim import SINGLE, Claim, Kind
+from studies.paper.detection_claims import cells
 from studies.paper.experiments.arithmetic import GAIN_PRIOR_SD
-from studies.paper.grid_figure import grid_figure
-from studies.paper.importance_figure import importance_figure
+from studies.paper.grid_populations import FAMILIES, LEVELS
 from studies.paper.judge import Judgement, Verdict
-from studies.paper.registry import claims
+from studies.paper.numbers import by_claim
+from studies.paper.registry import DETECTORS, claims
 from studies.paper.rows import published_rows
-from studies.paper.shrink_figure import shrink_figure
 
-BLUE, ORANGE, GREY, LIGHT = "#2a6f97", "#c8553d", "#8a8a8a", "#dcdcdc"
-# The same bytes for the same numbers.
-STYLE = {"svg.hashsalt": "gaugeblock", "font.size": 8, "axes.spines.top": False, "axes.spines.right": False}
+LIGHT = "#dcdcdc"
 COLOUR = {
     Verdict.AGREES: BLUE,
     Verdict.DIFFERS: ORANGE,
@@ -42,46 +42,49 @@ def draw(
     """Write what can be drawn; paths relative to the folder's parent, by caption."""
     if importlib.util.find_spec("matplotlib") is None:
         return {}
-    pyplot = require("matplotlib.pyplot", "report")
+    plot = plots.pyplot()
     made: dict[str, tuple[str, Callable[[], Any]]] = {
-        "Verdicts by kind": ("verdicts", lambda: verdicts_figure(pyplot, judgements))
+        "verdicts": ("Verdicts by kind", partial(verdicts_figure, plot, judgements))
     }
-    if "published" in tables:
-        made["Log evidences of the published runs"] = ("evidence", lambda: evidence_figure(pyplot))
-    if "information" in tables:
-        found = tables["information"]
-        made["Gain: bias and information"] = ("information", lambda: information_figure(pyplot, found))
-    if "calibration_published" in tables:
-        made["Coverage, and ranks: published ones are open circles"] = (
+    for needed, name, caption, make in (
+        ("published", "evidence", "Log evidences of the published runs", partial(evidence_figure, plot)),
+        (
+            "information",
+            "information",
+            "Gain: bias and information",
+            lambda: information_figure(plot, tables["information"]),
+        ),
+        (
+            "calibration_published",
             "calibration",
-            lambda: calibration_figure(pyplot, tables, LEVEL_COLOUR),
-        )
-    if "cross_check" in tables:
-        ten = tables["cross_check"]
-        made["Shrink of the gain"] = ("shrink", lambda: shrink_figure(pyplot, ten, (BLUE, ORANGE)))
-    if "importance" in tables:
-        cells = tables["importance"]
-        made["Effective sample size: a gain and a line"] = (
+            "Coverage, and ranks: published ones are open circles",
+            partial(calibration_figure, plot, tables, LEVEL_COLOUR),
+        ),
+        (
+            "cross_check",
+            "shrink",
+            "Shrink of the gain",
+            lambda: shrink_figure(plot, tables["cross_check"], (BLUE, ORANGE)),
+        ),
+        (
             "importance",
-            lambda: importance_figure(pyplot, cells, (BLUE, ORANGE)),
-        )
+            "importance",
+            "Effective sample size: a gain and a line",
+            lambda: importance_figure(plot, tables["importance"], (BLUE, ORANGE)),
+        ),
+    ):
+        if needed in tables:
+            made[name] = caption, make
     for name, response, words in GRIDS:
         if name in tables:
-            grid, caption = tables[name], f"Detection grid, {words}: ours, and as published (open circles)"
-            made[caption] = (
-                f"grid-{response}",
-                lambda grid=grid, response=response: grid_figure(pyplot, grid, response, LEVEL_COLOUR),  # type: ignore[misc]
+            caption = f"Detection grid, {words}: ours, and as published (open circles)"
+            made[f"grid-{response}"] = (
+                caption,
+                partial(grid_figure, plot, tables[name], response, LEVEL_COLOUR),
             )
-    folder.mkdir(parents=True, exist_ok=True)
-    written = {}
-    for caption, (name, figure_of) in made.items():
-        path = folder / f"{prefix}{name}.svg"
-        with pyplot.rc_context(STYLE):
-            figure = figure_of()
-            figure.savefig(path, metadata={"Date": None})
-            pyplot.close(figure)
-        written[caption] = f"{folder.name}/{path.name}"
-    return written
+    paths = plots.draw({name: make for name, (_, make) in made.items()}, folder, prefix=prefix)
+    captions = [caption for caption, _ in made.values()]
+    return {c: f"{folder.name}/{path.name}" for c, path in zip(captions, paths, strict=True)}
 
 
 def verdicts_figure(pyplot: Any, judgements: Sequence[Judgement]) -> Any:
@@ -170,3 +173,247 @@ def information_figure(pyplot: Any, found: xr.Dataset) -> Any:
     axes[1].set_xlabel("error of the gain\ngrey: its prior's sd; dashed: three published ones")
     axes[0].legend(frameon=False)
     return figure
+
+
+CUT_COLOUR = "#b2182b"
+RESPONSES = (("calibration_published", "pn", "EPIC-pn"), ("calibration_nicer", "nicer", "NICER"))
+COVERED = (50, 68, 90)
+"""Per cent of the intervals whose coverage the study states."""
+
+LEAST = 1e-15
+"""p-values below are drawn here."""
+
+BELOW = {"cal.sbc.pn.bright": 1e-13}
+"""Where the study states a limit of all five alone."""
+
+
+def calibration_figure(pyplot: Any, tables: Mapping[str, xr.Dataset], colours: Mapping[str, str]) -> Any:
+    """Coverage less what is claimed, and p of ranks by level; open symbols are the published ones."""
+    responses = [each for each in RESPONSES if each[0] in tables]
+    figure, axes = pyplot.subplots(
+        1, 1 + len(responses), figsize=(3.0 + 2.4 * len(responses), 3.0), layout="constrained"
+    )
+    _coverage(axes[0], tables["calibration_published"], colours)
+    for axis, (name, short, title) in zip(axes[1:], responses, strict=True):
+        _ranks(axis, tables[name], short, colours)
+        axis.set_title(title, fontsize=8)
+    axes[1].set_ylabel("p of the ranks' uniformity (KS)")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", frameon=False, ncols=3)
+    return figure
+
+
+def _coverage(axis: Any, table: xr.Dataset, colours: Mapping[str, str]) -> None:
+    claimed = table["claimed"].values
+    styles = {
+        **{level: {"color": colours[level], "label": level} for level in LEVELS},
+        "bright-uncapped": {"color": colours["bright"], "ls": "--", "label": "bright, no cap"},
+        "bright-cut": {"color": CUT_COLOUR, "label": "bright, cut at a bad epoch"},
+    }
+    axis.axhline(0.0, color="#8a8a8a", lw=0.8)
+    for name, style in styles.items():
+        axis.plot(claimed, table["covered"].sel(flow=name).values - claimed, lw=1.2, **style)
+    levels = np.array(COVERED) / 100.0
+    told = [claims()[f"cal.cov.pn.bright.{each}"].parts["before"] for each in COVERED]
+    axis.plot(levels, told - levels, "o", color=CUT_COLOUR, mfc="white", ms=5, label="published, bright")
+    axis.set_xlabel("claimed coverage of central intervals")
+    axis.set_ylabel("coverage less claimed")
+
+
+def _ranks(axis: Any, table: xr.Dataset, short: str, colours: Mapping[str, str]) -> None:
+    found = by_claim(table)
+    for row, level in enumerate(LEVELS):
+        claim = f"cal.sbc.{short}.{level}"
+        ours, told = found[claim], claims()[claim].parts
+        place = row + 0.1 * np.arange(-2, 3)
+        axis.plot(place, np.maximum(list(ours.values()), LEAST), "o", color=colours[level], ms=4)
+        values = [told.get(name, BELOW.get(claim, np.nan)) for name in ours]
+        marker = "v" if claim in BELOW else "o"
+        axis.plot(place, np.maximum(values, LEAST), marker, color=colours[level], mfc="white", ms=5, zorder=0)
+    axis.axhline(0.05, color="#8a8a8a", lw=0.8, ls=":")
+    axis.set_yscale("log")
+    axis.set_ylim(LEAST / 3.0, 3.0)
+    axis.set_xticks(range(len(LEVELS)), list(LEVELS))
+
+
+ROWS = {"medium": np.arange(6.0), "bright": np.arange(7.0, 11.0)}
+"""Rows of the spectra of either level, from the top."""
+
+
+def shrink_figure(pyplot: Any, table: xr.Dataset, colours: tuple[str, str]) -> Any:
+    """Shrinks of the published ten, as far as they are stated, and of our ten; `colours` exact and flow."""
+    figure, axes = pyplot.subplots(1, 2, figsize=(7.5, 3.4), sharex=True, sharey=True, layout="constrained")
+    _published(axes[0], colours)
+    _ours(axes[1], table, colours)
+    for axis, title in zip(axes, ("published", "ours"), strict=True):
+        axis.axvline(1.0, color="#8a8a8a", lw=0.8, zorder=0)
+        axis.set_title(title, fontsize=8)
+        axis.set_xlabel("posterior sd of the gain over its prior's")
+    middle = [float(rows.mean()) for rows in ROWS.values()]
+    axes[0].set_yticks(middle, list(ROWS), rotation=90, va="center")
+    for axis in axes:
+        axis.tick_params(axis="y", length=0)
+    axes[0].invert_yaxis()
+    figure.legend(*axes[1].get_legend_handles_labels(), loc="outside lower center", frameon=False, ncols=4)
+    return figure
+
+
+def _published(axis: Any, colours: tuple[str, str]) -> None:
+    """The numbers that the text states: of five medium spectra a range alone."""
+    exact, flow = colours
+    told = {name: claims()[f"xc.{name}"].parts for name in ("med.shrink", "i22.shrink", "i22.flow")}
+    medium, bright = ROWS["medium"], ROWS["bright"]
+    least, most = told["med.shrink"]["least"], told["med.shrink"]["most"]
+    axis.fill_betweenx(medium[[1, -1]] + [-0.3, 0.3], least, most, color=exact, alpha=0.25, lw=0)
+    axis.plot(told["i22.shrink"]["box"], medium[0], "x", color=exact, ms=5)
+    axis.plot(told["i22.shrink"]["wider"], medium[0], "D", color=exact, ms=4, mfc="white")
+    axis.plot(told["i22.flow"]["value"], medium[0], "s", color=flow, ms=4, mfc="white")
+    shrinks = np.array(list(claims()["xc.bright.shrink_NS"].parts.values())[:3])
+    kept = claims()["xc.bright.capture"].parts
+    share = np.array([kept["first"], kept["second"], 0.5 * (kept["third, least"] + kept["third, most"])])
+    axis.plot(shrinks, bright[:3], "o", color=exact, ms=4)
+    axis.plot(1.0 - share * (1.0 - shrinks), bright[:3], "s", color=flow, ms=4, mfc="white")
+
+
+def _ours(axis: Any, table: xr.Dataset, colours: tuple[str, str]) -> None:
+    """Exact under the flow's prior, the flow, and the flow with importance weights."""
+    exact, flow = colours
+    level = table["level"].values.astype(str)
+    rows = np.concatenate([ROWS[name][: np.sum(level == name)] for name in ROWS])
+    kinds = (
+        ("exact_reference", "o", exact, exact, "exact"),
+        ("flow", "s", flow, "white", "flow"),
+        ("refined", "+", flow, flow, "flow, importance weights"),
+    )
+    for name, marker, colour, face, label in kinds:
+        error = table[f"{name}_error"].values
+        style = {"fmt": marker, "color": colour, "mfc": face, "ms": 4, "lw": 0.8}
+        axis.errorbar(table[name].values, rows, xerr=error, label=label, **style)
+    wider = float(table["boundary_shrink"])
+    axis.plot(wider, rows[0], "D", color=exact, ms=4, mfc="white", label="exact, wider box")
+
+
+SWEEP, SUB, SETS = ("1", "3", "5", "10"), ("0.1", "0.2", "0.3", "0.5"), 4
+KINDS = (
+    ("medium", "gain", "B4"),
+    ("bright", "gain", "B4"),
+    ("medium", "line", "B1"),
+    ("bright", "line", "B1"),
+)
+SCORES = {"effective": "ours", "effective_simulated": "ours, under the prior of the simulations"}
+APART = 0.14
+"""Between what was published and ours, in places."""
+
+
+def importance_figure(pyplot: Any, table: xr.Dataset, colours: Sequence[str]) -> Any:
+    """AUCs over the amplitude of a gain at medium counts, and of 3 per cent and a line at both levels.
+
+    Below one per cent the mean of four seed sets, and of two for what the right panel shows; bars are one
+    standard error.
+    """
+    known = claims()
+    left = [[(known[f"sub.{a}"], "pooled")] for a in SUB] + [
+        [(known[f"is.sweep.{a}pc"], "value")] for a in SWEEP
+    ]
+    right = [
+        [(known[f"tab3.{level}.{family}.seed{k}"], "value") for k in (0, 1)] for level, _, family in KINDS
+    ]
+    cells = [
+        [[f"sub-{a}-{k}" for k in range(SETS)] for a in SUB] + [[f"sweep-{a}"] for a in SWEEP],
+        [[f"{level}-{kind}-{k}" for k in (0, 1)] for level, kind, _ in KINDS],
+    ]
+    names = [
+        [*SUB, *SWEEP],
+        [f"{kind},\n{level}" for level, kind, _ in KINDS],
+    ]
+    figure, axes = pyplot.subplots(
+        1, 2, figsize=(7.5, 3.2), width_ratios=(8, 4), sharey=True, layout="constrained"
+    )
+    for axis, published, groups, labels in zip(axes, (left, right), cells, names, strict=True):
+        place = np.arange(len(groups))
+        axis.axhline(0.5, color=GREY, lw=0.8)
+        style = {"fmt": "o", "ms": 3.5, "lw": 0.9}
+        axis.errorbar(
+            place - APART,
+            *_published_scores(published),
+            color="black",
+            mfc="white",
+            label="published",
+            **style,
+        )
+        for k, (score, label) in enumerate(SCORES.items()):
+            found = _our_scores(table, score, groups)
+            axis.errorbar(place + APART * k, *found, color=colours[k], label=label, **style)
+        axis.set_xticks(place, labels)
+    axes[0].set_xlabel("gain, per cent, at medium counts")
+    axes[1].set_xlabel("gain of 3 per cent, and line")
+    axes[0].set_ylabel("AUC of few effective draws")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", frameon=False, ncols=3)
+    return figure
+
+
+def _published_scores(groups: Sequence[Sequence[tuple[Claim, str]]]) -> tuple[Array, Array]:
+    """Means of groups of published AUCs, and their errors."""
+    value = [np.mean([claim.parts[part] for claim, part in group]) for group in groups]
+    error = [_error([claim.error[part] for claim, part in group]) for group in groups]
+    return np.array(value), np.array(error)
+
+
+def _our_scores(table: xr.Dataset, score: str, groups: Sequence[Sequence[str]]) -> tuple[Array, Array]:
+    """Means of groups of our cells, and their errors."""
+    chosen = table.sel(score=score)
+    value = [float(chosen["auc"].sel(cell=list(names)).mean()) for names in groups]
+    error = [_error(chosen["auc_error"].sel(cell=list(names)).values) for names in groups]
+    return np.array(value), np.array(error)
+
+
+def _error(errors: Any) -> float:
+    return float(np.sqrt(np.sum(np.square(errors))) / len(errors))
+
+
+CHANGES = {
+    "B1": "line at 6.4 keV,\n1e-5 photons/cm2/s",
+    "B2": "covered fraction",
+    "B3": "thermal continuum,\nkT in keV",
+    "B4": "gain, per cent",
+}
+SCALE = {"B1": 1e5}
+WIDTH = 0.24
+"""Between the levels of one strength."""
+
+
+def grid_figure(pyplot: Any, table: xr.Dataset, response: str, colours: dict[str, str]) -> Any:
+    """AUCs of one response; open circles are published ones, which not every cell has."""
+    published = published_aucs(response)
+    here = table.sel(response=response)
+    figure, axes = pyplot.subplots(
+        len(DETECTORS), len(FAMILIES), figsize=(7.5, 5.4), sharex="col", sharey=True, layout="constrained"
+    )
+    for (row, column), axis in np.ndenumerate(axes):
+        amounts = here["amount"].values[column] * SCALE.get(FAMILIES[column], 1.0)
+        axis.axhline(0.5, color="#8a8a8a", lw=0.8)
+        for number, level in enumerate(LEVELS):
+            x = np.arange(len(amounts)) + WIDTH * (number - 1)
+            place = (number, column, slice(None), row)
+            error = here["auc_error"].values[place]
+            style = {"color": colours[level], "ms": 3, "lw": 0.9}
+            axis.errorbar(x + 0.04, here["auc"].values[place], error, fmt="o", label=level, **style)
+            axis.plot(x - 0.04, published[place], "o", mfc="white", **style)
+        axis.set_xticks(range(len(amounts)), [f"{amount:g}" for amount in amounts])
+        if column == 0:
+            axis.set_ylabel(f"AUC of {DETECTORS[row]}")
+        if row == 0:
+            axis.set_title(FAMILIES[column], fontsize=8)
+        if row == len(DETECTORS) - 1:
+            axis.set_xlabel(CHANGES[FAMILIES[column]])
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", frameon=False, ncols=3)
+    return figure
+
+
+def published_aucs(response: str) -> np.ndarray:
+    """The published AUCs ``(level, family, strength, detector)``; NaN for cells that were not published."""
+    every = claims()
+    found = np.full((len(LEVELS), len(FAMILIES), 4, len(DETECTORS)), np.nan)
+    for claim, place in cells(response):
+        if claim in every:
+            found[place] = every[claim].parts[SINGLE[0]]
+    return found

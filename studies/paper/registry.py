@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Iterator, Mapping
 from functools import cache
-from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 from gaugeblock.core.errors import InputError
@@ -62,14 +62,13 @@ def find(names: tuple[str, ...]) -> dict[str, Claim]:
     for name in names:
         if name not in every and name not in experiments:
             raise InputError(
-                f"{name!r} is neither a claim nor an experiment; `gaugeblock reproduce --list` names them all"
+                f"{name!r} is neither a claim nor an experiment; python -m studies.paper --list names them"
             )
     return {key: claim for key, claim in every.items() if not names or key in names or claim.by in names}
 
 
 def _read(name: str) -> dict[str, Any]:
-    # Through a folder that is no package of its own: files() of this one finds it in wheels too.
-    return tomllib.loads((files(__package__) / "claims" / f"{name}.toml").read_text(encoding="utf-8"))
+    return tomllib.loads((Path(__file__).parent / "claims" / f"{name}.toml").read_text(encoding="utf-8"))
 
 
 def _grid(table: Mapping[str, Any]) -> Iterator[Claim]:

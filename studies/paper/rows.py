@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from functools import cache
-from importlib.resources import as_file, files
+from pathlib import Path
 
 import xarray as xr
+
+from studies.kit.results import read
 
 
 @cache
 def published_rows() -> xr.Dataset:
     """All rows; its attributes say where they come from and how the spectra are drawn again."""
-    with (
-        as_file(files(__package__) / "rows" / "published.nc") as path,
-        xr.open_dataset(path, engine="netcdf4") as stored,
-    ):
-        return stored.load()
+    return read(Path(__file__).parent / "rows" / "published.nc")

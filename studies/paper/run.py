@@ -10,9 +10,10 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.core.atomic import write_atomically
-from studies.paper import store
+from studies.kit import results
+from studies.kit.resume import Progress
 from studies.paper.claim import Claim
-from studies.paper.experiment import Progress, Setting
+from studies.paper.experiment import Setting, committed, made
 from studies.paper.experiments import EXPERIMENTS, PAST, load
 from studies.paper.family import Family, family
 from studies.paper.figures import draw
@@ -63,10 +64,10 @@ def reproduce(
         For a name that is neither a claim nor an experiment, or a folder that cannot be written to.
     """
     chosen, experiments = selected(names)
-    store.writable(out)
+    results.writable(out)
     tables = {}
     for name in experiments:
-        tables[name] = store.made(load(name), setting, out / CHECKPOINTS, seed=seed, progress=progress)
+        tables[name] = made(load(name), setting, out / CHECKPOINTS, seed=seed, progress=progress)
     result = judged(chosen, tables)
     write(result, out)
     return result
@@ -75,7 +76,7 @@ def reproduce(
 def from_committed(names: Iterable[str]) -> Reproduction:
     """Judge the results that come with the package; nothing is run."""
     chosen, experiments = selected(names)
-    found = {name: store.committed(name) for name in experiments}
+    found = {name: committed(name) for name in experiments}
     return judged(chosen, {name: table for name, table in found.items() if table is not None})
 
 
@@ -109,8 +110,8 @@ def judged(chosen: Mapping[str, Claim], tables: Mapping[str, xr.Dataset]) -> Rep
 
 def write(result: Reproduction, out: Path) -> None:
     """`reproduction.nc`, `reproduction.md` and figures."""
-    store.writable(out)
-    store.write({**result.tables, "claims": as_dataset(result.judgements)}, out / "reproduction.nc")
+    results.writable(out)
+    results.write({**result.tables, "claims": as_dataset(result.judgements)}, out / "reproduction.nc")
     figures = draw(result.tables, result.judgements, out / "figures")
     write_atomically(out / "reproduction.md", page(result.tables, result.judgements, result.family, figures))
 

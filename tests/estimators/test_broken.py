@@ -9,8 +9,7 @@ import pytest
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.estimators import build_estimator
-from gaugeblock.estimators._faults import FAULTS
-from gaugeblock.estimators.broken import Broken, WithTruth
+from gaugeblock.estimators.broken import FAULTS, Broken, WithTruth
 from gaugeblock.estimators.protocol import HasDensity
 from gaugeblock.simulators import build_simulator
 from gaugeblock.simulators.protocol import HasExactPosterior

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.estimators.nested_points import from_dynesty, from_ultranest
+from gaugeblock.estimators.nested_sampling import from_dynesty, from_ultranest
 from gaugeblock.validate.evidence.bootstrap import thread_bootstrap
 from gaugeblock.validate.evidence.insertion_order import insertion_order_test
 from gaugeblock.validate.evidence.nested_threads import split_threads, threads_of

@@ -26,8 +26,7 @@ from gaugeblock.simulators.xray import (
     w_statistic,
     with_background,
 )
-from gaugeblock.simulators.xray.background_shape import BackgroundShape
-from gaugeblock.simulators.xray.measured_background import MeasuredBackground
+from gaugeblock.simulators.xray.measured_background import BackgroundShape, MeasuredBackground
 
 pytestmark = pytest.mark.usefixtures("xray_data")
 LINE = Effect("emission_line", {"energy": 6.4, "sigma": 0.1, "norm": Uniform(0.0, 1e-4)})

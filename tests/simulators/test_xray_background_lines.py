@@ -7,8 +7,7 @@ import pytest
 
 pytest.importorskip("jaxspec")
 
-from gaugeblock.simulators.xray.background_shape import BackgroundShape
-from gaugeblock.simulators.xray.measured_background import LINES, MeasuredBackground
+from gaugeblock.simulators.xray.measured_background import LINES, BackgroundShape, MeasuredBackground
 
 GRID = np.linspace(0.3, 10.0, 195)
 EDGES = np.stack([GRID[:-1], GRID[1:]], axis=1)

@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("jaxspec")
 from gaugeblock.simulators.xray import Response, data
-from gaugeblock.simulators.xray.binning import grouped, resolution, resolution_grouping
+from gaugeblock.simulators.xray.reader import grouped, resolution, resolution_grouping
 
 pytestmark = pytest.mark.usefixtures("xray_data")
 

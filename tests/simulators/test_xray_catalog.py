@@ -23,9 +23,8 @@ from gaugeblock.simulators.xray import (
     read_observation,
     reader,
 )
-from gaugeblock.simulators.xray.catalog import entries
+from gaugeblock.simulators.xray.catalog import entries, pooled, thinned, with_equal_scales
 from gaugeblock.simulators.xray.pha import read_pha
-from gaugeblock.simulators.xray.pooled_background import pooled, thinned, with_equal_scales
 
 pytestmark = pytest.mark.usefixtures("xray_data")
 CHANNELS = 4096

@@ -14,8 +14,8 @@ import pytest
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.stranger import sandbox as module
-from gaugeblock.stranger.interpreter import find_interpreter
 from gaugeblock.stranger.limits import Limits
+from gaugeblock.stranger.program import find_interpreter
 from gaugeblock.stranger.sandbox import working_sandbox
 from gaugeblock.stranger.stranger import Stranger
 from gaugeblock.stranger.system_calls import filtered

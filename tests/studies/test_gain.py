@@ -10,13 +10,12 @@ from gaugeblock.simulators import Effect
 
 pytest.importorskip("jaxspec")
 from studies.gain import document as page
-from studies.gain.catalogues import catalogues, orthogonal
 from studies.gain.models import SETS, TabulatedShared, bright, table
-from studies.gain.plan import pools
-from studies.gain.pools import CHUNK, TEMPLATES, Pool, draw, scored
-from studies.gain.run import DOCS, RESULTS
-from studies.gain.table import cases, summary
+from studies.gain.pools import CHUNK, TEMPLATES, Pool, draw, pools, scored
+from studies.gain.table import cases, catalogues, orthogonal, summary
 from studies.gain.whole import profiled, sources_of
+from studies.kit.results import DOCS, RESULTS
+from studies.kit.resume import Pieces
 
 from gaugeblock.simulators.xray import reference
 
@@ -29,9 +28,9 @@ SMALL = [Pool("bright", "", 0.0, 120), Pool("bright", "gain_slope", 1.03, 60)]
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """Two small pools, scored twice: the second time from disk."""
-    folder = tmp_path_factory.mktemp("pools")
-    first = {pool.name: scored(pool, folder, seed=SEED) for pool in SMALL}
-    again = {pool.name: scored(pool, folder, seed=SEED) for pool in SMALL}
+    pieces = Pieces(tmp_path_factory.mktemp("pools"), {"seed": SEED})
+    first = {pool.name: scored(pool, pieces, seed=SEED) for pool in SMALL}
+    again = {pool.name: scored(pool, pieces, seed=SEED) for pool in SMALL}
     for name, pool in first.items():
         np.testing.assert_array_equal(again[name].scores.score, pool.scores.score)
     return first

@@ -11,13 +11,14 @@ import pytest
 
 pytest.importorskip("astropy")
 
-from studies.hidden.document import MAKERS, PAGE, filled
-from studies.hidden.plots import FIGURE, draw
-from studies.hidden.runner import batches, run, seed_of, so_far
+from studies.hidden.document import FIGURE, MAKERS, PAGE, blocks, document
+from studies.hidden.runner import run, seed_of, so_far
 from studies.hidden.score import Found, scored, table
 from studies.hidden.seal import Answer, Case, cases, opened, seal
 from studies.hidden.targets import by_effect, target, targets
 from studies.hidden.truth import Truth
+from studies.kit.page import filled
+from studies.kit.results import DOCS, write
 
 from gaugeblock.core.errors import InputError
 
@@ -162,24 +163,18 @@ def toy():
 
 def test_a_run_goes_on_where_it_stopped(folder):
     ASKED.clear()
+    asked = {"seed": 3, "settings": {"a": 1}}
     with pytest.raises(InputError, match="no case has been searched"):
-        so_far(folder)
-    run(folder, toy, seed=3, settings={"a": 1}, numbers=[0, 1])
-    found = run(folder, toy, seed=3, settings={"a": 1})
+        so_far(folder, **asked)
+    run(folder, toy, **asked, numbers=[0, 1])
+    found = run(folder, toy, **asked)
     assert ASKED == [0, 1, 2, 3, 4]
     assert [found[k].p_global for k in range(5)] == [seed_of(k, 3) / 2**63 for k in range(5)]
     assert len({seed_of(k, 3) for k in range(5)}) == 5
-    assert so_far(folder) == found
-    with pytest.raises(InputError, match="another seed"):
-        run(folder, toy, seed=4, settings={"a": 1})
-    with pytest.raises(InputError, match="other code"):
-        run(folder, toy, seed=3, settings={"a": 2})
-
-
-def test_a_process_searches_few_cases_of_one_setup():
-    setups = {k: "two" if k % 3 else "one" for k in range(10)}
-    made = batches([k for k in range(10) if k != 4], setups, 4)
-    assert made == [[0, 3, 6, 9], [1, 2, 5, 7], [8]]
+    assert repr(so_far(folder, **asked)) == repr(found)
+    for other in ({"seed": 4}, {"settings": {"a": 2}}):
+        with pytest.raises(InputError, match="no case has been searched"):
+            so_far(folder, **{**asked, **other})
 
 
 @pytest.fixture
@@ -193,13 +188,11 @@ def stored():
 
 
 def test_the_page_is_made_of_the_table(stored):
-    from studies.document import DOCS
-
     text = (DOCS / PAGE).read_text(encoding="utf-8")
     for name in MAKERS:
         assert text.count(f"<!-- spectra {name} -->") == text.count(f"<!-- /spectra {name} -->") == 1
-    once = filled(text, stored, "spectra")
-    assert filled(once, stored, "spectra") == once
+    once = filled(text, blocks(stored, "spectra"))
+    assert filled(once, blocks(stored, "spectra")) == once
     assert "| `gain_slope` | 10 of 15 | 90% | 9 / 0 / 1 |" in once
     assert "at most 5% | 20 | 5.0%" in once
     assert "| met |" not in once
@@ -208,17 +201,14 @@ def test_the_page_is_made_of_the_table(stored):
     assert "too few cases to say" in once
 
 
-def test_the_command_is_kept_without_places():
-    from studies.hidden.__main__ import _without_places
-
-    given = ["score", "--folder", "somewhere", "--out=there", "--so-far", "--seed", "3"]
-    assert _without_places(given) == ["score", "--so-far", "--seed", "3"]
-
-
 def test_figures_are_drawn(stored, tmp_path):
     pytest.importorskip("matplotlib")
-    written = draw(stored, tmp_path, "spectra")
-    assert {path.name for path in written} == {f"hidden-spectra-{name}.svg" for name in FIGURE}
+    write({"": stored}, tmp_path / "hidden.nc")
+    (tmp_path / PAGE).write_text("<!-- spectra pairs --><!-- /spectra pairs -->")
+    document(tmp_path, tmp_path)
+    written = {path.name for path in (tmp_path / "figures").iterdir()}
+    assert written == {f"hidden-spectra-{name}.svg" for name in FIGURE}
+    assert "| cases |" in (tmp_path / PAGE).read_text()
 
 
 ONLY = ("emission_line", "gain_slope", "absorption_edge")

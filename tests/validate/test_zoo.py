@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from gaugeblock.estimators._faults import FAULTS
+from gaugeblock.estimators.broken import FAULTS
 from gaugeblock.validate import Outcome, judge, read_policy, run_validators
 
 

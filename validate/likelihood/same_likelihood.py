@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.values import Value
 from gaugeblock.validate.likelihood.likelihood_hint import hint
 
 LogDensity = Callable[[Any, Any], Any]
@@ -20,8 +21,8 @@ _EDGE = 1e-9
 """Unit coordinate that stands for an end of the prior where the end itself is infinite."""
 
 
-@dataclass(frozen=True)
-class LikelihoodComparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class LikelihoodComparison(Value):
     """Where two log likelihoods were compared, and the worst place.
 
     `excess` is the largest difference in units of what was tolerated there: up to 1 they agree. `theta` and

@@ -2,12 +2,123 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor, nn
 
 from gaugeblock.estimators.npe.features import CountFeatures
-from gaugeblock.estimators.npe.laplace.approximation import approximate
 from gaugeblock.estimators.npe.laplace.emulator import Emulator
+
+FITTED = 6
+"""Steps of the fit: each is taken only where it goes downhill."""
+
+WIDENED = 2
+LARGEST_STEP, FARTHEST = 1.5, 4.5
+"""In prior standard deviations: of one step, and from the prior's median."""
+
+HEAVIEST = 1.5
+"""Log of the largest weight of a point that is lower than a parabola has it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Gaussian:
+    """Mean ``(n, parameter)`` and Cholesky factor of the covariance ``(n, parameter, parameter)``.
+
+    `shape` ``(n, 2 parameter (1 + parameter))`` says how the negative log posterior rises at both ends of
+    every axis, and how steep it is there, against a parabola: zero for a Gaussian posterior.
+    """
+
+    mean: Tensor
+    factor: Tensor
+    shape: Tensor
+
+
+def approximate(emulator: Emulator, x: Tensor, start: Tensor) -> Gaussian:
+    """The Gaussian for counts ``(n, channel)``, the fit starting from scores ``(n, parameter)``."""
+    mean, covariance = _mode(emulator, x, start)
+    for _ in range(WIDENED):
+        mean, covariance = _widened(emulator, x, mean, covariance)
+    factor = torch.linalg.cholesky(covariance)
+    return Gaussian(mean, factor, _shape(emulator, x, mean, factor))
+
+
+def potential(log_mean: Tensor, x: Tensor, score: Tensor) -> Tensor:
+    """Negative log posterior, up to what depends on x alone: half the deviance and the prior."""
+    ratio = log_mean - torch.log(x.clamp(min=0.5))
+    # Differences of likelihoods of 1e5 counts would lose all digits of single precision; deviances do not.
+    deviance = torch.where(x > 0, x * (torch.expm1(ratio) - ratio), torch.exp(log_mean))
+    return deviance.sum(dim=-1) + 0.5 * (score**2).sum(dim=-1)
+
+
+def _mode(emulator: Emulator, x: Tensor, score: Tensor) -> tuple[Tensor, Tensor]:
+    """Levenberg-Marquardt with a damping of its own for every row."""
+    one = torch.eye(score.shape[-1])
+    damping = torch.full((len(score), 1), 1e-2)
+    log_mean, slope = emulator.with_slope(score)
+    height = potential(log_mean, x, score)
+    for _ in range(FITTED):
+        information, downhill = _information(log_mean, slope, x, score)
+        scale = damping * torch.diagonal(information, dim1=1, dim2=2)
+        step = torch.linalg.solve(information + torch.diag_embed(scale), downhill)
+        tried = (score + step.clamp(-LARGEST_STEP, LARGEST_STEP)).clamp(-FARTHEST, FARTHEST)
+        tried_mean, tried_slope = emulator.with_slope(tried)
+        tried_height = potential(tried_mean, x, tried)
+        lower = tried_height < height
+        score = torch.where(lower[:, None], tried, score)
+        log_mean = torch.where(lower[:, None], tried_mean, log_mean)
+        slope = torch.where(lower[:, None, None], tried_slope, slope)
+        height = torch.where(lower, tried_height, height)
+        damping = torch.where(lower[:, None], 0.2 * damping, 8.0 * damping).clamp(1e-6, 1e4)
+    return score, _inverse(_information(log_mean, slope, x, score)[0], one)
+
+
+def _information(log_mean: Tensor, slope: Tensor, x: Tensor, score: Tensor) -> tuple[Tensor, Tensor]:
+    expected = torch.exp(log_mean)
+    information = (slope * expected[:, None]) @ slope.transpose(1, 2) + torch.eye(score.shape[-1])
+    return information, (slope @ (x - expected)[..., None])[..., 0] - score
+
+
+def _widened(emulator: Emulator, x: Tensor, mean: Tensor, covariance: Tensor) -> tuple[Tensor, Tensor]:
+    """Mean of the points at the ends of the axes and of the covariances there, by their posterior mass."""
+    points, parabola = _points(mean, torch.linalg.cholesky(covariance))
+    rows, number, size = points.shape
+    flat, counts = points.flatten(end_dim=1), x.repeat_interleave(number, dim=0)
+    log_mean, slope = emulator.with_slope(flat)
+    height = potential(log_mean, counts, flat).reshape(rows, number)
+    local = _inverse(_information(log_mean, slope, counts, flat)[0], torch.eye(size))
+    weight = torch.exp((parabola - height + height[:, :1]).clamp(max=HEAVIEST))
+    weight = weight / weight.sum(dim=1, keepdim=True)
+    centre = (weight[..., None] * points).sum(dim=1)
+    return centre, (weight[..., None, None] * local.reshape(rows, number, size, size)).sum(dim=1)
+
+
+def _points(mean: Tensor, factor: Tensor) -> tuple[Tensor, Tensor]:
+    """Centre and ends of the axes ``(n, 1 + 2 parameter, parameter)``, and the parabola's heights there."""
+    size = mean.shape[-1]
+    axes = size**0.5 * factor.transpose(1, 2)
+    points = torch.cat((mean[:, None], mean[:, None] + axes, mean[:, None] - axes), dim=1)
+    heights = torch.full((1 + 2 * size,), 0.5 * size)
+    heights[0] = 0.0
+    return points.clamp(-FARTHEST - 0.5, FARTHEST + 0.5), heights
+
+
+def _shape(emulator: Emulator, x: Tensor, mean: Tensor, factor: Tensor) -> Tensor:
+    points, parabola = _points(mean, factor)
+    rows, number, size = points.shape
+    flat, counts = points.flatten(end_dim=1), x.repeat_interleave(number, dim=0)
+    log_mean, slope = emulator.with_slope(flat)
+    height = potential(log_mean, counts, flat).reshape(rows, number)
+    uphill = flat - (slope @ (counts - torch.exp(log_mean))[..., None])[..., 0]
+    local = (uphill.reshape(rows, number, size) @ factor)[:, 1:]
+    expected = size**0.5 * torch.cat((torch.eye(size), -torch.eye(size)))
+    excess = height[:, 1:] - height[:, :1] - parabola[1:]
+    return torch.asinh(torch.cat((excess, (local - expected).flatten(start_dim=1)), dim=-1))
+
+
+def _inverse(information: Tensor, one: Tensor) -> Tensor:
+    return torch.cholesky_solve(one.expand_as(information), torch.linalg.cholesky(information))
+
 
 ROWS = 512
 """At once: derivatives of so many spectra stay in the processor's cache."""

@@ -15,6 +15,7 @@ from gaugeblock.auditing.provenance import title
 from gaugeblock.core.atomic import write_atomically
 from gaugeblock.core.digest import file_digest
 from gaugeblock.core.errors import InputError, one_line
+from gaugeblock.core.values import Value
 from gaugeblock.reports.html import card_html, facts
 from gaugeblock.reports.terminal import verdict_lines
 from gaugeblock.reports.write import write_reports
@@ -62,7 +63,7 @@ class Gates(Mapping[str, Gate]):
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Audit:
+class Audit(Value):
     """Everything an audit found: the trials, the findings, what could not be checked, and the verdict.
 
     ``result["sbc.bias[a]"]`` is one gate. `resources` are what an estimator of somebody else's used, where

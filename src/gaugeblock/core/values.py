@@ -52,6 +52,15 @@ class Value:
             yield f"{each.name}={short(value)}" if named else short(value)
 
 
+class Shown:
+    """Gives whatever has a `describe` of plain data a short repr of it."""
+
+    def __repr__(self) -> str:
+        told: Mapping[str, Any] = getattr(self, "describe", dict)()
+        inner = (f"{name}={short(value, most=100)}" for name, value in told.items())
+        return _cut(f"{type(self).__name__}({', '.join(inner)})", LONGEST)
+
+
 def same(one: Any, other: Any) -> bool:
     """Whether two values of any kind are equal, arrays by content; NaN equals NaN."""
     if one is other:

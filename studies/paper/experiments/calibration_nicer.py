@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from studies.kit.resume import Arrays, Pieces, stream
 from studies.paper.calibration import DRAWS, bootstrapped, deviation, measure, rank_p
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.calibration_published import LEVELS, NAMES
 from studies.paper.judge import Measured, Untestable
 from studies.paper.numbers import as_table, by_claim
 from studies.paper.paper_flow.variants import SEED
-from studies.paper.pieces import Arrays, Pieces, stream
 
 
 def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from studies.kit.resume import Arrays, Pieces, stream
 from studies.paper.calibration import (
     DRAWS,
     bootstrapped,
@@ -24,7 +25,6 @@ from studies.paper.judge import Measured, Untestable
 from studies.paper.numbers import as_table, by_claim
 from studies.paper.paper_flow import VARIANTS, paper_flow, record_of
 from studies.paper.paper_flow.variants import SEED
-from studies.paper.pieces import Arrays, Pieces, stream
 
 LEVELS = ("faint", "medium", "bright")
 UNCAPPED, CUT = "bright-uncapped", "bright-cut"

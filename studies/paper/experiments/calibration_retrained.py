@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from studies.kit.resume import Arrays, Pieces, stream
 from studies.paper.auc_error import auc_error
 from studies.paper.calibration import DRAWS, rank_p
 from studies.paper.experiment import Experiment, Found, Setting
@@ -23,7 +24,6 @@ from studies.paper.experiments.calibration_published import (
 from studies.paper.judge import Measured
 from studies.paper.numbers import as_table, by_claim
 from studies.paper.paper_flow import paper_flow
-from studies.paper.pieces import Arrays, Pieces, stream
 
 SEEDS = ("bright-seed101", "bright-seed202", "bright-seed303")
 SPOT = (("B1", 3e-4), ("B4", 3.0))

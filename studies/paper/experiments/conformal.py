@@ -15,12 +15,12 @@ import xarray as xr
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.designs.paired import stratified_permutation
+from studies.kit.resume import Arrays, Pieces, joined, stream
 from studies.paper.calibration import deviation
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.gain_pairs import ALPHA
 from studies.paper.judge import Measured
 from studies.paper.numbers import as_table, by_claim
-from studies.paper.pieces import Arrays, Pieces, joined, stream
 
 FLOW = "shipped:epic-pn-medium-gain"
 CHUNK = 100

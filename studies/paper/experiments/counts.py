@@ -10,10 +10,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
+from studies.kit.resume import Pieces
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.judge import Measured
 from studies.paper.numbers import as_table, by_claim
-from studies.paper.pieces import Pieces
 
 SEED = 20260611
 """The study's own, so that its spectra come out again."""

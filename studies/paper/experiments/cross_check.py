@@ -15,6 +15,7 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.core.arrays import Array
+from studies.kit.resume import Arrays, Pieces
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments import cross_posteriors as posteriors
 from studies.paper.experiments.counts import SEED
@@ -28,7 +29,6 @@ from studies.paper.experiments.cross_spectra import (
     pool,
 )
 from studies.paper.numbers import as_table
-from studies.paper.pieces import Arrays, Pieces
 from studies.paper.registry import claims
 
 FLOW = "shipped:epic-pn-{level}-gain"

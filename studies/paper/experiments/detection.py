@@ -15,6 +15,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gaugeblock.validate.detectors import null_of_best
+from studies.kit.resume import Pieces, joined, stream
 from studies.paper.claim import SINGLE
 from studies.paper.detection_claims import CLEAN_SCORES, cells, errors, numbers, on_epic_pn
 from studies.paper.detection_grid import as_dataset, clean_of, levels_of, misplaced, scored
@@ -24,7 +25,6 @@ from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.grid_populations import FAMILIES, LEVELS, is_kept
 from studies.paper.judge import Measured
 from studies.paper.numbers import as_table, by_claim
-from studies.paper.pieces import Pieces, joined, stream
 from studies.paper.registry import DETECTORS, SUSPICIOUS, claims
 
 RESPONSE = "epic-pn"

@@ -15,18 +15,17 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from studies.kit.resume import Pieces, stream
 from studies.paper.claim import SINGLE
 from studies.paper.detection_claims import CLEAN_SCORES, cells, errors, numbers, on_nicer
 from studies.paper.detection_grid import as_dataset, levels_of, misplaced, scored
 from studies.paper.detection_level import SHIFT
 from studies.paper.detectors import DRAWS
-from studies.paper.experiment import Experiment, Found, Setting
+from studies.paper.experiment import Experiment, Found, Setting, committed
 from studies.paper.grid_populations import LEVELS
 from studies.paper.judge import Measured
 from studies.paper.numbers import as_table, by_claim
-from studies.paper.pieces import Pieces, stream
 from studies.paper.registry import DETECTORS, claims
-from studies.paper.store import committed
 
 RESPONSES = ("epic-pn", "nicer")
 LEAKING = "B2"

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from scipy.special import gammaln, logsumexp
 
 from gaugeblock.core.arrays import Array
+from studies.kit.resume import Pieces
 from studies.paper.exact import exact_posteriors
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.judge import Measured, Untestable
 from studies.paper.numbers import as_table, by_claim
-from studies.paper.pieces import Pieces
 from studies.paper.rows import published_rows
 
 REPEATS = 2

@@ -14,11 +14,11 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.validate.designs import count_ratio_regression
+from studies.kit.resume import Arrays, Pieces, joined, stream
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.evidence import PRIOR
 from studies.paper.experiments.gain_claims import SHIFT
 from studies.paper.experiments.gain_pairs import MEMBERS, Pairs
-from studies.paper.pieces import Arrays, Pieces, joined, stream
 
 LEVELS = ("medium", "bright")
 DESIGNS = ("coupled", "seeded")

@@ -9,11 +9,11 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.core.arrays import Array
+from studies.kit.resume import Arrays
 from studies.paper.experiment import Found
 from studies.paper.experiments.gain_pairs import ALPHA, GAIN_RANGE, KINDS, MEMBERS
 from studies.paper.judge import Measured, Untestable
 from studies.paper.numbers import by_claim
-from studies.paper.pieces import Arrays
 
 Both = tuple[float, float]
 Parts = dict[str, dict[str, float]]

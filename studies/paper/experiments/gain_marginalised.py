@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from studies.kit.resume import Arrays, Pieces, joined, stream
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.gain_claims import CURVE, SHIFT, STUDY, claims_of, found_of
 from studies.paper.experiments.gain_pairs import KINDS, MEMBERS, Pairs, exact_summaries, summaries
 from studies.paper.numbers import as_table
 from studies.paper.paper_flow import paper_flow
-from studies.paper.pieces import Arrays, Pieces, joined, stream
 
 CHUNK, FEW = 50, 25
 """Pairs in one piece, and those that have exact posteriors."""

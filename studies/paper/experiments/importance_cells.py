@@ -10,9 +10,9 @@ import numpy as np
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.detectors.roc import auc, bootstrap_auc, permutation_p
+from studies.kit.resume import Arrays
 from studies.paper.auc_error import null_auc_error
 from studies.paper.experiments.importance_weights import FEW
-from studies.paper.pieces import Arrays
 
 PERMUTATIONS = 9999
 BOOTSTRAPS = 2000

@@ -16,11 +16,11 @@ import xarray as xr
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.coordinates import Coordinates
 from gaugeblock.validate.designs import finite_shift, predicted_shrink
+from studies.kit.resume import Pieces, joined
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.arithmetic import GAIN_PRIOR_SD, SHIFT
 from studies.paper.judge import Measured
 from studies.paper.numbers import as_table, by_claim
-from studies.paper.pieces import Pieces, joined
 from studies.paper.registry import claims
 
 CHUNK = 100

@@ -16,12 +16,12 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.core.arrays import Array
+from studies.kit.resume import Pieces, stream
 from studies.paper.exact import exact_posteriors
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.evidence import PRIOR
 from studies.paper.judge import Measured
 from studies.paper.numbers import as_table, by_claim
-from studies.paper.pieces import Pieces, stream
 from studies.paper.rows import published_rows
 
 STRENGTHS = {"B1": 3e-4, "B4": 3.0}

@@ -13,12 +13,12 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.core.arrays import Array
+from studies.kit.resume import Pieces, joined
 from studies.paper.exact import exact_posteriors
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.grid_populations import cell_counts, cell_seed
 from studies.paper.judge import Measured
 from studies.paper.numbers import as_table, by_claim
-from studies.paper.pieces import Pieces, joined
 from studies.paper.rows import published_rows
 
 FAMILY, STRENGTH = "B1", 3e-4

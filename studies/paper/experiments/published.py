@@ -7,15 +7,125 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
+from scipy import stats
 
+from gaugeblock.core.arrays import Array
+from gaugeblock.simulators.xray.published import LINEAR_NORM_PRIOR
+from gaugeblock.validate.designs import count_controlled_residual, count_ratio_regression
+from studies.kit.resume import Pieces, stream
 from studies.paper.claim import SINGLE
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.arithmetic import arithmetic
-from studies.paper.experiments.evidence_rows import of_the_pairs, of_the_runs
 from studies.paper.judge import Measured
 from studies.paper.numbers import as_table, by_claim
-from studies.paper.pieces import Pieces, stream
+from studies.paper.registry import claims
 from studies.paper.rows import published_rows
+
+Numbers = dict[str, float | Mapping[str, float]]
+
+LEVELS = ("faint", "medium", "bright")
+CONFIGURED = {"faint": 25, "medium": 16, "bright": 15}
+"""Spectra that the committed configuration draws: rows drawn with another number are of another one."""
+
+
+def of_the_runs(rows: xr.Dataset, rng: np.random.Generator) -> Numbers:
+    """Claims about the 76 runs."""
+    family, level = rows["family"].values.astype(str), rows["level"].values.astype(str)
+    counts, logz = rows["counts"].values, rows["log_evidence"].values
+    clean, capped = family == "clean", rows["capped"].values.astype(bool)
+    trend = np.polyfit(np.log10(counts[clean]), logz[clean], 1)
+    found: Numbers = {
+        "ns.n": float(len(family)),
+        "ns.cap": float(capped.sum()),
+        "ns.cap.err": float(rows["log_evidence_error"].values[capped].max()),
+        "ns.counts.range": _range(counts[clean & (level == "medium")], ("fewest", "most")),
+        "ns.trend": {
+            "slope": float(trend[0]),
+            "intercept": float(trend[1]),
+            "r": float(np.corrcoef(np.log10(counts[clean]), logz[clean])[0, 1]),
+        },
+        "is.logZ.ns.n": {
+            name: float(np.sum(clean & (level == name) & (rows["drawn_with"].values == CONFIGURED[name])))
+            for name in LEVELS
+        },
+    }
+    for name in ("B1", "B4"):
+        for place in ("medium", "bright"):
+            cell = (family == name) & (level == place)
+            residual = count_controlled_residual(
+                logz[cell], counts[cell], logz[clean], counts[clean], rng=rng
+            )
+            low, high = residual.interval
+            found[f"ns.cc.{name}.{place}"] = {SINGLE[0]: residual.residual, "low": low, "high": high}
+    return found | _beside_the_flow(rows, clean, level)
+
+
+def _beside_the_flow(rows: xr.Dataset, clean: NDArray[np.bool_], level: NDArray[np.str_]) -> Numbers:
+    """Speed, agreement with the flow, and intervals that hold the truth."""
+    nested, flow = rows["nested_quantile"].values, rows["flow_quantile"].values
+    widths = np.array([np.ptp(bound) for bound in LINEAR_NORM_PRIOR.bounds])
+    gap = (np.abs(nested - flow) / widths[None, :, None]).mean(axis=(1, 2))
+    truth = rows["truth"].values
+    at = list(rows["level_of_quantile"].values)
+    held = (nested[..., at.index(0.05)] <= truth) & (truth <= nested[..., at.index(0.95)])
+    seconds = rows["nested_seconds"].values, rows["flow_seconds"].values
+    cells = {name: clean & (level == name) for name in LEVELS}
+    return {
+        "ns.speed": {
+            name: float(seconds[0][cell].mean() / seconds[1][cell].mean()) for name, cell in cells.items()
+        },
+        "ns.agree": {name: float(gap[cell].mean()) for name, cell in cells.items()},
+        "ns.truth90": {name: float(held[cell].mean()) for name, cell in cells.items()},
+    }
+
+
+def of_the_pairs(rows: xr.Dataset, rng: np.random.Generator) -> Numbers:
+    """Claims about the 12 pairs of clean and gain-shifted spectra."""
+    first, second = rows["pair_counts_clean"].values, rows["pair_counts_gain"].values
+    difference = rows["pair_log_evidence_gain"].values - rows["pair_log_evidence_clean"].values
+    change = 100.0 * (second / first - 1.0)
+    found = count_ratio_regression(difference, first, second, rng=rng)
+    n = found.n
+    # The share of the floor that the study states, taken off the variance of the mean.
+    floor = claims()["tb.floor"].parts[SINGLE[0]]
+    t = found.raw_effect / found.raw_error
+    t_without = found.raw_effect / np.sqrt(found.raw_error**2 - floor**2)
+    sigma = claims()["tb.sigma"].parts
+    half = {place: 0.5 * np.diff(_interval(rows, place, rng)).item() for place in ("medium", "bright")}
+    spread = float(difference.std(ddof=1))
+    return {
+        "pair.mean": {SINGLE[0]: found.raw_effect, "error": found.raw_error, "p": found.p_raw},
+        "pair.sd": spread,
+        "pair.counts": {
+            "median": float(np.median(change)),
+            "min": float(change.min()),
+            "max": float(change.max()),
+        },
+        "pair.reg.slope": {SINGLE[0]: found.slope, "error": found.slope_error, "p": found.p_slope},
+        "pair.reg.intercept": {SINGLE[0]: found.effect, "error": found.effect_error, "p": found.p_effect},
+        "pair.r2": found.r_squared,
+        "tb.ratio": found.raw_error / floor,
+        "tb.share": {"least": 2 * sigma["min"] ** 2 / spread**2, "most": 2 * sigma["max"] ** 2 / spread**2},
+        "tb.p": {
+            "before": float(2 * stats.t.sf(abs(t), n - 1)),
+            "after": float(2 * stats.t.sf(abs(t_without), n - 1)),
+        },
+        "tb.line": {place: sigma["median"] / width for place, width in half.items()},
+    }
+
+
+def _interval(rows: xr.Dataset, place: str, rng: np.random.Generator) -> tuple[float, float]:
+    """The interval of the line's count-controlled residual."""
+    family, level = rows["family"].values.astype(str), rows["level"].values.astype(str)
+    counts, logz = rows["counts"].values, rows["log_evidence"].values
+    clean, cell = family == "clean", (family == "B1") & (level == place)
+    return count_controlled_residual(logz[cell], counts[cell], logz[clean], counts[clean], rng=rng).interval
+
+
+def _range(values: Array, names: tuple[str, str]) -> dict[str, float]:
+    return dict(zip(names, (float(values.min()), float(values.max())), strict=True))
+
 
 NOTES = {
     "det.D3_floor_acc": "the accuracy of calling everything clean: the number carries no information",

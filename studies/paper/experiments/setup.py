@@ -10,11 +10,11 @@ import xarray as xr
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.simulators.marginals import Uniform
+from studies.kit.resume import Pieces
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.arithmetic import LINE_KEV
 from studies.paper.judge import Measured, Untestable
 from studies.paper.numbers import as_table, by_claim
-from studies.paper.pieces import Pieces
 from studies.paper.registry import DETECTORS
 
 GAIN_PRIOR = Uniform(0.95, 1.05)

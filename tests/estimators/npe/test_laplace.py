@@ -13,8 +13,11 @@ pytest.importorskip("sbi")
 from gaugeblock.core.errors import InputError  # noqa: E402
 from gaugeblock.estimators.npe import load, train  # noqa: E402
 from gaugeblock.estimators.npe.bank import Bank  # noqa: E402
-from gaugeblock.estimators.npe.laplace.approximation import approximate, potential  # noqa: E402
-from gaugeblock.estimators.npe.laplace.compressor import Compressor  # noqa: E402
+from gaugeblock.estimators.npe.laplace.compressor import (  # noqa: E402
+    Compressor,
+    approximate,
+    potential,
+)
 from gaugeblock.estimators.npe.laplace.emulator import Emulator  # noqa: E402
 from gaugeblock.estimators.npe.laplace.network import Head  # noqa: E402
 from gaugeblock.estimators.npe.laplace.training import train_compressor  # noqa: E402

@@ -14,7 +14,7 @@ pytest.importorskip("sbi")
 from gaugeblock.core.errors import InputError  # noqa: E402
 from gaugeblock.estimators.npe import TrainingConfig, train  # noqa: E402
 from gaugeblock.estimators.npe.bank import Bank  # noqa: E402
-from gaugeblock.estimators.npe.laplace.redraws import RedrawnBank, redrawn  # noqa: E402
+from gaugeblock.estimators.npe.laplace.training import RedrawnBank, redrawn  # noqa: E402
 from gaugeblock.simulators import Normal, Prior  # noqa: E402
 from gaugeblock.simulators.protocol import poisson_log_likelihood  # noqa: E402
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from gaugeblock.simulators import _poisson_grid
 from gaugeblock.simulators.epidemic import Epidemic
+from gaugeblock.simulators.epidemic import simulator as _poisson_grid
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from studies.paper.experiments.cross_posteriors import (
 )
 from studies.paper.experiments.cross_spectra import chosen_bright, weighted_sd
 
-from gaugeblock.estimators.nested_points import NestedPoints
+from gaugeblock.estimators.nested_sampling import NestedPoints
 from gaugeblock.validate.evidence import threads_of
 from gaugeblock.validate.evidence.perfect_runs import perfect_run
 

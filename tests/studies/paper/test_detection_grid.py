@@ -19,7 +19,7 @@ def mine(name):
 
 def published(response):
     pytest.importorskip("jaxspec")
-    from studies.paper.grid_figure import published_aucs
+    from studies.paper.figures import published_aucs
 
     return published_aucs(response)
 
@@ -179,8 +179,8 @@ def test_what_differs_on_both_responses_alike_is_the_embeddings_and_d1_never_is(
 
 def test_a_flow_that_gives_less_on_other_spectra_too_is_said_to():
     pytest.importorskip("jaxspec")
+    from studies.paper.experiment import committed
     from studies.paper.experiments.detection import measured
-    from studies.paper.store import committed
 
     table = committed("detection")
     again = published("epic-pn")[None].copy()

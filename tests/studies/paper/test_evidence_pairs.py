@@ -66,7 +66,7 @@ def test_the_numbers_of_known_pairs_come_out(table):
 
 
 def test_it_runs_where_it_is_named_and_needs_no_claim(tmp_path, monkeypatch, table):
-    monkeypatch.setattr("studies.paper.run.store.made", lambda *_, **__: table)
+    monkeypatch.setattr("studies.paper.run.made", lambda *_, **__: table)
     result = reproduce(["evidence_pairs"], tmp_path, seed=1)
     assert (result.judgements, list(result.tables), result.exit_code) == ((), ["evidence_pairs"], 0)
     with xr.open_datatree(tmp_path / "reproduction.nc", engine="netcdf4") as stored:

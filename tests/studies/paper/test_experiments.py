@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from studies.kit.results import read, write
 from studies.paper import Setting, Verdict, claims, judge
+from studies.paper.experiment import committed, made
 from studies.paper.experiments import EXPERIMENTS, PAST, load
-from studies.paper.store import committed, made, read_one, write_one
 
 
 @pytest.fixture(scope="module")
@@ -45,12 +46,12 @@ def test_a_run_that_finds_its_pieces_gives_the_same_bits(twin, folder):
 
 def test_a_table_survives_its_file_and_says_how_it_was_made(twin, tmp_path):
     experiment, table = twin
-    write_one(table, tmp_path / "a.nc")
-    stored = read_one(tmp_path / "a.nc")
+    write({"": table}, tmp_path / "a.nc")
+    stored = read(tmp_path / "a.nc")
     for name, values in table.data_vars.items():
         np.testing.assert_array_equal(stored[name].values, values.values)
     assert (stored.attrs["experiment"], stored.attrs["setting"]) == (experiment.name, "twin")
-    assert stored.attrs["command"] == f"gaugeblock reproduce {experiment.name} --twin --seed 11"
+    assert stored.attrs["command"] == f"python -m studies.paper {experiment.name} --twin --seed 11"
     assert "numpy" in stored.attrs["versions"]
 
 

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from studies.paper.interpolated import interpolated
+from studies.paper.experiments.importance_weights import interpolated
 
 
 @pytest.fixture(scope="module")

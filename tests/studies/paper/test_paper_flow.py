@@ -14,10 +14,10 @@ pytest.importorskip("sbi")
 pytest.importorskip("jaxspec")
 
 from studies.paper.paper_flow import VARIANTS, paper_flow
+from studies.paper.paper_flow.__main__ import train
 from studies.paper.paper_flow.flow import PaperFlow, prior_of
 from studies.paper.paper_flow.shipped import FLOWS
 from studies.paper.paper_flow.simulations import simulations
-from studies.paper.paper_flow.training import train
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.xray import reference

@@ -1,0 +1,68 @@
+"""``python -m studies error-rates``: parts of the study, their tables, figures and text."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from gaugeblock.core.progress import Bars
+from studies.error_rates import anytime, curves, gate, intervals, power, shortcut, size
+from studies.error_rates.document import document
+from studies.error_rates.replicates import Part, run
+from studies.kit.command import carried_out, given, parser
+from studies.kit.results import RESULTS, record, stored, write
+
+NAME = "studies error-rates"
+
+
+def parts(work: Path, seed: int, **options: Any) -> dict[str, Callable[[], Part]]:
+    """The parts by name; one computes true values first, with the options of `run`, kept in `work`."""
+    return {
+        "size": size.part,
+        "gate": gate.part,
+        "intervals": lambda: intervals.part(work, seed=seed, **options),
+        "shortcut": shortcut.part,
+        "power": power.part,
+        "curves": curves.part,
+        "anytime": anytime.part,
+    }
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run parts of the study and keep their tables."""
+    names = list(parts(RESULTS, 0))
+    options = parser(NAME, __doc__)
+    options.add_argument("parts", nargs="*", choices=[*names, []], help="which parts to run")
+    options.add_argument("--all", action="store_true", help="all parts")
+    options.add_argument("--replicates", type=int, help="of each case, instead of what the study has")
+    options.add_argument("--report", action="store_true", help="figures and text from the tables in OUT")
+    chosen = options.parse_args(arguments)
+    wanted = names if chosen.all else chosen.parts
+    if not (wanted or chosen.report):
+        options.error("name parts, or give --all or --report")
+
+    def work() -> None:
+        with Bars() as bars:
+            for name in wanted:
+                _part(name, chosen, given(NAME, arguments), bars)
+        if chosen.report:
+            document(stored(names, chosen.out), chosen.docs)
+
+    return carried_out(work)
+
+
+def _part(name: str, chosen: Any, command: str, bars: Bars) -> None:
+    work, options = chosen.work or chosen.out / "checkpoints", {"workers": chosen.workers}
+    part = parts(work, chosen.seed, progress=bars.show, **options)[name]()
+    done = run(part, work, seed=chosen.seed, replicates=chosen.replicates, progress=bars.show, **options)
+    said = {"part": name, "says": part.says, "settings": part.settings}
+    seconds = round(done.seconds, 4)
+    table = part.summarise(done.values)
+    attributes = record(command, chosen.seed, seconds_per_replicate=seconds, **said)
+    write({"": table.assign_attrs(attributes)}, chosen.out / f"{name}.nc")
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,270 @@
+"""``docs/error-rates.md`` and its figures, made of the stored results."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from scipy import stats
+
+from studies.error_rates import anytime
+from studies.kit import page, plots
+from studies.kit.page import table as rows
+from studies.kit.plots import BLUE, GREY, ORANGE, pyplot
+from studies.kit.results import DOCS, command_of
+
+
+def _dots(axis: Any, table: xr.Dataset, y: Any, *, colour: str, label: str | None = None) -> None:
+    """Rates with their intervals, as horizontal error bars."""
+    rate, low, high = (table[name].values for name in ("rate", "low", "high"))
+    bars = np.stack([rate - low, high - rate]).clip(0)
+    axis.errorbar(rate, y, xerr=bars, fmt="o", ms=3, lw=0.8, color=colour, label=label)
+
+
+def size_figure(table: xr.Dataset) -> Any:
+    """Rejection rates of each p-value at three levels, beside what a test of exact size shows."""
+    plot = pyplot()
+    tests = sorted(set(table["test"].values.tolist()), reverse=True)
+    cases = list(dict.fromkeys(table["case"].values.tolist()))
+    figure, axes = plot.subplots(
+        1, 3, figsize=(8, 1.2 + 0.16 * len(tests)), sharey=True, layout="constrained"
+    )
+    number = int(table["replicates"].max())
+    for axis, level in zip(axes, table["level"].values, strict=True):
+        low, high = (stats.binom.ppf(q, number, level) / number for q in (0.025, 0.975))
+        axis.axvspan(low, high, color=GREY, alpha=0.25, lw=0)
+        axis.axvline(level, color=GREY, lw=0.8)
+        for offset, (case, colour) in enumerate(zip(cases, (BLUE, ORANGE, "black"), strict=False)):
+            part = table.isel(row=table["case"].values == case).sel(level=level)
+            y = np.array([tests.index(test) for test in part["test"].values.tolist()]) - 0.2 * offset + 0.1
+            _dots(axis, part, y, colour=colour, label=case.replace("_", " "))
+        axis.set_title(f"p ≤ {level:g}")
+        axis.set_xlim(0, max(3 * level, 1.1 * float(table["high"].sel(level=level).max())))
+        axis.grid(axis="y", lw=0.3, alpha=0.5)
+    axes[0].set_yticks(range(len(tests)), tests)
+    axes[0].set_ylim(-0.8, len(tests) - 0.2)
+    axes[1].set_xlabel(f"share of {number} exact posteriors rejected; grey: what a test of exact size shows")
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", frameon=False, ncols=len(cases))
+    return figure
+
+
+def gate_figure(table: xr.Dataset) -> Any:
+    """Wrong verdicts of whole audits."""
+    plot = pyplot()
+    cases = table["case"].values.tolist()
+    y = np.arange(len(cases))[::-1]
+    figure, axis = plot.subplots(figsize=(6, 1.0 + 0.28 * len(cases)), layout="constrained")
+    _dots(axis, table.sel(thing="FAIL"), y + 0.12, colour=ORANGE, label="FAIL")
+    edge = [case for case in cases if case != "exact"]
+    places = y[[cases.index(case) for case in edge]] - 0.12
+    _dots(
+        axis, table.sel(thing="PASS", case=edge), places, colour=BLUE, label="PASS (right for the exact one)"
+    )
+    axis.axvline(0.05, color=GREY, lw=0.8)
+    axis.set_xlim(-0.001, max(0.07, 1.1 * float(table["high"].sel(thing="FAIL").max())))
+    axis.set_xlabel("wrong verdicts; line: 5% allowed of each")
+    axis.set_yticks(y, cases)
+    figure.legend(loc="outside lower center", frameon=False, ncols=2)
+    return figure
+
+
+def power_figure(table: xr.Dataset) -> Any:
+    """How often each broken estimator is blocked, and the exact one passed."""
+    plot = pyplot()
+    cases = table["case"].values.tolist()
+    figure, axis = plot.subplots(figsize=(6, 0.8 + 0.24 * len(cases)), layout="constrained")
+    y = np.arange(len(cases))[::-1]
+    broken = [case for case in cases if case != "exact"]
+    _dots(axis, table.sel(thing="FAIL", case=broken), y[-len(broken) :], colour=ORANGE, label="FAIL")
+    if "exact" in cases:
+        _dots(axis, table.sel(thing="PASS", case=["exact"]), y[:1], colour=BLUE, label="PASS")
+    axis.axvline(0.9, color=GREY, lw=0.8)
+    axis.set_yticks(y, cases)
+    axis.set_xlim(-0.02, 1.02)
+    axis.set_xlabel("share of audits; line: 0.9 planned")
+    axis.legend(frameon=False, loc="center left")
+    return figure
+
+
+def curves_figure(table: xr.Dataset) -> Any:
+    """How often a fault is blocked, by number of trials."""
+    plot = pyplot()
+    figure, axis = plot.subplots(figsize=(6, 3.6), layout="constrained")
+    names = list(dict.fromkeys(case.rpartition(" @ ")[0] for case in table["case"].values.tolist()))
+    for name, marker in zip(names, "os^Dv", strict=False):
+        cases = [case for case in table["case"].values.tolist() if case.rpartition(" @ ")[0] == name]
+        trials = np.array([int(case.rpartition(" @ ")[2]) for case in cases])
+        part = table.sel(case=cases, thing="FAIL")
+        (line,) = axis.plot(trials, part["rate"], marker=marker, ms=4, lw=1.2, label=name)
+        axis.fill_between(trials, part["low"], part["high"], color=line.get_color(), alpha=0.12, lw=0)
+    axis.axhline(0.9, color=GREY, lw=0.8)
+    axis.set_xscale("log")
+    ticks = sorted({int(case.rpartition(" @ ")[2]) for case in table["case"].values.tolist()})
+    axis.set_xticks(ticks, [f"{tick:,}" for tick in ticks])
+    axis.minorticks_off()
+    axis.set_ylim(-0.03, 1.03)
+    axis.set_xlabel("trials")
+    axis.set_ylabel("share of audits that FAIL")
+    figure.legend(loc="outside lower center", frameon=False, ncols=2)
+    return figure
+
+
+def anytime_figure(table: xr.Dataset) -> Any:
+    """When the anytime mode decides, where half of the audits or more come to a decision."""
+    plot = pyplot()
+    table = table.isel(case=np.isfinite(table["trials"].values[:, 1]))
+    cases, times = table["case"].values.tolist(), table["trials"].values
+    figure, axis = plot.subplots(figsize=(6, 0.8 + 0.26 * len(cases)), layout="constrained")
+    y = np.arange(len(cases))[::-1]
+    axis.hlines(
+        y, times[:, 0], np.where(np.isfinite(times[:, 2]), times[:, 2], times[:, 1]), color=BLUE, lw=1
+    )
+    axis.plot(times[:, 1], y, "o", ms=4, color=BLUE)
+    axis.set_yticks(y, cases)
+    axis.set_xscale("log")
+    axis.set_xlabel("trials at the decision: median, and the range of 80% of audits")
+    return figure
+
+
+FIGURE: Mapping[str, Callable[[xr.Dataset], Any]] = {
+    "size": size_figure,
+    "gate": gate_figure,
+    "power": power_figure,
+    "curves": curves_figure,
+    "anytime": anytime_figure,
+}
+
+
+def percent(table: xr.Dataset, **place: str) -> str:
+    """A rate with its exact 95% interval, in percent."""
+    cell = table.sel(place)
+    if not int(cell["replicates"]):
+        return ""
+    rate, low, high = (100 * float(cell[name]) for name in ("rate", "low", "high"))
+    return f"{rate:.1f}% ({low:.1f} to {high:.1f})"
+
+
+def size_table(table: xr.Dataset) -> str:
+    """Rejection rates at 5%, a row per test and a column per case."""
+    cases = list(dict.fromkeys(table["case"].values.tolist()))
+    row = zip(table["case"].values.tolist(), table["test"].values.tolist(), strict=True)
+    place = {key: number for number, key in enumerate(row)}
+    lines = []
+    for test in sorted(set(table["test"].values.tolist())):
+        cells = [
+            percent(table.isel(row=place[case, test]), level=0.05) if (case, test) in place else ""  # type: ignore[arg-type]
+            for case in cases
+        ]
+        lines.append((f"`{test}`", *cells))
+    number = int(table["replicates"].max())
+    low, high = (100 * stats.binom.ppf(q, number, 0.05) / number for q in (0.025, 0.975))
+    said = (
+        f"With {number} replicates, a test of exact size shows {low:.1f}% to {high:.1f}% in 95 cases of 100."
+    )
+    return rows(("p-value at most 0.05", *cases), lines) + "\n\n" + said
+
+
+def gate_table(table: xr.Dataset) -> str:
+    """Wrong verdicts of whole audits."""
+    lines = [
+        (case, *(percent(table, case=case, thing=thing) for thing in ("FAIL", "PASS")))
+        for case in table["case"].values.tolist()
+    ]
+    return rows(("estimator on the edge of", "FAIL", "PASS"), lines)
+
+
+def intervals_table(table: xr.Dataset) -> str:
+    """How often all true values lay in the simultaneous intervals."""
+    lines = [(case, percent(table, case=case, thing="inside")) for case in table["case"].values.tolist()]
+    return rows(("estimator", "all true values in the intervals"), lines)
+
+
+def shortcut_table(table: xr.Dataset) -> str:
+    """Wrong verdicts of one gate alone."""
+    lines = [
+        (case, *(percent(table, case=case, thing=thing) for thing in ("FAIL", "PASS")))
+        for case in table["case"].values.tolist()
+    ]
+    return rows(("on the edge of", "FAIL", "PASS"), lines)
+
+
+def power_table(table: xr.Dataset) -> str:
+    """How often each member of the zoo is blocked, and by which gates."""
+    zoo = json.loads(table.attrs["settings"])["zoo"]
+    blamed = [thing for thing in table["thing"].values.tolist() if thing.startswith("fail: ")]
+    lines = []
+    for case in table["case"].values.tolist():
+        rate = {thing: float(table["rate"].sel(case=case, thing=thing)) for thing in blamed}
+        by = sorted((thing for thing in blamed if rate[thing] >= 0.5), key=lambda thing: -rate[thing])
+        named = ", ".join(f"`{thing.removeprefix('fail: ')}`" for thing in by)
+        about = (case, str(zoo[case]["policy"]), f"{zoo[case]['trials']:,}")
+        lines.append((*about, *(percent(table, case=case, thing=t) for t in ("FAIL", "PASS")), named))
+    header = ("estimator", "policy", "trials", "FAIL", "PASS", "FAILs in half of the audits or more")
+    return rows(header, lines)
+
+
+def anytime_table(table: xr.Dataset) -> str:
+    """Decisions of the anytime mode, and when they fell."""
+    lines = []
+    known = anytime.cases()
+    for case in table["case"].values.tolist():
+        fixed = anytime.fixed_number(known[case])
+        when = table["trials"].sel(case=case).values
+        times = ", ".join(f"{t:,.0f}" if np.isfinite(t) else "none" for t in when)
+        lines.append(
+            (
+                case,
+                *(percent(table, case=case, thing=t) for t in ("FAIL", "PASS")),
+                times,
+                f"{fixed:,}" if fixed else "",
+            )
+        )
+    header = (
+        "estimator",
+        "FAIL",
+        "PASS",
+        "trials at the decision: 10%, 50%, 90% of audits",
+        "a fixed number",
+    )
+    return rows(header, lines)
+
+
+def made_by(table: xr.Dataset) -> str:
+    """What the numbers are of, and how to make them again."""
+    number, seconds = int(table["replicates"].max()), table.attrs["seconds_per_replicate"]
+    return (
+        f"{table.attrs['says'].capitalize()}; {number:,} replicates of each. Made by "
+        f"`{command_of(table)}`, {seconds:.2g} s of CPU a replicate."
+    )
+
+
+TABLES: Mapping[str, Callable[[xr.Dataset], str]] = {
+    "size": size_table,
+    "gate": gate_table,
+    "intervals": intervals_table,
+    "shortcut": shortcut_table,
+    "power": power_table,
+    "anytime": anytime_table,
+    "curves": lambda table: "",  # noqa: ARG005  (a figure says it)
+}
+
+
+def blocks(tables: Mapping[str, xr.Dataset]) -> dict[str, str]:
+    """What stands in the document, by the name of its place."""
+    return {
+        name: "\n\n".join(part for part in (TABLES[name](table), made_by(table)) if part)
+        for name, table in tables.items()
+    }
+
+
+def document(tables: Mapping[str, xr.Dataset], docs: Path = DOCS) -> None:
+    """Draw the figures and fill in the tables."""
+    figures = {name: partial(FIGURE[name], table) for name, table in tables.items() if name in FIGURE}
+    plots.draw(figures, docs / "figures", prefix="error-rates-")
+    page.fill(docs / "error-rates.md", blocks(tables))

@@ -1,0 +1,68 @@
+"""From replicates to the small tables that are kept: counts, and what the true rates may be given them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import xarray as xr
+
+from studies.kit.results import clopper_pearson
+
+Values = Mapping[str, float]
+
+LEVELS = (0.01, 0.05, 0.1)
+BINS = 50
+
+
+def indicators(results: Mapping[str, Sequence[Values]]) -> xr.Dataset:
+    """How often each thing happened in each case: count, replicates, rate and its exact 95% interval.
+
+    A thing that a replicate does not mention did not happen in it; one that is NaN was not to be had.
+    """
+    things = sorted({name for replicates in results.values() for values in replicates for name in values})
+    count, number = (np.zeros((len(results), len(things)), dtype=np.int64) for _ in range(2))
+    for row, replicates in enumerate(results.values()):
+        table = np.array([[values.get(thing, 0.0) for thing in things] for values in replicates])
+        table = table.reshape(len(replicates), len(things))
+        count[row] = (table == 1).sum(axis=0)
+        number[row] = np.isfinite(table).sum(axis=0)
+    low, high = clopper_pearson(count, number)
+    dims = ("case", "thing")
+    return xr.Dataset(
+        {
+            "count": (dims, count),
+            "replicates": (dims, number),
+            "rate": (dims, count / np.maximum(number, 1)),
+            "low": (dims, low),
+            "high": (dims, high),
+        },
+        coords={"case": list(results), "thing": things},
+    )
+
+
+def p_values(results: Mapping[str, Sequence[Values]]) -> xr.Dataset:
+    """Rejection rates of each test at three levels with exact 95% intervals, and its histogram."""
+    rows = {
+        (case, test): np.array([values[test] for values in replicates if test in values])
+        for case, replicates in results.items()
+        for test in sorted({name for values in replicates for name in values})
+    }
+    rows = {key: p[np.isfinite(p)] for key, p in rows.items()}
+    number = np.array([len(p) for p in rows.values()])
+    rejected = np.array([[np.count_nonzero(p <= level) for level in LEVELS] for p in rows.values()])
+    low, high = clopper_pearson(rejected, number[:, None])
+    histogram = np.array([np.histogram(p, BINS, (0, 1))[0] for p in rows.values()])
+    return xr.Dataset(
+        {
+            "case": ("row", [case for case, _ in rows]),
+            "test": ("row", [test for _, test in rows]),
+            "replicates": ("row", number),
+            "rejected": (("row", "level"), rejected),
+            "rate": (("row", "level"), rejected / np.maximum(number, 1)[:, None]),
+            "low": (("row", "level"), low),
+            "high": (("row", "level"), high),
+            "histogram": (("row", "bin"), histogram),
+        },
+        coords={"level": list(LEVELS), "bin": (np.arange(BINS) + 0.5) / BINS},
+    )

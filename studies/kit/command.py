@@ -1,0 +1,52 @@
+"""What the studies' commands have in common."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from gaugeblock.core.errors import GaugeblockError
+from studies.kit.results import DOCS, RESULTS
+
+SEED = 20260611
+PLACES = ("--folder", "--out", "--docs", "--work")
+
+
+def parser(name: str, says: str | None) -> argparse.ArgumentParser:
+    """A parser with the options that every study has."""
+    made = argparse.ArgumentParser(prog=f"python -m {name}", description=says)
+    made.add_argument("--seed", type=int, default=SEED)
+    made.add_argument("--workers", type=int, default=1, help="processes; results do not depend on it")
+    made.add_argument("--out", type=Path, default=RESULTS, help="folder for the tables (NetCDF)")
+    made.add_argument("--work", type=Path, help="folder for finished pieces; by default OUT/checkpoints")
+    made.add_argument("--docs", type=Path, default=DOCS, help="folder with the page")
+    return made
+
+
+def given(name: str, arguments: Sequence[str]) -> str:
+    """The command as it is kept with its results: which folders were used is nobody's concern.
+
+    >>> given("studies.hidden", ["score", "--folder", "somewhere", "--out=there", "--so-far"])
+    'python -m studies.hidden score --so-far'
+    """
+    kept, rest = [], iter(arguments)
+    for argument in rest:
+        option, _, value = argument.partition("=")
+        if option not in PLACES:
+            kept.append(argument)
+        elif not value:
+            next(rest, None)
+    return shlex.join(["python", "-m", *name.split(), *kept])
+
+
+def carried_out(work: Callable[[], object]) -> int:
+    """Do it; input that cannot be used is one line and exit code 2."""
+    try:
+        work()
+    except GaugeblockError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    return 0

@@ -1,0 +1,32 @@
+"""Pages made of stored results, so that text and numbers cannot drift apart."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from gaugeblock.core.atomic import write_atomically
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A Markdown table."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+
+
+def filled(text: str, blocks: Mapping[str, str]) -> str:
+    """The text with everything between ``<!-- size -->`` and ``<!-- /size -->`` made anew, and so on.
+
+    >>> filled("<!-- a --> <!-- /a -->", {"a": "new", "b": "nowhere"})
+    '<!-- a -->\\nnew\\n<!-- /a -->'
+    """
+    for name, content in blocks.items():
+        block = f"<!-- {name} -->\n{content}\n<!-- /{name} -->"
+        text = re.sub(rf"<!-- {name} -->.*?<!-- /{name} -->", lambda _: block, text, flags=re.DOTALL)  # noqa: B023
+    return text
+
+
+def fill(page: Path, blocks: Mapping[str, str]) -> None:
+    """The same in a file."""
+    write_atomically(page, filled(page.read_text(encoding="utf-8"), blocks))

@@ -1,0 +1,128 @@
+"""Small tables that are kept, written wholly or not at all, with the command, seed and versions behind."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from gaugeblock.auditing.identity import versions
+from gaugeblock.core.atomic import atomic_path
+from gaugeblock.core.errors import InputError
+from gaugeblock.validate import storage
+
+STUDIES = Path(__file__).resolve().parents[1]
+RESULTS = STUDIES / "results"
+DOCS = STUDIES.parent / "docs"
+
+RENAMED = {
+    "python studies/run.py": "python -m studies error-rates",
+    "python studies/gain/run.py": "python -m studies gain",
+    "gaugeblock reproduce": "python -m studies.paper",
+    "python -m gaugeblock.reproduction.": "python -m studies.paper.",
+}
+"""Commands of 0.1.0 that what is committed was made by, and what does the same today."""
+
+
+def record(command: str, seed: int, **more: Any) -> dict[str, Any]:
+    """Attributes of a table: how it was made, and by which versions. What is no number or text is JSON."""
+    plain = {
+        k: v if isinstance(v, str | int | float) else json.dumps(v, default=str) for k, v in more.items()
+    }
+    return {"command": command, "seed": seed, **plain, "versions": json.dumps(versions())}
+
+
+def renamed(command: str) -> str:
+    """A command of 0.1.0 as it is called today.
+
+    >>> renamed("gaugeblock reproduce counts --seed 1")
+    'python -m studies.paper counts --seed 1'
+    """
+    before = next((old for old in RENAMED if command.startswith(old)), "")
+    return RENAMED.get(before, before) + command.removeprefix(before)
+
+
+def command_of(table: xr.Dataset) -> str:
+    """The command that makes a table again."""
+    return renamed(str(table.attrs["command"]))
+
+
+def write(tables: Mapping[str, xr.Dataset], path: Path) -> None:
+    """One file of several tables, each a group; the root is ""."""
+    writable(path.parent)
+    tree = xr.DataTree.from_dict({name or "/": table for name, table in tables.items()})
+    encoding = {f"/{name}": _compressed(table) for name, table in tables.items()}
+    with atomic_path(path) as temporary:
+        tree.to_netcdf(temporary, engine="netcdf4", encoding=encoding)
+
+
+def _compressed(table: xr.Dataset) -> dict[str, dict[str, Any]]:
+    return {
+        str(name): {"zlib": True, "complevel": 9}
+        for name, variable in table.variables.items()
+        if variable.dtype.kind in "fib" and variable.ndim
+    }
+
+
+def read(path: Path, group: str = "") -> xr.Dataset:
+    """A table, the root of its file or a group.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    try:
+        with xr.open_dataset(path, group=group or None, engine="netcdf4") as stored:
+            return stored.load()
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: no result can be read from it ({type(error).__name__})") from None
+
+
+def read_groups(path: Path) -> dict[str, xr.Dataset]:
+    """Every table of a file, by its group.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    return storage.read_groups(path, what="results")
+
+
+def stored(names: list[str], folder: Path = RESULTS) -> dict[str, xr.Dataset]:
+    """The tables that there are, a file each, by name."""
+    return {name: read(folder / f"{name}.nc") for name in names if (folder / f"{name}.nc").exists()}
+
+
+def writable(folder: Path) -> None:
+    """Make a folder, with those above it.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot write {folder}: {error.strerror or error}") from None
+
+
+def clopper_pearson(count: ArrayLike, number: ArrayLike, *, level: float = 0.95) -> NDArray[np.float64]:
+    """Exact interval for a rate, ``(2, ...)``, from `count` among `number`.
+
+    >>> clopper_pearson(77, 1000).round(3).tolist()
+    [0.061, 0.095]
+    """
+    k, n = np.asarray(count, dtype=float), np.asarray(number, dtype=float)
+    tail = (1 - level) / 2
+    low = np.where(k > 0, stats.beta.ppf(tail, np.maximum(k, 1), n - k + 1), 0.0)
+    high = np.where(k < n, stats.beta.ppf(1 - tail, k + 1, np.maximum(n - k, 1)), 1.0)
+    return np.stack([low, high])

@@ -1,0 +1,42 @@
+"""`gaugeblock reproduce`, for one release more: it says where it went, and goes there."""
+
+import subprocess
+import sys
+
+import pytest
+import typer
+
+from gaugeblock.cli import reproduce
+from gaugeblock.core.errors import InputError
+
+
+def run(*arguments, cwd):
+    command = [sys.executable, "-m", "gaugeblock", "reproduce", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=300, cwd=cwd)
+
+
+def test_the_alias_runs_the_study_of_the_clone_and_says_the_new_command(tmp_path):
+    done = run("gm.quad", "ns.trend", "--twin", "--out", tmp_path / "out", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("2 of 477 claims: 2 agrees")
+    assert "gaugeblock reproduce is now: python -m studies.paper" in done.stderr
+    assert {"reproduction.nc", "reproduction.md"} <= {path.name for path in (tmp_path / "out").iterdir()}
+
+
+def test_help_says_where_it_went_and_is_the_studys(tmp_path):
+    done = run("--help", cwd=tmp_path)
+    assert done.returncode == 0
+    assert done.stderr == "gaugeblock reproduce is now: python -m studies.paper (in a clone)\n"
+    assert "--committed" in done.stdout
+
+
+def test_what_the_study_says_of_bad_input_is_passed_on(tmp_path):
+    done = run("tab9", "--out", tmp_path, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "neither a claim nor an experiment" in done.stderr.splitlines()[-1]
+
+
+def test_without_a_clone_one_line_says_what_to_do(monkeypatch):
+    monkeypatch.setattr(reproduce, "clone", lambda: None)
+    with pytest.raises(InputError, match=r"in a clone of the repository, run python -m studies\.paper"):
+        reproduce.reproduce(typer.Context(typer.main.get_command(typer.Typer(callback=lambda: None))))

@@ -1,0 +1,193 @@
+"""The study itself with few replicates: the same code, the same parts, tables, figures and text."""
+
+from __future__ import annotations
+
+import doctest
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+from studies.error_rates import anytime, curves, gate, intervals, policies, power, replicates, size
+from studies.error_rates.__main__ import main, parts
+from studies.error_rates.boundary import Moved
+from studies.error_rates.problem import problem
+from studies.error_rates.replicates import Part, run
+from studies.error_rates.summary import indicators, p_values
+from studies.kit import command, page, results, resume
+from studies.kit.results import clopper_pearson, read
+
+from gaugeblock.validate import Outcome
+
+ROOT = Path(__file__).resolve().parents[3]
+PATH = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+
+
+def draw(seed):
+    return {"below": float(np.random.default_rng(seed).random() < 0.3)}
+
+
+PART = Part(
+    name="toy",
+    says="a coin",
+    cases={"a": draw, "b": draw},
+    replicates=3,
+    settings={"chance": 0.3},
+    summarise=indicators,
+)
+
+
+def test_examples_in_docstrings_run():
+    ran = [doctest.testmod(module) for module in (policies, replicates, command, page, resume, results)]
+    assert all(result.attempted and not result.failed for result in ran)
+
+
+def test_results_do_not_depend_on_workers(tmp_path):
+    """In processes of their own: workers are forked, which this one must not be once it has loaded JAX."""
+    tables = []
+    for workers in ("1", "2"):
+        out = tmp_path / workers
+        asked = ["error-rates", "shortcut", "--replicates", "204", "--workers", workers, "--out", out]
+        command = [sys.executable, "-m", "studies", *map(str, asked)]
+        subprocess.run(command, check=True, cwd=ROOT, env={**os.environ, "PYTHONPATH": PATH})
+        tables.append(read(out / "shortcut.nc").drop_attrs())
+        assert len(list((out / "checkpoints").glob("shortcut-*/*.npz"))) == 18
+    assert tables[0].identical(tables[1])
+
+
+def test_results_do_not_depend_on_interruptions(tmp_path):
+    whole = run(PART, tmp_path / "one", seed=1, replicates=40)
+    run(PART, tmp_path / "three", seed=1, replicates=15)
+    said = []
+    again = run(PART, tmp_path / "three", seed=1, replicates=40, progress=lambda *now: said.append(now))
+    assert again.values == whole.values
+    # Of the three pieces that 15 replicates of either case are, the last is a short one.
+    assert said[0] == ("toy", 2, 8)
+    assert said[-1] == ("toy", 8, 8)
+    assert whole.values["a"] != whole.values["b"]
+
+
+def test_replicates_of_other_settings_are_not_mixed(tmp_path):
+    first = run(PART, tmp_path, seed=1, replicates=20).values
+    assert run(PART, tmp_path, seed=2, replicates=20).values != first
+    told = []
+    other = replace(PART, settings={"chance": 0.4})
+    run(other, tmp_path, seed=1, replicates=20, progress=lambda *now: told.append(now))
+    assert told[0] == ("toy", 0, 4)
+
+
+def test_counts_have_exact_intervals():
+    results = {"a": [{"x": 1.0}, {"x": 0.0, "y": 1.0}, {"x": np.nan}], "b": [{}, {}, {}]}
+    table = indicators(results)
+    assert table["count"].sel(case="a").values.tolist() == [1, 1]
+    assert table["replicates"].values.tolist() == [[2, 3], [3, 3]]
+    low, high = clopper_pearson([0, 3], [10, 10])
+    expected = stats.binomtest(3, 10).proportion_ci(method="exact")
+    assert (low[0], low[1]) == (0, pytest.approx(expected.low))
+    assert (high[0], high[1]) == (pytest.approx(1 - 0.025 ** (1 / 10)), pytest.approx(expected.high))
+    table = p_values({"a": [{"t": 0.005}, {"t": 0.04}, {"t": 0.9}, {"t": np.nan}]})
+    assert table["rejected"].values.tolist() == [[1, 2, 2]]
+    assert table["replicates"].values.tolist() == [3]
+    assert table["histogram"].values.sum() == 3
+
+
+@pytest.fixture(scope="module")
+def few(tmp_path_factory):
+    """Parts with few replicates, by name."""
+    out = tmp_path_factory.mktemp("study")
+    made = {
+        "size": size.part,
+        "gate": gate.part,
+        "intervals": lambda: intervals.part(out, seed=1, references=4),
+        "power": _gross,
+    }
+    number = {"size": 15, "gate": 4, "intervals": 2, "power": 1}
+    return lambda name: run(made[name](), out, seed=1, replicates=number[name]).values
+
+
+# Members that any gate must see, at a tenth of the trials that are planned for them.
+GROSS = ("parameters swapped", "prior as posterior", "NaN in 1% of draws", "truth leaked")
+
+
+def _gross():
+    members = {name: replace(member, trials=250) for name, member in power.zoo().items() if name in GROSS}
+    return replace(PART, cases={name: power.replicate(member) for name, member in members.items()})
+
+
+def test_no_p_value_is_far_off_its_size(few):
+    """15 replicates a case: 7 or more of p <= 0.05 have chance 3e-6, in some 100 tests."""
+    table = p_values(few("size"))
+    assert table.sizes["row"] > 15
+    assert int(table["rejected"].sel(level=0.05).max()) < 7
+    assert (table["rate"].sel(level=0.1) < 1).all()
+
+
+def test_the_whole_gate_is_rarely_wrong(few):
+    """4 replicates a case: 3 or more of either error have chance 5e-4 at 5%; most cases have far less."""
+    table = indicators(few("gate"))
+    assert int(table["count"].sel(thing="FAIL").max()) < 3
+    assert int(table["count"].sel(thing="PASS").drop_sel(case="exact").max()) < 3
+    outcomes = table["count"].sel(thing=["PASS", "FAIL", "INCONCLUSIVE"]).sum("thing")
+    assert (outcomes == 4).all()
+
+
+def test_intervals_hold_true_values(few, monkeypatch):
+    """2 replicates a case of a tenth of the trials; all 6 outside would have chance 2e-8 at 5%."""
+    monkeypatch.setattr(intervals, "TRIALS", 200)
+    monkeypatch.setattr(intervals, "GROUPS", {"importance": (20, 50), "joint": (100, 50)})
+    table = indicators(few("intervals"))
+    assert (table["replicates"] == 2).all()
+    assert int(table["count"].sum()) >= 1
+
+
+def test_gross_faults_are_blocked(few):
+    """One replicate each, at a power beyond 0.999."""
+    table = indicators(few("power"))
+    assert table["count"].sel(thing="FAIL").values.tolist() == [1] * len(GROSS)
+
+
+def test_the_zoo_is_whole():
+    from gaugeblock.estimators.broken import FAULTS
+
+    settings = power.part().settings["zoo"]
+    assert {m["estimator"].get("fault") for m in settings.values()} >= set(FAULTS)
+    assert 2000 < settings["exact"]["trials"] < 5000
+    assert settings["narrow 0.9"]["trials"] < settings["shifted 0.1 sd"]["trials"] < 20_000
+
+
+def test_a_decision_of_the_anytime_mode_stands_from_when_it_falls():
+    case = anytime.Case(Moved(problem(1), ratio=0.5), trials=300)
+    found = anytime.sequences(case, np.random.default_rng(1))
+    when = anytime.stopped(found, 300)
+    assert when < 100
+    assert anytime.said(found, when // 2) is Outcome.INCONCLUSIVE
+    assert anytime.said(found, when) is anytime.said(found, 300) is Outcome.FAIL
+    table = anytime.summarise({"a": [anytime.replicate(case)(1), {"trials": np.nan, "INCONCLUSIVE": 1.0}]})
+    assert table["trials"].sel(case="a", quantile=0.9) == np.inf
+    assert int(table["count"].sel(case="a", thing="FAIL")) == 1
+
+
+def test_curves_are_named_by_fault_and_trials():
+    part = curves.part()
+    case = next(name for name in part.cases if name.endswith("@ 50"))
+    assert set(part.cases[case](1)) >= {"FAIL", "PASS"}
+
+
+def test_the_command_keeps_a_small_table_that_says_how_it_was_made(tmp_path, capsys):
+    arguments = ["shortcut", "--replicates", "2", "--seed", "3"]
+    assert main([*arguments, "--out", str(tmp_path)]) == 0
+    table = read(tmp_path / "shortcut.nc")
+    assert table.attrs["command"] == "python -m studies error-rates " + " ".join(arguments)
+    assert "numpy" in json.loads(table.attrs["versions"])
+    assert int(table["replicates"].max()) == 2
+    (tmp_path / "file").write_text("")
+    assert main([*arguments, "--out", str(tmp_path / "file")]) == 2
+    assert "cannot write" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["nothing"])
+    assert set(parts(tmp_path, 1)) >= {"size", "gate", "shortcut", "power"}
