@@ -19,7 +19,7 @@ from scipy.special import gammaln, ndtr, ndtri
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
-from gaugeblock.simulators.marginals import Array, Beta, Normal
+from gaugeblock.simulators.marginals import Array, Beta, Distribution, Normal
 
 
 class Block(Protocol):
@@ -52,7 +52,7 @@ def _apply(matrix: NDArray[np.float64], vectors: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class MultivariateNormal:
+class MultivariateNormal(Distribution):
     """Correlated normals of the given mean ``(parameter,)`` and covariance ``(parameter, parameter)``.
 
     Its unbounded coordinates are the standardised ones that Cholesky's factor makes (Rosenblatt's transform),
@@ -62,6 +62,7 @@ class MultivariateNormal:
     [0.5, 0.5]
     """
 
+    kind = "multivariate_normal"
     mean: Any
     covariance: Any
 
@@ -123,13 +124,9 @@ class MultivariateNormal:
     def log_prob_real(self, z: Array) -> Array:
         return Normal(0.0, 1.0).log_prob_real(z).sum(axis=-1)
 
-    def describe(self) -> dict[str, Any]:
-        covariance = [list(row) for row in self.covariance]
-        return {"distribution": "multivariate_normal", "mean": list(self.mean), "covariance": covariance}
-
 
 @dataclass(frozen=True)
-class Dirichlet:
+class Dirichlet(Distribution):
     """Shares that sum to 1, all of them parameters; `alpha` ``(share,)``.
 
     Its density is that of all shares but the last. Shares that sum to 1 fill no volume, so that there is no
@@ -139,6 +136,7 @@ class Dirichlet:
     0.6931
     """
 
+    kind = "dirichlet"
     alpha: Any
 
     def __post_init__(self) -> None:
@@ -172,15 +170,14 @@ class Dirichlet:
     def log_prob(self, value: ArrayLike) -> NDArray[np.float64]:
         return self._log_prob(np.asarray(value, dtype=float))
 
-    def describe(self) -> dict[str, Any]:
-        return {"distribution": "dirichlet", "alpha": list(self.alpha)}
-
 
 class DirichletWithoutLast(Dirichlet):
     """Shares that sum to 1, all but the last of them parameters; `alpha` ``(share,)``.
 
     Bijections by stick breaking: every share is a beta part of what those before it have left.
     """
+
+    kind = "dirichlet_without_last"
 
     @property
     def size(self) -> int:
@@ -227,9 +224,6 @@ class DirichletWithoutLast(Dirichlet):
 
     def log_prob_real(self, z: ArrayLike) -> NDArray[np.float64]:
         return np.asarray(sum(self._through(self._columns(z), "log_prob_real")))
-
-    def describe(self) -> dict[str, Any]:
-        return {"distribution": "dirichlet_without_last", "alpha": list(self.alpha)}
 
 
 def _unlimited(size: int) -> NDArray[np.float64]:

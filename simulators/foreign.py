@@ -63,7 +63,7 @@ def distributions(given: Any) -> list[Any]:
         return [given]
     if inspect.isclass(given):
         raise InputError(f"prior: {given.__name__} is a class; give an instance of it, {given.__name__}(...)")
-    root = {kind.__module__.split(".")[0] for kind in type(given).__mro__}
+    root = _libraries(given)
     if "scipy" in root:
         return _of_scipy(given)
     if root & {"torch", "numpyro", "sbi", "pyro"}:
@@ -91,16 +91,31 @@ def _drawn(given: Any, draw: Callable[..., Any], density: Any) -> Drawn:
 
 
 def _described(given: Any) -> dict[str, Any]:
-    """What it is: the text of a function that closes over nothing, else a hash of the object's state."""
+    """What it is: parameters, the text of a function that closes over nothing, else a hash of its state."""
     kind = given if inspect.isfunction(given) else type(given)
     found: dict[str, Any] = {"distribution": f"{kind.__module__}.{kind.__qualname__}"}
     if inspect.isfunction(given):
         try:
-            source = None if given.__closure__ else inspect.getsource(given)
+            return {**found, "state_sha256": None if given.__closure__ else digest(inspect.getsource(given))}
         except OSError:
-            source = None
-        return {**found, "state_sha256": source and digest(source)}
-    return {**found, "state_sha256": state(given)}
+            return {**found, "state_sha256": None}
+    if not _libraries(given) & {"torch", "numpyro", "sbi", "pyro"}:
+        return {**found, "state_sha256": state(given)}
+    # A tensor's pickle holds addresses: parameters say what a distribution is, where there is nothing else.
+    names = getattr(type(given), "arg_constraints", None)
+    if not isinstance(names, Mapping) or not names or hasattr(given, "transforms"):
+        return {**found, "state_sha256": None}
+    try:
+        return {
+            **found,
+            "parameters": {name: _array(getattr(given, name)).tolist() for name in sorted(names)},
+        }
+    except (AttributeError, TypeError, ValueError):
+        return {**found, "state_sha256": None}
+
+
+def _libraries(given: Any) -> set[str]:
+    return {kind.__module__.split(".")[0] for kind in type(given).__mro__}
 
 
 def _of_scipy(given: Any) -> list[Any]:
@@ -126,10 +141,10 @@ def _of_scipy(given: Any) -> list[Any]:
         return [MultivariateNormal(np.atleast_1d(given.mean), np.atleast_2d(given.cov))]
     if isinstance(given, stats._multivariate.dirichlet_frozen):
         return [Dirichlet(given.alpha)]
-    for density in ("logpdf", "logpmf"):
-        if hasattr(given, density):
-            return [_drawn(given, ScipyDraws(given), ScipyDensity(given, density))]
-    return [_drawn(given, ScipyDraws(given), None)]
+    if not hasattr(given, "rvs") and not hasattr(given, "resample"):
+        raise InputError(f"prior: a {type(given).__name__} has no rvs(...); give {ACCEPTED}")
+    known = hasattr(given, "logpdf") or hasattr(given, "logpmf")
+    return [_drawn(given, Scipy(given).draw, Scipy(given).density if known else None)]
 
 
 def _of_scipy_1d(kind: Any, *numbers: float) -> Any:
@@ -142,7 +157,7 @@ def _of_scipy_1d(kind: Any, *numbers: float) -> Any:
     if name == "norm":
         return Normal(loc, scale)
     if name == "truncnorm":
-        return TruncatedNormal(loc, scale, loc + scale * shapes[0], loc + scale * shapes[1])
+        return TruncatedNormal(loc, scale, low=loc + scale * shapes[0], high=loc + scale * shapes[1])
     if loc == 0 and name in ("loguniform", "reciprocal"):
         return LogUniform(shapes[0] * scale, shapes[1] * scale)
     if loc == 0 and name == "lognorm":
@@ -157,7 +172,7 @@ def _of_scipy_1d(kind: Any, *numbers: float) -> Any:
         kind
     ):  # somebody's own: its numbers do not say what it is
         name = f"{type(kind).__name__} {state(kind)}"
-    return (ScipyDiscrete if discrete else ScipyContinuous)(frozen, name, tuple(numbers))
+    return (ScipyDiscrete if discrete else ScipyContinuous)(name, tuple(numbers), frozen)
 
 
 def scipy_again(name: str, numbers: list[float]) -> Any:
@@ -171,29 +186,19 @@ def scipy_again(name: str, numbers: list[float]) -> Any:
 
 
 @dataclass(frozen=True)
-class ScipyDraws:
-    """Draws of a frozen multivariate distribution of scipy.stats, or of its kernel density estimate."""
+class Scipy:
+    """Draws and densities of a frozen multivariate distribution of scipy.stats, or of its kernel estimate."""
 
     source: Any
 
-    def __call__(self, n: int, rng: Rng) -> NDArray[np.float64]:
+    def draw(self, n: int, rng: Rng) -> NDArray[np.float64]:
         if hasattr(self.source, "resample"):
             return np.asarray(self.source.resample(n, seed=rng)).T
-        if not hasattr(self.source, "rvs"):
-            raise InputError(f"prior: a {type(self.source).__name__} has no rvs(...); give {ACCEPTED}")
         return np.asarray(self.source.rvs(size=n, random_state=rng)).reshape(n, -1)
 
-
-@dataclass(frozen=True)
-class ScipyDensity:
-    """Its log density or log mass."""
-
-    source: Any
-    method: str
-
-    def __call__(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
+    def density(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
         points = theta.T if hasattr(self.source, "resample") else theta
-        return np.asarray(getattr(self.source, self.method)(points))
+        return np.asarray((getattr(self.source, "logpdf", None) or self.source.logpmf)(points))
 
 
 # Distributions of torch and numpyro that are one of ours, by class name and the attributes that ours takes.
@@ -236,25 +241,7 @@ def _of_torch_or_numpyro(given: Any, library: type[Torch] | type[Numpyro]) -> li
 
 def _foreign(given: Any, library: type[Torch] | type[Numpyro]) -> Drawn:
     made = library(given)
-    described = _parameters(given)
-    if callable(getattr(given, "log_prob", None)):
-        return DrawnWithDensity(made.draw, described, density=made.density)
-    return Drawn(made.draw, described)
-
-
-def _parameters(given: Any) -> dict[str, Any]:
-    """Class and parameters of a distribution of torch or numpyro; no state where there may be more."""
-    found: dict[str, Any] = {"distribution": f"{type(given).__module__}.{type(given).__qualname__}"}
-    names = getattr(type(given), "arg_constraints", None)
-    if not isinstance(names, Mapping) or not names or hasattr(given, "transforms"):
-        return {**found, "state_sha256": None}
-    try:
-        return {
-            **found,
-            "parameters": {name: _array(getattr(given, name)).tolist() for name in sorted(names)},
-        }
-    except (AttributeError, TypeError, ValueError):
-        return {**found, "state_sha256": None}
+    return _drawn(given, made.draw, made.density if hasattr(given, "log_prob") else None)
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,12 @@ scipy and `Truncated` have theirs on NumPy alone; discrete ones have a quantile 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol, cast
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import betainc, betaincinv, betaln, gammainc, gammaincinv, gammaln, ndtr, ndtri
 
 from gaugeblock.core.errors import InputError
@@ -73,19 +73,94 @@ def _sigmoid(z: Array) -> Array:
     return xp.where(z >= 0, 1.0 / (1.0 + decay), decay / (1.0 + decay))
 
 
+def _log_sigmoid(z: Array) -> Array:
+    xp = namespace(z)
+    return xp.minimum(z, 0.0) - xp.log1p(xp.exp(-xp.abs(z)))
+
+
+def _check(kind: str, *finite: float, positive: Mapping[str, float]) -> None:
+    for name, number in positive.items():
+        if not (math.isfinite(number) and number > 0):
+            raise InputError(f"{kind}: {name} must be finite and positive, got {number}")
+    if not all(map(math.isfinite, finite)):
+        raise InputError(f"{kind}: the mean must be finite, got {finite[0]}")
+
+
 def _check_bounds(kind: str, low: float, high: float) -> None:
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise InputError(f"{kind}: needs finite low < high, got low={low}, high={high}")
 
 
+def _plain(value: Any) -> Any:
+    """Plain data; an end at infinity as text, since JSON has no number for it."""
+    if isinstance(value, tuple):
+        return [_plain(each) for each in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return value.describe() if hasattr(value, "describe") else value
+
+
+class Distribution:
+    """What dataclasses that are distributions have in common: a kind, and their fields as its numbers."""
+
+    kind: ClassVar[str]
+
+    def describe(self) -> dict[str, Any]:
+        """Plain-data description: `distribution` and its numbers."""
+        numbers = {each.name: _plain(getattr(self, each.name)) for each in fields(cast(Any, self))}
+        return {"distribution": self.kind, **numbers}
+
+
+class Continuous(Distribution):
+    """Median by the quantiles; bijection to the real line by the support: logit, logarithm or nothing."""
+
+    from_unit: Callable[[Any], Any]
+    log_prob: Callable[[Any], Any]
+
+    @property
+    def support(self) -> tuple[float, float]:
+        return 0.0, math.inf
+
+    @property
+    def center(self) -> float:
+        return float(self.from_unit(0.5))
+
+    def to_real(self, value: Array) -> Array:
+        xp, (low, high) = namespace(value), self.support
+        with np.errstate(divide="ignore"):  # the ends of the support are minus and plus infinity
+            if math.isfinite(low) and math.isfinite(high):
+                return xp.log(value - low) - xp.log(high - value)
+            if math.isfinite(low):
+                return xp.log(value - low)
+            return -xp.log(high - value) if math.isfinite(high) else value
+
+    def from_real(self, z: Array) -> Array:
+        xp, (low, high) = namespace(z), self.support
+        if math.isfinite(low) and math.isfinite(high):
+            return Uniform(low, high).from_real(z)
+        if math.isfinite(low):
+            return low + xp.exp(z)
+        return high - xp.exp(-z) if math.isfinite(high) else z
+
+    def log_prob_real(self, z: Array) -> Array:
+        low, high = self.support
+        slope = 0.0
+        if math.isfinite(low) and math.isfinite(high):
+            slope = math.log(high - low) + _log_logistic(z)
+        elif math.isfinite(low) or math.isfinite(high):
+            slope = z if math.isfinite(low) else -z
+        return self.log_prob(self.from_real(z)) + slope
+
+
 @dataclass(frozen=True)
-class Uniform:
+class Uniform(Distribution):
     """Uniform between `low` and `high`.
 
     >>> Uniform(1.0, 3.0).from_unit(0.25)
     1.5
     """
 
+    kind = "uniform"
     low: float
     high: float
 
@@ -126,18 +201,16 @@ class Uniform:
     def log_prob_real(self, z: Array) -> Array:
         return _log_logistic(z)
 
-    def describe(self) -> dict[str, Any]:
-        return {"distribution": "uniform", "low": self.low, "high": self.high}
-
 
 @dataclass(frozen=True)
-class LogUniform:
+class LogUniform(Distribution):
     """Uniform in the logarithm, between `low` and `high`, both positive.
 
     >>> float(np.round(LogUniform(1e-4, 1e-2).from_unit(0.5), 12))
     0.001
     """
 
+    kind = "log_uniform"
     low: float
     high: float
 
@@ -184,18 +257,16 @@ class LogUniform:
     def log_prob_real(self, z: Array) -> Array:
         return _log_logistic(z)
 
-    def describe(self) -> dict[str, Any]:
-        return {"distribution": "log_uniform", "low": self.low, "high": self.high}
-
 
 @dataclass(frozen=True)
-class Normal:
+class Normal(Distribution):
     """Normal with the given mean and standard deviation.
 
     >>> float(Normal(2.0, 0.5).to_unit(2.0))
     0.5
     """
 
+    kind = "normal"
     mean: float
     sd: float
 
@@ -229,80 +300,21 @@ class Normal:
     def log_prob_real(self, z: Array) -> Array:
         return -0.5 * z * z - 0.5 * math.log(2.0 * math.pi)
 
-    def describe(self) -> dict[str, Any]:
-        return {"distribution": "normal", "mean": self.mean, "sd": self.sd}
-
-
-def _check_positive(kind: str, **numbers: float) -> None:
-    for name, number in numbers.items():
-        if not (math.isfinite(number) and number > 0):
-            raise InputError(f"{kind}: {name} must be finite and positive, got {number}")
-
-
-def _log_sigmoid(z: Array) -> Array:
-    xp = namespace(z)
-    return xp.minimum(z, 0.0) - xp.log1p(xp.exp(-xp.abs(z)))
-
-
-class _BySupport:
-    """Bijection to the real line by the support alone: logit, logarithm or nothing."""
-
-    @property
-    def support(self) -> tuple[float, float]:
-        raise NotImplementedError
-
-    def log_prob(self, value: Array) -> Array:
-        raise NotImplementedError
-
-    def to_real(self, value: Array) -> Array:
-        xp, (low, high) = namespace(value), self.support
-        with np.errstate(divide="ignore"):  # the ends of the support are minus and plus infinity
-            if math.isfinite(low) and math.isfinite(high):
-                return xp.log(value - low) - xp.log(high - value)
-            if math.isfinite(low):
-                return xp.log(value - low)
-            return -xp.log(high - value) if math.isfinite(high) else value
-
-    def from_real(self, z: Array) -> Array:
-        xp, (low, high) = namespace(z), self.support
-        if math.isfinite(low) and math.isfinite(high):
-            return Uniform(low, high).from_real(z)
-        if math.isfinite(low):
-            return low + xp.exp(z)
-        return high - xp.exp(-z) if math.isfinite(high) else z
-
-    def log_prob_real(self, z: Array) -> Array:
-        low, high = self.support
-        slope = 0.0
-        if math.isfinite(low) and math.isfinite(high):
-            slope = math.log(high - low) + _log_logistic(z)
-        elif math.isfinite(low) or math.isfinite(high):
-            slope = z if math.isfinite(low) else -z
-        return self.log_prob(self.from_real(z)) + slope
-
 
 @dataclass(frozen=True)
-class LogNormal:
+class LogNormal(Continuous):
     """A positive number whose natural logarithm is normal with the given mean and standard deviation.
 
     >>> float(LogNormal(0.0, 0.5).to_unit(1.0))
     0.5
     """
 
+    kind = "log_normal"
     mean: float
     sd: float
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.mean) and math.isfinite(self.sd) and self.sd > 0):
-            raise InputError(f"log-normal: needs a finite mean and a positive sd, got {self.mean}, {self.sd}")
-
-    @property
-    def support(self) -> tuple[float, float]:
-        return 0.0, math.inf
-
-    @property
-    def center(self) -> float:
-        return math.exp(self.mean)
+        _check("log-normal", self.mean, positive={"sd": self.sd})
 
     def log_prob(self, value: Array) -> Array:
         xp = namespace(value)
@@ -324,39 +336,28 @@ class LogNormal:
         return namespace(z).exp(self.mean + self.sd * z)
 
     def log_prob_real(self, z: Array) -> Array:
-        return -0.5 * z * z - 0.5 * math.log(2.0 * math.pi)
-
-    def describe(self) -> dict[str, Any]:
-        return {"distribution": "log_normal", "mean": self.mean, "sd": self.sd}
+        return Normal(0.0, 1.0).log_prob_real(z)
 
 
 @dataclass(frozen=True)
-class Gamma(_BySupport):
+class Gamma(Continuous):
     """Gamma with the given shape and scale: mean ``shape * scale``. A shape of 1 is the exponential.
 
     >>> float(np.round(Gamma(1.0, 2.0).to_unit(2.0), 6)) == round(1 - math.exp(-1), 6)
     True
     """
 
+    kind = "gamma"
     shape: float
     scale: float
 
     def __post_init__(self) -> None:
-        _check_positive("gamma", shape=self.shape, scale=self.scale)
-
-    @property
-    def support(self) -> tuple[float, float]:
-        return 0.0, math.inf
-
-    @property
-    def center(self) -> float:
-        return float(self.from_unit(0.5))
+        _check("gamma", positive={"shape": self.shape, "scale": self.scale})
 
     def log_prob(self, value: Array) -> Array:
         xp = namespace(value)
-        safe = xp.where(value > 0, value, 1.0) / self.scale
-        density = (self.shape - 1.0) * xp.log(safe) - safe - float(gammaln(self.shape)) - math.log(self.scale)
-        return xp.where(value > 0, density, -xp.inf)
+        logarithm = xp.log(xp.where(value > 0, value, 1.0))
+        return xp.where(value > 0, self.log_prob_real(logarithm) - logarithm, -xp.inf)
 
     def to_unit(self, value: Array) -> Array:
         return gammainc(self.shape, np.maximum(value, 0.0) / self.scale)
@@ -369,31 +370,25 @@ class Gamma(_BySupport):
         relative = z - math.log(self.scale)
         return self.shape * relative - namespace(z).exp(relative) - float(gammaln(self.shape))
 
-    def describe(self) -> dict[str, Any]:
-        return {"distribution": "gamma", "shape": self.shape, "scale": self.scale}
-
 
 @dataclass(frozen=True)
-class Beta(_BySupport):
+class Beta(Continuous):
     """Beta between 0 and 1, density proportional to ``value^(alpha - 1) (1 - value)^(beta - 1)``.
 
     >>> float(Beta(2.0, 2.0).to_unit(0.5))
     0.5
     """
 
+    kind = "beta"
     alpha: float
     beta: float
 
     def __post_init__(self) -> None:
-        _check_positive("beta", alpha=self.alpha, beta=self.beta)
+        _check("beta", positive={"alpha": self.alpha, "beta": self.beta})
 
     @property
     def support(self) -> tuple[float, float]:
         return 0.0, 1.0
-
-    @property
-    def center(self) -> float:
-        return float(self.from_unit(0.5))
 
     def log_prob(self, value: Array) -> Array:
         xp = namespace(value)
@@ -412,32 +407,26 @@ class Beta(_BySupport):
         logs = self.alpha * _log_sigmoid(z) + self.beta * _log_sigmoid(-z)
         return logs - float(betaln(self.alpha, self.beta))
 
-    def describe(self) -> dict[str, Any]:
-        return {"distribution": "beta", "alpha": self.alpha, "beta": self.beta}
-
 
 @dataclass(frozen=True)
-class TruncatedNormal(_BySupport):
+class TruncatedNormal(Continuous):
     """Normal with the given mean and standard deviation, cut off below `low` and above `high`.
 
-    Either end may be infinite. Exact far into either tail.
+    Exact far into either tail.
 
-    >>> float(np.round(TruncatedNormal(0.0, 1.0, 0.0, math.inf).from_unit(0.5), 4))
+    >>> float(np.round(TruncatedNormal(0.0, 1.0, low=0.0).from_unit(0.5), 4))
     0.6745
     """
 
+    kind = "truncated_normal"
     mean: float
     sd: float
-    low: float
-    high: float
+    low: float = field(default=-math.inf, kw_only=True)
+    high: float = field(default=math.inf, kw_only=True)
 
     def __post_init__(self) -> None:
-        _check_positive("truncated normal", sd=self.sd)
-        if not (math.isfinite(self.mean) and self.low < self.high):
-            raise InputError(
-                f"truncated normal: needs a finite mean and low < high, got {self.mean}, {self.low} and "
-                f"{self.high}"
-            )
+        _check("truncated normal", self.mean, positive={"sd": self.sd})
+        _float_ends(self)
 
     @property
     def _ends(self) -> tuple[float, float]:
@@ -446,10 +435,6 @@ class TruncatedNormal(_BySupport):
     @property
     def support(self) -> tuple[float, float]:
         return self.low, self.high
-
-    @property
-    def center(self) -> float:
-        return float(self.from_unit(0.5))
 
     @cached_property
     def _log_mass(self) -> float:
@@ -461,22 +446,12 @@ class TruncatedNormal(_BySupport):
         return xp.where((value >= self.low) & (value <= self.high), density, -xp.inf)
 
     def to_unit(self, value: Array) -> Array:
-        below, _ = self._ends
         place = np.clip((np.asarray(value, dtype=float) - self.mean) / self.sd, *self._ends)
-        return np.clip(np.exp(_truncated_normal.log_mass(below, place) - self._log_mass), 0.0, 1.0)
+        return np.clip(np.exp(_truncated_normal.log_mass(self._ends[0], place) - self._log_mass), 0.0, 1.0)
 
     def from_unit(self, u: Array) -> Array:
         place = _truncated_normal.quantile(np.asarray(u, dtype=float), *self._ends)
         return np.clip(self.mean + self.sd * place, self.low, self.high)
-
-    def describe(self) -> dict[str, Any]:
-        numbers = {"mean": self.mean, "sd": self.sd, "low": self.low, "high": self.high}
-        return {"distribution": "truncated_normal", **_plain_ends(numbers)}
-
-
-def _plain_ends(numbers: dict[str, float]) -> dict[str, Any]:
-    """An end at infinity as text: JSON has no number for it."""
-    return {key: value if math.isfinite(value) else str(value) for key, value in numbers.items()}
 
 
 def _numpy_only(kind: str, value: Array) -> Array:
@@ -489,23 +464,23 @@ def _numpy_only(kind: str, value: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Truncated(_BySupport):
+class Truncated(Continuous):
     """Any continuous distribution, cut off below `low` and above `high`; either end may be infinite.
 
     Made by `truncated`. What is left must hold at least 1e-6 of the distribution.
     """
 
+    kind = "truncated"
     of: Any
-    low: float
-    high: float
+    low: float = field(default=-math.inf, kw_only=True)
+    high: float = field(default=math.inf, kw_only=True)
 
     def __post_init__(self) -> None:
-        if not self.low < self.high:
-            raise InputError(f"truncated: needs low < high, got {self.low} and {self.high}")
+        _float_ends(self)
         if not self._cut[1] - self._cut[0] > 1e-6:
             raise InputError(
-                f"truncated: less than 1e-6 of {self.of!r} lies between {self.low} and {self.high}; "
-                "widen them"
+                f"truncated: less than 1e-6 of {self.of!r} lies between {self.low} and "
+                f"{self.high}; widen them"
             )
 
     @cached_property
@@ -517,10 +492,6 @@ class Truncated(_BySupport):
     def support(self) -> tuple[float, float]:
         low, high = self.of.support
         return max(low, self.low), min(high, self.high)
-
-    @property
-    def center(self) -> float:
-        return float(self.from_unit(0.5))
 
     def log_prob(self, value: Array) -> Array:
         place, (low, high) = _numpy_only("truncated", value), self.support
@@ -536,12 +507,8 @@ class Truncated(_BySupport):
         low, high = self._cut
         return np.clip(self.of.from_unit(low + (high - low) * _numpy_only("truncated", u)), *self.support)
 
-    def describe(self) -> dict[str, Any]:
-        ends = _plain_ends({"low": self.low, "high": self.high})
-        return {"distribution": "truncated", "of": self.of.describe(), **ends}
 
-
-def truncated(of: Marginal, *, low: float = -math.inf, high: float = math.inf) -> Marginal:
+def truncated(of: Any, *, low: float = -math.inf, high: float = math.inf) -> Any:
     """A distribution cut off below `low` and above `high`.
 
     >>> truncated(Uniform(0.0, 1.0), low=0.5)
@@ -552,19 +519,31 @@ def truncated(of: Marginal, *, low: float = -math.inf, high: float = math.inf) -
     InputError
         If low is not below high, or hardly anything of the distribution lies between them.
     """
+    low, high = float(low), float(high)
     if isinstance(of, Uniform | LogUniform):
         return type(of)(max(of.low, low), min(of.high, high))
-    return TruncatedNormal(of.mean, of.sd, low, high) if isinstance(of, Normal) else Truncated(of, low, high)
+    if isinstance(of, Normal):
+        return TruncatedNormal(of.mean, of.sd, low=low, high=high)
+    return Truncated(of, low=low, high=high)
+
+
+def _float_ends(cut: Any) -> None:
+    """Ends as numbers, "inf" read as one."""
+    object.__setattr__(cut, "low", float(cut.low))
+    object.__setattr__(cut, "high", float(cut.high))
+    if not cut.low < cut.high:
+        raise InputError(f"{cut.kind}: needs low < high, got {cut.low} and {cut.high}")
 
 
 @dataclass(frozen=True)
-class Discrete:
+class Discrete(Distribution):
     """Finitely many numbers with the given probabilities: a density of masses, and no bijection.
 
     >>> Discrete((1.0, 2.0, 5.0), (0.5, 0.25, 0.25)).from_unit([0.1, 0.6, 0.9]).tolist()
     [1.0, 2.0, 5.0]
     """
 
+    kind = "discrete"
     values: tuple[float, ...]
     probabilities: tuple[float, ...]
 
@@ -588,30 +567,26 @@ class Discrete:
     def center(self) -> float:
         return float(self.from_unit(0.5))
 
-    def log_prob(self, value: Array) -> NDArray[np.float64]:
+    def log_prob(self, value: Array) -> Array:
         place = np.searchsorted(self.values, _numpy_only("discrete", value))
         place = np.minimum(place, len(self.values) - 1)
         with np.errstate(divide="ignore"):
             mass = np.log(np.asarray(self.probabilities))[place]
         return np.where(np.asarray(self.values)[place] == value, mass, -np.inf)
 
-    def from_unit(self, u: Array) -> NDArray[np.float64]:
+    def from_unit(self, u: Array) -> Array:
         """Quantile function, in steps."""
         step = np.searchsorted(np.cumsum(self.probabilities), _numpy_only("discrete", u))
-        return np.asarray(np.asarray(self.values)[np.minimum(step, len(self.values) - 1)])
-
-    def describe(self) -> dict[str, Any]:
-        values, probabilities = list(self.values), list(self.probabilities)
-        return {"distribution": "discrete", "values": values, "probabilities": probabilities}
+        return np.asarray(self.values)[np.minimum(step, len(self.values) - 1)]
 
 
 @dataclass(frozen=True)
 class ScipyDiscrete:
     """A one-dimensional discrete distribution of scipy.stats, frozen: masses and a quantile function."""
 
-    frozen: Any
     name: str
     numbers: tuple[float, ...]
+    frozen: Any = field(compare=False, repr=False)
 
     @property
     def support(self) -> tuple[float, float]:
@@ -622,36 +597,24 @@ class ScipyDiscrete:
     def center(self) -> float:
         return float(self.frozen.ppf(0.5))
 
-    def log_prob(self, value: Array) -> NDArray[np.float64]:
-        return np.asarray(self.frozen.logpmf(_numpy_only(self.name, value)))
+    def log_prob(self, value: Array) -> Array:
+        return self.frozen.logpmf(_numpy_only(self.name, value))
 
-    def from_unit(self, u: Array) -> NDArray[np.float64]:
+    def from_unit(self, u: Array) -> Array:
         """Quantile function, in steps; scipy's is one below the support at 0."""
-        return np.asarray(np.maximum(self.frozen.ppf(_numpy_only(self.name, u)), self.support[0]))
+        return np.maximum(self.frozen.ppf(_numpy_only(self.name, u)), self.support[0])
 
     def describe(self) -> dict[str, Any]:
         return {"distribution": "scipy", "name": self.name, "numbers": list(self.numbers)}
 
-    def __eq__(self, other: object) -> bool:
-        return type(other) is type(self) and self.describe() == other.describe()
 
-    def __hash__(self) -> int:
-        return hash((self.name, self.numbers))
-
-
-class ScipyContinuous(_BySupport, ScipyDiscrete):
+class ScipyContinuous(ScipyDiscrete):
     """A one-dimensional continuous distribution of scipy.stats, frozen."""
 
-    @property
-    def support(self) -> tuple[float, float]:
-        low, high = self.frozen.support()
-        return float(low), float(high)
+    to_real, from_real, log_prob_real = Continuous.to_real, Continuous.from_real, Continuous.log_prob_real
 
-    def log_prob(self, value: Array) -> NDArray[np.float64]:
-        return np.asarray(self.frozen.logpdf(_numpy_only(self.name, value)))
+    def log_prob(self, value: Array) -> Array:
+        return self.frozen.logpdf(_numpy_only(self.name, value))
 
-    def to_unit(self, value: Array) -> NDArray[np.float64]:
-        return np.asarray(self.frozen.cdf(_numpy_only(self.name, value)))
-
-    def from_unit(self, u: Array) -> NDArray[np.float64]:
-        return np.asarray(self.frozen.ppf(_numpy_only(self.name, u)))
+    def to_unit(self, value: Array) -> Array:
+        return self.frozen.cdf(_numpy_only(self.name, value))

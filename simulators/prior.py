@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterator, Mapping
 from typing import Any, Protocol, runtime_checkable
 
@@ -30,28 +31,14 @@ from gaugeblock.simulators.marginals import (
 Key = str | tuple[str, ...]
 
 
-def _truncated(of: Mapping[str, Any], **ends: Any) -> Marginal:
-    return truncated(_rebuilt("truncated", of), **{key: float(end) for key, end in ends.items()})
-
-
-def _truncated_normal(mean: float, sd: float, *, low: Any = -np.inf, high: Any = np.inf) -> TruncatedNormal:
-    return TruncatedNormal(mean, sd, float(low), float(high))
-
-
-_DISTRIBUTIONS: dict[str, tuple[Any, str]] = {
-    "uniform": (Uniform, "low, high"),
-    "log_uniform": (LogUniform, "low, high"),
-    "normal": (Normal, "mean, sd"),
-    "log_normal": (LogNormal, "mean, sd"),
-    "gamma": (Gamma, "shape, scale"),
-    "beta": (Beta, "alpha, beta"),
-    "truncated_normal": (_truncated_normal, "mean, sd, low, high"),
-    "truncated": (_truncated, "of, low, high"),
-    "discrete": (Discrete, "values, probabilities"),
-    "scipy": (scipy_again, "name, numbers"),
-    "multivariate_normal": (MultivariateNormal, "parameters, mean, covariance"),
-    "dirichlet": (Dirichlet, "parameters, alpha"),
-    "dirichlet_without_last": (DirichletWithoutLast, "parameters, alpha"),
+_DISTRIBUTIONS: dict[str, Any] = {
+    **{
+        each.kind: each
+        for each in (Uniform, LogUniform, Normal, LogNormal, Gamma, Beta, TruncatedNormal, Discrete)
+    },
+    **{each.kind: each for each in (MultivariateNormal, Dirichlet, DirichletWithoutLast)},
+    "truncated": truncated,
+    "scipy": scipy_again,
 }
 
 
@@ -63,10 +50,13 @@ def _rebuilt(name: str, entry: Mapping[str, Any]) -> Any:
         raise InputError(
             f"prior of {name}: distribution must be one of {', '.join(_DISTRIBUTIONS)}, got {kind!r}"
         )
-    make, takes = _DISTRIBUTIONS[kind]
+    make = _DISTRIBUTIONS[kind]
     try:
+        if isinstance(numbers.get("of"), Mapping):
+            numbers["of"] = _rebuilt(name, numbers["of"])
         return make(**numbers)
     except TypeError:
+        takes = ", ".join(inspect.signature(make).parameters)
         raise InputError(
             f"prior of {name}: {kind} takes {takes}, got {', '.join(numbers) or 'nothing'}"
         ) from None

@@ -35,9 +35,9 @@ ONE = {
     "gamma": (Gamma(2.5, 0.4), stats.gamma(2.5, scale=0.4)),
     "gamma with a pole": (Gamma(0.4, 2.0), stats.gamma(0.4, scale=2.0)),
     "beta": (Beta(2.0, 0.6), stats.beta(2.0, 0.6)),
-    "truncated normal": (TruncatedNormal(1.0, 2.0, 0.0, 4.0), stats.truncnorm(-0.5, 1.5, 1.0, 2.0)),
-    "its upper tail": (TruncatedNormal(0.0, 1.0, 8.0, math.inf), stats.truncnorm(8.0, np.inf)),
-    "its lower half": (TruncatedNormal(0.0, 1.0, -math.inf, 0.5), stats.truncnorm(-np.inf, 0.5)),
+    "truncated normal": (TruncatedNormal(1.0, 2.0, low=0.0, high=4.0), stats.truncnorm(-0.5, 1.5, 1.0, 2.0)),
+    "its upper tail": (TruncatedNormal(0.0, 1.0, low=8.0), stats.truncnorm(8.0, np.inf)),
+    "its lower half": (TruncatedNormal(0.0, 1.0, high=0.5), stats.truncnorm(-np.inf, 0.5)),
     "truncated gamma": (truncated(Gamma(2.0, 1.0), low=0.5, high=3.0), None),
     "truncated log-normal": (truncated(LogNormal(0.0, 1.0), high=2.0), None),
 }
@@ -158,7 +158,7 @@ def test_densities_of_blocks_are_scipy_s():
 def test_truncation_keeps_the_kind_where_it_can():
     assert truncated(Uniform(0.0, 4.0), high=3.0) == Uniform(0.0, 3.0)
     assert truncated(LogUniform(0.1, 4.0), low=1.0) == LogUniform(1.0, 4.0)
-    assert truncated(Normal(0.0, 1.0), low=2.0) == TruncatedNormal(0.0, 1.0, 2.0, math.inf)
+    assert truncated(Normal(0.0, 1.0), low=2.0) == TruncatedNormal(0.0, 1.0, low=2.0)
     with pytest.raises(InputError, match="less than 1e-6"):
         truncated(Gamma(2.0, 1.0), low=100.0)
 

@@ -207,7 +207,7 @@ def test_numpyro_distributions():
         (d.LogNormal(0.0, 0.5), 3, LogNormal(0.0, 0.5)),
         (d.LogUniform(0.5, 2.0), 3, LogUniform(0.5, 2.0)),
         (d.Beta(2.0, 3.0), 3, Beta(2.0, 3.0)),
-        (d.TruncatedNormal(1.0, 2.0, low=0.0, high=3.0), 3, TruncatedNormal(1.0, 2.0, 0.0, 3.0)),
+        (d.TruncatedNormal(1.0, 2.0, low=0.0, high=3.0), 3, TruncatedNormal(1.0, 2.0, low=0.0, high=3.0)),
         (d.Normal(jnp.zeros(2), 1.0).to_event(1), 3, None),
         (d.MultivariateNormal(jnp.zeros(2), jnp.eye(2)), 3, None),
         (d.StudentT(4.0, 0.0, 1.0), 1, None),
