@@ -323,14 +323,15 @@ class LogNormal(Continuous):
         return xp.where(value > 0, density, -xp.inf)
 
     def to_unit(self, value: Array) -> Array:
-        with np.errstate(divide="ignore"):
-            return ndtr(self.to_real(np.maximum(value, 0.0)))
+        return ndtr(self.to_real(value))
 
     def from_unit(self, u: Array) -> Array:
         return self.from_real(ndtri(u))
 
     def to_real(self, value: Array) -> Array:
-        return (namespace(value).log(value) - self.mean) / self.sd
+        xp = namespace(value)
+        with np.errstate(divide="ignore"):  # what is not positive is at minus infinity
+            return (xp.log(xp.maximum(value, 0.0)) - self.mean) / self.sd
 
     def from_real(self, z: Array) -> Array:
         return namespace(z).exp(self.mean + self.sd * z)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -219,8 +219,7 @@ class Prior:
     @property
     def standard_normal(self) -> NDArray[np.bool_]:
         """Which unbounded coordinates are standard normal under the prior, ``(parameter,)``."""
-        kinds = (Normal, LogNormal, MultivariateNormal)
-        return np.array([isinstance(part, kinds) for key, part in self._parts.items() for _ in _names(key)])
+        return np.array([is_normal(part) for key, part in self._parts.items() for _ in _names(key)])
 
     def lacking(self, method: str) -> str:
         """The parts without a method of that name, for a message."""
@@ -306,8 +305,12 @@ class Prior:
             first += len(_names(key))
 
     def _map(self, array: ArrayLike | Array, method: str) -> Any:
+        return self.by_part(array, lambda part, values: getattr(part, method)(values))
+
+    def by_part(self, array: ArrayLike | Array, function: Callable[[Any, Array], Array]) -> Any:
+        """``function(part, values)`` of every distribution and its columns, of the array's shape."""
         array = array if hasattr(array, "__array_namespace__") else np.asarray(array, dtype=float)
-        mapped = [(getattr(part, method)(values), block) for part, values, block in self._columns(array)]
+        mapped = [(function(part, values), block) for part, values, block in self._columns(array)]
         columns = [values if block else values[..., None] for values, block in mapped]
         return namespace(array).concatenate(columns, axis=-1)
 
@@ -394,6 +397,11 @@ class _Draws(_Densities):
     """A prior of which some parts can be drawn from and no more."""
 
     log_prob = None  # type: ignore[assignment]
+
+
+def is_normal(part: Any) -> bool:
+    """Whether a distribution's unbounded coordinates are standard normal."""
+    return isinstance(part, Normal | LogNormal | MultivariateNormal)
 
 
 def _names(key: Key) -> tuple[str, ...]:

@@ -11,13 +11,14 @@ can leave the prior. The density in physical units follows without any correctio
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtr, ndtri
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.simulators.prior import Prior
+from gaugeblock.simulators.prior import Prior, is_normal
 
 
 def to_scores(prior: Prior, theta: ArrayLike) -> Array:
@@ -28,20 +29,21 @@ def to_scores(prior: Prior, theta: ArrayLike) -> Array:
     >>> to_scores(prior, [[2.0]]).tolist(), from_scores(prior, [[0.0]]).tolist()
     ([[0.0]], [[2.0]])
     """
-    scores, normal = ndtri(prior.to_unit_cube(theta)), prior.standard_normal
-    if normal.any():  # exact in the far tails, where the unit interval rounds to 1
-        scores[..., normal] = np.asarray(prior.to_unbounded(theta))[..., normal]
+    # A normal's own are exact in the far tails, where the unit interval rounds to 1.
+    scores = prior.by_part(
+        theta, lambda part, value: part.to_real(value) if is_normal(part) else ndtri(part.to_unit(value))
+    )
     return np.asarray(scores)
 
 
 def from_scores(prior: Prior, scores: ArrayLike) -> Array:
     """Inverse of `to_scores`; no finite score leaves the prior's support."""
-    scores = np.asarray(scores, dtype=float)
-    theta = prior.from_unit_cube(np.clip(ndtr(scores), np.finfo(float).tiny, 1.0 - np.finfo(float).eps))
-    normal = prior.standard_normal
-    if normal.any():
-        theta[..., normal] = np.asarray(prior.from_unbounded(scores))[..., normal]
-    return np.asarray(theta)
+    least, most = np.finfo(float).tiny, 1.0 - np.finfo(float).eps
+
+    def value(part: Any, score: Array) -> Any:
+        return part.from_real(score) if is_normal(part) else part.from_unit(np.clip(ndtr(score), least, most))
+
+    return np.asarray(prior.by_part(scores, value))
 
 
 def physical_log_density(prior: Prior, log_q: ArrayLike, scores: ArrayLike, theta: ArrayLike) -> Array:

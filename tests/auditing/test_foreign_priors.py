@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from gaugeblock.validate.marginal.ranks import randomised_ranks
 from scipy import stats
 
 from gaugeblock.auditing.collect import collect, fingerprint
@@ -14,6 +13,7 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.estimators import build_estimator
 from gaugeblock.simulators import Discrete, MultivariateNormal, Normal, Prior, Uniform, as_prior
 from gaugeblock.validate import NotChecked, run_validators
+from gaugeblock.validate.ranks import randomised_ranks
 
 PLAN = Plan(
     number=200,

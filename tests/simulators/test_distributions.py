@@ -204,3 +204,14 @@ def test_a_file_s_table_may_hold_every_kind():
     assert Prior.from_description(table).names == ("rate", "half", "cut", "a", "b")
     with pytest.raises(InputError, match="prior of rate: gamma takes shape, scale, got shape, rate"):
         Prior.from_description({"rate": {"distribution": "gamma", "shape": 1.0, "rate": 2.0}})
+
+
+def test_normal_scores_of_what_lies_outside_are_minus_infinity():
+    from gaugeblock.estimators.npe.coordinates import from_scores, to_scores
+
+    prior = Prior(
+        {"a": LogNormal(0.0, 1.0), ("b", "c"): MultivariateNormal([0, 1], [[1.0, 0.5], [0.5, 1.0]])}
+    )
+    scores = to_scores(prior, [[-1.0, 0.0, 1.0], [1.0, 0.0, 1.0]])
+    assert scores.tolist() == [[-np.inf, 0.0, 0.0], [0.0, 0.0, 0.0]]
+    np.testing.assert_allclose(from_scores(prior, scores[1:]), [[1.0, 0.0, 1.0]])
