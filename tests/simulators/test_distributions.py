@@ -209,7 +209,8 @@ def test_a_file_s_table_may_hold_every_kind():
 def test_normal_scores_of_what_lies_outside_are_minus_infinity():
     from gaugeblock.estimators.npe.coordinates import from_scores, to_scores
 
-    prior = Prior(
+    pair = MultivariateNormal([0, 1], [[1.0, 0.5], [0.5, 1.0]])
+    prior = Prior({"a": LogNormal(0.0, 1.0), ("b", "c"): pair})
         {"a": LogNormal(0.0, 1.0), ("b", "c"): MultivariateNormal([0, 1], [[1.0, 0.5], [0.5, 1.0]])}
     )
     scores = to_scores(prior, [[-1.0, 0.0, 1.0], [1.0, 0.0, 1.0]])
