@@ -211,8 +211,6 @@ def test_normal_scores_of_what_lies_outside_are_minus_infinity():
 
     pair = MultivariateNormal([0, 1], [[1.0, 0.5], [0.5, 1.0]])
     prior = Prior({"a": LogNormal(0.0, 1.0), ("b", "c"): pair})
-        {"a": LogNormal(0.0, 1.0), ("b", "c"): MultivariateNormal([0, 1], [[1.0, 0.5], [0.5, 1.0]])}
-    )
     scores = to_scores(prior, [[-1.0, 0.0, 1.0], [1.0, 0.0, 1.0]])
     assert scores.tolist() == [[-np.inf, 0.0, 0.0], [0.0, 0.0, 0.0]]
     np.testing.assert_allclose(from_scores(prior, scores[1:]), [[1.0, 0.0, 1.0]])
