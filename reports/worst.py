@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gaugeblock.reports.words import number, short
 from gaugeblock.validate import Finding
-from gaugeblock.validate.prepared import Block, Prepared, errors, trial_numbers
+from gaugeblock.validate.prepared import Prepared, TrialBlock, errors, trial_numbers
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ def trial_errors(trials: xr.DataTree) -> TrialErrors | None:
     )
 
 
-def posterior_mean(block: Block) -> NDArray[np.float64]:
+def posterior_mean(block: TrialBlock) -> NDArray[np.float64]:
     """Statistic: mean of the draws, ``(trial, parameter)``."""
     if block.weight is None:
         return np.asarray(block.draws.mean(axis=1))

@@ -28,7 +28,7 @@ from gaugeblock import discovery, simulators
 from gaugeblock.core.atomic import write_atomically
 from gaugeblock.core.progress import Bars
 from studies.hidden.runner import seed_of
-from studies.hidden.seal import Case, as_dataset, cases
+from studies.hidden.seal import SealedCase, as_dataset, cases
 from studies.kit.command import SEED, carried_out
 from studies.kit.results import RESULTS, record
 from studies.kit.resume import Pieces, code_of
@@ -95,7 +95,7 @@ def said(folder: Path) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
 
     search = engine()
 
-    def sealed(case: Case) -> dict[str, Any]:
+    def sealed(case: SealedCase) -> dict[str, Any]:
         return asdict(search(case, seed_of(case.number, SEED)))
 
     for kind in ("spectra", "catalogues"):

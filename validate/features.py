@@ -22,7 +22,7 @@ INPUTS = 512
 
 
 @dataclass(frozen=True)
-class Features:
+class TrialFeatures:
     """Names and values ``(trial, feature)``: `total`, then principal components, then the user's own."""
 
     names: tuple[str, ...]
@@ -95,9 +95,11 @@ def _inputs(flat: Array, groups: NDArray[np.int64], *, counts: bool) -> Array:
     return np.sqrt(np.maximum(summed, 0)) if counts else summed
 
 
-def features_of(x_blocks: Iterable[NDArray[Any]], first: NDArray[Any], own: dict[str, Array]) -> Features:
+def features_of(
+    x_blocks: Iterable[NDArray[Any]], first: NDArray[Any], own: dict[str, Array]
+) -> TrialFeatures:
     """Features of all trials, block by block, with the components fitted to the data of the `first` ones."""
     summarise = fit_summariser(first)
     values = np.concatenate([summarise(x) for x in x_blocks])
     names = (*summarise.names, *own)
-    return Features(names, np.column_stack([values, *own.values()]))
+    return TrialFeatures(names, np.column_stack([values, *own.values()]))

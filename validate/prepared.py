@@ -18,7 +18,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Rows
 from gaugeblock.validate.autocorrelation import integrated_autocorrelation_time
 from gaugeblock.validate.check import PER_DRAW, PER_TRIAL, circular_parameters, is_autocorrelated
-from gaugeblock.validate.features import FITTED, Features, features_of
+from gaugeblock.validate.features import FITTED, TrialFeatures, features_of
 from gaugeblock.validate.ranks import randomised_pit, unwrap_circular
 from gaugeblock.validate.standardised import standardised_errors
 from gaugeblock.validate.storage import block_length
@@ -26,7 +26,7 @@ from gaugeblock.validate.trials import IMPORTANCE, group_trials, main_trials
 
 
 @dataclass(frozen=True, kw_only=True)
-class Block:
+class TrialBlock:
     """Some unaffected trials in a row, with everything a per-trial statistic may look at.
 
     Shapes: `trial` and the `*_true` ``(n,)``; `theta_true` ``(n, parameter)``; `draws` ``(n, draw,
@@ -58,7 +58,7 @@ class Block:
         return Rows(self.prepared.seed, purpose, self.trial)
 
 
-Statistic = Callable[[Block], NDArray[Any]]
+Statistic = Callable[[TrialBlock], NDArray[Any]]
 """From a block to one row per trial, ``(n, ...)``; the rows must not depend on where blocks end."""
 
 
@@ -72,18 +72,18 @@ def trial_numbers(trials: xr.Dataset) -> NDArray[np.int64]:
     return np.arange(trials.sizes["trial"])
 
 
-def pit(block: Block) -> Array:
+def pit(block: TrialBlock) -> Array:
     """Statistic: randomised PIT ``(trial, parameter)``; each trial has random numbers of its own."""
     return randomised_pit(block.theta_true, block.draws, block.rng("ranks"), weight=block.weight)
 
 
-def errors(block: Block) -> Array:
+def errors(block: TrialBlock) -> Array:
     """Statistic: standardised errors ``(trial, parameter)``."""
     rng = block.rng("standardised errors")
     return standardised_errors(block.theta_true, block.draws, rng, weight=block.weight)
 
 
-def effective_draws(block: Block) -> Array:
+def effective_draws(block: TrialBlock) -> Array:
     """Statistic: how many draws of equal weight each trial has, ``(trial,)``."""
     if block.weight is None:
         return np.full(len(block), float(block.draws.shape[1]))
@@ -154,11 +154,11 @@ class Prepared:
         return max(1, min(round(float(np.concatenate(times).mean(axis=0).max())), longest))
 
     @cached_property
-    def features(self) -> Features | None:
+    def features(self) -> TrialFeatures | None:
         """Data features of the unaffected trials; None where the trials have no data."""
         own = {name: self.main[name].values[self.unaffected].astype(float) for name in self._own_features()}
         if "x" not in self.main:
-            return Features(tuple(own), np.column_stack([*own.values()])) if own else None
+            return TrialFeatures(tuple(own), np.column_stack([*own.values()])) if own else None
         if not self.unaffected.any():
             return None
         chosen = np.flatnonzero(self.unaffected)[:FITTED]
@@ -187,7 +187,7 @@ class Prepared:
                 yield slice(row, row + number), main.isel(trial=slice(start, start + length)), kept
             row += number
 
-    def blocks(self) -> Iterator[Block]:
+    def blocks(self) -> Iterator[TrialBlock]:
         """All unaffected trials, some at a time."""
         periods = circular_parameters(self.main)
         stride = self.stride
@@ -202,7 +202,7 @@ class Prepared:
             if periods:
                 truth, draws = unwrap_circular(truth, draws, periods)
             per_trial = {name: part.pop(name).astype(float) for name in PER_TRIAL if name in part}
-            yield Block(
+            yield TrialBlock(
                 prepared=self, rows=rows, trial=self.trial[rows], theta_true=truth, draws=draws,
                 x=part.pop("x", None), **thinned, **per_trial, own=part,
             )  # fmt: skip

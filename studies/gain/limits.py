@@ -7,12 +7,12 @@ import xarray as xr
 
 from gaugeblock.discovery.name.floor import reach
 from studies.gain.models import NUISANCES, nuisance_sd
-from studies.gain.pools import TEMPLATES, Scored
+from studies.gain.pools import TEMPLATES, ScoredPool
 
 NUMBERS = np.array([100, 500, 1_000, 5_000, 50_000])
 
 
-def limits(pool: Scored) -> xr.Dataset:
+def limits(pool: ScoredPool) -> xr.Dataset:
     """Standard errors ``(gain, number)`` alone and beside offset and area; floors ``(gain,)``.
 
     `floor`: the area's bumps exist, with their priors' sd, and nobody models them.

@@ -24,7 +24,7 @@ CHUNK = 500
 
 
 @dataclass(frozen=True)
-class Pool:
+class GainPool:
     """Spectra of one level with one hidden gain. `steps` are those of the templates, by effect."""
 
     level: str
@@ -56,7 +56,7 @@ class Pool:
 
 
 @dataclass(frozen=True, eq=False)
-class Scored:
+class ScoredPool:
     """A pool's scores: templates are the slope and the published gain, nuisances those of `models`."""
 
     scores: SharedScores
@@ -77,7 +77,7 @@ def simulator_of(hidden: str, value: float, integration: str) -> Any:
     return simulator.with_effect(Effect(hidden, {GAINS[hidden].amplitude: value})) if hidden else simulator
 
 
-def draw(pool: Pool, chunk: int, seed: int) -> tuple[Array, Array]:
+def draw(pool: GainPool, chunk: int, seed: int) -> tuple[Array, Array]:
     """Theta and counts of one chunk, by the simulator itself."""
     key = [int(digest([pool.name, chunk])[:8], 16)]
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
@@ -86,7 +86,7 @@ def draw(pool: Pool, chunk: int, seed: int) -> tuple[Array, Array]:
     return theta, rng.poisson(simulator.expected(theta) * pool.scale).astype(float)
 
 
-def score(pool: Pool, chunk: int, seed: int, number: int) -> dict[str, Array]:
+def score(pool: GainPool, chunk: int, seed: int, number: int) -> dict[str, Array]:
     """Scores of one chunk, as arrays to be stored."""
     counts = draw(pool, chunk, seed)[1][:number]
     sources = Sources.of(table(pool.integration), counts, scale=pool.scale)
@@ -98,7 +98,7 @@ def score(pool: Pool, chunk: int, seed: int, number: int) -> dict[str, Array]:
     return {name.name: getattr(found, name.name).astype(np.float32) for name in fields(found)}
 
 
-def marginal(pool: Pool, chunk: int, seed: int, number: int) -> dict[str, Array]:
+def marginal(pool: GainPool, chunk: int, seed: int, number: int) -> dict[str, Array]:
     """Marginal scores of the published gain in one chunk, and of the population, at the prior.
 
     The prior is the truth here; a catalogue's own tilt is fitted in `whole`.
@@ -112,7 +112,7 @@ def marginal(pool: Pool, chunk: int, seed: int, number: int) -> dict[str, Array]
     return {"marginal": found.score, "population": found.population}
 
 
-def scored(pool: Pool, pieces: Pieces, *, seed: int) -> Scored:
+def scored(pool: GainPool, pieces: Pieces, *, seed: int) -> ScoredPool:
     """All of a pool, chunk after chunk."""
     wanted, averaged = {}, {}
     for chunk in range(-(-pool.number // CHUNK)):
@@ -123,7 +123,7 @@ def scored(pool: Pool, pieces: Pieces, *, seed: int) -> Scored:
     parts = _floats(pieces.made(wanted, kind=pool.name))
     others = _floats(pieces.made(averaged, kind=f"{pool.name}, marginal")) if averaged else []
     names = [field.name for field in fields(SharedScores)]
-    return Scored(
+    return ScoredPool(
         join([SharedScores(*(part[name] for name in names)) for part in parts]),
         joined(others, "marginal") if others else np.empty((0, 1)),
         joined(others, "population") if others else np.empty((0, 0)),
@@ -134,22 +134,22 @@ def _floats(made: dict[str, Any]) -> list[dict[str, Array]]:
     return [{name: values.astype(float) for name, values in part.items()} for part in made.values()]
 
 
-def pools(*, share: float = 1.0) -> dict[str, Pool]:
+def pools(*, share: float = 1.0) -> dict[str, GainPool]:
     """All pools by name; `share` makes them smaller, for tests."""
 
     def n(number: int) -> int:
         return max(2, round(number * share))
 
     found = [
-        Pool("bright", "", 0.0, n(10_000)),
-        *(Pool("bright", "published_gain", value, n(10_000)) for value in (1.03, 0.97)),
-        *(Pool("bright", "gain_slope", value, n(5_000)) for value in (1.03, 0.97)),
-        Pool("medium", "", 0.0, n(10_000), n(10_000)),
-        *(Pool("medium", "published_gain", value, n(10_000), n(4_000)) for value in (1.03, 0.97)),
-        *(Pool("medium", "gain_slope", value, n(5_000)) for value in (1.03, 0.97)),
-        Pool("bright", "", 0.0, n(20_000), integration="exact", small=True),
+        GainPool("bright", "", 0.0, n(10_000)),
+        *(GainPool("bright", "published_gain", value, n(10_000)) for value in (1.03, 0.97)),
+        *(GainPool("bright", "gain_slope", value, n(5_000)) for value in (1.03, 0.97)),
+        GainPool("medium", "", 0.0, n(10_000), n(10_000)),
+        *(GainPool("medium", "published_gain", value, n(10_000), n(4_000)) for value in (1.03, 0.97)),
+        *(GainPool("medium", "gain_slope", value, n(5_000)) for value in (1.03, 0.97)),
+        GainPool("bright", "", 0.0, n(20_000), integration="exact", small=True),
         *(
-            Pool("bright", name, value, n(5_000), integration="exact", small=True)
+            GainPool("bright", name, value, n(5_000), integration="exact", small=True)
             for name in ("published_gain", "gain_slope")
             for value in (1.003, 0.997)
         ),

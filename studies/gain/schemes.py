@@ -26,7 +26,7 @@ from gaugeblock.validate.detectors.predictive import STATISTICS, predictive_p
 from gaugeblock.validate.joint.psis import pareto_khat
 from gaugeblock.validate.learned.two_sample import classifier_two_sample
 from studies.gain.models import table
-from studies.gain.pools import Pool, draw
+from studies.gain.pools import GainPool, draw
 
 REPLICATES = 200
 FLOW_DRAWS = 500
@@ -51,12 +51,12 @@ class Read:
     log_evidence: Array
 
 
-def read(counts: Array, pool: Pool, rng: np.random.Generator) -> Read:
+def read(counts: Array, pool: GainPool, rng: np.random.Generator) -> Read:
     """Read spectra ``(n, channel)`` of a pool's level."""
     return _by_flow(counts, pool, rng) if pool.level == "medium" else _by_fit(counts, pool, rng)
 
 
-def _by_flow(counts: Array, pool: Pool, rng: np.random.Generator) -> Read:
+def _by_flow(counts: Array, pool: GainPool, rng: np.random.Generator) -> Read:
     from gaugeblock.estimators.npe import load
 
     flow = load("shipped:epic-pn-medium")
@@ -74,7 +74,7 @@ def _by_flow(counts: Array, pool: Pool, rng: np.random.Generator) -> Read:
     return Read(theta[:, :REPLICATES], flow.embed(counts), log_weight, evidence)
 
 
-def _by_fit(counts: Array, pool: Pool, rng: np.random.Generator) -> Read:
+def _by_fit(counts: Array, pool: GainPool, rng: np.random.Generator) -> Read:
     model = table(pool.integration)
     sources = Sources.of(model, counts, scale=pool.scale)
     fitted = fit(model, counts, scale=sources.scale)
@@ -91,7 +91,7 @@ def _by_fit(counts: Array, pool: Pool, rng: np.random.Generator) -> Read:
     return Read(theta, embedding, log_weight, found.log_evidence + factorials)
 
 
-def per_spectrum(counts: Array, seen: Read, reference: Array, pool: Pool, seed: int) -> dict[str, Array]:
+def per_spectrum(counts: Array, seen: Read, reference: Array, pool: GainPool, seed: int) -> dict[str, Array]:
     """Scores ``(n,)`` of each spectrum alone, large where suspicious; `reference` are clean embeddings."""
     rng = np.random.default_rng(seed)
     model = table(pool.integration)
@@ -108,7 +108,7 @@ def per_spectrum(counts: Array, seen: Read, reference: Array, pool: Pool, seed: 
     }
 
 
-def compare(clean: Pool, shifted: Pool, *, number: int, pairs: int, seed: int) -> xr.Dataset:
+def compare(clean: GainPool, shifted: GainPool, *, number: int, pairs: int, seed: int) -> xr.Dataset:
     """All schemes on the first `number` spectra of two pools: value, and where the null's 95% lie."""
     key = [int(digest(["schemes", clean.name, shifted.name])[:8], 16)]
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
@@ -139,7 +139,7 @@ def compare(clean: Pool, shifted: Pool, *, number: int, pairs: int, seed: int) -
 
 
 def _paired(
-    clean: Pool, theta: Array, counts: Array, seen: Read, rng: np.random.Generator
+    clean: GainPool, theta: Array, counts: Array, seen: Read, rng: np.random.Generator
 ) -> tuple[float, float, float]:
     """Mean difference of log evidences at equal counts, and 95% of it if there were none.
 

@@ -14,7 +14,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.name.marginal import MarginalScores
 from gaugeblock.discovery.name.stacked import stack
 from studies.gain.models import GAINS, NUISANCES, SETS, nuisance_sd
-from studies.gain.pools import TEMPLATES, Pool, Scored
+from studies.gain.pools import TEMPLATES, GainPool, ScoredPool
 
 FIELDS = ("z", "amplitude", "standard_error", "sandwich_error")
 
@@ -24,7 +24,7 @@ def beside(template: str, chosen: str) -> list[int]:
     return [NUISANCES.index(name) for name in SETS[chosen] if name != template]
 
 
-def orthogonal(pool: Scored, template: str, chosen: str, rows: NDArray[np.int64]) -> dict[str, float]:
+def orthogonal(pool: ScoredPool, template: str, chosen: str, rows: NDArray[np.int64]) -> dict[str, float]:
     """Stacked score of some of a pool's sources."""
     columns = beside(template, chosen)
     part = pool.scores.select(rows).with_templates([TEMPLATES.index(template)]).with_nuisances(columns)
@@ -32,7 +32,7 @@ def orthogonal(pool: Scored, template: str, chosen: str, rows: NDArray[np.int64]
     return {name: float(getattr(found, name)[0]) for name in FIELDS}
 
 
-def marginal(pool: Scored, rows: NDArray[np.int64]) -> dict[str, float]:
+def marginal(pool: ScoredPool, rows: NDArray[np.int64]) -> dict[str, float]:
     """Marginal score of the published gain, one step from the prior as the population."""
     part = MarginalScores(
         pool.marginal[rows], pool.population[rows], np.zeros(pool.population.shape[1]), np.ones(len(rows))
@@ -64,7 +64,7 @@ THRESHOLD = 3.0
 
 
 @dataclass(frozen=True)
-class Case:
+class GainCase:
     """Catalogues of one level that hide one gain."""
 
     level: str
@@ -83,15 +83,15 @@ class Case:
         percent = 100 * (self.value - GAINS[self.hidden].neutral)
         return f"{self.size} {self.level}, {self.hidden.replace('_', ' ')} {percent:+.1f}%"
 
-    def pool(self, pools: Mapping[str, Pool]) -> Pool:
+    def pool(self, pools: Mapping[str, GainPool]) -> GainPool:
         """The spectra that hide it."""
-        return pools[Pool(self.level, self.hidden, self.value, 0, small=self.small).name]
+        return pools[GainPool(self.level, self.hidden, self.value, 0, small=self.small).name]
 
-    def clean(self, pools: Mapping[str, Pool]) -> Pool:
+    def clean(self, pools: Mapping[str, GainPool]) -> GainPool:
         """Those that hide nothing."""
-        return pools[Pool(self.level, "", 0.0, 0, small=self.small).name]
+        return pools[GainPool(self.level, "", 0.0, 0, small=self.small).name]
 
-    def known(self, pools: Mapping[str, Pool]) -> bool:
+    def known(self, pools: Mapping[str, GainPool]) -> bool:
         """Whether there are spectra of both kinds."""
         try:
             return bool(self.pool(pools) and self.clean(pools))
@@ -99,30 +99,30 @@ class Case:
             return False
 
 
-def cases(share: float = 1.0) -> list[Case]:
+def cases(share: float = 1.0) -> list[GainCase]:
     """All cases, in the order of the tables."""
 
     def n(size: int) -> int:
         return max(2, round(size * share))
 
     large = [
-        Case(level, name, value, n(SIZES[level]))
+        GainCase(level, name, value, n(SIZES[level]))
         for level in ("bright", "medium")
         for name in ("published_gain", "gain_slope")
         for value in (1.03, 0.97)
     ]
     return large + [
-        Case("bright", name, value, n(SMALL))
+        GainCase("bright", name, value, n(SMALL))
         for name in ("published_gain", "gain_slope")
         for value in (1.003, 0.997)
     ]
 
 
-Statistic = Callable[[Scored, NDArray[np.int64]], dict[str, float]]
+Statistic = Callable[[ScoredPool, NDArray[np.int64]], dict[str, float]]
 
 
 def distribution(
-    pool: Scored, statistic: Statistic, *, sources: int, size: int, number: int, seed: int
+    pool: ScoredPool, statistic: Statistic, *, sources: int, size: int, number: int, seed: int
 ) -> dict[str, Array]:
     """A statistic of `number` catalogues of a pool's first `sources`, each field ``(catalogue,)``."""
     rng = np.random.default_rng(seed)
@@ -131,8 +131,8 @@ def distribution(
 
 
 def summary(
-    scored: Mapping[str, Scored],
-    pools: Mapping[str, Pool],
+    scored: Mapping[str, ScoredPool],
+    pools: Mapping[str, GainPool],
     *,
     share: float = 1.0,
     number: int = CATALOGUES,
@@ -169,7 +169,7 @@ def summary(
     return _dataset(rows)
 
 
-def _statistics(case: Case, pool: Scored) -> dict[str, Statistic]:
+def _statistics(case: GainCase, pool: ScoredPool) -> dict[str, Statistic]:
     made: dict[str, Statistic] = {
         chosen: lambda scored, rows, chosen=chosen: orthogonal(scored, case.hidden, chosen, rows)  # type: ignore[misc]
         for chosen in SETS
@@ -180,7 +180,7 @@ def _statistics(case: Case, pool: Scored) -> dict[str, Statistic]:
 
 
 def _row(
-    case: Case, label: str, null: dict[str, Array], found: dict[str, Array], sources: int
+    case: GainCase, label: str, null: dict[str, Array], found: dict[str, Array], sources: int
 ) -> dict[str, Any]:
     mean, sd = float(null["z"].mean()), float(null["z"].std(ddof=1))
     truth = case.value - GAINS[case.hidden].neutral

@@ -13,12 +13,12 @@ from gaugeblock.discovery.name.shared_profile import profile_models
 from gaugeblock.discovery.name.stacked import stack
 from gaugeblock.discovery.sources import Sources
 from studies.gain.models import GAINS, TabulatedShared, table
-from studies.gain.pools import CHUNK, DRAWS, Pool, draw
+from studies.gain.pools import CHUNK, DRAWS, GainPool, draw
 
 COLUMNS = ("truth", "value", "standard_error", "sandwich_error", "low", "high", "z", "gain", "converged")
 
 
-def sources_of(pool: Pool, size: int, seed: int, *, catalogue: int = 0) -> Sources:
+def sources_of(pool: GainPool, size: int, seed: int, *, catalogue: int = 0) -> Sources:
     """One of the catalogues of `size` spectra into which a pool falls, in order."""
     first, last = catalogue * size, min((catalogue + 1) * size, pool.number)
     chunks = range(first // CHUNK, -(-last // CHUNK))
@@ -27,7 +27,7 @@ def sources_of(pool: Pool, size: int, seed: int, *, catalogue: int = 0) -> Sourc
     return Sources.of(table(pool.integration), counts[start : start + last - first], scale=pool.scale)
 
 
-def profiled(pool: Pool, name: str, size: int, seed: int, catalogue: int) -> dict[str, float]:
+def profiled(pool: GainPool, name: str, size: int, seed: int, catalogue: int) -> dict[str, float]:
     """Profile of a gain on one catalogue of a pool; `gain` is in log likelihood, interval of 90%."""
     sources = sources_of(pool, size, seed, catalogue=catalogue)
     shared: Any = TabulatedShared(name, pool.steps[name], pool.integration)
@@ -49,7 +49,7 @@ def profiled(pool: Pool, name: str, size: int, seed: int, catalogue: int) -> dic
     return dict(zip(COLUMNS, values, strict=True))
 
 
-def marginalised(pool: Pool, size: int, seed: int) -> dict[str, float]:
+def marginalised(pool: GainPool, size: int, seed: int) -> dict[str, float]:
     """Marginal score of the published gain on a whole catalogue, its population fitted."""
     sources = sources_of(pool, size, seed)
     shared: Any = TabulatedShared("published_gain", pool.steps["published_gain"], pool.integration)

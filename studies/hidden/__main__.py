@@ -15,7 +15,7 @@ from studies.hidden import engine
 from studies.hidden.document import document
 from studies.hidden.generate import generate
 from studies.hidden.runner import run, so_far
-from studies.hidden.score import Found, scored, table
+from studies.hidden.score import FoundNames, scored, table
 from studies.hidden.seal import opened
 from studies.hidden.setups import laboratory
 from studies.hidden.strata import CATALOGUES, STRATA
@@ -78,7 +78,7 @@ def _step(step: str, chosen: argparse.Namespace, command: str) -> None:
         document(chosen.out, chosen.docs)
 
 
-def _run(chosen: argparse.Namespace) -> dict[int, Found]:
+def _run(chosen: argparse.Namespace) -> dict[int, FoundNames]:
     with Bars() as bars:
         return run(
             chosen.folder,

@@ -10,8 +10,8 @@ import numpy as np
 from gaugeblock.discovery import Candidates, Discovery, Sources, discover_catalogue, discover_source
 from studies.hidden.distance import distances, shared_distances
 from studies.hidden.runner import Engine
-from studies.hidden.score import Found
-from studies.hidden.seal import Case
+from studies.hidden.score import FoundNames
+from studies.hidden.seal import SealedCase
 from studies.hidden.setups import simulator
 from studies.hidden.strata import BRIGHT
 
@@ -33,7 +33,7 @@ def library(setup: str, only: tuple[str, ...] = ()) -> Candidates:
 def engine(only: tuple[str, ...] = ()) -> Engine:
     """Discovery on one case at a time, compiled functions shared."""
 
-    def search(case: Case, seed: int) -> Found:
+    def search(case: SealedCase, seed: int) -> FoundNames:
         sources = Sources.of(simulator(case.setup), case.counts, scale=case.exposure / BRIGHT)
         if len(sources) > 1:
             several = discover_catalogue([sources], seed=seed, only=only, replicates=REPLICATES)
@@ -44,10 +44,10 @@ def engine(only: tuple[str, ...] = ()) -> Engine:
     return search
 
 
-def found(number: int, discovery: Discovery) -> Found:
+def found(number: int, discovery: Discovery) -> FoundNames:
     """What a discovery says, in the words of the study."""
     gap = discovery.gap.held_out
-    return Found(
+    return FoundNames(
         number=number,
         named=discovery.named or "",
         named_all=tuple(discovery.named_all),

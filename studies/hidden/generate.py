@@ -11,7 +11,7 @@ import numpy as np
 
 from studies.hidden.case import Laboratory, designs
 from studies.hidden.design import Distances, Shared, settled
-from studies.hidden.seal import Answer, Case, seal
+from studies.hidden.seal import Answer, SealedCase, seal
 from studies.hidden.strata import STRATA, Stratum
 
 
@@ -40,7 +40,7 @@ def generate(
         rng = streams[3].spawn(1)[0]
         counts = np.array([lab.counts(truth, rng) for truth in truths])
         exposure = np.array([truth.exposure for truth in truths])
-        data.append(Case(number, design.stratum.setup, counts, exposure))
+        data.append(SealedCase(number, design.stratum.setup, counts, exposure))
         rounded = {rival: round(float(value), 3) for rival, value in apart.items()}
         answers.append(Answer(design.stratum.name, design.stratum.kind, design.names, tuple(truths), rounded))
     return seal(folder, data, answers, seed=chosen)

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from gaugeblock.core.errors import InputError
-from studies.hidden.score import Found
-from studies.hidden.seal import Case, cases, sha256
+from studies.hidden.score import FoundNames
+from studies.hidden.seal import SealedCase, cases, sha256
 from studies.kit import resume
 from studies.kit.resume import Pieces, Progress
 
-Engine = Callable[[Case, int], Found]
+Engine = Callable[[SealedCase, int], FoundNames]
 """From a case and a seed to what was found in it."""
 
 
@@ -30,7 +30,7 @@ def run(
     workers: int = 1,
     progress: Progress | None = None,
     numbers: Sequence[int] | None = None,
-) -> dict[int, Found]:
+) -> dict[int, FoundNames]:
     """What is found in every case of a sealed folder; answers are not looked at.
 
     `engine` makes the engine, in every process anew. Results depend neither on `workers` nor on where an
@@ -44,7 +44,7 @@ def run(
     return _found(made)
 
 
-def so_far(folder: Path, *, seed: int, settings: Any) -> dict[int, Found]:
+def so_far(folder: Path, *, seed: int, settings: Any) -> dict[int, FoundNames]:
     """What was found so far. Cases are searched setup by setup, so that some may be lacking altogether.
 
     Raises
@@ -66,7 +66,7 @@ def _pieces(
 
 
 @cache
-def _ready(folder: Path, engine: Callable[[], Engine]) -> tuple[dict[int, Case], Engine]:
+def _ready(folder: Path, engine: Callable[[], Engine]) -> tuple[dict[int, SealedCase], Engine]:
     """Data and engine of this process."""
     return {case.number: case for case in cases(folder)}, engine()
 
@@ -83,14 +83,14 @@ def seed_of(number: int, seed: int) -> int:
     return resume.seed_of(np.random.SeedSequence(seed, spawn_key=(number,)))
 
 
-def _found(made: dict[str, Any]) -> dict[int, Found]:
+def _found(made: dict[str, Any]) -> dict[int, FoundNames]:
     return {
         int(number): _read(value) for number, value in sorted(made.items(), key=lambda item: int(item[0]))
     }
 
 
-def _read(stored: dict[str, Any]) -> Found:
+def _read(stored: dict[str, Any]) -> FoundNames:
     stored["amplitude"] = {name: tuple(v) for name, v in stored["amplitude"].items()}
     for name in ("named_all", "alike", "gap"):
         stored[name] = tuple(stored[name])
-    return Found(**stored)
+    return FoundNames(**stored)

@@ -25,7 +25,7 @@ UNNAMED, NOTHING = "unnamed", "nothing"
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundNames:
     """What discovery said of one case.
 
     `named` is ``""`` where it named nothing; `alike` the set that it cannot tell apart, itself included;
@@ -46,7 +46,7 @@ class Found:
 
 
 @dataclass(frozen=True)
-class Scored:
+class ScoredAnswer:
     """One case, found and true. NaN where a number has no meaning."""
 
     number: int
@@ -77,7 +77,7 @@ class Scored:
     seconds: float
 
 
-def scored(answer: Answer, found: Found) -> Scored:
+def scored(answer: Answer, found: FoundNames) -> ScoredAnswer:
     """One case's row.
 
     `right` is 1 for the right name alone and 1/2 for one of two; of two effects at once, either will do.
@@ -95,7 +95,7 @@ def scored(answer: Answer, found: Found) -> Scored:
     own = answer.names if answer.kind == "listed" else ()
     rivals = {name: np.array([value]) for name, value in answer.distances.items() if name not in own}
     value, low, high, true = _amplitude(answer, found)
-    return Scored(
+    return ScoredAnswer(
         number=found.number,
         stratum=answer.stratum,
         kind=answer.kind,
@@ -134,7 +134,7 @@ def _log_score(answer: Answer, alike: Sequence[str]) -> float:
     return float(np.log(chance))
 
 
-def _amplitude(answer: Answer, found: Found) -> tuple[float, float, float, float]:
+def _amplitude(answer: Answer, found: FoundNames) -> tuple[float, float, float, float]:
     """Value, interval and truth of the named effect's amplitude, if it is there."""
     name = found.named
     if name not in answer.names or name not in found.amplitude:
@@ -143,7 +143,7 @@ def _amplitude(answer: Answer, found: Found) -> tuple[float, float, float, float
     return (*found.amplitude[name], float(hidden[name][AMPLITUDE[name]]))
 
 
-def table(rows: Sequence[Scored]) -> xr.Dataset:
+def table(rows: Sequence[ScoredAnswer]) -> xr.Dataset:
     """All rows as columns by name."""
     columns: dict[str, Any] = {
         name: ("row", np.array([asdict(row)[name] for row in rows])) for name in asdict(rows[0])

@@ -20,7 +20,7 @@ from studies.hidden.truth import Truth
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class SealedCase:
     """What the one who looks is given: counts ``(source, channel)``, exposures, the claimed model."""
 
     number: int
@@ -48,7 +48,9 @@ def sha256(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def seal(folder: Path, cases: Sequence[Case], answers: Sequence[Answer], *, seed: int) -> dict[str, Any]:
+def seal(
+    folder: Path, cases: Sequence[SealedCase], answers: Sequence[Answer], *, seed: int
+) -> dict[str, Any]:
     """Write ``cases.nc``, ``answers.json`` and ``seal.json``, which holds the hashes of both.
 
     The answers hold the seed and a random number, so that their hash says nothing about either.
@@ -64,7 +66,7 @@ def seal(folder: Path, cases: Sequence[Case], answers: Sequence[Answer], *, seed
     return hashes
 
 
-def as_dataset(cases: Sequence[Case]) -> xr.Dataset:
+def as_dataset(cases: Sequence[SealedCase]) -> xr.Dataset:
     """The data of cases, ragged rows padded with -1."""
     width = max(case.counts.shape[1] for case in cases)
     padded = [np.pad(c.counts, ((0, 0), (0, width - c.counts.shape[1])), constant_values=-1) for c in cases]
@@ -79,7 +81,7 @@ def as_dataset(cases: Sequence[Case]) -> xr.Dataset:
     )
 
 
-def cases(folder: Path) -> list[Case]:
+def cases(folder: Path) -> list[SealedCase]:
     """The data."""
     with xr.open_dataset(folder / "cases.nc", engine="netcdf4") as stored:
         data = stored.load()
@@ -88,7 +90,7 @@ def cases(folder: Path) -> list[Case]:
         rows = data.isel(source=data["case"].values == number)
         counts = rows["counts"].values.astype(float)
         channels = int((counts[0] >= 0).sum())
-        found.append(Case(int(number), str(setup), counts[:, :channels], rows["exposure"].values))
+        found.append(SealedCase(int(number), str(setup), counts[:, :channels], rows["exposure"].values))
     return found
 
 

@@ -6,11 +6,12 @@
 
 from studies.paper.claim import Claim, Kind
 from studies.paper.experiment import Experiment, Setting
-from studies.paper.judge import Judgement, Measured, Untestable, Verdict, judge
+from studies.paper.judge import Agreement, Judgement, Measured, Untestable, judge
 from studies.paper.registry import claims, find
 from studies.paper.run import Reproduction, from_committed, reproduce
 
 __all__ = [
+    "Agreement",
     "Claim",
     "Experiment",
     "Judgement",
@@ -19,7 +20,6 @@ __all__ = [
     "Reproduction",
     "Setting",
     "Untestable",
-    "Verdict",
     "claims",
     "find",
     "from_committed",

@@ -16,7 +16,7 @@ from studies.kit.command import SEED
 from studies.paper import Setting, words
 from studies.paper import reproduce as measure
 from studies.paper.experiments import EXPERIMENTS, load
-from studies.paper.judge import Verdict
+from studies.paper.judge import Agreement
 from studies.paper.registry import claims
 from studies.paper.run import Reproduction, from_committed, selected, write
 
@@ -49,11 +49,12 @@ def headline(result: Reproduction) -> str:
     if not result.judgements:
         return f"no claim is measured by {', '.join(result.tables)}: its numbers are in reproduction.nc"
     counts = ", ".join(
-        f"{sum(item.verdict is verdict for item in result.judgements)} {verdict.value}" for verdict in Verdict
+        f"{sum(item.verdict is verdict for item in result.judgements)} {verdict.value}"
+        for verdict in Agreement
     )
     every = "" if len(result.judgements) == len(claims()) else f" of {len(claims())}"
     lines = [f"{len(result.judgements)}{every} claims: {counts}"]
-    differing = [item for item in result.judgements if item.verdict is Verdict.DIFFERS]
+    differing = [item for item in result.judgements if item.verdict is Agreement.DIFFERS]
     lines += [
         f"  differs  {item.claim.id}: published {words.published(item.claim)}, ours {words.ours(item)}; "
         f"{item.reason}"

@@ -13,7 +13,7 @@ import xarray as xr
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.detectors import auc
 from studies.kit.resume import Arrays, Pieces
-from studies.paper.detection_level import CELLS, STRENGTHS, Level
+from studies.paper.detection_level import CELLS, STRENGTHS, DetectionLevel
 from studies.paper.grid_populations import FAMILIES, LEVELS
 from studies.paper.registry import DETECTORS
 
@@ -69,7 +69,9 @@ class Grid:
         return found
 
 
-def levels_of(response: str, flow_of: Callable[[str], Any], sizes: Mapping[str, Any]) -> dict[str, Level]:
+def levels_of(
+    response: str, flow_of: Callable[[str], Any], sizes: Mapping[str, Any]
+) -> dict[str, DetectionLevel]:
     """Every level of a response, with its flow and its cells in their order."""
     from gaugeblock.simulators.xray import family, published, reference
 
@@ -86,7 +88,7 @@ def levels_of(response: str, flow_of: Callable[[str], Any], sizes: Mapping[str, 
         return (*places[index], with_effect(*places[index]).with_exposure(seconds))
 
     return {
-        name: Level(
+        name: DetectionLevel(
             simulator=bare.with_exposure(seconds),
             flow=partial(flow, name),
             cell=partial(cell, seconds=seconds),
@@ -96,12 +98,12 @@ def levels_of(response: str, flow_of: Callable[[str], Any], sizes: Mapping[str, 
     }
 
 
-def clean_of(response: str, name: str, level: Level, pieces: Pieces, seed: int) -> Arrays:
+def clean_of(response: str, name: str, level: DetectionLevel, pieces: Pieces, seed: int) -> Arrays:
     """What is known of the clean spectra of a level: one piece."""
     return pieces.each(f"{response}-{name}-clean", 1, level.clean, seed)[0]
 
 
-def scored(response: str, levels: Mapping[str, Level], pieces: Pieces, seed: int) -> Grid:
+def scored(response: str, levels: Mapping[str, DetectionLevel], pieces: Pieces, seed: int) -> Grid:
     """Score all cells by the flow of each level; a piece is the clean spectra of a level, or one cell."""
     clean, cells = [], []
     for name, level in levels.items():
@@ -112,7 +114,7 @@ def scored(response: str, levels: Mapping[str, Level], pieces: Pieces, seed: int
     return _grid(clean, cells)
 
 
-def misplaced(response: str, levels: Mapping[str, Level], pieces: Pieces, seed: int) -> xr.Dataset:
+def misplaced(response: str, levels: Mapping[str, DetectionLevel], pieces: Pieces, seed: int) -> xr.Dataset:
     """AUCs of D1 by posteriors that are moved a little, and its mean over clean spectra."""
     found, means = [], []
     for name, level in levels.items():

@@ -36,7 +36,7 @@ SHIFT = 0.3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Level:
+class DetectionLevel:
     """One level's simulator and flow, and its cells: family, strength and simulator with the effect.
 
     `sizes` are the numbers of `clean`, `suspicious` and `reference` spectra, of `draws` of a posterior, and

@@ -15,7 +15,7 @@ from gaugeblock.discovery.name.posterior_draws import posterior_draws
 
 
 @dataclass(frozen=True, eq=False)
-class Exact:
+class ExactPosterior:
     """Mean, sd and median of every parameter ``(spectrum, parameter)``, log evidence, effective draws.
 
     The log evidence ``(spectrum,)`` is normalised, with the factorials of the counts.
@@ -30,7 +30,7 @@ class Exact:
 
 def exact_posteriors(
     simulator: Any, counts: ArrayLike, *, draws: int, rng: np.random.Generator, scale: ArrayLike = 1.0
-) -> Exact:
+) -> ExactPosterior:
     """Posteriors of counts ``(spectrum, channel)`` under the simulator's prior, exposures in its units."""
     rows = np.asarray(counts, dtype=float)
     scales = np.broadcast_to(np.asarray(scale, dtype=float), (len(rows),))
@@ -39,7 +39,7 @@ def exact_posteriors(
     weight = found.weight[..., None]
     mean = (weight * found.theta).sum(axis=1)
     sd = np.sqrt((weight * (found.theta - mean[:, None]) ** 2).sum(axis=1))
-    return Exact(
+    return ExactPosterior(
         mean,
         sd,
         _weighted_median(found.theta, found.weight),

@@ -14,7 +14,7 @@ import numpy as np
 
 from gaugeblock.core.arrays import Array
 from studies.paper.claim import Claim, Kind
-from studies.paper.judge import Judgement, Verdict
+from studies.paper.judge import Agreement, Judgement
 
 REPLICATIONS = 20_000
 """Replications that a claim's error rate is computed from."""
@@ -88,13 +88,13 @@ def family(judgements: Iterable[Judgement]) -> Family | None:
     chosen = [
         (item, miss_probability(item.claim))
         for item in judgements
-        if item.claim.kind is Kind.FLOW and item.verdict in (Verdict.AGREES, Verdict.DIFFERS)
+        if item.claim.kind is Kind.FLOW and item.verdict in (Agreement.AGREES, Agreement.DIFFERS)
     ]
     chosen = [(item, p) for item, p in chosen if np.isfinite(p)]
     if not chosen:
         return None
     probability = np.clip([p for _, p in chosen], 1e-9, 1.0 - 1e-9)
-    misses = sum(item.verdict is Verdict.DIFFERS for item, _ in chosen)
+    misses = sum(item.verdict is Agreement.DIFFERS for item, _ in chosen)
     law = number_law(probability)
     shared = shared_numbers(probability, [_group(item.claim) for item, _ in chosen])
     return Family(

@@ -18,17 +18,17 @@ from studies.paper.claim import SINGLE, Claim, Kind
 from studies.paper.detection_claims import cells
 from studies.paper.experiments.arithmetic import GAIN_PRIOR_SD
 from studies.paper.grid_populations import FAMILIES, LEVELS
-from studies.paper.judge import Judgement, Verdict
+from studies.paper.judge import Agreement, Judgement
 from studies.paper.numbers import by_claim
 from studies.paper.registry import DETECTORS, claims
 from studies.paper.rows import published_rows
 
 LIGHT = "#dcdcdc"
 COLOUR = {
-    Verdict.AGREES: BLUE,
-    Verdict.DIFFERS: ORANGE,
-    Verdict.UNTESTABLE: GREY,
-    Verdict.PENDING: LIGHT,
+    Agreement.AGREES: BLUE,
+    Agreement.DIFFERS: ORANGE,
+    Agreement.UNTESTABLE: GREY,
+    Agreement.PENDING: LIGHT,
 }
 
 LEVEL_COLOUR = {"faint": GREY, "medium": ORANGE, "bright": BLUE}
@@ -101,7 +101,7 @@ def verdicts_figure(pyplot: Any, judgements: Sequence[Judgement]) -> Any:
         axis.barh(range(len(kinds)), share, left=left, color=colour, label=verdict.value, height=0.7)
         for row, (count, start, width) in enumerate(zip(counts, left, share, strict=True)):
             if count:
-                dark = verdict in (Verdict.AGREES, Verdict.DIFFERS)
+                dark = verdict in (Agreement.AGREES, Agreement.DIFFERS)
                 axis.text(
                     start + width / 2,
                     row,

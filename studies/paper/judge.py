@@ -48,7 +48,7 @@ class Untestable:
     found: Mapping[str, float] = field(default_factory=dict)
 
 
-class Verdict(Enum):
+class Agreement(Enum):
     """What becomes of a claim; the value is how it is said."""
 
     AGREES = "agrees"
@@ -66,7 +66,7 @@ class Judgement:
     """
 
     claim: Claim
-    verdict: Verdict
+    verdict: Agreement
     ours: Mapping[str, float] = field(default_factory=dict)
     errors: Mapping[str, float] = field(default_factory=dict)
     sigma: float = float("nan")
@@ -76,7 +76,7 @@ class Judgement:
     @property
     def unexplained(self) -> bool:
         """Whether it differs by more than chance and nobody says why."""
-        return self.verdict is Verdict.DIFFERS and not self.explained and not self.sigma <= SIGNIFICANT
+        return self.verdict is Agreement.DIFFERS and not self.explained and not self.sigma <= SIGNIFICANT
 
 
 def judge(claim: Claim, found: Measured | Untestable | None) -> Judgement:
@@ -89,9 +89,9 @@ def judge(claim: Claim, found: Measured | Untestable | None) -> Judgement:
     """
     if found is None:
         reason = f"`{claim.by}` will measure it"
-        return Judgement(claim=claim, verdict=Verdict.PENDING, reason=reason)
+        return Judgement(claim=claim, verdict=Agreement.PENDING, reason=reason)
     if isinstance(found, Untestable):
-        return Judgement(claim=claim, verdict=Verdict.UNTESTABLE, ours=found.found, reason=found.why)
+        return Judgement(claim=claim, verdict=Agreement.UNTESTABLE, ours=found.found, reason=found.why)
     ours, errors = found.parts, found.errors
     lacking = [part for part in claim.needs if part not in ours]
     if lacking:
@@ -102,14 +102,14 @@ def judge(claim: Claim, found: Measured | Untestable | None) -> Judgement:
     if any(isinstance(rule, Errors) for rule in claim.rules) and not np.isfinite(sigma):
         return Judgement(
             **common,  # type: ignore[arg-type]
-            verdict=Verdict.UNTESTABLE,
+            verdict=Agreement.UNTESTABLE,
             reason="no tolerance can be stated: neither side has a standard error",
         )
     if not broken:
-        return Judgement(**common, verdict=Verdict.AGREES, reason=found.note)  # type: ignore[arg-type]
+        return Judgement(**common, verdict=Agreement.AGREES, reason=found.note)  # type: ignore[arg-type]
     return Judgement(
         **common,  # type: ignore[arg-type]
-        verdict=Verdict.DIFFERS,
+        verdict=Agreement.DIFFERS,
         reason=found.because or _unexplained(broken, sigma, found.note),
         explained=bool(found.because),
     )

@@ -17,7 +17,7 @@ from studies.paper import words
 from studies.paper.claim import SINGLE, Claim
 from studies.paper.experiments import load
 from studies.paper.family import Family
-from studies.paper.judge import Judgement, Verdict
+from studies.paper.judge import Agreement, Judgement
 from studies.paper.paper_flow.shipped import FLOWS, record_of
 from studies.paper.registry import DETECTORS, claims
 
@@ -86,12 +86,12 @@ def _introduction(judgements: Sequence[Judgement]) -> str:
 
 
 def _counted(judgements: Sequence[Judgement]) -> str:
-    number = {verdict: sum(item.verdict is verdict for item in judgements) for verdict in Verdict}
+    number = {verdict: sum(item.verdict is verdict for item in judgements) for verdict in Agreement}
     lone = sum(item.unexplained for item in judgements)
     said = (
-        f"**{number[Verdict.AGREES]} agree, {number[Verdict.DIFFERS]} differ"
-        f" ({lone} of them beyond 3 standard errors and unexplained), {number[Verdict.UNTESTABLE]} cannot be "
-        f"tested, {number[Verdict.PENDING]} are not measured yet.**"
+        f"**{number[Agreement.AGREES]} agree, {number[Agreement.DIFFERS]} differ"
+        f" ({lone} of them beyond 3 standard errors and unexplained), {number[Agreement.UNTESTABLE]} cannot "
+        f"be tested, {number[Agreement.PENDING]} are not measured yet.**"
     )
     return said
 
@@ -101,9 +101,9 @@ def _summary(judgements: Sequence[Judgement], key: Callable[[Judgement], str], t
     rows = []
     for group in groups:
         members = [item for item in judgements if key(item) == group]
-        counts = [sum(item.verdict is verdict for item in members) for verdict in Verdict]
+        counts = [sum(item.verdict is verdict for item in members) for verdict in Agreement]
         rows.append((group, str(len(members)), *(str(count or "") for count in counts)))
-    return table_of((title, "claims", *(verdict.value for verdict in Verdict)), rows)
+    return table_of((title, "claims", *(verdict.value for verdict in Agreement)), rows)
 
 
 def _family(family: Family | None) -> str:
@@ -113,7 +113,7 @@ def _family(family: Family | None) -> str:
 
 
 def _differences(judgements: Sequence[Judgement]) -> str:
-    found = [item for item in judgements if item.verdict is Verdict.DIFFERS]
+    found = [item for item in judgements if item.verdict is Agreement.DIFFERS]
     if not found:
         return "None among what is measured."
     rows = [
@@ -196,7 +196,7 @@ def _versions(made: xr.Dataset) -> dict[str, str]:
 def _planned(judgements: Sequence[Judgement]) -> list[str]:
     waiting: dict[str, int] = {}
     for item in judgements:
-        if item.verdict is Verdict.PENDING:
+        if item.verdict is Agreement.PENDING:
             waiting[item.claim.by] = waiting.get(item.claim.by, 0) + 1
     if not waiting:
         return []
@@ -352,9 +352,9 @@ def _cell(item: Judgement | None) -> str:
     if item is None:
         return ""
     published = f"{item.claim.parts[SINGLE[0]]:.3f}"
-    if item.verdict is Verdict.UNTESTABLE:
+    if item.verdict is Agreement.UNTESTABLE:
         return f"{published}, cannot be tested"
     if SINGLE[0] not in item.ours:
         return published
     ours = f"{item.ours[SINGLE[0]]:.3f}"
-    return f"{published}, **{ours}**" if item.verdict is Verdict.DIFFERS else f"{published}, {ours}"
+    return f"{published}, **{ours}**" if item.verdict is Agreement.DIFFERS else f"{published}, {ours}"

@@ -17,7 +17,7 @@ from studies.paper.experiment import Setting, committed, made
 from studies.paper.experiments import EXPERIMENTS, PAST, load
 from studies.paper.family import Family, family
 from studies.paper.figures import draw
-from studies.paper.judge import Judgement, Verdict, judge
+from studies.paper.judge import Agreement, Judgement, judge
 from studies.paper.page import page
 from studies.paper.registry import find
 
@@ -41,7 +41,7 @@ class Reproduction:
         too_many = self.family is not None and self.family.p_shared < TOO_MANY
         if too_many or any(item.unexplained for item in self.judgements):
             return 1
-        return 3 if any(item.verdict is Verdict.PENDING for item in self.judgements) else 0
+        return 3 if any(item.verdict is Agreement.PENDING for item in self.judgements) else 0
 
 
 def reproduce(

@@ -11,7 +11,7 @@ from gaugeblock.simulators import Effect
 pytest.importorskip("jaxspec")
 from studies.gain import document as page
 from studies.gain.models import SETS, TabulatedShared, bright, table
-from studies.gain.pools import CHUNK, TEMPLATES, Pool, draw, pools, scored
+from studies.gain.pools import CHUNK, TEMPLATES, GainPool, draw, pools, scored
 from studies.gain.table import cases, catalogues, orthogonal, summary
 from studies.gain.whole import profiled, sources_of
 from studies.kit.results import DOCS, RESULTS
@@ -22,7 +22,7 @@ from gaugeblock.simulators.xray import reference
 pytestmark = pytest.mark.usefixtures("xray_data")
 
 SEED = 3
-SMALL = [Pool("bright", "", 0.0, 120), Pool("bright", "gain_slope", 1.03, 60)]
+SMALL = [GainPool("bright", "", 0.0, 120), GainPool("bright", "gain_slope", 1.03, 60)]
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,8 @@ pytest.importorskip("astropy")
 
 from studies.hidden.document import FIGURE, MAKERS, PAGE, blocks, document
 from studies.hidden.runner import run, seed_of, so_far
-from studies.hidden.score import Found, scored, table
-from studies.hidden.seal import Answer, Case, cases, opened, seal
+from studies.hidden.score import FoundNames, scored, table
+from studies.hidden.seal import Answer, SealedCase, cases, opened, seal
 from studies.hidden.targets import by_effect, target, targets
 from studies.hidden.truth import Truth
 from studies.kit.page import filled
@@ -26,7 +26,7 @@ TRUTH = Truth((0.2, 2.0, 1e-3), 3534.0, (("gain_slope", {"slope": 1.02}),), note
 ANSWER = Answer(
     "s", "listed", ("gain_slope",), (TRUTH,), {"nothing": 9.0, "gain_slope": 0.1, "gain_offset": 6.0}
 )
-SILENT = Found(0, "", (), (), 0.4, {}, (float("nan"), float("nan")), "", "", 1.0)
+SILENT = FoundNames(0, "", (), (), 0.4, {}, (float("nan"), float("nan")), "", "", 1.0)
 NAMED = replace(
     SILENT,
     named="gain_slope",
@@ -120,7 +120,7 @@ def test_effects_weigh_the_same_however_many_cases_they_have():
 
 @pytest.fixture
 def folder(tmp_path):
-    data = [Case(k, "one", np.arange(6.0).reshape(1, 6) + k, np.array([3534.0])) for k in range(5)]
+    data = [SealedCase(k, "one", np.arange(6.0).reshape(1, 6) + k, np.array([3534.0])) for k in range(5)]
     hashes = seal(tmp_path / "sealed", data, [ANSWER] * 5, seed=7)
     assert hashes["cases"] == 5
     return tmp_path / "sealed"

@@ -21,13 +21,13 @@ from gaugeblock.validate.anytime.sequence import REFERENCE, gap_sequence, sequen
 from gaugeblock.validate.anytime.wager_units import bias_of, log_width_of
 from gaugeblock.validate.finding import Finding, NotChecked, PValueFinding
 from gaugeblock.validate.marginal.coverage import LEVELS, inside_central
-from gaugeblock.validate.marginal.winsorised import Scores, winsorised_scores
+from gaugeblock.validate.marginal.winsorised import WinsorisedScores, winsorised_scores
 from gaugeblock.validate.p_values import SMALLEST
-from gaugeblock.validate.prepared import Block, Prepared, effective_draws, pit
+from gaugeblock.validate.prepared import Prepared, TrialBlock, effective_draws, pit
 
 
-def cut_scores(block: Block) -> Array:
-    """Statistic: the four cut scores ``(trial, 4, parameter)``; see `Scores`."""
+def cut_scores(block: TrialBlock) -> Array:
+    """Statistic: the four cut scores ``(trial, 4, parameter)``; see `WinsorisedScores`."""
     rng = block.rng("cut scores")
     return np.stack(winsorised_scores(block.theta_true, block.draws, rng, weight=block.weight), axis=1)
 
@@ -38,7 +38,7 @@ def anytime(prepared: Prepared) -> list[Finding | NotChecked]:
         why = "no trial has finite draws"
         names = ("bias", "log_width", "coverage", "joint", "hpd", "uniform")
         return [NotChecked(f"anytime.{what}", why) for what in names]
-    scores = Scores(*np.moveaxis(prepared.per_trial(cut_scores), 1, 0))
+    scores = WinsorisedScores(*np.moveaxis(prepared.per_trial(cut_scores), 1, 0))
     parameters, caveats = prepared.parameters, prepared.caveats
     findings: list[Finding | NotChecked] = []
     for column, name in enumerate(parameters):

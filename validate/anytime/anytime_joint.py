@@ -17,13 +17,13 @@ from gaugeblock.validate.joint.gaps import inside_lowest
 from gaugeblock.validate.joint.hpd import hpd
 from gaugeblock.validate.joint.projections import LOWEST, directions, pairs, projections
 from gaugeblock.validate.marginal.coverage import LEVELS, inside_central
-from gaugeblock.validate.prepared import Block, Prepared
+from gaugeblock.validate.prepared import Prepared, TrialBlock
 
 CENTRAL = (0.5, 0.8)
 NEIGHBOURS = 10
 
 
-def data_total(block: Block) -> Array:
+def data_total(block: TrialBlock) -> Array:
     """Statistic: the sum of each trial's data, ``(trial, 1)``; no column where there are none."""
     if block.x is None:
         return np.empty((len(block), 0))

@@ -18,7 +18,7 @@ from gaugeblock.validate.designs.shrinkage import capture, weighted_sd
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.joint.importance import KHAT_LIMIT, NEEDED, log_weights
 from gaugeblock.validate.joint.psis import pareto_khat
-from gaugeblock.validate.prepared import Block, Prepared, trial_numbers
+from gaugeblock.validate.prepared import Prepared, TrialBlock, trial_numbers
 from gaugeblock.validate.ranks import unwrap_circular
 from gaugeblock.validate.storage import block_length
 
@@ -32,7 +32,7 @@ MOST_TRIALS = 1000
 LEAST_CONSTRAINT = 3.0
 
 
-def posterior_sd(block: Block) -> Array:
+def posterior_sd(block: TrialBlock) -> Array:
     """Statistic: standard deviation of each trial's draws, ``(trial, parameter)``."""
     return weighted_sd(block.draws, block.weight)
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate.evidence.nested_threads import NestedPoints, Threads, threads_of
+from gaugeblock.validate.evidence.nested_threads import HasNestedPoints, Threads, threads_of
 
 REPLICATES = 1000
 # Values of one (replicate, point) array held at a time: 8 MiB. Changes no bit of the thread bootstrap.
@@ -61,7 +61,7 @@ def log_evidence_of_threads(
 
 
 def thread_bootstrap(
-    run: NestedPoints, *, rng: np.random.Generator, replicates: int = REPLICATES
+    run: HasNestedPoints, *, rng: np.random.Generator, replicates: int = REPLICATES
 ) -> LogEvidence:
     """Log evidence of one run and its error, by resampling threads with replacement.
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate.evidence.nested_threads import NestedPoints, Threads, threads_of
+from gaugeblock.validate.evidence.nested_threads import HasNestedPoints, Threads, threads_of
 from gaugeblock.validate.marginal.uniformity import ecdf_test
 from gaugeblock.validate.p_values import two_sided
 
@@ -80,7 +80,7 @@ def _smaller_before(value: Array) -> NDArray[np.int64]:
 
 
 def insertion_order_test(
-    run: NestedPoints, *, rng: np.random.Generator, windows: int | None = None
+    run: HasNestedPoints, *, rng: np.random.Generator, windows: int | None = None
 ) -> InsertionTest:
     """Test that new points were drawn from the prior above their contour; `rng` randomises discrete ranks.
 

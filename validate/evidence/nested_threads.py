@@ -17,7 +17,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 
 
-class NestedPoints(Protocol):
+class HasNestedPoints(Protocol):
     """Anything that holds a run's points: log likelihood ``(point,)`` and that of the contour of birth."""
 
     @property
@@ -91,7 +91,7 @@ def split_threads(log_likelihood: ArrayLike, birth_log_likelihood: ArrayLike) ->
     )
 
 
-def threads_of(run: NestedPoints) -> Threads:
+def threads_of(run: HasNestedPoints) -> Threads:
     """Threads of a run."""
     return run if isinstance(run, Threads) else split_threads(run.log_likelihood, run.birth_log_likelihood)
 

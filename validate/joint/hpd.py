@@ -16,7 +16,7 @@ from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.joint.gaps import curve, gap_finding, inside_lowest, uniform_finding
 from gaugeblock.validate.joint.quantities import quantity_pit
 from gaugeblock.validate.marginal.coverage import LEVELS
-from gaugeblock.validate.prepared import Block
+from gaugeblock.validate.prepared import TrialBlock
 
 REFERENCE = "Hyndman 1996; Hermans et al. 2022, arXiv:2110.06581; Modrak et al. 2023, arXiv:2211.02383"
 
@@ -41,7 +41,7 @@ def credible_level(
     return np.where(np.isnan(truth) | np.isneginf(truth), 1.0, level)
 
 
-def hpd(block: Block) -> Array:
+def hpd(block: TrialBlock) -> Array:
     """Statistic: level of the highest-density region that the truth enters, and what its density lacks.
 
     Shape ``(trial, 4)``: level; whether log q of the truth is -inf; whether it is NaN; number of draws whose

@@ -16,7 +16,7 @@ from gaugeblock.validate.check import circular_parameters
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.joint.dense_ratio import least_draws, log_density_ratio
 from gaugeblock.validate.joint.psis import pareto_khat
-from gaugeblock.validate.prepared import Block, Prepared
+from gaugeblock.validate.prepared import Prepared, TrialBlock
 
 ID = "density.normalisation"
 REFERENCE = "reciprocal importance sampling: Gelfand & Dey 1994; Robert & Wraith 2009, arXiv:0907.5123"
@@ -33,7 +33,7 @@ UNRELIABLE = (
 )
 
 
-def ratios(block: Block) -> Array:
+def ratios(block: TrialBlock) -> Array:
     """Statistic: `log_density_ratio`, and how many draws had no finite log q, ``(trial, 2)``.
 
     Empty without log q, for weighted draws, and for too few.

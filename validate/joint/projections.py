@@ -22,7 +22,7 @@ from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.joint.gaps import gap_finding, inside_lowest
 from gaugeblock.validate.joint.pool import Pool, make_pool, pool_pit
 from gaugeblock.validate.marginal.coverage import inside_central
-from gaugeblock.validate.prepared import Block
+from gaugeblock.validate.prepared import TrialBlock
 
 DIRECTIONS = 16
 # All pairs of seven parameters; of more, some, and the projections see the others.
@@ -74,7 +74,7 @@ def projected_pit(pool: Pool, rng: Uniforms) -> Array:
     return pool_pit(values, rng, weight=pool.weight)
 
 
-def projections(block: Block) -> Array:
+def projections(block: TrialBlock) -> Array:
     """Statistic: randomised PIT of projections and products, ``(trial, quantity)``."""
     pool = make_pool(block.theta_true, block.draws, weight=block.weight)
     return projected_pit(pool, block.rng("projections"))

@@ -19,7 +19,7 @@ from gaugeblock.validate.check import QUANTITY
 from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.joint.gaps import both_names, both_regions, curve, gap_finding
 from gaugeblock.validate.marginal.coverage import LEVELS
-from gaugeblock.validate.prepared import Block
+from gaugeblock.validate.prepared import TrialBlock
 from gaugeblock.validate.ranks import randomised_pit
 
 REFERENCE = "Modrak et al. 2023, arXiv:2211.02383"
@@ -82,7 +82,7 @@ def quantity_names(variables: Iterable[Hashable]) -> list[str]:
     return sorted(name.removeprefix(QUANTITY) for name in names if not name.endswith("_true"))
 
 
-def quantities(block: Block) -> Array:
+def quantities(block: TrialBlock) -> Array:
     """Statistic: PIT of the trials' own test quantities, in the order of their names, and how many NaN.
 
     Shape ``(trial, quantity, 2)``.
@@ -99,7 +99,7 @@ def quantities(block: Block) -> Array:
     return found
 
 
-def likelihood(block: Block) -> Array:
+def likelihood(block: TrialBlock) -> Array:
     """Statistic: PIT of the joint log likelihood and how many NaN, ``(trial, 2)``; empty without one."""
     truth, draws = block.log_likelihood_true, block.log_likelihood
     if truth is None or draws is None:

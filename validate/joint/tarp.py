@@ -22,7 +22,7 @@ from gaugeblock.validate.joint.gaps import curve, gap_finding, uniform_finding
 from gaugeblock.validate.joint.pool import Pool, make_pool, pool_pit
 from gaugeblock.validate.joint.references import cross_fitted
 from gaugeblock.validate.marginal.coverage import LEVELS
-from gaugeblock.validate.prepared import Block, Prepared
+from gaugeblock.validate.prepared import Prepared, TrialBlock
 
 REFERENCES = 8
 REFERENCE = "Lemos et al. 2023, arXiv:2302.03026; coverage values, cross-fitted references"
@@ -53,19 +53,19 @@ def distance_pit(pool: Pool, references: ArrayLike, rng: Uniforms) -> Array:
     return pool_pit(values, rng, weight=pool.weight)
 
 
-def tarp(block: Block) -> Array:
+def tarp(block: TrialBlock) -> Array:
     """Statistic: randomised PIT of distances to random references, ``(trial, reference)``."""
     pool = make_pool(block.theta_true, block.draws, weight=block.weight)
     rng = block.rng("tarp")
     return distance_pit(pool, _references(block, rng), rng)
 
 
-def _references(block: Block, rng: Uniforms) -> Array:
+def _references(block: TrialBlock, rng: Uniforms) -> Array:
     prepared = block.prepared
     size = (*block.theta_true.shape, REFERENCES)
-    if has_features(prepared):
-        assert prepared.features is not None
-        found = cross_fitted(prepared.features.values, prepared.theta_true, prepared.trial)
+    features = prepared.features
+    if features is not None and has_features(prepared):
+        found = cross_fitted(features.values, prepared.theta_true, prepared.trial)
         jitter = found.root[found.fold[block.rows]] @ rng.standard_normal(size)
         points = found.mean[block.rows][:, :, None] + jitter
     else:

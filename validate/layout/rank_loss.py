@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate.layout.readings import AS_IT_IS, Reading, readings
+from gaugeblock.validate.layout.readings import AS_IT_IS, LayoutReading, readings
 
 # Readings are tried for every pair of column and parameter up to so many parameters, else in their own place.
 EVERYWHERE = 8
@@ -30,7 +30,7 @@ class Foretelling:
 
     parameter: int
     column: int
-    reading: Reading
+    reading: LayoutReading
     loss: float
     gain: float
     standard_error: float
@@ -42,7 +42,7 @@ class Foretelling:
 
 
 @dataclass(frozen=True)
-class Column:
+class ColumnLoss:
     """One column of draws ``(trial, draw)``, sorted, with where each is and what it weighs."""
 
     draws: Array
@@ -51,12 +51,12 @@ class Column:
     weight: Array
 
     @classmethod
-    def of(cls, draws: Array, weight: Array | None) -> Column:
+    def of(cls, draws: Array, weight: Array | None) -> ColumnLoss:
         place = np.argsort(draws, axis=None, kind="stable")
         share = np.ones(draws.shape) if weight is None else weight
         return cls(draws, draws.ravel()[place], place, share / share.sum(axis=1, keepdims=True))
 
-    def loss(self, order: Array, target: Array, reading: Reading) -> Array:
+    def loss(self, order: Array, target: Array, reading: LayoutReading) -> Array:
         """Square error per trial, less what comes of there being so many draws only; NaN where unreadable."""
         flat = np.empty(self.draws.size)
         flat[self.place] = _share_below(order, reading.read(self.ordered))
@@ -76,7 +76,7 @@ def foretellings(theta_true: Array, draws: Array, *, weight: Array | None = None
     """
     found = []
     number = theta_true.shape[1]
-    columns = [Column.of(draws[..., index], weight) for index in range(number)]
+    columns = [ColumnLoss.of(draws[..., index], weight) for index in range(number)]
     for parameter in range(number):
         truth = theta_true[:, parameter]
         order = np.sort(truth)

@@ -17,7 +17,7 @@ NEARLY = 0.03
 
 
 @dataclass(frozen=True)
-class Reading:
+class LayoutReading:
     """The parameter's value is ``offset + unit * inverse_transform(draw)``.
 
     `price` is what a reading with fitted numbers pays, as a factor of its loss, against one without.
@@ -50,7 +50,7 @@ class Reading:
         return said + ([f"offset = {self.offset:.6g}"] if self.offset else [])
 
 
-AS_IT_IS = Reading()
+AS_IT_IS = LayoutReading()
 
 _INVERSES: dict[str, Callable[[Array], Any]] = {
     "none": lambda s: s,
@@ -69,24 +69,24 @@ _LOOKS = {
 }
 
 
-def readings(truth: Array, draws: Array) -> Iterator[Reading]:
+def readings(truth: Array, draws: Array) -> Iterator[LayoutReading]:
     """Readings to try for a parameter with truths ``(trial,)`` and a column of draws ``(trial, draw)``.
 
     Numbers in them are fitted to medians and quartiles, which no stray draw moves.
     """
-    yield from (Reading(transform) for transform in ("log10", "log"))
+    yield from (LayoutReading(transform) for transform in ("log10", "log"))
     if (draws > 0).all():
-        yield from (Reading(transform) for transform in ("exp10", "exp"))
+        yield from (LayoutReading(transform) for transform in ("exp10", "exp"))
     median = float(np.median(truth)), float(np.median(draws))
     spread = _quartiles(truth), _quartiles(draws)
-    yield Reading(offset=median[0] - median[1], price=1.05)
+    yield LayoutReading(offset=median[0] - median[1], price=1.05)
     if spread[0] > 0 and spread[1] > 0:
         ratio = spread[0] / spread[1]
-        yield Reading(unit=_known(_factor(truth, draws, ratio)), price=1.05)
-        yield Reading(unit=ratio, offset=median[0] - ratio * median[1], price=1.1)
+        yield LayoutReading(unit=_known(_factor(truth, draws, ratio)), price=1.05)
+        yield LayoutReading(unit=ratio, offset=median[0] - ratio * median[1], price=1.1)
         low, width = float(truth.min()), float(np.ptp(truth))
         room = width / len(truth)
-        yield Reading("logit", unit=width + 2 * room, offset=low - room, price=1.1)
+        yield LayoutReading("logit", unit=width + 2 * room, offset=low - room, price=1.1)
 
 
 def _quartiles(values: Array) -> float:

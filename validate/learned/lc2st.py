@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import generator
-from gaugeblock.validate.features import Features
+from gaugeblock.validate.features import TrialFeatures
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.learned.c2st import spread_out
 from gaugeblock.validate.learned.learned import LEAST_TRIALS, STAGES, learned_from
@@ -54,7 +54,7 @@ def lc2st(prepared: Prepared) -> list[Finding | NotChecked]:
     return [finding]
 
 
-def feature_regions(features: Features, row: NDArray[np.int64]) -> list[Regions]:
+def feature_regions(features: TrialFeatures, row: NDArray[np.int64]) -> list[Regions]:
     """Regions of the data's features among the trials `row`: user's own and total first, then components."""
     known = [name for name in features.names if np.isfinite(features.column(name)).all()]
     first = sorted(known, key=lambda name: name.startswith("component "))[:MOST_FEATURES]

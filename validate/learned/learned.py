@@ -23,7 +23,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import generator
 from gaugeblock.validate.learned.discriminant import fit_discriminant
 from gaugeblock.validate.learned.pool_coordinates import context_of, pool_coordinates
-from gaugeblock.validate.prepared import Block, Prepared
+from gaugeblock.validate.prepared import Prepared, TrialBlock
 from gaugeblock.validate.ranks import ranks_and_ties
 
 Score = Callable[[Array, Array | None], Array]
@@ -53,7 +53,7 @@ class LearnedRanks:
     draws: int
 
 
-def candidates(block: Block) -> Array:
+def candidates(block: TrialBlock) -> Array:
     """Statistic of a block: `pool_coordinates`, and a last row that holds a number to break ties with."""
     rng = block.rng("learned")
     found = pool_coordinates(block.theta_true, block.draws, rng, weight=block.weight)

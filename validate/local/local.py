@@ -21,7 +21,7 @@ from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.local.homogeneity import homogeneous_finding
 from gaugeblock.validate.local.regions import LEAST, Regions, quantile_regions
 from gaugeblock.validate.marginal.coverage import STEADYING, inside_central
-from gaugeblock.validate.prepared import Block, Prepared
+from gaugeblock.validate.prepared import Prepared, TrialBlock
 from gaugeblock.validate.standardised import bias, log_width
 
 LEVELS = (0.5, 0.8, 0.95)
@@ -41,7 +41,7 @@ class LocalCoverage(NamedTuple):
     influence: Array
 
 
-def location(block: Block) -> Array:
+def location(block: TrialBlock) -> Array:
     """Statistic: mean of the truth and its draws together, ``(trial, parameter)``.
 
     The mean of the draws alone would favour truths on the other side of it; given the *pool*, truth and draws

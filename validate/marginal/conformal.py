@@ -20,7 +20,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.local.regions import Regions, quantile_regions
 from gaugeblock.validate.marginal.row_quantiles import reachable, row_quantiles
-from gaugeblock.validate.prepared import Block, Prepared
+from gaugeblock.validate.prepared import Prepared, TrialBlock
 
 LEVELS = (0.68, 0.9, 0.95)
 # With fewer scores the 95% region would have to reach beyond them all.
@@ -124,7 +124,7 @@ def _ratio(distance: Array, reach: Array) -> Array:
         return np.where(distance == 0, 0.0, distance / reach)
 
 
-def stretch(block: Block) -> Array:
+def stretch(block: TrialBlock) -> Array:
     """Statistic: `stretch_scores` of every parameter, then `box_scores`: ``(trial, 1 + p, level)``."""
     single = stretch_scores(block.theta_true, block.draws, weight=block.weight)
     joint = box_scores(block.theta_true, block.draws, weight=block.weight)

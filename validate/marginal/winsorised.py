@@ -23,7 +23,7 @@ CUT = 3.0
 WIDEST = 6.0
 
 
-class Scores(NamedTuple):
+class WinsorisedScores(NamedTuple):
     """Per trial and parameter: the truth's cut error and square, and the averages over its pool.
 
     `error` lies in [-3, 3] and `expected_error` in [-1, 1], `square` in [0, 9] and `expected_square` in
@@ -38,7 +38,7 @@ class Scores(NamedTuple):
 
 def winsorised_scores(
     theta_true: ArrayLike, draws: ArrayLike, rng: Uniforms, *, weight: ArrayLike | None = None
-) -> Scores:
+) -> WinsorisedScores:
     """Scores ``(trial, parameter)`` of `theta_true` among `draws` ``(trial, draw, parameter)``.
 
     Null: mean error = mean expected error and mean square = mean expected square, exactly, for an exact
@@ -76,7 +76,7 @@ def winsorised_scores(
     if degenerate.any():
         error = np.where(degenerate, np.where(rng.random(truth.shape) < 0.5, -1.0, 1.0), error)
         square, expected_square = (np.where(degenerate, 1.0, part) for part in (square, expected_square))
-    return Scores(error, expected, square, expected_square)
+    return WinsorisedScores(error, expected, square, expected_square)
 
 
 def cut_mean(bias: ArrayLike) -> Array:

@@ -19,7 +19,7 @@ from studies.kit.resume import Pieces, joined, stream
 from studies.paper.claim import SINGLE
 from studies.paper.detection_claims import CLEAN_SCORES, cells, errors, numbers, on_epic_pn
 from studies.paper.detection_grid import as_dataset, clean_of, levels_of, misplaced, scored
-from studies.paper.detection_level import SHIFT, STRENGTHS, Level
+from studies.paper.detection_level import SHIFT, STRENGTHS, DetectionLevel
 from studies.paper.detectors import DRAWS
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.grid_populations import FAMILIES, LEVELS, is_kept
@@ -70,7 +70,7 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     )
 
 
-def _far(levels: Mapping[str, Level], number: int, pieces: Pieces, seed: int) -> NDArray[np.float64]:
+def _far(levels: Mapping[str, DetectionLevel], number: int, pieces: Pieces, seed: int) -> NDArray[np.float64]:
     """AUCs of D3 for other draws of the cell `FAR`, against the study's clean spectra."""
     _, (name, family, step, _) = next(entry for entry in cells(RESPONSE) if entry[0] == FAR)
     level = levels[LEVELS[name]]

@@ -18,7 +18,7 @@ from studies.kit.resume import Arrays, Pieces, joined, stream
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.evidence import PRIOR
 from studies.paper.experiments.gain_claims import SHIFT
-from studies.paper.experiments.gain_pairs import MEMBERS, Pairs
+from studies.paper.experiments.gain_pairs import MEMBERS, GainPairs
 
 LEVELS = ("medium", "bright")
 DESIGNS = ("coupled", "seeded")
@@ -54,7 +54,7 @@ def _maker(level: str, number: int, draws: int) -> Any:
     from gaugeblock.estimators.npe import load
     from gaugeblock.simulators.xray import reference
 
-    pairs = Pairs(level)
+    pairs = GainPairs(level)
     refined = ImportanceRefined(load(FLOW.format(level=level)), reference(level=level, prior=PRIOR))
 
     def make(index: int, rng: np.random.Generator) -> Arrays:

@@ -15,7 +15,7 @@ import xarray as xr
 from studies.kit.resume import Arrays, Pieces, joined, stream
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.gain_claims import CURVE, SHIFT, STUDY, claims_of, found_of
-from studies.paper.experiments.gain_pairs import KINDS, MEMBERS, Pairs, exact_summaries, summaries
+from studies.paper.experiments.gain_pairs import KINDS, MEMBERS, GainPairs, exact_summaries, summaries
 from studies.paper.numbers import as_table
 from studies.paper.paper_flow import paper_flow
 
@@ -37,7 +37,7 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
         (level, kind): load(f"shipped:epic-pn-{level}{SUFFIX[kind]}") for level in LEVELS for kind in KINDS
     }
     studied = {name: paper_flow(name) for name in STUDY.values()}
-    levels = {level: Pairs(level) for level in LEVELS}
+    levels = {level: GainPairs(level) for level in LEVELS}
     pairs = sizes["pairs"]
 
     def piece(level: str, per_cent: float, kinds: tuple[str, ...], number: int) -> Any:

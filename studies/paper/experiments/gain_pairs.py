@@ -27,7 +27,7 @@ KINDS = ("fixed", "marginalised")
 
 
 @dataclass(frozen=True)
-class Pairs:
+class GainPairs:
     """Pairs at a count level."""
 
     level: str

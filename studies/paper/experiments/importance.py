@@ -26,7 +26,7 @@ from studies.paper.experiments.importance_cells import (
     summary,
     training,
 )
-from studies.paper.experiments.importance_weights import FEW, Level, ceiling, diagnostics
+from studies.paper.experiments.importance_weights import FEW, WeightLevel, ceiling, diagnostics
 from studies.paper.judge import Measured
 from studies.paper.numbers import as_table, by_claim
 
@@ -214,10 +214,12 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     few = sizes["few"]
     only_few = {name for name, *_ in populations(sizes) if name.startswith("sub")}
     only_few |= {f"medium-clean-{k}" for k in range(len(BOTH), SETS)}
-    levels = {name: Level(name) for name in ("medium", "bright")}
+    levels = {name: WeightLevel(name) for name in ("medium", "bright")}
     flows = {name: paper_flow(FLOW + name) for name in levels}
 
-    def population(flow: Any, level: Level, kind: str, amplitude: float, number: int, name: str) -> Arrays:
+    def population(
+        flow: Any, level: WeightLevel, kind: str, amplitude: float, number: int, name: str
+    ) -> Arrays:
         def piece(index: int, rng: np.random.Generator) -> Arrays:
             counts = level.spectra(kind, amplitude, min(CHUNK, number - index * CHUNK), rng)
             draws = few if name in only_few else sizes["draws"]
@@ -246,7 +248,7 @@ def _loss(record: Mapping[str, Any]) -> float:
     return float(curve[record["best_epoch"] - 1] if record["weights"] == "best" else curve[-1])
 
 
-def _ceiling(level: Level, number: int, pieces: Pieces, seed: int) -> Arrays:
+def _ceiling(level: WeightLevel, number: int, pieces: Pieces, seed: int) -> Arrays:
     def piece(index: int, rng: np.random.Generator) -> Mapping[str, Array]:
         return ceiling(level.plain, number=min(CHUNK, number - index * CHUNK), draws=EXACT, rng=rng)
 

@@ -134,7 +134,7 @@ def diagnostics(
 
 
 @dataclass(frozen=True)
-class Level:
+class WeightLevel:
     """A count level: spectra of it as the study perturbed them, and its likelihood without."""
 
     name: str

@@ -5,12 +5,12 @@ import pytest
 import xarray as xr
 from studies.paper import reproduce, run
 from studies.paper.experiments.evidence_pairs import DESIGNS, LEVELS, summaries
-from studies.paper.experiments.gain_pairs import MEMBERS, Pairs
+from studies.paper.experiments.gain_pairs import MEMBERS, GainPairs
 
 
 @pytest.fixture(scope="module")
 def medium(xray_data):
-    return Pairs("medium")
+    return GainPairs("medium")
 
 
 def correlation(theta, counts, pairs):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from studies.kit.results import read, write
-from studies.paper import Setting, Verdict, claims, judge
+from studies.paper import Agreement, Setting, claims, judge
 from studies.paper.experiment import committed, made
 from studies.paper.experiments import EXPERIMENTS, PAST, load
 
@@ -35,7 +35,7 @@ def test_nothing_differs_beyond_its_errors(twin):
     found = experiment.measured(table)
     judged = [judge(claim, found[name]) for name, claim in mine(experiment).items()]
     assert not [item.claim.id for item in judged if item.unexplained]
-    assert not [item for item in judged if item.verdict is Verdict.PENDING]
+    assert not [item for item in judged if item.verdict is Agreement.PENDING]
 
 
 def test_a_run_that_finds_its_pieces_gives_the_same_bits(twin, folder):
@@ -70,7 +70,7 @@ def test_all_exact_and_arithmetic_claims_agree():
     experiment = load("published")
     found = experiment.measured(experiment.run({}, None, 1))
     verdicts = {name: judge(claim, found[name]).verdict for name, claim in mine(experiment).items()}
-    assert set(verdicts.values()) == {Verdict.AGREES}
+    assert set(verdicts.values()) == {Agreement.AGREES}
     assert len(verdicts) == 42
 
 

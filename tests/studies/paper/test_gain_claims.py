@@ -5,8 +5,8 @@ import pytest
 from scipy import stats
 from studies.paper.experiments.gain_claims import CURVE, STUDY, claims_of
 from studies.paper.experiments.gain_marginalised import measured
-from studies.paper.experiments.gain_pairs import GAIN_RANGE, KINDS, MEMBERS, Pairs, summaries
-from studies.paper.judge import Verdict, judge
+from studies.paper.experiments.gain_pairs import GAIN_RANGE, KINDS, MEMBERS, GainPairs, summaries
+from studies.paper.judge import Agreement, judge
 from studies.paper.numbers import as_table
 from studies.paper.registry import claims
 
@@ -98,13 +98,13 @@ def test_what_is_said_of_every_claim(found):
     mine = {name: claim for name, claim in claims().items() if claim.by == "gain_marginalised"}
     assert set(said) == set(mine)
     judged = {name: judge(claim, said[name]) for name, claim in mine.items()}
-    assert judged["gm.train"].verdict is Verdict.UNTESTABLE
+    assert judged["gm.train"].verdict is Agreement.UNTESTABLE
     assert "1,000 spectra" in judged["gm.train"].reason
-    assert judged["gm.bias.fixed.medium"].verdict is Verdict.AGREES
-    assert judged["gm.g.exclude"].verdict is Verdict.AGREES
+    assert judged["gm.bias.fixed.medium"].verdict is Agreement.AGREES
+    assert judged["gm.g.exclude"].verdict is Agreement.AGREES
     assert "trained again does by +0.00" in said["gm.KPL.bias.fixed"].because
     # A flow that is a tenth wider is none of the study's.
-    assert judged["gm.width.ratio.mean"].verdict is Verdict.DIFFERS
+    assert judged["gm.width.ratio.mean"].verdict is Agreement.DIFFERS
 
 
 def test_biases_come_out_with_their_errors(found):
@@ -148,9 +148,9 @@ def test_gains_that_exclude_one_are_counted(found):
 def test_members_of_a_pair_share_theta_and_noise(xray_data):
     pytest.importorskip("jaxspec")
     rng = np.random.default_rng(1)
-    theta, counts = Pairs("medium").drawn(40, 3.0, rng)
+    theta, counts = GainPairs("medium").drawn(40, 3.0, rng)
     clean, shifted = (counts[member] for member in MEMBERS)
-    expected = Pairs("medium").simulator.expected(theta)
+    expected = GainPairs("medium").simulator.expected(theta)
     assert np.abs(clean - expected).max() < 6 * np.sqrt(expected.max())
     noise = np.sqrt(expected.sum())
     # Independent members would differ by 1.4 noise; these by what the gain does.

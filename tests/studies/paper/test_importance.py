@@ -17,7 +17,7 @@ from studies.paper.experiments.importance_cells import (
     training,
 )
 from studies.paper.experiments.importance_weights import diagnostics
-from studies.paper.judge import Verdict, judge
+from studies.paper.judge import Agreement, judge
 from studies.paper.registry import claims
 
 LOW, HIGH = np.array([0.0, 0.0, 1.0, 0.0, 1.0]), np.array([1.0, 1.0, 2.0, 1.0, 2.0])
@@ -190,10 +190,10 @@ def test_a_table_measures_every_claim_and_explains_the_flow_that_was_cut(monkeyp
     mine = {name: claim for name, claim in claims().items() if claim.by == "importance"}
     assert set(said) == set(mine)
     judged = {name: judge(claim, said[name]) for name, claim in mine.items()}
-    assert judged["is.draws"].verdict is Verdict.AGREES
-    assert judged["is.essfrac.medium"].verdict is Verdict.AGREES
-    assert judged["tab3.medium.B1.seed0"].verdict is Verdict.AGREES
-    assert judged["is.essfrac.bright"].verdict is Verdict.DIFFERS
+    assert judged["is.draws"].verdict is Agreement.AGREES
+    assert judged["is.essfrac.medium"].verdict is Agreement.AGREES
+    assert judged["tab3.medium.B1.seed0"].verdict is Agreement.AGREES
+    assert judged["is.essfrac.bright"].verdict is Agreement.DIFFERS
     assert "our training gives 0.01" in judged["is.essfrac.bright"].reason
     assert judged["is.lowess.bright"].ours["cut"] == 1.0
     assert table["auc"].sel(cell="medium-line-0", score="khat") > 0.9

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from studies.paper import Measured, Untestable, Verdict, judge
+from studies.paper import Agreement, Measured, Untestable, judge
 from studies.paper.claim import claim_of
 from studies.paper.rules import rule_of
 
@@ -46,18 +46,18 @@ def test_the_rounding_of_a_sum_is_no_miss():
 
 
 def test_the_four_verdicts():
-    assert judge(claim(), None).verdict is Verdict.PENDING
+    assert judge(claim(), None).verdict is Agreement.PENDING
     assert "`nested`" in judge(claim(), None).reason
     untestable = judge(claim(), Untestable("seeds are not published"))
-    assert (untestable.verdict, untestable.reason) == (Verdict.UNTESTABLE, "seeds are not published")
-    assert judge(claim(), Measured(1.05)).verdict is Verdict.AGREES
-    assert judge(claim(), Measured(1.2)).verdict is Verdict.DIFFERS
+    assert (untestable.verdict, untestable.reason) == (Agreement.UNTESTABLE, "seeds are not published")
+    assert judge(claim(), Measured(1.05)).verdict is Agreement.AGREES
+    assert judge(claim(), Measured(1.2)).verdict is Agreement.DIFFERS
 
 
 def test_all_rules_must_hold():
     two = claim(rules=({"within": 0.1}, {"high": 1.02}))
-    assert judge(two, Measured(1.01)).verdict is Verdict.AGREES
-    assert judge(two, Measured(1.05)).verdict is Verdict.DIFFERS
+    assert judge(two, Measured(1.01)).verdict is Agreement.AGREES
+    assert judge(two, Measured(1.05)).verdict is Agreement.DIFFERS
 
 
 def test_a_difference_beyond_three_sigma_wants_a_measured_reason():
@@ -66,7 +66,7 @@ def test_a_difference_beyond_three_sigma_wants_a_measured_reason():
     assert far.unexplained
     assert "unexplained" in far.reason
     near = judge(claim(), Measured(1.5, 0.2))
-    assert near.verdict is Verdict.DIFFERS
+    assert near.verdict is Agreement.DIFFERS
     assert not near.unexplained
     assert "2.5 standard errors" in near.reason
     said = judge(claim(), Measured(1.5, 0.1, because="the other prior moves it by 0.5"))
@@ -83,15 +83,15 @@ def test_without_any_error_every_difference_is_unexplained():
 
 def test_a_claim_without_a_tolerance_is_judged_by_its_errors():
     open_claim = claim(rules=({"errors": 3},), error=0.1)
-    assert judge(open_claim, Measured(1.2, 0.1)).verdict is Verdict.AGREES
-    assert judge(open_claim, Measured(1.5, 0.1)).verdict is Verdict.DIFFERS
+    assert judge(open_claim, Measured(1.2, 0.1)).verdict is Agreement.AGREES
+    assert judge(open_claim, Measured(1.5, 0.1)).verdict is Agreement.DIFFERS
     nobody_knows = judge(claim(rules=({"errors": 3},)), Measured(1.2))
-    assert nobody_knows.verdict is Verdict.UNTESTABLE
+    assert nobody_knows.verdict is Agreement.UNTESTABLE
 
 
 def test_parts_are_judged_by_name_and_none_may_be_missing():
     both = claim(value={"low": 1.0, "high": 2.0}, rules=({"within": 0.1}, {"low": 0, "of": "gap"}))
     assert both.needs == ("low", "high", "gap")
-    assert judge(both, Measured({"low": 1.0, "high": 2.0, "gap": 1.0})).verdict is Verdict.AGREES
+    assert judge(both, Measured({"low": 1.0, "high": 2.0, "gap": 1.0})).verdict is Agreement.AGREES
     with pytest.raises(InputError, match=r"a\.claim: the measurement lacks gap"):
         judge(both, Measured({"low": 1.0, "high": 2.0}))

@@ -6,7 +6,7 @@ import xarray as xr
 from scipy import stats
 
 from gaugeblock.validate import Finding, NotChecked, Outcome, judge, make_policy, make_trials
-from gaugeblock.validate.features import Features
+from gaugeblock.validate.features import TrialFeatures
 from gaugeblock.validate.learned.lc2st import LEVELS, feature_regions, largest_gap, lc2st, local_finding
 from gaugeblock.validate.local.regions import quantile_regions
 from gaugeblock.validate.prepared import Prepared
@@ -88,7 +88,7 @@ def test_features_of_the_users_own_come_first():
     names = ("total", *(f"component {k}" for k in range(1, 9)), "exposure", "broken")
     values = rng.normal(size=(600, 11))
     values[3, 10] = np.nan
-    chosen = [regions.name for regions in feature_regions(Features(names, values), np.arange(500))]
+    chosen = [regions.name for regions in feature_regions(TrialFeatures(names, values), np.arange(500))]
     assert chosen[:2] == ["total", "exposure"]
     assert "broken" not in chosen
     assert len(chosen) == 8
