@@ -18,6 +18,8 @@ import numpy as np
 import torch
 from sbi.inference import NPE as Inference
 
+from gaugeblock.core.atomic import write_atomically
+from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.npe.bank import Bank, Progress, describe_simulator, fingerprint, stream
 from gaugeblock.estimators.npe.config import NetworkTable, TrainingConfig, TrainingTable, read_config
@@ -26,7 +28,7 @@ from gaugeblock.estimators.npe.features import StandardFeatures, choose_kind
 from gaugeblock.estimators.npe.laplace import train_laplace
 from gaugeblock.estimators.npe.loop import train_default
 from gaugeblock.estimators.npe.networks import NetworkShape, build_network, builder
-from gaugeblock.estimators.npe.storage import load, save
+from gaugeblock.estimators.npe.storage import DESCRIPTION, load, save
 from gaugeblock.simulators.from_function import as_simulator
 from gaugeblock.simulators.prior import HasBijections, Prior, require_prior
 from gaugeblock.simulators.protocol import HasLikelihood, Simulator
@@ -110,26 +112,25 @@ def train(
     config: TrainingConfig,
     *,
     folder: str | os.PathLike[str],
+    replace: bool = False,
     progress: Progress | None = None,
     command: str | None = None,
 ) -> NPE:
     """Train as `config` says and leave the model folder; the same call after a crash goes on where it was.
 
-    Simulations and checkpoints lie in ``folder/training`` until the end. `progress` is called as
+    Simulations and checkpoints lie in ``folder/training`` until the end. A folder that holds a model, or the
+    unfinished training of another, is left alone without `replace`. `progress` is called as
     ``progress(stage, done, total)``. With the same seed, versions and threads the weights are the same bits.
 
     Raises
     ------
     InputError
-        If the simulator's data cannot be trained on, training diverges, or the folder cannot be written.
+        If the simulator's data cannot be trained on, training diverges, the folder cannot be written, or it
+        holds a model already.
     """
     begun = time.monotonic()
     place, options = Path(folder), config.training
     work = place / "training"
-    try:
-        work.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot write {place}: {error.strerror or error}") from None
     if options.redraws and not (config.network.kind == "laplace" and isinstance(simulator, HasLikelihood)):
         raise InputError(
             'training.redraws needs network.kind = "laplace" and a simulator with a likelihood (its '
@@ -145,6 +146,7 @@ def train(
             "estimator npe: its folder could not say what the prior is; give gaugeblock.Prior of "
             "distributions of gaugeblock or scipy.stats"
         )
+    _begin(place, work, digest([config.model_dump(mode="json"), describe_simulator(simulator)]), replace)
     bank = Bank.simulate(
         simulator,
         options.simulations,
@@ -203,16 +205,18 @@ def run_training(
     out: str | os.PathLike[str] | None = None,
     overrides: Mapping[str, Any] | None = None,
     seed: int | None = None,
+    replace: bool = False,
     progress: Progress | None = None,
 ) -> Path:
     """What ``gaugeblock train CONFIG.toml`` does; returns the model folder.
 
-    `overrides` are keys such as ``training.steps``; `out` and `seed` go before what the file says.
+    `overrides` are keys such as ``training.steps``; `out` and `seed` go before what the file says; `replace`
+    a model that is there.
 
     Raises
     ------
     InputError
-        If the configuration cannot be used or names no folder for the model.
+        If the configuration cannot be used, names no folder for the model, or that one holds another.
     """
     changes = dict(overrides or {})
     if seed is not None:
@@ -226,8 +230,23 @@ def run_training(
     place = f" --out {out}" if out is not None else ""
     command = f"gaugeblock train {config_path}{place}{settings}"
     simulator = as_simulator(config.simulator.table)
-    train(simulator, config, folder=target, progress=progress, command=command)
+    train(simulator, config, folder=target, replace=replace, progress=progress, command=command)
     return Path(target)
+
+
+def _begin(place: Path, work: Path, key: str, replace: bool) -> None:
+    """Claim the folder for one training; `work` is kept where it is of this one."""
+    stated = work / "key"
+    try:
+        if not (stated.is_file() and stated.read_text(encoding="ascii") == key):
+            if (work.exists() or (place / DESCRIPTION).exists()) and not replace:
+                what = "the unfinished training of another model" if work.exists() else "a model"
+                raise InputError(f"{place}: holds {what}; give --replace to replace it, or another folder")
+            shutil.rmtree(work, ignore_errors=True)
+            work.mkdir(parents=True)
+            write_atomically(stated, key)
+    except OSError as error:
+        raise InputError(f"cannot write {place}: {error.strerror or error}") from None
 
 
 def _thinned(curve: Mapping[str, Any]) -> dict[str, Any]:

@@ -56,6 +56,7 @@ def test_the_plan_never_asks_for_more_trials_or_draws_than_there_are() -> None:
         ("[simulator", "is not TOML"),
         ("[simulat]", "unknown key simulat; there are simulator"),
         ("[trials]\nnumer = 3", "unknown key trials.numer; there are number"),
+        ("[trials]\nchunk = 3", "trials: chunk is no longer a key; its name is block"),
         ("[trials]\nnumber = -3", "trials.number = -3 cannot be"),
         ("[trials]\nnumber = 20\nimportance_number = 50", "importance_number 50 is more than number 20"),
         ("[trials]\ndraws = 20\njoint_draws = 50", "joint_draws 50 is more than draws 20"),

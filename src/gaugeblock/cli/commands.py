@@ -215,13 +215,15 @@ def train(
         Path | None, typer.Option("--out", metavar="DIR", help="Model folder; default: the configuration's.")
     ] = None,
     seed: Seed = None,
+    replace: Annotated[bool, typer.Option("--replace", help="Replace the model that is there.")] = False,
     settings: Settings = None,
     quiet: Quiet = False,
     debug: Debug = False,  # noqa: ARG001
 ) -> None:
     """Train a neural posterior estimator; writes model.safetensors and model.json.
 
-    An interrupted training goes on where it stopped when the same command runs again.
+    An interrupted training goes on where it stopped when the same command runs again. A model that is there
+    already is replaced with --replace only.
     """
     from gaugeblock.core.progress import Bars
     from gaugeblock.core.settings import parse_settings
@@ -229,7 +231,12 @@ def train(
 
     with Bars(quiet=quiet) as bars:
         folder = run_training(
-            config, out=out, overrides=parse_settings(settings or []), seed=seed, progress=bars.show
+            config,
+            out=out,
+            overrides=parse_settings(settings or []),
+            seed=seed,
+            replace=replace,
+            progress=bars.show,
         )
     typer.echo(f"trained: {folder}")
 

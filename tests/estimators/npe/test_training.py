@@ -120,6 +120,29 @@ def test_training_leaves_global_state_alone(tmp_path, counts, configure):
     assert before[1:] == (torch.get_num_threads(), torch.get_default_dtype())
 
 
+def test_a_model_is_never_replaced_without_being_told_to(tmp_path, counts, configure, monkeypatch):
+    train(counts, configure("counts", steps=5), folder=tmp_path)
+    weights = (tmp_path / "model.safetensors").read_bytes()
+    with pytest.raises(InputError, match="holds a model; give --replace") as caught:
+        train(counts, configure("counts", steps=5), folder=tmp_path)
+    assert "\n" not in str(caught.value)
+    assert (tmp_path / "model.safetensors").read_bytes() == weights
+    with monkeypatch.context() as patched:
+        patched.setattr("gaugeblock.estimators.npe.training.save", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            train(counts, configure("counts", steps=6), folder=tmp_path, replace=True)
+    with pytest.raises(InputError, match="holds the unfinished training of another model; give --replace"):
+        train(counts, configure("counts", steps=7), folder=tmp_path)
+    assert (tmp_path / "model.safetensors").read_bytes() == weights
+    # The same one goes on, and had been told to.
+    train(counts, configure("counts", steps=6), folder=tmp_path)
+    other = (tmp_path / "model.safetensors").read_bytes()
+    assert other != weights
+    assert not (tmp_path / "training").exists()
+    train(counts, configure("counts", steps=5), folder=tmp_path, replace=True)
+    assert (tmp_path / "model.safetensors").read_bytes() == weights
+
+
 def test_the_published_network_trains_and_comes_back(tmp_path, counts, configure, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     flow = train(counts, published(configure), folder="model")

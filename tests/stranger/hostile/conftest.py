@@ -175,7 +175,8 @@ def attack(
         else:
             path = stranger
         program = ("--estimator-command", f"{{python}} {path}") if speaks else ("--estimator", str(path))
-        toy = {"simulator.parameters": 2, "simulator.data": 3, "trials.number": number, "trials.draws": 10}
+        toy = {"simulator.parameters": 2, "simulator.data": 3}
+        toy |= {"trials.number": number, "trials.draws": 10, "trials.block": number}
         held = {f"estimator.limits.{key}": value for key, value in {**LIMITS, **(limits or {})}.items()}
         settings = [word for key, value in {**toy, **held}.items() for word in ("--set", f"{key}={value}")]
         given = (
