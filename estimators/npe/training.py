@@ -235,15 +235,14 @@ def run_training(
 
 
 def _begin(place: Path, work: Path, key: str, replace: bool) -> None:
-    """Claim the folder for one training; `work` is kept where it is of this one."""
+    """Claim the folder for one training; what else lies in `work` says itself what it is of."""
     stated = work / "key"
     try:
         if not (stated.is_file() and stated.read_text(encoding="ascii") == key):
             if (work.exists() or (place / DESCRIPTION).exists()) and not replace:
                 what = "the unfinished training of another model" if work.exists() else "a model"
                 raise InputError(f"{place}: holds {what}; give --replace to replace it, or another folder")
-            shutil.rmtree(work, ignore_errors=True)
-            work.mkdir(parents=True)
+            work.mkdir(parents=True, exist_ok=True)
             write_atomically(stated, key)
     except OSError as error:
         raise InputError(f"cannot write {place}: {error.strerror or error}") from None

@@ -103,7 +103,9 @@ def _chapters(tree: xr.DataTree, summary: Mapping[str, Any]) -> list[Chapter | L
 def _facts(summary: Mapping[str, Any]) -> list[str]:
     data = summary.get("data") or {}
     facts = []
-    for key, noun in (("n_sources", "source"), ("n_channels", "channel"), ("counts", "count")):
+    counted = finite(data.get("counts")) is not None
+    nouns = ("source", "channel", "count") if counted else ("data set", "number", "")
+    for key, noun in zip(("n_sources", "n_channels", "counts"), nouns, strict=True):
         value = finite(data.get(key))
         if value is not None:
             facts.append(count(int(value), noun))

@@ -87,6 +87,9 @@ def _strongest(windows: xr.Dataset) -> list[Panel]:
     limit = float(np.quantile(floats(windows, "null_maximum"), 0.95)) if "null_maximum" in windows else None
     segment, strongest = np.array(texts(windows, "channel_segment")), floats(windows, "strongest")
     panels = []
+    heading, told = "Scan over windows", "strongest z of all windows that hold a channel"
+    if "scan" in windows.attrs:
+        heading, told = "Mean of every number", "z of each"
     for index, name in enumerate(dict.fromkeys(segment)):
         here = (segment == name) & np.isfinite(strongest)
         if not here.any():
@@ -100,8 +103,8 @@ def _strongest(windows: xr.Dataset) -> list[Panel]:
         unit = texts(windows, "channel_unit")[int(np.flatnonzero(here)[0])]
         panels.append(
             Panel(
-                f"Scan over windows: {name}",
-                "strongest z of all windows that hold a channel"
+                f"{heading}: {name}",
+                told
                 + (f"; dashed: |z| that 5% of exact models reach ({number(limit, 1)})" if limit else ""),
                 _curve(
                     low[order], high[order], z[order], unit, limit, key=f"windows-{index}", name=str(name)

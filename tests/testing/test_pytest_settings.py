@@ -16,13 +16,13 @@ def test_the_call_goes_before_the_marker_the_command_line_the_ini_file_and_the_d
     pytester.mkdir("rules").joinpath("ours.toml").write_text("error_budget = 0.01\n[tolerance]\nbias = 0.3\n")
     pytester.makepyfile("""
     import pytest
-    from gaugeblock.testing.plugin import CalibrationInconclusive
+    from gaugeblock.testing.plugin import CalibrationFailed, CalibrationInconclusive
     from gaugeblock.validate import read_policy
 
     STRICT = read_policy("strict").tolerance.bias
 
     def record(gate, **given):
-        with pytest.raises(CalibrationInconclusive) as stopped:
+        with pytest.raises((CalibrationInconclusive, CalibrationFailed)) as stopped:
             gate("exact", {"name": "linear_gaussian", "parameters": 1}, validators="sbc", **given)
         return stopped.value.audit.verdict.provenance
 

@@ -99,6 +99,7 @@ def test_a_checkpoint_of_another_training_is_not_taken(tmp_path, config):
         config,
         out=tmp_path / "model",
         overrides=changed,
+        replace=True,
         progress=lambda stage, done, total: starts.append(done) if stage == "steps" else None,
     )
     assert starts[0] == 1
