@@ -38,7 +38,7 @@ INSIDE = {
             *("_truncated_normal", "marginals", "blocks", "foreign", "prior", "prior_from"),
             *("segments", "protocol", "effects", "library"),
         ),
-        ("epidemic", "xray", "registry"),
+        ("epidemic", "xray", "registry", "from_function"),
     ),
     "estimators": (("protocol", "_rows"), ("registry", "broken")),
     "validate": (
