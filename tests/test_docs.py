@@ -65,3 +65,9 @@ def test_the_page_on_priors_names_every_distribution():
 
     text = (ROOT / "docs" / "priors.md").read_text(encoding="utf-8")
     assert all(f"`{name}`" in text for name in _DISTRIBUTIONS if name != "scipy")
+
+
+def test_the_page_on_results_runs():
+    text = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+    for block in re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL):
+        exec(compile(block, "docs/results.md", "exec"), {})
