@@ -18,7 +18,7 @@ from gaugeblock.auditing.audit import CHUNKS, audit
 from gaugeblock.auditing.result import Audit
 from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import GaugeblockError
-from gaugeblock.testing.plugin import CalibrationError, CalibrationFailed, CalibrationInconclusive, Note
+from gaugeblock.testing.outcomes import CalibrationError, CalibrationFailed, CalibrationInconclusive, Note
 from gaugeblock.testing.settings import GateSettings, Layer, decide, outer_layers
 from gaugeblock.testing.text import blocked, detectable, headline, properties
 from gaugeblock.validate import Outcome, Policy

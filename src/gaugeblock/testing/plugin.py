@@ -1,7 +1,7 @@
 """The pytest plugin: fixture `calibration_gate`, marker `calibration`, options, a section in the summary.
 
-pytest loads this file in every run of everybody who has gaugeblock installed, so it imports nothing but
-pytest; the rest comes with the first test that asks for the fixture.
+pytest loads this file in every run of everybody who has gaugeblock installed, so it imports nothing heavier
+than pytest; the rest comes with the first test that asks for the fixture.
 """
 
 from __future__ import annotations
@@ -10,49 +10,21 @@ from collections.abc import Callable, Generator
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from _pytest.outcomes import Failed  # what pytest.fail raises; as `pytest.fail.Exception` it is no type
+
+from gaugeblock.testing.outcomes import (
+    INCONCLUSIVE,
+    CalibrationError,
+    CalibrationFailed,
+    CalibrationInconclusive,
+    Note,
+)
 
 if TYPE_CHECKING:
-    from gaugeblock.auditing.result import Audit
     from gaugeblock.testing.gate import CalibrationGate
 
-Note = dict[str, Any]
-INCONCLUSIVE = ("fail", "skip", "xfail")
+__all__ = ["CalibrationError", "CalibrationFailed", "CalibrationInconclusive", "calibration_gate"]
+
 _NOTES = pytest.StashKey[list[Note]]()
-
-
-class _Stopped(Failed):
-    __module__ = "builtins"  # so that pytest names it without a path, as it does its own
-
-    def __init__(self, message: str):
-        super().__init__(message, pytrace=False)
-
-
-class CalibrationError(_Stopped):
-    """The gate could not be run: what it was given cannot be used. The message is one line."""
-
-    __module__ = "builtins"
-
-
-class CalibrationFailed(_Stopped):
-    """The verdict is FAIL: the estimator is blocked. `audit` holds everything that was found."""
-
-    __module__ = "builtins"
-
-    def __init__(self, message: str, audit: Audit):
-        super().__init__(message)
-        self.audit = audit
-
-
-class CalibrationInconclusive(_Stopped):
-    """The verdict is INCONCLUSIVE: these trials do not settle it, and the message says how many would."""
-
-    __module__ = "builtins"
-
-    def __init__(self, message: str, audit: Audit):
-        super().__init__(message)
-        self.audit = audit
-
 
 # name, type, metavar, help: each is an option --calibration-NAME and an ini option calibration_NAME.
 _OPTIONS: tuple[tuple[str, Callable[[str], Any], str, str], ...] = (

@@ -12,7 +12,7 @@ import pytest
 from gaugeblock.auditing.config import TrialsTable, as_policy
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.tables import checked
-from gaugeblock.testing.plugin import INCONCLUSIVE
+from gaugeblock.testing.outcomes import INCONCLUSIVE
 from gaugeblock.validate.policy import SHIPPED, Policy
 from gaugeblock.validate.validators import check_validators
 
