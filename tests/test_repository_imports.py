@@ -26,7 +26,7 @@ def check(when):
             first = known.setdefault((name, public), found)
             if isinstance(found, types.ModuleType) and f"{name}.{public}" in sys.modules:
                 sys.exit(f"{when}: {name}.{public} is a module")
-            if found is not first:
+            if found is not first and not isinstance(found, str):
                 sys.exit(f"{when}: {name}.{public} is {found!r}, was {first!r}")
 
 for name in sys.argv[1:]:
