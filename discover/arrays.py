@@ -22,7 +22,7 @@ from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.segments import Segment
 
 
-def axis(sources: Sources) -> dict[str, Any]:
+def channel_arrays(sources: Sources) -> dict[str, Any]:
     """Energies and the segment of every channel."""
     parts = sources.segments
     if len(sources) > 1 and [part.role for part in parts].count("source") == 1:
@@ -55,8 +55,8 @@ def residual(counts: Array, fitted: Fit) -> Array:
     )
 
 
-def windows(found: WindowScan, names: Mapping[str, Any]) -> xr.Dataset:
-    """The windows that stand out, and the strongest of all windows at every channel; `names` from `axis`."""
+def window_arrays(found: WindowScan, names: Mapping[str, Any]) -> xr.Dataset:
+    """The windows that stand out, and the strongest at every channel; `names` from `channel_arrays`."""
     first = np.asarray(found.start, dtype=int)
     return xr.Dataset(
         {
@@ -76,8 +76,8 @@ def windows(found: WindowScan, names: Mapping[str, Any]) -> xr.Dataset:
     )
 
 
-def cumulative(curve: CumulativeCounts, names: Mapping[str, Any]) -> xr.Dataset:
-    """The cumulative counts with their band; `names` from `axis`."""
+def cumulative_arrays(curve: CumulativeCounts, names: Mapping[str, Any]) -> xr.Dataset:
+    """The cumulative counts with their band; `names` from `channel_arrays`."""
     return xr.Dataset(
         {name: ("channel", getattr(curve, name)) for name in ("expected", "difference", "low", "high")}
         | dict(names),
@@ -85,14 +85,14 @@ def cumulative(curve: CumulativeCounts, names: Mapping[str, Any]) -> xr.Dataset:
     )
 
 
-def alike(keys: list[str], correlation: Array) -> xr.Dataset:
+def likeness_arrays(keys: list[str], correlation: Array) -> xr.Dataset:
     """How alike the effects' shapes are."""
     return xr.Dataset(
         {"correlation": (("effect", "rival"), correlation)}, coords={"effect": keys, "rival": keys}
     )
 
 
-def scan(look: Look) -> xr.Dataset:
+def scan_arrays(look: Look) -> xr.Dataset:
     """z, in the direction that an effect may take, at every scanned value of those that have any."""
     effects, parameters, values, units, z = [], [], [], [], []
     for key, entry in look.entries.items():
@@ -120,7 +120,7 @@ def scan(look: Look) -> xr.Dataset:
     )
 
 
-def held_out(scored: HeldOut, scheme: str, measure: str) -> xr.Dataset:
+def held_out_arrays(scored: HeldOut, scheme: str, measure: str) -> xr.Dataset:
     """Scores of all models on the pieces that did not train them."""
     gaps = np.array([scored.gap(name) for name in scored.names])
     values: dict[str, Any] = {

@@ -12,7 +12,7 @@ import xarray as xr
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-from gaugeblock.discovery.arrays import axis, cumulative, residual, windows
+from gaugeblock.discovery.arrays import channel_arrays, cumulative_arrays, residual, window_arrays
 from gaugeblock.discovery.confirm.shared_models import (
     SharedModel,
     before_model,
@@ -22,7 +22,7 @@ from gaugeblock.discovery.confirm.shared_models import (
     source_scores,
 )
 from gaugeblock.discovery.counts import counted, window_regions
-from gaugeblock.discovery.engine import Comparison, Extension, Look, Round, Thresholds
+from gaugeblock.discovery.engine import Comparison, Engine, Extension, Look, Round, Thresholds
 from gaugeblock.discovery.fitting import Fit
 from gaugeblock.discovery.held_out import BEFORE, NAMED, RIVAL, UNNAMED, HeldOut, deviance
 from gaugeblock.discovery.library import Candidates
@@ -38,10 +38,9 @@ from gaugeblock.discovery.name.shared_profile import SharedAmplitude, profile_mo
 from gaugeblock.discovery.name.shared_refined import refined
 from gaugeblock.discovery.name.shared_starts import fitted_from_afar
 from gaugeblock.discovery.name.stacked import influence
-from gaugeblock.discovery.result import Amplitude, Beside, Catalogue, DataSaid, NotChecked, Region
+from gaugeblock.discovery.result import Amplitude, Beside, Catalogue, DataSaid, Region
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
-from gaugeblock.simulators.protocol import HasGaps
 
 CATALOGUE = Thresholds(
     profiled=5,  # each fits every source again
@@ -109,7 +108,7 @@ class BesideNuisances:
     template: int
 
 
-class CatalogueCounts:
+class CatalogueCounts(Engine):
     """Counts of many sources, one group of them a response, each with a theta of its own."""
 
     thresholds = CATALOGUE
@@ -140,12 +139,8 @@ class CatalogueCounts:
             for group, found in zip(groups, fits, strict=True)
         )
         self.fits = tuple(fits)
+        self.entries = self.members[0].candidates.entries
         self._beside: BesideNuisances | None = None
-
-    @property
-    def entries(self) -> Mapping[str, LibraryEffect]:
-        """The effects that are proposed."""
-        return self.members[0].candidates.entries
 
     @cached_property
     def _first(self) -> Look:
@@ -394,11 +389,6 @@ class CatalogueCounts:
         counts = int(sum(group.counts.sum() for group in self.groups_of))
         return DataSaid(f"{number} sources", number, self.groups_of[0].counts.shape[1], counts)
 
-    def not_checked(self) -> list[NotChecked]:
-        """Effects that this simulator's library would hold if it knew more, and what it needs to know."""
-        missing = self.simulator.not_in_library() if isinstance(self.simulator, HasGaps) else {}
-        return [NotChecked(name, why) for name, why in missing.items()]
-
     def _reach(self, rounds: Sequence[Round]) -> tuple[Array, float]:
         """Error of the amplitude for `NUMBERS` sources, and the floor of an effective area that nobody
         models.
@@ -432,7 +422,7 @@ class CatalogueCounts:
 
     def groups(self, rounds: Sequence[Round], model: SharedProfile | None) -> Mapping[str, xr.Dataset]:
         """Summed counts before and after, windows, cumulative counts, frames, influence, growth."""
-        group, before, places = self.groups_of[0], self.fits[0], axis(self.groups_of[0])
+        group, before, places = self.groups_of[0], self.fits[0], channel_arrays(self.groups_of[0])
         frames, scanned, curve = self._located
         spectrum: dict[str, Any] = {
             "counts": ("channel", group.counts.sum(axis=0)),
@@ -445,8 +435,8 @@ class CatalogueCounts:
             spectrum["residual_after"] = ("channel", residual(group.counts, after))
         return {
             "spectrum": xr.Dataset(spectrum | places),
-            "windows": windows(scanned, places),
-            "quantiles": cumulative(curve, places),
+            "windows": window_arrays(scanned, places),
+            "quantiles": cumulative_arrays(curve, places),
             "catalogue": self._told_of(rounds, frames),
         }
 

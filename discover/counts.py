@@ -11,10 +11,10 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.arrays import axis, cumulative, residual, windows
+from gaugeblock.discovery.arrays import channel_arrays, cumulative_arrays, residual, window_arrays
 from gaugeblock.discovery.confirm.amplitude import Place, held_out_amplitude
 from gaugeblock.discovery.confirm.thinned import ScoredModel, random_shapes, thinned_scores
-from gaugeblock.discovery.engine import Comparison, Look, Round, Thresholds
+from gaugeblock.discovery.engine import Comparison, Engine, Look, Round, Thresholds
 from gaugeblock.discovery.fitting import Fit, fit
 from gaugeblock.discovery.held_out import BEFORE, NAMED, RIVAL, UNNAMED, HeldOut, deviance
 from gaugeblock.discovery.library import Candidates
@@ -23,13 +23,12 @@ from gaugeblock.discovery.locate.windows import WindowScan, scan_windows
 from gaugeblock.discovery.name.cox import confidence_set
 from gaugeblock.discovery.name.null import largest_null
 from gaugeblock.discovery.name.profiles import Profile, profile
-from gaugeblock.discovery.name.score import Scores, allowed, scores
+from gaugeblock.discovery.name.score import ScoreTests, allowed, scores
 from gaugeblock.discovery.name.shapes import Templates, templates
 from gaugeblock.discovery.name.unnamed import Correction, correction
-from gaugeblock.discovery.result import Amplitude, Catalogue, DataSaid, NotChecked, Region
+from gaugeblock.discovery.result import Amplitude, DataSaid, Region
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
-from gaugeblock.simulators.protocol import HasGaps
 
 SAME = 1.0
 """Nats within which the same effects in another order are the same fit, and the order tried first stands."""
@@ -45,11 +44,11 @@ class CountsState:
     candidates: Candidates
     fit: Fit
     templates: Templates
-    scores: Scores
+    scores: ScoreTests
     windows: WindowScan
 
 
-class Counts:
+class Counts(Engine):
     """One source, its counts seen by one instrument or by several.
 
     Parameters
@@ -78,12 +77,8 @@ class Counts:
         self._streams = dict(zip(names, rng.spawn(len(names)), strict=True))
         self.base = fit(self.simulator, sources.counts, scale=sources.scale, bank=16384, tries=16)
         self.candidates = proposed or Candidates.of(self.simulator, self.base.theta, own=own, only=only)
+        self.entries = self.candidates.entries
         self.scheme = f"Poisson thinning, {self.thresholds.folds} folds"
-
-    @property
-    def entries(self) -> Mapping[str, LibraryEffect]:
-        """The effects that are proposed."""
-        return self.candidates.entries
 
     @cached_property
     def _first(self) -> Look:
@@ -179,10 +174,6 @@ class Counts:
         folds = self.thresholds.folds
         return thinned_scores(models, self.sources, rng=self._streams["held_out"], folds=folds)
 
-    def holds(self, rounds: Sequence[Round], scored: HeldOut | None) -> bool:  # noqa: ARG002
-        """All effects are scored together, and stand or fall together."""
-        return True
-
     def amplitudes(self, rounds: Sequence[Round]) -> tuple[Amplitude, ...]:
         """From the half of the counts that had no say."""
         places = list(self._places(rounds[-1].best))
@@ -243,15 +234,6 @@ class Counts:
         counts = self.sources.counts
         return DataSaid(self.sources.names[0], 1, counts.shape[1], int(counts.sum()))
 
-    def not_checked(self) -> list[NotChecked]:
-        """Effects that this simulator's library would hold if it knew more, and what it needs to know."""
-        missing = self.simulator.not_in_library() if isinstance(self.simulator, HasGaps) else {}
-        return [NotChecked(name, why) for name, why in missing.items()]
-
-    def catalogue(self, rounds: Sequence[Round]) -> Catalogue | None:  # noqa: ARG002
-        """One source is no catalogue."""
-        return None
-
     def likeness(self, seen: Look, chosen: Sequence[int]) -> Array:
         """Correlation of projected templates."""
         shape = seen.state.scores.shape[0, list(chosen)]
@@ -259,7 +241,7 @@ class Counts:
 
     def groups(self, rounds: Sequence[Round], model: Profile | None) -> Mapping[str, xr.Dataset]:  # noqa: ARG002
         """Counts before and after, windows, cumulative counts, and the shape of what has no name."""
-        counts, places = self.sources.counts, axis(self.sources)
+        counts, places = self.sources.counts, channel_arrays(self.sources)
         values: dict[str, Any] = {
             "counts": ("channel", counts[0]),
             "before": ("channel", self.base.expected[0]),
@@ -270,8 +252,8 @@ class Counts:
             values["residual_after"] = ("channel", residual(counts, model.fit))
         groups = {
             "spectrum": xr.Dataset(values | places),
-            "windows": windows(self._first.state.windows, places),
-            "quantiles": cumulative(self.quantiles, places),
+            "windows": window_arrays(self._first.state.windows, places),
+            "quantiles": cumulative_arrays(self.quantiles, places),
         }
         if "correction" in self.__dict__ and self.correction is not None:
             one = self.correction

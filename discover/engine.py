@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.held_out import HeldOut
-from gaugeblock.discovery.result import Amplitude, Catalogue, DataSaid, NotChecked, Region
+from gaugeblock.discovery.result import Amplitude, Catalogue, DataSaid, Region
 from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators.protocol import HasGaps
+from gaugeblock.validate.finding import NotChecked
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,31 +226,26 @@ def promising(seen: Look, thresholds: Thresholds, behind: Extension | None) -> l
 
 
 class Engine(Protocol):
-    """How one kind of data is looked at, fitted, judged and described."""
+    """How one kind of data is looked at, fitted, judged and described.
 
-    @property
-    def thresholds(self) -> Thresholds:
-        """The numbers on which its answers hang."""
+    Attributes
+    ----------
+    thresholds : Thresholds
+        The numbers on which its answers hang.
+    simulator
+        That should explain the data.
+    entries : mapping of str to LibraryEffect
+        The effects that are proposed.
+    held, scheme, measure : str
+        In words: what is held out, how it is, and what the gap is.
+    """
 
-    @property
-    def simulator(self) -> Any:
-        """The simulator that should explain the data."""
-
-    @property
-    def entries(self) -> Mapping[str, LibraryEffect]:
-        """The effects that are proposed."""
-
-    @property
-    def held(self) -> str:
-        """What is held out, in words: counts, sources, data sets."""
-
-    @property
-    def scheme(self) -> str:
-        """How it is held out, in words."""
-
-    @property
-    def measure(self) -> str:
-        """What the gap is, in words."""
+    thresholds: Thresholds
+    simulator: Any
+    entries: Mapping[str, LibraryEffect]
+    held: str
+    scheme: str
+    measure: str
 
     def look(self) -> Look:
         """What the model as it was given leaves."""
@@ -265,14 +262,16 @@ class Engine(Protocol):
     def scored(self, rounds: Sequence[Round]) -> HeldOut | None:
         """The model before, the named one, rivals and decoys on held-out data; None where none can be."""
 
-    def holds(self, rounds: Sequence[Round], scored: HeldOut | None) -> bool:
-        """Whether the last effect earns its place beside those before it."""
+    def holds(self, rounds: Sequence[Round], scored: HeldOut | None) -> bool:  # noqa: ARG002
+        """Whether the last effect earns its place beside those before it; all may stand or fall together."""
+        return True
 
     def amplitudes(self, rounds: Sequence[Round]) -> tuple[Amplitude, ...]:
         """The amplitude of every effect of the last round's best model."""
 
-    def at_edge(self, rounds: Sequence[Round]) -> list[tuple[str, str]]:
+    def at_edge(self, rounds: Sequence[Round]) -> list[tuple[str, str]]:  # noqa: ARG002
         """Effects, with their amplitude's name, whose amplitude was stopped by its prior."""
+        return []
 
     def located(self) -> Mapping[str, float]:
         """Global p of every look that knows nothing of the library, by name."""
@@ -290,10 +289,13 @@ class Engine(Protocol):
         """What was searched."""
 
     def not_checked(self) -> list[NotChecked]:
-        """What could not be looked at, and why."""
+        """Effects that this simulator's library would hold if it knew more, and what it needs to know."""
+        missing = self.simulator.not_in_library() if isinstance(self.simulator, HasGaps) else {}
+        return [NotChecked(name, why) for name, why in missing.items()]
 
-    def catalogue(self, rounds: Sequence[Round]) -> Catalogue | None:
-        """What many sources say together."""
+    def catalogue(self, rounds: Sequence[Round]) -> Catalogue | None:  # noqa: ARG002
+        """What many sources say together; None where they are no catalogue."""
+        return None
 
     def likeness(self, seen: Look, templates: Sequence[int]) -> Array:
         """Correlation ``(template, template)`` of some effects' shapes, after projection."""

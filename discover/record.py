@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.core.errors import InputError, MissingExtraError
-from gaugeblock.discovery.arrays import alike, held_out, scan
+from gaugeblock.discovery.arrays import held_out_arrays, likeness_arrays, scan_arrays
 from gaugeblock.discovery.confirm.evidence import delta_log_evidence
 from gaugeblock.discovery.confirm.split_ratio import split_likelihood_ratio
 from gaugeblock.discovery.counts import Counts
@@ -24,12 +24,12 @@ from gaugeblock.discovery.result import (
     EvidenceSaid,
     FitSaid,
     Gap,
-    NotChecked,
     Sides,
-    Widened,
+    UnderPrior,
     Withdrawn,
 )
 from gaugeblock.discovery.workflow import Searched
+from gaugeblock.validate.finding import NotChecked
 
 COUNTS = 20_000
 """Counts from which nested sampling is left out unless it is asked for: its cost grows with the data."""
@@ -144,11 +144,11 @@ def _tree(engine: Engine, found: Searched) -> xr.DataTree:
     likeness = engine.likeness(found.first, [found.first.best(key) for key in keys])
     groups = {
         **engine.groups(found.rounds, model),
-        "candidates": alike(keys, likeness),
-        "scan": scan(found.first),
+        "candidates": likeness_arrays(keys, likeness),
+        "scan": scan_arrays(found.first),
     }
     if found.held_out is not None:
-        groups["held_out"] = held_out(found.held_out, engine.scheme, engine.measure)
+        groups["held_out"] = held_out_arrays(found.held_out, engine.scheme, engine.measure)
     return xr.DataTree.from_dict(groups)
 
 
@@ -175,7 +175,7 @@ def with_evidence(
         return _unseen(made, "evidence.delta", error)
     curve = taken.sensitivity
     rows = zip(curve.factors, curve.value, curve.lower_bound, strict=True)
-    widened = tuple(Widened(float(factor), float(value), bool(bound)) for factor, value, bound in rows)
+    widened = tuple(UnderPrior(float(factor), float(value), bool(bound)) for factor, value, bound in rows)
     said = EvidenceSaid(taken.value, taken.error, widened)
     return replace(made, gap=replace(made.gap, delta_log_evidence=said))
 

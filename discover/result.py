@@ -10,6 +10,8 @@ from typing import Any
 
 import xarray as xr
 
+from gaugeblock.validate.finding import NotChecked
+
 
 @dataclass(frozen=True)
 class Region:
@@ -112,7 +114,7 @@ class Sides:
 
 
 @dataclass(frozen=True)
-class Widened:
+class UnderPrior:
     """Delta log evidence under a prior of the amplitude that is `prior` times as wide."""
 
     prior: float
@@ -126,7 +128,7 @@ class EvidenceSaid:
 
     value: float | None = None
     error: float | None = None
-    sensitivity: tuple[Widened, ...] = ()
+    sensitivity: tuple[UnderPrior, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -155,14 +157,6 @@ class Withdrawn:
     """A name that was found and did not hold."""
 
     effect: str
-    why: str
-
-
-@dataclass(frozen=True)
-class NotChecked:
-    """What could not be looked at, and why."""
-
-    id: str
     why: str
 
 

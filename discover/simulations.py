@@ -15,17 +15,18 @@ from scipy.special import ndtri
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.arrays import places
-from gaugeblock.discovery.engine import Comparison, Look, Round, Thresholds, beyond
+from gaugeblock.discovery.engine import Comparison, Engine, Look, Round, Thresholds, beyond
 from gaugeblock.discovery.held_out import HeldOut
-from gaugeblock.discovery.result import Amplitude, Catalogue, DataSaid, NotChecked, Region
+from gaugeblock.discovery.result import Amplitude, DataSaid, Region
 from gaugeblock.discovery.simulated.before import FEWEST, prepare
 from gaugeblock.discovery.simulated.extend import Extended, departure_from, extended_by, refine
 from gaugeblock.discovery.simulated.features import Summaries
-from gaugeblock.discovery.simulated.fit import Budget, SimulatedFit
 from gaugeblock.discovery.simulated.judged import gap, learned_scores, moments
-from gaugeblock.discovery.simulated.search import Found, find
+from gaugeblock.discovery.simulated.moment_fit import Budget, SimulatedFit
+from gaugeblock.discovery.simulated.score_tests import LearnedTests, find
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.segments import Segment, segments
+from gaugeblock.validate.finding import NotChecked
 
 SIMULATIONS = Thresholds(
     most=1,  # two effects together explain much that neither is: a second one has to be asked for
@@ -56,7 +57,7 @@ FEWEST_REPLICATES = 399
 """Four p-values are combined, and each is at least 1 / (replicates + 1)."""
 
 
-class Simulations:
+class Simulations(Engine):
     """Independent data sets of a simulator that has neither likelihood nor mean.
 
     Parameters
@@ -106,12 +107,8 @@ class Simulations:
         self._before = prepare(
             simulator, x, own=own, only=only, budget=self._budget, summaries=summaries, step=step
         )
+        self.entries = self._before.candidates.entries
         self._left: dict[tuple[str, ...], Look] = {}
-
-    @property
-    def entries(self) -> Mapping[str, LibraryEffect]:
-        """The effects that are proposed."""
-        return self._before.candidates.entries
 
     @cached_property
     def _first(self) -> Look:
@@ -125,8 +122,8 @@ class Simulations:
         return found.look(self.entries, len(before.observed))
 
     @property
-    def _found(self) -> Found:
-        state: Found = self._first.state
+    def _found(self) -> LearnedTests:
+        state: LearnedTests = self._first.state
         return state
 
     def look(self) -> Look:
@@ -182,10 +179,6 @@ class Simulations:
             rng=self._streams[2], folds=self.thresholds.folds, decoys=self.thresholds.decoys,
         )  # fmt: skip
 
-    def holds(self, rounds: Sequence[Round], scored: HeldOut | None) -> bool:  # noqa: ARG002
-        """All effects are scored together, and stand or fall together."""
-        return True
-
     def amplitudes(self, rounds: Sequence[Round]) -> tuple[Amplitude, ...]:
         """From all data sets."""
         best, made = rounds[-1].best, []
@@ -203,10 +196,6 @@ class Simulations:
             )
             at += len(entry.parameters)
         return tuple(made)
-
-    def at_edge(self, rounds: Sequence[Round]) -> list[tuple[str, str]]:  # noqa: ARG002
-        """Intervals end where priors do, and say so."""
-        return []
 
     def located(self) -> Mapping[str, float]:
         """Global p of the coordinates' moments."""
@@ -275,10 +264,6 @@ class Simulations:
             why = "one data set that can only be simulated cannot be split"
             made.append(NotChecked("held_out", why))
         return made
-
-    def catalogue(self, rounds: Sequence[Round]) -> Catalogue | None:  # noqa: ARG002
-        """Data sets are fitted as a population: there is no claim beside the name's."""
-        return None
 
     def likeness(self, seen: Look, chosen: Sequence[int]) -> Array:
         """Correlation of learned scores, orthogonal to the population's."""

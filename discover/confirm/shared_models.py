@@ -19,7 +19,7 @@ from gaugeblock.discovery.held_out import BEFORE, RANDOM, UNNAMED, HeldOut, devi
 from gaugeblock.discovery.name.score import projection
 from gaugeblock.discovery.name.shared import Shared, Term, fit_held, share
 from gaugeblock.discovery.name.shared_profile import newton, shared_parts
-from gaugeblock.discovery.name.shared_scores import join
+from gaugeblock.discovery.name.shared_score import join
 from gaugeblock.discovery.name.unnamed import curves
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.protocol import HasJacobian

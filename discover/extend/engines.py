@@ -27,7 +27,7 @@ RHAT_LIMIT = 1.1
 """Chains that disagree by more than this are not draws from one posterior (Gelman & Rubin 1992)."""
 
 
-class Drawn(NamedTuple):
+class EngineDraws(NamedTuple):
     """The fields of a `Refit` that an estimator fills."""
 
     draws: Array
@@ -38,14 +38,14 @@ class Drawn(NamedTuple):
 
 def by_nested_sampling(
     simulator: Any, x: NDArray[Any], draws: int, rng: np.random.Generator, **options: Any
-) -> Drawn:
+) -> EngineDraws:
     """UltraNest, one run a row; the error of the evidence by bootstrap over its threads."""
     from gaugeblock.estimators.nested_sampling import NestedSampling
 
     sampler = NestedSampling(simulator, **{"batch": BATCH, **options})
     runs = [sampler.run(row, rng) for row in x]
     evidence = [thread_bootstrap(run, rng=rng) for run in runs]
-    return Drawn(
+    return EngineDraws(
         np.stack([run.resample(draws, rng) for run in runs]),
         np.array([found.value for found in evidence]),
         np.array([found.error for found in evidence]),
@@ -56,7 +56,9 @@ def by_nested_sampling(
     )
 
 
-def by_chains(simulator: Any, x: NDArray[Any], draws: int, rng: np.random.Generator, **options: Any) -> Drawn:
+def by_chains(
+    simulator: Any, x: NDArray[Any], draws: int, rng: np.random.Generator, **options: Any
+) -> EngineDraws:
     """Four NUTS chains a row, refused where they disagree."""
     from gaugeblock.estimators.nuts import Nuts
 
@@ -71,7 +73,7 @@ def by_chains(simulator: Any, x: NDArray[Any], draws: int, rng: np.random.Genera
             f"(R-hat {rhat[worst]:.2f} > {RHAT_LIMIT}): more warmup or thinning, or by='nested_sampling', "
             "which crosses between modes"
         )
-    return Drawn(
+    return EngineDraws(
         chains.swapaxes(1, 2).reshape(len(x), each * CHAINS, -1)[:, :draws],
         None,
         None,
@@ -103,7 +105,7 @@ def by_importance(
     estimator: Any,
     proposals: int = 20_000,
     rounds: int = 6,
-) -> Drawn:
+) -> EngineDraws:
     """Draws of an estimator of the plain simulator, widened, adapted in some rounds, weighted, resampled."""
     if rounds < 0 or proposals < 100:
         raise InputError(
@@ -128,7 +130,7 @@ def by_importance(
 
 def by_flow(
     simulator: Any, x: NDArray[Any], draws: int, rng: np.random.Generator, *, estimator: Any
-) -> Drawn:
+) -> EngineDraws:
     """Draws of an estimator of the extended simulator, as they are; k-hat says how good they are.
 
     Without a likelihood, or a density of the estimator, nothing can be said of them here: audit it.
@@ -140,7 +142,7 @@ def by_flow(
             f"{', '.join(names)}: train one for it, with the effects as nuisance"
         )
     if not isinstance(simulator, HasLikelihood) or not isinstance(estimator, HasDensity):
-        return Drawn(np.asarray(estimator.sample(x, draws, rng)), None, None, {})
+        return EngineDraws(np.asarray(estimator.sample(x, draws, rng)), None, None, {})
     weighted = ImportanceRefined(estimator, simulator).weights(x, draws, rng)
     khat = pareto_khat(weighted.log_weight)
     # Where the weights are not to be relied on the draws may still do, but there is no evidence.
@@ -148,8 +150,8 @@ def by_flow(
     return _weighed(weighted, weighted.draws, khat)._replace(log_evidence=evidence)
 
 
-def _weighed(weighted: WeightedDraws, draws: Array, khat: Array) -> Drawn:
-    return Drawn(
+def _weighed(weighted: WeightedDraws, draws: Array, khat: Array) -> EngineDraws:
+    return EngineDraws(
         draws,
         weighted.log_evidence,
         weighted.log_evidence_error,

@@ -17,7 +17,7 @@ from gaugeblock.discovery.library import Candidates
 from gaugeblock.discovery.name.score import allowed, projection
 from gaugeblock.discovery.name.shapes import Templates, templates
 from gaugeblock.discovery.name.shared import Term, share
-from gaugeblock.discovery.name.shared_scores import SEEN, SharedScores, join, shared_scores
+from gaugeblock.discovery.name.shared_score import SEEN, SharedScores, join, shared_scores
 from gaugeblock.discovery.name.stacked import Stack, projector, stack
 from gaugeblock.discovery.sources import Sources
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-from gaugeblock.discovery.name.shared_scores import SharedScores
+from gaugeblock.discovery.name.shared_score import SharedScores
 from gaugeblock.discovery.name.stacked import prior_precision, projector, solved
 
 

@@ -16,10 +16,10 @@ from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.fitting import TINY, Fit
+from gaugeblock.discovery.name.drawn_posterior import BLOCK, Draws, posterior_draws
 from gaugeblock.discovery.name.population import ITERATIONS, Tilt, fit_population
-from gaugeblock.discovery.name.posterior_draws import BLOCK, Draws, posterior_draws
 from gaugeblock.discovery.name.shared import Shared
-from gaugeblock.discovery.name.shared_scores import SharedScores
+from gaugeblock.discovery.name.shared_score import SharedScores
 from gaugeblock.discovery.sources import Sources
 
 NEGLIGIBLE = 1e-5

@@ -11,7 +11,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.engine import Extension
 from gaugeblock.discovery.fitting import Fit, fit, likeliest_draws
 from gaugeblock.discovery.library import Candidate
-from gaugeblock.discovery.name.score import Scores, allowed
+from gaugeblock.discovery.name.score import ScoreTests, allowed
 from gaugeblock.discovery.name.shapes import Templates, observed_nodes
 from gaugeblock.discovery.sources import Sources
 
@@ -43,7 +43,7 @@ def profile(
     sources: Sources,
     base: Fit,
     found: Templates,
-    tested: Scores,
+    tested: ScoreTests,
     *,
     behind: Profile | None = None,
     far: bool = False,
@@ -66,7 +66,7 @@ def profile(
     return Profile(path, gain, size, candidate, fitted)
 
 
-def starts(candidate: Candidate, sources: Sources, base: Fit, found: Templates, tested: Scores) -> Array:
+def starts(candidate: Candidate, sources: Sources, base: Fit, found: Templates, tested: ScoreTests) -> Array:
     """Extended theta ``(1, try, parameter)`` at the scanned values with the largest allowed z."""
     entry = candidate.entry
     mine = np.flatnonzero(found.owner == candidate.key)

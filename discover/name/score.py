@@ -45,7 +45,7 @@ def projection(fit: Fit) -> Projection:
 
 
 @dataclass(frozen=True, eq=False)
-class Scores:
+class ScoreTests:
     """Score tests of templates, each for itself.
 
     ``z = score / sqrt(information)`` is standard normal without the effect; ``amplitude = score /
@@ -75,7 +75,7 @@ class Scores:
         return np.asarray(sigma / np.sqrt(self.information))
 
 
-def scores(counts: Any, fit: Fit, values: Array) -> Scores:
+def scores(counts: Any, fit: Fit, values: Array) -> ScoreTests:
     """Orthogonal score tests of templates ``(source, template, channel)`` on counts ``(source, channel)``.
 
     Null: the fitted model holds; z then has mean 0 and variance 1 up to terms of relative order one over the
@@ -95,7 +95,7 @@ def scores(counts: Any, fit: Fit, values: Array) -> Scores:
     seen = information > 1e-9 * np.maximum(total, 1e-300)
     safe = np.where(seen, information, 1.0)
     score = np.where(seen, np.einsum("ntc,nc->nt", projected, residual), 0.0)
-    return Scores(
+    return ScoreTests(
         score,
         np.where(seen, information, 1e-300),
         np.where(seen, information / np.maximum(total, 1e-300), 0.0),

@@ -13,7 +13,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.fitting import Fit
 from gaugeblock.discovery.name.shared import Shared, Term, fit_held, share
-from gaugeblock.discovery.name.shared_scores import SharedScores, join, shared_scores
+from gaugeblock.discovery.name.shared_score import SharedScores, join, shared_scores
 from gaugeblock.discovery.name.shared_starts import spread_starts
 from gaugeblock.discovery.name.stacked import prior_precision, solved, stack
 from gaugeblock.discovery.sources import Sources

@@ -12,7 +12,7 @@ from gaugeblock.discovery.library import Candidate
 from gaugeblock.discovery.name.catalogue import Members
 from gaugeblock.discovery.name.score import allowed
 from gaugeblock.discovery.name.shapes import effect_templates
-from gaugeblock.discovery.name.shared_scores import join, shared_scores
+from gaugeblock.discovery.name.shared_score import join, shared_scores
 from gaugeblock.discovery.name.stacked import stack
 from gaugeblock.simulators.library import LibraryEffect
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.name.shared_scores import SEEN, SharedScores
+from gaugeblock.discovery.name.shared_score import SEEN, SharedScores
 
 SIGMA = 5.0
 """The smallest detectable amplitude is one that stands out by this many standard errors."""

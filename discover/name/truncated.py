@@ -13,7 +13,7 @@ _HALF_LOG = 0.5 * np.log(2.0 * np.pi)
 
 
 @dataclass(frozen=True, eq=False)
-class TruncatedNormal:
+class TruncatedGaussian:
     """Products of truncated conditionals of normal distributions, one or several a row.
 
     `center` is ``(..., parameter)``, inside the unit cube; `root` ``(..., parameter, parameter)`` the lower

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.library import Candidates
 from gaugeblock.discovery.simulated.closing_in import close_in
-from gaugeblock.discovery.simulated.features import Features, Summaries, learn_features
-from gaugeblock.discovery.simulated.fit import Budget, Observed, SimulatedFit, fit_simulated
+from gaugeblock.discovery.simulated.features import LearnedFeatures, Summaries, learn_features
 from gaugeblock.discovery.simulated.model import Model
-from gaugeblock.discovery.simulated.search import LearnedScores, learn_effects
+from gaugeblock.discovery.simulated.moment_fit import Budget, Observed, SimulatedFit, fit_simulated
+from gaugeblock.discovery.simulated.score_tests import LearnedScores, learn_effects
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.protocol import Extensible, Simulator
 
@@ -27,7 +27,7 @@ FEWEST = 30
 class Before:
     """The model without any effect, fitted, with features and the scores of all effects learned there."""
 
-    features: Features
+    features: LearnedFeatures
     observed: Observed
     fit: SimulatedFit
     candidates: Candidates
@@ -61,7 +61,7 @@ def prepare(
     )
     model = Model.plain(simulator, population)
     state, rng = np.zeros(model.hyper), np.random.default_rng(budget.seed)
-    # Features of the first guess's data find the population; features of its own then serve it better.
+    # LearnedFeatures of the first guess's data find the population; features of its own then serve it better.
     for _ in range(2):
         reference = model.draw(state, budget.simulations, budget.seed + 1)
         features = learn_features(reference, rng, summaries=summaries)

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.simulated.features import Features, Summaries, learn_features
+from gaugeblock.discovery.simulated.features import LearnedFeatures, Summaries, learn_features
 from gaugeblock.discovery.simulated.model import Model
-from gaugeblock.discovery.simulated.population import Population
+from gaugeblock.discovery.simulated.population import LearnedPopulation
 
 ROUNDS = 5
 WIDER = 1.5
@@ -24,7 +24,7 @@ RIDGE = 1e-3
 
 def close_in(
     simulator: Any, x: ArrayLike, *, simulations: int, seed: int, summaries: Summaries | None = None
-) -> Population:
+) -> LearnedPopulation:
     """A population to begin with for data sets ``(n, ...)``, its hyper-parameters 0 there.
 
     Each round regresses theta on features of simulated data and predicts it for the data sets; the next one
@@ -40,7 +40,7 @@ def close_in(
     single = len(data) == 1
     centre, root = np.zeros(prior.size), np.eye(prior.size)
     for k in range(ROUNDS):
-        model = Model.plain(simulator, Population(prior, centre, root))
+        model = Model.plain(simulator, LearnedPopulation(prior, centre, root))
         simulated = model.draw(np.zeros(model.hyper), simulations, seed + k)
         features = learn_features(simulated, np.random.default_rng(seed + k), summaries=summaries)
         predicted, spread = _regress(features, simulated, model.normal(simulations, seed + k), data)
@@ -50,10 +50,10 @@ def close_in(
             spread = spread * WIDER**2
         centre = np.clip(centre + root @ predicted.mean(axis=0), -4.0, 4.0)
         root = root @ np.linalg.cholesky(spread + 1e-6 * np.eye(prior.size))
-    return Population(prior, centre, root, shape_free=not single, width=NARROW if single else 1.0)
+    return LearnedPopulation(prior, centre, root, shape_free=not single, width=NARROW if single else 1.0)
 
 
-def _regress(features: Features, simulated: Any, normal: Array, data: Any) -> tuple[Array, Array]:
+def _regress(features: LearnedFeatures, simulated: Any, normal: Array, data: Any) -> tuple[Array, Array]:
     """Predictions ``(n, parameter)`` for the data, and covariance of what the regression leaves."""
     rows = features(simulated)
     mean, scale = rows.mean(axis=0), rows.std(axis=0)

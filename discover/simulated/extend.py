@@ -9,8 +9,10 @@ import numpy as np
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.engine import Extension, Look
 from gaugeblock.discovery.library import Candidate
-from gaugeblock.discovery.simulated.features import Features
-from gaugeblock.discovery.simulated.fit import (
+from gaugeblock.discovery.simulated.features import LearnedFeatures
+from gaugeblock.discovery.simulated.learning import Base, learn, simulate_base
+from gaugeblock.discovery.simulated.model import Model
+from gaugeblock.discovery.simulated.moment_fit import (
     DISTINCT,
     Budget,
     Observed,
@@ -18,9 +20,7 @@ from gaugeblock.discovery.simulated.fit import (
     fit_simulated,
     inflation,
 )
-from gaugeblock.discovery.simulated.model import Model
-from gaugeblock.discovery.simulated.scores import Base, learn, simulate_base
-from gaugeblock.discovery.simulated.search import Found
+from gaugeblock.discovery.simulated.score_tests import LearnedTests
 
 SHARE = 0.04
 """Steps of scanned parameters, as a share of their prior's width."""
@@ -77,7 +77,7 @@ def extended_by(
     path: tuple[str, ...],
     seen: Look,
     before: SimulatedFit,
-    features: Features,
+    features: LearnedFeatures,
     observed: Observed,
     budget: Budget,
 ) -> Extended:
@@ -109,7 +109,7 @@ def _compared(
     path: tuple[str, ...],
     fitted: SimulatedFit,
     before: SimulatedFit,
-    found: Found,
+    found: LearnedTests,
     observed: Observed,
 ) -> Extended:
     ratio = LogRatio.learned(found.span, fitted.base, before.base)
@@ -118,7 +118,12 @@ def _compared(
 
 
 def refine(
-    one: Extended, found: Found, before: SimulatedFit, features: Features, observed: Observed, budget: Budget
+    one: Extended,
+    found: LearnedTests,
+    before: SimulatedFit,
+    features: LearnedFeatures,
+    observed: Observed,
+    budget: Budget,
 ) -> Extended:
     """Learn all scores anew where the fit ended, and fit again: for amplitude and interval."""
     fitted = fit_simulated(one.fit.model, features, observed, budget, start=one.fit.state, span=found.span)
@@ -143,7 +148,7 @@ def departure_from(rival: Extended, best: Extended, span: Array, observed: Obser
 def refit(
     model: Model,
     like: SimulatedFit,
-    features: Features,
+    features: LearnedFeatures,
     observed: Observed,
     budget: Budget,
     *,

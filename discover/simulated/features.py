@@ -24,7 +24,7 @@ KNOTS = 1025
 
 
 @dataclass(frozen=True, eq=False)
-class Features:
+class LearnedFeatures:
     """What `learn_features` made: call it for features ``(n, feature)`` of data ``(n, ...)``.
 
     The first `coordinates` features are the coordinates as normal scores of the reference, the next as many
@@ -100,7 +100,7 @@ def coordinates_of(x: ArrayLike, summaries: Summaries | None = None) -> Array:
 
 def learn_features(
     reference: ArrayLike, rng: np.random.Generator, *, summaries: Summaries | None = None
-) -> Features:
+) -> LearnedFeatures:
     """Features for data like the reference ``(n, ...)``, simulated from the model to be tested.
 
     >>> rng = np.random.default_rng(0)
@@ -119,7 +119,7 @@ def learn_features(
     knots, scores = (np.array(part) for part in zip(*tables, strict=True))
     slopes = rng.normal(size=(inner, RANDOM)) * (1.5 / np.sqrt(inner))
     offsets = rng.uniform(-1.5, 1.5, size=RANDOM)
-    return Features(summaries, knots, scores, components, slopes, offsets, axes)
+    return LearnedFeatures(summaries, knots, scores, components, slopes, offsets, axes)
 
 
 def _table(column: Array) -> tuple[Array, Array]:

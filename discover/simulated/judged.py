@@ -9,14 +9,14 @@ import numpy as np
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.held_out import BEFORE, NAMED, RANDOM, RIVAL, UNNAMED, HeldOut
 from gaugeblock.discovery.simulated.extend import Extended, LogRatio, refit
-from gaugeblock.discovery.simulated.features import Features
-from gaugeblock.discovery.simulated.fit import Budget, Observed, SimulatedFit, inflation
+from gaugeblock.discovery.simulated.features import LearnedFeatures
+from gaugeblock.discovery.simulated.moment_fit import Budget, Observed, SimulatedFit, inflation
 
 SMALL = 1e-2
 """Variance of a combination of moments, in units of theirs, below which it hardly varies."""
 
 
-def moments(fitted: SimulatedFit, features: Features, observed: Observed) -> Array:
+def moments(fitted: SimulatedFit, features: LearnedFeatures, observed: Observed) -> Array:
     """Moments ``(moment,)`` under a fitted model, orthogonal to everything in its state, of unit covariance.
 
     Combinations of moments that hardly vary, those that were fitted among them, are 0.
@@ -30,7 +30,7 @@ def moments(fitted: SimulatedFit, features: Features, observed: Observed) -> Arr
     return np.asarray(np.where(values > SMALL, z / np.sqrt(np.maximum(values, SMALL)), 0.0))
 
 
-def gap(fitted: SimulatedFit, features: Features, observed: Observed) -> float:
+def gap(fitted: SimulatedFit, features: LearnedFeatures, observed: Observed) -> float:
     """Mean square of the moments: about 1, or a little less, where the model holds."""
     return float((moments(fitted, features, observed) ** 2).mean())
 
@@ -39,7 +39,7 @@ def learned_scores(
     before: SimulatedFit,
     models: Mapping[str, Extended],
     span: Array,
-    features: Features,
+    features: LearnedFeatures,
     observed: Observed,
     budget: Budget,
     *,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.simulated.population import Population
+from gaugeblock.discovery.simulated.population import LearnedPopulation
 
 MARGIN = 1e-3
 """Effects keep this share of their prior's width away from its ends, but where the neutral value is one."""
@@ -24,11 +24,11 @@ class Model:
     """
 
     simulator: Any
-    population: Population
+    population: LearnedPopulation
     steps: Array
 
     @classmethod
-    def plain(cls, simulator: Any, population: Population) -> Model:
+    def plain(cls, simulator: Any, population: LearnedPopulation) -> Model:
         """Without effects."""
         return cls(simulator, population, population.steps)
 

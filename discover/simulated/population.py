@@ -12,7 +12,7 @@ from gaugeblock.simulators.prior import Prior
 
 
 @dataclass(frozen=True, eq=False)
-class Population:
+class LearnedPopulation:
     """Gaussian in the prior's normal scores: mean ``centre + root u``, covariance that of ``root L normal``.
 
     L is lower triangular with ``exp(log_scale)`` on its diagonal. The hyper-parameters are u and, for a
@@ -28,7 +28,7 @@ class Population:
     width: float = 1.0
 
     @classmethod
-    def of(cls, prior: Prior) -> Population:
+    def of(cls, prior: Prior) -> LearnedPopulation:
         """The prior, with a free mean and covariance."""
         return cls(prior, np.zeros(prior.size), np.eye(prior.size))
 

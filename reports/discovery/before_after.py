@@ -10,7 +10,7 @@ import xarray as xr
 
 from gaugeblock.reports.discovery.chapter import Chapter, LeftOut
 from gaugeblock.reports.discovery.phrases import energy_range
-from gaugeblock.reports.discovery.read import Missing, Part, floats, group, parts, texts
+from gaugeblock.reports.discovery.read import Missing, Stretch, floats, group, parts, texts
 from gaugeblock.reports.discovery.spectrum_figure import (
     Span,
     residual_height,
@@ -83,7 +83,7 @@ def _panels(data: xr.Dataset, which: str, spans: Sequence[tuple[str, Span]], key
     return tuple(made)
 
 
-def _heading(part: Part) -> str:
+def _heading(part: Stretch) -> str:
     return f"{part.name} (background region)" if part.role == "background" else part.name
 
 
@@ -95,7 +95,7 @@ def _remark(counts: Any, expected: Any, residual: Any) -> str:
     )
 
 
-def _components(data: xr.Dataset, part: Part) -> dict[str, Any] | None:
+def _components(data: xr.Dataset, part: Stretch) -> dict[str, Any] | None:
     if "components" not in data:
         return None
     names = texts(data, "component") if "component" in data.coords else None

@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from gaugeblock.reports.cells import cells
 from gaugeblock.reports.discovery.axes import energy_axis, log_axis
-from gaugeblock.reports.discovery.chapter import Chapter, Column, LeftOut, Rows, Table
+from gaugeblock.reports.discovery.chapter import Chapter, Heading, LeftOut, RowGroup, RowTable
 from gaugeblock.reports.discovery.phrases import effect_words, finite, pick, with_unit
 from gaugeblock.reports.discovery.read import Missing, attribute, floats, group, texts
 from gaugeblock.reports.section import Panel
@@ -45,17 +45,21 @@ def candidate_chapter(tree: xr.DataTree, summary: Mapping[str, Any]) -> Chapter 
     return Chapter("what", "What", title, lead, tuple(panels), (_ranking(candidates, summary),))
 
 
-def _ranking(candidates: Sequence[Candidate], summary: Mapping[str, Any]) -> Table:
+def _ranking(candidates: Sequence[Candidate], summary: Mapping[str, Any]) -> RowTable:
     named = {str(name) for name in summary.get("named_all") or []}
     alike = {str(name) for name in summary.get("indistinguishable") or []} | named
     chosen = [c for c in candidates if c.get("in_set") or str(c["effect"]) in alike]
     others = [c for c in candidates if c not in chosen]
     gains = [g for c in candidates if (g := finite(c.get("held_out"))) is not None]
     widest = max([abs(g) for g in gains], default=0.0)
-    columns = [Column("Effect", False), Column("z"), Column("Global p")]
+    columns = [Heading("Effect", False), Heading("z"), Heading("Global p")]
     # Where nothing was found, nothing was scored.
-    columns += [Column("Gain in held-out log score, nats", False)] if gains else []
-    columns += [Column("Best values", False), Column("Information kept"), Column("Smallest seen at 5σ")]
+    columns += [Heading("Gain in held-out log score, nats", False)] if gains else []
+    columns += [
+        Heading("Best values", False),
+        Heading("Information kept"),
+        Heading("Smallest seen at 5σ"),
+    ]
 
     def row(candidate: Candidate, index: int) -> tuple[str | Markup, ...]:
         kept = finite(candidate.get("information_kept"))
@@ -76,10 +80,10 @@ def _ranking(candidates: Sequence[Candidate], summary: Mapping[str, Any]) -> Tab
             "Named, and what the data cannot tell from it" if named else "What the data cannot tell apart"
         )
         heading = "Named" if len(chosen) == 1 and named else heading
-        groups.append(Rows(heading, tuple(row(c, numbered[id(c)]) for c in chosen), strong=True))
+        groups.append(RowGroup(heading, tuple(row(c, numbered[id(c)]) for c in chosen), strong=True))
     if others:
         heading = "Told apart from it" if chosen else "Candidates"
-        groups.append(Rows(heading, tuple(row(c, numbered[id(c)]) for c in others)))
+        groups.append(RowGroup(heading, tuple(row(c, numbered[id(c)]) for c in others)))
     note = (
         "Information kept: what is left of an effect's signal once the fitted parameters have taken their "
         "share. Smallest seen at 5σ: how far the amplitude (under the name, with its unit) would have to be "
@@ -87,7 +91,7 @@ def _ranking(candidates: Sequence[Candidate], summary: Mapping[str, Any]) -> Tab
     )
     if gains:
         note += " An en dash: not scored on held-out data, because others promised more."
-    return Table("Candidates", tuple(columns), tuple(groups), note)
+    return RowTable("Candidates", tuple(columns), tuple(groups), note)
 
 
 def _name(candidate: Candidate, named: bool) -> Markup:

@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.reports.discovery.axes import Axis, energy_axis, log_axis
-from gaugeblock.reports.discovery.chapter import Chapter, Column, LeftOut, Rows, Table
+from gaugeblock.reports.discovery.chapter import Chapter, Heading, LeftOut, RowGroup, RowTable
 from gaugeblock.reports.discovery.phrases import effect_words, finite, pick, with_unit
 from gaugeblock.reports.discovery.read import Missing, attribute, floats, group, texts
 from gaugeblock.reports.section import Panel
@@ -50,7 +50,7 @@ _CLAIM = {
 }
 
 
-def _claim(summary: Mapping[str, Any], data: xr.Dataset) -> tuple[Table, ...]:
+def _claim(summary: Mapping[str, Any], data: xr.Dataset) -> tuple[RowTable, ...]:
     """The numbers that every claim on a catalogue comes with."""
     given = summary.get("catalogue") or {}
     rows = tuple(
@@ -60,7 +60,11 @@ def _claim(summary: Mapping[str, Any], data: xr.Dataset) -> tuple[Table, ...]:
         return ()
     effect = effect_words(str(data.attrs.get("effect", "the effect")))
     return (
-        Table("The claim in numbers", (Column(effect.capitalize(), False), Column("")), (Rows("", rows),)),
+        RowTable(
+            "The claim in numbers",
+            (Heading(effect.capitalize(), False), Heading("")),
+            (RowGroup("", rows),),
+        ),
     )
 
 
@@ -169,7 +173,7 @@ def _across(data: xr.Dataset, sources: int) -> tuple[Axis, Array]:
     return axis, axis.at(np.arange(sources) + 0.5)
 
 
-def _influential(data: xr.Dataset) -> tuple[Table, ...]:
+def _influential(data: xr.Dataset) -> tuple[RowTable, ...]:
     if not {"source", "influence"} <= set(data.variables):
         return ()
     influence, names = floats(data, "influence"), texts(data, "source")
@@ -179,10 +183,10 @@ def _influential(data: xr.Dataset) -> tuple[Table, ...]:
     for i in order:
         shift = [short(float(redshift[i]))] if redshift is not None else []
         rows.append((names[i], *shift, number(float(influence[i]), 2, sign=True)))
-    shift_column = [Column("Redshift")] if redshift is not None else []
-    columns = (Column("Source", False), *shift_column, Column("Change of Z without it"))
+    shift_column = [Heading("Redshift")] if redshift is not None else []
+    columns = (Heading("Source", False), *shift_column, Heading("Change of Z without it"))
     note = "A claim that rests on one source is about that source."
-    return (Table("Sources with the most influence", columns, (Rows("", tuple(rows)),), note),)
+    return (RowTable("Sources with the most influence", columns, (RowGroup("", tuple(rows)),), note),)
 
 
 def _drawn(marks: list[Markup], frame: Frame, key: str, title: str, description: str) -> Markup:

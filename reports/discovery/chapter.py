@@ -13,7 +13,7 @@ Layout = Literal["small", "wide", "full"]
 
 
 @dataclass(frozen=True)
-class Column:
+class Heading:
     """Head of a table's column; numbers stand to the right."""
 
     head: str
@@ -21,7 +21,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Rows:
+class RowGroup:
     """Rows of a table under a heading of their own (empty for none); `strong` ones are set off."""
 
     heading: str
@@ -30,12 +30,12 @@ class Rows:
 
 
 @dataclass(frozen=True)
-class Table:
+class RowTable:
     """A table with a note under it."""
 
     name: str
-    columns: tuple[Column, ...]
-    groups: tuple[Rows, ...]
+    columns: tuple[Heading, ...]
+    groups: tuple[RowGroup, ...]
     note: str = ""
 
 
@@ -48,7 +48,7 @@ class Chapter:
     heading: str
     lead: str
     panels: tuple[Panel, ...] = ()
-    tables: tuple[Table, ...] = ()
+    tables: tuple[RowTable, ...] = ()
     keys: tuple[tuple[str, str], ...] = ()
     layout: Layout = "wide"
     pictures_first: bool = False

@@ -10,7 +10,7 @@ import xarray as xr
 from markupsafe import Markup
 
 from gaugeblock.reports.discovery.axes import energy_axis, linear_axis
-from gaugeblock.reports.discovery.chapter import Chapter, Column, LeftOut, Rows, Table
+from gaugeblock.reports.discovery.chapter import Chapter, Heading, LeftOut, RowGroup, RowTable
 from gaugeblock.reports.discovery.phrases import energy_range, global_p, pick
 from gaugeblock.reports.discovery.read import Missing, attribute, floats, group, parts, texts
 from gaugeblock.reports.section import Panel
@@ -27,7 +27,7 @@ def located_chapter(tree: xr.DataTree, summary: Mapping[str, Any]) -> Chapter | 
     if isinstance(windows, Missing) and isinstance(quantiles, Missing):
         return LeftOut(title, f"{windows.why}; {quantiles.why}")
     panels: list[Panel] = []
-    tables: tuple[Table, ...] = ()
+    tables: tuple[RowTable, ...] = ()
     said = "Looks that know nothing of the library of effects."
     if not isinstance(windows, Missing):
         tables = (_regions(windows),)
@@ -54,7 +54,7 @@ def located_chapter(tree: xr.DataTree, summary: Mapping[str, Any]) -> Chapter | 
     return Chapter("where", "Where", title, said, tuple(panels), tables)
 
 
-def _regions(windows: xr.Dataset) -> Table:
+def _regions(windows: xr.Dataset) -> RowTable:
     many = len(set(texts(windows, "segment"))) > 1
     rows = []
     excess = floats(windows, "excess") if "excess" in windows else None
@@ -66,16 +66,16 @@ def _regions(windows: xr.Dataset) -> Table:
         row += [energy_range(low, high, texts(windows, "unit")[index]), number(z, 1, sign=True)]
         row += [number(float(excess[index]), 0, sign=True)] if excess is not None else []
         rows.append((*row, probability(p)))
-    columns = [Column("Instrument", False)] if many else []
-    columns += [Column("Range", False), Column("z")]
-    columns += [Column("Counts observed minus expected")] if excess is not None else []
+    columns = [Heading("Instrument", False)] if many else []
+    columns += [Heading("Range", False), Heading("z")]
+    columns += [Heading("Counts observed minus expected")] if excess is not None else []
     note = "z from the second row on: once the stronger ranges have been given levels of their own."
     if not rows:
         rows, note = [("no range stands out", *[""] * len(columns))], ""
-    return Table(
+    return RowTable(
         "Ranges that hold more or less than chance allows",
-        (*columns, Column("Global p")),
-        (Rows("", tuple(rows)),),
+        (*columns, Heading("Global p")),
+        (RowGroup("", tuple(rows)),),
         note,
     )
 

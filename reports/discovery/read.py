@@ -64,7 +64,7 @@ def attribute(data: xr.Dataset, name: str) -> float | None:
 
 
 @dataclass(frozen=True)
-class Part:
+class Stretch:
     """The channels of one segment: where they lie in the group, and their axis."""
 
     name: str
@@ -75,7 +75,7 @@ class Part:
     high: Array
 
 
-def parts(data: xr.Dataset) -> list[Part]:
+def parts(data: xr.Dataset) -> list[Stretch]:
     """The segments of a group that lies along channels, in order; those with a source first."""
     names = np.array(texts(data, "segment"))
     units, roles = texts(data, "unit"), texts(data, "role")
@@ -85,5 +85,5 @@ def parts(data: xr.Dataset) -> list[Part]:
         where = np.flatnonzero(names == name)
         where = where[np.argsort(sides[0, where], kind="stable")]
         first = int(where[0])
-        found.append(Part(str(name), units[first], roles[first], where, sides[0, where], sides[1, where]))
+        found.append(Stretch(str(name), units[first], roles[first], where, sides[0, where], sides[1, where]))
     return sorted(found, key=lambda part: part.role != "source")

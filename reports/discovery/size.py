@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.reports.discovery.axes import energy_axis
-from gaugeblock.reports.discovery.chapter import Chapter, Column, LeftOut, Rows, Table
+from gaugeblock.reports.discovery.chapter import Chapter, Heading, LeftOut, RowGroup, RowTable
 from gaugeblock.reports.discovery.headline import amplitudes
 from gaugeblock.reports.discovery.phrases import digits_of, effect_words, finite, pick
 from gaugeblock.reports.discovery.read import Missing, floats, group, parts
@@ -43,15 +43,20 @@ def amplitude_chapter(summary: Mapping[str, Any]) -> Chapter | LeftOut:
     if not rows:
         return LeftOut(title, "discovery.json holds no amplitude, because nothing was named")
     columns = (
-        Column("Effect", False), Column("Parameter", False), Column("Value"), Column("Interval"),
-        Column("Level"), Column("No effect at"), Column("From data that did not choose it", False),
+        Heading("Effect", False), Heading("Parameter", False), Heading("Value"), Heading("Interval"),
+        Heading("Level"), Heading("No effect at"), Heading("From data that did not choose it", False),
     )  # fmt: skip
     lead = (
         "Measured on data that did not choose the name: an amplitude from the data that did is too large, "
         "because only large ones get chosen."
     )
     return Chapter(
-        "amplitude", "Amplitude", title, lead, (), (Table("Amplitudes", columns, (Rows("", tuple(rows)),)),)
+        "amplitude",
+        "Amplitude",
+        title,
+        lead,
+        (),
+        (RowTable("Amplitudes", columns, (RowGroup("", tuple(rows)),)),),
     )
 
 
@@ -96,9 +101,18 @@ def evidence_chapter(summary: Mapping[str, Any]) -> Chapter | LeftOut:
         "The log evidence with the effect minus the one without. It moves with the width of the amplitude's "
         "prior, as the rows show, and is never the gap."
     )
-    columns = (Column("Prior of the amplitude", False), Column("Δ log evidence"), Column("Error"))
+    columns = (
+        Heading("Prior of the amplitude", False),
+        Heading("Δ log evidence"),
+        Heading("Error"),
+    )
     return Chapter(
-        "evidence", "Evidence", title, lead, (), (Table("Evidence", columns, (Rows("", tuple(rows)),)),)
+        "evidence",
+        "Evidence",
+        title,
+        lead,
+        (),
+        (RowTable("Evidence", columns, (RowGroup("", tuple(rows)),)),),
     )
 
 

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.reports.discovery.axes import Axis, energy_axis, log_axis
-from gaugeblock.reports.discovery.read import Part
+from gaugeblock.reports.discovery.read import Stretch
 from gaugeblock.reports.discovery.rebin import Bins, binned_residual, display_bins
 from gaugeblock.reports.svg import Frame, drawing, tag
 from gaugeblock.reports.words import number
@@ -30,7 +30,7 @@ class Span:
 
 
 def spectrum_figure(
-    part: Part,
+    part: Stretch,
     counts: Array,
     expected: Array,
     residual: Array,
@@ -95,7 +95,7 @@ def residual_height(*z: Array) -> float:
     return max(4.0, 1.12 * largest + 1.0)
 
 
-def shown_residual(part: Part, counts: Array, expected: Array, residual: Array) -> Array:
+def shown_residual(part: Stretch, counts: Array, expected: Array, residual: Array) -> Array:
     """The z that `spectrum_figure` draws."""
     across = energy_axis(part.low, part.high, part.unit)
     bins = display_bins(part.low, part.high, across.at(np.append(part.low, part.high[-1])), expected)

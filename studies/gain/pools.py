@@ -12,7 +12,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.digest import digest
 from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.name.marginal import marginal_scores
-from gaugeblock.discovery.name.shared_scores import SharedScores, join, shared_scores
+from gaugeblock.discovery.name.shared_score import SharedScores, join, shared_scores
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.xray import reference

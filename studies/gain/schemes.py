@@ -17,7 +17,7 @@ import xarray as xr
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.digest import digest
 from gaugeblock.discovery.fitting import fit
-from gaugeblock.discovery.name.posterior_draws import posterior_draws
+from gaugeblock.discovery.name.drawn_posterior import posterior_draws
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.protocol import poisson_log_likelihood
 from gaugeblock.validate.detectors import auc

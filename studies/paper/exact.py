@@ -11,7 +11,7 @@ from scipy.special import gammaln
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.fitting import fit
-from gaugeblock.discovery.name.posterior_draws import posterior_draws
+from gaugeblock.discovery.name.drawn_posterior import posterior_draws
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,8 @@ from scipy import stats
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.extend.adaptive import Mixture, effective_draws
 from gaugeblock.discovery.fitting import fit, likeliest_draws
-from gaugeblock.discovery.name.peaks import systematic
-from gaugeblock.discovery.name.posterior_draws import POOR, posterior_draws
+from gaugeblock.discovery.name.drawn_posterior import POOR, posterior_draws
+from gaugeblock.discovery.name.peak_search import systematic
 from studies.paper.experiments.arithmetic import GAIN_PRIOR_SD
 from studies.paper.experiments.cross_spectra import LEVELS, folded, simulators, weighted_sd, wide
 from studies.paper.experiments.setup import GAIN_PRIOR

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.coordinates import Coordinates
 from gaugeblock.discovery.fitting import fit
-from gaugeblock.discovery.name.posterior_draws import posterior_draws
+from gaugeblock.discovery.name.drawn_posterior import posterior_draws
 from gaugeblock.validate.designs import finite_shift, predicted_shrink
 from studies.paper.experiments.arithmetic import GAIN_PRIOR_SD, SHIFT
 from studies.paper.experiments.setup import GAIN_PRIOR

@@ -182,7 +182,7 @@ def ceiling(simulator: Any, *, number: int, draws: int, rng: np.random.Generator
     No flow that learns from the simulations does better.
     """
     from gaugeblock.discovery.fitting import fit
-    from gaugeblock.discovery.name.posterior_draws import posterior_draws
+    from gaugeblock.discovery.name.drawn_posterior import posterior_draws
 
     counts = np.asarray(simulator.simulate(simulator.prior.sample(number, rng), rng), dtype=float)
     scale = np.ones(number)

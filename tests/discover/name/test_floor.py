@@ -5,7 +5,7 @@ import pytest
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.name.floor import reach
-from gaugeblock.discovery.name.shared_scores import SharedScores, shared_scores
+from gaugeblock.discovery.name.shared_score import SharedScores, shared_scores
 from gaugeblock.discovery.name.stacked import stack
 
 

@@ -7,7 +7,7 @@ from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.name.marginal import MarginalScores, controlled, marginal_scores
 from gaugeblock.discovery.name.population import Tilt
 from gaugeblock.discovery.name.shared import Term, share
-from gaugeblock.discovery.name.shared_scores import shared_scores
+from gaugeblock.discovery.name.shared_score import shared_scores
 from gaugeblock.discovery.name.stacked import stack
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators import Effect, Prior, Uniform

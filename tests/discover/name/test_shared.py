@@ -11,7 +11,7 @@ from gaugeblock.discovery.name import catalogue
 from gaugeblock.discovery.name.catalogue import Members, search_shared
 from gaugeblock.discovery.name.score import allowed
 from gaugeblock.discovery.name.shared import Term, share
-from gaugeblock.discovery.name.shared_scores import join, shared_scores
+from gaugeblock.discovery.name.shared_score import join, shared_scores
 from gaugeblock.discovery.name.stacked import influence, stack, without
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators import Effect

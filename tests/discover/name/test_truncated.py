@@ -3,21 +3,21 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discovery.name.truncated import TruncatedNormal
+from gaugeblock.discovery.name.truncated import TruncatedGaussian
 
 ROOT = np.array([[0.3, 0.0], [0.2, 0.25]])
 
 
 @pytest.mark.parametrize("center", [(0.5, 0.5), (0.02, 0.97), (1e-6, 0.3)])
 def test_the_density_integrates_to_one(center):
-    proposal = TruncatedNormal(np.array(center), ROOT)
+    proposal = TruncatedGaussian(np.array(center), ROOT)
     side = (np.arange(400) + 0.5) / 400
     grid = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
     assert np.exp(proposal.log_density(grid)).mean() == pytest.approx(1.0, abs=2e-3)
 
 
 def test_draws_follow_the_density():
-    proposal = TruncatedNormal(np.array([0.05, 0.9]), ROOT)
+    proposal = TruncatedGaussian(np.array([0.05, 0.9]), ROOT)
     draws = proposal.sample(np.random.default_rng(0).random((200_000, 2)))
     assert draws.min() > 0
     assert draws.max() < 1
@@ -30,14 +30,14 @@ def test_draws_follow_the_density():
 
 def test_rows_and_centres_broadcast():
     centers = np.random.default_rng(1).random((3, 2, 2))
-    proposal = TruncatedNormal(centers, np.broadcast_to(ROOT, (3, 2, 2, 2)))
+    proposal = TruncatedGaussian(centers, np.broadcast_to(ROOT, (3, 2, 2, 2)))
     draws = proposal.sample(np.random.default_rng(2).random((3, 2, 5, 2)))
     assert draws.shape == (3, 2, 5, 2)
-    one = TruncatedNormal(centers[1, 0], ROOT)
+    one = TruncatedGaussian(centers[1, 0], ROOT)
     np.testing.assert_allclose(proposal.log_density(draws)[1, 0], one.log_density(draws[1, 0]))
 
 
 def test_far_tails_stay_finite():
-    narrow = TruncatedNormal(np.array([1e-6, 0.5]), 1e-3 * np.eye(2))
+    narrow = TruncatedGaussian(np.array([1e-6, 0.5]), 1e-3 * np.eye(2))
     far = np.array([[0.9, 0.9], [1e-9, 1.0 - 1e-9]])
     assert np.isfinite(narrow.log_density(far)).all()

@@ -7,9 +7,9 @@ from gaugeblock.discovery import discover_simulated
 from gaugeblock.discovery.result import Sides
 from gaugeblock.discovery.simulated.before import prepare
 from gaugeblock.discovery.simulated.extend import refit
-from gaugeblock.discovery.simulated.fit import Budget, Observed
 from gaugeblock.discovery.simulated.judged import gap
-from gaugeblock.discovery.simulated.search import find
+from gaugeblock.discovery.simulated.moment_fit import Budget, Observed
+from gaugeblock.discovery.simulated.score_tests import find
 
 CATALOGUES = 200
 BUDGET = Budget(3000, 21)

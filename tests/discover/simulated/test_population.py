@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from gaugeblock.discovery.simulated.closing_in import close_in
-from gaugeblock.discovery.simulated.population import Population
+from gaugeblock.discovery.simulated.population import LearnedPopulation
 from gaugeblock.simulators import LogUniform, Normal, Prior, Uniform
 
 
 def test_no_hyper_parameter_moved_is_the_prior():
     prior = Prior({"a": Uniform(2.0, 5.0), "b": LogUniform(0.1, 10.0)})
-    population = Population.of(prior)
+    population = LearnedPopulation.of(prior)
     assert population.names == ("mean[a]", "mean[b]", "log_sd[a]", "log_sd[b]", "mixing[b,a]")
     normal = np.random.default_rng(1).normal(size=(20_000, 2))
     cube = prior.to_unit_cube(population.theta(np.zeros(5), normal))
@@ -21,7 +21,7 @@ def test_no_hyper_parameter_moved_is_the_prior():
 
 def test_hyper_parameters_are_what_they_say():
     prior = Prior({"a": Normal(1.0, 2.0), "b": Normal(0.0, 1.0)})
-    population = Population.of(prior)
+    population = LearnedPopulation.of(prior)
     hyper = np.array([0.5, -1.0, np.log(0.5), np.log(0.3), 0.4])
     theta = population.theta(hyper, np.random.default_rng(2).normal(size=(100_000, 2)))
     covariance = np.array([[0.25, 0.2], [0.2, 0.16 + 0.09]])

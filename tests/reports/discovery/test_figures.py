@@ -7,7 +7,7 @@ import xarray as xr
 from gaugeblock.core.errors import InputError
 from gaugeblock.reports.discovery import gain_headline
 from gaugeblock.reports.discovery.axes import energy_axis, linear_axis, log_axis
-from gaugeblock.reports.discovery.read import Part
+from gaugeblock.reports.discovery.read import Stretch
 from gaugeblock.reports.discovery.rebin import binned_residual, display_bins
 from gaugeblock.reports.discovery.spectrum_figure import Span, residual_height, spectrum_figure
 
@@ -61,7 +61,7 @@ def test_a_fit_that_took_scatter_makes_drawn_residuals_larger():
 
 def figure(counts, expected, **options):
     sides = np.geomspace(0.5, 8, len(counts) + 1)
-    part = Part("pn", "keV", "source", np.arange(len(counts)), sides[:-1], sides[1:])
+    part = Stretch("pn", "keV", "source", np.arange(len(counts)), sides[:-1], sides[1:])
     residual = (counts - expected) / np.sqrt(expected)
     return spectrum_figure(part, counts, expected, residual, key="k", name="n", **options)
 

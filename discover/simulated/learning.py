@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.simulated.features import Features
+from gaugeblock.discovery.simulated.features import LearnedFeatures
 from gaugeblock.discovery.simulated.model import Model
 
 RIDGES = (1e-4, 1e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0)
@@ -75,12 +75,14 @@ class Base:
         return np.asarray(chosen @ self.vectors.T / self.scale)
 
 
-def simulate_base(model: Model, features: Features, state: Array, number: int, seed: int) -> Base:
+def simulate_base(model: Model, features: LearnedFeatures, state: Array, number: int, seed: int) -> Base:
     """Features of so many simulations at one state."""
     return Base.of(features(model.draw(state, number, seed)))
 
 
-def derivative(model: Model, features: Features, state: Array, index: int, number: int, seed: int) -> Array:
+def derivative(
+    model: Model, features: LearnedFeatures, state: Array, index: int, number: int, seed: int
+) -> Array:
     """Two independent estimates ``(2, feature)`` of the derivative of the mean features by one of the state.
 
     From both sides where the bounds leave room, else from one.
@@ -138,7 +140,7 @@ class Lesson:
 
 def learn(
     model: Model,
-    features: Features,
+    features: LearnedFeatures,
     base: Base,
     state: Array,
     number: int,

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.simulated.features import Features
+from gaugeblock.discovery.simulated.features import LearnedFeatures
+from gaugeblock.discovery.simulated.learning import Base, Lesson, learn, simulate_base
 from gaugeblock.discovery.simulated.model import Model
-from gaugeblock.discovery.simulated.scores import Base, Lesson, learn, simulate_base
 
 ROUNDS = 3
 """Times that the scores are learned anew where the last fit ended."""
@@ -80,7 +80,7 @@ def inflation(n: int, simulations: int) -> float:
 
 def fit_simulated(
     model: Model,
-    features: Features,
+    features: LearnedFeatures,
     observed: Observed,
     budget: Budget,
     *,
@@ -128,7 +128,7 @@ def fit_simulated(
 
 def _solve(
     model: Model,
-    features: Features,
+    features: LearnedFeatures,
     observed: Observed,
     budget: Budget,
     lesson: Lesson,

@@ -8,17 +8,17 @@ import pytest
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.library import Candidates
 from gaugeblock.discovery.simulated.features import learn_features
-from gaugeblock.discovery.simulated.fit import Budget, Observed, fit_simulated
 from gaugeblock.discovery.simulated.model import Model
-from gaugeblock.discovery.simulated.population import Population
-from gaugeblock.discovery.simulated.search import find, learn_effects
+from gaugeblock.discovery.simulated.moment_fit import Budget, Observed, fit_simulated
+from gaugeblock.discovery.simulated.population import LearnedPopulation
+from gaugeblock.discovery.simulated.score_tests import find, learn_effects
 
 BUDGET = Budget(6000, 5)
 
 
 @pytest.fixture(scope="module")
 def learned(ruler, readings):
-    model = Model.plain(ruler, Population.of(ruler.prior))
+    model = Model.plain(ruler, LearnedPopulation.of(ruler.prior))
     features = learn_features(model.draw(np.zeros(2), 6000, 3), np.random.default_rng(1))
     observed = Observed(features(readings(400, 7)))
     fitted = fit_simulated(model, features, observed, BUDGET, start=np.zeros(2))

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.engine import Look, beyond
 from gaugeblock.discovery.library import Candidates
-from gaugeblock.discovery.simulated.features import Features
-from gaugeblock.discovery.simulated.fit import Budget, Observed, SimulatedFit, inflation
-from gaugeblock.discovery.simulated.scores import Base, derivative
+from gaugeblock.discovery.simulated.features import LearnedFeatures
+from gaugeblock.discovery.simulated.learning import Base, derivative
+from gaugeblock.discovery.simulated.moment_fit import Budget, Observed, SimulatedFit, inflation
 from gaugeblock.simulators.library import LibraryEffect
 
 SIGMA = 5.0
@@ -47,7 +47,7 @@ class LearnedScores:
 
 
 def learn_effects(
-    candidates: Candidates, fitted: SimulatedFit, features: Features, budget: Budget
+    candidates: Candidates, fitted: SimulatedFit, features: LearnedFeatures, budget: Budget
 ) -> LearnedScores:
     """Learn the score of every effect at the fitted state; all effects see the same random numbers."""
     owner, node, learned, halves, sign = [], [], [], [], []
@@ -70,7 +70,7 @@ def learn_effects(
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class LearnedTests:
     """What learned scores find in the data, orthogonal to everything that was fitted.
 
     `z`, `amplitude` (departure from neutral, one step), `error`, `information` (of a data set) and `kept`
@@ -121,12 +121,12 @@ class Found:
 def find(
     scores: LearnedScores,
     fitted: SimulatedFit,
-    features: Features,
+    features: LearnedFeatures,
     observed: Observed,
     *,
     replicates: int,
     rng: np.random.Generator,
-) -> Found:
+) -> LearnedTests:
     """Test learned scores on the data, beside catalogues of as many data sets simulated from the fit.
 
     A simulated catalogue is drawn from the fit's simulations; that its population would be fitted anew is
@@ -146,7 +146,7 @@ def find(
     response = 0.5 * ((first * scores.halves[:, 1]).sum(axis=1) + (second * scores.halves[:, 0]).sum(axis=1))
     answer = np.where(response > 0, response, np.inf)
     information = response**2 / sd[:j] ** 2
-    return Found(
+    return LearnedTests(
         scores,
         z[:j],
         difference[:j] / answer,

@@ -11,8 +11,8 @@ from scipy.stats import qmc
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.fitting import TINY, Fit
-from gaugeblock.discovery.name.peaks import peaks, rows_of, systematic
-from gaugeblock.discovery.name.truncated import TruncatedNormal
+from gaugeblock.discovery.name.peak_search import peaks, rows_of, systematic
+from gaugeblock.discovery.name.truncated import TruncatedGaussian
 
 BLOCK = 256
 """Sources in one block: each has a stream of random numbers of its own."""
@@ -131,13 +131,13 @@ def _sampled(
     rng: np.random.Generator,
 ) -> tuple[Array, Array]:
     """Draws in the unit cube around several centres, and their log weights."""
-    start = TruncatedNormal(*place)
+    start = TruncatedGaussian(*place)
     proposals = [start]
     for number in range(PILOTS + 1):
         unit = _drawn(proposals, draws if number == PILOTS else draws // 2, rng)
         log_weight = _log_likelihood(simulator, counts, scale, unit) - _log_proposal(proposals, unit)
         if number < PILOTS:
-            proposals = [start, TruncatedNormal(*_spread(unit, _normalised(log_weight), place[1], rng))]
+            proposals = [start, TruncatedGaussian(*_spread(unit, _normalised(log_weight), place[1], rng))]
     return unit, log_weight
 
 
@@ -162,7 +162,7 @@ def _spread(unit: Array, weight: Array, root: Array, rng: np.random.Generator) -
     return np.take_along_axis(unit, picked[..., None], axis=1), narrow[:, None]
 
 
-def _drawn(proposals: list[TruncatedNormal], draws: int, rng: np.random.Generator) -> Array:
+def _drawn(proposals: list[TruncatedGaussian], draws: int, rng: np.random.Generator) -> Array:
     """Draws ``(source, draw, parameter)`` in equal parts from all centres, after the prior's share."""
     n, _, p = proposals[0].center.shape
     broad = round(BROAD * draws)
@@ -177,7 +177,7 @@ def _drawn(proposals: list[TruncatedNormal], draws: int, rng: np.random.Generato
     return np.concatenate(parts, axis=1)
 
 
-def _log_proposal(proposals: list[TruncatedNormal], unit: Array) -> Array:
+def _log_proposal(proposals: list[TruncatedGaussian], unit: Array) -> Array:
     """Log density of the mixture of all proposals and the prior, ``(source, draw)``."""
     each = [logsumexp(q.log_density(unit[:, None]), axis=1) - np.log(q.center.shape[1]) for q in proposals]
     near = logsumexp(each, axis=0) - np.log(len(each))

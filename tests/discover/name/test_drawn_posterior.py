@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gaugeblock.discovery.fitting import fit
-from gaugeblock.discovery.name.posterior_draws import posterior_draws
+from gaugeblock.discovery.name.drawn_posterior import posterior_draws
 from gaugeblock.simulators import Normal, Prior, Uniform
 
 
