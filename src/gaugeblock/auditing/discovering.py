@@ -184,8 +184,7 @@ def _all(what: Any, kind: Any) -> bool:
 def _simulator(what: Any, prior: Any, own: Mapping[str, LibraryEffect]) -> Any:
     """A simulator that takes effects, from an object, a name, or a function with its prior."""
     made = as_simulator(what, prior=prior)
-    called_on_functions = own and all(callable(entry.kind) for entry in own.values())
-    if not isinstance(made, Extensible) and called_on_functions:
+    if not isinstance(made, Extensible) and all(callable(entry.kind) for entry in own.values()):
         return WithFunctions(made.simulate, made.prior)
     return made
 
