@@ -138,7 +138,7 @@ def test_an_effect_of_the_epidemic_that_somebody_wrote(towns):
 @pytest.mark.parametrize(
     ("what", "x", "options", "words"),
     [
-        (readings, np.zeros((40, 6)), {}, "needs its parameters' prior"),
+        (readings, np.zeros((40, 6)), {}, "readings simulates, and comes without a prior"),
         (readings, None, {}, "a function without data; give discover"),
         ([], None, {}, "a list without data"),
         ("no-such.pha", None, {}, "no-such.pha"),

@@ -127,7 +127,7 @@ def discover(
         if isinstance(what, Sources):
             groups = [what]
         elif x is not None:
-            simulator = _simulator(what, prior, own)
+            simulator = _simulator(what, prior)
             counts = np.asarray(x)
             engine = engine or _engine(simulator, counts)
             if engine != "simulations":
@@ -181,12 +181,10 @@ def _all(what: Any, kind: Any) -> bool:
     return isinstance(what, Sequence) and bool(what) and all(isinstance(one, kind) for one in what)
 
 
-def _simulator(what: Any, prior: Any, own: Mapping[str, LibraryEffect]) -> Any:
+def _simulator(what: Any, prior: Any) -> Any:
     """A simulator that takes effects, from an object, a name, or a function with its prior."""
     made = as_simulator(what, prior=prior)
-    if not isinstance(made, Extensible) and all(callable(entry.kind) for entry in own.values()):
-        return WithFunctions(made.simulate, made.prior)
-    return made
+    return made if isinstance(made, Extensible) else WithFunctions(made.simulate, made.prior)
 
 
 def _engine(simulator: Any, x: NDArray[Any]) -> Kind:
