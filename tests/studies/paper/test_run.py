@@ -112,7 +112,7 @@ def test_only_full_runs_become_results(out, tmp_path):
     reproduce(["published"], tmp_path / "twin", seed=3, setting=Setting.TWIN)
     with pytest.raises(InputError, match="no full run"):
         adopt(tmp_path / "twin", tmp_path)
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="no such file"):
         adopt(tmp_path / "nothing", tmp_path)
 
 
