@@ -13,23 +13,22 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 _PLACES = {
-    "as_prior": "simulators",
-    "truncated": "simulators",
-    "TruncatedNormal": "simulators",
-    "MultivariateNormal": "simulators",
-    "LogNormal": "simulators",
-    "Gamma": "simulators",
-    "Discrete": "simulators",
-    "Dirichlet": "simulators",
-    "Beta": "simulators",
     "Audit": "auditing.result",
+    "Beta": "simulators",
+    "Dirichlet": "simulators",
+    "Discrete": "simulators",
     "Effect": "simulators",
+    "Gamma": "simulators",
     "InputError": "core.errors",
+    "LogNormal": "simulators",
     "LogUniform": "simulators",
+    "MultivariateNormal": "simulators",
     "Normal": "simulators",
     "Policy": "validate.policy",
     "Prior": "simulators",
+    "TruncatedNormal": "simulators",
     "Uniform": "simulators",
+    "as_prior": "simulators",
     "audit": "auditing.audit",
     "audit_draws": "auditing.audit",
     "discover": "auditing.discovering",
@@ -42,6 +41,7 @@ _PLACES = {
     "trials_from_bayesflow": "auditing.trials_from",
     "trials_from_numpyro": "auditing.trials_from",
     "trials_from_sbi": "auditing.trials_from",
+    "truncated": "simulators",
     "write_trials": "validate.trials",
 }
 
@@ -84,10 +84,15 @@ def __getattr__(name: str) -> Any:
     if name == "__version__":
         from importlib.metadata import version
 
-        return version("gaugeblock")
-    if name not in _PLACES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}; there are {', '.join(_PLACES)}")
-    return getattr(import_module(f"{__name__}.{_PLACES[name]}"), name)
+        found: Any = version("gaugeblock")
+    elif name in _PLACES:
+        found = getattr(import_module(f"{__name__}.{_PLACES[name]}"), name)
+    else:
+        raise AttributeError(
+            f"module {__name__!r} has no attribute {name!r}; there are {', '.join(__dir__())}"
+        )
+    globals()[name] = found
+    return found
 
 
 def __dir__() -> list[str]:
