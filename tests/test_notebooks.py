@@ -27,6 +27,7 @@ def said(cells, code):
 def test_the_first_verdict(monkeypatch):
     pytest.importorskip("sbi")
     pytest.importorskip("matplotlib")
+    monkeypatch.delenv("MPLBACKEND", raising=False)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(p for p in os.sys.path if p))
     cells = executed("first_verdict.ipynb")
     assert said(cells, "\nblocked.outcome").strip("<>").count("FAIL") >= 1
