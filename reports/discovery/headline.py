@@ -158,7 +158,8 @@ def _set(alike: Sequence[str], names: Sequence[str]) -> str:
 
 def _unnamed(summary: Mapping[str, Any]) -> str:
     others = [name for name in summary.get("indistinguishable") or [] if name != "unnamed"]
-    said = "No effect of the library explains it well enough to be named; its shape is shown below."
+    shown = "; its shape is shown below" if finite(pick(summary, "data", "counts")) is not None else ""
+    said = f"No effect of the library explains it well enough to be named{shown}."
     if others:
         said += (
             f" The nearest is {listed([effect_phrase(name) for name in others], 'or')}, which is not enough."

@@ -94,7 +94,7 @@ def _chapters(tree: xr.DataTree, summary: Mapping[str, Any]) -> list[Chapter | L
         shape_chapter(tree) if counted and (unnamed or joined) else None,
         held_out_chapter(tree, summary) if added or "held_out" in tree.children else None,
         amplitude_chapter(summary) if added else None,
-        catalogue_chapter(tree, summary),
+        catalogue_chapter(tree, summary) if counted or "catalogue" in tree.children else None,
         evidence_chapter(summary) if added and counted else None,
     ]
     return [chapter for chapter in made if chapter is not None]

@@ -76,6 +76,7 @@ def test_one_report_for_all(all_three, tmp_path):
         assert found.gap.measure in page
         assert 'id="where"' in page
         assert 'id="what"' in page
+        assert "no group" not in page
         assert ('id="before"' in page) == (name != "simulations")
 
 
