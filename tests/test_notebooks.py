@@ -38,4 +38,4 @@ def test_the_first_verdict(monkeypatch, tmp_path):
     assert any("text/html" in out.get("data", {}) for out in card.outputs)
     (figure,) = (cell for cell in cells if "result.plot" in cell.source)
     assert any("image/png" in out.get("data", {}) for out in figure.outputs)
-    assert said(cells, "gb.audit_draws") == said(cells, "result.outcome")
+    assert said(cells, "gb.audit_draws").endswith(said(cells, "result.outcome"))

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 import xml.etree.ElementTree as ElementTree
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -177,3 +178,45 @@ def test_interrupted_and_run_again_gives_the_same_bytes(blow: signal.Signals, tm
     assert again.returncode == undisturbed.returncode
     assert {name: (tmp_path / "out" / name).read_bytes() for name in FILES} == kept
     assert sorted(os.listdir(tmp_path / "out")) == sorted(FILES)
+
+
+def test_the_version() -> None:
+    done = run("--version")
+    assert done.returncode == 0
+    assert done.stdout == f"gaugeblock {metadata.version('gaugeblock')}\n"
+
+
+def test_arrays_of_numpy_are_audited_and_what_they_lack_is_said(tmp_path: Path) -> None:
+    trials = main_trials(read_trials(gaussian_trials(tmp_path / "t.nc")))
+    arrays = {name: trials[name].values for name in ("theta_true", "draws")}
+    np.savez(tmp_path / "t.npz", **arrays, names=["a", "b"])
+    options = ("--validator", "draws", "--validator", "sbc", "--out", tmp_path / "out")
+    done = run("audit", "--trials", tmp_path / "t.npz", *options)
+    assert "sbc.bias[b]" in (tmp_path / "out" / "verdict.json").read_text(), done.stderr
+    np.savez(tmp_path / "less.npz", draws=arrays["draws"])
+    done = run("audit", "--trials", tmp_path / "less.npz", *options)
+    assert done.returncode == 2
+    assert "no array theta_true; save theta_true (trial, parameter)" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_functions_of_ones_own_by_name(tmp_path: Path) -> None:
+    """An exact posterior, 300 trials: FAIL would be chance in fewer than one of a hundred seeds."""
+    (tmp_path / "readings.py").write_text(
+        "import numpy as np\n"
+        "import scipy.stats\n"
+        "prior = {'mean': scipy.stats.norm(0, 1)}\n"
+        "def simulate(theta, rng):\n"
+        "    return rng.normal(theta, 1.0)\n"
+        "def draw(x, n, rng):\n"
+        "    return x[:, None] / 2 + np.sqrt(0.5) * rng.standard_normal((len(x), n, 1))\n"
+    )
+    names = (
+        "simulator.name=readings:simulate",
+        "simulator.prior=readings:prior",
+        "estimator.name=readings:draw",
+    )
+    settings = [word for name in (*names, "trials.number=300") for word in ("--set", name)]
+    done = run("audit", *settings, "--out", "out", "--validator", "sbc", cwd=tmp_path)
+    assert done.returncode in (0, 3), done.stdout + done.stderr
+    assert "sbc.bias[mean]" in (tmp_path / "out" / "verdict.json").read_text()
