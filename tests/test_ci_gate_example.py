@@ -69,6 +69,8 @@ def test_blocked_when_undertrained_and_passing_after_retraining(repository, step
     assert "activity: posteriors are 0." in said
     assert 'message="CalibrationFailed: FAIL: ' in (repository / "junit.xml").read_text()
     (repository / "train.toml").write_text(good)
+    # The next push is checked out anew.
+    shutil.rmtree(repository / "trained")
     passed = followed(steps, repository, runner, without=without)
     assert {name: ran.code for name, ran in passed.items()} == {"Train": 0, "Gate": 0}, passed["Gate"].stdout
     assert "smallest fault blocked with 90% power:" in passed["Gate"].stdout
@@ -87,6 +89,8 @@ def test_the_whole_workflow_with_every_validator(repository, steps, runner):
     assert blocked["Report"].outputs["verdict"] == "FAIL"
     assert "half" in blocked["Report"].summary
     (repository / "train.toml").write_text(good)
+    # The next push is checked out anew.
+    shutil.rmtree(repository / "trained")
     passed = followed(steps, repository, runner, without=("Install",))
     assert not any(ran.code for ran in passed.values()), passed["Report"].stdout
     assert passed["Report"].outputs["verdict"] == "PASS"

@@ -50,7 +50,7 @@ def renamed(command: str) -> str:
 
 def command_of(table: xr.Dataset) -> str:
     """The command that makes a table again."""
-    return renamed(str(table.attrs["command"]))
+    return renamed(str(table.attrs.get("command", "")))
 
 
 def write(tables: Mapping[str, xr.Dataset], path: Path) -> None:

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gaugeblock.cli.app import app
 from typer.testing import CliRunner
 
 from gaugeblock.auditing.audit import audit_draws, judge
 from gaugeblock.auditing.baseline import read_baseline
 from gaugeblock.auditing.explain import explained, suggested_by_name
 from gaugeblock.auditing.verify import verify
+from gaugeblock.cli import app
 from gaugeblock.core.errors import InputError
 from gaugeblock.reports.baseline import comparison
 from gaugeblock.reports.terminal import terminal_summary

@@ -182,7 +182,8 @@ def test_a_stranger_cannot_foresee_the_seed(pytester, toy):
 
     def test_made_by_name(calibration_gate, monkeypatch):
         made = Theirs(lambda draws: draws)
-        monkeypatch.setattr("gaugeblock.testing.gate.build_estimator", lambda name, simulator: made)
+        maker = "gaugeblock.auditing.estimator_from.build_estimator"
+        monkeypatch.setattr(maker, lambda name, simulator: made)
         assert seed(calibration_gate("theirs", SIMULATOR, **QUICK)) == 11
         assert made.closed
 
@@ -249,7 +250,9 @@ def test_a_run_without_gates_loads_nothing(pytester):
     result.assert_outcomes(passed=1)
     loaded = set(next(line for line in result.stdout.lines if line.startswith("LOADED")).split())
     assert not loaded & {"numpy", "scipy", "xarray", "netCDF4", "pydantic", "typer", "jinja2", "torch", "jax"}
-    result.stdout.fnmatch_lines(["OURS gaugeblock gaugeblock.testing.plugin"])
+    result.stdout.fnmatch_lines(
+        ["OURS gaugeblock gaugeblock.testing gaugeblock.testing.outcomes gaugeblock.testing.plugin"]
+    )
 
 
 def test_a_gate_needs_no_extra(pytester, toy, monkeypatch):
