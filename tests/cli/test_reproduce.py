@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 import typer
@@ -9,29 +10,32 @@ import typer
 from gaugeblock.cli import reproduce
 from gaugeblock.core.errors import InputError
 
+ROOT = Path(__file__).resolve().parents[2]
 
-def run(*arguments, cwd):
+
+def run(*arguments):
+    """In the clone: an installation of the wheel finds it there."""
     command = [sys.executable, "-m", "gaugeblock", "reproduce", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=300, cwd=cwd)
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=300, cwd=ROOT)
 
 
 def test_the_alias_runs_the_study_of_the_clone_and_says_the_new_command(tmp_path):
-    done = run("gm.quad", "ns.trend", "--twin", "--out", tmp_path / "out", cwd=tmp_path)
+    done = run("gm.quad", "ns.trend", "--twin", "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("2 of 477 claims: 2 agrees")
     assert "gaugeblock reproduce is now: python -m studies.paper" in done.stderr
     assert {"reproduction.nc", "reproduction.md"} <= {path.name for path in (tmp_path / "out").iterdir()}
 
 
-def test_help_says_where_it_went_and_is_the_studys(tmp_path):
-    done = run("--help", cwd=tmp_path)
+def test_help_says_where_it_went_and_is_the_studys():
+    done = run("--help")
     assert done.returncode == 0
     assert done.stderr == "gaugeblock reproduce is now: python -m studies.paper (in a clone)\n"
     assert "--committed" in done.stdout
 
 
 def test_what_the_study_says_of_bad_input_is_passed_on(tmp_path):
-    done = run("tab9", "--out", tmp_path, cwd=tmp_path)
+    done = run("tab9", "--out", tmp_path)
     assert done.returncode == 2
     assert "neither a claim nor an experiment" in done.stderr.splitlines()[-1]
 

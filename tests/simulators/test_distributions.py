@@ -207,6 +207,7 @@ def test_a_file_s_table_may_hold_every_kind():
 
 
 def test_normal_scores_of_what_lies_outside_are_minus_infinity():
+    pytest.importorskip("sbi")
     from gaugeblock.estimators.npe.coordinates import from_scores, to_scores
 
     pair = MultivariateNormal([0, 1], [[1.0, 0.5], [0.5, 1.0]])
