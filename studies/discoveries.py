@@ -145,12 +145,8 @@ def compare(before: str, after: str) -> int:
         for name in (before, after)
     )
     changed = 0
-    for case, was in old.items():
-        now = new.get(case)
-        if now is None:
-            sys.stdout.write(f"{case}: not searched\n")
-            changed += 1
-            continue
+    for case, now in new.items():
+        was = old[case]
         lines = [
             f"{key}: {was[key]!r} -> {now[key]!r}"
             for key in ("named", "named_all", "withdrawn")
@@ -159,14 +155,17 @@ def compare(before: str, after: str) -> int:
         if sorted(was["alike"]) != sorted(now["alike"]):
             lines.append(f"alike: {was['alike']} -> {now['alike']}")
         for effect, (value, low, high) in was["amplitude"].items():
-            if effect in now["amplitude"]:
+            if effect not in now["amplitude"]:
+                lines.append(f"{effect}: no amplitude")
+            else:
                 moved = abs(now["amplitude"][effect][0] - value)
                 if moved > 0.25 * (high - low):
                     lines.append(f"{effect}: {value:.5g} -> {now['amplitude'][effect][0]:.5g}")
         changed += bool(lines)
         sys.stdout.writelines(f"{case}: {line}\n" for line in lines)
-    sys.stdout.write(f"{len(old) - changed} of {len(old)} cases say the same\n")
-    return 0 if not changed else 1
+    missing = f"; {len(old) - len(new)} were not searched" if len(new) < len(old) else ""
+    sys.stdout.write(f"{len(new) - changed} of {len(new)} cases say the same{missing}\n")
+    return int(changed > 0)
 
 
 def main(arguments: Sequence[str]) -> int:
