@@ -28,20 +28,12 @@ class FunctionSimulator:
 
     theta is ``(n, parameter)``, what comes back ``(n, *data_shape)``. A function of theta alone, as sbi has
     them, gets a tensor where torch is installed, and its random numbers from torch's and NumPy's global
-    generators, which are seeded for each call and put back. With `log_likelihood(theta, x)` more can be
-    checked: see `FunctionSimulator.of`.
+    generators, which are seeded for each call and put back.
     """
 
     def __init__(self, simulate: Callable[..., Any], prior: Any):
         self._simulate, self.prior = simulate, prior
         self._alone = _arguments(simulate) == 1
-
-    @classmethod
-    def of(cls, simulate: Callable[..., Any], prior: Any, log_likelihood: Any = None) -> FunctionSimulator:
-        """With or without a likelihood: a capability is a method that is there."""
-        if log_likelihood is None:
-            return cls(simulate, prior)
-        return FunctionSimulatorWithLikelihood(simulate, prior, log_likelihood)
 
     def simulate(self, theta: ArrayLike, rng: Rng) -> NDArray[Any]:
         """Data ``(n, *data_shape)`` for each row of theta."""
@@ -66,7 +58,7 @@ class FunctionSimulator:
 
 
 class FunctionSimulatorWithLikelihood(FunctionSimulator):
-    """The same, with the likelihood of the data as a function."""
+    """The same, with the likelihood of the data as a function: a capability is a method that is there."""
 
     def __init__(self, simulate: Callable[..., Any], prior: Any, log_likelihood: Callable[..., Any]):
         super().__init__(simulate, prior)
@@ -82,7 +74,6 @@ def as_simulator(
     *,
     prior: Any = None,
     names: Sequence[str] | None = None,
-    log_likelihood: Callable[..., Any] | None = None,
 ) -> Simulator:
     """Whatever simulates, as a `Simulator`.
 
@@ -96,8 +87,6 @@ def as_simulator(
         Whatever `as_prior` takes. It takes the place of the simulator's own, where that has one.
     names : sequence of str, optional
         Of the parameters, in the order of theta's columns.
-    log_likelihood : callable, optional
-        Of theta ``(..., parameter)`` and x ``(..., *data_shape)``, for a simulator that is a function.
 
     Raises
     ------
@@ -131,13 +120,15 @@ def as_simulator(
             )
         if prior is None:
             raise InputError(f"{_called(simulator)} simulates, and comes without a prior: {GIVE_A_PRIOR}")
-        return FunctionSimulator.of(simulator, as_prior(prior, names), log_likelihood)
+        return FunctionSimulator(simulator, as_prior(prior, names))
     if prior is None and own is None:
         raise InputError(f"the simulator is a {type(simulator).__name__} without a prior: {GIVE_A_PRIOR}")
     if prior is None and names is None and isinstance(own, Prior):
         return simulator  # type: ignore[no-any-return]
-    likelihood = log_likelihood or simulator.log_likelihood if isinstance(simulator, HasLikelihood) else None
-    return FunctionSimulator.of(method, as_prior(own if prior is None else prior, names), likelihood)
+    known = as_prior(own if prior is None else prior, names)
+    if isinstance(simulator, HasLikelihood):
+        return FunctionSimulatorWithLikelihood(method, known, simulator.log_likelihood)
+    return FunctionSimulator(method, known)
 
 
 def _loaded(name: str) -> Any:

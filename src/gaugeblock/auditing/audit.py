@@ -252,15 +252,16 @@ def audit_draws(
     if draws is None:
         tree = any_trials(theta_true, names=names)
     else:
+        given = {"x": x, "log_q": log_q, "log_q_true": log_q_true, "weight": weight}
+        arrays: dict[str, Any] = {
+            name: numbers(array, what=name) for name, array in given.items() if array is not None
+        }
         tree = trials_tree(
             make_trials(
                 plain(theta_true, what="theta_true"),
                 plain(draws, what="draws"),
                 names,
-                x=None if x is None else numbers(x, what="x"),
-                log_q=None if log_q is None else plain(log_q, what="log_q"),
-                log_q_true=None if log_q_true is None else plain(log_q_true, what="log_q_true"),
-                weight=None if weight is None else plain(weight, what="weight"),
+                **arrays,
                 autocorrelated=autocorrelated,
             )
         )

@@ -88,7 +88,7 @@ def as_trials_table(
     InputError
         For an unknown key or an impossible value.
 
-    >>> as_trials_table(500, draws=100).joint_number
+    >>> as_trials_table(500, draws=100).plan().joint_number
     500
     """
     given: Mapping[str, Any] = {}
@@ -99,14 +99,7 @@ def as_trials_table(
     elif trials is not None:
         given = {"number": trials}
     over = {name: value for name, value in (("draws", draws), ("seed", seed)) if value is not None}
-    table = checked(TrialsTable, {**given, **over}, where="trials")
-    return table.model_copy(
-        update={
-            "importance_number": min(table.importance_number, table.number),
-            "joint_number": min(table.joint_number, table.number),
-            "joint_draws": min(table.joint_draws, table.draws),
-        }
-    )
+    return checked(TrialsTable, {**given, **over}, where="trials")
 
 
 PolicyLike = str | os.PathLike[str] | Mapping[str, Any] | Policy
