@@ -18,7 +18,7 @@ from gaugeblock.core.streams import Rng
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.prior_from import as_prior
 from gaugeblock.simulators.protocol import HasLikelihood, Simulator
-from gaugeblock.simulators.registry import build_simulator, load_object
+from gaugeblock.simulators.registry import build_simulator, call, load_object
 
 GIVE_A_PRIOR = "give prior=..., a gaugeblock.Prior or one of scipy, torch, sbi or numpyro"
 
@@ -109,7 +109,7 @@ def as_simulator(
             prior = load_object(options.pop("prior"), "prior") if prior is None else prior
         simulator = (None if options else _loaded(name)) or build_simulator(name, **options)
     if inspect.isclass(simulator):
-        simulator = _made(simulator)
+        simulator = call(simulator, f"the simulator, the class {simulator.__name__},")
     method, own = getattr(simulator, "simulate", None), getattr(simulator, "prior", None)
     if not callable(method):
         if not callable(simulator) or hasattr(simulator, "sample"):
@@ -137,17 +137,7 @@ def _loaded(name: str) -> Any:
         return None
     found = load_object(name, "simulator")
     simulates = callable(found) and not inspect.isclass(found) and not hasattr(found, "simulate")
-    return found if simulates and _first_argument(found) == "theta" else None
-
-
-def _made(kind: type) -> Any:
-    try:
-        inspect.signature(kind).bind()
-    except (TypeError, ValueError):
-        raise InputError(
-            f"the simulator is the class {kind.__name__} itself, which takes arguments: make one first"
-        ) from None
-    return kind()
+    return found if simulates and first_argument(found) == "theta" else None
 
 
 def _arguments(function: Callable[..., Any]) -> int:
@@ -162,7 +152,8 @@ def _arguments(function: Callable[..., Any]) -> int:
     return sum(p.kind in kinds and p.default is p.empty for p in parameters)
 
 
-def _first_argument(function: Callable[..., Any]) -> str:
+def first_argument(function: Callable[..., Any]) -> str:
+    """What a function calls its first argument; nothing where it does not say."""
     try:
         return next(iter(inspect.signature(function).parameters), "")
     except (TypeError, ValueError):

@@ -82,6 +82,28 @@ def test_every_form_of_the_same_two_gives_the_same_numbers(estimator, simulator,
     assert np.array_equal(result.trials["theta_true"], expected.trials["theta_true"])
 
 
+def test_a_prior_of_another_library_leaves_a_simulator_its_likelihood():
+    """Importance weights of the exact posterior, density included, are as good as can be."""
+    stats = pytest.importorskip("scipy.stats")
+
+    class Known:
+        def __init__(self):
+            self.prior = {"mean": stats.norm(0.0, 1.0)}
+
+        def simulate(self, theta, rng):
+            return simulate(theta, rng)
+
+        def log_likelihood(self, theta, x):
+            return stats.norm(theta, 1.0).logpdf(x).sum(axis=-1)
+
+    class Dense(Alone):
+        def log_prob(self, theta, x):
+            return stats.norm(x[:, None] / 2, math.sqrt(0.5)).logpdf(theta).sum(axis=-1)
+
+    result = gb.audit(Dense, Known, trials=40, draws=20, validators=("importance",), progress=False)
+    assert result["importance.ess"].statistic == pytest.approx(1.0)
+
+
 def test_names_of_ones_own():
     result = gb.audit(exact, simulate, prior=PRIOR, names=["mu"], trials=20, draws=5, validators=("draws",))
     assert result.trials["parameter"].values.tolist() == ["mu"]

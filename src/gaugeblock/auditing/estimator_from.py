@@ -20,7 +20,7 @@ from gaugeblock.core.global_state import SEEDS, seeded_globals
 from gaugeblock.core.streams import Rng
 from gaugeblock.estimators.protocol import Estimator, HasDensity
 from gaugeblock.estimators.registry import build_estimator, made_for
-from gaugeblock.simulators.from_function import source_of
+from gaugeblock.simulators.from_function import first_argument, source_of
 from gaugeblock.simulators.protocol import Simulator
 from gaugeblock.simulators.registry import load_object
 from gaugeblock.stranger.mapping import Mapping as ColumnMapping
@@ -195,7 +195,7 @@ def _named(name: str, simulator: Simulator, options: Mapping[str, Any]) -> Estim
     """What a name stands for; ``module:function`` may be a function that draws, not one that makes it."""
     if ":" in name and not options:
         found = load_object(name, "estimator")
-        if inspect.isfunction(found) and next(iter(inspect.signature(found).parameters), "") == "x":
+        if inspect.isfunction(found) and first_argument(found) == "x":
             return FunctionEstimator(found)
     return build_estimator(name, simulator, **options)
 
