@@ -30,13 +30,12 @@ from gaugeblock.simulators.marginals import (
 
 Key = str | tuple[str, ...]
 
-
+_KINDS: tuple[Any, ...] = (
+    *(Uniform, LogUniform, Normal, LogNormal, Gamma, Beta, TruncatedNormal, Discrete),
+    *(MultivariateNormal, Dirichlet, DirichletWithoutLast),
+)
 _DISTRIBUTIONS: dict[str, Any] = {
-    **{
-        each.kind: each
-        for each in (Uniform, LogUniform, Normal, LogNormal, Gamma, Beta, TruncatedNormal, Discrete)
-    },
-    **{each.kind: each for each in (MultivariateNormal, Dirichlet, DirichletWithoutLast)},
+    **{each.kind: each for each in _KINDS},
     "truncated": truncated,
     "scipy": scipy_again,
 }
