@@ -12,7 +12,7 @@ from gaugeblock.auditing.config import read_config
 from gaugeblock.auditing.observation import OWN_TRUTHS, read_observation, trials_around
 from gaugeblock.core.errors import InputError
 from gaugeblock.estimators import build_estimator
-from gaugeblock.simulators import build_simulator
+from gaugeblock.simulators import Prior, Uniform, build_simulator
 from gaugeblock.validate import Outcome, judge, make_policy, read_trials, trials_tree, write_trials
 from gaugeblock.validate.local.posterior_sbc import pool_weights, posterior_sbc
 from gaugeblock.validate.prepared import Prepared
@@ -186,15 +186,8 @@ def test_misuse_is_one_clear_line(arguments, options, words):
 
 
 def test_an_observation_that_the_estimator_cannot_explain():
-    class Prior1:
-        names, size, center = ("a",), 1, np.array([0.5])
-
-        def log_prob(self, theta):
-            inside = (np.asarray(theta)[..., 0] >= 0) & (np.asarray(theta)[..., 0] <= 1)
-            return np.where(inside, 0.0, -np.inf)
-
     class Simulator1:
-        prior = Prior1()
+        prior = Prior({"a": Uniform(0, 1)})
 
         def simulate(self, theta, rng):
             return np.asarray(theta) + rng.standard_normal(np.shape(theta))

@@ -23,7 +23,7 @@ from gaugeblock.auditing.identity import identity, versions
 from gaugeblock.auditing.kept_seed import kept_seed
 from gaugeblock.auditing.observation import read_observation, trials_around
 from gaugeblock.auditing.phases import end_phase, ended
-from gaugeblock.auditing.provenance import FORMAT, digests, earlier_provenance, named, title
+from gaugeblock.auditing.provenance import FORMAT, digests, finished_audit, named, title
 from gaugeblock.auditing.result import Audit, made_folder, write_arrays
 from gaugeblock.auditing.samples import untrusted
 from gaugeblock.auditing.trials_from import any_trials
@@ -308,7 +308,8 @@ def judge(
         folder = Path(audited)
         trials = read_trials(folder / "trials.nc")
         findings, not_checked = read_findings(folder / "findings.nc")
-        earlier, baseline = earlier_provenance(folder), kept_baseline(folder)
+        content = finished_audit(folder)
+        earlier, baseline = content["provenance"], kept_baseline(content)
     chosen = int(earlier.get("seed") or 0) if seed is None else seed
     verdict = judged(findings, not_checked, rules, seed=chosen)
     plain_rules = rules.model_dump(mode="json")

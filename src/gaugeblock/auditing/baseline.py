@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from gaugeblock.auditing.provenance import finished_audit
 from gaugeblock.core.errors import InputError
 from gaugeblock.reports.baseline import against, summary
 from gaugeblock.validate import Finding, Verdict, read_findings
@@ -20,40 +20,32 @@ def read_baseline(folder: Path) -> dict[str, Any]:
     InputError
         If the folder holds no finished audit.
     """
-    path = folder / "verdict.json"
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = finished_audit(folder)
         gates = [(str(gate["id"]), str(gate["verdict"])) for gate in content["gates"]]
-        outcome, digests = str(content["verdict"]), dict(content["provenance"].get("sha256") or {})
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        raise InputError(
-            f"--baseline {folder}: {path.name} cannot be read; give the folder of a finished audit"
-        ) from None
-    try:
+        digests = dict(content["provenance"].get("sha256") or {})
         findings, _ = read_findings(folder / "findings.nc")
+        return summary(str(content["verdict"]), gates, findings, digests)
     except InputError as error:
         raise InputError(f"--baseline {folder}: {error}") from None
-    return summary(outcome, gates, findings, digests)
+    except (ValueError, KeyError, TypeError):
+        raise InputError(f"--baseline {folder}: verdict.json is not that of a finished audit") from None
 
 
-def kept_baseline(folder: Path) -> Mapping[str, Any] | None:
-    """What a finished audit keeps of the one that it was compared with, if it was: taken as it stands.
+def kept_baseline(content: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """What verdict.json keeps of the audit that it was compared with, if it was: taken as it stands.
 
     Raises
     ------
     InputError
-        If verdict.json cannot be read, or what it keeps is none.
+        If what it keeps is none.
     """
-    path = folder / "verdict.json"
-    try:
-        baseline = json.loads(path.read_text(encoding="utf-8")).get("baseline")
-    except (OSError, ValueError, AttributeError):
-        raise InputError(f"{path}: cannot be read; give the folder of a finished audit") from None
+    baseline = content.get("baseline")
     if baseline is None:
         return None
     earlier = baseline.get("earlier") if isinstance(baseline, Mapping) else None
     if not isinstance(earlier, Mapping):
-        raise InputError(f"{path.name}: baseline is no comparison with an earlier audit")
+        raise InputError("verdict.json: baseline is no comparison with an earlier audit")
     return earlier
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import xarray as xr
 
 from gaugeblock.auditing.identity import identity, lasting, versions
-from gaugeblock.auditing.phases import DensityTrials, ImportanceDraws, WeighedDraws, end_phase
+from gaugeblock.auditing.phases import DensityTrials, WeighedDraws, end_phase
 from gaugeblock.auditing.samples import (
     Blocks,
     ImportanceTrials,
@@ -64,17 +64,16 @@ def collect(
     again = (simulator, estimator, plan, blocks.reader("trials"))
     weighed = plan.importance_number if _weighable(simulator, estimator) else 0
     importance, joint = None, None
+    if weighed:
+        what = "importance draws" if untrusted(estimator) else WEIGHING
+        importance = blocks.joined(what, weighed, ImportanceTrials(*again))
     if untrusted(estimator):
-        if weighed:
-            importance = blocks.joined("importance draws", weighed, ImportanceDraws(*again))
         end_phase(estimator)
         if has_density(estimator):
             main = blocks.joined("densities", plan.number, DensityTrials(*again))
         if weighed:
             weigh = WeighedDraws(*again, blocks.reader("importance draws"))
             importance = blocks.joined(WEIGHING, weighed, weigh)
-    elif weighed:
-        importance = blocks.joined(WEIGHING, weighed, ImportanceTrials(*again))
     if plan.joint_number and isinstance(simulator, HasLikelihood):
         joint = blocks.joined("joint likelihood", plan.joint_number, JointTrials(*again))
     return trials_tree(main, importance, joint=joint)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,6 +19,8 @@ from gaugeblock.validate.policy import SHIPPED, Policy, make_policy, read_policy
 from gaugeblock.validate.validators import check_validators
 
 Count = Annotated[int, Field(gt=0)]
+# No more than there is of the whole.
+_PARTS = {"importance_number": "number", "joint_number": "number", "joint_draws": "draws"}
 
 
 class TrialsTable(Table):
@@ -51,28 +54,16 @@ class TrialsTable(Table):
 
     @model_validator(mode="after")
     def _subset(self) -> TrialsTable:
-        for name, most in (
-            ("importance_number", self.number),
-            ("joint_number", self.number),
-            ("joint_draws", self.draws),
-        ):
-            if getattr(self, name) > most and name in self.model_fields_set:
-                whole = "draws" if name == "joint_draws" else "number"
-                raise ValueError(f"{name} {getattr(self, name)} is more than {whole} {most}")
+        for name, whole in _PARTS.items():
+            part, most = getattr(self, name), getattr(self, whole)
+            if part > most and name in self.model_fields_set:
+                raise ValueError(f"{name} {part} is more than {whole} {most}")
         return self
 
     def plan(self) -> Plan:
         """What to collect; a default that is more than there is means all there is."""
-        return Plan(
-            number=self.number,
-            draws=self.draws,
-            block=self.block,
-            importance_number=min(self.importance_number, self.number),
-            importance_draws=self.importance_draws,
-            joint_number=min(self.joint_number, self.number),
-            joint_draws=min(self.joint_draws, self.draws),
-            seed=self.seed,
-        )
+        held = self.model_dump(include={one.name for one in fields(Plan)})
+        return Plan(**held | {name: min(held[name], held[whole]) for name, whole in _PARTS.items()})
 
 
 def as_trials_table(

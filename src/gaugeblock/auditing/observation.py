@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.auditing.samples import untrusted
+from gaugeblock.auditing.samples import checked, log_prior_and_likelihood, untrusted
 from gaugeblock.core.arrays import Array, numbers
 from gaugeblock.core.digest import digest, file_digest
 from gaugeblock.core.errors import InputError
@@ -167,27 +167,28 @@ class _Around:
         """Truths, data, draws and relative weights of the draws and of the truth, of a block of trials."""
         theta = self.truths(trials, proposals)
         x = np.asarray(self.simulator.simulate(theta, self.rng("data", trials)))
-        sampled = self.checked(self.estimator.sample(x, draws, self.rng("draws", trials)), trials, draws)
-        at_draws, at_truth = self.log_likelihood(sampled), self.log_likelihood(theta[:, None])[:, 0]
+        sampled = self.estimator.sample(x, draws, self.rng("draws", trials))
+        sampled = checked(sampled, (len(trials), draws, self.simulator.prior.size))
+        _, at_draws = self.log_prior_and_likelihood(sampled)
+        _, at_truth = self.log_prior_and_likelihood(theta[:, None])
         largest = at_draws.max(axis=1)
         # Draws that are all impossible weigh the same, and nothing beside the truth.
         nothing = ~np.isfinite(largest)
         relative = np.where(nothing[:, None], 0.0, at_draws - np.where(nothing, 0.0, largest)[:, None])
-        own = np.where(nothing, RANGE, np.minimum(at_truth - np.where(nothing, 0.0, largest), RANGE))
+        own = np.where(nothing, RANGE, np.minimum(at_truth[:, 0] - np.where(nothing, 0.0, largest), RANGE))
         return theta, x, sampled, np.exp(relative), np.exp(own)
 
     def truths(self, trials: range, proposals: int) -> Array:
         """One draw of the posterior at the observation for each trial, ``(trial, parameter)``."""
-        x = np.repeat(self.observed[None], len(trials), axis=0)
+        x, size = np.repeat(self.observed[None], len(trials), axis=0), self.simulator.prior.size
         rng = self.rng("truth", trials)
         if not has_density(self.estimator):
-            return self.checked(self.estimator.sample(x, 1, rng), trials, 1)[:, 0]
+            return checked(self.estimator.sample(x, 1, rng), (len(trials), 1, size))[:, 0]
         proposed, log_q = sample_and_log_prob(self.estimator, x, proposals, rng)
-        sampled = self.checked(proposed, trials, proposals)
-        finite = np.asarray(np.isfinite(sampled).all(axis=-1))
-        known = np.where(finite[..., None], sampled, self.simulator.prior.center)
-        weight = log_weights(log_q, self.log_likelihood(sampled), self.simulator.prior.log_prob(known))
-        weight = np.where(finite & ~np.isnan(weight), weight, -np.inf)
+        sampled = checked(proposed, (len(trials), proposals, size))
+        log_prior, log_likelihood = self.log_prior_and_likelihood(sampled)
+        weight = log_weights(log_q, log_likelihood, log_prior)
+        weight = np.where(np.isnan(weight), -np.inf, weight)
         if np.isneginf(weight.max(axis=1)).any():
             raise InputError(
                 "observation: no draw of the estimator at the observation is possible under the simulator's "
@@ -196,24 +197,12 @@ class _Around:
         chosen = resample(weight, rng.random((len(trials), 1)))
         return np.take_along_axis(sampled, chosen[..., None], axis=1)[:, 0]
 
-    def checked(self, draws: ArrayLike, trials: range, n: int) -> Array:
-        """Draws of the shape that they should have."""
-        array, shape = np.asarray(draws, dtype=float), (len(trials), n, self.simulator.prior.size)
-        if array.shape != shape:
-            raise InputError(
-                f"the estimator gave draws of shape {array.shape} for {len(trials)} trials; expected {shape}"
-            )
-        return array
-
-    def log_likelihood(self, theta: Array) -> Array:
+    def log_prior_and_likelihood(self, theta: Array) -> tuple[Array, Array]:
         """Of the observation at theta ``(trial, draw, parameter)``; -inf where impossible or not finite."""
-        prior = self.simulator.prior
-        known = np.where(np.isfinite(theta).all(axis=-1, keepdims=True), theta, prior.center)
-        inside = np.asarray(np.isfinite(prior.log_prob(known)) & np.isfinite(theta).all(axis=-1))
-        known = np.where(inside[..., None], known, prior.center)
-        x = np.repeat(self.observed[None, None], len(theta), axis=0)
-        value = np.asarray(self.simulator.log_likelihood(known, x))
-        return np.where(inside & ~np.isnan(value), value, -np.inf)
+        x = np.repeat(self.observed[None], len(theta), axis=0)
+        known = log_prior_and_likelihood(self.simulator, theta, x)
+        log_prior, log_likelihood = (np.where(np.isnan(value), -np.inf, value) for value in known)
+        return log_prior, log_likelihood
 
     def rng(self, purpose: str, trials: range) -> Rng:
         return generator(self.seed, f"observation {purpose}", trials.start // len(trials))

@@ -11,11 +11,10 @@ from contextlib import contextmanager
 import numpy as np
 import xarray as xr
 
-from gaugeblock.auditing.samples import Again, Blocks, Plan
+from gaugeblock.auditing.samples import Again, Blocks, Plan, checked
 from gaugeblock.core.errors import blamed
 from gaugeblock.estimators.protocol import Closable, Estimator, HasDensity, Phased
 from gaugeblock.simulators.protocol import Simulator
-from gaugeblock.validate.trials import make_trials
 
 
 def end_phase(estimator: object) -> None:
@@ -46,46 +45,24 @@ class DensityTrials(Again):
         order = self.rng("shuffle", trials).random(points.shape[:2]).argsort(axis=1)
         shuffled = np.take_along_axis(points, order[..., None], axis=1)
         with blamed("the estimator", trials):
-            answered = self.estimator.log_prob(shuffled, rows["x"].values)
-        answered = self.checked(answered, trials, points.shape[1], what="log_q")
+            answered = checked(self.estimator.log_prob(shuffled, rows["x"].values), order.shape, "log_q")
         density = np.empty_like(answered)
         np.put_along_axis(density, order, answered, axis=1)
         return rows.assign(log_q=(("trial", "draw"), density[:, 1:]), log_q_true=("trial", density[:, 0]))
 
 
-class ImportanceDraws(Again):
-    """The draws for importance weights, without their densities."""
-
-    def __call__(self, trials: range) -> xr.Dataset:
-        rows = self.main(trials)
-        n = self.plan.importance_draws
-        with blamed("the estimator", trials):
-            sampled = self.estimator.sample(rows["x"].values, n, self.rng("importance draws", trials))
-        draws = self.checked(sampled, trials, n)
-        names = self.simulator.prior.names
-        return make_trials(
-            rows["theta_true"].values,
-            draws,
-            names,
-            autocorrelated=bool(getattr(self.estimator, "autocorrelated", False)),
-        ).assign_coords(trial=np.asarray(trials))
-
-
 class WeighedDraws(Again):
-    """The draws for importance weights with their densities, likelihoods and prior."""
+    """The draws for importance weights, read back, with their densities, likelihoods and prior."""
 
     estimator: HasDensity
 
     def __init__(self, simulator: Simulator, estimator: Estimator, plan: Plan, main: Blocks, drawn: Blocks):
         super().__init__(simulator, estimator, plan, main)
-        self.drawn = drawn
+        self.drawn_before = drawn
 
     def __call__(self, trials: range) -> xr.Dataset:
-        x, drawn = self.main(trials)["x"].values, self.drawn(trials)
+        x, drawn = self.main(trials)["x"].values, self.drawn_before(trials)
         draws = drawn["draws"].values
         with blamed("the estimator", trials):
-            answered = self.estimator.log_prob(draws, x)
-        log_prior, log_likelihood = self.log_prior_and_likelihood(draws, x)
-        density = self.checked(answered, trials, draws.shape[1], what="log_q")
-        columns = {"log_q": density, "log_likelihood": log_likelihood, "log_prior": log_prior}
-        return drawn.assign({name: (("trial", "draw"), values) for name, values in columns.items()})
+            log_q = checked(self.estimator.log_prob(draws, x), draws.shape[:2], "log_q")
+        return self.weighed(drawn, x, log_q)

@@ -59,19 +59,19 @@ def digests(record: Mapping[str, Any]) -> dict[str, str]:
     return {name: digest(intrinsic(record[name])) for name in DIGESTED if name in record}
 
 
-def earlier_provenance(folder: Path) -> dict[str, Any]:
-    """Provenance of the finished audit in a folder.
+def finished_audit(folder: Path) -> dict[str, Any]:
+    """What verdict.json of the finished audit in a folder holds: its `provenance`, at least.
 
     Raises
     ------
     InputError
         If there is none.
     """
+    path = folder / "verdict.json"
     try:
-        record = json.loads((folder / "verdict.json").read_text(encoding="utf-8"))["provenance"]
+        content = json.loads(path.read_text(encoding="utf-8"))
+        return {**content, "provenance": dict(content["provenance"])}
     except (OSError, ValueError, KeyError, TypeError):
         raise InputError(
-            f"{folder / 'verdict.json'}: cannot be read; give the folder of a finished audit, "
-            "or run `gaugeblock audit` first"
+            f"{path} cannot be read; give the folder of a finished audit, or run `gaugeblock audit` first"
         ) from None
-    return dict(record)

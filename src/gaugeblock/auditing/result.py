@@ -28,6 +28,10 @@ if TYPE_CHECKING:
 RESOURCES = "resources.json"
 # Gates, and letters of one line, in what a terminal shows.
 SHOWN, LONGEST = 8, 160
+COLUMNS = (
+    *("verdict", "component", "statistic", "low", "high", "tolerance", "p_value", "p_adjusted"),
+    *("n_trials", "smallest_detectable", "required", "message"),
+)
 
 
 class UnknownGateError(InputError, KeyError):
@@ -113,27 +117,14 @@ class Audit(Value):
         """One row a gate, by its id: verdict, numbers and message; NaN where a number is not known."""
         import pandas as pd
 
+        gates = self.verdict.gates
+        index = pd.Index([gate.id for gate in gates], name="id", dtype=object)
         rows = [
-            {
-                "verdict": str(gate.outcome),
-                "component": gate.component,
-                "statistic": gate.statistic,
-                "low": gate.interval[0],
-                "high": gate.interval[1],
-                "tolerance": gate.tolerance,
-                "p_value": gate.p_value,
-                "p_adjusted": gate.p_adjusted,
-                "n_trials": gate.n_trials,
-                "smallest_detectable": gate.smallest_detectable,
-                "required": gate.required,
-                "message": gate.message,
-            }
-            for gate in self.verdict.gates
+            {**vars(gate), "verdict": str(gate.outcome), "low": gate.interval[0], "high": gate.interval[1]}
+            for gate in gates
         ]
-        index = pd.Index([gate.id for gate in self.verdict.gates], name="id", dtype=object)
-        frame = pd.DataFrame(rows, index=index)
-        numbers = ["p_value", "p_adjusted", "smallest_detectable"]
-        return frame.astype(dict.fromkeys(numbers, float)) if rows else frame
+        frame = pd.DataFrame(rows, index=index, columns=list(COLUMNS))
+        return frame.astype(dict.fromkeys(("p_value", "p_adjusted", "smallest_detectable"), float))
 
     def plot(self, identifier: str, *, ax: Axes | None = None) -> Axes:
         """The picture behind a gate, or behind a finding that no gate judges, drawn on `ax` or on new axes.

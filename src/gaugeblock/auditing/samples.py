@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError, blamed
 from gaugeblock.core.streams import Rng, generator
 from gaugeblock.estimators.protocol import Estimator, HasDensity, has_density, sample_and_log_prob
@@ -52,6 +54,39 @@ def untrusted(estimator: object) -> bool:
     return bool(getattr(estimator, "untrusted", False))
 
 
+def checked(values: ArrayLike, shape: tuple[int, ...], what: str = "draws") -> Array:
+    """What an estimator gave for each trial, if it has the shape that it should have.
+
+    Raises
+    ------
+    InputError
+        If it has another.
+    """
+    array = np.asarray(values, dtype=float)
+    if array.shape != shape:
+        raise InputError(
+            f"the estimator gave {what} of shape {array.shape} for {shape[0]} trials; expected {shape}"
+        )
+    return array
+
+
+def log_prior_and_likelihood(
+    simulator: LikelihoodSimulator, draws: Array, x: NDArray[Any]
+) -> tuple[Array, Array]:
+    """Both at draws ``(trial, draw, parameter)``, given data ``(trial, ...)``.
+
+    -inf outside the prior; NaN, and counted as such, where a draw is not finite.
+    """
+    prior = simulator.prior
+    finite = np.asarray(np.isfinite(draws).all(axis=-1))
+    known = np.where(finite[..., None], draws, prior.center)
+    log_prior = np.where(finite, prior.log_prob_or_support(known), np.nan)
+    inside = np.isfinite(log_prior)
+    known = np.where(inside[..., None], known, prior.center)
+    likelihood = np.asarray(simulator.log_likelihood(known, x[:, None]))
+    return log_prior, np.where(inside, likelihood, np.where(finite, -np.inf, np.nan))
+
+
 class MainTrials:
     """Truth, data and draws of a whole block of trials."""
 
@@ -61,7 +96,7 @@ class MainTrials:
     def rng(self, purpose: str, trials: range) -> Rng:
         return generator(self.plan.seed, f"audit {purpose}", trials.start // self.plan.block)
 
-    def truth_and_data(self, trials: range) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    def truth_and_data(self, trials: range) -> tuple[Array, NDArray[Any]]:
         theta = self.simulator.prior.sample(len(trials), self.rng("truth", trials))
         with blamed("the simulator", trials):
             x = np.asarray(self.simulator.simulate(theta, self.rng("data", trials)))
@@ -79,41 +114,48 @@ class MainTrials:
             )
         return theta, x
 
-    def checked(self, draws: object, trials: range, n: int, what: str = "draws") -> np.ndarray[Any, Any]:
-        array = np.asarray(draws, dtype=float)
-        shape = (len(trials), n) + ((self.simulator.prior.size,) if what == "draws" else ())
-        if array.shape != shape:
-            raise InputError(
-                f"the estimator gave {what} of shape {array.shape} for {len(trials)} trials; expected {shape}"
-            )
-        return array
+    def drawn(self, x: NDArray[Any], trials: range, n: int, purpose: str) -> tuple[Array, Array | None]:
+        """Draws ``(trial, draw, parameter)``, and their log densities where these are asked for with them.
 
-    def __call__(self, trials: range) -> xr.Dataset:
-        theta, x = self.truth_and_data(trials)
-        n, rng = self.plan.draws, self.rng("draws", trials)
-        log_q = log_q_true = None
+        Those of a stranger are asked for after all draws (`phases`).
+        """
+        rng, density = self.rng(purpose, trials), None
         with blamed("the estimator", trials):
-            # Densities of a stranger are asked for after all draws (`phases`).
             if untrusted(self.estimator) or not has_density(self.estimator):
                 sampled = self.estimator.sample(x, n, rng)
             else:
-                sampled, density = sample_and_log_prob(self.estimator, x, n, rng)
-                log_q = self.checked(density, trials, n, what="log_q")
-            if isinstance(self.estimator, HasDensity) and not untrusted(self.estimator):
-                at_truth = self.estimator.log_prob(theta[:, None], x)
-                log_q_true = self.checked(at_truth, trials, 1, what="log_q of the truth")[:, 0]
-        draws = self.checked(sampled, trials, n)
+                sampled, answered = sample_and_log_prob(self.estimator, x, n, rng)
+                density = checked(answered, (len(trials), n), "log_q")
+            return checked(sampled, (len(trials), n, self.simulator.prior.size)), density
+
+    def made(self, trials: range, theta: Array, draws: Array, **further: Any) -> xr.Dataset:
+        """Trials under their numbers, with what holds for all of them."""
         return make_trials(
             theta,
             draws,
             self.simulator.prior.names,
+            autocorrelated=bool(getattr(self.estimator, "autocorrelated", False)),
+            **further,
+        ).assign_coords(trial=np.asarray(trials))
+
+    def __call__(self, trials: range) -> xr.Dataset:
+        theta, x = self.truth_and_data(trials)
+        draws, log_q = self.drawn(x, trials, self.plan.draws, "draws")
+        log_q_true = None
+        if isinstance(self.estimator, HasDensity) and not untrusted(self.estimator):
+            with blamed("the estimator", trials):
+                at_truth = self.estimator.log_prob(theta[:, None], x)
+                log_q_true = checked(at_truth, (len(trials), 1), "log_q of the truth")[:, 0]
+        return self.made(
+            trials,
+            theta,
+            draws,
             x=x,
             log_q=log_q,
             log_q_true=log_q_true,
             circular=tuple(getattr(self.simulator, "circular", ())),
-            autocorrelated=bool(getattr(self.estimator, "autocorrelated", False)),
             attrs=without_density(self.simulator.prior),
-        ).assign_coords(trial=np.asarray(trials))
+        )
 
 
 def without_density(prior: Prior) -> dict[str, str]:
@@ -136,42 +178,22 @@ class Again(MainTrials):
         super().__init__(simulator, estimator, plan)
         self.main = main
 
-    def log_prior_and_likelihood(
-        self, draws: np.ndarray[Any, Any], x: np.ndarray[Any, Any]
-    ) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-        """Both at the draws; -inf outside the prior; NaN, and counted as such, where a draw is not finite."""
-        prior = self.simulator.prior
-        finite = np.isfinite(draws).all(axis=-1)
-        known = np.where(finite[..., None], draws, prior.center)
-        log_prior = np.where(finite, prior.log_prob_or_support(known), np.nan)
-        inside = np.isfinite(log_prior)
-        known = np.where(inside[..., None], known, prior.center)
-        likelihood = np.asarray(self.simulator.log_likelihood(known, x[:, None]))
-        return log_prior, np.where(inside, likelihood, np.where(finite, -np.inf, np.nan))
+    def weighed(self, drawn: xr.Dataset, x: NDArray[Any], log_q: Array) -> xr.Dataset:
+        """Trials with the densities, the likelihoods and the prior of their draws."""
+        log_prior, log_likelihood = log_prior_and_likelihood(self.simulator, drawn["draws"].values, x)
+        columns = {"log_q": log_q, "log_likelihood": log_likelihood, "log_prior": log_prior}
+        return drawn.assign({name: (("trial", "draw"), values) for name, values in columns.items()})
 
 
 class ImportanceTrials(Again):
-    """Draws with their log densities, for importance weights."""
+    """The draws for importance weights; with all that makes these, where densities come with draws."""
 
     def __call__(self, trials: range) -> xr.Dataset:
         rows = self.main(trials)
-        theta, x = rows["theta_true"].values, rows["x"].values
-        n = self.plan.importance_draws
-        rng = self.rng("importance draws", trials)
-        with blamed("the estimator", trials):
-            sampled, density = sample_and_log_prob(self.estimator, x, n, rng)
-        draws = self.checked(sampled, trials, n)
-        log_q = self.checked(density, trials, n, what="log_q")
-        log_prior, log_likelihood = self.log_prior_and_likelihood(draws, x)
-        return make_trials(
-            theta,
-            draws,
-            self.simulator.prior.names,
-            log_q=log_q,
-            log_likelihood=log_likelihood,
-            log_prior=log_prior,
-            autocorrelated=bool(getattr(self.estimator, "autocorrelated", False)),
-        ).assign_coords(trial=np.asarray(trials))
+        x = rows["x"].values
+        draws, log_q = self.drawn(x, trials, self.plan.importance_draws, "importance draws")
+        made = self.made(trials, rows["theta_true"].values, draws)
+        return made if log_q is None else self.weighed(made, x, log_q)
 
 
 class JointTrials(Again):
@@ -181,12 +203,11 @@ class JointTrials(Again):
         rows = self.main(trials)
         theta, draws = rows["theta_true"].values, rows["draws"].values[:, : self.plan.joint_draws]
         both = np.concatenate([theta[:, None], draws], axis=1)
-        _, log_likelihood = self.log_prior_and_likelihood(both, rows["x"].values)
-        return make_trials(
+        _, log_likelihood = log_prior_and_likelihood(self.simulator, both, rows["x"].values)
+        return self.made(
+            trials,
             theta,
             draws,
-            self.simulator.prior.names,
             log_likelihood=log_likelihood[:, 1:],
             log_likelihood_true=log_likelihood[:, 0],
-            autocorrelated=bool(getattr(self.estimator, "autocorrelated", False)),
-        ).assign_coords(trial=np.asarray(trials))
+        )

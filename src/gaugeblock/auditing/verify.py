@@ -26,7 +26,7 @@ from gaugeblock.auditing.compare import (
 )
 from gaugeblock.auditing.explain import explained
 from gaugeblock.auditing.identity import versions
-from gaugeblock.auditing.provenance import FORMAT, digests, earlier_provenance, title
+from gaugeblock.auditing.provenance import FORMAT, digests, finished_audit, title
 from gaugeblock.auditing.watch import watched
 from gaugeblock.core.digest import file_digest
 from gaugeblock.core.errors import InputError
@@ -77,7 +77,8 @@ def verify(
     source = trials or folder / "trials.nc"
     if not source.exists():
         raise InputError(f"{source}: no such file; give the audit's Trials with --trials FILE.nc")
-    record = earlier_provenance(folder)
+    audited = finished_audit(folder)
+    record = audited["provenance"]
     if record.get("format", 1) != FORMAT:
         raise InputError(
             f"{folder}: an audit of gaugeblock 0.1.0, whose random numbers this version cannot draw again; "
@@ -86,7 +87,7 @@ def verify(
     found = file_digest(source)
     tree = read_trials(source)
     near, notes = _nearness(record, tolerance)
-    findings, not_checked, verdict = _derived(tree, record, kept_baseline(folder))
+    findings, not_checked, verdict = _derived(tree, record, kept_baseline(audited))
     contents = rendered(verdict, findings, tree, title=title(record))
     lines = list(_digests(record, found, trials_sha256))
     lines += [f"verdict.json: provenance: {line}" for line in _recorded(record, tree)]

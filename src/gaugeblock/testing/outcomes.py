@@ -26,21 +26,19 @@ class CalibrationError(_Stopped):
     __module__ = "builtins"
 
 
-class CalibrationFailed(_Stopped):
+class _Judged(_Stopped):
+    def __init__(self, message: str, audit: Audit):
+        super().__init__(message)
+        self.audit = audit
+
+
+class CalibrationFailed(_Judged):
     """The verdict is FAIL: the estimator is blocked. `audit` holds everything that was found."""
 
     __module__ = "builtins"
 
-    def __init__(self, message: str, audit: Audit):
-        super().__init__(message)
-        self.audit = audit
 
-
-class CalibrationInconclusive(_Stopped):
+class CalibrationInconclusive(_Judged):
     """The verdict is INCONCLUSIVE: these trials do not settle it, and the message says how many would."""
 
     __module__ = "builtins"
-
-    def __init__(self, message: str, audit: Audit):
-        super().__init__(message)
-        self.audit = audit
