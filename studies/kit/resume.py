@@ -14,6 +14,7 @@ import sys
 import time
 import zipfile
 from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -37,7 +38,7 @@ PLAIN = "_plain"
 """Where a piece that is no table of arrays is kept, as JSON."""
 
 TOGETHER = 150
-"""Pieces that a process makes before another takes its place: compiled functions fill its memory."""
+"""Pieces that a spawned process makes before another takes its place: compiled functions fill its memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,10 +99,19 @@ class Pieces:
         return self._in_processes(missing)
 
     def _in_processes(self, missing: Mapping[str, Callable[[], Any]]) -> Iterable[object]:
-        context: Any = multiprocessing.get_context("spawn" if "jax" in sys.modules else "fork")
-        begin = (replace(self, progress=None), dict(missing))
-        with context.Pool(self.workers, _begin, begin, maxtasksperchild=TOGETHER) as pool:
-            yield from pool.imap_unordered(_one, missing)
+        spawned = "jax" in sys.modules
+        pool = ProcessPoolExecutor(
+            self.workers,
+            multiprocessing.get_context("spawn" if spawned else "fork"),
+            _begin,
+            (replace(self, progress=None), dict(missing)),
+            max_tasks_per_child=TOGETHER if spawned else None,
+        )
+        try:
+            # Unlike those of a Pool, processes that cannot begin end this with an error, not with waiting.
+            yield from (made.result() for made in as_completed([pool.submit(_one, name) for name in missing]))
+        finally:
+            pool.shutdown(cancel_futures=True)
 
     def _make(self, name: str, make: Callable[[], Any]) -> None:
         start = time.process_time()

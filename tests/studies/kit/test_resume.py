@@ -1,7 +1,9 @@
 """Pieces are found again bit for bit, wherever a run stopped, and never mixed."""
 
 import os
+import sys
 import time
+from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 
 import numpy as np
@@ -70,12 +72,23 @@ def test_progress_counts_what_was_found_too(tmp_path):
 
 
 def plain(index):
-    return {"index": index, "process": os.getpid(), "none": float("nan")}
+    """Makes plain data; of built-in functions alone, so that a spawned process finds it too."""
+    return partial(eval, f"dict(index={index}, process=__import__('os').getpid(), none=float('nan'))", {})
 
 
+@pytest.fixture(params=["forked", "spawned"])
+def begun(request, monkeypatch):
+    """Processes are spawned where JAX is loaded, which it is or is not here by chance."""
+    if request.param == "spawned":
+        monkeypatch.setitem(sys.modules, "jax", sys)
+    else:
+        monkeypatch.delitem(sys.modules, "jax", raising=False)
+    return request.param
+
+
+@pytest.mark.usefixtures("begun")
 def test_processes_side_by_side_make_the_same_pieces(tmp_path):
-    """In processes that are forked or, where JAX is loaded, spawned; which also holds for plain data."""
-    wanted = {str(index): partial(plain, index) for index in range(6)}
+    wanted = {str(index): plain(index) for index in range(6)}
     together = Pieces(tmp_path / "two", {}, workers=2).made(wanted)
     alone = Pieces(tmp_path / "one", {}).made(wanted)
     assert list(together) == list(alone) == list(wanted)
@@ -83,6 +96,22 @@ def test_processes_side_by_side_make_the_same_pieces(tmp_path):
     assert os.getpid() not in {piece["process"] for piece in together.values()}
     assert {piece["process"] for piece in alone.values()} == {os.getpid()}
     assert repr(Pieces(tmp_path / "two", {}).finished()) == repr(together)
+
+
+@pytest.mark.usefixtures("begun")
+def test_what_goes_wrong_in_a_process_ends_the_run_and_is_told(tmp_path):
+    wanted = {str(index): partial(eval, "1 / 0", {}) for index in range(6)}
+    with pytest.raises(ZeroDivisionError):
+        Pieces(tmp_path, {}, workers=2).made(wanted)
+
+
+def test_processes_that_cannot_begin_end_the_run(tmp_path, monkeypatch):
+    """A spawned process does not find a function of this file; it must not be waited for."""
+    monkeypatch.setitem(sys.modules, "jax", sys)
+    monkeypatch.setattr(plain, "__module__", "nowhere_to_be_found")
+    monkeypatch.setitem(sys.modules, "nowhere_to_be_found", sys.modules[__name__])
+    with pytest.raises(BrokenProcessPool):
+        Pieces(tmp_path, {}, workers=2).made({str(index): partial(plain, index) for index in range(6)})
 
 
 def test_pieces_of_other_weights_are_not_used(tmp_path, monkeypatch):
