@@ -83,6 +83,26 @@ class Pieces:
         wanted = {f"{kind}-{i:05d}": partial(_arrays, make, i, rng[i]) for i in range(number)}
         return list(self.made(wanted, kind=kind).values())
 
+    def one(self, kind: str, make: Callable[[np.random.Generator], Mapping[str, Any]], seed: int) -> Arrays:
+        """The only piece of its kind, ``make(rng)``."""
+        return self.each(kind, 1, lambda _, rng: make(rng), seed)[0]
+
+    def rows(
+        self,
+        kind: str,
+        number: int,
+        chunk: int,
+        make: Callable[[slice, np.random.Generator], Mapping[str, Any]],
+        seed: int,
+    ) -> Arrays:
+        """Arrays of `number` rows, of which ``make(rows, rng)`` makes at most `chunk` as one piece."""
+
+        def piece(index: int, rng: np.random.Generator) -> Mapping[str, Any]:
+            return make(slice(index * chunk, min((index + 1) * chunk, number)), rng)
+
+        made = self.each(kind, -(-number // chunk), piece, seed)
+        return {name: joined(made, name) for name in made[0]}
+
     def finished(self) -> dict[str, Any]:
         """All pieces that there are so far, by name."""
         names = sorted(path.stem for path in self.place.glob("*.npz"))

@@ -57,10 +57,10 @@ def rank_p(levels: Array) -> Array:
     return np.array([kstest(column, "uniform").pvalue for column in levels.T])
 
 
-def coverage(levels: Array, claimed: float, calibration: Array | None = None) -> float:
+def coverage(claimed: float, levels: Array, calibration: Array | None = None) -> float:
     """Mean over parameters of the share of truths inside central intervals.
 
-    >>> coverage(np.linspace(0.0, 1.0, 1001)[:, None], 0.5)  # of uniform levels, one half
+    >>> coverage(0.5, np.linspace(0.0, 1.0, 1001)[:, None])  # of uniform levels, one half
     0.5004995004995005
     """
     tails = np.array([(1.0 - claimed) / 2.0, (1.0 + claimed) / 2.0])
@@ -92,11 +92,13 @@ def recovery(truth: Array, median: Array) -> float:
     return float(np.mean([np.corrcoef(a, b)[0, 1] for a, b in columns]))
 
 
-def bootstrapped(statistic: Any, *arrays: Array, rng: np.random.Generator, together: bool = False) -> float:
-    """Standard error of a statistic of arrays of rows drawn again, the same ones if `together`."""
+def bootstrapped(
+    statistic: Any, *arrays: Array, rng: np.random.Generator, together: bool = False
+) -> tuple[float, float]:
+    """A statistic of arrays, and its standard error: of rows drawn again, the same ones if `together`."""
     values = []
     for _ in range(BOOTSTRAPS):
         same = rng.integers(len(arrays[0]), size=len(arrays[0]))
         picks = [same if together else rng.integers(len(a), size=len(a)) for a in arrays]
         values.append(statistic(*(a[pick] for a, pick in zip(arrays, picks, strict=True))))
-    return float(np.std(values, ddof=1))
+    return float(statistic(*arrays)), float(np.std(values, ddof=1))

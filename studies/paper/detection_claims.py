@@ -9,6 +9,7 @@ import numpy as np
 
 from gaugeblock.core.arrays import Array
 from studies.paper.grid_populations import FAMILIES, LEVELS
+from studies.paper.numbers import Numbers
 from studies.paper.registry import DETECTORS
 
 Values = dict[str, dict[str, Array]]
@@ -91,16 +92,14 @@ def on_nicer(auc: Array, epic_pn: Array, named: frozenset[str]) -> Values:
     return found
 
 
-def numbers(values: Values) -> dict[str, dict[str, float]]:
-    """Single numbers by claim and part."""
-    return {claim: {part: float(value) for part, value in parts.items()} for claim, parts in values.items()}
-
-
-def errors(replicates: Values) -> dict[str, dict[str, float]]:
-    """Standard deviations over replicates along the first axis."""
+def estimates(values: Values, replicates: Values) -> Numbers:
+    """Single numbers by claim and part, with their standard deviations over replicates of the first axis."""
     return {
-        claim: {part: float(np.std(value, axis=0, ddof=1)) for part, value in parts.items()}
-        for claim, parts in replicates.items()
+        claim: {
+            part: (float(value), float(np.std(replicates[claim][part], axis=0, ddof=1)))
+            for part, value in parts.items()
+        }
+        for claim, parts in values.items()
     }
 
 

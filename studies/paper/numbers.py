@@ -3,35 +3,44 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from studies.paper.claim import SINGLE
+from studies.paper.judge import Measured
 
-Numbers = Mapping[str, float | Mapping[str, float]]
+Number = float | tuple[float, float]
+"""A number, or one with its standard error."""
+Parts = dict[str, Number]
+Numbers = dict[str, Parts]
+"""Numbers by claim and part."""
+
+MEDIAN = 1.2533
+"""Standard error of a median of normal numbers over that of their mean."""
 
 
-def as_table(numbers: Numbers, errors: Numbers | None = None) -> xr.Dataset:
+def as_table(numbers: Mapping[str, Number | Mapping[str, Number]]) -> xr.Dataset:
     """Numbers by claim and part, one a row, with their standard errors (NaN where there are none).
 
-    >>> by_claim(as_table({"a": 1.0, "b": {"low": 2.0}}))
+    >>> by_claim(as_table({"a": (1.0, 0.1), "b": {"low": 2.0}}))
     {'a': {'value': 1.0}, 'b': {'low': 2.0}}
     """
-    rows = [(claim, part, value) for claim, found in numbers.items() for part, value in _parts(found).items()]
-    known = {claim: _parts(found) for claim, found in (errors or {}).items()}
+    rows = [
+        (claim, part, *(value if isinstance(value, tuple) else (value, np.nan)))
+        for claim, found in numbers.items()
+        for part, value in (found if isinstance(found, Mapping) else {SINGLE[0]: found}).items()
+    ]
+    claims, parts, values, errors = zip(*rows, strict=True)
     return xr.Dataset(
         {
-            "number": ("row", np.array([value for *_, value in rows], dtype=float)),
-            "standard_error": (
-                "row",
-                np.array([known.get(claim, {}).get(part, np.nan) for claim, part, _ in rows]),
-            ),
+            "number": ("row", np.array(values, dtype=float)),
+            "standard_error": ("row", np.array(errors, dtype=float)),
         },
-        coords={
-            "claim": ("row", [claim for claim, *_ in rows]),
-            "part": ("row", [part for _, part, _ in rows]),
-        },
+        coords={"claim": ("row", list(claims)), "part": ("row", list(parts))},
     )
 
 
@@ -46,5 +55,26 @@ def by_claim(table: xr.Dataset, name: str = "number") -> dict[str, dict[str, flo
     return found
 
 
-def _parts(value: float | Mapping[str, float]) -> dict[str, float]:
-    return dict(value) if isinstance(value, Mapping) else {SINGLE[0]: float(value)}
+def measurements(
+    table: xr.Dataset,
+    notes: Mapping[str, str],
+    because: Mapping[str, str] = MappingProxyType({}),
+    **said: Any,
+) -> dict[str, Measured]:
+    """What the table measures of every claim, with what is said beside it and what explains a difference.
+
+    In the texts, which are by claim, ``{PART}`` stands for a part of the claim, ``{PART error}`` for its
+    standard error, and what is `said` of all of them for itself.
+    """
+    numbers, errors = by_claim(table), by_claim(table, "standard_error")
+    found = {}
+    for claim, parts in numbers.items():
+        filled = said | parts | {f"{part} error": error for part, error in errors[claim].items()}
+        note, reason = (texts.get(claim, "").format_map(filled) for texts in (notes, because))
+        found[claim] = Measured(parts, errors[claim], note=note, because=reason)
+    return found
+
+
+def mean_of(values: NDArray[Any]) -> tuple[float, float]:
+    """Mean of ``(n,)`` and its standard error."""
+    return float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))

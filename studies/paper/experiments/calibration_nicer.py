@@ -9,11 +9,11 @@ import numpy as np
 import xarray as xr
 
 from studies.kit.resume import Arrays, Pieces, stream
-from studies.paper.calibration import DRAWS, bootstrapped, deviation, measure, rank_p
+from studies.paper.calibration import DRAWS, bootstrapped, deviation, measure
 from studies.paper.experiment import Experiment, Found, Setting
-from studies.paper.experiments.calibration_published import LEVELS, NAMES
-from studies.paper.judge import Measured, Untestable
-from studies.paper.numbers import as_table, by_claim
+from studies.paper.experiments.calibration_published import LEVELS, ranks_of
+from studies.paper.judge import Untestable
+from studies.paper.numbers import Numbers, as_table, by_claim, measurements
 from studies.paper.paper_flow.variants import SEED
 
 
@@ -29,33 +29,26 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
         return measure(flow, simulator, seed=SEED, sizes=numbers, draws=sizes["draws"], rng=rng)
 
     rng = np.random.default_rng(stream(seed, "calibration_nicer", "resampling"))
-    numbers: dict[str, dict[str, float]] = {}
-    errors: dict[str, dict[str, float]] = {}
+    numbers: Numbers = {}
     for level, found in zip(LEVELS, pieces.each("flow", len(LEVELS), piece, seed), strict=True):
-        numbers[f"cal.dev.nicer.{level}"] = {"value": float(deviation(found["test"]))}
-        errors[f"cal.dev.nicer.{level}"] = {"value": bootstrapped(deviation, found["test"], rng=rng)}
-        p_values = map(float, rank_p(found["ranks"]))
-        numbers[f"cal.sbc.nicer.{level}"] = dict(zip(NAMES, p_values, strict=True))
-    return as_table(numbers, errors)
+        numbers[f"cal.dev.nicer.{level}"] = {"value": bootstrapped(deviation, found["test"], rng=rng)}
+        numbers[f"cal.sbc.nicer.{level}"] = ranks_of(found)
+    return as_table(numbers)
 
 
 def measured(table: xr.Dataset) -> Found:
     """Deviations, and p-values of flows that are not the study's."""
-    numbers, errors = by_claim(table), by_claim(table, "standard_error")
-    found: dict[str, Measured | Untestable] = {}
-    for claim, parts in numbers.items():
-        if claim in ("cal.sbc.nicer.faint", "cal.sbc.nicer.medium"):
-            found[claim] = Untestable("nothing is claimed to hold of p-values of another flow", parts)
-        elif claim == "cal.sbc.nicer.bright":
-            least = min(parts.values())
-            because = (
-                f"another flow: ours has a smallest p of {least:.2g} and a coverage deviation of "
-                f"{numbers['cal.dev.nicer.bright']['value']:.4f}; the failure is one of training"
-            )
-            found[claim] = Measured(parts, because=because)
-        else:
-            found[claim] = Measured(parts, errors.get(claim) or None, note="our own flow")
-    return found
+    numbers = by_claim(table)
+    least, deviates = min(numbers["cal.sbc.nicer.bright"].values()), numbers["cal.dev.nicer.bright"]["value"]
+    because = {
+        "cal.sbc.nicer.bright": f"another flow: ours has a smallest p of {least:.2g} and a coverage "
+        f"deviation of {deviates:.4f}; the failure is one of training"
+    }
+    notes = {claim: "our own flow" for claim in numbers if claim not in because}
+    why = "nothing is claimed to hold of p-values of another flow"
+    p_values = ("cal.sbc.nicer.faint", "cal.sbc.nicer.medium")
+    untestable = {claim: Untestable(why, numbers[claim]) for claim in p_values}
+    return {**measurements(table, notes, because), **untestable}
 
 
 EXPERIMENT = Experiment(

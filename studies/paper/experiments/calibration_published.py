@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -21,8 +22,8 @@ from studies.paper.calibration import (
 )
 from studies.paper.calibration import LEVELS as CLAIMED
 from studies.paper.experiment import Experiment, Found, Setting
-from studies.paper.judge import Measured, Untestable
-from studies.paper.numbers import as_table, by_claim
+from studies.paper.judge import Untestable
+from studies.paper.numbers import Numbers, Parts, as_table, by_claim, measurements
 from studies.paper.paper_flow import VARIANTS, paper_flow, record_of
 from studies.paper.paper_flow.variants import SEED
 
@@ -39,8 +40,6 @@ SETTLED = 10
 ROW = "{epochs:.0f} epochs, smallest p {smallest p:.2g}, {failures:.0f} of 5 below 0.05"
 """What is said beside a row of table 2."""
 
-Table = dict[str, dict[str, float]]
-
 
 def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     """Ranks, coverage and recovery of five trainings."""
@@ -48,12 +47,12 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     parts = pieces.each("flow", len(names), lambda i, rng: flow_piece(names[i], sizes, rng), seed)
     rng = np.random.default_rng(stream(seed, "calibration", "resampling"))
     made = dict(zip(names, parts, strict=True))
-    held = [[coverage(found["test"], level) for level in CLAIMED] for found in parts]
+    held = [[coverage(level, found["test"]) for level in CLAIMED] for found in parts]
     curves = xr.Dataset(
         {"covered": (("flow", "claimed"), np.array(held))},
         coords={"flow": list(names), "claimed": list(CLAIMED)},
     )
-    return as_table(*_claims(made, rng)).merge(curves)
+    return as_table(_claims(made, rng)).merge(curves)
 
 
 def flow_piece(name: str, sizes: Mapping[str, Any], rng: np.random.Generator) -> Arrays:
@@ -68,99 +67,89 @@ def flow_piece(name: str, sizes: Mapping[str, Any], rng: np.random.Generator) ->
     return measure(flow, simulator, seed=own, sizes=numbers, draws=sizes["draws"], rng=rng)
 
 
-def row(name: str, found: Arrays, rng: np.random.Generator) -> tuple[dict[str, float], dict[str, float]]:
-    """A row of table 2 and its standard errors."""
+def row(name: str, found: Arrays, rng: np.random.Generator) -> Parts:
+    """A row of table 2."""
     p_values = rank_p(found["ranks"])
     return {
-        "dev": float(deviation(found["test"])),
+        "dev": bootstrapped(deviation, found["test"], rng=rng),
         "epochs": float(record_of(f"epic-pn-{name}")["epochs"]),
         "smallest p": float(p_values.min()),
         "failures": float((p_values < FAILS).sum()),
-    }, {"dev": bootstrapped(deviation, found["test"], rng=rng)}
+    }
 
 
-def _claims(made: Mapping[str, Arrays], rng: np.random.Generator) -> tuple[Table, Table]:
-    numbers: Table = {}
-    errors: Table = {}
-    p_values = {name: rank_p(found["ranks"]) for name, found in made.items()}
+def ranks_of(found: Arrays) -> Parts:
+    """P-values of the ranks of every parameter."""
+    return dict(zip(NAMES, map(float, rank_p(found["ranks"])), strict=True))
+
+
+def _claims(made: Mapping[str, Arrays], rng: np.random.Generator) -> Numbers:
+    numbers: Numbers = {}
     for level in LEVELS:
-        test = made[level]["test"]
-        numbers[f"cal.dev.pn.{level}"] = {"value": float(deviation(test))}
-        errors[f"cal.dev.pn.{level}"] = {"value": bootstrapped(deviation, test, rng=rng)}
-        numbers[f"cal.sbc.pn.{level}"] = dict(zip(NAMES, map(float, p_values[level]), strict=True))
+        numbers[f"cal.dev.pn.{level}"] = {"value": bootstrapped(deviation, made[level]["test"], rng=rng)}
+        numbers[f"cal.sbc.pn.{level}"] = ranks_of(made[level])
     for claim, name in (("production", "bright"), ("uncapped", UNCAPPED)):
-        numbers[f"tab2.{claim}"], errors[f"tab2.{claim}"] = row(name, made[name], rng)
+        numbers[f"tab2.{claim}"] = row(name, made[name], rng)
     record = record_of(f"epic-pn-{CUT}")
     numbers["tab2.production"] |= {
         "cut, dev": float(deviation(made[CUT]["test"])),
-        "cut, largest p": float(p_values[CUT].max()),
+        "cut, largest p": float(rank_p(made[CUT]["ranks"]).max()),
         "cut, epochs": float(record["epochs"]),
         "cut, loss": record["validation"][-1],
     }
     numbers["cal.PLnorm.p"] = {
-        part: float(p_values[name][NORM])
+        part: ranks_of(made[name])["norm"]
         for part, name in (("uncapped bright", UNCAPPED), ("medium", "medium"), ("faint", "faint"))
     }
     widths = [np.median(made[level]["width"], axis=0) for level in LEVELS]
     shrinks = all((after < before).all() for before, after in pairwise(widths))
     numbers["cal.width.monotone"] = {"value": float(shrinks)}
-    _bright(made["bright"], numbers, errors, rng)
-    return numbers, errors
+    return numbers | _bright(made["bright"], rng)
 
 
-def _bright(found: Arrays, numbers: Table, errors: Table, rng: np.random.Generator) -> None:
+def _bright(found: Arrays, rng: np.random.Generator) -> Numbers:
     """What is said of the capped flow alone: recovery, losses, and split conformal."""
     truth, median = found["truth"], found["median"]
-    numbers["cal.recovery.r"] = {"value": recovery(truth, median)}
-    errors["cal.recovery.r"] = {"value": bootstrapped(recovery, truth, median, rng=rng, together=True)}
+    numbers: Numbers = {
+        "cal.recovery.r": {"value": bootstrapped(recovery, truth, median, rng=rng, together=True)}
+    }
     test, first = found["test"], found["calibration"]
-    before, after = float(deviation(test)), float(deviation(test, first))
+    before = bootstrapped(deviation, test, rng=rng)
+    after = bootstrapped(deviation, test, first, rng=rng)
     numbers["cal.conformal.pn.bright"] = {
         "before": before,
         "after": after,
-        "after over before": after / before,
-    }
-    errors["cal.conformal.pn.bright"] = {
-        "before": bootstrapped(deviation, test, rng=rng),
-        "after": bootstrapped(deviation, test, first, rng=rng),
+        "after over before": after[0] / before[0],
     }
     for per_cent in (50, 68, 90):
-        level = per_cent / 100.0
-        claim = f"cal.cov.pn.bright.{per_cent}"
-        numbers[claim] = {"before": coverage(test, level), "after": coverage(test, level, first)}
-        errors[claim] = {
-            "before": bootstrapped(lambda a, c=level: coverage(a, c), test, rng=rng),
-            "after": bootstrapped(lambda a, b, c=level: coverage(a, c, b), test, first, rng=rng),
+        held = partial(coverage, per_cent / 100.0)
+        numbers[f"cal.cov.pn.bright.{per_cent}"] = {
+            "before": bootstrapped(held, test, rng=rng),
+            "after": bootstrapped(held, test, first, rng=rng),
         }
     record = record_of("epic-pn-bright")
+    losses: Parts = {}
     for part in ("training", "validation"):
         curve = np.array(record[part])
-        numbers.setdefault("cal.loss.pn.bright", {})[part] = float(curve[-1])
         # How much the loss of one epoch differs from that of the next: the study quotes a single one.
-        errors.setdefault("cal.loss.pn.bright", {})[part] = float(curve[-SETTLED:].std(ddof=1))
-    numbers["cal.loss.pn.bright"]["best validation"] = float(min(record["validation"]))
+        losses[part] = float(curve[-1]), float(curve[-SETTLED:].std(ddof=1))
+    return numbers | {"cal.loss.pn.bright": {**losses, "best validation": float(min(record["validation"]))}}
 
 
 def measured(table: xr.Dataset) -> Found:
     """Every claim; p-values that nothing must hold of are said without a verdict."""
-    numbers, errors = by_claim(table), by_claim(table, "standard_error")
-    found: dict[str, Measured | Untestable] = {}
+    numbers = by_claim(table)
     capped = _because(numbers["tab2.production"], numbers["cal.loss.pn.bright"])
-    for claim, parts in numbers.items():
-        if claim == "cal.PLnorm.p":
-            found[claim] = Untestable("nothing is claimed to hold of p-values of another training", parts)
-            continue
-        note = ROW if "failures" in parts else ""
-        about_the_cut = claim.startswith(("cal.cov", "cal.loss", "cal.conformal")) or claim.endswith(
-            ("pn.bright", "production")
-        )
-        found[claim] = Measured(
-            parts,
-            errors.get(claim) or None,
-            note=note.format_map(parts),
-            because=capped if about_the_cut else "",
-        )
-    return found
+    notes = {claim: ROW for claim, parts in numbers.items() if "failures" in parts}
+    because = {
+        claim: capped
+        for claim in numbers
+        if claim.startswith(("cal.cov", "cal.loss", "cal.conformal"))
+        or claim.endswith(("pn.bright", "production"))
+    }
+    why = "nothing is claimed to hold of p-values of another training"
+    p_values = {"cal.PLnorm.p": Untestable(why, numbers["cal.PLnorm.p"])}
+    return {**measurements(table, notes, because), **p_values}
 
 
 def _because(production: Mapping[str, float], loss: Mapping[str, float]) -> str:

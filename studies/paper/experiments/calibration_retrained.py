@@ -17,12 +17,10 @@ from studies.paper.experiments.calibration_published import (
     NORM,
     ROW,
     UNCAPPED,
-    Table,
     flow_piece,
     row,
 )
-from studies.paper.judge import Measured
-from studies.paper.numbers import as_table, by_claim
+from studies.paper.numbers import Numbers, as_table, by_claim, measurements
 from studies.paper.paper_flow import paper_flow
 
 SEEDS = ("bright-seed101", "bright-seed202", "bright-seed303")
@@ -36,12 +34,12 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     parts = pieces.each("flow", len(names), lambda i, rng: flow_piece(names[i], sizes, rng), seed)
     spot = pieces.each("spot", len(SPOT), lambda i, rng: _spot(i, sizes["spot"], rng), seed)
     rng = np.random.default_rng(stream(seed, "retrained", "resampling"))
-    numbers, errors = _claims(dict(zip(names, parts, strict=True)), rng)
-    for (family, _), found in zip(SPOT, spot, strict=True):
-        value = float(found["auc"])
-        numbers.setdefault("cal.spot.seed101", {})[family] = value
-        errors.setdefault("cal.spot.seed101", {})[family] = auc_error(value, sizes["spot"], sizes["spot"])
-    return as_table(numbers, errors)
+    numbers = _claims(dict(zip(names, parts, strict=True)), rng)
+    areas = {family: float(found["auc"]) for (family, _), found in zip(SPOT, spot, strict=True)}
+    numbers["cal.spot.seed101"] = {
+        family: (area, auc_error(area, sizes["spot"], sizes["spot"])) for family, area in areas.items()
+    }
+    return as_table(numbers)
 
 
 def _spot(index: int, number: int, rng: np.random.Generator) -> dict[str, Any]:
@@ -62,29 +60,22 @@ def _spot(index: int, number: int, rng: np.random.Generator) -> dict[str, Any]:
     return {"auc": auc(*scores)}
 
 
-def _claims(made: Mapping[str, Arrays], rng: np.random.Generator) -> tuple[Table, Table]:
+def _claims(made: Mapping[str, Arrays], rng: np.random.Generator) -> Numbers:
     rows = {name: row(name, found, rng) for name, found in made.items()}
-    numbers: Table = {f"tab2.re{name.removeprefix('bright-')}": rows[name][0] for name in SEEDS}
-    errors: Table = {f"tab2.re{name.removeprefix('bright-')}": rows[name][1] for name in SEEDS}
-    others = sorted((UNCAPPED, *SEEDS), key=lambda name: rows[name][0]["dev"])
-    numbers["tab2.range"] = {"min": rows[others[0]][0]["dev"], "max": rows[others[-1]][0]["dev"]}
-    errors["tab2.range"] = {"min": rows[others[0]][1]["dev"], "max": rows[others[-1]][1]["dev"]}
+    numbers: Numbers = {f"tab2.re{name.removeprefix('bright-')}": rows[name] for name in SEEDS}
+    deviations: list[Any] = sorted(rows[name]["dev"] for name in (UNCAPPED, *SEEDS))
+    numbers["tab2.range"] = {"min": deviations[0], "max": deviations[-1]}
     failing = float(sum(rank_p(found["ranks"])[NORM] < FAILS for found in made.values()))
     share = (failing + 1.0) / (len(made) + 2.0)
-    numbers["cal.PLnorm.recur"] = {"value": failing}
-    errors["cal.PLnorm.recur"] = {"value": float(np.sqrt(len(made) * share * (1.0 - share)))}
-    return numbers, errors
+    error = float(np.sqrt(len(made) * share * (1.0 - share)))
+    return numbers | {"cal.PLnorm.recur": {"value": (failing, error)}}
 
 
 def measured(table: xr.Dataset) -> Found:
     """Every claim, a row of table 2 with what else it says."""
-    numbers, errors = by_claim(table), by_claim(table, "standard_error")
-    return {
-        claim: Measured(
-            parts, errors.get(claim) or None, note=(ROW if "failures" in parts else "").format_map(parts)
-        )
-        for claim, parts in numbers.items()
-    }
+    return measurements(
+        table, {claim: ROW for claim, parts in by_claim(table).items() if "failures" in parts}
+    )
 
 
 EXPERIMENT = Experiment(

@@ -15,12 +15,11 @@ import xarray as xr
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.designs.paired import stratified_permutation
-from studies.kit.resume import Arrays, Pieces, joined, stream
+from studies.kit.resume import Arrays, Pieces, stream
 from studies.paper.calibration import deviation
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.gain_pairs import ALPHA
-from studies.paper.judge import Measured
-from studies.paper.numbers import as_table, by_claim
+from studies.paper.numbers import Number, Numbers, as_table, measurements
 
 FLOW = "shipped:epic-pn-medium-gain"
 CHUNK = 100
@@ -44,8 +43,8 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     number = sizes["calibration"] + sizes["test"]
 
     def drawn(kind: str, replication: int) -> Arrays:
-        def piece(index: int, rng: np.random.Generator) -> Arrays:
-            theta = plain.prior.sample(min(CHUNK, number - index * CHUNK), rng)
+        def piece(rows: slice, rng: np.random.Generator) -> Arrays:
+            theta = plain.prior.sample(rows.stop - rows.start, rng)
             draws = flow.sample(simulators[kind].simulate(theta, rng), sizes["draws"], rng)[..., :PARAMETERS]
             alpha = draws[..., ALPHA]
             return {
@@ -54,44 +53,35 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
                 "sd": alpha.std(axis=1),
             }
 
-        made = pieces.each(f"{kind}-{replication}", -(-number // CHUNK), piece, seed)
-        return {name: joined(made, name) for name in made[0]}
+        return pieces.rows(f"{kind}-{replication}", number, CHUNK, piece, seed)
 
     found = {kind: [drawn(kind, k) for k in range(2)] for kind in KINDS}
     rng = np.random.default_rng(stream(seed, "conformal", "resampling"))
-    return as_table(*claims_of(found, sizes["calibration"], rng))
+    return as_table(claims_of(found, sizes["calibration"], rng))
 
 
-def claims_of(
-    found: Mapping[str, list[Arrays]], calibration: int, rng: np.random.Generator
-) -> tuple[dict[str, dict[str, float]], dict[str, dict[str, float]]]:
-    """Numbers by claim and part, and their standard errors."""
-    numbers: dict[str, dict[str, float]] = {}
-    errors: dict[str, dict[str, float]] = {}
+def claims_of(found: Mapping[str, list[Arrays]], calibration: int, rng: np.random.Generator) -> Numbers:
+    """Numbers by claim and part."""
+    numbers: Numbers = {}
     changes = []
     for kind, replications in found.items():
         both = [_before_and_after(made["level"], calibration, rng) for made in replications]
         for part, (first, error), (second, _) in zip(("before", "after"), *both, strict=True):
-            numbers.setdefault(f"cf.{kind}", {})[part] = first
+            numbers.setdefault(f"cf.{kind}", {})[part] = first, error
             numbers[f"cf.{kind}"][f"{part}, again"] = second
-            errors.setdefault(f"cf.{kind}", {})[part] = error
-            changes.append((abs(second - first), np.sqrt(2.0) * error))
-    floor = _floor(calibration, len(found["clean"][0]["level"]) - calibration, rng)
-    numbers["cf.gain"] |= floor
-    numbers["cf.repl"], errors["cf.repl"] = ({"value": float(x)} for x in max(changes))
+            changes.append((float(abs(second - first)), float(np.sqrt(2.0) * error)))
+    numbers["cf.gain"] |= _floor(calibration, len(found["clean"][0]["level"]) - calibration, rng)
+    numbers["cf.repl"] = {"value": max(changes)}
     shifted, clean = (_test(found[kind], calibration) for kind in KINDS)
     sd = float(np.concatenate([shifted[1], clean[1]]).mean())
+    ratios = []
     for claim, weighted in (("cf.bias.prec", True), ("cf.bias.unw", False)):
         value, error = _difference(shifted, clean, weighted=weighted)
-        numbers[claim], errors[claim] = {"value": value, "in sd": value / sd}, {"value": error}
+        ratios.append((value / sd, error / sd))
+        numbers[claim] = {"value": (value, error), "in sd": value / sd}
     numbers["cf.bias.unw"]["p"] = _permuted(shifted, clean, rng)
-    ratios = [numbers[claim]["in sd"] for claim in ("cf.bias.prec", "cf.bias.unw")]
-    spread = [errors[claim]["value"] / sd for claim in ("cf.bias.prec", "cf.bias.unw")]
-    order = np.argsort(ratios)
-    for part, k in zip(("least", "most"), order, strict=True):
-        numbers.setdefault("cf.bias.sigma", {})[part] = float(ratios[k])
-        errors.setdefault("cf.bias.sigma", {})[part] = float(spread[k])
-    return numbers, errors
+    numbers["cf.bias.sigma"] = dict(zip(("least", "most"), sorted(ratios), strict=True))
+    return numbers
 
 
 def _before_and_after(level: Array, calibration: int, rng: np.random.Generator) -> tuple[Any, Any]:
@@ -107,7 +97,7 @@ def _before_and_after(level: Array, calibration: int, rng: np.random.Generator) 
     )
 
 
-def _floor(calibration: int, test: int, rng: np.random.Generator) -> dict[str, float]:
+def _floor(calibration: int, test: int, rng: np.random.Generator) -> dict[str, Number]:
     """What exact posteriors show, if parameters are independent: their truths lie at uniform levels."""
     level, other = (rng.random((BOOTSTRAPS, number, PARAMETERS)) for number in (test, calibration))
     return {
@@ -146,7 +136,6 @@ def _permuted(shifted: Any, clean: Any, rng: np.random.Generator) -> float:
 
 def measured(table: xr.Dataset) -> Found:
     """Deviations and biases; beside them what exact posteriors would show of as many spectra."""
-    numbers, errors = by_claim(table), by_claim(table, "standard_error")
     notes = {
         "cf.gain": "again {before, again:.4f} and {after, again:.4f}; exact posteriors show "
         "{floor before:.4f} and {floor after:.4f}",
@@ -154,10 +143,7 @@ def measured(table: xr.Dataset) -> Found:
         "cf.bias.prec": "{in sd:.3f} posterior sd",
         "cf.bias.unw": "{in sd:.3f} posterior sd; stratified permutation p {p:.3f}",
     }
-    return {
-        claim: Measured(parts, errors.get(claim) or None, note=notes.get(claim, "").format_map(parts))
-        for claim, parts in numbers.items()
-    }
+    return measurements(table, notes)
 
 
 EXPERIMENT = Experiment(

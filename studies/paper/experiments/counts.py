@@ -7,13 +7,11 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from studies.kit.resume import Pieces
 from studies.paper.experiment import Experiment, Found, Setting
-from studies.paper.judge import Measured
-from studies.paper.numbers import as_table, by_claim
+from studies.paper.numbers import as_table, measurements
 
 SEED = 20260611
 """The study's own, so that its spectra come out again."""
@@ -31,7 +29,7 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
 
     levels = published.EXPOSURES["epic-pn"]
     probes = published.theta(sizes["probes"], PROBES)
-    totals = _expected_totals(pieces, "probes", probes, levels["medium"], seed)
+    totals = _expected_totals(pieces, probes, levels["medium"], seed)
     medians = {level: np.median(totals) * seconds / levels["medium"] for level, seconds in levels.items()}
     trained = {
         level: _training_totals(pieces, level, sizes["training"], levels[level], seed) for level in levels
@@ -40,50 +38,42 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     arms = faint[: len(faint) // FAINT_ARM * FAINT_ARM].reshape(-1, FAINT_ARM)
     return as_table(
         {
-            "setup.medians": {level: float(value) for level, value in medians.items()},
-            "setup.medians.train": {level: float(np.median(values)) for level, values in trained.items()},
-            "is.faint.counts": float(np.median(arms, axis=1).mean()),
-        },
-        {
             "setup.medians": {
-                level: _median_error(totals) * value / np.median(totals) for level, value in medians.items()
+                level: (float(value), _median_error(totals) * value / np.median(totals))
+                for level, value in medians.items()
             },
-            "setup.medians.train": {level: _median_error(values) for level, values in trained.items()},
-            "is.faint.counts": float(np.median(arms, axis=1).std(ddof=1)),
-        },
+            "setup.medians.train": {
+                level: (float(np.median(values)), _median_error(values)) for level, values in trained.items()
+            },
+            "is.faint.counts": (
+                float(np.median(arms, axis=1).mean()),
+                float(np.median(arms, axis=1).std(ddof=1)),
+            ),
+        }
     )
 
 
-def _expected_totals(pieces: Pieces, kind: str, theta: Array, seconds: float, seed: int) -> Array:
-    """Expected total counts of every row, chunk by chunk."""
-    return np.concatenate(
-        [part["total"] for part in _expected(pieces, kind, theta, seconds, seed, draw=None)]
-    )
-
-
-def _training_totals(pieces: Pieces, level: str, number: int, seconds: float, seed: int) -> Array:
-    """Total counts of a training set, drawn as the study did."""
-    from gaugeblock.simulators.xray import published
-
-    theta = published.theta(number, TRAINING[level])
-    parts = _expected(pieces, f"training-{level}", theta, seconds, seed, draw=TRAINING[level])
-    return np.concatenate([part["total"] for part in parts])
-
-
-def _expected(
-    pieces: Pieces, kind: str, theta: Array, seconds: float, seed: int, *, draw: int | None
-) -> list[dict[str, NDArray[Any]]]:
+def _expected_totals(pieces: Pieces, theta: Array, seconds: float, seed: int) -> Array:
+    """Expected total counts of every row."""
     from gaugeblock.simulators.xray import reference
 
     simulator = reference().with_exposure(seconds)
-    if draw is not None:
-        # One stream for all rows: a training set is one piece.
-        return pieces.each(kind, 1, lambda i, rng: {"total": _drawn(simulator.expected(theta), draw)}, seed)  # noqa: ARG005
 
-    def make(index: int, rng: np.random.Generator) -> Mapping[str, Any]:  # noqa: ARG001
-        return {"total": simulator.expected(theta[index * CHUNK : (index + 1) * CHUNK]).sum(axis=1)}
+    def make(rows: slice, rng: np.random.Generator) -> Mapping[str, Any]:  # noqa: ARG001
+        return {"total": simulator.expected(theta[rows]).sum(axis=1)}
 
-    return pieces.each(kind, -(-len(theta) // CHUNK), make, seed)
+    return pieces.rows("probes", len(theta), CHUNK, make, seed)["total"]
+
+
+def _training_totals(pieces: Pieces, level: str, number: int, seconds: float, seed: int) -> Array:
+    """Total counts of a training set, drawn as the study did: from one stream for all rows."""
+    from gaugeblock.simulators.xray import published, reference
+
+    def make(rng: np.random.Generator) -> Mapping[str, Any]:  # noqa: ARG001
+        expected = reference().with_exposure(seconds).expected(published.theta(number, TRAINING[level]))
+        return {"total": _drawn(expected, TRAINING[level])}
+
+    return pieces.one(f"training-{level}", make, seed)["total"]
 
 
 def _drawn(expected: Array, seed: int) -> Array:
@@ -108,13 +98,8 @@ def _median_error(values: Array) -> float:
 
 def measured(table: xr.Dataset) -> Found:
     """Medians and their errors over other draws; with the study's seeds and numbers they are its own."""
-    errors = by_claim(table, "standard_error")
-    return {
-        claim: Measured(
-            parts, errors[claim], note="" if claim == "is.faint.counts" else "by the study's seeds"
-        )
-        for claim, parts in by_claim(table).items()
-    }
+    theirs = "by the study's seeds"
+    return measurements(table, {"setup.medians": theirs, "setup.medians.train": theirs})
 
 
 EXPERIMENT = Experiment(

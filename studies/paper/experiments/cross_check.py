@@ -16,10 +16,10 @@ import xarray as xr
 
 from gaugeblock.core.arrays import Array
 from studies.kit.resume import Arrays, Pieces
-from studies.paper.experiment import Experiment, Found, Setting
+from studies.paper.experiment import Experiment, Setting
 from studies.paper.experiments import cross_posteriors as posteriors
 from studies.paper.experiments.counts import SEED
-from studies.paper.experiments.cross_claims import found_of, numbers_of
+from studies.paper.experiments.cross_claims import measured, numbers_of
 from studies.paper.experiments.cross_spectra import (
     INFORMATIVE,
     LEVELS,
@@ -117,7 +117,7 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     for name, values in apart.items():
         every[name] = (("pair", "sampled")[-values.ndim :], values)
     table = xr.Dataset(every)
-    return table.merge(as_table(*numbers_of(table)))
+    return table.merge(as_table(numbers_of(table)))
 
 
 def _searched(rng: np.random.Generator) -> Mapping[str, Any]:  # noqa: ARG001
@@ -190,11 +190,6 @@ def _apart(
         "dimension": np.array([posteriors.effective_dimension(draws[:, :3]) for draws in other]),
         "dimension_flow": np.array([posteriors.effective_dimension(draws[:, :3]) for draws in flow]),
     }
-
-
-def measured(table: xr.Dataset) -> Found:
-    """Claim by claim."""
-    return found_of(table)
 
 
 EXPERIMENT = Experiment(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,52 +12,53 @@ from scipy import stats
 from gaugeblock.core.arrays import Array
 from studies.paper.experiment import Found
 from studies.paper.judge import Measured, Untestable
-from studies.paper.numbers import by_claim
+from studies.paper.numbers import Numbers, by_claim, measurements
 from studies.paper.registry import claims
-
-Parts = dict[str, Any]
 
 BOOTSTRAPS = 2000
 THREE = ("first", "second", "third")
+SAMPLED = ("i394", "i416")
 
 
-def numbers_of(table: xr.Dataset) -> tuple[Parts, Parts]:
-    """Numbers by claim and part, and their standard errors."""
-    numbers, errors = _shrinks(table)
-    for more in (_captures(table), _pulls(table), _samplers(table), _apart(table)):
-        numbers |= more[0]
-        errors |= more[1]
-    return numbers, errors
+def numbers_of(table: xr.Dataset) -> Numbers:
+    """Numbers by claim and part."""
+    return _shrinks(table) | _captures(table) | _pulls(table) | _samplers(table) | _apart(table)
+
+
+def _column(table: xr.Dataset, name: str, rows: int | slice = slice(None)) -> list[tuple[float, float]]:
+    """Some rows of a column, each with its error."""
+    pairs = zip(table[name].values[rows], table[f"{name}_error"].values[rows], strict=True)
+    return [(float(value), float(error)) for value, error in pairs]
 
 
 def _rows(table: xr.Dataset, level: str) -> NDArray[np.intp]:
     return np.flatnonzero(table["level"].values.astype(str) == level)
 
 
-def _shrinks(table: xr.Dataset) -> tuple[Parts, Parts]:
+def _shrinks(table: xr.Dataset) -> Numbers:
     medium, bright = (_rows(table, level) for level in ("medium", "bright"))
     exact, error = table["exact"].values, table["exact_error"].values
-    typical = medium[1:]
-    low, high = typical[np.argmin(exact[typical])], typical[np.argmax(exact[typical])]
-    nested, nested_error = table["shrink"].values, table["shrink_error"].values
+    every, nested = _column(table, "exact"), _column(table, "shrink")
+    typical = [every[row] for row in medium[1:]]
     published = claims()["xc.bright.shrink_NS"].parts
-    population = table["pool_bright"].values
-    ranks = {f"{name} rank": float(np.mean(population <= value)) for name, value in published.items()}
-    ends = (int(np.argmin(nested)), int(np.argmax(nested)))
+    ranks = {
+        f"{name} rank": float(np.mean(table["pool_bright"].values <= value))
+        for name, value in published.items()
+    }
     # The boundary-loaded spectrum with its shrink in the wider box: in the other it is the box's.
     free = exact.copy()
-    free[medium[0]] = float(table["boundary_shrink"])
-    spearman = float(stats.spearmanr(1.0 - free, table["information"].values).statistic)
+    free[medium[0]] = wider = float(table["boundary_shrink"])
+    information = table["information"].values
     rng = np.random.default_rng(0)
     blurred = free + error * rng.normal(size=(BOOTSTRAPS, len(free)))
-    ranked = [stats.spearmanr(1.0 - row, table["information"].values).statistic for row in blurred]
-    gap = np.abs(nested / exact[bright[: len(nested)]] - 1.0)
+    ranked = [_spearman(row, information) for row in blurred]
+    gap = np.abs(table["shrink"].values / exact[bright[: len(nested)]] - 1.0)
     return {
-        "xc.n": float(len(exact)),
-        "xc.med.shrink": {"least": float(exact[low]), "most": float(exact[high])},
+        "xc.n": {"value": float(len(exact))},
+        "xc.med.shrink": {"least": min(typical), "most": max(typical)},
         "xc.i22.shrink": {
-            "box": float(exact[medium[0]]),
-            "wider": float(table["boundary_shrink"]),
+            "box": every[medium[0]],
+            "wider": (wider, float(table["boundary_shrink_error"])),
             "reference": float(table["exact_reference"].values[medium[0]]),
             "rank": float(np.mean(table["pool_medium"].values < claims()["xc.i22.shrink"].parts["box"])),
         },
@@ -67,29 +67,22 @@ def _shrinks(table: xr.Dataset) -> tuple[Parts, Parts]:
             "value": float(table["boundary_range_wider"]),
             "box": float(table["boundary_range"]),
         },
-        "xc.bright.shrink_NS": dict(zip(THREE, map(float, nested), strict=True))
-        | ranks
-        | {"apart": float(gap.max()), "folded": _folded(table)},
-        "xc.bright.range": {"least": float(nested[ends[0]]), "most": float(nested[ends[1]])},
+        "xc.bright.shrink_NS": {
+            **dict(zip(THREE, nested, strict=True)),
+            **ranks,
+            "apart": float(gap.max()),
+            "folded": _folded(table),
+        },
+        "xc.bright.range": {"least": min(nested), "most": max(nested)},
         "xc.spearman": {
-            "value": spearman,
-            "bright": float(
-                stats.spearmanr(1.0 - exact[bright], table["information"].values[bright]).statistic
-            ),
+            "value": (_spearman(free, information), float(np.std(ranked))),
+            "bright": _spearman(exact[bright], information[bright]),
         },
-    }, {
-        "xc.med.shrink": {"least": float(error[low]), "most": float(error[high])},
-        "xc.i22.shrink": {
-            "box": float(error[medium[0]]),
-            "wider": float(table["boundary_shrink_error"]),
-        },
-        "xc.bright.shrink_NS": dict(zip(THREE, map(float, nested_error), strict=True)),
-        "xc.bright.range": {
-            "least": float(nested_error[ends[0]]),
-            "most": float(nested_error[ends[1]]),
-        },
-        "xc.spearman": {"value": float(np.std(ranked))},
     }
+
+
+def _spearman(shrink: Array, information: Array) -> float:
+    return float(stats.spearmanr(1.0 - shrink, information).statistic)
 
 
 def _folded(table: xr.Dataset) -> float:
@@ -106,36 +99,34 @@ def capture(flow: Any, exact: Any) -> Any:
     return (1.0 - flow) / (1.0 - exact)
 
 
-def _captures(table: xr.Dataset) -> tuple[Parts, Parts]:
+def _captures(table: xr.Dataset) -> Numbers:
     three = _rows(table, "bright")[: len(THREE)]
     exact, error = (table[f"exact_reference{end}"].values[three] for end in ("", "_error"))
 
-    def of(kind: str) -> tuple[Array, Array]:
+    def of(kind: str) -> list[tuple[float, float]]:
         shrink, spread = (table[f"{kind}{end}"].values[three] for end in ("", "_error"))
         value = capture(shrink, exact)
-        return value, np.hypot(spread, value * error) / (1.0 - exact)
+        return list(
+            zip(value.tolist(), (np.hypot(spread, value * error) / (1.0 - exact)).tolist(), strict=True)
+        )
 
-    (flow, flow_error), (refined, refined_error) = of("flow"), of("refined")
-    parts = ("first", "second", "third, least", "third, most")
-    rows = (0, 1, 2, 2)
+    first, second, third = of("flow")
     medium = _rows(table, "medium")[0]
     return {
-        "xc.bright.capture": {part: float(flow[k]) for part, k in zip(parts, rows, strict=True)}
-        | {f"{name} refined": float(refined[k]) for k, name in enumerate(THREE)}
-        | {"effective": float(table["refined_effective"].values[three].min())},
+        "xc.bright.capture": {
+            **{"first": first, "second": second, "third, least": third, "third, most": third},
+            **{f"{name} refined": value for name, value in zip(THREE, of("refined"), strict=True)},
+            "effective": float(table["refined_effective"].values[three].min()),
+        },
         "xc.i22.flow": {
-            "value": float(table["flow"].values[medium]),
+            "value": _column(table, "flow")[medium],
             "refined": float(table["refined"].values[medium]),
             "exact": float(table["exact_reference"].values[medium]),
         },
-    }, {
-        "xc.bright.capture": {part: float(flow_error[k]) for part, k in zip(parts, rows, strict=True)}
-        | {f"{name} refined": float(refined_error[k]) for k, name in enumerate(THREE)},
-        "xc.i22.flow": {"value": float(table["flow_error"].values[medium])},
     }
 
 
-def _pulls(table: xr.Dataset) -> tuple[Parts, Parts]:
+def _pulls(table: xr.Dataset) -> Numbers:
     """RMS |z| over parameters and spectra, and whether exact and flow differ in it."""
     exact, own, flow = (
         np.abs(table[f"z_{k}"].values) for k in ("published_linear_norm", "reference", "flow")
@@ -149,16 +140,10 @@ def _pulls(table: xr.Dataset) -> tuple[Parts, Parts]:
 
     return {
         "xc.zrms": {
-            "exact": float(rms(exact)),
-            "flow": float(rms(flow)),
-            "p": _wilcoxon(exact, flow),
+            "exact": (float(rms(exact)), float(rms(exact[again]).std())),
+            "flow": (float(rms(flow)), float(rms(flow[again]).std())),
+            "p": (_wilcoxon(exact, flow), float(p.std())),
             "reference": float(rms(own)),
-        }
-    }, {
-        "xc.zrms": {
-            "exact": float(rms(exact[again]).std()),
-            "flow": float(rms(flow[again]).std()),
-            "p": float(p.std()),
         }
     }
 
@@ -167,57 +152,42 @@ def _wilcoxon(first: Array, second: Array) -> float:
     return float(stats.wilcoxon(first.ravel(), second.ravel()).pvalue)
 
 
-def _samplers(table: xr.Dataset) -> tuple[Parts, Parts]:
+def _samplers(table: xr.Dataset) -> Numbers:
     """NUTS against UltraNest on the second and the first of the three, and against itself."""
     nested, nested_error = (table[name].values[[1, 0]] for name in ("shrink", "shrink_error"))
     chain, error = table["nuts_shrink"].values, table["nuts_shrink_error"].values
-    first = np.abs(chain[0] / nested - 1.0)
+    first = np.abs(chain[0] / nested - 1.0).tolist()
+    spread = (np.hypot(error[0], nested_error) / nested).tolist()
     again = np.abs(chain[1] / chain[0] - 1.0)
     most = int(np.argmax(again))
-    spread = np.hypot(error[0], nested_error) / nested
     return {
-        "xc.sampler": {"i394": float(first[0]), "i416": float(first[1])},
-        "xc.sampler.steps": {"value": float(again[most]), "other": float(again[1 - most])},
-    }, {
-        "xc.sampler": {"i394": float(spread[0]), "i416": float(spread[1])},
-        "xc.sampler.steps": {"value": float(np.hypot(*error[:, most]) / chain[0, most])},
+        "xc.sampler": dict(zip(SAMPLED, zip(first, spread, strict=True), strict=True)),
+        "xc.sampler.steps": {
+            "value": (float(again[most]), float(np.hypot(*error[:, most]) / chain[0, most])),
+            "other": float(again[1 - most]),
+        },
     }
 
 
-def _apart(table: xr.Dataset) -> tuple[Parts, Parts]:
-    own, other, priors = table["accuracy"].values
-    gain, gain_other = table["gain_accuracy"].values[:2]
-    order = np.argsort(gain)
+def _apart(table: xr.Dataset) -> Numbers:
+    _, other, priors = table["accuracy"].values
     overlap = table["overlap"].values
+    least, most = sorted(_column(table, "gain_accuracy", 0))
     return {
         "xc.c2st": {
-            "i394": float(own[0]),
-            "i416": float(own[1]),
+            **dict(zip(SAMPLED, _column(table, "accuracy", 0), strict=True)),
             "other": float(other.max()),
             "priors": float(priors.max()),
         },
-        "xc.c2st.g": {
-            "least": float(gain[order[0]]),
-            "most": float(gain[order[1]]),
-            "other": float(gain_other.max()),
-        },
+        "xc.c2st.g": {"least": least, "most": most, "other": float(table["gain_accuracy"].values[1].max())},
         "xc.i394.iou": {
-            "overlap": float(overlap[0, 0]),
-            "dimension": float(table["dimension"].values[0]),
+            # Of 4,000 draws each: quantiles to 2 per cent of an interval, correlations to 0.01.
+            "overlap": (float(overlap[0, 0]), 0.02),
+            "dimension": (float(table["dimension"].values[0]), 0.01),
             "flow": float(table["dimension_flow"].values[0]),
             "other": float(overlap[1, 0]),
             "priors": float(overlap[2, 0]),
         },
-    }, {
-        "xc.c2st": {
-            name: float(table["accuracy_error"].values[0, k]) for k, name in enumerate(("i394", "i416"))
-        },
-        "xc.c2st.g": {
-            name: float(table["gain_accuracy_error"].values[0, k])
-            for name, k in zip(("least", "most"), order, strict=True)
-        },
-        # Of 4,000 draws each: quantiles to 2 per cent of an interval, correlations to 0.01.
-        "xc.i394.iou": {"overlap": 0.02, "dimension": 0.01},
     }
 
 
@@ -260,21 +230,15 @@ CHOSEN = ("xc.i22.shrink", "xc.bright.shrink_NS", "xc.bright.range")
 """Claims about spectra that are told by their shrink alone."""
 
 
-def found_of(table: xr.Dataset) -> Found:
+def measured(table: xr.Dataset) -> Found:
     """Claim by claim, with notes and reasons."""
-    numbers, errors = by_claim(table), by_claim(table, "standard_error")
-    common = {"spectra": table.sizes["spectrum"], "pool": table.sizes["pool_of_medium"]}
-    found: dict[str, Measured | Untestable] = {"xc.i416.counts": _of_i416(table)}
-    for claim, parts in numbers.items():
-        said: Mapping[str, Any] = {**parts, **common}
-        found[claim] = Measured(
-            parts,
-            errors.get(claim) or None,
-            note=NOTES.get(claim, "").format_map(said),
-            because=BECAUSE.get(claim, "").format_map(said),
-        )
-    if common["pool"] < FEWEST:
-        why = f"a pool of {common['pool']} spectra holds none like the study's"
+    spectra, pool = table.sizes["spectrum"], table.sizes["pool_of_medium"]
+    found: dict[str, Measured | Untestable] = {
+        "xc.i416.counts": _of_i416(table),
+        **measurements(table, NOTES, BECAUSE, spectra=spectra, pool=pool),
+    }
+    if pool < FEWEST:
+        numbers, why = by_claim(table), f"a pool of {pool} spectra holds none like the study's"
         found |= {claim: Untestable(why, numbers[claim]) for claim in CHOSEN}
     return found
 

@@ -17,14 +17,13 @@ from numpy.typing import NDArray
 from gaugeblock.validate.detectors import null_of_best
 from studies.kit.resume import Pieces, joined, stream
 from studies.paper.claim import SINGLE
-from studies.paper.detection_claims import CLEAN_SCORES, cells, errors, numbers, on_epic_pn
+from studies.paper.detection_claims import CLEAN_SCORES, cells, estimates, on_epic_pn
 from studies.paper.detection_grid import as_dataset, clean_of, levels_of, misplaced, scored
 from studies.paper.detection_level import SHIFT, STRENGTHS, DetectionLevel
 from studies.paper.detectors import DRAWS
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.grid_populations import FAMILIES, LEVELS, is_kept
-from studies.paper.judge import Measured
-from studies.paper.numbers import as_table, by_claim
+from studies.paper.numbers import as_table, by_claim, measurements
 from studies.paper.registry import DETECTORS, SUSPICIOUS, claims
 
 RESPONSE = "epic-pn"
@@ -56,7 +55,7 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     rng = np.random.default_rng(stream(seed, "detection", "replicates"))
     replicates = grid.replicates(rng)
     chance = null_of_best(sizes["clean"], sizes["suspicious"], detectors=2, strengths=4, rng=rng)
-    table = as_table(numbers(on_epic_pn(grid.auc)), errors(on_epic_pn(replicates)))
+    table = as_table(estimates(on_epic_pn(grid.auc), on_epic_pn(replicates)))
     moved = misplaced(RESPONSE, {CAPPED: levels[CAPPED]}, pieces, seed)
     whole = as_dataset({RESPONSE: grid}, {RESPONSE: replicates})
     return (
@@ -82,13 +81,10 @@ def _far(levels: Mapping[str, DetectionLevel], number: int, pieces: Pieces, seed
 
 def measured(table: xr.Dataset) -> Found:
     """Cell by cell, then what is said of many; beside D2 and D3 what other draws of a cell give."""
-    found, known = by_claim(table), by_claim(table, "standard_error")
+    found = by_claim(table)
     notes = _of_cells(table) | _of_best(table, found)
     because = _by_its_embedding(table) | _by_another_flow(table, found) | {FAR: _why_far(table)}
-    return {
-        claim: Measured(parts, known.get(claim), note=notes.get(claim, ""), because=because.get(claim, ""))
-        for claim, parts in found.items()
-    }
+    return measurements(table, notes, because)
 
 
 def _why_far(table: xr.Dataset) -> str:

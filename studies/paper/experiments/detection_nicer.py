@@ -17,14 +17,13 @@ import xarray as xr
 
 from studies.kit.resume import Pieces, stream
 from studies.paper.claim import SINGLE
-from studies.paper.detection_claims import CLEAN_SCORES, cells, errors, numbers, on_nicer
+from studies.paper.detection_claims import CLEAN_SCORES, cells, estimates, on_nicer
 from studies.paper.detection_grid import as_dataset, levels_of, misplaced, scored
 from studies.paper.detection_level import SHIFT
 from studies.paper.detectors import DRAWS
 from studies.paper.experiment import Experiment, Found, Setting, committed
 from studies.paper.grid_populations import LEVELS
-from studies.paper.judge import Measured
-from studies.paper.numbers import as_table, by_claim
+from studies.paper.numbers import as_table, measurements
 from studies.paper.registry import DETECTORS, claims
 
 RESPONSES = ("epic-pn", "nicer")
@@ -59,18 +58,13 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     named = frozenset(claims())
     found = on_nicer(grids["nicer"].auc, grids["epic-pn"].auc, named)
     spread = on_nicer(replicates["nicer"], replicates["epic-pn"], named)
-    return as_table(numbers(found), errors(spread)).merge(as_dataset(grids, replicates)).merge(moved)
+    return as_table(estimates(found, spread)).merge(as_dataset(grids, replicates)).merge(moved)
 
 
 def measured(table: xr.Dataset) -> Found:
     """Cell by cell, then what is said of many."""
-    found, known = by_claim(table), by_claim(table, "standard_error")
-    notes = _notes(table)
     because = dict(_between_flows(table)) | dict(_other_embedding(table)) | dict(_misplaced(table))
-    return {
-        claim: Measured(parts, known.get(claim), note=notes.get(claim, ""), because=because.get(claim, ""))
-        for claim, parts in found.items()
-    }
+    return measurements(table, _notes(table), because)
 
 
 def _other_embedding(table: xr.Dataset) -> Iterator[tuple[str, str]]:

@@ -18,8 +18,8 @@ from gaugeblock.core.arrays import Array
 from studies.kit.resume import Pieces
 from studies.paper.exact import exact_posteriors
 from studies.paper.experiment import Experiment, Found, Setting
-from studies.paper.judge import Measured, Untestable
-from studies.paper.numbers import as_table, by_claim
+from studies.paper.judge import Untestable
+from studies.paper.numbers import as_table, measurements
 from studies.paper.rows import published_rows
 
 REPEATS = 2
@@ -118,7 +118,7 @@ def _numbers(table: xr.Dataset) -> xr.Dataset:
     return as_table(
         {
             "is.logZ.priorMC": {
-                "value": float(prior[worst]) if enough.any() else float("nan"),
+                "value": (float(prior[worst]) if enough.any() else float("nan"), float(spread[worst])),
                 "compared": float(enough.sum()),
                 "medium": float((level == "medium").sum()),
             },
@@ -128,26 +128,23 @@ def _numbers(table: xr.Dataset) -> xr.Dataset:
                 "sd": float(nested[free].std(ddof=1)),
                 "capped": float(np.abs(nested[~free]).max()) if (~free).any() else 0.0,
             },
-        },
-        {"is.logZ.priorMC": float(spread[worst])},
+        }
     )
 
 
 def measured(table: xr.Dataset) -> Found:
     """Largest differences; where prior draws do not suffice for a spectrum, it is left out and counted."""
-    numbers, errors = by_claim(table), by_claim(table, "standard_error")
     notes = {
         "is.logZ.priorMC": "{compared:.0f} of {medium:.0f} medium spectra, for which prior draws suffice",
         "is.logZ.ns.diff": "{compared:.0f} runs that were not cut short, sd {sd:.2f}; those cut short differ "
         "by up to {capped:.2f}",
     }
-    found: dict[str, Measured | Untestable] = {}
-    for claim, parts in numbers.items():
-        if np.isfinite(parts["value"]):
-            found[claim] = Measured(parts, errors.get(claim) or None, note=notes[claim].format_map(parts))
-        else:
-            found[claim] = Untestable("so few prior draws suffice for no spectrum")
-    return found
+    return {
+        claim: found
+        if np.isfinite(found.parts["value"])
+        else Untestable("so few prior draws suffice for no spectrum")
+        for claim, found in measurements(table, notes).items()
+    }
 
 
 EXPERIMENT = Experiment(

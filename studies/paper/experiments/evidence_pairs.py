@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.validate.designs import count_ratio_regression
-from studies.kit.resume import Arrays, Pieces, joined, stream
+from studies.kit.resume import Arrays, Pieces, stream
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.evidence import PRIOR
 from studies.paper.experiments.gain_claims import SHIFT
@@ -30,15 +30,13 @@ PUBLISHED = 12
 
 def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     """Log evidences, their errors and total counts, ``(level, design, pair, member)``."""
-    number = sizes["pairs"]
     kept: dict[str, list[Any]] = {"log_evidence": [], "error": [], "counts": []}
     for level in LEVELS:
-        make = _maker(level, number, sizes["draws"])
-        parts = pieces.each(level, -(-number // CHUNK), make, seed)
+        made = pieces.rows(level, sizes["pairs"], CHUNK, _maker(level, sizes["draws"]), seed)
         for name, rows in kept.items():
             rows.append(
                 [
-                    np.stack([joined(parts, f"{design}-{member}-{name}") for member in MEMBERS], axis=1)
+                    np.stack([made[f"{design}-{member}-{name}"] for member in MEMBERS], axis=1)
                     for design in DESIGNS
                 ]
             )
@@ -49,7 +47,7 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     )
 
 
-def _maker(level: str, number: int, draws: int) -> Any:
+def _maker(level: str, draws: int) -> Any:
     from gaugeblock.estimators.importance_refined import ImportanceRefined
     from gaugeblock.estimators.npe import load
     from gaugeblock.simulators.xray import reference
@@ -57,15 +55,15 @@ def _maker(level: str, number: int, draws: int) -> Any:
     pairs = GainPairs(level)
     refined = ImportanceRefined(load(FLOW.format(level=level)), reference(level=level, prior=PRIOR))
 
-    def make(index: int, rng: np.random.Generator) -> Arrays:
-        rows = min(CHUNK, number - index * CHUNK)
-        theta, coupled = pairs.drawn(rows, SHIFT, rng)
-        drawn = {"coupled": coupled, "seeded": pairs.seeded(theta, SHIFT, rng.integers(2**31, size=rows))}
+    def make(rows: slice, rng: np.random.Generator) -> Arrays:
+        number = rows.stop - rows.start
+        theta, coupled = pairs.drawn(number, SHIFT, rng)
+        drawn = {"coupled": coupled, "seeded": pairs.seeded(theta, SHIFT, rng.integers(2**31, size=number))}
         made: Arrays = {}
         for design, members in drawn.items():
             found = refined.weights(np.concatenate(list(members.values())), draws, rng)
             for k, (member, counts) in enumerate(members.items()):
-                mine, name = slice(k * rows, (k + 1) * rows), f"{design}-{member}"
+                mine, name = slice(k * number, (k + 1) * number), f"{design}-{member}"
                 made |= {
                     f"{name}-log_evidence": found.log_evidence[mine],
                     f"{name}-error": found.log_evidence_error[mine],

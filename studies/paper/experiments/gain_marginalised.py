@@ -7,14 +7,15 @@ reference flows, which are close to exact posteriors, and beside them exact post
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from studies.kit.resume import Arrays, Pieces, joined, stream
-from studies.paper.experiment import Experiment, Found, Setting
-from studies.paper.experiments.gain_claims import CURVE, SHIFT, STUDY, claims_of, found_of
+from studies.kit.resume import Arrays, Pieces, stream
+from studies.paper.experiment import Experiment, Setting
+from studies.paper.experiments.gain_claims import CURVE, SHIFT, STUDY, claims_of, measured
 from studies.paper.experiments.gain_pairs import KINDS, MEMBERS, GainPairs, exact_summaries, summaries
 from studies.paper.numbers import as_table
 from studies.paper.paper_flow import paper_flow
@@ -38,64 +39,47 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     }
     studied = {name: paper_flow(name) for name in STUDY.values()}
     levels = {level: GainPairs(level) for level in LEVELS}
-    pairs = sizes["pairs"]
 
-    def piece(level: str, per_cent: float, kinds: tuple[str, ...], number: int) -> Any:
-        def make(index: int, rng: np.random.Generator) -> Arrays:
-            theta, counts = levels[level].drawn(min(CHUNK, number - index * CHUNK), per_cent, rng)
-            noise = int(rng.integers(2**31))
-            made: Arrays = {"theta": theta} | {f"{member}-counts": rows for member, rows in counts.items()}
-            for kind in kinds:
-                found = summaries(flows[level, kind], counts, draws=sizes["draws"], seed=noise)
-                made |= {f"{kind}-{name}": values for name, values in found.items()}
-            return made
+    def piece(level: str, per_cent: float, kinds: tuple[str, ...]) -> Any:
+        def make(rows: slice, rng: np.random.Generator) -> Arrays:
+            theta, counts = levels[level].drawn(rows.stop - rows.start, per_cent, rng)
+            made: Arrays = {"theta": theta} | {f"{member}-counts": drawn for member, drawn in counts.items()}
+            return made | by_flows({kind: flows[level, kind] for kind in kinds}, counts, rng)
 
         return make
 
-    def exact(level: str, drawn: Arrays) -> Any:
-        def make(index: int, rng: np.random.Generator) -> Arrays:
-            rows = slice(index * FEW, min((index + 1) * FEW, sizes["exact"]))
-            counts = {member: drawn[f"{member}-counts"][rows] for member in MEMBERS}
-            found = exact_summaries(levels[level].simulator, counts, draws=EXACT, rng=rng)
-            return {f"exact-{name}": values for name, values in found.items()}
+    def by_flows(chosen: Mapping[str, Any], counts: Arrays, rng: np.random.Generator) -> Arrays:
+        noise = int(rng.integers(2**31))
+        return {
+            f"{name}-{key}": values
+            for name, flow in chosen.items()
+            for key, values in summaries(flow, counts, draws=sizes["draws"], seed=noise).items()
+        }
 
-        return make
+    def counts_of(drawn: Arrays, rows: slice) -> Arrays:
+        return {member: drawn[f"{member}-counts"][rows] for member in MEMBERS}
 
-    def study(drawn: Arrays) -> Any:
-        def make(index: int, rng: np.random.Generator) -> Arrays:
-            rows = slice(index * CHUNK, min((index + 1) * CHUNK, pairs))
-            counts = {member: drawn[f"{member}-counts"][rows] for member in MEMBERS}
-            noise = int(rng.integers(2**31))
-            return {
-                f"{name}-{key}": values
-                for name, flow in studied.items()
-                for key, values in summaries(flow, counts, draws=sizes["draws"], seed=noise).items()
-            }
+    def exact(level: str, rows: slice, rng: np.random.Generator) -> Arrays:
+        counts = counts_of(found[f"{level}-0"], rows)
+        made = exact_summaries(levels[level].simulator, counts, draws=EXACT, rng=rng)
+        return {f"exact-{name}": values for name, values in made.items()}
 
-        return make
+    def study(rows: slice, rng: np.random.Generator) -> Arrays:
+        return by_flows(studied, counts_of(found["bright-0"], rows), rng)
 
-    def made(name: str, make: Any, number: int, chunk: int = CHUNK) -> Arrays:
-        parts = pieces.each(name, -(-number // chunk), make, seed)
-        return {key: joined(parts, key) for key in parts[0]}
-
-    found = {}
+    found: dict[str, Arrays] = {}
     for level in LEVELS:
         for k in range(sizes["seeds"]):
             name = f"{level}-{k}"
-            found[name] = made(name, piece(level, SHIFT, KINDS, pairs), pairs)
-        make = exact(level, found[f"{level}-0"])
-        found[f"{level}-exact"] = made(f"{level}-exact", make, sizes["exact"], FEW)
+            found[name] = pieces.rows(name, sizes["pairs"], CHUNK, piece(level, SHIFT, KINDS), seed)
+        name = f"{level}-exact"
+        found[name] = pieces.rows(name, sizes["exact"], FEW, partial(exact, level), seed)
     for name, per_cent in CURVE.items():
-        make = piece("medium", per_cent, KINDS[:1], sizes["curve"])
-        found[f"curve {name}"] = made(f"curve-{name.replace(' ', '-')}", make, sizes["curve"])
-    found["bright-study"] = made("bright-study", study(found["bright-0"]), pairs)
+        make, kind = piece("medium", per_cent, KINDS[:1]), f"curve-{name.replace(' ', '-')}"
+        found[f"curve {name}"] = pieces.rows(kind, sizes["curve"], CHUNK, make, seed)
+    found["bright-study"] = pieces.rows("bright-study", sizes["pairs"], CHUNK, study, seed)
     rng = np.random.default_rng(stream(seed, "gain_marginalised", "resampling"))
-    return as_table(*claims_of(found, sizes["seeds"], flows["medium", "marginalised"].record, rng))
-
-
-def measured(table: xr.Dataset) -> Found:
-    """Biases and widths of our flows, and what exact posteriors say of the same."""
-    return found_of(table)
+    return as_table(claims_of(found, sizes["seeds"], flows["medium", "marginalised"].record, rng))
 
 
 EXPERIMENT = Experiment(

@@ -23,6 +23,10 @@ ALARM = 0.1
 """Share of effective draws below which the study's alarm fires."""
 
 
+Both = tuple[float, float]
+"""A number and its standard error."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Score:
     """Area under the ROC curve of one score, its bootstrap error and lower 95 per cent end, permutation p."""
@@ -32,20 +36,30 @@ class Score:
     low: float
     p: float
 
+    @property
+    def both(self) -> Both:
+        """The area with its error."""
+        return self.auc, self.error
+
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
     """Clean spectra against suspicious ones, by the effective sample size under either prior and by k-hat."""
 
     name: str
-    level: str
     amplitude: float
-    scores: tuple[Score, ...]
+    effective: Score
+    simulated: Score
+    khat: Score
+
+    @property
+    def scores(self) -> tuple[Score, ...]:
+        """In this order."""
+        return self.effective, self.simulated, self.khat
 
 
 def cell_of(
     name: str,
-    level: str,
     amplitude: float,
     clean: Arrays,
     suspicious: Arrays,
@@ -55,11 +69,11 @@ def cell_of(
 ) -> Cell:
     """A cell: few effective draws and a large k-hat are suspicious; of all draws, or of the first few."""
     prefix = FEW if few else ""
-    keys = (f"{prefix}effective", f"{prefix}effective_simulated")
-    pairs = [(-clean[key], -suspicious[key]) for key in keys]
-    pairs.append((clean[f"{prefix}khat"], suspicious[f"{prefix}khat"]))
-    scores = tuple(score_of(low, high, rng) for low, high in pairs)
-    return Cell(name=name, level=level, amplitude=amplitude, scores=scores)
+    signs = {f"{prefix}effective": -1.0, f"{prefix}effective_simulated": -1.0, f"{prefix}khat": 1.0}
+    effective, simulated, khat = (
+        score_of(sign * clean[key], sign * suspicious[key], rng) for key, sign in signs.items()
+    )
+    return Cell(name=name, amplitude=amplitude, effective=effective, simulated=simulated, khat=khat)
 
 
 def score_of(clean: Array, suspicious: Array, rng: np.random.Generator) -> Score:
@@ -73,7 +87,7 @@ def score_of(clean: Array, suspicious: Array, rng: np.random.Generator) -> Score
     )
 
 
-def median(values: Array, rng: np.random.Generator) -> tuple[float, float]:
+def median(values: Array, rng: np.random.Generator) -> Both:
     """Median of ``(n,)`` and its bootstrap error."""
     drawn = values[rng.integers(len(values), size=(BOOTSTRAPS, len(values)))]
     return float(np.median(values)), float(np.median(drawn, axis=1).std(ddof=1))
@@ -81,7 +95,7 @@ def median(values: Array, rng: np.random.Generator) -> tuple[float, float]:
 
 def summary(
     found: Mapping[str, Arrays], level: str, sets: Sequence[int], rng: np.random.Generator
-) -> dict[str, tuple[float, float]]:
+) -> dict[str, Both]:
     """Medians of a level's clean spectra, with errors; the acceptance of those with a gain too."""
     clean = {
         key: np.concatenate([found[f"{level}-clean-{k}"][key] for k in sets])
@@ -110,7 +124,7 @@ def training(clean: Arrays, lined: Arrays) -> dict[str, float]:
     }
 
 
-def pooled(populations: Sequence[Array], rng: np.random.Generator) -> tuple[float, float]:
+def pooled(populations: Sequence[Array], rng: np.random.Generator) -> Both:
     """Mean AUC of all pairs of populations, earlier ones taken as clean; error where they are one."""
 
     early, late = np.triu_indices(len(populations), 1)
@@ -131,7 +145,7 @@ def selected(
     """
     clean, suspicious = sizes
     error = null_auc_error(clean, suspicious)
-    observed = np.array([[cell.scores[0].auc for cell in cells] for cells in sets.values()])
+    observed = np.array([[cell.effective.auc for cell in cells] for cells in sets.values()])
     shape = (NULLS, *observed.shape)
     null = auc(rng.standard_normal((*shape[:2], 1, clean)), rng.standard_normal((*shape, suspicious)))
     ours, chance = _extremes(observed[None], error), _extremes(null, error)

@@ -176,7 +176,7 @@ class WeightLevel:
         return np.asarray(simulator.simulate(theta, rng), dtype=float)
 
 
-def ceiling(simulator: Any, *, number: int, draws: int, rng: np.random.Generator) -> Mapping[str, Array]:
+def ceiling(simulator: Any, draws: int, rows: slice, rng: np.random.Generator) -> Mapping[str, Array]:
     """Effective share of draws of the exact posterior under the other prior's weights, ``(spectrum,)``.
 
     No flow that learns from the simulations does better.
@@ -184,6 +184,7 @@ def ceiling(simulator: Any, *, number: int, draws: int, rng: np.random.Generator
     from gaugeblock.discovery.fitting import fit
     from gaugeblock.discovery.name.drawn_posterior import posterior_draws
 
+    number = rows.stop - rows.start
     counts = np.asarray(simulator.simulate(simulator.prior.sample(number, rng), rng), dtype=float)
     scale = np.ones(number)
     fitted = fit(simulator, counts, scale=scale, seed=int(rng.integers(2**31)))

@@ -8,6 +8,7 @@ study used, the derivative by the gain is mostly the roughness of that rule.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,11 +17,10 @@ import xarray as xr
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.coordinates import Coordinates
 from gaugeblock.validate.designs import finite_shift, predicted_shrink
-from studies.kit.resume import Pieces, joined
+from studies.kit.resume import Pieces
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.arithmetic import GAIN_PRIOR_SD, SHIFT
-from studies.paper.judge import Measured
-from studies.paper.numbers import as_table, by_claim
+from studies.paper.numbers import MEDIAN, Numbers, Parts, as_table, mean_of, measurements
 from studies.paper.registry import claims
 
 CHUNK = 100
@@ -40,33 +40,25 @@ INFORMATIVE = 0.1
 
 def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     """Per spectrum and level: bias of the photon index by each gain, and the error of the gain."""
-    parts = pieces.each("spectra", -(-sizes["spectra"] // CHUNK), _piece, seed)
-    found = {name: joined(parts, name)[: sizes["spectra"]] for name in parts[0]}
-    kept = pieces.each("invariance", 1, lambda _, rng: _invariance(sizes["invariance"], rng), seed)[0]
-    biases, screened = _biases(found), _screened(found)
-    table = as_table(
-        {
-            **biases[0],
-            **screened[0],
-            "gm.PL.invariant": {
-                "value": float(kept["power_law"][kept["alpha"] > CANCELS].max()),
-                "any": float(kept["power_law"].max()),
-                "both": float(kept["both"].max()),
-            },
-        },
-        {**biases[1], **screened[1]},
-    )
+    found = pieces.rows("spectra", sizes["spectra"], CHUNK, _spectra, seed)
+    kept = pieces.one("invariance", partial(_invariance, sizes["invariance"]), seed)
+    invariant: Parts = {
+        "value": float(kept["power_law"][kept["alpha"] > CANCELS].max()),
+        "any": float(kept["power_law"].max()),
+        "both": float(kept["both"].max()),
+    }
+    table = as_table({**_biases(found), **_screened(found), "gm.PL.invariant": invariant})
     return table.assign(
         bias=(("level", "spectrum"), found["bias_up"].T.astype(np.float32)),
         gain_error=(("level", "spectrum"), found["gain_error"].T.astype(np.float32)),
     ).assign_coords(level=list(LEVELS))
 
 
-def _piece(index: int, rng: np.random.Generator) -> Mapping[str, Any]:  # noqa: ARG001
+def _spectra(rows: slice, rng: np.random.Generator) -> Mapping[str, Any]:
     from gaugeblock.simulators.xray import reference
 
     simulator = reference(level="bright", integration="exact")
-    theta = simulator.prior.sample(CHUNK, rng)
+    theta = simulator.prior.sample(rows.stop - rows.start, rng)
     coordinates = Coordinates(simulator.prior)
     mean = simulator.expected(theta)
     slope = simulator.jacobian(theta) * coordinates.slope(coordinates.of(theta))[:, None, :]
@@ -136,48 +128,40 @@ def _invariance(number: int, rng: np.random.Generator) -> Mapping[str, Array]:
     return found
 
 
-def _biases(found: Mapping[str, Array]) -> tuple[dict[str, Any], dict[str, Any]]:
-    numbers: dict[str, Any] = {}
-    errors: dict[str, Any] = {}
-    odd: dict[str, float] = {"value": 0.0}
+def _biases(found: Mapping[str, Array]) -> Numbers:
+    numbers: Numbers = {}
+    odd: Parts = {"value": 0.0}
     for column, level in enumerate(LEVELS):
-        up, down = found["bias_up"][:, column], found["bias_down"][:, column]
-        flat = found["bias_up_flat"][:, column]
+        up, down, flat = (found[f"bias_{name}"][:, column] for name in ("up", "down", "up_flat"))
         numbers[f"gm.lin.{level}"] = {
-            "value": float(up.mean()),
+            "value": mean_of(up),
             "median": float(np.median(up)),
             "median, no prior": float(np.median(flat)),
             "mean down": float(down.mean()),
         }
-        errors[f"gm.lin.{level}"] = {"value": float(up.std(ddof=1) / np.sqrt(len(up)))}
         odd[f"asymmetry at {level}"] = float(abs(up.mean() + down.mean()) / abs(up.mean()))
     # At g = 1 shifted counts are the counts: the bias there is 0 by construction, in any fit.
-    numbers["gm.antisym"] = odd
-    return numbers, errors
+    return numbers | {"gm.antisym": odd}
 
 
-def _screened(found: Mapping[str, Array]) -> tuple[dict[str, Any], dict[str, Any]]:
+def _screened(found: Mapping[str, Array]) -> Numbers:
     bright = found["gain_error"][:, list(LEVELS).index("bright")]
     shrink = predicted_shrink(found["gain_error_prior"][:, list(LEVELS).index("medium")], GAIN_PRIOR_SD)
-    informative = bright < INFORMATIVE
     published = claims()["xc.bright.sigma_eff"].parts
     ranks = {f"{part} rank": float(np.mean(bright <= value)) for part, value in published.items()}
-    quoted = dict(published)
-    numbers = {
-        "xc.fisher": {"value": float(np.median(shrink)), "mean": float(shrink.mean())},
-        "xc.bright.sigma_eff": quoted | ranks | {"median": float(np.median(bright))},
-        "xc.bright.screen": {"value": float(informative.mean()), "strong": float(np.mean(bright < 0.05))},
-    }
-    spread = 1.2533 * float(shrink.std(ddof=1)) / np.sqrt(len(shrink))
-    return numbers, {
-        "xc.fisher": {"value": spread},
-        "xc.bright.screen": {"value": float(informative.std(ddof=1) / np.sqrt(len(informative)))},
+    mean, error = mean_of(shrink)
+    return {
+        "xc.fisher": {"value": (float(np.median(shrink)), MEDIAN * error), "mean": mean},
+        "xc.bright.sigma_eff": {**published, **ranks, "median": float(np.median(bright))},
+        "xc.bright.screen": {
+            "value": mean_of(bright < INFORMATIVE),
+            "strong": float(np.mean(bright < 0.05)),
+        },
     }
 
 
 def measured(table: xr.Dataset) -> Found:
     """Claims that expected counts alone decide."""
-    numbers, errors = by_claim(table), by_claim(table, "standard_error")
     notes = {
         **{
             f"gm.lin.{level}": "median {median:+.4f}; without a prior {median, no prior:+.4f}; "
@@ -193,15 +177,7 @@ def measured(table: xr.Dataset) -> Found:
         "of the population are below them, its median is {median:.2f}",
         "xc.bright.screen": "finite-shift error below 0.1; below 0.05 in {strong:.0%}",
     }
-    return {
-        claim: Measured(parts, errors.get(claim), note=_filled(notes.get(claim, ""), parts))
-        for claim, parts in numbers.items()
-    }
-
-
-def _filled(text: str, parts: Mapping[str, float]) -> str:
-    """A note with its numbers."""
-    return text.format_map(parts)
+    return measurements(table, notes)
 
 
 EXPERIMENT = Experiment(

@@ -20,8 +20,7 @@ from studies.kit.resume import Pieces, stream
 from studies.paper.exact import exact_posteriors
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.evidence import PRIOR
-from studies.paper.judge import Measured
-from studies.paper.numbers import as_table, by_claim
+from studies.paper.numbers import as_table, by_claim, measurements
 from studies.paper.rows import published_rows
 
 STRENGTHS = {"B1": 3e-4, "B4": 3.0}
@@ -57,14 +56,14 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     def one(index: int, rng: np.random.Generator) -> Mapping[str, Any]:
         return _run(fitted[level[index]], counts[index], sizes["live"], rng)
 
-    def exact(index: int, rng: np.random.Generator) -> Mapping[str, Any]:  # noqa: ARG001
+    def exact(rng: np.random.Generator) -> Mapping[str, Any]:
         scale = np.array([seconds[name] / seconds["bright"] for name in level])
         found = exact_posteriors(bright, counts, draws=EXACT_DRAWS, rng=rng, scale=scale)
         return {"log_evidence": found.log_evidence, "effective": found.effective}
 
     made = pieces.each("runs", len(counts), one, seed)
-    known = pieces.each("exact", 1, exact, seed)[0]
-    timed = pieces.each("flow", 1, lambda *_: _flow_seconds(counts[level == "medium"][:1]), seed)[0]
+    known = pieces.one("exact", exact, seed)
+    timed = pieces.one("flow", lambda _: _flow_seconds(counts[level == "medium"][:1]), seed)
     columns = {name: ("run", np.array([float(part[name]) for part in made])) for name in made[0]}
     table = xr.Dataset(
         {
@@ -143,26 +142,21 @@ def _numbers(table: xr.Dataset, scale: float, seed: int) -> xr.Dataset:
     floors = floor(rng.choice(pair, (BOOTSTRAPS, len(pair))))
     # Of a bootstrap of 1,000 replicates itself: what two runs do not tell.
     blur = 1.0 / np.sqrt(2000.0)
-    spread = {
-        name: float(np.hypot(read(again, axis=1).std(), blur * read(ours)))
+    sigma = {
+        name: (float(read(ours)), float(np.hypot(read(again, axis=1).std(), blur * read(ours))))
         for name, read in (("median", np.median), ("min", np.min), ("max", np.max))
     }
     value = float(floor(pair))
+    spread = float(np.hypot(floors.std(), blur * value / np.sqrt(2 * len(pair))))
     return as_table(
         {
             "tb.sigma": {
-                "median": float(np.median(ours)),
-                "min": float(ours.min()),
-                "max": float(ours.max()),
+                **sigma,
                 "runs": float(len(ours)),
                 "pull": float(np.sqrt(np.mean(_pulls(table) ** 2))),
             },
-            "tb.floor": {"value": value, "pairs": float(len(pair))},
-        },
-        {
-            "tb.sigma": spread,
-            "tb.floor": float(np.hypot(floors.std(), blur * value / np.sqrt(2 * len(pair)))),
-        },
+            "tb.floor": {"value": (value, spread), "pairs": float(len(pair))},
+        }
     )
 
 
@@ -209,7 +203,6 @@ def speed(table: xr.Dataset) -> dict[str, dict[str, float]]:
 
 def measured(table: xr.Dataset) -> Found:
     """Errors and floor; beside the first what a run costs, beside the second whether the errors are right."""
-    numbers, errors = by_claim(table), by_claim(table, "standard_error")
     costs = "; ".join(
         "{0}: {seconds:.0f} s and {calls:,.0f} calls a run, {ratio:,.0f} times the flow's 2,000 draws "
         "({rate:,.0f} calls a second; the study {published_rate:.0f}, its ratio {published_ratio:,.0f}, "
@@ -220,12 +213,9 @@ def measured(table: xr.Dataset) -> Found:
         "tb.sigma": f"{{runs:.0f}} runs; {costs}; the flow takes {1000 * float(table['flow_seconds']):.0f} "
         "ms",
         "tb.floor": "from {pairs:.0f} pairs; errors of all runs held against exact evidences: rms pull "
-        f"{numbers['tb.sigma']['pull']:.2f}",
+        f"{by_claim(table)['tb.sigma']['pull']:.2f}",
     }
-    return {
-        claim: Measured(parts, errors.get(claim), note=notes[claim].format_map(parts))
-        for claim, parts in numbers.items()
-    }
+    return measurements(table, notes)
 
 
 EXPERIMENT = Experiment(

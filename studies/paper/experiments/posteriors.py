@@ -7,18 +7,18 @@ study's own spectra where its seeds are known: the bias is then the model's, not
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from gaugeblock.core.arrays import Array
-from studies.kit.resume import Pieces, joined
+from studies.kit.resume import Pieces
 from studies.paper.exact import exact_posteriors
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.grid_populations import cell_counts, cell_seed
-from studies.paper.judge import Measured
-from studies.paper.numbers import as_table, by_claim
+from studies.paper.numbers import MEDIAN, Numbers, as_table, by_claim, mean_of, measurements
 from studies.paper.rows import published_rows
 
 FAMILY, STRENGTH = "B1", 3e-4
@@ -34,42 +34,30 @@ LEVELS = ("faint", "medium", "bright")
 
 def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     """Errors of the posterior median with and without a line, and posterior sds without."""
-    made = pieces.each("spectra", -(-sizes["line"] // CHUNK), lambda i, rng: _piece(i, sizes, rng), seed)
-    numbers: dict[str, Any] = {}
-    errors: dict[str, Any] = {}
+    made = pieces.rows("spectra", sizes["line"], CHUNK, partial(_spectra, sizes["draws"]), seed)
+    numbers: Numbers = {}
     for level in LEVELS:
-        wrong, right = (joined(made, f"{kind}-{level}-error") for kind in ("line", "clean"))
+        wrong, right = (made[f"{kind}-{level}-error"] for kind in ("line", "clean"))
         numbers[f"det.B1.dGamma.{level}"] = {
-            "mean": float(wrong.mean()),
-            "median": float(np.median(wrong)),
-            "clean": float(right.mean()),
+            "mean": mean_of(wrong),
+            "median": (float(np.median(wrong)), MEDIAN * mean_of(wrong)[1]),
+            "clean": mean_of(right),
         }
-        errors[f"det.B1.dGamma.{level}"] = {
-            "mean": _error(wrong),
-            "median": 1.2533 * _error(wrong),
-            "clean": _error(right),
-        }
-    numbers["det.B1.dGamma.bright"]["medium"] = numbers["det.B1.dGamma.medium"]["mean"]
+    numbers["det.B1.dGamma.bright"]["medium"] = mean_of(made["line-medium-error"])[0]
     for level in ("medium", "bright"):
-        width = joined(made, f"clean-{level}-sd")
-        both = dict.fromkeys(("least", "most"), float(width.mean()))
-        numbers[f"gm.sigmaGamma.{level}"] = both | {"median": float(np.median(width))}
-        errors[f"gm.sigmaGamma.{level}"] = dict.fromkeys(("least", "most"), _error(width))
-    return as_table(numbers, errors)
+        width = made[f"clean-{level}-sd"]
+        both = dict.fromkeys(("least", "most"), mean_of(width))
+        numbers[f"gm.sigmaGamma.{level}"] = {**both, "median": float(np.median(width))}
+    return as_table(numbers)
 
 
-def _error(values: Array) -> float:
-    return float(values.std(ddof=1) / np.sqrt(len(values)))
-
-
-def _piece(index: int, sizes: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Array]:
+def _spectra(draws: int, rows: slice, rng: np.random.Generator) -> dict[str, Array]:
     """Errors of the median, sd and truth of the photon index at all levels: twice as many clean spectra."""
     from gaugeblock.simulators.xray import family, published, reference
 
     bright = reference(level="bright")
     exposures = published.EXPOSURES["epic-pn"]
     lined = bright.with_effect(family(FAMILY, STRENGTH))
-    rows = slice(index * CHUNK, min((index + 1) * CHUNK, sizes["line"]))
     parts: dict[str, tuple[Array, Array]] = {}
     for level in LEVELS:
         parts[f"line-{level}"] = _line(lined.with_exposure(exposures[level]), rows)
@@ -81,7 +69,7 @@ def _piece(index: int, sizes: Mapping[str, Any], rng: np.random.Generator) -> di
         for name, (theta, _) in parts.items()
     ]
     counts = np.concatenate([drawn for _, drawn in parts.values()])
-    found = exact_posteriors(bright, counts, draws=sizes["draws"], rng=rng, scale=np.concatenate(scale))
+    found = exact_posteriors(bright, counts, draws=draws, rng=rng, scale=np.concatenate(scale))
     made: dict[str, Array] = {}
     start = 0
     for name, (theta, _) in parts.items():
@@ -105,21 +93,19 @@ def measured(table: xr.Dataset) -> Found:
     """The bias of exact posteriors; beside it what the study's truth says of whether the spectra are its."""
     from gaugeblock.simulators.xray import published
 
-    numbers, errors = by_claim(table), by_claim(table, "standard_error")
     rows = published_rows()
     # The study states the mean of its photon indices to three digits: enough to know its spectra by.
     drawn = float(published.theta(DRAWN, cell_seed(FAMILY, STRENGTH))[:, ALPHA].mean())
-    found = {}
-    for claim, parts in numbers.items():
-        note = "mean of exact posteriors; median {median:.3f}".format_map(parts)
+    notes = {}
+    for claim in by_claim(table):
+        notes[claim] = "mean of exact posteriors; median {median:.3f}"
         level = claim.rpartition(".")[2]
         if claim.startswith("det.B1"):
             here = (rows["line_level"].values.astype(str) == level) & (rows["line_norm"].values == STRENGTH)
             mine = abs(drawn - float(rows["line_alpha_truth"].values[here][0])) < 6e-4
             whose = "the study's own theta" if mine else "theta of another seed than the study's"
-            note = f"exact posteriors, {whose}; on clean spectra {parts['clean']:+.3f}"
-        found[claim] = Measured(parts, errors.get(claim), note=note)
-    return found
+            notes[claim] = f"exact posteriors, {whose}; on clean spectra {{clean:+.3f}}"
+    return measurements(table, notes)
 
 
 EXPERIMENT = Experiment(

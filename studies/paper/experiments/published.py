@@ -17,8 +17,7 @@ from studies.kit.resume import Pieces, stream
 from studies.paper.claim import SINGLE
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.arithmetic import arithmetic
-from studies.paper.judge import Measured
-from studies.paper.numbers import as_table, by_claim
+from studies.paper.numbers import as_table, by_claim, measurements
 from studies.paper.registry import claims
 from studies.paper.rows import published_rows
 
@@ -145,15 +144,13 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:  # n
 
 def measured(table: xr.Dataset) -> Found:
     """Claim by claim."""
-    found = {}
+    notes = dict(NOTES)
     for claim, parts in by_claim(table).items():
-        note = NOTES.get(claim, "")
-        if {"low", "high"} <= set(parts) and SINGLE[0] in parts:
-            note = f"95% interval {parts['low']:.0f} to {parts['high']:.0f}"
-        elif {"error", "p"} <= set(parts) and SINGLE[0] in parts:
-            note = f"± {parts['error']:.3g}, p = {parts['p']:.2g}"
-        found[claim] = Measured(parts, note=note)
-    return found
+        if {SINGLE[0], "low", "high"} <= set(parts):
+            notes[claim] = "95% interval {low:.0f} to {high:.0f}"
+        elif {SINGLE[0], "error", "p"} <= set(parts):
+            notes[claim] = "± {error:.3g}, p = {p:.2g}"
+    return measurements(table, notes)
 
 
 EXPERIMENT = Experiment(

@@ -13,8 +13,8 @@ from gaugeblock.simulators.marginals import Uniform
 from studies.kit.resume import Pieces
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.arithmetic import LINE_KEV
-from studies.paper.judge import Measured, Untestable
-from studies.paper.numbers import as_table, by_claim
+from studies.paper.judge import Untestable
+from studies.paper.numbers import as_table, measurements
 from studies.paper.registry import DETECTORS
 
 GAIN_PRIOR = Uniform(0.95, 1.05)
@@ -83,16 +83,10 @@ def _averaged(response: Any, edges: Array) -> Array:
 
 def measured(table: xr.Dataset) -> Found:
     """Fact by fact; NICER's area is that of another file and cannot be held against the published one."""
-    numbers = by_claim(table)
-    area = numbers.pop("det.nicer.area")
     notes = {"gm.prior": "sd 0.02887; the study's 200 equally spaced gains have 0.02901"}
-    found: dict[str, Measured | Untestable] = {
-        claim: Measured(parts, note=notes.get(claim, "")) for claim, parts in numbers.items()
-    }
-    found["det.nicer.area"] = Untestable(
-        "a fact of a file that is not distributed; the response at hand is another", area
-    )
-    return found
+    found = measurements(table, notes)
+    why = "a fact of a file that is not distributed; the response at hand is another"
+    return found | {"det.nicer.area": Untestable(why, found["det.nicer.area"].parts)}
 
 
 EXPERIMENT = Experiment(

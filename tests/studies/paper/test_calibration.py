@@ -12,7 +12,7 @@ RNG = np.random.default_rng(11)
 def test_uniform_levels_are_calibrated() -> None:
     levels = RNG.random((4000, 5))
     assert rank_p(levels).min() > 1e-3
-    assert coverage(levels, 0.68) == pytest.approx(0.68, abs=0.02)
+    assert coverage(0.68, levels) == pytest.approx(0.68, abs=0.02)
     # 0.0156 of 400 spectra and sqrt(10) less of ten times as many.
     assert float(deviation(levels)) == pytest.approx(0.005, abs=0.003)
 
@@ -21,8 +21,8 @@ def test_intervals_that_are_too_narrow_show_and_are_mended_by_other_spectra() ->
     narrow = 0.5 + 0.5 * np.sign(RNG.random((800, 5)) - 0.5) * RNG.random((800, 5)) ** 0.5
     first, test = narrow[:400], narrow[400:]
     assert rank_p(test).max() < 1e-3
-    assert coverage(test, 0.5) == pytest.approx(0.25, abs=0.05)
-    assert coverage(test, 0.5, first) == pytest.approx(0.5, abs=0.06)
+    assert coverage(0.5, test) == pytest.approx(0.25, abs=0.05)
+    assert coverage(0.5, test, first) == pytest.approx(0.5, abs=0.06)
     assert float(deviation(test)) > 0.1 > 0.04 > float(deviation(test, first))
 
 
@@ -34,7 +34,8 @@ def test_recovery_is_a_correlation_parameter_by_parameter() -> None:
 
 def test_bootstrap_errors_are_those_of_a_mean() -> None:
     values = RNG.normal(size=400)
-    error = bootstrapped(lambda a: float(a.mean()), values, rng=RNG)
+    mean, error = bootstrapped(lambda a: float(a.mean()), values, rng=RNG)
+    assert mean == values.mean()
     assert error == pytest.approx(1.0 / 20.0, rel=0.2)
-    both = bootstrapped(lambda a, b: float((a - b).mean()), values, values, rng=RNG, together=True)
+    _, both = bootstrapped(lambda a, b: float((a - b).mean()), values, values, rng=RNG, together=True)
     assert both < 1e-12

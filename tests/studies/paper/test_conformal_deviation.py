@@ -5,7 +5,7 @@ import pytest
 from studies.paper.calibration import LEVELS, deviation
 from studies.paper.experiments.conformal import KINDS, claims_of, measured
 from studies.paper.judge import judge
-from studies.paper.numbers import as_table
+from studies.paper.numbers import as_table, by_claim
 from studies.paper.registry import claims
 
 
@@ -46,11 +46,16 @@ def replications(rng, bias, number):
     ]
 
 
+def estimates(found, calibration, rng):
+    table = as_table(claims_of(found, calibration, rng))
+    return by_claim(table), by_claim(table, "standard_error")
+
+
 def test_a_bias_of_shifted_spectra_comes_out_with_its_error():
     rng = np.random.default_rng(2)
     found = {"gain": replications(rng, 0.1, 1000), "clean": replications(rng, 0.0, 1000)}
     assert tuple(found) == KINDS
-    numbers, errors = claims_of(found, 500, rng)
+    numbers, errors = estimates(found, 500, rng)
     for claim in ("cf.bias.prec", "cf.bias.unw"):
         error = errors[claim]["value"]
         assert numbers[claim]["value"] == pytest.approx(0.1, abs=4 * error)
@@ -63,7 +68,7 @@ def test_a_bias_of_shifted_spectra_comes_out_with_its_error():
 
 def test_what_is_said_of_every_claim():
     rng = np.random.default_rng(4)
-    table = as_table(*claims_of({kind: replications(rng, 0.0, 800) for kind in KINDS}, 400, rng))
+    table = as_table(claims_of({kind: replications(rng, 0.0, 800) for kind in KINDS}, 400, rng))
     said = measured(table)
     mine = {name: claim for name, claim in claims().items() if claim.by == "conformal"}
     assert set(said) == set(mine)
@@ -72,6 +77,6 @@ def test_what_is_said_of_every_claim():
 
 def test_no_bias_is_none():
     rng = np.random.default_rng(3)
-    numbers, errors = claims_of({kind: replications(rng, 0.0, 600) for kind in KINDS}, 300, rng)
+    numbers, errors = estimates({kind: replications(rng, 0.0, 600) for kind in KINDS}, 300, rng)
     assert abs(numbers["cf.bias.unw"]["value"]) < 3 * errors["cf.bias.unw"]["value"]
     assert numbers["cf.bias.unw"]["p"] > 0.01

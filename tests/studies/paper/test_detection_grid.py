@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from studies.paper import claims
 from studies.paper.auc_error import auc_error
-from studies.paper.detection_claims import cells, errors, numbers, on_epic_pn, on_nicer
+from studies.paper.detection_claims import cells, estimates, on_epic_pn, on_nicer
 from studies.paper.detection_grid import CELL, Grid, as_dataset
 from studies.paper.grid_populations import LEVELS, cell_counts, cell_seed, clean_counts
 from studies.paper.numbers import as_table
@@ -33,7 +33,7 @@ def test_every_claim_about_a_grid_is_read_off_it():
 
 def test_the_published_cells_give_the_published_claims():
     """So what is read off a grid is what the study read off its own."""
-    found = numbers(on_epic_pn(published("epic-pn")))
+    found = on_epic_pn(published("epic-pn"))
     for name in mine("detection"):
         claim = claims()[name]
         for part, value in claim.parts.items():
@@ -42,7 +42,7 @@ def test_the_published_cells_give_the_published_claims():
         if not name.startswith("grid."):
             assert all(rule.satisfied(claim.parts, found[name]) for rule in claim.rules), name
     auc = np.where(np.isnan(published("nicer")), 0.5, published("nicer"))
-    nicer = numbers(on_nicer(auc, published("epic-pn"), frozenset(claims())))
+    nicer = on_nicer(auc, published("epic-pn"), frozenset(claims()))
     for name in mine("detection_nicer"):
         claim = claims()[name]
         for part, value in claim.parts.items():
@@ -123,7 +123,7 @@ def test_replicates_keep_what_cells_share():
     correlation = np.corrcoef(one.T)[np.triu_indices(4, 1)].mean()
     assert correlation == pytest.approx(1 / 3, abs=0.12)
     # So the mean of 36 has the error of nine independent ones with half the variance.
-    spread = errors(on_epic_pn(replicates))["det.B4.pn36"]["mean"]
+    _, spread = estimates(on_epic_pn(replicates[0]), on_epic_pn(replicates))["det.B4.pn36"]["mean"]
     assert spread == pytest.approx(0.0354 / 3 / np.sqrt(2), rel=0.2)
 
 
@@ -159,7 +159,7 @@ def test_what_differs_on_both_responses_alike_is_the_embeddings_and_d1_never_is(
     table["misplaced"] = (("misplaced_level", "family", "strength"), np.full((3, 4, 4), 0.7))
     table["misplaced_clean"] = ("misplaced_level", np.full(3, 0.69))
     table = table.assign_coords(misplaced_level=list(LEVELS))
-    values = numbers(on_nicer(shifted["nicer"], shifted["epic-pn"], frozenset(claims())))
+    values = on_nicer(shifted["nicer"], shifted["epic-pn"], frozenset(claims()))
     found = measured(table.merge(as_table(values)))
     explained = {name for name, item in found.items() if "in this cell on EPIC-pn" in item.because}
     both = {f"grid.nicer.{level}.B1.0.0003.{detector}" for level in LEVELS for detector in ("D2", "D3")}
@@ -172,7 +172,7 @@ def test_what_differs_on_both_responses_alike_is_the_embeddings_and_d1_never_is(
         f"grid.nicer.{level}.B1.8e-05.{detector}" for level in LEVELS for detector in ("D2", "D3")
     } <= chance
     table["auc"][1, :, 0, 2] += 2.0  # beyond anything
-    values = numbers(on_nicer(table["auc"].values[1], shifted["epic-pn"], frozenset(claims())))
+    values = on_nicer(table["auc"].values[1], shifted["epic-pn"], frozenset(claims()))
     found = measured(table.merge(as_table(values)))
     assert not any("again" in found[f"grid.nicer.{level}.B1.8e-05.D2"].because for level in LEVELS)
 

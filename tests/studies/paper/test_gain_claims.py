@@ -7,7 +7,7 @@ from studies.paper.experiments.gain_claims import CURVE, STUDY, claims_of
 from studies.paper.experiments.gain_marginalised import measured
 from studies.paper.experiments.gain_pairs import GAIN_RANGE, KINDS, MEMBERS, GainPairs, summaries
 from studies.paper.judge import Agreement, judge
-from studies.paper.numbers import as_table
+from studies.paper.numbers import as_table, by_claim
 from studies.paper.registry import claims
 
 
@@ -81,11 +81,11 @@ def found():
         for name, size in zip(STUDY.values(), (0.004, 0.002), strict=True)
         for member in MEMBERS
     }
-    return claims_of(runs, 3, {"training": {"simulations": 1000}}, rng)
+    return as_table(claims_of(runs, 3, {"training": {"simulations": 1000}}, rng))
 
 
 def test_every_claim_is_measured_with_the_parts_it_needs(found):
-    numbers, _ = found
+    numbers = by_claim(found)
     needed = {name: claim for name, claim in claims().items() if claim.by == "gain_marginalised"}
     assert set(numbers) == set(needed)
     for name, claim in needed.items():
@@ -94,7 +94,7 @@ def test_every_claim_is_measured_with_the_parts_it_needs(found):
 
 
 def test_what_is_said_of_every_claim(found):
-    said = measured(as_table(*found))
+    said = measured(found)
     mine = {name: claim for name, claim in claims().items() if claim.by == "gain_marginalised"}
     assert set(said) == set(mine)
     judged = {name: judge(claim, said[name]) for name, claim in mine.items()}
@@ -108,7 +108,7 @@ def test_what_is_said_of_every_claim(found):
 
 
 def test_biases_come_out_with_their_errors(found):
-    numbers, errors = found
+    numbers, errors = by_claim(found), by_claim(found, "standard_error")
     for claim, expected in (
         ("gm.bias.fixed.medium", 0.02),
         ("gm.bias.marg.medium", 0.02),
@@ -119,7 +119,7 @@ def test_biases_come_out_with_their_errors(found):
         assert numbers[claim]["value"] == pytest.approx(expected, abs=4 * error)
     assert numbers["gm.bias.fixed.medium"]["less exact"] == 0.0
     assert numbers["gm.bias.sigma.medium"]["most"] == pytest.approx(0.02 / 0.3, abs=0.02)
-    line, error = (table["gm.bias.lin.3pc"]["value"] for table in found)
+    line, error = (table["gm.bias.lin.3pc"]["value"] for table in (numbers, errors))
     assert line == pytest.approx(0.021, abs=4 * error)
     assert error < 0.003
     assert numbers["gm.KPL.bias.fixed"]["value"] == pytest.approx(0.005)
@@ -127,7 +127,7 @@ def test_biases_come_out_with_their_errors(found):
 
 
 def test_widths_and_coverage(found):
-    numbers, errors = found
+    numbers, errors = by_claim(found), by_claim(found, "standard_error")
     assert numbers["gm.width.ratio.mean"] == {"least": pytest.approx(1.1), "most": pytest.approx(1.1)}
     assert numbers["gm.width.ratio.med90"]["most"] == pytest.approx(10.0)
     # 90 per cent, and what a tenth more holds; the bias takes little.
@@ -138,7 +138,7 @@ def test_widths_and_coverage(found):
 
 
 def test_gains_that_exclude_one_are_counted(found):
-    numbers, _ = found
+    numbers = by_claim(found)
     assert numbers["gm.g.exclude"]["value"] == 60
     assert numbers["gm.g.exclude"]["share"] == pytest.approx(60 / 3600)
     assert numbers["gm.g.exclude"]["bright"] == pytest.approx(60 / 1800)

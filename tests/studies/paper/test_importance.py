@@ -102,7 +102,7 @@ def test_few_effective_draws_and_a_large_khat_are_suspicious():
     rng = np.random.default_rng(1)
     good = {"effective": rng.random(50) + 1, "effective_simulated": rng.random(50), "khat": rng.random(50)}
     bad = {"effective": rng.random(40), "effective_simulated": rng.random(40) + 1, "khat": rng.random(40) + 1}
-    areas = [score.auc for score in cell_of("a", "medium", 0.0, good, bad, rng).scores]
+    areas = [score.auc for score in cell_of("a", 0.0, good, bad, rng).scores]
     assert areas == [1.0, 0.0, 1.0]
 
 
@@ -131,7 +131,7 @@ def test_luck_alone_elevates_a_seed_set():
 
     def cells(areas):
         score = [Score(auc=area, error=error, low=0.0, p=1.0) for area in areas]
-        return [Cell(name="", level="medium", amplitude=0.1, scores=(one,)) for one in score]
+        return [Cell(name="", amplitude=0.1, effective=one, simulated=one, khat=one) for one in score]
 
     sets = {0: cells([0.5, 0.5]), 1: cells([0.6, 0.55]), 2: cells([0.4, 0.65])}
     found = selected(sets, (150, 100), rng)
