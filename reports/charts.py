@@ -10,7 +10,7 @@ from markupsafe import Markup
 from numpy.typing import ArrayLike
 
 from gaugeblock.reports.pictures import Curve, Histogram
-from gaugeblock.reports.svg import Frame, drawing, tag
+from gaugeblock.reports.svg import Frame, tag
 from gaugeblock.reports.words import count, number, short
 from gaugeblock.validate.finding import Sense
 
@@ -30,24 +30,21 @@ def curve_with_band(curve: Curve, *, key: str, name: str, half_height: float | N
     half = half_height or half_height_of(middle, lower, upper)
     frame = Frame(x=(0.0, 1.0), y=(-half, half))
     farthest = int(np.argmax(np.abs(middle)))
+    left = f"outside its band at {count(outside, 'point')}" if outside else "inside its band everywhere"
     description = (
         f"{y_label} against {x_label}. Largest deviation {number(float(middle[farthest]), 3)} "
-        f"at {number(float(across[farthest]), 2)}; "
-        + (
-            "inside its band everywhere."
-            if not outside
-            else f"outside its band at {count(outside, 'point')}."
-        )
+        f"at {number(float(across[farthest]), 2)}; {left}."
     )
+    astray = " astray" if outside else ""
     marks = [
         frame.band(across, lower, upper),
         frame.axes(x_label, y_label),
         frame.line([0.0, 1.0], [0.0, 0.0], "zero"),
-        frame.line(across, middle, "line" if not outside else "line astray"),
+        frame.line(across, middle, f"line{astray}"),
     ]
     if curve.points:
-        marks.append(frame.dots(across, middle, "points" if not outside else "points astray"))
-    return _figure(marks, frame, key=key, title=name, description=description)
+        marks.append(frame.dots(across, middle, f"points{astray}"))
+    return frame.drawing(marks, key=key, title=name, description=description)
 
 
 def half_height_of(*curves: ArrayLike) -> float:
@@ -70,13 +67,8 @@ def histogram(picture: Histogram, *, key: str) -> Markup:
         for index, (text, value) in enumerate(picture.marks.items())
     ]
     marks = [frame.axes(x_label, "trials"), frame.bars(edges, heights), *uprights]
-    return _figure(
-        marks,
-        frame,
-        key=key,
-        title=picture.name,
-        description=f"Histogram of {x_label} over {count(len(finite), 'trial')}; median {short(middle)}.",
-    )
+    description = f"Histogram of {x_label} over {count(len(finite), 'trial')}; median {short(middle)}."
+    return frame.drawing(marks, key=key, title=picture.name, description=description)
 
 
 def scatter(
@@ -88,18 +80,16 @@ def scatter(
     x_label: str,
     y_label: str,
     x_ticks: Mapping[float, str],
-    half_height: float = 4.5,
-    limit: int = 800,
 ) -> Markup:
     """Standardised errors `y` over `x` in [0, 1], with a band of two sd and the running 16, 50, 84 per cent.
 
-    At most `limit` points are drawn, evenly chosen; the running lines use all of them.
+    At most 800 points are drawn, evenly chosen; the running lines use all of them.
     """
     across, error = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     order = np.argsort(across, kind="stable")
     across, error = across[order], error[order]
-    frame = Frame(x=(0.0, 1.0), y=(-half_height, half_height))
-    shown = np.unique(np.linspace(0, len(across) - 1, min(limit, len(across))).astype(int))
+    frame = Frame(x=(0.0, 1.0), y=(-4.5, 4.5))
+    shown = np.unique(np.linspace(0, len(across) - 1, min(800, len(across))).astype(int))
     marks = [
         frame.band([0.0, 1.0], [-2.0, -2.0], [2.0, 2.0]),
         frame.axes(x_label, y_label, x_ticks=x_ticks),
@@ -109,28 +99,13 @@ def scatter(
         groups = np.array_split(np.arange(len(across)), min(12, len(across) // 25))
         centres = np.array([across[part].mean() for part in groups])
         running = np.array([np.quantile(error[part], (0.16, 0.5, 0.84)) for part in groups])
-        marks += [
-            frame.line(centres, running[:, 0], "quantile"),
-            frame.line(centres, running[:, 2], "quantile"),
-        ]
-        marks.append(frame.line(centres, running[:, 1], "line"))
+        lines = ((0, "quantile"), (2, "quantile"), (1, "line"))
+        marks += [frame.line(centres, running[:, k], class_) for k, class_ in lines]
     beyond = float(np.mean(np.abs(error) > 2)) if len(error) else 0.0
     description = (
         f"{y_label} against {x_label} for {count(len(error), 'trial')}; {100 * beyond:.1f}% beyond two."
     )
-    return _figure(marks, frame, key=key, title=name, description=description)
-
-
-def _figure(marks: list[Markup], frame: Frame, *, key: str, title: str, description: str) -> Markup:
-    return drawing(
-        marks,
-        width=frame.width,
-        height=frame.height,
-        key=key,
-        title=title,
-        description=description,
-        class_="chart",
-    )
+    return frame.drawing(marks, key=key, title=name, description=description)
 
 
 def gate_bar(
@@ -176,15 +151,7 @@ def gate_bar(
         f"Estimate {short(statistic)}, interval {short(interval[0])} to {short(interval[1])}, "
         f"tolerance {short(tolerance)} ({sense})."
     )
-    return drawing(
-        marks,
-        width=frame.width,
-        height=frame.height,
-        key=key,
-        title=name,
-        description=description,
-        class_="bar-row",
-    )
+    return frame.drawing(marks, key=key, title=name, description=description, class_="bar-row")
 
 
 def _edge(frame: Frame, value: float) -> Markup:

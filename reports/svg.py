@@ -102,6 +102,15 @@ class Frame:
             self.height - self.bottom - np.clip(share, 0, 1) * (self.height - self.top - self.bottom)
         )
 
+    def drawing(
+        self, marks: Iterable[str], *, key: str, title: str, description: str, class_: str = "chart"
+    ) -> Markup:
+        """A whole picture of the frame's size."""
+        return drawing(
+            marks, width=self.width, height=self.height, key=key, title=title, description=description,
+            class_=class_,
+        )  # fmt: skip
+
     def axes(
         self,
         x_label: str,
@@ -130,26 +139,10 @@ class Frame:
             marks.append(tag("text", label, x=f"{shift:.1f}", y=f"{floor + 16:g}", text_anchor=edge))
         middle = (self.left + end) / 2
         marks.append(tag("path", d=f"M{self.left:g} {floor:g}H{end:g}", class_="axis"))
-        marks.append(
-            tag(
-                "text",
-                x_label,
-                x=f"{middle:g}",
-                y=f"{self.height - 5:g}",
-                text_anchor="middle",
-                class_="label",
-            )
-        )
-        across = (self.top + floor) / 2
-        marks.append(
-            tag(
-                "text",
-                y_label,
-                class_="label",
-                text_anchor="middle",
-                transform=f"translate(10 {across:g}) rotate(-90)",
-            )
-        )
+        place = {"x": f"{middle:g}", "y": f"{self.height - 5:g}"}
+        marks.append(tag("text", x_label, **place, text_anchor="middle", class_="label"))
+        turned = f"translate(10 {(self.top + floor) / 2:g}) rotate(-90)"
+        marks.append(tag("text", y_label, class_="label", text_anchor="middle", transform=turned))
         return tag("g", *marks, class_="axes")
 
     def line(self, x: ArrayLike, y: ArrayLike, class_: str = "line", *, steps: bool = False) -> Markup:

@@ -15,7 +15,7 @@ from gaugeblock.reports.discovery.chapter import Chapter, Heading, LeftOut, RowG
 from gaugeblock.reports.discovery.phrases import effect_words, finite, pick, with_unit
 from gaugeblock.reports.discovery.read import Missing, attribute, floats, group, texts
 from gaugeblock.reports.section import Panel
-from gaugeblock.reports.svg import Frame, drawing, tag
+from gaugeblock.reports.svg import Frame, tag
 from gaugeblock.reports.words import NOTHING, number, probability, short
 
 Candidate = Mapping[str, Any]
@@ -131,10 +131,8 @@ def _gain(candidate: Candidate, widest: float, index: int) -> str | Markup:
         tag("path", d=f"M{low:.1f} 7H{high:.1f}", class_="error"),
         tag("path", d=f"M{zero:.1f} 0V14", class_="axis"),
     ]  # fmt: skip
-    picture = drawing(
-        bar, width=150, height=14, key=f"gain-{index}", title=f"Gain of {candidate['effect']}",
-        description=text, class_="gain-bar",
-    )  # fmt: skip
+    title = f"Gain of {candidate['effect']}"
+    picture = frame.drawing(bar, key=f"gain-{index}", title=title, description=text, class_="gain-bar")
     return picture + tag("span", text, class_="number")
 
 
@@ -166,17 +164,9 @@ def _scans(scan: xr.Dataset, ranked: Sequence[str]) -> list[Panel]:
         best = int(np.argmax(np.abs(largest)))
         at = f"{parameter} {with_unit(float(places[best]), unit)}"
         said = f"z = {number(float(largest[best]), 1, sign=True)} at {at}"
-        panels.append(
-            Panel(
-                effect_words(name),
-                said,
-                drawing(
-                    marks, width=frame.width, height=frame.height, key=f"scan-{name}",
-                    title=f"Scan of {name}", description=f"{len(places)} values; largest {said}.",
-                    class_="chart",
-                ),
-            )
-        )  # fmt: skip
+        description = f"{len(places)} values; largest {said}."
+        picture = frame.drawing(marks, key=f"scan-{name}", title=f"Scan of {name}", description=description)
+        panels.append(Panel(effect_words(name), said, picture))
     return panels
 
 
@@ -204,10 +194,5 @@ def _likeness(likeness: xr.Dataset, ranked: Sequence[str]) -> list[Panel]:
         name="Likeness of candidates", x_label="candidate",
         description=f"Correlations of the shapes of {len(names)} candidates after projection.",
     )  # fmt: skip
-    return [
-        Panel(
-            "How alike their shapes are",
-            "correlation after projection; near ±1 no data tell them apart",
-            picture,
-        )
-    ]
+    remark = "correlation after projection; near ±1 no data tell them apart"
+    return [Panel("How alike their shapes are", remark, picture)]

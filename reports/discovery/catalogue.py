@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from markupsafe import Markup
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.reports.discovery.axes import Axis, energy_axis, log_axis
@@ -15,7 +14,7 @@ from gaugeblock.reports.discovery.chapter import Chapter, Heading, LeftOut, RowG
 from gaugeblock.reports.discovery.phrases import effect_words, finite, pick, with_unit
 from gaugeblock.reports.discovery.read import Missing, attribute, floats, group, texts
 from gaugeblock.reports.section import Panel
-from gaugeblock.reports.svg import Frame, drawing
+from gaugeblock.reports.svg import Frame
 from gaugeblock.reports.words import number, p_equals, short
 
 WIDTH, HEIGHT = 480.0, 240.0
@@ -59,13 +58,8 @@ def _claim(summary: Mapping[str, Any], data: xr.Dataset) -> tuple[RowTable, ...]
     if not rows:
         return ()
     effect = effect_words(str(data.attrs.get("effect", "the effect")))
-    return (
-        RowTable(
-            "The claim in numbers",
-            (Heading(effect.capitalize(), False), Heading("")),
-            (RowGroup("", rows),),
-        ),
-    )
+    columns = (Heading(effect.capitalize(), False), Heading(""))
+    return (RowTable("The claim in numbers", columns, (RowGroup("", rows),)),)
 
 
 def _frames(data: xr.Dataset) -> list[Panel]:
@@ -95,9 +89,8 @@ def _frames(data: xr.Dataset) -> list[Panel]:
         at = short(float(np.sqrt(low[best] * high[best])))
         text = f"largest z {number(float(z[best]), 1, sign=True)} at {at} keV"
         p = p_equals(attribute(data, f"p_{name}"))
-        made.append(
-            Panel(heading, f"{text}{', global ' + p if p else ''}", _drawn(marks, frame, name, heading, text))
-        )
+        picture = frame.drawing(marks, key=f"catalogue-{name}", title=heading, description=text)
+        made.append(Panel(heading, f"{text}{', global ' + p if p else ''}", picture))
     return made
 
 
@@ -141,15 +134,15 @@ def _growth(data: xr.Dataset, summary: Mapping[str, Any]) -> list[Panel]:
     remark += "; dashed: no effect" if neutral is not None else ""
     what = "what more sources would bring" if foreseen else "amplitude as the catalogue grows"
     heading = f"{effect.capitalize()}: {what}"
-    return [Panel(heading, remark, _drawn(marks, frame, "growth", heading, remark))]
+    picture = frame.drawing(marks, key="catalogue-growth", title=heading, description=remark)
+    return [Panel(heading, remark, picture)]
 
 
 def _influence(data: xr.Dataset) -> list[Panel]:
     if not {"source", "influence"} <= set(data.variables):
         return []
     influence = floats(data, "influence")
-    across = _across(data, len(influence))
-    axis, place = across
+    axis, place = _across(data, len(influence))
     half = 1.15 * (float(np.abs(influence).max()) or 1.0)
     frame = Frame(x=axis.range, y=(-half, half), width=WIDTH, height=HEIGHT)
     marks = [
@@ -158,8 +151,8 @@ def _influence(data: xr.Dataset) -> list[Panel]:
     ]  # fmt: skip
     best = int(np.argmax(np.abs(influence)))
     text = f"the largest, {number(float(influence[best]), 2, sign=True)}, is {texts(data, 'source')[best]}"
-    return [Panel("Influence of single sources", f"what Z changes by when one is left out; {text}",
-                  _drawn(marks, frame, "influence", "Influence", text))]  # fmt: skip
+    picture = frame.drawing(marks, key="catalogue-influence", title="Influence", description=text)
+    return [Panel("Influence of single sources", f"what Z changes by when one is left out; {text}", picture)]
 
 
 def _across(data: xr.Dataset, sources: int) -> tuple[Axis, Array]:
@@ -187,10 +180,3 @@ def _influential(data: xr.Dataset) -> tuple[RowTable, ...]:
     columns = (Heading("Source", False), *shift_column, Heading("Change of Z without it"))
     note = "A claim that rests on one source is about that source."
     return (RowTable("Sources with the most influence", columns, (RowGroup("", tuple(rows)),), note),)
-
-
-def _drawn(marks: list[Markup], frame: Frame, key: str, title: str, description: str) -> Markup:
-    return drawing(
-        marks, width=frame.width, height=frame.height, key=f"catalogue-{key}", title=title,
-        description=description, class_="chart",
-    )  # fmt: skip

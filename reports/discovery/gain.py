@@ -7,7 +7,7 @@ import xarray as xr
 from markupsafe import Markup
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.reports.svg import Frame, drawing, tag
+from gaugeblock.reports.svg import Frame, tag
 from gaugeblock.reports.words import count, short
 
 WIDTH, ROW, LEFT = 760.0, 30.0, 250.0
@@ -80,10 +80,7 @@ def gain_headline(table: xr.Dataset) -> Markup:
     seen = [f"{schemes[j]} in {cases[i]}" for i, j in np.argwhere(known & (np.abs(drawn["value"]) >= 1))]
     description = f"Seen by: {', '.join(seen) or 'none'}. {count(int(known.sum()), 'statistic')} in all."
     title = str(table.attrs.get("title", "What sees a hidden gain shift"))
-    picture = drawing(
-        marks, width=WIDTH, height=height, key="gain-headline", title=title, description=description,
-        class_="gain",
-    )  # fmt: skip
+    picture = frame.drawing(marks, key="gain-headline", title=title, description=description, class_="gain")
     # As a file of its own it needs the name space that a page does not.
     return Markup(str(picture).replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1))
 

@@ -15,7 +15,7 @@ from gaugeblock.reports.discovery.headline import MEASURE
 from gaugeblock.reports.discovery.phrases import effect_words, finite, pick
 from gaugeblock.reports.discovery.read import Missing, floats, group, texts
 from gaugeblock.reports.section import Panel
-from gaugeblock.reports.svg import Frame, drawing, tag
+from gaugeblock.reports.svg import Frame, tag
 from gaugeblock.reports.words import number, probability, short
 
 ROW = 24.0
@@ -140,10 +140,8 @@ def _rows(
             )
         )  # fmt: skip
     best = int(order[0])
-    return drawing(
-        marks, width=frame.width, height=frame.height, key=key, title=name, class_="chart",
-        description=f"{len(values)} models; best {labels[best]} with {short(float(values[best]), 4)}.",
-    )  # fmt: skip
+    description = f"{len(values)} models; best {labels[best]} with {short(float(values[best]), 4)}."
+    return frame.drawing(marks, key=key, title=name, description=description)
 
 
 def _folds(before: Array, after: Array) -> Panel:
@@ -161,11 +159,5 @@ def _folds(before: Array, after: Array) -> Panel:
     ]
     smaller = int(np.sum(after < before))
     said = f"the gap shrinks in {smaller} of {len(fold)} folds"
-    return Panel(
-        "Fold by fold",
-        f"{said}; grey before, blue after",
-        drawing(
-            marks, width=frame.width, height=frame.height, key="folds", title="Gap of every fold",
-            description=said, class_="chart",
-        ),
-    )  # fmt: skip
+    picture = frame.drawing(marks, key="folds", title="Gap of every fold", description=said)
+    return Panel("Fold by fold", f"{said}; grey before, blue after", picture)

@@ -14,7 +14,7 @@ from gaugeblock.reports.discovery.chapter import Chapter, Heading, LeftOut, RowG
 from gaugeblock.reports.discovery.phrases import energy_range, global_p, pick
 from gaugeblock.reports.discovery.read import Missing, attribute, floats, group, parts, texts
 from gaugeblock.reports.section import Panel
-from gaugeblock.reports.svg import Frame, drawing
+from gaugeblock.reports.svg import Frame
 from gaugeblock.reports.words import number, p_equals, probability
 
 WIDTH, HEIGHT = 480.0, 250.0
@@ -90,27 +90,17 @@ def _strongest(windows: xr.Dataset) -> list[Panel]:
     heading, told = "Scan over windows", "strongest z of all windows that hold a channel"
     if "scan" in windows.attrs:
         heading, told = "Mean of every number", "z of each"
+    if limit:
+        told += f"; dashed: |z| that 5% of exact models reach ({number(limit, 1)})"
     for index, name in enumerate(dict.fromkeys(segment)):
         here = (segment == name) & np.isfinite(strongest)
         if not here.any():
             continue
-        low, high, z = (
-            floats(windows, "channel_lo")[here],
-            floats(windows, "channel_hi")[here],
-            strongest[here],
-        )
-        order = np.argsort(low)
-        unit = texts(windows, "channel_unit")[int(np.flatnonzero(here)[0])]
-        panels.append(
-            Panel(
-                f"{heading}: {name}",
-                told
-                + (f"; dashed: |z| that 5% of exact models reach ({number(limit, 1)})" if limit else ""),
-                _curve(
-                    low[order], high[order], z[order], unit, limit, key=f"windows-{index}", name=str(name)
-                ),
-            )
-        )  # fmt: skip
+        here = np.flatnonzero(here)[np.argsort(floats(windows, "channel_lo")[here])]
+        low, high = (floats(windows, f"channel_{end}")[here] for end in ("lo", "hi"))
+        unit = texts(windows, "channel_unit")[here.min()]
+        picture = _curve(low, high, strongest[here], unit, limit, key=f"windows-{index}", name=str(name))
+        panels.append(Panel(f"{heading}: {name}", told, picture))
     return panels
 
 
@@ -127,7 +117,7 @@ def _curve(low: Any, high: Any, z: Any, unit: str, limit: float | None, *, key: 
     marks.append(frame.line(axis.at(np.append(low, high[-1])), np.append(z, z[-1]), "line", steps=True))
     best = int(np.argmax(np.abs(z)))
     description = f"Strongest window score {number(float(z[best]), 1, sign=True)} at {low[best]:.3g} {unit}."
-    return _drawn(marks, frame, key, f"Windows of {name}", description)
+    return frame.drawing(marks, key=key, title=f"Windows of {name}", description=description)
 
 
 def _cumulative(quantiles: xr.Dataset) -> list[Panel]:
@@ -156,18 +146,8 @@ def _cumulative(quantiles: xr.Dataset) -> list[Panel]:
             f"Cumulative excess of {part.name}, largest {number(farthest, 2, sign=True)}; "
             f"{'leaves' if astray else 'stays in'} its band."
         )
-        panels.append(
-            Panel(
-                f"Cumulative counts: {part.name}",
-                f"{p_equals(attribute(quantiles, 'p_global'))}; shaded: 95% of whole simulated curves",
-                _drawn(marks, frame, f"quantiles-{index}", f"Cumulative counts of {part.name}", description),
-            )
-        )
+        title = f"Cumulative counts of {part.name}"
+        picture = frame.drawing(marks, key=f"quantiles-{index}", title=title, description=description)
+        remark = f"{p_equals(attribute(quantiles, 'p_global'))}; shaded: 95% of whole simulated curves"
+        panels.append(Panel(f"Cumulative counts: {part.name}", remark, picture))
     return panels
-
-
-def _drawn(marks: list[Markup], frame: Frame, key: str, title: str, description: str) -> Markup:
-    return drawing(
-        marks, width=frame.width, height=frame.height, key=key, title=title, description=description,
-        class_="chart",
-    )  # fmt: skip

@@ -14,7 +14,7 @@ from gaugeblock.reports.discovery.headline import amplitudes
 from gaugeblock.reports.discovery.phrases import digits_of, effect_words, finite, pick
 from gaugeblock.reports.discovery.read import Missing, floats, group, parts
 from gaugeblock.reports.section import Panel
-from gaugeblock.reports.svg import Frame, drawing
+from gaugeblock.reports.svg import Frame
 from gaugeblock.reports.words import NOTHING, number, short
 
 
@@ -144,8 +144,8 @@ def shape_chapter(tree: xr.DataTree) -> Chapter | LeftOut:
         panels.append(
             Panel(
                 part.name, f"factor {said}; shaded: 90% at each channel",
-                drawing(marks, width=frame.width, height=frame.height, key=f"shape-{index}",
-                        title=f"Correction of {part.name}", description=f"Factor {said}.", class_="chart"),
+                frame.drawing(marks, key=f"shape-{index}", title=f"Correction of {part.name}",
+                              description=f"Factor {said}."),
             )
         )  # fmt: skip
     lead = "The smooth factor by which the model's counts would have to be multiplied to explain the data."

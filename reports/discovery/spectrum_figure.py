@@ -12,7 +12,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.reports.discovery.axes import Axis, energy_axis, log_axis
 from gaugeblock.reports.discovery.read import Stretch
 from gaugeblock.reports.discovery.rebin import Bins, binned_residual, display_bins
-from gaugeblock.reports.svg import Frame, drawing, tag
+from gaugeblock.reports.svg import Frame, tag
 from gaugeblock.reports.words import number
 
 WIDTH, HEIGHT, UPPER = 960.0, 430.0, 270.0
@@ -84,9 +84,7 @@ def spectrum_figure(
         f"{len(counts):,} channels drawn as {len(bins.start):,} points. Largest residual "
         f"{number(float(z[farthest]), 1, sign=True)} at {middle[farthest]:.3g} {part.unit}."
     )
-    return drawing(
-        marks, width=WIDTH, height=HEIGHT, key=key, title=name, description=description, class_="chart"
-    )
+    return below.drawing(marks, key=key, title=name, description=description)
 
 
 def residual_height(*z: Array) -> float:
