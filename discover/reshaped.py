@@ -1,4 +1,4 @@
-"""A simulator whose expected counts are reshaped by free combinations of given curves."""
+"""Simulators made of another: another prior, a factor, free combinations of curves."""
 
 from __future__ import annotations
 
@@ -12,6 +12,23 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.simulators.marginals import Marginal
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.protocol import HasJacobian
+
+
+class Adapted:
+    """A simulator with another prior, or its expected counts times a fixed `factor` ``(channel,)``."""
+
+    def __init__(self, simulator: Any, *, prior: Prior | None = None, factor: ArrayLike = 1.0):
+        self._simulator, self._factor = simulator, np.atleast_1d(np.asarray(factor, dtype=float))
+        self.prior = simulator.prior if prior is None else prior
+        if isinstance(simulator, HasJacobian):
+            self.jacobian = self._jacobian
+
+    def expected(self, theta: ArrayLike) -> Array:
+        """Expected counts ``(..., channel)``."""
+        return np.asarray(self._simulator.expected(theta) * self._factor)
+
+    def _jacobian(self, theta: ArrayLike) -> Array:
+        return np.asarray(self._simulator.jacobian(theta) * self._factor[:, None])
 
 
 class Reshaped:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,9 +9,8 @@ import numpy as np
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.coordinates import Coordinates
 from gaugeblock.discovery.fitting import TINY, Fit
+from gaugeblock.discovery.reshaped import Adapted
 from gaugeblock.simulators.marginals import Normal, Uniform
-from gaugeblock.simulators.prior import Prior
-from gaugeblock.simulators.protocol import HasJacobian
 
 DRAWS = 64
 """Draws about a fit over which a likelihood is averaged."""
@@ -24,38 +22,14 @@ PROPOSED = 256
 """Draws of the effect's parameters among which the fits of the extended model begin."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Free:
-    """A simulator with another prior."""
-
-    simulator: Any
-    prior: Prior
-
-    def expected(self, theta: Any) -> Array:
-        return np.asarray(self.simulator.expected(theta))
-
-
-class _FreeWithJacobian(_Free):
-    """The same, with its derivative."""
-
-    def jacobian(self, theta: Any) -> Array:
-        return np.asarray(self.simulator.jacobian(theta))
-
-
-def unpenalised(simulator: Any, names: tuple[str, ...] | None = None) -> Any:
-    """The simulator with normal priors made bounds, so that a fit maximises the likelihood alone.
-
-    Of the named parameters; without names, of all.
-    """
+def unpenalised(simulator: Any) -> Any:
+    """The simulator with normal priors made bounds, so that a fit maximises the likelihood alone."""
     changes = {
         name: Uniform(marginal.mean - REACH * marginal.sd, marginal.mean + REACH * marginal.sd)
         for name, marginal in simulator.prior.marginals.items()
-        if isinstance(marginal, Normal) and (names is None or name in names)
+        if isinstance(marginal, Normal)
     }
-    if not changes:
-        return simulator
-    kind = _FreeWithJacobian if isinstance(simulator, HasJacobian) else _Free
-    return kind(simulator, simulator.prior.replace(**changes))
+    return Adapted(simulator, prior=simulator.prior.replace(**changes)) if changes else simulator
 
 
 def extended_starts(

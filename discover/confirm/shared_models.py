@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +20,8 @@ from gaugeblock.discovery.name.shared import Shared, Term, fit_held, share
 from gaugeblock.discovery.name.shared_profile import newton, shared_parts
 from gaugeblock.discovery.name.shared_score import join
 from gaugeblock.discovery.name.unnamed import curves
+from gaugeblock.discovery.reshaped import Adapted
 from gaugeblock.discovery.sources import Sources
-from gaugeblock.simulators.protocol import HasJacobian
 
 SIZE = 0.1
 """Prior standard deviation of the log of a shared smooth correction, at each of its curves."""
@@ -135,30 +134,6 @@ def _at(
     ]
 
 
-@dataclass(frozen=True, eq=False)
-class Multiplied:
-    """A simulator whose expected counts are multiplied by a fixed factor ``(channel,)``."""
-
-    simulator: Any
-    factor: Array
-
-    def __post_init__(self) -> None:
-        if isinstance(self.simulator, HasJacobian):
-            object.__setattr__(self, "jacobian", self._jacobian)
-
-    @property
-    def prior(self) -> Any:
-        """The simulator's own."""
-        return self.simulator.prior
-
-    def expected(self, theta: Any) -> Array:
-        """Expected counts ``(..., channel)``."""
-        return np.asarray(self.simulator.expected(theta) * self.factor)
-
-    def _jacobian(self, theta: Any) -> Array:
-        return np.asarray(self.simulator.jacobian(theta) * self.factor[:, None])
-
-
 def curve_model(
     groups: Sequence[Sources], fits: Sequence[Fit], shapes: Array, size: float, kind: str
 ) -> SharedModel:
@@ -176,7 +151,7 @@ def curve_model(
         def judge(held: Rows) -> list[Fit]:
             return [
                 fit(
-                    Multiplied(group.simulator, factor),
+                    Adapted(group.simulator, factor=factor),
                     group.counts[rows],
                     scale=group.scale[rows],
                     start=found.theta[rows],

@@ -28,39 +28,25 @@ SPLITS = 10
 
 @dataclass(frozen=True, eq=False)
 class SplitRatio:
-    """E-value against the base model and ``p_value = min(1, 1 / e_value)``.
+    """E-value against the base model: the mean of e-values, one again however they depend on each other.
 
-    `log_e_values` holds the natural logs of what was averaged; `exact` says whether the e-value is one at any
-    number of counts, or only where the likelihood is close to normal.
+    `log_e_values` holds the natural logs of what is averaged.
+
+    >>> round(SplitRatio(np.log([1.0, 39.0])).p_value, 9)
+    0.05
     """
 
-    e_value: float
-    p_value: float
     log_e_values: Array
-    exact: bool
-
-    @classmethod
-    def average(cls, log_e_values: Array, *, exact: bool) -> SplitRatio:
-        """The mean of e-values, which is one again however they depend on each other.
-
-        >>> round(SplitRatio.average(np.log([1.0, 39.0]), exact=True).p_value, 9)
-        0.05
-        """
-        values = np.asarray(log_e_values, dtype=float)
-        log_mean = _log_mean(values)
-        # A ratio beyond the range of floats is still a number for whoever reads the file.
-        e_value = float(np.exp(min(log_mean, 700.0)))
-        return cls(e_value, float(np.exp(-max(log_mean, 0.0))), values, exact)
 
     @property
     def log_e_value(self) -> float:
         """Natural log of the e-value, beyond the range of floats too."""
-        return _log_mean(self.log_e_values)
+        return float(logsumexp(self.log_e_values) - np.log(len(self.log_e_values)))
 
-
-def _log_mean(values: Array) -> float:
-    """Log of the mean of exponentials."""
-    return float(logsumexp(values) - np.log(len(values)))
+    @property
+    def p_value(self) -> float:
+        """``min(1, 1 / e)``."""
+        return float(np.exp(-max(self.log_e_value, 0.0)))
 
 
 def split_likelihood_ratio(
@@ -75,14 +61,13 @@ def split_likelihood_ratio(
 
     Exact at any number of counts, as far as the maximum is found. Weak: with three shared parameters, effects
     of 5, 7 and 10 sigma reach e >= 20 in 64, 98 and 100 of 100 spectra (none without the effect). Log e is
-    about Z^2 / 4, less 0.85 for each shared parameter and 0.35 for each of the effect's; what
-    `profile_split_ratio` gives is as large without the first of these.
+    about Z^2 / 4, less 0.85 for each shared parameter and 0.35 for each of the effect's.
 
     Raises
     ------
     InputError
-        If there is more than one source (see `profile_split_ratio`), a simulator's parameters do not begin
-        with the other's, or `splits` is not positive.
+        If there is more than one source, a simulator's parameters do not begin with the other's, or `splits`
+        is not positive.
 
     References
     ----------
@@ -90,18 +75,21 @@ def split_likelihood_ratio(
     """
     if len(sources) != 1:
         raise InputError(
-            f"split likelihood ratio: made for one source, got {len(sources)}; each would "
-            "pay for a theta of its own: take profile_split_ratio"
+            f"split likelihood ratio: made for one source, got {len(sources)}; each would pay for a theta of "
+            "its own: take them one by one"
         )
-    check_extension(sources.simulator, extended_simulator)
+    names, more = tuple(sources.simulator.prior.names), tuple(extended_simulator.prior.names)
+    if more[: len(names)] != names or len(more) == len(names):
+        raise InputError(
+            f"split likelihood ratio: the extended simulator has {', '.join(more)}; it must have "
+            f"{', '.join(names)} and the effect's parameters behind them"
+        )
     if splits < 1:
         raise InputError(f"split likelihood ratio: splits must be at least 1, got {splits}")
     halves = np.concatenate([thin(sources.counts[0], 2, rng) for _ in range(splits)])
     others = halves.reshape(splits, 2, -1)[:, ::-1].reshape(halves.shape)
     scale = np.full(len(halves), 0.5 * sources.scale[0])
-    return SplitRatio.average(
-        log_split_ratio(sources.simulator, extended_simulator, halves, others, scale, rng=rng), exact=True
-    )
+    return SplitRatio(log_split_ratio(sources.simulator, extended_simulator, halves, others, scale, rng=rng))
 
 
 def log_split_ratio(
@@ -139,13 +127,3 @@ def log_split_ratio(
         fit(free, held_out, scale=scale, start=start).log_likelihood,
     )
     return np.asarray(logsumexp(numerator, axis=1) - np.log(numerator.shape[1]) - best)
-
-
-def check_extension(simulator: Any, extended_simulator: Any) -> None:
-    """Raise InputError unless the extended simulator's parameters are the other's and some behind them."""
-    names, more = tuple(simulator.prior.names), tuple(extended_simulator.prior.names)
-    if more[: len(names)] != names or len(more) == len(names):
-        raise InputError(
-            f"split likelihood ratio: the extended simulator has {', '.join(more)}; it must have "
-            f"{', '.join(names)} and the effect's parameters behind them"
-        )

@@ -36,9 +36,6 @@ class WindowScan:
         never below that of a stronger window.
     p_overall : float
         The same for the strongest window of all, whether it is listed or not.
-    p_extrapolated : float
-        As `p_overall`, beyond the simulated range by a tail that falls as ``exp(-z^2 / 2)``
-        (Gross & Vitells 2010).
     strongest : ndarray, shape (channel,)
         Of all windows that hold a channel, the score farthest from 0; NaN where nothing was scanned.
     null_maximum : ndarray, shape (replicate,)
@@ -53,7 +50,6 @@ class WindowScan:
     excess: Array
     p_global: Array
     p_overall: float
-    p_extrapolated: float
     strongest: Array
     null_maximum: Array
 
@@ -136,7 +132,6 @@ def scan_windows(
         excess=np.array([raw[a:b].sum() for a, b in rows]),
         p_global=np.array([row[3] for row in found]),
         p_overall=share_beyond(null, top),
-        p_extrapolated=extrapolated_tail(null, top),
         strongest=_strongest(first, windows, len(fitted.expected)),
         null_maximum=null,
     )
@@ -168,21 +163,6 @@ def share_beyond(null: ArrayLike, value: float) -> float:
     """
     simulated = np.asarray(null)
     return float((1 + np.sum(simulated >= value)) / (1 + len(simulated)))
-
-
-def extrapolated_tail(null: ArrayLike, z: float, *, beyond: float = 0.9) -> float:
-    """p of the largest |z|, its tail beyond a simulated quantile falling as ``exp(-z^2 / 2)``.
-
-    The number of places where a chi-squared field of one degree of freedom rises through a high level falls
-    like that (Gross & Vitells 2010); below the quantile it is the simulated p.
-    """
-    simulated = np.asarray(null, dtype=float)
-    reference = float(np.quantile(simulated, beyond))
-    if z <= reference:
-        return share_beyond(simulated, z)
-    share = max(float(np.mean(simulated >= reference)), 1.0 / (len(simulated) + 1))
-    expected_crossings = -np.log1p(-min(share, 0.999)) * np.exp(-0.5 * (z**2 - reference**2))
-    return max(float(-np.expm1(-expected_crossings)), 1e-290)
 
 
 def _sums(values: Array, windows: NDArray[np.intp]) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
-from gaugeblock.discovery.fitting import TINY, Fit
+from gaugeblock.discovery.fitting import TINY, Fit, select
 from gaugeblock.discovery.library import Candidates
 from gaugeblock.discovery.name.score import allowed, projection
 from gaugeblock.discovery.name.shapes import Templates, templates
@@ -105,12 +105,6 @@ def _pieces(
     return [(np.array(columns), np.array(others, dtype=np.int64)) for others, columns in beside.items()]
 
 
-def _rows(fit: Fit, rows: slice) -> Fit:
-    """The fits of some of the sources; the penalty is all sources'."""
-    per_source = [field.name for field in fields(fit) if field.name != "precision"]
-    return replace(fit, **{name: getattr(fit, name)[rows] for name in per_source})
-
-
 @dataclass(frozen=True, eq=False)
 class _Pass:
     found: Templates
@@ -128,7 +122,7 @@ def _pass(group: Members, terms: Sequence[Term], replicates: int, rng: np.random
     null: Any = 0.0
     for start in range(0, len(group.sources), BLOCK):
         rows = slice(start, start + BLOCK)
-        sources, part = group.sources.select(rows), _rows(group.fit, rows)
+        sources, part = group.sources.select(rows), select(group.fit, rows)
         found = templates(group.candidates, sources, part)
         beside = shared.templates(part.theta, shared.neutral, sources.scale, sources.redshift)
         beside = beside.reshape(len(sources), -1, found.values.shape[2])

@@ -10,8 +10,8 @@ from scipy.special import logsumexp
 from scipy.stats import qmc
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.fitting import TINY, Fit
-from gaugeblock.discovery.name.peak_search import peaks, rows_of, systematic
+from gaugeblock.discovery.fitting import TINY, Fit, select
+from gaugeblock.discovery.name.peak_search import peaks, systematic
 from gaugeblock.discovery.name.truncated import TruncatedGaussian
 
 BLOCK = 256
@@ -102,7 +102,7 @@ def _block(
     rng: np.random.Generator,
 ) -> tuple[Array, Array, Array]:
     likelihood = _log_likelihood_of(bank[1], counts, scale)
-    center, root = peaks(simulator, counts, scale, rows_of(fit, rows), (bank[0], likelihood), rng)
+    center, root = peaks(simulator, counts, scale, select(fit, rows), (bank[0], likelihood), rng)
     unit, log_weight = _sampled(simulator, counts, scale, (center, root), draws, rng)
     weight, log_evidence = _normalised(log_weight), logsumexp(log_weight, axis=1) - np.log(draws)
     poor = np.flatnonzero((weight**2).sum(axis=1) * POOR * draws > 1.0)

@@ -26,11 +26,6 @@ class Reach:
     standard_error: Array
     floor: Array
 
-    @property
-    def total_error(self) -> Array:
-        """Standard error and floor together, ``(number, template)``."""
-        return np.asarray(np.sqrt(self.standard_error**2 + self.floor**2))
-
 
 def reach(
     scores: SharedScores,

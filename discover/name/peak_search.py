@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -64,11 +63,6 @@ def _likely(bank: Array, likelihood: Array, rng: np.random.Generator) -> Array:
         few = weight.sum(axis=1) ** 2 < 10.0 * (weight**2).sum(axis=1)
         power[few] *= 0.6
     return np.asarray(bank[systematic(weight / weight.sum(axis=1, keepdims=True), STARTS, rng)])
-
-
-def rows_of(fit: Fit, rows: slice) -> Fit:
-    """The fits of some of the sources, for `around`."""
-    return replace(fit, theta=fit.theta[rows], expected=fit.expected[rows], jacobian=fit.jacobian[rows])
 
 
 def around(prior: Any, fit: Fit) -> tuple[Array, Array]:

@@ -11,6 +11,7 @@ import numpy as np
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.fitting import Fit, fit
+from gaugeblock.discovery.reshaped import Adapted
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.protocol import HasJacobian, Holdable
@@ -133,7 +134,8 @@ class Shared:
             return self.base
         values = np.array(phi, dtype=float)
         if self.alike:
-            return HeldWithJacobian(self, values, self.once(values))
+            # The simulator's own of that kind: much faster than folding every source.
+            return Adapted(self.once(values), prior=self.base.prior)
         # Derivatives by many shared parameters too would cost more than differences by a source's own.
         few = self.simulator.prior.size <= 2 * self.parameters
         known = few and isinstance(self.simulator, HasJacobian)
@@ -176,14 +178,10 @@ def free_parameters(term: Term) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """A simulator of the sources' own parameters, the shared amplitudes held.
-
-    `inner` is the simulator's own of that kind, where it has one: much faster than folding every source.
-    """
+    """A simulator of the sources' own parameters, the shared amplitudes held."""
 
     shared: Shared
     phi: Array
-    inner: Any = None
 
     @property
     def prior(self) -> Any:
@@ -192,8 +190,6 @@ class Held:
 
     def expected(self, theta: Any) -> Array:
         """Expected counts ``(n, channel)`` for the simulator's own exposure."""
-        if self.inner is not None:
-            return np.asarray(self.inner.expected(theta))
         return np.asarray(self.shared.simulator.expected(self._at(theta)))
 
     def _at(self, theta: Any) -> Array:
@@ -206,8 +202,6 @@ class HeldWithJacobian(Held):
 
     def jacobian(self, theta: Any) -> Array:
         """Derivative of the expected counts by a source's own parameters, ``(n, channel, parameter)``."""
-        if self.inner is not None:
-            return np.asarray(self.inner.jacobian(theta))
         return np.asarray(self.shared.simulator.jacobian(self._at(theta)))[..., : self.shared.parameters]
 
 

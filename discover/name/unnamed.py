@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -79,7 +79,8 @@ def _fitted(simulator: Any, sources: Sources, base: Fit, shape: Array, size: flo
     start = np.concatenate([base.theta, np.zeros((1, len(names)))], axis=1)
     fitted = fit(reshaped, sources.counts, scale=sources.scale, start=start)
     inner = base.theta.shape[1]
-    partial = projection(_columns(fitted, slice(0, inner)))
+    own = replace(fitted, jacobian=fitted.jacobian[..., :inner], precision=fitted.precision[:inner])
+    partial = projection(own)
     tail = partial(fitted.jacobian[:, :, inner:].swapaxes(1, 2))[0]
     information = tail @ tail.T
     values, vectors = np.linalg.eigh(information)
@@ -97,17 +98,4 @@ def _fitted(simulator: Any, sources: Sources, base: Fit, shape: Array, size: flo
         np.exp(log_factor - error),
         np.exp(log_factor + error),
         float((values / (1.0 + values)).sum()),
-    )
-
-
-def _columns(whole: Fit, part: slice) -> Fit:
-    """A fit's first parameters, the others held."""
-    return Fit(
-        whole.theta[:, part],
-        whole.expected,
-        whole.jacobian[:, :, part],
-        whole.precision[part],
-        whole.log_likelihood,
-        whole.objective,
-        whole.converged,
     )
