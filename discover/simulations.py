@@ -22,7 +22,8 @@ from gaugeblock.discovery.simulated.before import FEWEST, prepare
 from gaugeblock.discovery.simulated.extend import Extended, departure_from, extended_by, refine
 from gaugeblock.discovery.simulated.features import Summaries
 from gaugeblock.discovery.simulated.judged import gap, learned_scores, moments
-from gaugeblock.discovery.simulated.moment_fit import Budget, SimulatedFit
+from gaugeblock.discovery.simulated.moment_fit import SimulatedFit
+from gaugeblock.discovery.simulated.observed import Budget
 from gaugeblock.discovery.simulated.score_tests import LearnedTests, find
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.segments import Segment, segments
@@ -101,11 +102,11 @@ class Simulations(Engine):
             )
         self.simulator, self.replicates = simulator, replicates
         self.thresholds = replace(SIMULATIONS, most=most)
-        self._budget = Budget(simulations, int(np.random.default_rng(seed).integers(2**31)))
+        budget = Budget(simulations, int(np.random.default_rng(seed).integers(2**31)))
         self._streams = np.random.default_rng(seed).spawn(4)
         step("fitting the population of theta")
         self._before = prepare(
-            simulator, x, own=own, only=only, budget=self._budget, summaries=summaries, step=step
+            simulator, x, own=own, only=only, budget=budget, summaries=summaries, step=step
         )
         self.entries = self._before.candidates.entries
         self._left: dict[tuple[str, ...], Look] = {}
@@ -116,9 +117,7 @@ class Simulations(Engine):
 
     def _looked(self, fitted: SimulatedFit, rng: np.random.Generator) -> Look:
         before = self._before
-        found = find(
-            before.scores, fitted, before.features, before.observed, replicates=self.replicates, rng=rng
-        )
+        found = find(before.scores, fitted, before.observed, replicates=self.replicates, rng=rng)
         return found.look(self.entries, len(before.observed))
 
     @property
@@ -136,17 +135,15 @@ class Simulations(Engine):
 
     def fitted(self, seen: Look, keys: Sequence[str], behind: Extended | None) -> list[Extended]:
         """Each effect fitted with the population and what was chosen already."""
-        before = self._before
-        path, base = ((), before.fit) if behind is None else (behind.path, behind.fit)
-        pool = before.candidates
+        observed, pool = self._before.observed, self._before.candidates
+        path, base = ((), self._before.fit) if behind is None else (behind.path, behind.fit)
         for key in path:
             pool = pool.after(key)
-        told = (base, before.features, before.observed, self._budget)
-        made = [extended_by(pool[key], (*path, key), seen, *told) for key in keys]
+        made = [extended_by(pool[key], (*path, key), seen, base, observed) for key in keys]
         # Scores that were learned before an effect was added hold less well the larger it is: what is
         # compared has learned its own.
         hopeful = max(one.merit for one in made) - self.thresholds.behind
-        return [refine(one, seen.state, *told) if one.merit >= hopeful else one for one in made]
+        return [refine(one, seen.state, base, observed) if one.merit >= hopeful else one for one in made]
 
     def compared(self, models: Sequence[Extended], seen: Look) -> tuple[Comparison, ...]:  # noqa: ARG002
         """Cox's test with simulated moments against the best: of most merit, among those that leave
@@ -175,7 +172,7 @@ class Simulations(Engine):
             return None
         models = {one.label: one for one in rounds[-1].models}
         return learned_scores(
-            before.fit, models, self._found.span, before.features, before.observed, self._budget,
+            before.fit, models, self._found.span, before.observed,
             rng=self._streams[2], folds=self.thresholds.folds, decoys=self.thresholds.decoys,
         )  # fmt: skip
 
@@ -204,7 +201,7 @@ class Simulations(Engine):
     @cached_property
     def _segments(self) -> tuple[Segment, ...]:
         """What the simulator says its data consist of, else numbers."""
-        d = self._before.features.coordinates
+        d = self._before.observed.features.coordinates
         found = segments(self.simulator, d)
         if sum(len(part.edges) for part in found) == d:
             return found
@@ -214,7 +211,7 @@ class Simulations(Engine):
     def regions(self) -> tuple[Region, ...]:
         """Runs of neighbouring coordinates that are off in the same direction, each with its strongest z."""
         found = self._found
-        z = found.moment_z[: self._before.features.coordinates]
+        z = found.moment_z[: self._before.observed.features.coordinates]
         p = np.array([beyond(found.null_moment, abs(value)) for value in z])
         edges = np.concatenate([part.edges for part in self._segments])
         units = np.concatenate([np.full(len(part.edges), part.unit) for part in self._segments])
@@ -241,7 +238,7 @@ class Simulations(Engine):
     def gap(self, model: Extended | None) -> float:
         """Mean square of the moments orthogonal to everything in the state: about 1 where all is well."""
         fitted = self._before.fit if model is None else model.fit
-        return gap(fitted, self._before.features, self._before.observed)
+        return gap(fitted, self._before.observed)
 
     def state(self, model: Extended | None) -> Mapping[str, float]:
         """The population of theta, and values of the effects."""
@@ -255,7 +252,7 @@ class Simulations(Engine):
         """What was searched."""
         n = len(self._before.observed)
         name = f"{n:,} data sets" if n > 1 else "one data set"
-        return DataSaid(name, n, self._before.features.coordinates)
+        return DataSaid(name, n, self._before.observed.features.coordinates)
 
     def not_checked(self) -> list[NotChecked]:
         """What needs a likelihood, or more than one data set."""
@@ -285,7 +282,7 @@ class Simulations(Engine):
             "unit": ("window", axis["unit"][1][first]),
             "z": ("window", [one.z for one in regions]),
             "p_global": ("window", [one.p_global for one in regions]),
-            "strongest": ("channel", found.moment_z[: before.features.coordinates]),
+            "strongest": ("channel", found.moment_z[: before.observed.features.coordinates]),
             "null_maximum": ("replicate", found.null_moment),
             **{f"channel_{end}": axis[f"energy_{end}"] for end in ("lo", "hi")},
             **{f"channel_{name}": axis[name] for name in ("segment", "unit")},
@@ -296,10 +293,10 @@ class Simulations(Engine):
         )
         z: dict[str, Any] = {
             "z": ("moment", found.moment_z),
-            "before": ("direction", moments(before.fit, before.features, before.observed)),
+            "before": ("direction", moments(before.fit, before.observed)),
         }
         if model is not None:
-            z["after"] = ("direction", moments(model.fit, before.features, before.observed))
+            z["after"] = ("direction", moments(model.fit, before.observed))
         null = {"largest": found.null_largest, "moment": found.null_moment, "square": found.null_square}
         return {
             "windows": xr.Dataset(rows, attrs=told),

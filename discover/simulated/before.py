@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.library import Candidates
 from gaugeblock.discovery.simulated.closing_in import close_in
-from gaugeblock.discovery.simulated.features import LearnedFeatures, Summaries, learn_features
+from gaugeblock.discovery.simulated.features import Summaries, learn_features
 from gaugeblock.discovery.simulated.model import Model
-from gaugeblock.discovery.simulated.moment_fit import Budget, Observed, SimulatedFit, fit_simulated
+from gaugeblock.discovery.simulated.moment_fit import SimulatedFit, fit_simulated
+from gaugeblock.discovery.simulated.observed import Budget, Observed
 from gaugeblock.discovery.simulated.score_tests import LearnedScores, learn_effects
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.protocol import Extensible, Simulator
@@ -25,9 +26,8 @@ FEWEST = 30
 
 @dataclass(frozen=True, eq=False)
 class Before:
-    """The model without any effect, fitted, with features and the scores of all effects learned there."""
+    """The model without any effect, fitted, and the scores of all effects learned there."""
 
-    features: LearnedFeatures
     observed: Observed
     fit: SimulatedFit
     candidates: Candidates
@@ -61,14 +61,14 @@ def prepare(
     )
     model = Model.plain(simulator, population)
     state, rng = np.zeros(model.hyper), np.random.default_rng(budget.seed)
-    # LearnedFeatures of the first guess's data find the population; features of its own then serve it better.
+    # Features of the first guess's data find the population; features of its own then serve it better.
     for _ in range(2):
         reference = model.draw(state, budget.simulations, budget.seed + 1)
         features = learn_features(reference, rng, summaries=summaries)
-        observed = Observed(features(data))
-        fitted = fit_simulated(model, features, observed, budget, start=state)
+        observed = Observed(features, features(data), budget)
+        fitted = fit_simulated(model, observed, start=state)
         state = fitted.state
     theta = model.population.theta(state[: model.hyper], model.normal(1000, budget.seed))
     proposed = Candidates.of(simulator, theta, own=own, only=only)
     step("learning the score of every effect")
-    return Before(features, observed, fitted, proposed, learn_effects(proposed, fitted, features, budget))
+    return Before(observed, fitted, proposed, learn_effects(proposed, fitted, observed))

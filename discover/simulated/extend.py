@@ -9,17 +9,9 @@ import numpy as np
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.engine import Extension, Look
 from gaugeblock.discovery.library import Candidate
-from gaugeblock.discovery.simulated.features import LearnedFeatures
 from gaugeblock.discovery.simulated.learning import Base, learn, simulate_base
-from gaugeblock.discovery.simulated.model import Model
-from gaugeblock.discovery.simulated.moment_fit import (
-    DISTINCT,
-    Budget,
-    Observed,
-    SimulatedFit,
-    fit_simulated,
-    inflation,
-)
+from gaugeblock.discovery.simulated.moment_fit import DISTINCT, SimulatedFit, fit_simulated
+from gaugeblock.discovery.simulated.observed import Observed
 from gaugeblock.discovery.simulated.score_tests import LearnedTests
 
 SHARE = 0.04
@@ -77,9 +69,7 @@ def extended_by(
     path: tuple[str, ...],
     seen: Look,
     before: SimulatedFit,
-    features: LearnedFeatures,
     observed: Observed,
-    budget: Budget,
 ) -> Extended:
     """Fit one candidate, starting from its best scanned value and the amplitude that one step promises."""
     entry, found = candidate.entry, seen.state
@@ -96,11 +86,8 @@ def extended_by(
     values[candidate.amplitude_index] = np.clip(entry.neutral + departure, low, high)
     model = before.model.extended(candidate.simulator, steps)
     state = np.concatenate([before.state, values])
-    base = simulate_base(model, features, state, budget.simulations, budget.seed)
-    lesson = learn(
-        model, features, base, state, budget.differences, budget.seed + 1, known=before.lesson
-    )  # fmt: skip
-    fitted = fit_simulated(model, features, observed, budget, start=state, lesson=lesson, span=found.span)
+    lesson = learn(model, observed, simulate_base(model, observed, state), state, known=before.lesson)
+    fitted = fit_simulated(model, observed, start=state, lesson=lesson, span=found.span)
     return _compared(candidate, path, fitted, before, found, observed)
 
 
@@ -117,16 +104,9 @@ def _compared(
     return Extended(path, gain, size, candidate, fitted, ratio)
 
 
-def refine(
-    one: Extended,
-    found: LearnedTests,
-    before: SimulatedFit,
-    features: LearnedFeatures,
-    observed: Observed,
-    budget: Budget,
-) -> Extended:
+def refine(one: Extended, found: LearnedTests, before: SimulatedFit, observed: Observed) -> Extended:
     """Learn all scores anew where the fit ended, and fit again: for amplitude and interval."""
-    fitted = fit_simulated(one.fit.model, features, observed, budget, start=one.fit.state, span=found.span)
+    fitted = fit_simulated(one.fit.model, observed, start=one.fit.state, span=found.span)
     return _compared(one.candidate, one.path, fitted, before, found, observed)
 
 
@@ -141,18 +121,10 @@ def departure_from(rival: Extended, best: Extended, span: Array, observed: Obser
     """
     base = rival.fit.base
     weights = rival.fit.lesson.orthogonal(LogRatio.learned(span, best.fit.base, base).weights)
-    variance = float(base.variance(weights)) * inflation(len(observed), len(base.rows)) / len(observed)
+    variance = float(base.variance(weights)) * observed.inflation / len(observed)
     return float(weights @ (observed.mean - base.mean) / np.sqrt(max(variance, 1e-300)))
 
 
-def refit(
-    model: Model,
-    like: SimulatedFit,
-    features: LearnedFeatures,
-    observed: Observed,
-    budget: Budget,
-    *,
-    span: Array | None = None,
-) -> SimulatedFit:
+def refit(like: SimulatedFit, observed: Observed, *, span: Array | None = None) -> SimulatedFit:
     """Fit other data of the same kind with the scores that were learned before."""
-    return fit_simulated(model, features, observed, budget, start=like.state, lesson=like.lesson, span=span)
+    return fit_simulated(like.model, observed, start=like.state, lesson=like.lesson, span=span)

@@ -3,45 +3,44 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.held_out import BEFORE, NAMED, RANDOM, RIVAL, UNNAMED, HeldOut
 from gaugeblock.discovery.simulated.extend import Extended, LogRatio, refit
-from gaugeblock.discovery.simulated.features import LearnedFeatures
-from gaugeblock.discovery.simulated.moment_fit import Budget, Observed, SimulatedFit, inflation
+from gaugeblock.discovery.simulated.moment_fit import SimulatedFit
+from gaugeblock.discovery.simulated.observed import Observed
 
 SMALL = 1e-2
 """Variance of a combination of moments, in units of theirs, below which it hardly varies."""
 
 
-def moments(fitted: SimulatedFit, features: LearnedFeatures, observed: Observed) -> Array:
+def moments(fitted: SimulatedFit, observed: Observed) -> Array:
     """Moments ``(moment,)`` under a fitted model, orthogonal to everything in its state, of unit covariance.
 
     Combinations of moments that hardly vary, those that were fitted among them, are 0.
     """
-    weights = fitted.lesson.orthogonal(features.moments())
+    weights = fitted.lesson.orthogonal(observed.features.moments())
     covariance = fitted.base.covariance(weights)
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    noise = np.sqrt(inflation(len(observed), len(fitted.base.rows)) / len(observed))
+    noise = np.sqrt(observed.inflation / len(observed))
     z = vectors.T @ (weights @ (observed.mean - fitted.base.mean) / scale) / noise
     return np.asarray(np.where(values > SMALL, z / np.sqrt(np.maximum(values, SMALL)), 0.0))
 
 
-def gap(fitted: SimulatedFit, features: LearnedFeatures, observed: Observed) -> float:
+def gap(fitted: SimulatedFit, observed: Observed) -> float:
     """Mean square of the moments: about 1, or a little less, where the model holds."""
-    return float((moments(fitted, features, observed) ** 2).mean())
+    return float((moments(fitted, observed) ** 2).mean())
 
 
 def learned_scores(
     before: SimulatedFit,
     models: Mapping[str, Extended],
     span: Array,
-    features: LearnedFeatures,
     observed: Observed,
-    budget: Budget,
     *,
     rng: np.random.Generator,
     folds: int,
@@ -57,21 +56,21 @@ def learned_scores(
     fold = rng.permutation(np.arange(len(observed)) % folds)
     names = (BEFORE, *models, UNNAMED, *(f"random {i + 1}" for i in range(decoys)))
     kinds = (BEFORE, *(RIVAL if i else NAMED for i in range(len(models))), UNNAMED, *[RANDOM] * decoys)
-    size = 2 * features.coordinates
+    size = 2 * observed.features.coordinates
     shapes = rng.normal(size=(decoys, size))
     shapes /= np.linalg.norm(shapes, axis=1, keepdims=True)
     scores: list[list[Array]] = [[] for _ in names]
     gaps = np.zeros((len(names), folds))
     for k in range(folds):
-        fitting, judging = Observed(observed.rows[fold != k]), Observed(observed.rows[fold == k])
-        plain = refit(before.model, before, features, fitting, budget, span=span)
-        there, here = moments(plain, features, fitting), moments(plain, features, judging)
+        fitting, judging = (replace(observed, rows=observed.rows[rows]) for rows in (fold != k, fold == k))
+        plain = refit(before, fitting, span=span)
+        there, here = moments(plain, fitting), moments(plain, judging)
         gaps[0, k] = (here**2).mean()
         scores[0].append(np.zeros(len(judging)))
         for row, one in enumerate(models.values(), start=1):
-            fitted = refit(one.fit.model, one.fit, features, fitting, budget, span=span)
+            fitted = refit(one.fit, fitting, span=span)
             scores[row].append(LogRatio.learned(span, fitted.base, plain.base)(judging.rows))
-            gaps[row, k] = gap(fitted, features, judging)
+            gaps[row, k] = gap(fitted, judging)
         shrink = max(0.0, 1.0 - 1.0 / float((there**2).mean()))
         moved = [shrink * there, *((shape @ there) * shape for shape in shapes)]
         for row, move in enumerate(moved, start=1 + len(models)):

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.simulated.features import LearnedFeatures
 from gaugeblock.discovery.simulated.model import Model
+from gaugeblock.discovery.simulated.observed import Observed
 
 RIDGES = (1e-4, 1e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0)
 
@@ -75,14 +75,13 @@ class Base:
         return np.asarray(chosen @ self.vectors.T / self.scale)
 
 
-def simulate_base(model: Model, features: LearnedFeatures, state: Array, number: int, seed: int) -> Base:
-    """Features of so many simulations at one state."""
-    return Base.of(features(model.draw(state, number, seed)))
+def simulate_base(model: Model, observed: Observed, state: Array) -> Base:
+    """Features of simulations at one state."""
+    budget = observed.budget
+    return Base.of(observed.features(model.draw(state, budget.simulations, budget.seed)))
 
 
-def derivative(
-    model: Model, features: LearnedFeatures, state: Array, index: int, number: int, seed: int
-) -> Array:
+def derivative(model: Model, observed: Observed, state: Array, index: int, seed: int) -> Array:
     """Two independent estimates ``(2, feature)`` of the derivative of the mean features by one of the state.
 
     From both sides where the bounds leave room, else from one.
@@ -94,7 +93,7 @@ def derivative(
     for end in ends:
         moved = state.copy()
         moved[index] = end
-        sides.append(features(model.draw(moved, number, seed)))
+        sides.append(observed.features(model.draw(moved, observed.budget.differences, seed)))
     difference = (sides[1] - sides[0]) / (ends[1] - ends[0])
     return np.stack([half.mean(axis=0) for half in np.array_split(difference, 2)])
 
@@ -139,25 +138,15 @@ class Lesson:
 
 
 def learn(
-    model: Model,
-    features: LearnedFeatures,
-    base: Base,
-    state: Array,
-    number: int,
-    seed: int,
-    *,
-    known: Lesson | None = None,
+    model: Model, observed: Observed, base: Base, state: Array, *, known: Lesson | None = None
 ) -> Lesson:
-    """Learn the scores of everything in the state, from `number` simulations on each side of each.
+    """Learn the scores of everything in the state.
 
     The first ones are taken over where a lesson is given that has them already.
     """
-    first = 0 if known is None else len(known.state)
+    first, seed = 0 if known is None else len(known.state), observed.budget.seed + 1
     halves = np.array(
-        [
-            derivative(model, features, state, index, number, seed + index)
-            for index in range(first, len(state))
-        ]
+        [derivative(model, observed, state, index, seed + index) for index in range(first, len(state))]
     )
     learned = np.array([base.learn(pair) for pair in halves])
     return Lesson(state, learned, halves) if known is None else known.extended(state, learned, halves)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.simulated.features import LearnedFeatures
 from gaugeblock.discovery.simulated.learning import Base, Lesson, learn, simulate_base
 from gaugeblock.discovery.simulated.model import Model
+from gaugeblock.discovery.simulated.observed import Observed
 
 ROUNDS = 3
 """Times that the scores are learned anew where the last fit ended."""
@@ -23,21 +23,6 @@ DISTINCT = 1e-3
 
 WEAK = 2.0
 """Prior standard deviation of the hyper-parameters; at 30 data sets it weighs next to nothing."""
-
-
-@dataclass(frozen=True, eq=False)
-class Observed:
-    """What was measured, as features ``(n, feature)``."""
-
-    rows: Array
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    @property
-    def mean(self) -> Array:
-        """Mean of each feature."""
-        return np.asarray(self.rows.mean(axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,32 +45,11 @@ class SimulatedFit:
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
 
-@dataclass(frozen=True)
-class Budget:
-    """How much is simulated: `simulations` at a state, a half of it for derivatives; and from which seed."""
-
-    simulations: int
-    seed: int
-
-    @property
-    def differences(self) -> int:
-        """Simulations on each side of a derivative."""
-        return max(self.simulations // 2, 500)
-
-
-def inflation(n: int, simulations: int) -> float:
-    """Factor on the variance of a mean over n data sets, for that the simulated mean has noise too."""
-    return 1.0 + n / simulations
-
-
 def fit_simulated(
     model: Model,
-    features: LearnedFeatures,
     observed: Observed,
-    budget: Budget,
     *,
     start: Array,
-    rounds: int = ROUNDS,
     lesson: Lesson | None = None,
     span: Array | None = None,
 ) -> SimulatedFit:
@@ -97,10 +61,8 @@ def fit_simulated(
     Parameters
     ----------
     start : array, shape (state,)
-    rounds : int
-        Times that the scores are learned anew; none with a `lesson` given.
     lesson : Lesson, optional
-        Learned before, at a state near by.
+        Learned before, at a state near by; without it scores are learned anew up to `ROUNDS` times.
     span : array, shape (score, feature), optional
         Weights of further scores whose means must agree: they keep a fit from where its own agree by chance.
 
@@ -108,33 +70,25 @@ def fit_simulated(
     ----------
     McFadden (1989), Econometrica 57, 995; Wood (2010), Nature 466, 1102.
     """
-    n, simulations = len(observed), budget.simulations
     state, found, close = np.clip(start, *model.bounds.T), lesson, False
-    base = simulate_base(model, features, state, simulations, budget.seed)
-    for _ in range(rounds if lesson is None else 1):
+    base = simulate_base(model, observed, state)
+    for _ in range(ROUNDS if lesson is None else 1):
         if lesson is None:
-            found = learn(model, features, base, state, budget.differences, budget.seed + 1)
+            found = learn(model, observed, base, state)
         assert found is not None
         begin = state
-        state, base, last = _solve(model, features, observed, budget, found, state, base, span)
-        noise = _noise(found, base, n, simulations, span)
+        state, base, last = _solve(model, observed, found, state, base, span)
+        noise = _noise(found, base, observed, span)
         error = np.sqrt(np.maximum(np.diag(noise), 1e-300))
         close = bool(np.all(np.abs(last) < 3.0 * CLOSE * error))
         if close and np.all(np.abs(state - begin) < 3.0 * error):
             break
     assert found is not None
-    return SimulatedFit(model, state, _noise(found, base, n, simulations, span), base, found, close)
+    return SimulatedFit(model, state, _noise(found, base, observed, span), base, found, close)
 
 
 def _solve(
-    model: Model,
-    features: LearnedFeatures,
-    observed: Observed,
-    budget: Budget,
-    lesson: Lesson,
-    state: Array,
-    base: Base,
-    span: Array | None,
+    model: Model, observed: Observed, lesson: Lesson, state: Array, base: Base, span: Array | None
 ) -> tuple[Array, Base, Array]:
     """Gauss-Newton steps with the scores held; each is shortened until it brings the means closer."""
     hyper, mean, n = model.hyper, observed.mean, len(observed)
@@ -148,7 +102,7 @@ def _solve(
         left = weights @ (mean - at.mean)
         return float(left @ metric @ left + (weak * where**2).sum())
 
-    error = np.sqrt(np.maximum(np.diag(_noise(lesson, base, n, budget.simulations, span)), 1e-300))
+    error = np.sqrt(np.maximum(np.diag(_noise(lesson, base, observed, span)), 1e-300))
     last: Array = np.zeros(len(state))
     for _ in range(STEPS):
         left = slope.T @ metric @ (weights @ (mean - base.mean)) - weak * state
@@ -157,7 +111,7 @@ def _solve(
         before, moved = distance(base, state), False
         for _ in range(3):
             target = np.clip(state + step, *model.bounds.T)
-            there = simulate_base(model, features, target, budget.simulations, budget.seed)
+            there = simulate_base(model, observed, target)
             if distance(there, target) < before:
                 moved = True
                 break
@@ -184,8 +138,8 @@ def _system(lesson: Lesson, base: Base, span: Array | None) -> tuple[Array, Arra
     return weights, slope, inverse / np.outer(scale, scale)
 
 
-def _noise(lesson: Lesson, base: Base, n: int, simulations: int, span: Array | None) -> Array:
+def _noise(lesson: Lesson, base: Base, observed: Observed, span: Array | None) -> Array:
     """Covariance of the fitted state, with the simulated means' own noise."""
     _, slope, metric = _system(lesson, base, span)
-    information = slope.T @ metric @ slope * (n / inflation(n, simulations))
+    information = slope.T @ metric @ slope * (len(observed) / observed.inflation)
     return np.asarray(np.linalg.pinv(information, rcond=1e-8, hermitian=True))

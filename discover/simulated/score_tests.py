@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.engine import Look, beyond
 from gaugeblock.discovery.library import Candidates
-from gaugeblock.discovery.simulated.features import LearnedFeatures
+from gaugeblock.discovery.name.score import allowed
 from gaugeblock.discovery.simulated.learning import Base, derivative
-from gaugeblock.discovery.simulated.moment_fit import Budget, Observed, SimulatedFit, inflation
+from gaugeblock.discovery.simulated.moment_fit import SimulatedFit
+from gaugeblock.discovery.simulated.observed import Observed
 from gaugeblock.simulators.library import LibraryEffect
 
 SIGMA = 5.0
@@ -41,14 +42,8 @@ class LearnedScores:
     halves: Array
     sign: NDArray[np.int64]
 
-    def allowed(self, z: Array) -> Array:
-        """z ``(..., score)`` counted in the direction that the amplitude may take."""
-        return np.where(self.sign == 0, np.abs(z), z * self.sign)
 
-
-def learn_effects(
-    candidates: Candidates, fitted: SimulatedFit, features: LearnedFeatures, budget: Budget
-) -> LearnedScores:
+def learn_effects(candidates: Candidates, fitted: SimulatedFit, observed: Observed) -> LearnedScores:
     """Learn the score of every effect at the fitted state; all effects see the same random numbers."""
     owner, node, learned, halves, sign = [], [], [], [], []
     for candidate in candidates:
@@ -59,8 +54,7 @@ def learn_effects(
             neutral = values.copy()
             neutral[candidate.amplitude_index] = entry.neutral
             state = np.concatenate([fitted.state, neutral])
-            seed = budget.seed + SCAN_SEED
-            pair = derivative(model, features, state, index, budget.differences, seed)
+            pair = derivative(model, observed, state, index, observed.budget.seed + SCAN_SEED)
             owner.append(candidate.key)
             node.append(values)
             halves.append(pair)
@@ -108,7 +102,7 @@ class LearnedTests:
             entries=entries,
             owner=self.scores.owner,
             node=np.concatenate(nodes),
-            z=self.scores.allowed(self.z),
+            z=allowed(self.z, self.scores.sign),
             amplitude=self.amplitude,
             kept=self.kept,
             smallest_detectable=smallest,
@@ -121,7 +115,6 @@ class LearnedTests:
 def find(
     scores: LearnedScores,
     fitted: SimulatedFit,
-    features: LearnedFeatures,
     observed: Observed,
     *,
     replicates: int,
@@ -135,10 +128,9 @@ def find(
     """
     base, lesson, n = fitted.base, fitted.lesson, len(observed)
     first, second = (lesson.orthogonal(scores.learned[:, k]) for k in (0, 1))
-    weights = np.concatenate([0.5 * (first + second), lesson.orthogonal(features.moments())])
+    weights = np.concatenate([0.5 * (first + second), lesson.orthogonal(observed.features.moments())])
     sd = np.sqrt(np.maximum(base.variance(weights), 1e-300))
-    factor = inflation(n, len(base.rows))
-    error = sd * np.sqrt(factor / n)
+    error = sd * np.sqrt(observed.inflation / n)
     difference = weights @ (observed.mean - base.mean)
     z = difference / error
     drawn = resampled((base.rows - base.mean) @ (weights / sd[:, None]).T, n, replicates, rng) * np.sqrt(n)
@@ -154,7 +146,7 @@ def find(
         information,
         np.clip(information / np.maximum(_unprojected(scores, base), 1e-300), 0.0, 1.0),
         z[j:],
-        scores.allowed(drawn[:, :j]).max(axis=1),
+        allowed(drawn[:, :j], scores.sign).max(axis=1),
         np.abs(drawn[:, j:]).max(axis=1),
         (drawn[:, j:] ** 2).mean(axis=1),
         np.concatenate([lesson.weights, scores.learned.mean(axis=1)]),

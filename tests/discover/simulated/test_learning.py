@@ -9,7 +9,8 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.library import Candidates
 from gaugeblock.discovery.simulated.features import learn_features
 from gaugeblock.discovery.simulated.model import Model
-from gaugeblock.discovery.simulated.moment_fit import Budget, Observed, fit_simulated
+from gaugeblock.discovery.simulated.moment_fit import fit_simulated
+from gaugeblock.discovery.simulated.observed import Budget, Observed
 from gaugeblock.discovery.simulated.population import LearnedPopulation
 from gaugeblock.discovery.simulated.score_tests import find, learn_effects
 
@@ -20,10 +21,10 @@ BUDGET = Budget(6000, 5)
 def learned(ruler, readings):
     model = Model.plain(ruler, LearnedPopulation.of(ruler.prior))
     features = learn_features(model.draw(np.zeros(2), 6000, 3), np.random.default_rng(1))
-    observed = Observed(features(readings(400, 7)))
-    fitted = fit_simulated(model, features, observed, BUDGET, start=np.zeros(2))
-    scores = learn_effects(Candidates.of(ruler, np.zeros((1, 1))), fitted, features, BUDGET)
-    return SimpleNamespace(features=features, fit=fitted, scores=scores, observed=observed)
+    observed = Observed(features, features(readings(400, 7)), BUDGET)
+    fitted = fit_simulated(model, observed, start=np.zeros(2))
+    scores = learn_effects(Candidates.of(ruler, np.zeros((1, 1))), fitted, observed)
+    return SimpleNamespace(fit=fitted, scores=scores, observed=observed)
 
 
 def exact_information(shape, width):
@@ -51,10 +52,7 @@ def test_the_population_is_fitted(learned):
 
 
 def test_learned_scores_keep_nearly_all_the_information(learned):
-    found = find(
-        learned.scores, learned.fit, learned.features, learned.observed,
-        replicates=99, rng=np.random.default_rng(2),
-    )  # fmt: skip
+    found = find(learned.scores, learned.fit, learned.observed, replicates=99, rng=np.random.default_rng(2))
     width = np.exp(learned.fit.state[1])
     exact = [
         exact_information(shape_of(o, n), width)
@@ -69,13 +67,13 @@ def test_learned_scores_keep_nearly_all_the_information(learned):
 
 def test_scores_are_blind_to_the_population(learned, readings):
     # Rulers of other lengths, by four times the error of the fit, move no score by more than chance.
-    moved = Observed(learned.features(readings(4000, 8, centre=0.64)))
+    moved = learned.observed.features(readings(4000, 8, centre=0.64)).mean(axis=0)
     weights = learned.fit.lesson.orthogonal(learned.scores.learned.mean(axis=1))
     plain = learned.scores.learned.mean(axis=1)
     sd = np.sqrt(learned.fit.base.variance(weights) / 4000)
-    z = weights @ (moved.mean - learned.fit.base.mean) / sd / np.sqrt(1 + 4000 / 6000)
+    z = weights @ (moved - learned.fit.base.mean) / sd / np.sqrt(1 + 4000 / 6000)
     assert np.abs(z).max() < 4.5
-    naked = plain @ (moved.mean - learned.fit.base.mean) / np.sqrt(learned.fit.base.variance(plain) / 4000)
+    naked = plain @ (moved - learned.fit.base.mean) / np.sqrt(learned.fit.base.variance(plain) / 4000)
     assert np.abs(naked).max() > 6
 
 

@@ -1,5 +1,7 @@
 """Without an effect: every p-value is as rare as it says, and nothing is named."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from gaugeblock.discovery.result import Sides
 from gaugeblock.discovery.simulated.before import prepare
 from gaugeblock.discovery.simulated.extend import refit
 from gaugeblock.discovery.simulated.judged import gap
-from gaugeblock.discovery.simulated.moment_fit import Budget, Observed
+from gaugeblock.discovery.simulated.observed import Budget
 from gaugeblock.discovery.simulated.score_tests import find
 
 CATALOGUES = 200
@@ -21,17 +23,16 @@ def nulls(ruler, readings):
     before = prepare(
         ruler, readings(80, 0), own=None, only=(), budget=BUDGET, summaries=None, step=lambda _: None
     )
-    rows = []
+    found_in = []
     for k in range(CATALOGUES):
-        observed = Observed(before.features(readings(80, 1000 + k)))
-        fitted = refit(before.fit.model, before.fit, before.features, observed, BUDGET)
-        found = find(
-            before.scores, fitted, before.features, observed, replicates=199, rng=np.random.default_rng(k)
-        )
+        rows = before.observed.features(readings(80, 1000 + k))
+        observed = replace(before.observed, rows=rows)
+        fitted = refit(before.fit, observed)
+        found = find(before.scores, fitted, observed, replicates=199, rng=np.random.default_rng(k))
         seen = found.look(before.candidates.entries, len(observed))
-        left = gap(fitted, before.features, observed)
-        rows.append((seen.p_effects, found.p_moments, seen.p_global, left))
-    return np.array(rows).T
+        left = gap(fitted, observed)
+        found_in.append((seen.p_effects, found.p_moments, seen.p_global, left))
+    return np.array(found_in).T
 
 
 def test_global_p_values_are_as_rare_as_they_say(nulls):
