@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.hidden.draws import DRAWN, Rng, Sized, area_error, theta
+from studies.hidden.draws import Rng, Sized, area_error, sized, theta
 from studies.hidden.instrument import Instrument, read
 from studies.hidden.spectrum import CrossSection
 from studies.hidden.strata import BACKGROUND, BRIGHT, LEVELS, Stratum
@@ -76,7 +76,7 @@ def drawn(stratum: Stratum, hidden: tuple[str, ...], rng: Rng) -> Design:
     """A design of a stratum; several names are hidden at once."""
     surface = stratum.setup != "one"
     thetas = tuple(theta(rng, surface=surface, edge=stratum.edge) for _ in range(stratum.sources))
-    shapes = tuple(DRAWN[name](rng, thetas[0]) for name in hidden)
+    shapes = tuple(sized(name, rng, thetas[0]) for name in hidden)
     area = area_error(rng, stratum.area) if stratum.area else None
     return Design(stratum, hidden, shapes, thetas, area)
 

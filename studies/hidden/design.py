@@ -52,15 +52,8 @@ def settled(
         if rows:
             placed = _placed([drawn[i] for i in rows], lab, distances, rng)
             single = [k for k, i in enumerate(rows) if drawn[i].stratum.sources == 1]
-            found = (
-                distances(
-                    setup,
-                    *_stacked([placed[k] for k in single], lab),
-                    [own(drawn[rows[k]]) for k in single],
-                )
-                if single
-                else {}
-            )
+            truths, names = [placed[k] for k in single], [own(drawn[rows[k]]) for k in single]
+            found = distances(setup, *_stacked(truths, lab), names) if single else {}
             for number, k in enumerate(single):
                 done[rows[k]] = placed[k], {rival: float(value[number]) for rival, value in found.items()}
             for k, i in enumerate(rows):

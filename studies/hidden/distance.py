@@ -110,17 +110,15 @@ def _rank(values: Array) -> NDArray[np.int64]:
 
 def _placed(rival: Candidate, mean: Array, scale: Array, base: Fit) -> tuple[Array, Array]:
     """What noise-free scores promise ``(n,)``, and extended theta ``(n, try, parameter)`` where they do."""
-    gains, places = [], []
-    for i in range(0, len(mean), BLOCK // 2):
-        rows = slice(i, i + BLOCK // 2)
-        gain, place = _some(rival, mean[rows], scale[rows], select(base, rows))
-        gains.append(gain)
-        places.append(place)
+    blocks = [slice(i, i + BLOCK // 2) for i in range(0, len(mean), BLOCK // 2)]
+    found = [_some(rival, mean[rows], scale[rows], select(base, rows)) for rows in blocks]
+    gains, places = zip(*found, strict=True)
     return np.concatenate(gains), np.concatenate(places)
 
 
-def _some(rival: Candidate, mean: Array, scale: Array, base: Fit) -> tuple[Array, Array]:
-    entry, nodes, n = rival.entry, rival.entry.nodes, len(mean)
+def _tested(rival: Candidate, mean: Array, scale: Array, base: Fit) -> tuple[Array, Any]:
+    """Extended theta ``(n, node, parameter)`` at the nodes of a rival, and its scores there."""
+    nodes, n = rival.entry.nodes, len(mean)
     theta = np.concatenate(
         [
             np.broadcast_to(base.theta[:, None], (n, len(nodes), base.theta.shape[1])),
@@ -129,8 +127,14 @@ def _some(rival: Candidate, mean: Array, scale: Array, base: Fit) -> tuple[Array
         axis=-1,
     )
     at = Blocks(rival.simulator).expected(theta.reshape(n * len(nodes), -1)).reshape(n, len(nodes), -1)
-    tested = scores(mean, base, (at * scale[:, None, None] - base.expected[:, None]) / entry.step)
-    side = np.full(len(nodes), 0 if entry.two_sided else int(np.sign(entry.step)))
+    change = at * scale[:, None, None] - base.expected[:, None]
+    return theta, scores(mean, base, change / rival.entry.step)
+
+
+def _some(rival: Candidate, mean: Array, scale: Array, base: Fit) -> tuple[Array, Array]:
+    entry = rival.entry
+    theta, tested = _tested(rival, mean, scale, base)
+    side = np.full(len(entry.nodes), 0 if entry.two_sided else int(np.sign(entry.step)))
     z = allowed(tested.z, side)
     best = np.argsort(-z, axis=1)[:, :TRIES]
     chosen = np.take_along_axis(theta, best[..., None], axis=1)
@@ -172,21 +176,12 @@ def shared_distances(
 
 def _promise(rival: Candidate, mean: Array, scale: Array, base: Any) -> tuple[float, Array]:
     """What noise-free scores of all sources together promise, and the effect's parameters where they do."""
-    entry, nodes, n = rival.entry, rival.entry.nodes, len(mean)
-    theta = np.concatenate(
-        [
-            np.broadcast_to(base.theta[:, None], (n, len(nodes), base.theta.shape[1])),
-            np.broadcast_to(nodes, (n, *nodes.shape)),
-        ],
-        axis=-1,
-    )
-    at = Blocks(rival.simulator).expected(theta.reshape(n * len(nodes), -1)).reshape(n, len(nodes), -1)
-    tested = scores(mean, base, (at * scale[:, None, None] - base.expected[:, None]) / entry.step)
+    entry, (_, tested) = rival.entry, _tested(rival, mean, scale, base)
     score, information = tested.score.sum(axis=0), tested.information.sum(axis=0)
     z = score / np.sqrt(information)
     z = np.abs(z) if entry.two_sided else z * np.sign(entry.step)
     best = int(np.argmax(z))
-    chosen = nodes[best].copy()
+    chosen = entry.nodes[best].copy()
     chosen[rival.amplitude_index] = begun(entry, np.array([score[best] / information[best]]))[0]
     return float(max(z[best], 0.0) ** 2), chosen
 

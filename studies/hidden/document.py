@@ -94,7 +94,6 @@ FIGURE: Mapping[str, Callable[[xr.Dataset], Any]] = {
     "amplitudes": amplitudes,
 }
 
-
 PAGE = "hidden-effects.md"
 
 ENOUGH = 90
@@ -119,8 +118,6 @@ def blocks(table: xr.Dataset, label: str) -> dict[str, str]:
 
 
 def _percent(target: Target) -> str:
-    if not target.number:
-        return "none"
     low, high = (100 * value for value in target.interval)
     return f"{100 * target.rate:.1f}% ({low:.1f} to {high:.1f})"
 
@@ -140,13 +137,7 @@ def _verdict(target: Target) -> str:
 def target_table(table: xr.Dataset) -> str:
     """Every target beside what was measured."""
     lines = [
-        (
-            one.name,
-            _wanted(one),
-            f"{int(one.number):,}",
-            _percent(one),
-            _verdict(one),
-        )
+        (one.name, _wanted(one), f"{int(one.number):,}", _percent(one), _verdict(one))
         for one in targets(table)
         if one.number
     ]

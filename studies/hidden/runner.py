@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from gaugeblock.core.errors import InputError
 from studies.hidden.score import FoundNames
@@ -84,13 +85,5 @@ def seed_of(number: int, seed: int) -> int:
 
 
 def _found(made: dict[str, Any]) -> dict[int, FoundNames]:
-    return {
-        int(number): _read(value) for number, value in sorted(made.items(), key=lambda item: int(item[0]))
-    }
-
-
-def _read(stored: dict[str, Any]) -> FoundNames:
-    stored["amplitude"] = {name: tuple(v) for name, v in stored["amplitude"].items()}
-    for name in ("named_all", "alike", "gap"):
-        stored[name] = tuple(stored[name])
-    return FoundNames(**stored)
+    found = {int(number): TypeAdapter(FoundNames).validate_python(value) for number, value in made.items()}
+    return dict(sorted(found.items()))

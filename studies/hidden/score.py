@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from studies.hidden.design import nearest
-from studies.hidden.draws import AMPLITUDE
+from studies.hidden.draws import DRAWN
 from studies.hidden.hidden_effects import LIBRARY
 from studies.hidden.seal import Answer
 from studies.hidden.unlisted import COMPOSED
@@ -45,40 +44,8 @@ class FoundNames:
     seconds: float
 
 
-@dataclass(frozen=True)
-class ScoredAnswer:
-    """One case, found and true. NaN where a number has no meaning."""
-
-    number: int
-    stratum: str
-    kind: str
-    truth: str
-    level: str
-    sources: int
-    nearest: float
-    rival: str
-    from_nothing: float
-    named: str
-    named_all: str
-    alike: str
-    set_size: int
-    right: float
-    log_score: float
-    confident: bool
-    wrong: bool
-    p_global: float
-    amplitude: float
-    amplitude_true: float
-    amplitude_low: float
-    amplitude_high: float
-    gap_before: float
-    gap_after: float
-    why: str
-    seconds: float
-
-
-def scored(answer: Answer, found: FoundNames) -> ScoredAnswer:
-    """One case's row.
+def scored(answer: Answer, found: FoundNames) -> dict[str, Any]:
+    """One case's row, found and true. NaN where a number has no meaning.
 
     `right` is 1 for the right name alone and 1/2 for one of two; of two effects at once, either will do.
     `confident` says that one library effect was named and nothing beside it; `wrong` that it was, and is not
@@ -93,36 +60,37 @@ def scored(answer: Answer, found: FoundNames) -> ScoredAnswer:
     )
     truth = answer.truths[0]
     own = answer.names if answer.kind == "listed" else ()
-    rivals = {name: np.array([value]) for name, value in answer.distances.items() if name not in own}
+    rivals = {name: value for name, value in answer.distances.items() if name not in own}
+    rival = min(rivals, key=lambda name: rivals[name], default="")
     value, low, high, true = _amplitude(answer, found)
-    return ScoredAnswer(
-        number=found.number,
-        stratum=answer.stratum,
-        kind=answer.kind,
-        truth=" + ".join(answer.names),
-        level=str(truth.notes.get("level", "")),
-        sources=len(answer.truths),
-        nearest=float(nearest(rivals, [()])[0]) if rivals else float("nan"),
-        rival=min(rivals, key=lambda name: float(rivals[name][0])) if rivals else "",
-        from_nothing=answer.distances.get(NOTHING, float("nan")),
-        named=found.named,
-        named_all=" + ".join(found.named_all),
-        alike=", ".join(found.alike),
-        set_size=len(found.alike),
-        right=right,
-        log_score=_log_score(answer, alike),
-        confident=confident,
-        wrong=confident and found.named not in answer.names and not composed,
-        p_global=found.p_global,
-        amplitude=value,
-        amplitude_true=true,
-        amplitude_low=low,
-        amplitude_high=high,
-        gap_before=found.gap[0],
-        gap_after=found.gap[1],
-        why=found.why,
-        seconds=found.seconds,
-    )
+    return {
+        "number": found.number,
+        "stratum": answer.stratum,
+        "kind": answer.kind,
+        "truth": " + ".join(answer.names),
+        "level": str(truth.notes.get("level", "")),
+        "sources": len(answer.truths),
+        "nearest": rivals.get(rival, float("nan")),
+        "rival": rival,
+        "from_nothing": answer.distances.get(NOTHING, float("nan")),
+        "named": found.named,
+        "named_all": " + ".join(found.named_all),
+        "alike": ", ".join(found.alike),
+        "set_size": len(found.alike),
+        "right": right,
+        "log_score": _log_score(answer, alike),
+        "confident": confident,
+        "wrong": confident and found.named not in answer.names and not composed,
+        "p_global": found.p_global,
+        "amplitude": value,
+        "amplitude_true": true,
+        "amplitude_low": low,
+        "amplitude_high": high,
+        "gap_before": found.gap[0],
+        "gap_after": found.gap[1],
+        "why": found.why,
+        "seconds": found.seconds,
+    }
 
 
 def _log_score(answer: Answer, alike: Sequence[str]) -> float:
@@ -140,12 +108,9 @@ def _amplitude(answer: Answer, found: FoundNames) -> tuple[float, float, float, 
     if name not in answer.names or name not in found.amplitude:
         return (float("nan"),) * 4
     hidden = dict(answer.truths[0].hidden)
-    return (*found.amplitude[name], float(hidden[name][AMPLITUDE[name]]))
+    return (*found.amplitude[name], float(hidden[name][DRAWN[name].amplitude]))
 
 
-def table(rows: Sequence[ScoredAnswer]) -> xr.Dataset:
+def table(rows: Sequence[Mapping[str, Any]]) -> xr.Dataset:
     """All rows as columns by name."""
-    columns: dict[str, Any] = {
-        name: ("row", np.array([asdict(row)[name] for row in rows])) for name in asdict(rows[0])
-    }
-    return xr.Dataset(columns)
+    return xr.Dataset({name: ("row", np.array([row[name] for row in rows])) for name in rows[0]})

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from pydantic import TypeAdapter
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.atomic import write_atomically
@@ -107,18 +108,4 @@ def opened(folder: Path) -> tuple[int, list[Answer]]:
         if sha256(folder / name) != kept[name]:
             raise InputError(f"{folder / name}: not the file that was sealed; make a new sealed set")
     content = json.loads((folder / "answers.json").read_text(encoding="utf-8"))
-    return int(content["seed"]), [_answer(entry) for entry in content["answers"]]
-
-
-def _answer(entry: dict[str, Any]) -> Answer:
-    truths = tuple(
-        Truth(
-            **{
-                **truth,
-                "theta": tuple(truth["theta"]),
-                "hidden": tuple((name, dict(p)) for name, p in truth["hidden"]),
-            }
-        )
-        for truth in entry["truths"]
-    )
-    return Answer(**{**entry, "names": tuple(entry["names"]), "truths": truths})
+    return int(content["seed"]), TypeAdapter(list[Answer]).validate_python(content["answers"])

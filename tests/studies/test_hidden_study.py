@@ -39,34 +39,34 @@ NAMED = replace(
 
 def test_the_right_name_alone_counts_one_and_one_of_two_a_half():
     row = scored(ANSWER, NAMED)
-    assert (row.right, row.confident, row.wrong, row.nearest, row.rival) == (
+    assert (row["right"], row["confident"], row["wrong"], row["nearest"], row["rival"]) == (
         1.0,
         True,
         False,
         6.0,
         "gain_offset",
     )
-    assert (row.amplitude_true, row.amplitude_low, row.amplitude_high) == (1.02, 1.01, 1.03)
+    assert (row["amplitude_true"], row["amplitude_low"], row["amplitude_high"]) == (1.02, 1.01, 1.03)
     pair = scored(ANSWER, replace(NAMED, named="gain_offset", alike=("gain_offset", "gain_slope")))
-    assert (pair.right, pair.confident, pair.wrong) == (0.5, False, False)
+    assert (pair["right"], pair["confident"], pair["wrong"]) == (0.5, False, False)
     three = scored(ANSWER, replace(NAMED, alike=("gain_slope", "gain_offset", "gain_curve")))
-    assert three.right == 0.0
-    assert row.log_score > pair.log_score > three.log_score > scored(ANSWER, SILENT).log_score
+    assert three["right"] == 0.0
+    assert row["log_score"] > pair["log_score"] > three["log_score"] > scored(ANSWER, SILENT)["log_score"]
     other = scored(ANSWER, replace(NAMED, named="gain_offset", alike=("gain_offset",)))
-    assert (other.right, other.wrong) == (0.0, True)
-    assert np.isnan(other.amplitude_true)
+    assert (other["right"], other["wrong"]) == (0.0, True)
+    assert np.isnan(other["amplitude_true"])
 
 
 def test_what_the_library_lacks_may_be_unnamed_or_a_set_but_not_one_name():
     truth = replace(TRUTH, hidden=(("two_edges", {"energy": 1.0, "apart": 0.2, "ratio": 1.0, "depth": 1.0}),))
     answer = Answer("u", "unlisted", ("two_edges",), (truth,), {"nothing": 20.0, "absorption_edge": 7.0})
     edge = replace(NAMED, named="absorption_edge", named_all=("absorption_edge",), alike=("absorption_edge",))
-    assert scored(answer, edge).wrong
-    assert scored(answer, edge).nearest == 7.0
-    assert not scored(answer, replace(edge, named_all=("absorption_edge", "absorption_edge"))).wrong
-    assert not scored(answer, replace(edge, alike=("absorption_edge", "unnamed"))).wrong
-    assert not scored(answer, replace(edge, named="unnamed", alike=("unnamed",))).wrong
-    assert not scored(answer, SILENT).wrong
+    assert scored(answer, edge)["wrong"]
+    assert scored(answer, edge)["nearest"] == 7.0
+    assert not scored(answer, replace(edge, named_all=("absorption_edge", "absorption_edge")))["wrong"]
+    assert not scored(answer, replace(edge, alike=("absorption_edge", "unnamed")))["wrong"]
+    assert not scored(answer, replace(edge, named="unnamed", alike=("unnamed",)))["wrong"]
+    assert not scored(answer, SILENT)["wrong"]
 
 
 def rows():
@@ -105,11 +105,11 @@ def test_a_target_is_missed_beyond_what_chance_allows_and_not_before():
 
 
 def test_effects_weigh_the_same_however_many_cases_they_have():
-    listed = table([row for row in rows() if row.kind == "listed" and row.nearest >= 5])
+    listed = table([row for row in rows() if row["kind"] == "listed" and row["nearest"] >= 5])
     more = table(
         [
-            *[row for row in rows() if row.kind == "listed" and row.nearest >= 5],
-            *[replace(row, truth="resolution", right=0.0) for row in rows()[:2]],
+            *[row for row in rows() if row["kind"] == "listed" and row["nearest"] >= 5],
+            *[row | {"truth": "resolution", "right": 0.0} for row in rows()[:2]],
         ]
     )
     assert by_effect(listed)[0] == pytest.approx(0.9)
