@@ -17,7 +17,7 @@ from gaugeblock.discovery.name.peak_search import systematic
 from studies.paper.experiments.arithmetic import GAIN_PRIOR_SD
 from studies.paper.experiments.cross_spectra import LEVELS, folded, simulators, weighted_sd, wide
 from studies.paper.experiments.setup import GAIN_PRIOR
-from studies.paper.free_gain import GAIN, FreeGain
+from studies.paper.interpolated import GAIN, Interpolated
 
 BATCH = 1024
 """Points that UltraNest proposes at a time: posteriors of bright spectra fill little of its ellipsoids."""
@@ -78,7 +78,7 @@ def _log_likelihood(simulator: Any, theta: Array, counts: Array, scale: float) -
 
 
 def _weighted(
-    flow: Any, target: FreeGain, counts: Array, draws: int, rng: np.random.Generator
+    flow: Any, target: Interpolated, counts: Array, draws: int, rng: np.random.Generator
 ) -> dict[str, Array]:
     """Summaries of one spectrum ``(channel,)`` from weighted draws of a flow."""
 
@@ -109,7 +109,7 @@ def _weighted(
 
 
 def _around_fit(
-    simulator: FreeGain, counts: Array, scale: float, draws: int, rng: np.random.Generator
+    simulator: Interpolated, counts: Array, scale: float, draws: int, rng: np.random.Generator
 ) -> dict[str, Any]:
     scales = np.full(len(counts), scale)
     fitted = fit(simulator, counts, scale=scales, seed=int(rng.integers(2**31)))
@@ -220,7 +220,7 @@ def boundary(counts: Array, sizes: Mapping[str, Any], rng: np.random.Generator) 
     }
 
 
-def profile(simulator: FreeGain, counts: Array, scale: float) -> Array:
+def profile(simulator: Interpolated, counts: Array, scale: float) -> Array:
     """Largest log likelihood at gains across their prior, ``(gain,)``."""
     rows, scales = np.tile(counts, (GAINS, 1)).astype(float), np.full(GAINS, scale)
     starts = likeliest_draws(simulator, rows, scales, tries=16)

@@ -16,7 +16,7 @@ from gaugeblock.discovery.name.drawn_posterior import posterior_draws
 from gaugeblock.validate.designs import finite_shift, predicted_shrink
 from studies.paper.experiments.arithmetic import GAIN_PRIOR_SD, SHIFT
 from studies.paper.experiments.setup import GAIN_PRIOR
-from studies.paper.free_gain import GAIN, TEMPERATURE, FreeGain, free_gain
+from studies.paper.interpolated import GAIN, TEMPERATURE, Interpolated, interpolated
 from studies.paper.registry import claims
 
 LEVELS = {"medium": 0.1, "bright": 1.0}
@@ -39,9 +39,9 @@ WIDE_DEGREES = ((7, 8, 10), (7, 16, 10))
 
 
 @cache
-def simulators() -> Mapping[str, FreeGain]:
+def simulators() -> Mapping[str, Interpolated]:
     """The bright simulator with a free gain under either prior."""
-    return {name: free_gain(_folded(name)) for name in PRIORS}
+    return {name: interpolated(_folded(name)) for name in PRIORS}
 
 
 def folded(prior: str, *, integration: str = "jaxspec") -> Any:
@@ -49,7 +49,7 @@ def folded(prior: str, *, integration: str = "jaxspec") -> Any:
     return _folded(prior, integration=integration)
 
 
-def wide() -> FreeGain:
+def wide() -> Interpolated:
     """The same in the wider box, norms uniform; the gain's prior is what it was."""
     from gaugeblock.simulators import Uniform
     from gaugeblock.simulators.xray import published
@@ -61,7 +61,7 @@ def wide() -> FreeGain:
         if name.endswith(".norm")
     }
     wider = box.replace(**norms, **{name: Uniform(*ends) for name, ends in WIDE.items()})
-    return free_gain(_folded(wider), degrees=WIDE_DEGREES)
+    return interpolated(_folded(wider), degrees=WIDE_DEGREES)
 
 
 def _folded(prior: Any, *, integration: str = "exact") -> Any:

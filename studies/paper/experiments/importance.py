@@ -200,7 +200,7 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
         def piece(rows: slice, rng: np.random.Generator) -> Arrays:
             counts = level.spectra(kind, amplitude, rows.stop - rows.start, rng)
             draws = few if name in only_few else sizes["draws"]
-            return diagnostics(flow, level.likelihood, counts, draws=draws, few=few, rng=rng)
+            return diagnostics(flow, level, counts, draws=draws, few=few, rng=rng)
 
         return pieces.rows(name, number, CHUNK, piece, seed)
 

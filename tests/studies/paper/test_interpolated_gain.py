@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from studies.paper.free_gain import free_gain
+from studies.paper.interpolated import interpolated
 
 FACTOR = "published_gain_1.factor"
 
@@ -14,7 +14,7 @@ def both(xray_data):
 
     effect = Effect("published_gain", {"factor": Uniform(0.95, 1.05)})
     folded = reference(level="bright", integration="exact").with_effect(effect)
-    return folded, free_gain(folded)
+    return folded, interpolated(folded)
 
 
 def test_it_is_the_fold_to_a_thousandth_of_a_sigma_squared(both):

@@ -1,12 +1,14 @@
-"""The reference model with a free gain, by interpolation: some fifty times faster than folding it.
+"""The reference model, also with a free gain, by interpolation: some fifty times faster than folding it.
 
-As in `interpolated`, counts are linear in both norms, and each component is smooth in what else it depends
-on: absorption, gain, and photon index or temperature. The fold that is interpolated integrates bins exactly
-at absorption edges, since the rule that the study used is rough in the gain.
+Counts are linear in both norms, and each component is smooth in what else it depends on: absorption, photon
+index or temperature, and gain. With a gain, the fold that is interpolated should integrate bins exactly at
+absorption edges, since the rule that the study used is rough in the gain.
 """
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,8 +21,11 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Rng
 from gaugeblock.simulators.prior import Prior
 
-DEGREES = ((3, 5, 10), (3, 9, 10))
-"""Of the series of either component: in absorption, photon index or log temperature, and gain."""
+Degrees = tuple[tuple[int, ...], tuple[int, ...]]
+
+DEGREES: dict[int, Degrees] = {5: ((7, 16), (7, 16)), 6: ((3, 5, 10), (3, 9, 10))}
+"""By the number of parameters, of the series of either component: in absorption, photon index or log
+temperature, and gain."""
 
 FAR = 1e9
 """A norm so large that no channel comes near the least counts that a fold returns."""
@@ -35,20 +40,20 @@ BLOCK = 4096
 
 
 @dataclass(frozen=True, eq=False)
-class FreeGain:
-    """A simulator of six parameters, the last of which is the gain.
+class Interpolated:
+    """A simulator of five parameters, or of six, the last of which is the gain.
 
     `series` of either component ``(term, channel)``: coefficients of the log counts of norm 1; `bounds` of
-    its three variables ``(component, 3, 2)``; `exposure` in units of that which was interpolated.
+    its variables ``(component, variable, 2)``; `exposure` in units of that which was interpolated.
     """
 
     prior: Prior
     series: tuple[Array, Array]
     bounds: Array
-    degrees: tuple[tuple[int, int, int], ...]
+    degrees: Degrees
     exposure: float = 1.0
 
-    def exposed(self, factor: float) -> FreeGain:
+    def exposed(self, factor: float) -> Interpolated:
         """The same for `factor` times the exposure."""
         return replace(self, exposure=self.exposure * factor)
 
@@ -57,7 +62,7 @@ class FreeGain:
         return np.asarray(rng.poisson(self.expected(theta)))
 
     def expected(self, theta: ArrayLike) -> Array:
-        """Expected counts ``(..., channel)`` for theta ``(..., 6)`` in physical units."""
+        """Expected counts ``(..., channel)`` for theta ``(..., parameter)`` in physical units."""
         rows = np.asarray(theta, dtype=float)
         flat = rows.reshape(-1, rows.shape[-1])
         parts = [self._expected(flat[i : i + BLOCK]) for i in range(0, len(flat), BLOCK)]
@@ -71,15 +76,15 @@ class FreeGain:
                 chebyshev.chebvander(u, degree)
                 for u, degree in zip(self._places(theta, component, np), self.degrees[component], strict=True)
             ]
-            product = np.einsum("ni,nj,nk->nijk", *terms, optimize=True).reshape(len(theta), -1)
+            product = _products(terms, np, optimize=True)
             found += theta[:, norm, None] * np.exp(product @ self.series[component])
         return np.maximum(found * self.exposure, FLOOR)
 
     def _places(self, theta: Any, component: int, xp: Any) -> list[Any]:
-        """The three variables of a component, each scaled to -1 to 1."""
+        """The variables of a component, each scaled to -1 to 1."""
         # A black body's logarithm has its singularities far from the real axis of log kT.
         second = theta[..., ALPHA] if component == 0 else xp.log(theta[..., TEMPERATURE])
-        values = (theta[..., ABSORPTION], second, theta[..., GAIN])
+        values = [theta[..., ABSORPTION], second, *([theta[..., GAIN]] if theta.shape[-1] > GAIN else [])]
         return [
             (2.0 * u - low - high) / (high - low)
             for u, (low, high) in zip(values, self.bounds[component], strict=True)
@@ -104,10 +109,18 @@ class FreeGain:
                     self._places(theta, component, jnp), self.degrees[component], strict=True
                 )
             ]
-            product = jnp.einsum("i,j,k->ijk", *terms).reshape(-1)
+            product = _products(terms, jnp)
             mean = mean + theta[norm] * jnp.exp(product @ jnp.asarray(self.series[component]))
         mean = jnp.maximum(mean * self.exposure, FLOOR)
         return (x * jnp.log(mean) - mean - log_factorial(x + 1.0)).sum()
+
+
+def _products(terms: Sequence[Any], xp: Any, **options: Any) -> Any:
+    """Products of one of each of the terms ``(..., order)``, in the order of ``kron``."""
+    axes = "ijk"[: len(terms)]
+    places = ",".join(f"...{axis}" for axis in axes)
+    found = xp.einsum(f"{places}->...{axes}", *terms, **options)
+    return found.reshape(*found.shape[: -len(terms)], -1)
 
 
 def _polynomials(u: Any, degree: int) -> list[Any]:
@@ -118,24 +131,20 @@ def _polynomials(u: Any, degree: int) -> list[Any]:
     return found
 
 
-def free_gain(
-    simulator: Any, *, degrees: tuple[tuple[int, int, int], ...] = DEGREES, prior: Prior | None = None
-) -> FreeGain:
-    """The interpolation of a simulator of the reference model with a free gain, within its prior's bounds.
-
-    `prior` exchanges the prior by another within the same bounds.
-    """
+def interpolated(simulator: Any, *, degrees: Degrees | None = None) -> Interpolated:
+    """The interpolation of a simulator of the reference model, within its prior's bounds."""
     bounds = np.asarray(simulator.prior.bounds)
+    degrees = degrees or DEGREES[len(bounds)]
     series, ranges = [], []
     for component, (variable, norm) in enumerate(((ALPHA, NORM), (TEMPERATURE, AREA))):
         second = bounds[variable] if component == 0 else np.log(bounds[variable])
-        ranges.append([bounds[ABSORPTION], second, bounds[GAIN]])
+        ranges.append([bounds[ABSORPTION], second, *bounds[GAIN:]])
         nodes = [chebyshev.chebpts1(degree + 1) for degree in degrees[component]]
         at = [(low + high + (high - low) * u) / 2.0 for u, (low, high) in zip(nodes, ranges[-1], strict=True)]
-        first, other, gain = (axis.ravel() for axis in np.meshgrid(*at, indexing="ij"))
+        first, other, *gain = (axis.ravel() for axis in np.meshgrid(*at, indexing="ij"))
         theta = np.zeros((len(first), len(bounds)))
         theta[:, ALPHA], theta[:, TEMPERATURE] = 2.0, 1.0
-        theta[:, ABSORPTION], theta[:, GAIN] = first, gain
+        theta[:, ABSORPTION], theta[:, GAIN:] = first, np.reshape(gain, (-1, len(first))).T
         theta[:, variable] = other if component == 0 else np.exp(other)
         theta[:, norm] = FAR
         values = np.log(simulator.expected(theta) / FAR)
@@ -143,5 +152,5 @@ def free_gain(
             np.linalg.inv(chebyshev.chebvander(u, degree))
             for u, degree in zip(nodes, degrees[component], strict=True)
         ]
-        series.append(np.kron(np.kron(inverse[0], inverse[1]), inverse[2]) @ values)
-    return FreeGain(prior or simulator.prior, (series[0], series[1]), np.array(ranges), degrees)
+        series.append(functools.reduce(np.kron, inverse) @ values)
+    return Interpolated(simulator.prior, (series[0], series[1]), np.array(ranges), degrees)
