@@ -170,28 +170,15 @@ def size_table(table: xr.Dataset) -> str:
     return rows(("p-value at most 0.05", *cases), lines) + "\n\n" + said
 
 
-def gate_table(table: xr.Dataset) -> str:
-    """Wrong verdicts of whole audits."""
-    lines = [
-        (case, *(percent(table, case=case, thing=thing) for thing in ("FAIL", "PASS")))
-        for case in table["case"].values.tolist()
-    ]
-    return rows(("estimator on the edge of", "FAIL", "PASS"), lines)
+def _rates(title: str, **columns: str) -> Callable[[xr.Dataset], str]:
+    """A table of rates: a row a case, and a column for everything that may happen, by its heading."""
 
+    def made(table: xr.Dataset) -> str:
+        cases = table["case"].values.tolist()
+        lines = [(case, *(percent(table, case=case, thing=thing) for thing in columns)) for case in cases]
+        return rows((title, *columns.values()), lines)
 
-def intervals_table(table: xr.Dataset) -> str:
-    """How often all true values lay in the simultaneous intervals."""
-    lines = [(case, percent(table, case=case, thing="inside")) for case in table["case"].values.tolist()]
-    return rows(("estimator", "all true values in the intervals"), lines)
-
-
-def shortcut_table(table: xr.Dataset) -> str:
-    """Wrong verdicts of one gate alone."""
-    lines = [
-        (case, *(percent(table, case=case, thing=thing) for thing in ("FAIL", "PASS")))
-        for case in table["case"].values.tolist()
-    ]
-    return rows(("on the edge of", "FAIL", "PASS"), lines)
+    return made
 
 
 def power_table(table: xr.Dataset) -> str:
@@ -217,22 +204,10 @@ def anytime_table(table: xr.Dataset) -> str:
         fixed = anytime.fixed_number(known[case])
         when = table["trials"].sel(case=case).values
         times = ", ".join(f"{t:,.0f}" if np.isfinite(t) else "none" for t in when)
-        lines.append(
-            (
-                case,
-                *(percent(table, case=case, thing=t) for t in ("FAIL", "PASS")),
-                times,
-                f"{fixed:,}" if fixed else "",
-            )
-        )
-    header = (
-        "estimator",
-        "FAIL",
-        "PASS",
-        "trials at the decision: 10%, 50%, 90% of audits",
-        "a fixed number",
-    )
-    return rows(header, lines)
+        decided = (percent(table, case=case, thing=t) for t in ("FAIL", "PASS"))
+        lines.append((case, *decided, times, f"{fixed:,}" if fixed else ""))
+    when = "trials at the decision: 10%, 50%, 90% of audits"
+    return rows(("estimator", "FAIL", "PASS", when, "a fixed number"), lines)
 
 
 def made_by(table: xr.Dataset) -> str:
@@ -246,9 +221,9 @@ def made_by(table: xr.Dataset) -> str:
 
 TABLES: Mapping[str, Callable[[xr.Dataset], str]] = {
     "size": size_table,
-    "gate": gate_table,
-    "intervals": intervals_table,
-    "shortcut": shortcut_table,
+    "gate": _rates("estimator on the edge of", FAIL="FAIL", PASS="PASS"),
+    "intervals": _rates("estimator", inside="all true values in the intervals"),
+    "shortcut": _rates("on the edge of", FAIL="FAIL", PASS="PASS"),
     "power": power_table,
     "anytime": anytime_table,
     "curves": lambda table: "",  # noqa: ARG005  (a figure says it)

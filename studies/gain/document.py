@@ -53,11 +53,19 @@ def headline(sums: xr.Dataset, beside: xr.Dataset) -> xr.Dataset:
 
 
 def _own(sums: xr.Dataset, label: str, statistic: str) -> tuple[float, float, float, float]:
-    if label not in sums["case"].values or statistic not in sums["statistic"].values:
+    cell = _cell(sums, label, statistic)
+    if cell is None:
         return (np.nan,) * 4
-    cell = sums.sel(case=label, statistic=statistic)
-    mean, sd, z = (float(cell[name]) for name in ("null_mean", "null_sd", "z"))
-    return mean + abs(z - mean), mean - 1.96 * sd, mean + 1.96 * sd, mean + THRESHOLD * sd
+    mean, sd = cell["null_mean"], cell["null_sd"]
+    return mean + abs(cell["z"] - mean), mean - 1.96 * sd, mean + 1.96 * sd, mean + THRESHOLD * sd
+
+
+def _cell(sums: xr.Dataset, label: str, statistic: str) -> dict[str, float] | None:
+    """What is known of a statistic of a case's catalogues, if anything is."""
+    if label not in sums["case"].values or statistic not in sums["statistic"].values:
+        return None
+    cell = {str(name): float(sums[name].sel(case=label, statistic=statistic)) for name in sums}
+    return cell if np.isfinite(cell["z"]) else None
 
 
 def schemes_table(beside: xr.Dataset, sums: xr.Dataset) -> str:
@@ -73,19 +81,10 @@ def schemes_table(beside: xr.Dataset, sums: xr.Dataset) -> str:
             + tuple(f"{float(v):.{digits}f}" for v in part["value"].values)
         )
     for statistic, name in OURS.items():
-        cells = []
-        null = ""
-        for label in labels:
-            if statistic not in sums["statistic"].values or label not in sums["case"].values:
-                cells.append("")
-                continue
-            cell = sums.sel(case=label, statistic=statistic)
-            if not np.isfinite(float(cell["z"])):
-                cells.append("")
-                continue
-            cells.append(f"**{float(cell['z']):+.1f}**")
-            null = f"{float(cell['null_low']):+.1f} to {float(cell['null_high']):+.1f}"
-        lines.append((name, null, *cells))
+        known = [_cell(sums, label, statistic) for label in labels]
+        nulls = [f"{cell['null_low']:+.1f} to {cell['null_high']:+.1f}" for cell in known if cell]
+        cells = [f"**{cell['z']:+.1f}**" if cell else "" for cell in known]
+        lines.append((name, nulls[-1] if nulls else "", *cells))
     return rows(("scheme", "effect-free", *labels), lines)
 
 
@@ -94,8 +93,8 @@ def catalogues_table(sums: xr.Dataset) -> str:
     lines: list[tuple[str, ...]] = []
     for label in sums["case"].values.tolist():
         for statistic in sums["statistic"].values.tolist():
-            cell = {name: float(sums[name].sel(case=label, statistic=statistic)) for name in sums}
-            if not np.isfinite(cell["z"]):
+            cell = _cell(sums, label, statistic)
+            if cell is None:
                 continue
             lines.append(
                 (
