@@ -206,8 +206,8 @@ def anytime_table(table: xr.Dataset) -> str:
         times = ", ".join(f"{t:,.0f}" if np.isfinite(t) else "none" for t in when)
         decided = (percent(table, case=case, thing=t) for t in ("FAIL", "PASS"))
         lines.append((case, *decided, times, f"{fixed:,}" if fixed else ""))
-    when = "trials at the decision: 10%, 50%, 90% of audits"
-    return rows(("estimator", "FAIL", "PASS", when, "a fixed number"), lines)
+    decision = "trials at the decision: 10%, 50%, 90% of audits"
+    return rows(("estimator", "FAIL", "PASS", decision, "a fixed number"), lines)
 
 
 def made_by(table: xr.Dataset) -> str:

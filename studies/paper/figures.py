@@ -17,6 +17,9 @@ from studies.kit.plots import BLUE, GREY, ORANGE
 from studies.paper.claim import SINGLE, Claim, Kind
 from studies.paper.detection_claims import cells
 from studies.paper.experiments.arithmetic import GAIN_PRIOR_SD
+from studies.paper.experiments.importance import BOTH, SETS, SUB, SWEEP
+from studies.paper.experiments.importance import FAMILIES as FAMILY_KINDS
+from studies.paper.experiments.importance import LEVELS as WEIGHTED
 from studies.paper.grid_populations import FAMILIES, LEVELS
 from studies.paper.judge import Agreement, Judgement
 from studies.paper.numbers import by_claim
@@ -32,59 +35,6 @@ COLOUR = {
 }
 
 LEVEL_COLOUR = {"faint": GREY, "medium": ORANGE, "bright": BLUE}
-GRIDS = (("detection", "epic-pn", "EPIC-pn"), ("detection_nicer", "nicer", "NICER"))
-"""Experiments that measure a detection grid, the response of it, and how that is called."""
-
-
-def draw(
-    tables: Mapping[str, xr.Dataset], judgements: Sequence[Judgement], folder: Path, *, prefix: str = ""
-) -> dict[str, str]:
-    """Write what can be drawn; paths relative to the folder's parent, by caption."""
-    if importlib.util.find_spec("matplotlib") is None:
-        return {}
-    plot = plots.pyplot()
-    made: dict[str, tuple[str, Callable[[], Any]]] = {
-        "verdicts": ("Verdicts by kind", partial(verdicts_figure, plot, judgements))
-    }
-    for needed, name, caption, make in (
-        ("published", "evidence", "Log evidences of the published runs", partial(evidence_figure, plot)),
-        (
-            "information",
-            "information",
-            "Gain: bias and information",
-            lambda: information_figure(plot, tables["information"]),
-        ),
-        (
-            "calibration_published",
-            "calibration",
-            "Coverage, and ranks: published ones are open circles",
-            partial(calibration_figure, plot, tables, LEVEL_COLOUR),
-        ),
-        (
-            "cross_check",
-            "shrink",
-            "Shrink of the gain",
-            lambda: shrink_figure(plot, tables["cross_check"], (BLUE, ORANGE)),
-        ),
-        (
-            "importance",
-            "importance",
-            "Effective sample size: a gain and a line",
-            lambda: importance_figure(plot, tables["importance"], (BLUE, ORANGE)),
-        ),
-    ):
-        if needed in tables:
-            made[name] = caption, make
-    for name, response, words in GRIDS:
-        if name in tables:
-            caption = f"Detection grid, {words}: ours, and as published (open circles)"
-            made[f"grid-{response}"] = (
-                caption,
-                partial(grid_figure, plot, tables[name], response, LEVEL_COLOUR),
-            )
-    paths = plots.draw({name: make for name, (_, make) in made.items()}, folder, prefix=prefix)
-    captions = [caption for caption, _ in made.values()]
-    return {c: f"{folder.name}/{path.name}" for c, path in zip(captions, paths, strict=True)}
 
 
 def verdicts_figure(pyplot: Any, judgements: Sequence[Judgement]) -> Any:
@@ -102,14 +52,8 @@ def verdicts_figure(pyplot: Any, judgements: Sequence[Judgement]) -> Any:
         for row, (count, start, width) in enumerate(zip(counts, left, share, strict=True)):
             if count:
                 dark = verdict in (Agreement.AGREES, Agreement.DIFFERS)
-                axis.text(
-                    start + width / 2,
-                    row,
-                    str(count),
-                    ha="center",
-                    va="center",
-                    color="white" if dark else "black",
-                )
+                ink = "white" if dark else "black"
+                axis.text(start + width / 2, row, str(count), ha="center", va="center", color=ink)
         left = left + share
     axis.set_yticks(range(len(kinds)), [kind.value for kind in kinds])
     axis.invert_yaxis()
@@ -119,7 +63,7 @@ def verdicts_figure(pyplot: Any, judgements: Sequence[Judgement]) -> Any:
     return figure
 
 
-def evidence_figure(pyplot: Any) -> Any:
+def evidence_figure(pyplot: Any, tables: Mapping[str, xr.Dataset]) -> Any:  # noqa: ARG001
     """The published log evidences over counts with their trend, and the pairs over their count ratio."""
     rows = published_rows()
     family, counts = rows["family"].values.astype(str), rows["counts"].values
@@ -145,23 +89,17 @@ def evidence_figure(pyplot: Any) -> Any:
     return figure
 
 
-def information_figure(pyplot: Any, found: xr.Dataset) -> Any:
+def information_figure(pyplot: Any, tables: Mapping[str, xr.Dataset]) -> Any:
     """Bias of the photon index by 3 per cent of gain, and errors of the gain, over the prior."""
+    found = tables["information"]
     figure, axes = pyplot.subplots(1, 2, figsize=(7.5, 3.0), layout="constrained")
     bias_edges, error_edges = np.linspace(-0.04, 0.08, 41), np.geomspace(0.02, 2.0, 41)
     for level, colour in (("medium", ORANGE), ("bright", BLUE)):
         bias = found["bias"].sel(level=level).values
         error = found["gain_error"].sel(level=level).values
         for axis, values, edges in ((axes[0], bias, bias_edges), (axes[1], error, error_edges)):
-            inside = np.clip(values, edges[0], edges[-1])
-            axis.hist(
-                inside,
-                edges,
-                histtype="step",
-                color=colour,
-                label=level,
-                weights=np.full(len(values), 1 / len(values)),
-            )
+            inside, weights = np.clip(values, edges[0], edges[-1]), np.full(len(values), 1 / len(values))
+            axis.hist(inside, edges, histtype="step", color=colour, label=level, weights=weights)
         quoted = claims()[f"gm.lin.{level}"].parts["value"]
         axes[0].axvline(quoted, color=colour, lw=0.8, ls="--")
     axes[0].set_xlabel("bias of the photon index at g = 1.03\ndashed: as published")
@@ -187,26 +125,26 @@ BELOW = {"cal.sbc.pn.bright": 1e-13}
 """Where the study states a limit of all five alone."""
 
 
-def calibration_figure(pyplot: Any, tables: Mapping[str, xr.Dataset], colours: Mapping[str, str]) -> Any:
+def calibration_figure(pyplot: Any, tables: Mapping[str, xr.Dataset]) -> Any:
     """Coverage less what is claimed, and p of ranks by level; open symbols are the published ones."""
     responses = [each for each in RESPONSES if each[0] in tables]
     figure, axes = pyplot.subplots(
         1, 1 + len(responses), figsize=(3.0 + 2.4 * len(responses), 3.0), layout="constrained"
     )
-    _coverage(axes[0], tables["calibration_published"], colours)
+    _coverage(axes[0], tables["calibration_published"])
     for axis, (name, short, title) in zip(axes[1:], responses, strict=True):
-        _ranks(axis, tables[name], short, colours)
+        _ranks(axis, tables[name], short)
         axis.set_title(title, fontsize=8)
     axes[1].set_ylabel("p of the ranks' uniformity (KS)")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", frameon=False, ncols=3)
     return figure
 
 
-def _coverage(axis: Any, table: xr.Dataset, colours: Mapping[str, str]) -> None:
+def _coverage(axis: Any, table: xr.Dataset) -> None:
     claimed = table["claimed"].values
     styles = {
-        **{level: {"color": colours[level], "label": level} for level in LEVELS},
-        "bright-uncapped": {"color": colours["bright"], "ls": "--", "label": "bright, no cap"},
+        **{level: {"color": LEVEL_COLOUR[level], "label": level} for level in LEVELS},
+        "bright-uncapped": {"color": LEVEL_COLOUR["bright"], "ls": "--", "label": "bright, no cap"},
         "bright-cut": {"color": CUT_COLOUR, "label": "bright, cut at a bad epoch"},
     }
     axis.axhline(0.0, color="#8a8a8a", lw=0.8)
@@ -219,31 +157,34 @@ def _coverage(axis: Any, table: xr.Dataset, colours: Mapping[str, str]) -> None:
     axis.set_ylabel("coverage less claimed")
 
 
-def _ranks(axis: Any, table: xr.Dataset, short: str, colours: Mapping[str, str]) -> None:
+def _ranks(axis: Any, table: xr.Dataset, short: str) -> None:
     found = by_claim(table)
     for row, level in enumerate(LEVELS):
         claim = f"cal.sbc.{short}.{level}"
         ours, told = found[claim], claims()[claim].parts
         place = row + 0.1 * np.arange(-2, 3)
-        axis.plot(place, np.maximum(list(ours.values()), LEAST), "o", color=colours[level], ms=4)
+        axis.plot(place, np.maximum(list(ours.values()), LEAST), "o", color=LEVEL_COLOUR[level], ms=4)
         values = [told.get(name, BELOW.get(claim, np.nan)) for name in ours]
         marker = "v" if claim in BELOW else "o"
-        axis.plot(place, np.maximum(values, LEAST), marker, color=colours[level], mfc="white", ms=5, zorder=0)
+        axis.plot(
+            place, np.maximum(values, LEAST), marker, color=LEVEL_COLOUR[level], mfc="white", ms=5, zorder=0
+        )
     axis.axhline(0.05, color="#8a8a8a", lw=0.8, ls=":")
     axis.set_yscale("log")
     axis.set_ylim(LEAST / 3.0, 3.0)
     axis.set_xticks(range(len(LEVELS)), list(LEVELS))
 
 
+EXACT, FLOW = BLUE, ORANGE
 ROWS = {"medium": np.arange(6.0), "bright": np.arange(7.0, 11.0)}
 """Rows of the spectra of either level, from the top."""
 
 
-def shrink_figure(pyplot: Any, table: xr.Dataset, colours: tuple[str, str]) -> Any:
-    """Shrinks of the published ten, as far as they are stated, and of our ten; `colours` exact and flow."""
+def shrink_figure(pyplot: Any, tables: Mapping[str, xr.Dataset]) -> Any:
+    """Shrinks of the published ten, as far as they are stated, and of our ten."""
     figure, axes = pyplot.subplots(1, 2, figsize=(7.5, 3.4), sharex=True, sharey=True, layout="constrained")
-    _published(axes[0], colours)
-    _ours(axes[1], table, colours)
+    _published(axes[0])
+    _ours(axes[1], tables["cross_check"])
     for axis, title in zip(axes, ("published", "ours"), strict=True):
         axis.axvline(1.0, color="#8a8a8a", lw=0.8, zorder=0)
         axis.set_title(title, fontsize=8)
@@ -257,74 +198,63 @@ def shrink_figure(pyplot: Any, table: xr.Dataset, colours: tuple[str, str]) -> A
     return figure
 
 
-def _published(axis: Any, colours: tuple[str, str]) -> None:
+def _published(axis: Any) -> None:
     """The numbers that the text states: of five medium spectra a range alone."""
-    exact, flow = colours
     told = {name: claims()[f"xc.{name}"].parts for name in ("med.shrink", "i22.shrink", "i22.flow")}
     medium, bright = ROWS["medium"], ROWS["bright"]
     least, most = told["med.shrink"]["least"], told["med.shrink"]["most"]
-    axis.fill_betweenx(medium[[1, -1]] + [-0.3, 0.3], least, most, color=exact, alpha=0.25, lw=0)
-    axis.plot(told["i22.shrink"]["box"], medium[0], "x", color=exact, ms=5)
-    axis.plot(told["i22.shrink"]["wider"], medium[0], "D", color=exact, ms=4, mfc="white")
-    axis.plot(told["i22.flow"]["value"], medium[0], "s", color=flow, ms=4, mfc="white")
+    axis.fill_betweenx(medium[[1, -1]] + [-0.3, 0.3], least, most, color=EXACT, alpha=0.25, lw=0)
+    axis.plot(told["i22.shrink"]["box"], medium[0], "x", color=EXACT, ms=5)
+    axis.plot(told["i22.shrink"]["wider"], medium[0], "D", color=EXACT, ms=4, mfc="white")
+    axis.plot(told["i22.flow"]["value"], medium[0], "s", color=FLOW, ms=4, mfc="white")
     shrinks = np.array(list(claims()["xc.bright.shrink_NS"].parts.values())[:3])
     kept = claims()["xc.bright.capture"].parts
     share = np.array([kept["first"], kept["second"], 0.5 * (kept["third, least"] + kept["third, most"])])
-    axis.plot(shrinks, bright[:3], "o", color=exact, ms=4)
-    axis.plot(1.0 - share * (1.0 - shrinks), bright[:3], "s", color=flow, ms=4, mfc="white")
+    axis.plot(shrinks, bright[:3], "o", color=EXACT, ms=4)
+    axis.plot(1.0 - share * (1.0 - shrinks), bright[:3], "s", color=FLOW, ms=4, mfc="white")
 
 
-def _ours(axis: Any, table: xr.Dataset, colours: tuple[str, str]) -> None:
+def _ours(axis: Any, table: xr.Dataset) -> None:
     """Exact under the flow's prior, the flow, and the flow with importance weights."""
-    exact, flow = colours
     level = table["level"].values.astype(str)
     rows = np.concatenate([ROWS[name][: np.sum(level == name)] for name in ROWS])
     kinds = (
-        ("exact_reference", "o", exact, exact, "exact"),
-        ("flow", "s", flow, "white", "flow"),
-        ("refined", "+", flow, flow, "flow, importance weights"),
+        ("exact_reference", "o", EXACT, EXACT, "exact"),
+        ("flow", "s", FLOW, "white", "flow"),
+        ("refined", "+", FLOW, FLOW, "flow, importance weights"),
     )
     for name, marker, colour, face, label in kinds:
         error = table[f"{name}_error"].values
         style = {"fmt": marker, "color": colour, "mfc": face, "ms": 4, "lw": 0.8}
         axis.errorbar(table[name].values, rows, xerr=error, label=label, **style)
     wider = float(table["boundary_shrink"])
-    axis.plot(wider, rows[0], "D", color=exact, ms=4, mfc="white", label="exact, wider box")
+    axis.plot(wider, rows[0], "D", color=EXACT, ms=4, mfc="white", label="exact, wider box")
 
 
-SWEEP, SUB, SETS = ("1", "3", "5", "10"), ("0.1", "0.2", "0.3", "0.5"), 4
-KINDS = (
-    ("medium", "gain", "B4"),
-    ("bright", "gain", "B4"),
-    ("medium", "line", "B1"),
-    ("bright", "line", "B1"),
-)
-SCORES = {"effective": "ours", "effective_simulated": "ours, under the prior of the simulations"}
+KINDS = tuple((level, kind, family) for family, kind in FAMILY_KINDS.items() for level in WEIGHTED)
+SCORES = {
+    "effective": ("ours", BLUE),
+    "effective_simulated": ("ours, under the prior of the simulations", ORANGE),
+}
 APART = 0.14
 """Between what was published and ours, in places."""
 
 
-def importance_figure(pyplot: Any, table: xr.Dataset, colours: Sequence[str]) -> Any:
+def importance_figure(pyplot: Any, tables: Mapping[str, xr.Dataset]) -> Any:
     """AUCs over the amplitude of a gain at medium counts, and of 3 per cent and a line at both levels.
 
     Below one per cent the mean of four seed sets, and of two for what the right panel shows; bars are one
     standard error.
     """
     known = claims()
-    left = [[(known[f"sub.{a}"], "pooled")] for a in SUB] + [
-        [(known[f"is.sweep.{a}pc"], "value")] for a in SWEEP
-    ]
-    right = [
-        [(known[f"tab3.{level}.{family}.seed{k}"], "value") for k in (0, 1)] for level, _, family in KINDS
-    ]
+    left = [[(known[f"sub.{a:g}"], "pooled")] for a in SUB]
+    left += [[(known[f"is.sweep.{a:g}pc"], "value")] for a in SWEEP]
+    right = [[(known[f"tab3.{level}.{family}.seed{k}"], "value") for k in BOTH] for level, _, family in KINDS]
     cells = [
-        [[f"sub-{a}-{k}" for k in range(SETS)] for a in SUB] + [[f"sweep-{a}"] for a in SWEEP],
-        [[f"{level}-{kind}-{k}" for k in (0, 1)] for level, kind, _ in KINDS],
+        [[f"sub-{a:g}-{k}" for k in range(SETS)] for a in SUB] + [[f"sweep-{a:g}"] for a in SWEEP],
+        [[f"{level}-{kind}-{k}" for k in BOTH] for level, kind, _ in KINDS],
     ]
-    names = [
-        [*SUB, *SWEEP],
-        [f"{kind},\n{level}" for level, kind, _ in KINDS],
-    ]
+    names = [[f"{a:g}" for a in (*SUB, *SWEEP)], [f"{kind},\n{level}" for level, kind, _ in KINDS]]
     figure, axes = pyplot.subplots(
         1, 2, figsize=(7.5, 3.2), width_ratios=(8, 4), sharey=True, layout="constrained"
     )
@@ -332,17 +262,11 @@ def importance_figure(pyplot: Any, table: xr.Dataset, colours: Sequence[str]) ->
         place = np.arange(len(groups))
         axis.axhline(0.5, color=GREY, lw=0.8)
         style = {"fmt": "o", "ms": 3.5, "lw": 0.9}
-        axis.errorbar(
-            place - APART,
-            *_published_scores(published),
-            color="black",
-            mfc="white",
-            label="published",
-            **style,
-        )
-        for k, (score, label) in enumerate(SCORES.items()):
-            found = _our_scores(table, score, groups)
-            axis.errorbar(place + APART * k, *found, color=colours[k], label=label, **style)
+        told = _published_scores(published)
+        axis.errorbar(place - APART, *told, color="black", mfc="white", label="published", **style)
+        for k, (score, (label, colour)) in enumerate(SCORES.items()):
+            found = _our_scores(tables["importance"], score, groups)
+            axis.errorbar(place + APART * k, *found, color=colour, label=label, **style)
         axis.set_xticks(place, labels)
     axes[0].set_xlabel("gain, per cent, at medium counts")
     axes[1].set_xlabel("gain of 3 per cent, and line")
@@ -381,10 +305,10 @@ WIDTH = 0.24
 """Between the levels of one strength."""
 
 
-def grid_figure(pyplot: Any, table: xr.Dataset, response: str, colours: dict[str, str]) -> Any:
+def grid_figure(response: str, pyplot: Any, tables: Mapping[str, xr.Dataset]) -> Any:
     """AUCs of one response; open circles are published ones, which not every cell has."""
     published = published_aucs(response)
-    here = table.sel(response=response)
+    here = tables["detection" if response == "epic-pn" else "detection_nicer"].sel(response=response)
     figure, axes = pyplot.subplots(
         len(DETECTORS), len(FAMILIES), figsize=(7.5, 5.4), sharex="col", sharey=True, layout="constrained"
     )
@@ -395,7 +319,7 @@ def grid_figure(pyplot: Any, table: xr.Dataset, response: str, colours: dict[str
             x = np.arange(len(amounts)) + WIDTH * (number - 1)
             place = (number, column, slice(None), row)
             error = here["auc_error"].values[place]
-            style = {"color": colours[level], "ms": 3, "lw": 0.9}
+            style = {"color": LEVEL_COLOUR[level], "ms": 3, "lw": 0.9}
             axis.errorbar(x + 0.04, here["auc"].values[place], error, fmt="o", label=level, **style)
             axis.plot(x - 0.04, published[place], "o", mfc="white", **style)
         axis.set_xticks(range(len(amounts)), [f"{amount:g}" for amount in amounts])
@@ -417,3 +341,37 @@ def published_aucs(response: str) -> np.ndarray:
         if claim in every:
             found[place] = every[claim].parts[SINGLE[0]]
     return found
+
+
+BESIDE = "ours, and as published (open circles)"
+FIGURES: tuple[tuple[str, str, str, Callable[[Any, Mapping[str, xr.Dataset]], Any]], ...] = (
+    ("published", "evidence", "Log evidences of the published runs", evidence_figure),
+    ("information", "information", "Gain: bias and information", information_figure),
+    (
+        "calibration_published",
+        "calibration",
+        "Coverage, and ranks: published ones are open circles",
+        calibration_figure,
+    ),
+    ("cross_check", "shrink", "Shrink of the gain", shrink_figure),
+    ("importance", "importance", "Effective sample size: a gain and a line", importance_figure),
+    ("detection", "grid-epic-pn", f"Detection grid, EPIC-pn: {BESIDE}", partial(grid_figure, "epic-pn")),
+    ("detection_nicer", "grid-nicer", f"Detection grid, NICER: {BESIDE}", partial(grid_figure, "nicer")),
+)
+"""The experiment that a figure needs, its name and caption, and what draws it from the tables."""
+
+
+def draw(
+    tables: Mapping[str, xr.Dataset], judgements: Sequence[Judgement], folder: Path, *, prefix: str = ""
+) -> dict[str, str]:
+    """Write what can be drawn; paths relative to the folder's parent, by caption."""
+    if importlib.util.find_spec("matplotlib") is None:
+        return {}
+    plot = plots.pyplot()
+    captions = {"verdicts": "Verdicts by kind"}
+    made: dict[str, Callable[[], Any]] = {"verdicts": partial(verdicts_figure, plot, judgements)}
+    for needed, name, caption, make in FIGURES:
+        if needed in tables:
+            captions[name], made[name] = caption, partial(make, plot, tables)
+    paths = plots.draw(made, folder, prefix=prefix)
+    return {c: f"{folder.name}/{path.name}" for c, path in zip(captions.values(), paths, strict=True)}
