@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from gaugeblock.core.errors import InputError
 from gaugeblock.core.values import Value
 from gaugeblock.simulators.marginals import Marginal
 from gaugeblock.simulators.prior import Prior
@@ -44,3 +46,56 @@ class Effect(Value):
         """Prior of the free parameters under the given label, or None where all are fixed."""
         free = {f"{label}.{name}": marginal for name, marginal in self.free.items()}
         return Prior(free) if free else None
+
+    def describe(self) -> dict[str, Any]:
+        """Plain data: its name, the numbers that are fixed, and the priors of the others."""
+        free = {name: marginal.describe() for name, marginal in self.free.items()}
+        return {"name": self.name, "fixed": self.fixed, "free": free}
+
+
+def labelled(effects: Sequence[Effect]) -> list[tuple[str, Effect]]:
+    """Effects with their labels ``<name>_<k>``, k counting those of one name from 1.
+
+    >>> [label for label, _ in labelled([Effect("a"), Effect("b"), Effect("a")])]
+    ['a_1', 'b_1', 'a_2']
+    """
+    names = [effect.name for effect in effects]
+    return [(f"{name}_{1 + names[:k].count(name)}", effects[k]) for k, name in enumerate(names)]
+
+
+def reach(value: float | Marginal) -> tuple[float, float]:
+    """Smallest and largest value of a parameter; of one without bounds, all but two draws in 1e9."""
+    if isinstance(value, int | float):
+        return float(value), float(value)
+    low, high = value.support
+    if math.isfinite(low) and math.isfinite(high):
+        return low, high
+    return float(value.from_unit(1e-9)), float(value.from_unit(1.0 - 1e-9))
+
+
+def check_parameters(effect: Effect, ranges: Mapping[str, tuple[float, float]]) -> None:
+    """Hold an effect's parameters against those that it has to have, by name, and where each may lie.
+
+    Raises
+    ------
+    InputError
+        If it lacks a parameter, has one too many, or one that is no number or distribution or out of range.
+    """
+    missing, extra = set(ranges) - set(effect.parameters), set(effect.parameters) - set(ranges)
+    if missing or extra:
+        raise InputError(
+            f"effect {effect.name}: takes {', '.join(ranges)}; "
+            + (f"{', '.join(sorted(missing))} missing" if missing else f"{', '.join(sorted(extra))} unknown")
+        )
+    for name, (low, high) in ranges.items():
+        value = effect.parameters[name]
+        if not isinstance(value, int | float) and not hasattr(value, "support"):
+            raise InputError(
+                f"effect {effect.name}: {name} must be a number or a distribution, got {value!r}"
+            )
+        start, stop = reach(value)
+        if not (low <= start and stop <= high):
+            raise InputError(
+                f"effect {effect.name}: {name} must lie between {low:g} and {high:g}, got {start:g}"
+                + (f" to {stop:g}" if stop != start else "")
+            )

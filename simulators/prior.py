@@ -288,13 +288,24 @@ class Prior:
             }
         )
 
-    def _columns(self, array: Array) -> Iterator[tuple[Any, Array, bool]]:
-        """Every part with its values, a block's with the parameter as last axis."""
+    def array(self, theta: ArrayLike | Array) -> Any:
+        """Parameters ``(..., parameter)``: NumPy and JAX arrays as they are, all else as float64.
+
+        Raises
+        ------
+        InputError
+            If the last axis does not have one element a parameter.
+        """
+        array: Any = theta if hasattr(theta, "__array_namespace__") else np.asarray(theta, dtype=float)
         if array.shape[-1:] != (self.size,):
             raise InputError(
                 f"expected {self.size} parameters ({', '.join(self.names)}) along the last axis, "
                 f"got shape {tuple(array.shape)}"
             )
+        return array
+
+    def _columns(self, array: Array) -> Iterator[tuple[Any, Array, bool]]:
+        """Every part with its values, a block's with the parameter as last axis."""
         first = 0
         for key, part in self._parts.items():
             if isinstance(key, tuple):
@@ -308,14 +319,13 @@ class Prior:
 
     def by_part(self, array: ArrayLike | Array, function: Callable[[Any, Array], Array]) -> Any:
         """``function(part, values)`` of every distribution and its columns, of the array's shape."""
-        array = array if hasattr(array, "__array_namespace__") else np.asarray(array, dtype=float)
+        array = self.array(array)
         mapped = [(function(part, values), block) for part, values, block in self._columns(array)]
         columns = [values if block else values[..., None] for values, block in mapped]
         return namespace(array).concatenate(columns, axis=-1)
 
     def _sum(self, array: ArrayLike | Array, method: str) -> Any:
-        array = array if hasattr(array, "__array_namespace__") else np.asarray(array, dtype=float)
-        columns = [getattr(part, method)(values) for part, values, _ in self._columns(array)]
+        columns = [getattr(part, method)(values) for part, values, _ in self._columns(self.array(array))]
         return sum(columns[1:], start=columns[0])
 
     def sample(self, n: int, rng: Rng) -> NDArray[np.float64]:

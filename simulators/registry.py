@@ -21,7 +21,7 @@ SIMULATORS: Table = {
     "linear_gaussian": ("gaugeblock.simulators.linear_gaussian", "LinearGaussian", None),
     "two_moons": ("gaugeblock.simulators.two_moons", "TwoMoons", None),
     "gaussian_mixture": ("gaugeblock.simulators.gaussian_mixture", "GaussianMixture", None),
-    "epidemic": ("gaugeblock.simulators.epidemic", "build", None),
+    "epidemic": ("gaugeblock.simulators.epidemic", "Epidemic", None),
 }
 
 

@@ -5,9 +5,8 @@ into; `course` integrates the epidemic; `effects` says what each effect does, `l
 discovery may propose.
 """
 
-from gaugeblock.simulators.epidemic.build import build
 from gaugeblock.simulators.epidemic.effects import EFFECTS, EpidemicEffect
 from gaugeblock.simulators.epidemic.simulator import Epidemic
 from gaugeblock.simulators.epidemic.with_effects import EpidemicWithEffects
 
-__all__ = ["EFFECTS", "Epidemic", "EpidemicEffect", "EpidemicWithEffects", "build"]
+__all__ = ["EFFECTS", "Epidemic", "EpidemicEffect", "EpidemicWithEffects"]

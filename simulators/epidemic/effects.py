@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.simulators.effects import Effect
+from gaugeblock.simulators.effects import Effect, check_parameters
 from gaugeblock.simulators.epidemic.course import Drive, ramp
 from gaugeblock.simulators.marginals import namespace
 
@@ -58,23 +58,7 @@ def effect_kind(effect: Effect) -> EpidemicEffect:
             f"effect {effect.name!r}: not known to the epidemic; there are {', '.join(EFFECTS)}, "
             "or give an EpidemicEffect as its kind"
         )
-    missing, extra = (
-        set(kind.parameters) - set(effect.parameters),
-        set(effect.parameters) - set(kind.parameters),
-    )
-    if missing or extra:
-        raise InputError(
-            f"effect {effect.name}: takes {', '.join(kind.parameters)}; "
-            + (f"{', '.join(sorted(missing))} missing" if missing else f"{', '.join(sorted(extra))} unknown")
-        )
-    for name, (low, high) in kind.parameters.items():
-        value = effect.parameters[name]
-        reach = (value, value) if isinstance(value, int | float) else value.support
-        if not (low <= reach[0] and reach[1] <= high):
-            raise InputError(
-                f"effect {effect.name}: {name} must lie between {low:g} and {high:g}, "
-                f"got {reach[0]:g} to {reach[1]:g}"
-            )
+    check_parameters(effect, kind.parameters)
     return kind
 
 

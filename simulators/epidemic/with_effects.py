@@ -7,15 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.core.streams import Rng
-from gaugeblock.core.values import Shown
 from gaugeblock.simulators._shapes import data_array
-from gaugeblock.simulators.effects import Effect
+from gaugeblock.simulators.effects import Effect, labelled
 from gaugeblock.simulators.epidemic.course import Drive, weekly, weekly_jax
 from gaugeblock.simulators.epidemic.effects import effect_kind
 from gaugeblock.simulators.epidemic.library import library
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.marginals import namespace
+from gaugeblock.simulators.poisson import PoissonCounts
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.protocol import poisson_log_likelihood
 from gaugeblock.simulators.segments import Segment
@@ -26,7 +25,7 @@ COMPLEX_STEP = 1e-30
 """Far below any rounding: a derivative along the imaginary axis takes no difference of two numbers."""
 
 
-class EpidemicWithEffects(Shown):
+class EpidemicWithEffects(PoissonCounts):
     """Weekly cases of an epidemic that effects change; no effect at all is the plain `Epidemic`.
 
     Implements `gaugeblock.simulators.Simulator` with every capability that has a likelihood but no
@@ -37,7 +36,7 @@ class EpidemicWithEffects(Shown):
     settings : dict
         ``weeks``, ``population``, ``infected`` and ``reported``, as `Epidemic` takes them.
     prior : Prior
-        Over the two rates.
+        Over the two rates; the free parameters of the effects are appended.
     effects : tuple of Effect
         Ways in which this epidemic differs from the plain one, applied in order. The free parameters of
         each join the prior as ``<name>_<k>.<parameter>``.
@@ -53,21 +52,14 @@ class EpidemicWithEffects(Shown):
         self._weeks = int(settings["weeks"])
         self._infected = settings["infected"] / settings["population"]
         self._scale = settings["population"] * settings["reported"]
-        self._worked_in, self._prior, counts = [], prior, {}  # type: ignore[var-annotated]
-        for effect in self.effects:
-            counts[effect.name] = counts.get(effect.name, 0) + 1
-            label = f"{effect.name}_{counts[effect.name]}"
-            column = self._prior.size
-            free = effect.prior(label)
-            columns = {name: column + i for i, name in enumerate(effect.free)}
+        self.prior, self.data_shape = prior, (self._weeks,)
+        self._worked_in = []
+        for label, effect in labelled(self.effects):
+            columns = {name: self.prior.size + i for i, name in enumerate(effect.free)}
             fixed = {name: np.asarray(value) for name, value in effect.fixed.items()}
             self._worked_in.append((effect_kind(effect), fixed, columns))
-            self._prior = self._prior if free is None else self._prior * free
-
-    @property
-    def prior(self) -> Prior:
-        """Prior over the rates, then over the free parameters of the effects."""
-        return self._prior
+            free = effect.prior(label)
+            self.prior = self.prior if free is None else self.prior * free
 
     def expected(self, theta: ArrayLike) -> NDArray[np.float64]:
         """Mean reported cases of each week, ``(..., weeks)``, at least 1e-6."""
@@ -86,8 +78,9 @@ class EpidemicWithEffects(Shown):
         """
         rows = np.asarray(theta, dtype=float)
         # With the direction in front, one call for all of them.
-        step = 1j * COMPLEX_STEP * np.eye(self._prior.size)
-        moved = rows + step.reshape(-1, *np.ones(rows.ndim - 1, dtype=int), self._prior.size)
+        size = self.prior.size
+        step = 1j * COMPLEX_STEP * np.eye(size)
+        moved = rows + step.reshape(-1, *np.ones(rows.ndim - 1, dtype=int), size)
         return np.moveaxis(self._mean(moved, weekly).imag / COMPLEX_STEP, 0, -1)
 
     def _mean(self, theta: Any, integrate: Any) -> Any:
@@ -104,14 +97,6 @@ class EpidemicWithEffects(Shown):
         # Where an epidemic has burnt out, differences of sums that no longer grow are rounding.
         return namespace(cases).where(cases.real > LEAST_CASES, cases, LEAST_CASES)
 
-    def observe(self, expected: ArrayLike, rng: Rng) -> NDArray[np.int64]:
-        """Poisson counts with the given means."""
-        return np.asarray(rng.poisson(np.asarray(expected, dtype=float)))
-
-    def simulate(self, theta: ArrayLike, rng: Rng) -> NDArray[np.int64]:
-        """Reported cases for each row of theta, ``(n, weeks)``."""
-        return self.observe(self.expected(theta), rng)
-
     def data(self, x: ArrayLike) -> NDArray[np.float64]:
         """Data as floats, their number of weeks checked.
 
@@ -125,14 +110,6 @@ class EpidemicWithEffects(Shown):
     def log_likelihood(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
         """Poisson log probability of x given theta, leading axes broadcast."""
         return poisson_log_likelihood(self.expected(theta), self.data(x))
-
-    def log_likelihood_jax(self, theta: Any, x: Any) -> Any:
-        """The same on JAX arrays, traceable."""
-        import jax.numpy as jnp
-        from jax.scipy.special import gammaln
-
-        mean = self.expected_jax(theta)
-        return (x * jnp.log(mean) - mean - gammaln(x + 1.0)).sum(-1)
 
     def with_effect(self, effect: Effect) -> EpidemicWithEffects:
         """The same epidemic with one more effect."""
@@ -152,12 +129,5 @@ class EpidemicWithEffects(Shown):
         return {
             "simulator": "epidemic",
             **self._settings,
-            "effects": [
-                {
-                    "name": effect.name,
-                    "fixed": effect.fixed,
-                    "free": {name: marginal.describe() for name, marginal in effect.free.items()},
-                }
-                for effect in self.effects
-            ],
+            "effects": [effect.describe() for effect in self.effects],
         }

@@ -40,7 +40,7 @@ def forward(assembly: Assembly, response: Response, *, integration: str = "jaxsp
             factor = math.prod(_value(s, theta, names) for s in assembly.photon_gain if isinstance(s, str))
             return area(source(flux(theta, factor), theta, factor), theta, 1)
 
-    return ForwardModel(names, len(response.channels), Rate(photons, folding), response.exposure)
+    return ForwardModel(assembly.prior, len(response.channels), Rate(photons, folding), response.exposure)
 
 
 def _value(source: Source, theta: Any, names: Sequence[str]) -> Any:

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.core.errors import InputError
+from gaugeblock.simulators.poisson import counts_beside, log_likelihood_jax
+from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray.precision import double_precision
 from gaugeblock.simulators.xray.rate import Rate
 
@@ -72,8 +73,8 @@ class ForwardModel:
 
     Parameters
     ----------
-    parameters : sequence of str
-        Names in theta, in order.
+    prior : Prior
+        Over what is in theta.
     channels : int
         Number of channels.
     rate : Rate
@@ -82,10 +83,10 @@ class ForwardModel:
         Seconds.
     """
 
-    def __init__(self, parameters: Sequence[str], channels: int, rate: Rate, exposure: float):
+    def __init__(self, prior: Prior, channels: int, rate: Rate, exposure: float):
         import jax
 
-        self.parameters = tuple(parameters)
+        self._prior = prior
         self.channels = channels
         self.exposure = exposure
         self._rate = rate
@@ -101,11 +102,7 @@ class ForwardModel:
         return jnp.maximum(self._rate(theta) * exposure, FLOOR)
 
     def _log_probability(self, theta: Any, x: Any, exposure: Any) -> Any:
-        import jax.numpy as jnp
-        from jax.scipy.special import gammaln
-
-        mean = self._mean(theta, exposure)
-        return jnp.sum(x * jnp.log(mean) - mean - gammaln(x + 1.0))
+        return log_likelihood_jax(self._mean(theta, exposure), x)
 
     def with_exposure(self, seconds: float) -> ForwardModel:
         """The same model at another exposure, sharing what has been compiled."""
@@ -116,63 +113,40 @@ class ForwardModel:
     def held(self, values: ArrayLike) -> HeldSpectrum:
         """The model with its last parameters held at values ``(k,)``, whatever these are compiled once."""
         tail = np.asarray(values, dtype=float)
-        own = len(self.parameters) - len(tail)
+        own = self._prior.size - len(tail)
         if own not in self._held:
-            self._held[own] = HeldModel(self._rate, self.parameters, own)
+            self._held[own] = HeldModel(self._rate, self._prior.names, own)
         return HeldSpectrum(self._held[own], tail, self.exposure)
 
     def expected_jax(self, theta: Any) -> Any:
         """Expected counts ``(channel,)`` of one theta ``(parameter,)``; pure, to be transformed by JAX."""
         return self._mean(theta, self.exposure)
 
-    def log_likelihood_jax(self, theta: Any, x: Any) -> Any:
-        """Poisson log likelihood of counts ``(channel,)`` given theta ``(parameter,)``; pure."""
-        return self._log_probability(theta, x, self.exposure)
-
     @property
     def compilations(self) -> int:
         """How many batch shapes have been compiled so far, over all functions."""
         return sum(f.compilations for f in (self._expected, self._jacobian, self._log_likelihood))
 
-    def _theta(self, theta: ArrayLike) -> NDArray[np.float64]:
-        array = np.asarray(theta, dtype=float)
-        if array.shape[-1:] != (len(self.parameters),):
-            raise InputError(
-                f"expected {len(self.parameters)} parameters ({', '.join(self.parameters)}) along the last "
-                f"axis, got shape {array.shape}"
-            )
-        return array
+    def _rows(self, function: Compiled, theta: ArrayLike, *ends: int) -> Array:
+        """A function of theta ``(..., parameter)``, of shape ``(..., *ends)``."""
+        array = self._prior.array(np.asarray(theta, dtype=float))
+        shape = (*array.shape[:-1], *ends)
+        if not array.size:
+            return np.empty(shape)
+        return function(np.float64(self.exposure), array.reshape(-1, array.shape[-1])).reshape(shape)
 
     def expected(self, theta: ArrayLike) -> NDArray[np.float64]:
         """Expected counts ``(..., channel)`` for theta ``(..., parameter)``."""
-        array = self._theta(theta)
-        shape = (*array.shape[:-1], self.channels)
-        if not array.size:
-            return np.empty(shape)
-        return self._expected(np.float64(self.exposure), array.reshape(-1, array.shape[-1])).reshape(shape)
+        return self._rows(self._expected, theta, self.channels)
 
     def jacobian(self, theta: ArrayLike) -> NDArray[np.float64]:
         """Derivative of the expected counts, ``(..., channel, parameter)``."""
-        array = self._theta(theta)
-        shape = (*array.shape[:-1], self.channels, array.shape[-1])
-        if not array.size:
-            return np.empty(shape)
-        return self._jacobian(np.float64(self.exposure), array.reshape(-1, array.shape[-1])).reshape(shape)
+        return self._rows(self._jacobian, theta, self.channels, self._prior.size)
 
     def log_likelihood(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
         """Log likelihood, broadcast over the leading axes of theta and x."""
-        array, counts = self._theta(theta), np.asarray(x, dtype=float)
-        if counts.shape[-1:] != (self.channels,):
-            raise InputError(
-                f"expected {self.channels} channels along the last axis of the data, got shape {counts.shape}"
-            )
-        try:
-            shape = np.broadcast_shapes(array.shape[:-1], counts.shape[:-1])
-        except ValueError:
-            raise InputError(
-                f"theta of shape {array.shape} and data of shape {counts.shape}: their leading axes do not "
-                "broadcast; give theta (batch, n, parameter) data (batch, 1, channel)"
-            ) from None
+        array = self._prior.array(np.asarray(theta, dtype=float))
+        counts, shape = counts_beside(array, x, self.channels)
         if 0 in shape:
             return np.empty(shape)
         array = np.broadcast_to(array, (*shape, array.shape[-1])).reshape(-1, array.shape[-1])
@@ -214,20 +188,12 @@ class HeldModel:
             counts = operator[0] @ rate.photons(whole) + operator[1] if operator else rate(whole)
             return jnp.maximum(counts * exposure, FLOOR)
 
-        self._expected = Compiled(mean, 1, chunk=HELD_CHUNK, smallest=HELD_CHUNK)
-        self._jacobian = Compiled(jax.jacfwd(mean), 1, chunk=HELD_CHUNK, smallest=HELD_CHUNK)
+        self.expected = Compiled(mean, 1, chunk=HELD_CHUNK, smallest=HELD_CHUNK)
+        self.jacobian = Compiled(jax.jacfwd(mean), 1, chunk=HELD_CHUNK, smallest=HELD_CHUNK)
         self._last: tuple[bytes, Any] = (b"", None)
 
-    def expected(self, theta: ArrayLike, tail: Array, exposure: float) -> Array:
-        """Expected counts ``(n, channel)`` of theta ``(n, own)`` and values ``(k,)`` that all share."""
-        return self._expected(self._shared(tail, exposure), np.asarray(theta, dtype=float))
-
-    def jacobian(self, theta: ArrayLike, tail: Array, exposure: float) -> Array:
-        """Derivative of the expected counts by what is a spectrum's own, ``(n, channel, own)``."""
-        return self._jacobian(self._shared(tail, exposure), np.asarray(theta, dtype=float))
-
-    def _shared(self, tail: Array, exposure: float) -> Any:
-        values = np.asarray(tail, dtype=float)
+    def shared(self, values: Array, exposure: float) -> Any:
+        """What both functions take before theta: values ``(k,)`` that all share, and what follows of them."""
         if self._transfer is None:
             return tuple(values), np.float64(exposure), ()
         # One call follows another at the same gain: the matrix is kept until that changes.
@@ -241,15 +207,15 @@ class HeldModel:
 class HeldSpectrum:
     """A spectrum whose last parameters are held: `expected` and `jacobian` of those before them."""
 
-    def __init__(self, model: HeldModel, values: ArrayLike, exposure: float):
-        self._model = model
-        self._values = np.asarray(values, dtype=float)
-        self._exposure = exposure
+    def __init__(self, model: HeldModel, values: Array, exposure: float):
+        self._model, self._values, self._exposure = model, values, exposure
 
     def expected(self, theta: ArrayLike) -> Array:
         """Expected counts ``(n, channel)`` for theta ``(n, own)``."""
-        return self._model.expected(theta, self._values, self._exposure)
+        shared = self._model.shared(self._values, self._exposure)
+        return self._model.expected(shared, np.asarray(theta, dtype=float))
 
     def jacobian(self, theta: ArrayLike) -> Array:
         """Derivative by what is not held, ``(n, channel, own)``."""
-        return self._model.jacobian(theta, self._values, self._exposure)
+        shared = self._model.shared(self._values, self._exposure)
+        return self._model.jacobian(shared, np.asarray(theta, dtype=float))

@@ -16,7 +16,6 @@ from gaugeblock.simulators.marginals import Marginal, Uniform
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray.forward import FLOOR
 from gaugeblock.simulators.xray.joint import JointSpectra, Part
-from gaugeblock.simulators.xray.poisson import theta_array
 from gaugeblock.simulators.xray.with_background import WithBackground
 
 PARAMETER = "cross_calibration_1.factor"
@@ -29,21 +28,17 @@ class CrossCalibrated:
         self.source = source
         self.factor = factor
         self.prior = source.prior * Prior({PARAMETER: factor})
-        self.model = source.model
-        self.effects: tuple[Effect, ...] = source.effects
-        self.response = source.response
-        self.channels = source.channels
-        self.exposure = source.exposure
-        self.data_shape: tuple[int, ...] = source.data_shape
+        self.model, self.effects, self.response = source.model, source.effects, source.response
+        self.channels, self.exposure, self.data_shape = source.channels, source.exposure, source.data_shape
 
     def expected(self, theta: ArrayLike) -> Array:
         """Expected counts ``(..., channel)``, at least 1e-6 each."""
-        array = theta_array(self.prior, theta)
+        array = self.prior.array(np.asarray(theta, dtype=float))
         return np.asarray(np.maximum(array[..., -1:] * self.source.expected(array[..., :-1]), FLOOR))
 
     def jacobian(self, theta: ArrayLike) -> Array:
         """Derivative of the expected counts by the parameters, ``(..., channel, parameter)``."""
-        array = theta_array(self.prior, theta)
+        array = self.prior.array(np.asarray(theta, dtype=float))
         own, factor = array[..., :-1], array[..., -1]
         by_source = factor[..., None, None] * self.source.jacobian(own)
         return np.concatenate([by_source, self.source.expected(own)[..., None]], axis=-1)
@@ -60,15 +55,12 @@ class CrossCalibrated:
 
     def effect_library(self, theta: ArrayLike) -> Mapping[str, LibraryEffect]:
         """What the source may lack, scaled for fitted theta ``(n, parameter)``."""
-        library: Mapping[str, LibraryEffect] = self.source.effect_library(
-            theta_array(self.prior, theta)[..., :-1]
-        )
-        return library
+        array = self.prior.array(np.asarray(theta, dtype=float))
+        return dict(self.source.effect_library(array[..., :-1]))
 
     def not_in_library(self) -> Mapping[str, str]:
         """Effects that the response does not allow: by name, why and how to mend it."""
-        lacking: Mapping[str, str] = self.source.not_in_library()
-        return lacking
+        return dict(self.source.not_in_library())
 
     def with_exposure(self, seconds: float) -> CrossCalibrated:
         """The same, observed for another time."""

@@ -7,18 +7,16 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-from gaugeblock.core.streams import Rng
-from gaugeblock.core.values import Shown
-from gaugeblock.simulators.effects import Effect
+from gaugeblock.simulators.effects import Effect, labelled
 from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators.poisson import PoissonCounts
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.segments import Segment, Segmented
 from gaugeblock.simulators.xray.joint_library import OnInstrument, joint_library
-from gaugeblock.simulators.xray.poisson import jax_log_likelihood, log_likelihood, theta_array
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +39,7 @@ class Part:
         return (Segment(self.name, 0, self.channels, self.simulator.channels),)
 
 
-class JointSpectra(Shown):
+class JointSpectra(PoissonCounts):
     """Spectra of one source by several instruments: data ``(..., channel)``, one instrument after the other.
 
     The source's parameters are shared. Each instrument but the first has a constant
@@ -60,22 +58,21 @@ class JointSpectra(Shown):
         self._columns = [[prior.names.index(name) for name in part.parameters] for part in parts]
         stops = np.cumsum([part.channels for part in parts]).tolist()
         self._slices = [slice(a, b) for a, b in zip([0, *stops[:-1]], stops, strict=True)]
-        self.data_shape: tuple[int, ...] = (stops[-1],)
-
-    @property
-    def model(self) -> str:
-        """The source's model expression."""
-        return str(self.parts[0].simulator.model)
+        self.data_shape = (stops[-1],)
+        # Of the first instrument: the model is all's.
+        self.model, self.exposure = parts[0].simulator.model, parts[0].simulator.exposure
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the instruments."""
         return tuple(part.name for part in self.parts)
 
-    @property
-    def exposure(self) -> float:
-        """Exposure of the first instrument in seconds."""
-        return float(self.parts[0].simulator.exposure)
+    def _own(self, theta: ArrayLike) -> dict[str, Array]:
+        """What each instrument takes of theta, by its name."""
+        array = self.prior.array(np.asarray(theta, dtype=float))
+        return {
+            part.name: array[..., columns] for part, columns in zip(self.parts, self._columns, strict=True)
+        }
 
     def segments(self) -> tuple[Segment, ...]:
         """Every instrument's segments, named ``<instrument>`` and ``<instrument> background``."""
@@ -92,34 +89,16 @@ class JointSpectra(Shown):
 
     def expected(self, theta: ArrayLike) -> Array:
         """Expected counts ``(..., channel)``, float64, at least 1e-6 each."""
-        array = theta_array(self.prior, theta)
-        return np.concatenate(
-            [
-                part.simulator.expected(array[..., columns])
-                for part, columns in zip(self.parts, self._columns, strict=True)
-            ],
-            axis=-1,
-        )
+        own = self._own(theta)
+        return np.concatenate([part.simulator.expected(own[part.name]) for part in self.parts], axis=-1)
 
     def jacobian(self, theta: ArrayLike) -> Array:
         """Derivative of the expected counts by the parameters, ``(..., channel, parameter)``."""
-        array = theta_array(self.prior, theta)
-        result = np.zeros((*array.shape[:-1], *self.data_shape, self.prior.size))
+        own = self._own(theta)
+        result = np.zeros((*np.shape(theta)[:-1], *self.data_shape, self.prior.size))
         for part, columns, place in zip(self.parts, self._columns, self._slices, strict=True):
-            result[..., place, columns] = part.simulator.jacobian(array[..., columns])
+            result[..., place, columns] = part.simulator.jacobian(own[part.name])
         return result
-
-    def observe(self, expected: ArrayLike, rng: Rng) -> NDArray[np.int64]:
-        """Poisson counts of the given means."""
-        return np.asarray(rng.poisson(np.asarray(expected, dtype=float)))
-
-    def simulate(self, theta: ArrayLike, rng: Rng) -> NDArray[np.int64]:
-        """Counts ``(n, channel)`` for theta ``(n, parameter)``."""
-        return self.observe(self.expected(theta), rng)
-
-    def log_likelihood(self, theta: ArrayLike, x: ArrayLike) -> Array:
-        """Log probability of counts x given theta, with the ``-log x!`` term; leading axes broadcast."""
-        return log_likelihood(self, theta, x)
 
     def expected_jax(self, theta: Any) -> Any:
         """Expected counts of one theta, traceable by JAX, inside `double_precision()`."""
@@ -131,10 +110,6 @@ class JointSpectra(Shown):
                 for part, columns in zip(self.parts, self._columns, strict=True)
             ]
         )
-
-    def log_likelihood_jax(self, theta: Any, x: Any) -> Any:
-        """Log likelihood of one theta and one data vector, traceable by JAX, as `expected_jax` is."""
-        return jax_log_likelihood(self.expected_jax(theta), x)
 
     def with_effect(self, effect: Effect) -> JointSpectra:
         """The same data with one more effect, in all instruments or in the one that its kind names.
@@ -152,7 +127,7 @@ class JointSpectra(Shown):
                     f"{', '.join(self.names)}"
                 )
             chosen, own = (effect.kind.instrument,), Effect(effect.name, effect.parameters, effect.kind.kind)
-        label = f"{effect.name}_{1 + sum(other.name == effect.name for other in self.effects)}"
+        label, _ = labelled((*self.effects, effect))[-1]
         parts = tuple(_extended(part, own, label) if part.name in chosen else part for part in self.parts)
         free = effect.prior(label)
         prior = self.prior if free is None else self.prior * free
@@ -160,13 +135,9 @@ class JointSpectra(Shown):
 
     def effect_library(self, theta: ArrayLike) -> Mapping[str, LibraryEffect]:
         """What may be missing: of the source once, of an instrument as ``<effect>[<instrument>]``."""
-        array = theta_array(self.prior, theta)
+        own = self._own(theta)
         return joint_library(
-            self.names,
-            [
-                part.simulator.effect_library(array[..., columns])
-                for part, columns in zip(self.parts, self._columns, strict=True)
-            ],
+            {part.name: part.simulator.effect_library(own[part.name]) for part in self.parts}
         )
 
     def not_in_library(self) -> Mapping[str, str]:

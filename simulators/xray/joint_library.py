@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,17 +30,15 @@ def on_instrument(effect: Effect, instrument: str) -> Effect:
     return Effect(effect.name, effect.parameters, kind=OnInstrument(instrument, effect.kind))
 
 
-def joint_library(
-    names: Sequence[str], libraries: Sequence[Mapping[str, LibraryEffect]]
-) -> dict[str, LibraryEffect]:
-    """One library for all: a source's effects once, an instrument's for every instrument.
+def joint_library(libraries: Mapping[str, Mapping[str, LibraryEffect]]) -> dict[str, LibraryEffect]:
+    """One library for all, of those by instrument: a source's effects once, an instrument's for every one.
 
     The latter's keys are ``<effect>[<instrument>]``. What a source may lack is sought wherever one of the
     instruments can see it: priors reach as far as any instrument's, and each adds values to scan beyond those
     of the instruments before it.
     """
     joint: dict[str, LibraryEffect] = {}
-    for name, library in zip(names, libraries, strict=True):
+    for name, library in libraries.items():
         for key, entry in library.items():
             if entry.origin == "instrument":
                 joint[f"{key}[{name}]"] = replace(entry, kind=OnInstrument(name, entry.kind))

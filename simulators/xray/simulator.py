@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.core.streams import Rng
-from gaugeblock.core.values import Shown
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators.poisson import PoissonCounts
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.segments import Segment
 from gaugeblock.simulators.xray.effects import Assembly, extend
@@ -25,7 +24,7 @@ from gaugeblock.simulators.xray.library import effect_library, not_in_library
 from gaugeblock.simulators.xray.response import Response
 
 
-class XraySpectrum(Shown):
+class XraySpectrum(PoissonCounts):
     """Poisson counts of an XSPEC-style model seen through a response.
 
     Implements `gaugeblock.simulators.Simulator` with every capability that has a likelihood but no
@@ -76,29 +75,12 @@ class XraySpectrum(Shown):
         self.integration = integration
         self._plain_prior = prior
         self._assembly = extend(Assembly(tree, prior), self.effects)
+        self.prior = self._assembly.prior
+        self.exposure, self.channels = response.exposure, response.channels
+        self.data_shape = (len(response.channels),)
         lacking = [bound.what.lacking(response) for bound in self._assembly.recorded]
         if any(lacking):
             raise InputError(f"response {response.name}: {next(filter(None, lacking))}")
-
-    @property
-    def prior(self) -> Prior:
-        """Prior over the model's parameters, then over the free parameters of the effects."""
-        return self._assembly.prior
-
-    @property
-    def exposure(self) -> float:
-        """Exposure in seconds."""
-        return self.response.exposure
-
-    @property
-    def channels(self) -> NDArray[np.float64]:
-        """Lower and upper edge of every channel in keV, shape ``(channel, 2)``."""
-        return self.response.channels
-
-    @property
-    def data_shape(self) -> tuple[int, ...]:
-        """Shape of one spectrum."""
-        return (len(self.response.channels),)
 
     @cached_property
     def forward(self) -> ForwardModel:
@@ -108,14 +90,6 @@ class XraySpectrum(Shown):
     def expected(self, theta: ArrayLike) -> NDArray[np.float64]:
         """Expected counts ``(..., channel)``, float64, at least 1e-6 per channel."""
         return self.forward.expected(theta)
-
-    def observe(self, expected: ArrayLike, rng: Rng) -> NDArray[np.int64]:
-        """Poisson counts of the given means."""
-        return np.asarray(rng.poisson(np.asarray(expected, dtype=float)))
-
-    def simulate(self, theta: ArrayLike, rng: Rng) -> NDArray[np.int64]:
-        """Counts ``(n, channel)`` for theta ``(n, parameter)``."""
-        return self.observe(self.expected(theta), rng)
 
     def log_likelihood(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
         """Log probability of counts x given theta, with the ``-log x!`` term, shape ``(...)``.
@@ -141,10 +115,6 @@ class XraySpectrum(Shown):
         Transform and call it inside `double_precision()`.
         """
         return self.forward.expected_jax(theta)
-
-    def log_likelihood_jax(self, theta: Any, x: Any) -> Any:
-        """Log likelihood of one theta and one spectrum, traceable by JAX, as `expected_jax` is."""
-        return self.forward.log_likelihood_jax(theta, x)
 
     def with_effect(self, effect: Effect) -> XraySpectrum:
         """The same spectrum with one more effect."""
@@ -193,12 +163,7 @@ class XraySpectrum(Shown):
             "response": self.response.describe(),
             "prior": self.prior.describe(),
             "effects": [
-                {
-                    "name": effect.name,
-                    "fixed": effect.fixed,
-                    "free": {name: marginal.describe() for name, marginal in effect.free.items()},
-                    **({} if effect.kind is None else {"kind": effect.kind.identity}),
-                }
+                effect.describe() | ({} if effect.kind is None else {"kind": effect.kind.identity})
                 for effect in self.effects
             ],
             **({} if "pileup" not in names else {"frame_time_s": self.response.frame_time}),

@@ -6,23 +6,21 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-from gaugeblock.core.streams import Rng
-from gaugeblock.core.values import Shown
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators.poisson import PoissonCounts
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.segments import Segment
 from gaugeblock.simulators.xray.forward import FLOOR
 from gaugeblock.simulators.xray.measured_background import MeasuredBackground
-from gaugeblock.simulators.xray.poisson import jax_log_likelihood, log_likelihood, theta_array
 from gaugeblock.simulators.xray.siblings import Siblings
 
 
-class WithBackground(Shown):
+class WithBackground(PoissonCounts):
     """Counts in the source region, then counts in the background region: ``(..., 2 channel)``.
 
     Expected are ``source(theta) + background(phi)`` and ``background(phi) / scale``, the background a smooth
@@ -61,32 +59,14 @@ class WithBackground(Shown):
                 f"background: has {channels} channels and the source {source.data_shape[0]}; group both alike"
             )
         self.source = source
+        self.model, self.effects, self.exposure = source.model, source.effects, source.exposure
+        self.data_shape = (2 * channels,)
         self.background = background
         self._siblings = siblings
         both = source.prior * background.prior
         self.prior = both if names is None else Prior({name: both.marginals[name] for name in names})
         self._source_columns = [self.prior.names.index(name) for name in source.prior.names]
         self._background_columns = [self.prior.names.index(name) for name in background.prior.names]
-
-    @property
-    def model(self) -> str:
-        """The source's model expression."""
-        return str(self.source.model)
-
-    @property
-    def effects(self) -> tuple[Effect, ...]:
-        """The effects that act on the source."""
-        return tuple(self.source.effects)
-
-    @property
-    def exposure(self) -> float:
-        """Exposure of the source region in seconds."""
-        return float(self.source.exposure)
-
-    @property
-    def data_shape(self) -> tuple[int, ...]:
-        """Shape of one data vector."""
-        return (2 * len(self.background.scale),)
 
     def segments(self) -> tuple[Segment, ...]:
         """The source region, then the background region."""
@@ -99,7 +79,7 @@ class WithBackground(Shown):
 
     def expected(self, theta: ArrayLike) -> Array:
         """Expected counts ``(..., 2 channel)``, float64, at least 1e-6 each."""
-        array = theta_array(self.prior, theta)
+        array = self.prior.array(np.asarray(theta, dtype=float))
         source = self.source.expected(array[..., self._source_columns])
         behind = self.exposure * self.background.shape.rate(array[..., self._background_columns])
         alone = np.maximum(behind / self.background.scale, FLOOR)
@@ -107,7 +87,7 @@ class WithBackground(Shown):
 
     def jacobian(self, theta: ArrayLike) -> Array:
         """Derivative of the expected counts by the parameters, ``(..., 2 channel, parameter)``."""
-        array = theta_array(self.prior, theta)
+        array = self.prior.array(np.asarray(theta, dtype=float))
         channels = len(self.background.scale)
         behind = self.exposure * self.background.shape.derivative(array[..., self._background_columns])
         result = np.zeros((*array.shape[:-1], 2 * channels, array.shape[-1]))
@@ -116,18 +96,6 @@ class WithBackground(Shown):
         result[..., channels:, self._background_columns] = behind / self.background.scale[:, None]
         return result
 
-    def observe(self, expected: ArrayLike, rng: Rng) -> NDArray[np.int64]:
-        """Poisson counts of the given means."""
-        return np.asarray(rng.poisson(np.asarray(expected, dtype=float)))
-
-    def simulate(self, theta: ArrayLike, rng: Rng) -> NDArray[np.int64]:
-        """Counts ``(n, 2 channel)`` for theta ``(n, parameter)``."""
-        return self.observe(self.expected(theta), rng)
-
-    def log_likelihood(self, theta: ArrayLike, x: ArrayLike) -> Array:
-        """Log probability of counts x given theta, with the ``-log x!`` term; leading axes broadcast."""
-        return log_likelihood(self, theta, x)
-
     def expected_jax(self, theta: Any) -> Any:
         """Expected counts of one theta, traceable by JAX, inside `double_precision()`."""
         import jax.numpy as jnp
@@ -135,10 +103,6 @@ class WithBackground(Shown):
         source = self.source.expected_jax(theta[jnp.asarray(self._source_columns)])
         behind = self.exposure * self.background.shape.rate(theta[jnp.asarray(self._background_columns)])
         return jnp.concatenate([source + behind, jnp.maximum(behind / self.background.scale, FLOOR)])
-
-    def log_likelihood_jax(self, theta: Any, x: Any) -> Any:
-        """Log likelihood of one theta and one data vector, traceable by JAX, as `expected_jax` is."""
-        return jax_log_likelihood(self.expected_jax(theta), x)
 
     def with_effect(self, effect: Effect) -> WithBackground:
         """The same data with one more effect on the source; its parameters come last."""
@@ -151,14 +115,12 @@ class WithBackground(Shown):
 
     def effect_library(self, theta: ArrayLike) -> Mapping[str, LibraryEffect]:
         """What the source may lack, scaled for fitted theta ``(n, parameter)``."""
-        array = theta_array(self.prior, theta)
-        library: Mapping[str, LibraryEffect] = self.source.effect_library(array[..., self._source_columns])
-        return library
+        array = self.prior.array(np.asarray(theta, dtype=float))
+        return dict(self.source.effect_library(array[..., self._source_columns]))
 
     def not_in_library(self) -> Mapping[str, str]:
         """Effects that the source's response does not allow: by name, why and how to mend it."""
-        lacking: Mapping[str, str] = self.source.not_in_library()
-        return lacking
+        return dict(self.source.not_in_library())
 
     def with_exposure(self, seconds: float) -> WithBackground:
         """Both regions, observed longer or shorter by the same factor; nothing is compiled again."""

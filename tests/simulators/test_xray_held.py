@@ -38,7 +38,7 @@ def test_other_values_and_exposures_compile_nothing_again():
     first, second = extended.held(values), extended.held([1.02])
     one, two = first.expected(theta), second.expected(theta)
     assert first._model is second._model
-    assert first._model._expected.compilations == 1
+    assert first._model.expected.compilations == 1
     # Going back gives the same numbers: no value is taken for another's.
     np.testing.assert_array_equal(first.expected(theta), one)
     assert np.abs(two / one - 1.0).max() > 0.01

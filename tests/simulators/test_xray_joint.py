@@ -179,7 +179,7 @@ def test_the_library_has_a_source_effect_once_and_an_instrument_effect_for_each(
         "line": entry("line", "source", 3, 20, [3, 6, 12]),
         "area": entry("area", "instrument", 1, 2, [1]),
     }
-    library = joint_library(["pn", "nustar"], [first, second])
+    library = joint_library({"pn": first, "nustar": second})
     assert list(library) == ["line", "area[pn]", "area[nustar]"]
     assert library["line"].parameters["energy"] == Uniform(0.5, 20)
     assert library["line"].scanned["energy"].tolist() == [1, 4, 7, 12]

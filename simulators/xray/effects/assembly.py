@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from gaugeblock.simulators.marginals import Marginal
+from gaugeblock.simulators.effects import reach
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray.expression import Node
 
@@ -72,16 +71,6 @@ class Assembly:
 
 Change = Callable[[Assembly, Mapping[str, Source]], Assembly]
 """What an effect does, given where its parameters come from."""
-
-
-def reach(value: float | Marginal) -> tuple[float, float]:
-    """Smallest and largest value of a parameter; of one without bounds, all but two draws in 1e9."""
-    if isinstance(value, int | float):
-        return float(value), float(value)
-    low, high = value.support
-    if math.isfinite(low) and math.isfinite(high):
-        return low, high
-    return float(value.from_unit(1e-9)), float(value.from_unit(1.0 - 1e-9))
 
 
 @dataclass(frozen=True)

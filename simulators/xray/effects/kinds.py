@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.simulators.effects import Effect
-from gaugeblock.simulators.xray.effects.assembly import Assembly, Change, Source, reach
+from gaugeblock.simulators.effects import Effect, check_parameters, labelled
+from gaugeblock.simulators.xray.effects.assembly import Assembly, Change, Source
 
 POSITIVE = (1e-12, math.inf)
 NONNEGATIVE = (0.0, math.inf)
@@ -36,10 +36,7 @@ def extended(assembly: Assembly, effects: Iterable[Effect], known: Mapping[str, 
         If an effect is not known, lacks a parameter, has one too many or out of range, or finds nothing in
         the model that it could change.
     """
-    counts: dict[str, int] = {}
-    for effect in effects:
-        counts[effect.name] = counts.get(effect.name, 0) + 1
-        label = f"{effect.name}_{counts[effect.name]}"
+    for label, effect in labelled(tuple(effects)):
         kind = _kind(effect, known)
         sources: dict[str, Source] = {
             name: effect.fixed.get(name, f"{label}.{name}") for name in kind.parameters
@@ -62,29 +59,5 @@ def _kind(effect: Effect, known: Mapping[str, EffectKind]) -> EffectKind:
         raise InputError(
             f"effect {effect.name}: kind must be an EffectKind, as factor_effect makes it, got {kind!r}"
         )
-    _check(effect, kind)
+    check_parameters(effect, kind.parameters)
     return kind
-
-
-def _check(effect: Effect, kind: EffectKind) -> None:
-    missing, extra = (
-        set(kind.parameters) - set(effect.parameters),
-        set(effect.parameters) - set(kind.parameters),
-    )
-    if missing or extra:
-        raise InputError(
-            f"effect {effect.name}: takes {', '.join(kind.parameters)}; "
-            + (f"{', '.join(sorted(missing))} missing" if missing else f"{', '.join(sorted(extra))} unknown")
-        )
-    for name, (low, high) in kind.parameters.items():
-        value = effect.parameters[name]
-        if not isinstance(value, int | float) and not hasattr(value, "support"):
-            raise InputError(
-                f"effect {effect.name}: {name} must be a number or a distribution, got {value!r}"
-            )
-        start, stop = reach(value)
-        if not (low <= start and stop <= high):
-            raise InputError(
-                f"effect {effect.name}: {name} must lie between {low:g} and {high:g}, got {start:g}"
-                + (f" to {stop:g}" if stop != start else "")
-            )
