@@ -20,12 +20,19 @@ def definitions(room, kind):
 
 
 def classes_with(room, method, arguments):
-    for module, node in definitions(room, ast.ClassDef):
+    """Classes that define a method of these arguments, or inherit it from one of the room."""
+
+    def has(node):
         methods = {f.name: [a.arg for a in f.args.args] for f in node.body if isinstance(f, ast.FunctionDef)}
-        # A protocol is no implementation, nor is what makes one of somebody's function.
-        others = {f"gaugeblock.{room}.{name}" for name in ("protocol", "from_function")}
-        if methods.get(method, [])[1:] == arguments and module not in others:
-            yield module, node.name
+        return methods.get(method, [])[1:] == arguments or any(
+            isinstance(base, ast.Name) and base.id in nodes and has(nodes[base.id]) for base in node.bases
+        )
+
+    classes = list(definitions(room, ast.ClassDef))
+    nodes = {node.name: node for _, node in classes}
+    # A protocol is no implementation, nor is what makes one of somebody's function, or lends one its noise.
+    others = {f"gaugeblock.{room}.{name}" for name in ("protocol", "from_function", "poisson")}
+    return [(module, node.name) for module, node in classes if module not in others and has(node)]
 
 
 def unregistered(found, table):
