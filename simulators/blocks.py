@@ -15,11 +15,11 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import gammaln, ndtr, ndtri
+from scipy.special import gammaln
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
-from gaugeblock.simulators.marginals import Array, Beta, Distribution, Normal
+from gaugeblock.simulators.marginals import Array, Beta, Distribution, Standardised
 
 
 class Block(Protocol):
@@ -52,7 +52,7 @@ def _apply(matrix: NDArray[np.float64], vectors: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class MultivariateNormal(Distribution):
+class MultivariateNormal(Standardised, Distribution):
     """Correlated normals of the given mean ``(parameter,)`` and covariance ``(parameter, parameter)``.
 
     Its unbounded coordinates are the standardised ones that Cholesky's factor makes (Rosenblatt's transform),
@@ -109,12 +109,6 @@ class MultivariateNormal(Distribution):
     def log_prob(self, value: Array) -> Array:
         return self.log_prob_real(self.to_real(value)) - float(np.log(np.diag(self._root)).sum())
 
-    def to_unit(self, value: Array) -> Array:
-        return ndtr(self.to_real(value))
-
-    def from_unit(self, u: Array) -> Array:
-        return self.from_real(ndtri(u))
-
     def to_real(self, value: Array) -> Array:
         return _apply(self._inverse, value - np.asarray(self.mean))
 
@@ -122,7 +116,7 @@ class MultivariateNormal(Distribution):
         return np.asarray(self.mean) + _apply(self._root, z)
 
     def log_prob_real(self, z: Array) -> Array:
-        return Normal(0.0, 1.0).log_prob_real(z).sum(axis=-1)
+        return super().log_prob_real(z).sum(axis=-1)
 
 
 @dataclass(frozen=True)
@@ -226,10 +220,6 @@ class DirichletWithoutLast(Dirichlet):
         return np.asarray(sum(self._through(self._columns(z), "log_prob_real")))
 
 
-def _unlimited(size: int) -> NDArray[np.float64]:
-    return np.tile([-np.inf, np.inf], (size, 1))
-
-
 @dataclass(frozen=True, eq=False)
 class Drawn:
     """Draws by somebody else's code; nothing else is known of it.
@@ -250,7 +240,7 @@ class Drawn:
 
     @property
     def support(self) -> NDArray[np.float64]:
-        return _unlimited(self.size)
+        return np.tile([-np.inf, np.inf], (self.size, 1))
 
     @property
     def center(self) -> NDArray[np.float64]:
@@ -305,14 +295,11 @@ class DrawnWithDensity(Drawn):
         return found.reshape(theta.shape[:-1])
 
 
-@dataclass(frozen=True, eq=False)
-class Resample:
-    """Rows of samples ``(row, parameter)``, drawn with replacement."""
-
-    samples: NDArray[np.float64]
-
-    def __call__(self, n: int, rng: Rng) -> NDArray[np.float64]:
-        return np.asarray(self.samples[rng.integers(0, len(self.samples), n)])
+def drawn(draw: Callable[[int, Any], Any], description: dict[str, Any], density: Any = None) -> Drawn:
+    """Draws by somebody else's code, with their log density where there is a function for it."""
+    if callable(density):
+        return DrawnWithDensity(draw, description, density=density)
+    return Drawn(draw, description)
 
 
 def state(thing: object) -> str | None:

@@ -18,24 +18,16 @@ from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.global_state import SEEDS, seeded_globals
 from gaugeblock.core.streams import Rng
-from gaugeblock.simulators.blocks import (
-    Dirichlet,
-    DirichletWithoutLast,
-    Drawn,
-    DrawnWithDensity,
-    MultivariateNormal,
-    state,
-)
+from gaugeblock.simulators.blocks import Dirichlet, Drawn, MultivariateNormal, drawn, state
 from gaugeblock.simulators.marginals import (
     Beta,
-    Discrete,
+    Distribution,
     Gamma,
     LogNormal,
     LogUniform,
     Normal,
     ScipyContinuous,
     ScipyDiscrete,
-    Truncated,
     TruncatedNormal,
     Uniform,
     truncated,
@@ -47,8 +39,7 @@ ACCEPTED = (
     "log_prob); a function (n, rng)"
 )
 
-OWN = (Uniform, LogUniform, Normal, LogNormal, Gamma, Beta, TruncatedNormal, Truncated, Discrete)
-OWN_BLOCKS = (MultivariateNormal, Dirichlet, DirichletWithoutLast, Drawn)
+WITH_TENSORS = {"torch", "numpyro", "sbi", "pyro"}
 
 
 def distributions(given: Any) -> list[Any]:
@@ -59,19 +50,19 @@ def distributions(given: Any) -> list[Any]:
     InputError
         If nothing is known of such an object.
     """
-    if isinstance(given, (*OWN, ScipyDiscrete, *OWN_BLOCKS)) or _like_own(given):
+    if isinstance(given, Distribution | ScipyDiscrete | Drawn) or _like_own(given):
         return [given]
     if inspect.isclass(given):
         raise InputError(f"prior: {given.__name__} is a class; give an instance of it, {given.__name__}(...)")
     root = _libraries(given)
     if "scipy" in root:
         return _of_scipy(given)
-    if root & {"torch", "numpyro", "sbi", "pyro"}:
+    if root & WITH_TENSORS:
         return _of_torch_or_numpyro(given, Numpyro if "numpyro" in root else Torch)
     if callable(getattr(given, "sample", None)):
         arguments = list(inspect.signature(given.sample).parameters)
         if "rng" in arguments or "generator" in arguments:
-            return [_drawn(given, given.sample, getattr(given, "log_prob", None))]
+            return [drawn(given.sample, _described(given), getattr(given, "log_prob", None))]
         return [_foreign(given, Torch)]
     if callable(given):
         return [Drawn(given, _described(given))]
@@ -84,34 +75,25 @@ def _like_own(given: Any) -> bool:
     return not inspect.isclass(given) and all(hasattr(given, name) for name in needed)
 
 
-def _drawn(given: Any, draw: Callable[..., Any], density: Any) -> Drawn:
-    if callable(density):
-        return DrawnWithDensity(draw, _described(given), density=density)
-    return Drawn(draw, _described(given))
-
-
 def _described(given: Any) -> dict[str, Any]:
     """What it is: parameters, the text of a function that closes over nothing, else a hash of its state."""
     kind = given if inspect.isfunction(given) else type(given)
-    found: dict[str, Any] = {"distribution": f"{kind.__module__}.{kind.__qualname__}"}
-    if inspect.isfunction(given):
-        try:
-            return {**found, "state_sha256": None if given.__closure__ else digest(inspect.getsource(given))}
-        except OSError:
-            return {**found, "state_sha256": None}
-    if not _libraries(given) & {"torch", "numpyro", "sbi", "pyro"}:
-        return {**found, "state_sha256": state(given)}
-    # A tensor's pickle holds addresses: parameters say what a distribution is, where there is nothing else.
-    names = getattr(type(given), "arg_constraints", None)
-    if not isinstance(names, Mapping) or not names or hasattr(given, "transforms"):
-        return {**found, "state_sha256": None}
+    return {"distribution": f"{kind.__module__}.{kind.__qualname__}", **_identity(given)}
+
+
+def _identity(given: Any) -> dict[str, Any]:
     try:
-        return {
-            **found,
-            "parameters": {name: _array(getattr(given, name)).tolist() for name in sorted(names)},
-        }
-    except (AttributeError, TypeError, ValueError):
-        return {**found, "state_sha256": None}
+        if inspect.isfunction(given):
+            return {"state_sha256": None if given.__closure__ else digest(inspect.getsource(given))}
+        if not _libraries(given) & WITH_TENSORS:
+            return {"state_sha256": state(given)}
+        # A tensor's pickle holds addresses: parameters say what it is, where there is nothing else.
+        names = getattr(type(given), "arg_constraints", None)
+        if isinstance(names, Mapping) and names and not hasattr(given, "transforms"):
+            return {"parameters": {name: _array(getattr(given, name)).tolist() for name in sorted(names)}}
+    except (AttributeError, OSError, TypeError, ValueError):
+        pass
+    return {"state_sha256": None}
 
 
 def _libraries(given: Any) -> set[str]:
@@ -144,7 +126,7 @@ def _of_scipy(given: Any) -> list[Any]:
     if not hasattr(given, "rvs") and not hasattr(given, "resample"):
         raise InputError(f"prior: a {type(given).__name__} has no rvs(...); give {ACCEPTED}")
     known = hasattr(given, "logpdf") or hasattr(given, "logpmf")
-    return [_drawn(given, Scipy(given).draw, Scipy(given).density if known else None)]
+    return [drawn(Scipy(given).draw, _described(given), Scipy(given).density if known else None)]
 
 
 def _of_scipy_1d(kind: Any, *numbers: float) -> Any:
@@ -241,7 +223,7 @@ def _of_torch_or_numpyro(given: Any, library: type[Torch] | type[Numpyro]) -> li
 
 def _foreign(given: Any, library: type[Torch] | type[Numpyro]) -> Drawn:
     made = library(given)
-    return _drawn(given, made.draw, made.density if hasattr(given, "log_prob") else None)
+    return drawn(made.draw, _described(given), made.density if hasattr(given, "log_prob") else None)
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ class FunctionSimulator:
 
     def __init__(self, simulate: Callable[..., Any], prior: Any):
         self._simulate, self.prior = simulate, prior
-        self._alone = _arguments(simulate) == 1
+        self._alone = _takes_theta_alone(simulate)
 
     def simulate(self, theta: ArrayLike, rng: Rng) -> NDArray[Any]:
         """Data ``(n, *data_shape)`` for each row of theta."""
@@ -140,24 +140,26 @@ def _loaded(name: str) -> Any:
     return found if simulates and first_argument(found) == "theta" else None
 
 
-def _arguments(function: Callable[..., Any]) -> int:
-    """How many positional arguments a function needs; 2 where it does not say."""
+def _parameters(function: Callable[..., Any]) -> list[inspect.Parameter]:
+    """What a function takes; nothing where it does not say."""
     try:
-        parameters = inspect.signature(function).parameters.values()
+        return list(inspect.signature(function).parameters.values())
     except (TypeError, ValueError):
-        return 2
+        return []
+
+
+def _takes_theta_alone(function: Callable[..., Any]) -> bool:
+    """Whether a function needs a single positional argument, and takes no `rng`."""
+    parameters = _parameters(function)
     if any(p.name == "rng" or p.kind is p.VAR_POSITIONAL for p in parameters):
-        return 2
+        return False
     kinds = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
-    return sum(p.kind in kinds and p.default is p.empty for p in parameters)
+    return sum(p.kind in kinds and p.default is p.empty for p in parameters) == 1
 
 
 def first_argument(function: Callable[..., Any]) -> str:
     """What a function calls its first argument; nothing where it does not say."""
-    try:
-        return next(iter(inspect.signature(function).parameters), "")
-    except (TypeError, ValueError):
-        return ""
+    return next((p.name for p in _parameters(function)), "")
 
 
 def _called(function: Any) -> str:

@@ -114,12 +114,14 @@ class Distribution:
 class Continuous(Distribution):
     """Median by the quantiles; bijection to the real line by the support: logit, logarithm or nothing."""
 
+    low: float
+    high: float
     from_unit: Callable[[Any], Any]
     log_prob: Callable[[Any], Any]
 
     @property
     def support(self) -> tuple[float, float]:
-        return 0.0, math.inf
+        return self.low, self.high
 
     @property
     def center(self) -> float:
@@ -152,8 +154,24 @@ class Continuous(Distribution):
         return self.log_prob(self.from_real(z)) + slope
 
 
+class Standardised:
+    """What is standard normal on the real line."""
+
+    to_real: Callable[[Any], Any]
+    from_real: Callable[[Any], Any]
+
+    def to_unit(self, value: Array) -> Array:
+        return ndtr(self.to_real(value))
+
+    def from_unit(self, u: Array) -> Array:
+        return self.from_real(ndtri(u))
+
+    def log_prob_real(self, z: Array) -> Array:
+        return -0.5 * z * z - 0.5 * math.log(2.0 * math.pi)
+
+
 @dataclass(frozen=True)
-class Uniform(Distribution):
+class Uniform(Continuous):
     """Uniform between `low` and `high`.
 
     >>> Uniform(1.0, 3.0).from_unit(0.25)
@@ -166,10 +184,6 @@ class Uniform(Distribution):
 
     def __post_init__(self) -> None:
         _check_bounds("uniform", self.low, self.high)
-
-    @property
-    def support(self) -> tuple[float, float]:
-        return self.low, self.high
 
     @property
     def center(self) -> float:
@@ -186,11 +200,6 @@ class Uniform(Distribution):
     def from_unit(self, u: Array) -> Array:
         return self.low + (self.high - self.low) * u
 
-    def to_real(self, value: Array) -> Array:
-        xp = namespace(value)
-        with np.errstate(divide="ignore"):  # the ends of the support are minus and plus infinity
-            return xp.log(value - self.low) - xp.log(self.high - value)
-
     def from_real(self, z: Array) -> Array:
         # Anchored at the nearer end, so that values close to `high` keep their precision too.
         xp = namespace(z)
@@ -203,7 +212,7 @@ class Uniform(Distribution):
 
 
 @dataclass(frozen=True)
-class LogUniform(Distribution):
+class LogUniform(Continuous):
     """Uniform in the logarithm, between `low` and `high`, both positive.
 
     >>> float(np.round(LogUniform(1e-4, 1e-2).from_unit(0.5), 12))
@@ -222,10 +231,6 @@ class LogUniform(Distribution):
     @property
     def _log(self) -> Uniform:
         return Uniform(math.log(self.low), math.log(self.high))
-
-    @property
-    def support(self) -> tuple[float, float]:
-        return self.low, self.high
 
     @property
     def center(self) -> float:
@@ -259,7 +264,7 @@ class LogUniform(Distribution):
 
 
 @dataclass(frozen=True)
-class Normal(Distribution):
+class Normal(Standardised, Continuous):
     """Normal with the given mean and standard deviation.
 
     >>> float(Normal(2.0, 0.5).to_unit(2.0))
@@ -267,6 +272,7 @@ class Normal(Distribution):
     """
 
     kind = "normal"
+    support = -math.inf, math.inf
     mean: float
     sd: float
 
@@ -274,22 +280,8 @@ class Normal(Distribution):
         if not (math.isfinite(self.mean) and math.isfinite(self.sd) and self.sd > 0):
             raise InputError(f"normal: needs a finite mean and a positive sd, got {self.mean}, {self.sd}")
 
-    @property
-    def support(self) -> tuple[float, float]:
-        return -math.inf, math.inf
-
-    @property
-    def center(self) -> float:
-        return self.mean
-
     def log_prob(self, value: Array) -> Array:
         return self.log_prob_real(self.to_real(value)) - math.log(self.sd)
-
-    def to_unit(self, value: Array) -> Array:
-        return ndtr(self.to_real(value))
-
-    def from_unit(self, u: Array) -> Array:
-        return self.from_real(ndtri(u))
 
     def to_real(self, value: Array) -> Array:
         return (value - self.mean) / self.sd
@@ -297,12 +289,9 @@ class Normal(Distribution):
     def from_real(self, z: Array) -> Array:
         return self.mean + self.sd * z
 
-    def log_prob_real(self, z: Array) -> Array:
-        return -0.5 * z * z - 0.5 * math.log(2.0 * math.pi)
-
 
 @dataclass(frozen=True)
-class LogNormal(Continuous):
+class LogNormal(Standardised, Continuous):
     """A positive number whose natural logarithm is normal with the given mean and standard deviation.
 
     >>> float(LogNormal(0.0, 0.5).to_unit(1.0))
@@ -310,6 +299,7 @@ class LogNormal(Continuous):
     """
 
     kind = "log_normal"
+    support = 0.0, math.inf
     mean: float
     sd: float
 
@@ -322,12 +312,6 @@ class LogNormal(Continuous):
         density = self.log_prob_real(self.to_real(safe)) - math.log(self.sd) - xp.log(safe)
         return xp.where(value > 0, density, -xp.inf)
 
-    def to_unit(self, value: Array) -> Array:
-        return ndtr(self.to_real(value))
-
-    def from_unit(self, u: Array) -> Array:
-        return self.from_real(ndtri(u))
-
     def to_real(self, value: Array) -> Array:
         xp = namespace(value)
         with np.errstate(divide="ignore"):  # what is not positive is at minus infinity
@@ -335,9 +319,6 @@ class LogNormal(Continuous):
 
     def from_real(self, z: Array) -> Array:
         return namespace(z).exp(self.mean + self.sd * z)
-
-    def log_prob_real(self, z: Array) -> Array:
-        return Normal(0.0, 1.0).log_prob_real(z)
 
 
 @dataclass(frozen=True)
@@ -349,6 +330,7 @@ class Gamma(Continuous):
     """
 
     kind = "gamma"
+    support = 0.0, math.inf
     shape: float
     scale: float
 
@@ -381,15 +363,12 @@ class Beta(Continuous):
     """
 
     kind = "beta"
+    support = 0.0, 1.0
     alpha: float
     beta: float
 
     def __post_init__(self) -> None:
         _check("beta", positive={"alpha": self.alpha, "beta": self.beta})
-
-    @property
-    def support(self) -> tuple[float, float]:
-        return 0.0, 1.0
 
     def log_prob(self, value: Array) -> Array:
         xp = namespace(value)
@@ -432,10 +411,6 @@ class TruncatedNormal(Continuous):
     @property
     def _ends(self) -> tuple[float, float]:
         return (self.low - self.mean) / self.sd, (self.high - self.mean) / self.sd
-
-    @property
-    def support(self) -> tuple[float, float]:
-        return self.low, self.high
 
     @cached_property
     def _log_mass(self) -> float:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import count, islice
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -11,32 +12,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
-from gaugeblock.simulators.blocks import Dirichlet, DirichletWithoutLast, MultivariateNormal
+from gaugeblock.simulators import blocks, marginals
 from gaugeblock.simulators.foreign import distributions, scipy_again
-from gaugeblock.simulators.marginals import (
-    Array,
-    Beta,
-    Discrete,
-    Gamma,
-    LogNormal,
-    LogUniform,
-    Marginal,
-    Normal,
-    TruncatedNormal,
-    Uniform,
-    namespace,
-    truncated,
-)
+from gaugeblock.simulators.marginals import Array, Marginal, Standardised, namespace
 
 Key = str | tuple[str, ...]
 
 _KINDS: tuple[Any, ...] = (
-    *(Uniform, LogUniform, Normal, LogNormal, Gamma, Beta, TruncatedNormal, Discrete),
-    *(MultivariateNormal, Dirichlet, DirichletWithoutLast),
+    *(marginals.Uniform, marginals.LogUniform, marginals.Normal, marginals.LogNormal, marginals.Gamma),
+    *(marginals.Beta, marginals.TruncatedNormal, marginals.Discrete),
+    *(blocks.MultivariateNormal, blocks.Dirichlet, blocks.DirichletWithoutLast),
 )
 _DISTRIBUTIONS: dict[str, Any] = {
     **{each.kind: each for each in _KINDS},
-    "truncated": truncated,
+    "truncated": marginals.truncated,
     "scipy": scipy_again,
 }
 
@@ -280,13 +269,7 @@ class Prior:
                 f"prior: {len(names)} names ({', '.join(names)}) for {self.size} parameters; give one "
                 "for each"
             )
-        new = iter(names)
-        return Prior(
-            {
-                tuple(next(new) for _ in key) if isinstance(key, tuple) else next(new): part
-                for key, part in self._parts.items()
-            }
-        )
+        return Prior(dict(_keyed(names, self._parts.values())))
 
     def array(self, theta: ArrayLike | Array) -> Any:
         """Parameters ``(..., parameter)``: NumPy and JAX arrays as they are, all else as float64.
@@ -410,7 +393,7 @@ class _Draws(_Densities):
 
 def is_normal(part: Any) -> bool:
     """Whether a distribution's unbounded coordinates are standard normal."""
-    return isinstance(part, Normal | LogNormal | MultivariateNormal)
+    return isinstance(part, Standardised)
 
 
 def _names(key: Key) -> tuple[str, ...]:
@@ -441,19 +424,17 @@ def _parts(given: Mapping[Any, Any]) -> Iterator[tuple[Key, Any]]:
             names = tuple(f"{key}_{k + 1}" for k in range(size))
         if len(names) != size:
             raise InputError(f"prior of {', '.join(names)}: {len(names)} names for {size} parameters")
-        rest = iter(names)
-        for each in found:
-            block = getattr(each, "size", None)
-            yield (next(rest) if block is None else tuple(next(rest) for _ in range(block))), each
+        yield from _keyed(names, found)
+
+
+def _keyed(names: Iterable[str], found: Iterable[Any]) -> Iterator[tuple[Key, Any]]:
+    """Distributions and the names of their parameters, dealt out in order: to a block a tuple of them."""
+    rest = iter(names)
+    for each in found:
+        size = getattr(each, "size", None)
+        yield (next(rest) if size is None else tuple(islice(rest, size))), each
 
 
 def named(found: list[Any]) -> Prior:
     """Distributions without names, as a prior over ``theta_1``, ``theta_2``, ..."""
-    rest = iter(range(1, 1 + sum(getattr(each, "size", 1) for each in found)))
-    sizes = [getattr(each, "size", None) for each in found]
-    return Prior(
-        {
-            f"theta_{next(rest)}" if size is None else tuple(f"theta_{next(rest)}" for _ in range(size)): each
-            for size, each in zip(sizes, found, strict=True)
-        }
-    )
+    return Prior(dict(_keyed((f"theta_{k}" for k in count(1)), found)))

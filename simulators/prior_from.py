@@ -5,12 +5,15 @@ from __future__ import annotations
 import hashlib
 import inspect
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-from gaugeblock.simulators.blocks import Drawn, DrawnWithDensity, Resample
+from gaugeblock.core.streams import Rng
+from gaugeblock.simulators.blocks import drawn
 from gaugeblock.simulators.foreign import ACCEPTED, distributions
 from gaugeblock.simulators.prior import Prior, named
 
@@ -89,15 +92,18 @@ def _of_samples(given: Any, density: Any) -> Prior:
         raise InputError(
             f"prior: samples must be finite numbers (n, parameter), at least two rows, got {samples.shape}"
         )
-    description = {
+    description: dict[str, Any] = {
         "distribution": "samples",
         "rows": len(samples),
         "sha256": hashlib.sha256(np.ascontiguousarray(samples).tobytes()).hexdigest(),
     }
-    if density is None:
-        made = named([Drawn(Resample(samples), description)])
-    else:
-        described = {**description, "state_sha256": None}
-        made = named([DrawnWithDensity(Resample(samples), described, density=density)])
+    if density is not None:
+        description["state_sha256"] = None
+    made = named([drawn(partial(_resampled, samples), description, density)])
     columns = getattr(given, "columns", None)
     return made if columns is None else made.renamed(tuple(map(str, columns)))
+
+
+def _resampled(samples: Array, n: int, rng: Rng) -> Array:
+    """Rows of samples ``(row, parameter)``, drawn with replacement."""
+    return np.asarray(samples[rng.integers(0, len(samples), n)])
