@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping
 from typing import Any, cast
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.protocol import Estimator
 from gaugeblock.simulators.protocol import Simulator
-from gaugeblock.simulators.registry import Table, build_named, call, check_members, load_object
+from gaugeblock.simulators.registry import Table, build
 
 ESTIMATORS: Table = {
     "exact": ("gaugeblock.estimators.exact", "Exact", None),
@@ -50,32 +49,5 @@ def build_estimator(name: str, simulator: Simulator, **options: Any) -> Estimato
         if "name" not in inner:
             raise InputError(f"{where}: its base needs a name, as in base = {{ name = 'npe', path = ... }}")
         options["base"] = build_estimator(inner.pop("name"), simulator, **inner)
-    if ":" in name:
-        estimator = load_object(name, "estimator")
-        if inspect.isclass(estimator) or not hasattr(estimator, "sample"):
-            estimator = made_for(estimator, where, simulator, **options)
-        elif options:
-            raise InputError(f"{where} is ready-made and takes no options, got {', '.join(options)}")
-    else:
-        estimator = build_named(ESTIMATORS, "estimator", name, {"simulator": simulator, **options})
-    check_members(estimator, where, ("sample",))
-    return cast(Estimator, estimator)
-
-
-def made_for(factory: Any, where: str, simulator: Simulator, **options: Any) -> Any:
-    """What a class or function makes, called with the simulator where it takes one, and the options.
-
-    Raises
-    ------
-    InputError
-        If the options do not fit its signature.
-    """
-    try:
-        inspect.signature(factory).bind(simulator, **options)
-    except (TypeError, ValueError):
-        try:
-            inspect.signature(factory).bind(**options)
-        except (TypeError, ValueError):
-            return call(factory, where, simulator, **options)
-        return call(factory, where, **options)
-    return call(factory, where, simulator, **options)
+    made = build(ESTIMATORS, "estimator", name, options, ("sample",), given={"simulator": simulator})
+    return cast(Estimator, made)

@@ -45,12 +45,7 @@ class GaussianMixture(Shown):
             )
         self._sd = (float(broad_sd), float(narrow_sd))
         self._bound = float(bound)
-        self._prior = Prior({f"theta_{k}": Uniform(-self._bound, self._bound) for k in (1, 2)})
-
-    @property
-    def prior(self) -> Prior:
-        """Uniform on the square."""
-        return self._prior
+        self.prior = Prior({f"theta_{k}": Uniform(-self._bound, self._bound) for k in (1, 2)})
 
     def simulate(self, theta: ArrayLike, rng: Rng) -> NDArray[np.float64]:
         """Data for each row of theta, ``(n, 2)``."""
@@ -104,7 +99,7 @@ class GaussianMixture(Shown):
     def posterior_log_prob(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
         """Log posterior density, ``(batch, n)`` for theta ``(batch, n, 2)``; -inf outside the square."""
         points, data = np.asarray(theta, dtype=float), self._data(x)
-        joint = self.log_likelihood(points, data[:, None]) + self._prior.log_prob(points)
+        joint = self.log_likelihood(points, data[:, None]) + self.prior.log_prob(points)
         return np.asarray(joint - self.log_evidence(data)[:, None])
 
     def describe(self) -> dict[str, Any]:

@@ -62,7 +62,7 @@ class LibraryEffect(Value):
     name: str
     parameters: Mapping[str, Marginal]
     amplitude: str
-    neutral: float
+    neutral: float = 0.0
     step: float
     scanned: Mapping[str, ArrayLike] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)

@@ -64,7 +64,7 @@ class LinearGaussian(Shown):
             )
         self._noise, self._prior_sd = float(noise), float(prior_sd)
         size = self._matrix.shape[1]
-        self._prior = Prior({f"theta_{k + 1}": Normal(0.0, self._prior_sd) for k in range(size)})
+        self.prior = Prior({f"theta_{k + 1}": Normal(0.0, self._prior_sd) for k in range(size)})
         precision = self._matrix.T @ self._matrix / self._noise**2 + np.eye(size) / self._prior_sd**2
         covariance = np.linalg.inv(precision)
         self._gain = covariance @ self._matrix.T / self._noise**2
@@ -74,11 +74,6 @@ class LinearGaussian(Shown):
             self._matrix @ self._matrix.T * self._prior_sd**2 + np.eye(len(self._matrix)) * self._noise**2
         )
         self._marginal_whiten = np.linalg.inv(np.linalg.cholesky(marginal))
-
-    @property
-    def prior(self) -> Prior:
-        """Independent normals of mean 0 and the given sd."""
-        return self._prior
 
     def expected(self, theta: ArrayLike) -> NDArray[np.float64]:
         """Mean of the data, ``(..., data)``."""
@@ -109,7 +104,7 @@ class LinearGaussian(Shown):
     def posterior_sample(self, x: ArrayLike, n: int, rng: Rng) -> NDArray[np.float64]:
         """Independent exact posterior draws, ``(batch, n, parameter)``."""
         mean = _apply(self._gain, self._data(x))
-        noise = rng.standard_normal((len(mean), n, self._prior.size))
+        noise = rng.standard_normal((len(mean), n, self.prior.size))
         return np.asarray(mean[:, None, :] + _apply(self._spread, noise))
 
     def posterior_log_prob(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
@@ -129,7 +124,7 @@ class LinearGaussian(Shown):
             "simulator": "linear_gaussian",
             "matrix": self._matrix.tolist(),
             "noise": self._noise,
-            "prior": self._prior.describe(),
+            "prior": self.prior.describe(),
         }
 
 

@@ -41,17 +41,43 @@ def build_simulator(name: str, **options: Any) -> Simulator:
     MissingExtraError
         If it needs a library that is not installed.
     """
-    where = f"simulator {name!r}"
-    if ":" in name:
-        simulator = load_object(name, "simulator")
-        if inspect.isclass(simulator) or not _has(simulator, ("prior", "simulate")):
-            simulator = call(simulator, where, **options)
+    return cast(Simulator, build(SIMULATORS, "simulator", name, options, ("prior", "simulate")))
+
+
+def build(
+    table: Table,
+    kind: str,
+    name: str,
+    options: Mapping[str, Any],
+    members: tuple[str, ...],
+    *,
+    given: Mapping[str, Any] | None = None,
+) -> Any:
+    """What the table has under a name, or a user's own, made with the options; it must have the members.
+
+    `given` are further arguments, which a user's class or function may do without.
+
+    Raises
+    ------
+    InputError, MissingExtraError
+        As `build_simulator` does.
+    """
+    where, given = f"{kind} {name!r}", given or {}
+    if ":" not in name:
+        made = build_named(table, kind, name, {**given, **options})
+    else:
+        made = load_object(name, kind)
+        if inspect.isclass(made) or not _has(made, members):
+            made = made_for(made, where, *given.values(), **options)
         elif options:
             raise InputError(f"{where} is ready-made and takes no options, got {', '.join(options)}")
-    else:
-        simulator = build_named(SIMULATORS, "simulator", name, options)
-    check_members(simulator, where, ("prior", "simulate"))
-    return cast(Simulator, simulator)
+    missing = [member for member in members if not _has(made, (member,))]
+    if missing:
+        raise InputError(
+            f"{where} made a {type(made).__name__} without {' and '.join(missing)}; "
+            f"it needs {' and '.join(members)}"
+        )
+    return made
 
 
 def build_named(table: Table, kind: str, name: str, options: Mapping[str, Any]) -> Any:
@@ -129,14 +155,21 @@ def call(factory: Callable[..., Any], where: str, *arguments: Any, **options: An
     return factory(*arguments, **options)
 
 
-def check_members(instance: Any, where: str, members: tuple[str, ...]) -> None:
-    """Raise InputError naming what the instance lacks."""
-    missing = [member for member in members if not _has(instance, (member,))]
-    if missing:
-        raise InputError(
-            f"{where} made a {type(instance).__name__} without {' and '.join(missing)}; "
-            f"it needs {' and '.join(members)}"
-        )
+def made_for(factory: Any, where: str, *given: Any, **options: Any) -> Any:
+    """What a class or function makes of the options, called with what is given where it takes that.
+
+    Raises
+    ------
+    InputError
+        If the options do not fit its signature.
+    """
+    for arguments in (given, ()):
+        try:
+            inspect.signature(factory).bind(*arguments, **options)
+        except (TypeError, ValueError):
+            continue
+        return call(factory, where, *arguments, **options)
+    return call(factory, where, *given, **options)
 
 
 def _has(instance: Any, members: tuple[str, ...]) -> bool:

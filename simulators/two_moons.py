@@ -49,12 +49,7 @@ class TwoMoons(Shown):
                 f"two_moons: radius and radius_sd must be positive, got {radius} and {radius_sd}"
             )
         self._radius, self._sd = float(radius), float(radius_sd)
-        self._prior = Prior({"theta_1": Uniform(-1.0, 1.0), "theta_2": Uniform(-1.0, 1.0)})
-
-    @property
-    def prior(self) -> Prior:
-        """Uniform on the square [-1, 1]^2."""
-        return self._prior
+        self.prior = Prior({"theta_1": Uniform(-1.0, 1.0), "theta_2": Uniform(-1.0, 1.0)})
 
     def simulate(self, theta: ArrayLike, rng: Rng) -> NDArray[np.float64]:
         """Data for each row of theta, ``(n, 2)``."""
@@ -142,7 +137,7 @@ class TwoMoons(Shown):
     def posterior_log_prob(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
         """Log posterior density, ``(batch, n)`` for theta ``(batch, n, 2)``; -inf outside the square."""
         points, data = np.asarray(theta, dtype=float), self._data(x)
-        joint = self.log_likelihood(points, data[:, None]) + self._prior.log_prob(points)
+        joint = self.log_likelihood(points, data[:, None]) + self.prior.log_prob(points)
         return np.asarray(joint - self.log_evidence(data)[:, None])
 
     def describe(self) -> dict[str, Any]:

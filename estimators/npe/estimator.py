@@ -39,7 +39,7 @@ class NPE(Shown):
     counts
         Whether data must not be negative.
     record
-        What identifies it: plain data, as stored in ``model.json``.
+        Everything ``model.json`` says: network, training, losses, versions, sha256 of the weights.
 
     References
     ----------
@@ -57,32 +57,9 @@ class NPE(Shown):
         counts: bool = False,
         record: Mapping[str, Any] | None = None,
     ):
-        self._network = network.eval()
-        self._flow = as_flow(network)
-        self._prior = prior
-        self._data_shape = tuple(data_shape)
-        self._counts = counts
-        self._record = dict(record or {})
-
-    @property
-    def prior(self) -> Prior:
-        """The prior it was trained for."""
-        return self._prior
-
-    @property
-    def data_shape(self) -> tuple[int, ...]:
-        """Shape of one data set."""
-        return self._data_shape
-
-    @property
-    def record(self) -> dict[str, Any]:
-        """Everything ``model.json`` says: network, training, losses, versions, sha256 of the weights."""
-        return dict(self._record)
-
-    @property
-    def network(self) -> Any:
-        """The sbi density estimator."""
-        return self._network
+        self.network, self._flow = network.eval(), as_flow(network)
+        self.prior, self.data_shape, self._counts = prior, tuple(data_shape), counts
+        self.record = dict(record or {})
 
     def sample(self, x: ArrayLike, n: int, rng: Rng) -> Array:
         """Posterior draws ``(batch, n, parameter)``.
@@ -92,26 +69,24 @@ class NPE(Shown):
         InputError
             If the data have the wrong shape or are not finite (for counts: are negative).
         """
-        data, noise = self._data(x), self._noise(x, n, rng)
-        draws = np.empty(noise.shape)
-        with torch.inference_mode():
-            for rows in self._chunks(len(data), n):
-                scores = self._flow.draw(noise[rows], self._flow.context(data[rows]))
-                draws[rows] = from_scores(self._prior, scores.double().numpy())
-        return draws
+        return self._drawn(x, n, rng, density=False)[0]
 
     def sample_and_log_prob(self, x: ArrayLike, n: int, rng: Rng) -> tuple[Array, Array]:
         """Draws as `sample` gives them, and their log density ``(batch, n)`` in physical theta."""
+        return self._drawn(x, n, rng, density=True)
+
+    def _drawn(self, x: ArrayLike, n: int, rng: Rng, *, density: bool) -> tuple[Array, Array]:
         data, noise = self._data(x), self._noise(x, n, rng)
         draws, log_q = np.empty(noise.shape), np.empty(noise.shape[:2])
         with torch.inference_mode():
             for rows in self._chunks(len(data), n):
                 context = self._flow.context(data[rows])
                 scores = self._flow.draw(noise[rows], context)
-                density = self._flow.log_prob(scores, context).double().numpy()
                 wide = scores.double().numpy()
-                draws[rows] = from_scores(self._prior, wide)
-                log_q[rows] = physical_log_density(self._prior, density, wide, draws[rows])
+                draws[rows] = from_scores(self.prior, wide)
+                if density:
+                    own = self._flow.log_prob(scores, context).double().numpy()
+                    log_q[rows] = physical_log_density(self.prior, own, wide, draws[rows])
         return draws, log_q
 
     def log_prob(self, theta: ArrayLike, x: ArrayLike) -> Array:
@@ -123,19 +98,19 @@ class NPE(Shown):
             If theta or the data have the wrong shape, or the data are not finite.
         """
         data, theta = self._data(x), np.asarray(theta, dtype=float)
-        if theta.ndim != 3 or theta.shape[::2] != (len(data), self._prior.size):
+        if theta.ndim != 3 or theta.shape[::2] != (len(data), self.prior.size):
             raise InputError(
-                f"log_prob: theta must be ({len(data)}, n, {self._prior.size}) for {len(data)} data sets, "
+                f"log_prob: theta must be ({len(data)}, n, {self.prior.size}) for {len(data)} data sets, "
                 f"got shape {theta.shape}"
             )
-        scores = to_scores(self._prior, theta)
+        scores = to_scores(self.prior, theta)
         usable = torch.from_numpy(np.where(np.isfinite(scores), scores, 0.0).astype(np.float32))
         density = np.empty(theta.shape[:2])
         with torch.inference_mode():
             for rows in self._chunks(len(data), theta.shape[1]):
                 context = self._flow.context(data[rows])
                 density[rows] = self._flow.log_prob(usable[rows], context).double().numpy()
-        return physical_log_density(self._prior, density, scores, theta)
+        return physical_log_density(self.prior, density, scores, theta)
 
     def embed(self, x: ArrayLike) -> Array:
         """Learned summaries of the data, ``(batch, feature)``."""
@@ -146,10 +121,10 @@ class NPE(Shown):
     def describe(self) -> dict[str, Any]:
         """Plain data that identifies it: sha256 of the weights, network, training, simulator."""
         keys = ("sha256", "network", "training", "simulator")
-        return {"estimator": "npe", **{key: self._record.get(key) for key in keys}}
+        return {"estimator": "npe", **{key: self.record.get(key) for key in keys}}
 
     def _noise(self, x: ArrayLike, n: int, rng: Rng) -> torch.Tensor:
-        noise = rng.standard_normal((len(np.asarray(x)), int(n), self._prior.size))
+        noise = rng.standard_normal((len(np.asarray(x)), int(n), self.prior.size))
         return torch.from_numpy(noise.astype(np.float32))
 
     def _chunks(self, batch: int, n: int) -> Iterator[slice]:
@@ -161,10 +136,10 @@ class NPE(Shown):
             data = np.asarray(x, dtype=np.float64)
         except (TypeError, ValueError):
             raise InputError(f"data must be an array of numbers, got {type(x).__name__}") from None
-        if data.shape[1:] != self._data_shape or data.ndim != 1 + len(self._data_shape):
+        if data.shape[1:] != self.data_shape or data.ndim != 1 + len(self.data_shape):
             raise InputError(
-                f"this flow was trained on data of shape {self._data_shape}, so x must be "
-                f"(batch, {', '.join(map(str, self._data_shape))}), got {data.shape}"
+                f"this flow was trained on data of shape {self.data_shape}, so x must be "
+                f"(batch, {', '.join(map(str, self.data_shape))}), got {data.shape}"
             )
         flat = data.reshape(len(data), -1)
         wrong = ~np.isfinite(flat).all(axis=1)

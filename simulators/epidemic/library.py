@@ -21,7 +21,6 @@ def library(weeks: int, cases: float) -> dict[str, LibraryEffect]:
             name="reporting_step",
             parameters={"share": Uniform(-0.9, 0.9), "week": week},
             amplitude="share",
-            neutral=0.0,
             step=0.1,
             scanned={"week": inner},
             units={"share": "", "week": "weeks"},
@@ -34,7 +33,6 @@ def library(weeks: int, cases: float) -> dict[str, LibraryEffect]:
             name="reporting_delay",
             parameters={"share": Uniform(0.0, 0.95)},
             amplitude="share",
-            neutral=0.0,
             step=0.1,
             units={"share": ""},
             cause="Cases wait for a test result or lie over a weekend, and a share of them is dated into the "
@@ -46,7 +44,6 @@ def library(weeks: int, cases: float) -> dict[str, LibraryEffect]:
             name="missed_week",
             parameters={"share": Uniform(-0.9, 0.9), "week": Uniform(0.0, float(weeks - 1))},
             amplitude="share",
-            neutral=0.0,
             step=0.2,
             scanned={"week": np.arange(float(weeks))},
             units={"share": "", "week": "weeks"},
@@ -59,7 +56,6 @@ def library(weeks: int, cases: float) -> dict[str, LibraryEffect]:
             name="imported_cases",
             parameters={"rate": Uniform(0.0, 2.0 * cases)},
             amplitude="rate",
-            neutral=0.0,
             step=0.1 * cases,
             units={"rate": "cases a week"},
             cause="Travellers who were infected elsewhere, or false positives of the test, are counted with "
@@ -82,7 +78,6 @@ def library(weeks: int, cases: float) -> dict[str, LibraryEffect]:
             name="waning",
             parameters={"rate": Uniform(0.0, 0.1)},
             amplitude="rate",
-            neutral=0.0,
             step=0.005,
             units={"rate": "per day"},
             cause="Immunity is lost: the removed become susceptible again, and the epidemic does not "
@@ -93,7 +88,6 @@ def library(weeks: int, cases: float) -> dict[str, LibraryEffect]:
             name="mixing",
             parameters={"exponent": Uniform(-0.3, 4.0)},
             amplitude="exponent",
-            neutral=0.0,
             step=0.2,
             units={"exponent": ""},
             cause="People differ in how many others they meet; those who meet most are infected first, and "

@@ -62,40 +62,23 @@ def build(
     InputError
         In one line: for files that cannot be read, options that exclude each other, or unknown names.
     """
-    instrument = _response(response, level, exposure, pha, rmf, arf, band)
-    return XraySpectrum(
-        model,
-        instrument,
-        read_prior(priors),
-        effects=tuple(map(read_effect, effects)),
-        integration=integration,
-    )
-
-
-def _response(
-    response: str | None,
-    level: str | None,
-    exposure: float | None,
-    pha: FilePath | None,
-    rmf: FilePath | None,
-    arf: FilePath | None,
-    band: Sequence[float] | None,
-) -> Response:
     if rmf is None or response == "nicer":
         if pha is not None or band is not None or (rmf is None and arf is not None):
             raise InputError("simulator xray: pha, arf and band need the rmf that they belong to")
-        response, level = response or "epic-pn", level or "medium"
-        seconds = level_exposure(response, level) if exposure is None else exposure
-        made = epic_pn() if response == "epic-pn" else nicer(rmf, arf)
-        return made.with_exposure(seconds)
-    if response is not None or level is not None:
+        response = response or "epic-pn"
+        seconds = level_exposure(response, level or "medium") if exposure is None else exposure
+        instrument = (epic_pn() if response == "epic-pn" else nicer(rmf, arf)).with_exposure(seconds)
+    elif response is not None or level is not None:
         raise InputError("simulator xray: response and level choose a built-in case; leave them out with rmf")
-    if pha is None and exposure is None:
+    elif pha is None and exposure is None:
         raise InputError("simulator xray: rmf without pha needs exposure, in seconds")
-    if band is not None and len(band) != 2:
+    elif band is not None and len(band) != 2:
         raise InputError(f"simulator xray: band needs two energies in keV, got {list(band)}")
-    limits = None if band is None else (float(band[0]), float(band[1]))
-    return Response.from_ogip(rmf, arf, pha, band=limits, exposure=exposure)
+    else:
+        limits = None if band is None else (float(band[0]), float(band[1]))
+        instrument = Response.from_ogip(rmf, arf, pha, band=limits, exposure=exposure)
+    made = tuple(map(read_effect, effects))
+    return XraySpectrum(model, instrument, read_prior(priors), effects=made, integration=integration)
 
 
 def read_prior(priors: str | FilePath | Description | Prior) -> Prior:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -26,10 +26,8 @@ class Gain:
 
     true_energy: Callable[..., Any]
 
-    @property
-    def affine(self) -> bool:
-        """Counts move, in proportion."""
-        return True
+    affine: ClassVar[bool] = True
+    """Counts move, in proportion."""
 
     def lacking(self, response: Response, /) -> str | None:
         """Counts can only move between channels that touch."""

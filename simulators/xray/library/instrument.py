@@ -20,7 +20,6 @@ def instrument(scale: Scale) -> Iterator[LibraryEffect]:
         name="resolution",
         parameters={"variance": Uniform(0.0, 0.04)},
         amplitude="variance",
-        neutral=0.0,
         step=1e-3,
         units={"variance": "keV2"},
         cause="Radiation damage traps charge, noise grows with temperature, or spectra of unlike gains are "
@@ -34,7 +33,6 @@ def instrument(scale: Scale) -> Iterator[LibraryEffect]:
         name="pileup",
         parameters={"overlap": Uniform(0.0, 1.0)},
         amplitude="overlap",
-        neutral=0.0,
         step=0.05,
         units={"overlap": ""},
         cause="Two photons that fall on neighbouring pixels within one frame are taken for one with the "
@@ -62,7 +60,6 @@ def _gains() -> Iterator[LibraryEffect]:
         name="gain_offset",
         parameters={"offset": Uniform(-0.2, 0.2)},
         amplitude="offset",
-        neutral=0.0,
         step=0.01,
         units={"offset": "keV"},
         cause="The electronics' zero level is subtracted wrongly: optical light, a drift of the baseline or "
@@ -75,7 +72,6 @@ def _gains() -> Iterator[LibraryEffect]:
         name="gain_curve",
         parameters={"curve": Uniform(-0.05, 0.05)},
         amplitude="curve",
-        neutral=0.0,
         step=0.005,
         units={"curve": ""},
         cause="Amplifiers saturate, and charge transfer loses a share that depends on the charge: the gain "
@@ -96,7 +92,6 @@ def _area(scale: Scale) -> LibraryEffect:
             "depth": Uniform(-0.9, 0.9),
         },
         amplitude="depth",
-        neutral=0.0,
         step=0.05,
         scanned={
             "energy": np.geomspace(1.1 * low, 0.95 * high, 20),
@@ -119,7 +114,6 @@ def _background(scale: Scale) -> LibraryEffect:
         name="background",
         parameters={"level": Uniform(0.0, level), "index": Uniform(-1.0, 3.0)},
         amplitude="level",
-        neutral=0.0,
         step=0.02 * level,
         scanned={"index": np.array([0.0, 1.0, 2.0])},
         units={"level": "counts/s/keV at 1 keV", "index": ""},

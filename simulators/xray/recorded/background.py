@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -21,10 +21,8 @@ LOWEST = 1e-2
 class Background:
     """Adds level x (E / 1 keV)^-index counts/s/keV, integrated over each channel exactly."""
 
-    @property
-    def affine(self) -> bool:
-        """It adds what does not depend on the counts."""
-        return True
+    affine: ClassVar[bool] = True
+    """It adds what does not depend on the counts."""
 
     def lacking(self, _: Response, /) -> str | None:
         """Nothing."""

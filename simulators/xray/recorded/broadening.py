@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -30,10 +30,8 @@ class Broadening:
     wider than a channel it is a Gaussian.
     """
 
-    @property
-    def affine(self) -> bool:
-        """Counts spread in proportion."""
-        return True
+    affine: ClassVar[bool] = True
+    """Counts spread in proportion."""
 
     def lacking(self, response: Response, /) -> str | None:
         """Counts can only spread between channels that touch."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -24,10 +24,8 @@ class Pileup:
     stands for. Cf. Davis 2001.
     """
 
-    @property
-    def affine(self) -> bool:
-        """It is quadratic in the counts."""
-        return False
+    affine: ClassVar[bool] = False
+    """It is quadratic in the counts."""
 
     def lacking(self, response: Response, /) -> str | None:
         """It needs the frame time, and channels of one width, so that two energies add up to a channel."""

@@ -19,10 +19,10 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.core.global_state import SEEDS, seeded_globals
 from gaugeblock.core.streams import Rng
 from gaugeblock.estimators.protocol import Estimator, HasDensity
-from gaugeblock.estimators.registry import build_estimator, made_for
+from gaugeblock.estimators.registry import build_estimator
 from gaugeblock.simulators.from_function import first_argument, source_of
 from gaugeblock.simulators.protocol import Simulator
-from gaugeblock.simulators.registry import load_object
+from gaugeblock.simulators.registry import load_object, made_for
 from gaugeblock.stranger.mapping import Mapping as ColumnMapping
 
 SHIPPED = "shipped:"
