@@ -1,6 +1,8 @@
-"""Small help that estimators share: one seed a row of data, and resampling by weight."""
+"""Small help that estimators share: one seed a row of data, padding, and resampling by weight."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +13,16 @@ from gaugeblock.core.streams import Rng
 def row_seeds(rng: Rng, rows: int) -> NDArray[np.int64]:
     """One seed for each row of data, ``(rows,)``."""
     return np.asarray(rng.integers(0, 2**63 - 1, size=(rows,)))
+
+
+def padded(rows: NDArray[Any]) -> NDArray[Any]:
+    """Rows and copies of the last, a power of two of them: what is compiled then sees a few shapes only.
+
+    >>> padded(np.array([1, 2, 3])).tolist()
+    [1, 2, 3, 3]
+    """
+    more = (1 << (len(rows) - 1).bit_length()) - len(rows)
+    return np.concatenate([rows, np.repeat(rows[-1:], more, axis=0)])
 
 
 def resample(log_weight: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.intp]:

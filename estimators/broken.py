@@ -306,6 +306,7 @@ class WithTruth(Shown):
             from gaugeblock.simulators.registry import build_simulator
 
             base = build_simulator(base, **options)
+        self.prior: Prior = base.prior
         self._base: Any = base  # its capabilities are asked for once, below
         if isinstance(base, HasLikelihood):
             self.log_likelihood = self._log_likelihood
@@ -315,12 +316,6 @@ class WithTruth(Shown):
             self.posterior_log_prob = self._posterior_log_prob
         if isinstance(base, HasExactEvidence):
             self.log_evidence = self._log_evidence
-
-    @property
-    def prior(self) -> Prior:
-        """The base's."""
-        prior: Prior = self._base.prior
-        return prior
 
     def simulate(self, theta: ArrayLike, rng: Rng) -> NDArray[np.float64]:
         """Data of the base, then theta, ``(n, data + parameter)``."""

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.core.errors import InputError, require
 from gaugeblock.core.streams import Rng
 from gaugeblock.core.values import Shown
-from gaugeblock.estimators._rows import resample, row_seeds
+from gaugeblock.estimators._rows import padded, resample, row_seeds
 from gaugeblock.simulators.prior import HasUnitCube, require_prior
 from gaugeblock.simulators.protocol import HasLikelihood
 
@@ -188,11 +188,8 @@ class NestedSampling(Shown):
         compiled for a few shapes only.
         """
         points = np.asarray(theta, dtype=float)
-        size = len(points)
-        padded = np.concatenate(
-            [points, np.repeat(points[-1:], (1 << (size - 1).bit_length()) - size, axis=0)]
-        )
-        value = np.asarray(self._simulator.log_likelihood(padded, np.asarray(x)), dtype=float)[:size]
+        found = self._simulator.log_likelihood(padded(points), np.asarray(x))
+        value = np.asarray(found, dtype=float)[: len(points)]
         bad = np.isnan(value) | np.isposinf(value)
         if bad.any():
             first = int(np.argmax(bad))

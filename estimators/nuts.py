@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.core.errors import InputError, require
 from gaugeblock.core.streams import Rng
 from gaugeblock.core.values import Shown
-from gaugeblock.estimators._rows import row_seeds
+from gaugeblock.estimators._rows import padded, row_seeds
 from gaugeblock.simulators.prior import HasBijections, require_prior
 from gaugeblock.simulators.protocol import HasTraceableLikelihood
 
@@ -195,21 +195,14 @@ class Nuts(Shown):
         with jax.enable_x64(True):
             for start in range(0, len(data), self._parallel):
                 rows, keys = data[start : start + self._parallel], seeds[start : start + self._parallel]
-                padding = (1 << (len(rows) - 1).bit_length()) - len(rows)
-                padded = np.concatenate([rows, np.repeat(rows[-1:], padding, axis=0)])
-                runs.append(self._block(padded, np.concatenate([keys, np.repeat(keys[-1:], padding)]), n))
+                runs.append(self._block(padded(rows), padded(keys), n))
                 sizes.append(len(rows))
 
         def join(name: str) -> NDArray[Any]:
             parts = [getattr(run, name)[:size] for run, size in zip(runs, sizes, strict=True)]
             return np.concatenate(parts)
 
-        return NutsRun(
-            draws=join("draws"),
-            divergences=join("divergences"),
-            acceptance=join("acceptance"),
-            step_size=join("step_size"),
-        )
+        return NutsRun(**{each.name: join(each.name) for each in fields(NutsRun)})
 
     def sample(self, x: ArrayLike, n: int, rng: Rng) -> NDArray[np.float64]:
         """Autocorrelated posterior draws, ``(batch, n, parameter)``."""

@@ -153,16 +153,8 @@ class Described(Protocol):
 
 CAPABILITIES: tuple[type, ...] = (
     *(Simulator, HasExpected, HasJacobian, HasNoise, Holdable),
-    *(
-        HasLikelihood,
-        LikelihoodSimulator,
-        HasTraceableLikelihood,
-        Extensible,
-        HasEffectLibrary,
-        HasGaps,
-        Segmented,
-    ),
-    *(HasExactPosterior, HasExactDensity, HasExactEvidence, Described),
+    *(HasLikelihood, LikelihoodSimulator, HasTraceableLikelihood, Extensible, HasEffectLibrary, HasGaps),
+    *(Segmented, HasExactPosterior, HasExactDensity, HasExactEvidence, Described),
 )
 
 

@@ -6,6 +6,7 @@ import json
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -95,13 +96,8 @@ class Bank:
         chunks = []
         for number, start in enumerate(range(0, n, CHUNK)):
             rows = min(CHUNK, n - start)
-            path = place / f"{number:06d}-{rows}.npz"
-            chunk = _load(path)
-            if chunk is None:
-                chunk = _simulate_chunk(simulator, rows, fresh, stream(seed, "bank", number))
-                with atomic_path(path) as temporary:
-                    np.savez(temporary, theta=chunk[0], data=chunk[1])
-            chunks.append(chunk)
+            make = partial(_simulate_chunk, simulator, rows, fresh, stream(seed, "bank", number))
+            chunks.append(kept(place / f"{number:06d}-{rows}.npz", ("theta", "data"), make))
             if progress is not None:
                 progress("simulations", start + rows, n)
         theta, data = (np.concatenate(parts) for parts in zip(*chunks, strict=True))
@@ -129,12 +125,19 @@ def _simulate_chunk(
     return theta, data.astype(np.float32) if fresh else data
 
 
-def _load(path: Path) -> tuple[NDArray[np.float64], NDArray[Any]] | None:
+def kept(
+    path: Path, names: tuple[str, ...], make: Callable[[], tuple[NDArray[Any], ...]]
+) -> tuple[NDArray[Any], ...]:
+    """Arrays that an interrupted run has left in a file, or made now and left there for the next one."""
     try:
         with np.load(path) as stored:
-            return stored["theta"], stored["data"]
+            return tuple(stored[name] for name in names)
     except (OSError, ValueError, KeyError):
-        return None
+        arrays = make()
+    content: dict[str, Any] = dict(zip(names, arrays, strict=True))
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **content)
+    return arrays
 
 
 def _read_key(place: Path) -> str | None:

@@ -28,14 +28,18 @@ class Flow(Protocol):
         """Log density of values, ``(row, draw)``."""
 
 
-class ZukoFlow:
-    """The default network's autoregressive spline flow."""
+class Embedded:
+    """A flow whose summaries are sbi's embedding network's."""
 
     def __init__(self, network: Any):
         self._network = network
 
     def context(self, x: Tensor) -> Tensor:
         return self._network.embedding_net(x)
+
+
+class ZukoFlow(Embedded):
+    """The default network's autoregressive spline flow."""
 
     def _distribution(self, draws: int, context: Tensor) -> Any:
         return self._network.net(context[:, None, :].expand(-1, draws, -1))
@@ -47,14 +51,8 @@ class ZukoFlow:
         return self._distribution(values.shape[1], context).log_prob(values)
 
 
-class NflowsFlow:
+class NflowsFlow(Embedded):
     """The published network's coupling spline flow."""
-
-    def __init__(self, network: Any):
-        self._network = network
-
-    def context(self, x: Tensor) -> Tensor:
-        return self._network.embedding_net(x)
 
     def draw(self, noise: Tensor, context: Tensor) -> Tensor:
         flat, repeated = noise.flatten(end_dim=1), context.repeat_interleave(noise.shape[1], dim=0)

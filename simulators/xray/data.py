@@ -21,6 +21,7 @@ from importlib import metadata
 from pathlib import Path
 
 from gaugeblock.core.atomic import write_atomically
+from gaugeblock.core.digest import file_digest
 from gaugeblock.core.errors import InputError, require
 
 Tell = Callable[[str], None]
@@ -50,10 +51,7 @@ class DataFile:
     @property
     def intact(self) -> bool:
         """Whether it is in the cache with the right content."""
-        if not self.path.is_file():
-            return False
-        with open(self.path, "rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest() == self.sha256
+        return self.path.is_file() and file_digest(self.path) == self.sha256
 
     def store(self, content: bytes) -> bool:
         """Write it in one step if the content is right; a reader never sees half a file."""

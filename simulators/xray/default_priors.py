@@ -11,7 +11,7 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.marginals import LogUniform, Marginal, Uniform
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray.components import COMPONENTS
-from gaugeblock.simulators.xray.expression import Leaf, Node, leaves, parse
+from gaugeblock.simulators.xray.expression import Node, leaves, parse
 from gaugeblock.simulators.xray.response import Response
 
 _COLUMN = LogUniform(1e-3, 50.0)
@@ -96,17 +96,11 @@ def default_prior(
 def _shapes(tree: Node, response: Response) -> dict[str, Marginal]:
     low, high = float(response.channels[:, 0].min()), float(response.channels[:, 1].max())
     return {
-        str(source): Uniform(low, high) if (leaf.component, parameter) in ENERGIES else marginal
-        for leaf in leaves(tree)
-        for parameter, source, marginal in _known(leaf)
+        str(source): Uniform(low, high) if (leaf.component, parameter) in ENERGIES else table[parameter]
+        for leaf, table in ((leaf, SHAPES[leaf.component]) for leaf in leaves(tree))
+        for parameter, source in leaf.bindings
+        if parameter in table
     }
-
-
-def _known(leaf: Leaf) -> list[tuple[str, str | float, Marginal]]:
-    table = SHAPES[leaf.component]
-    return [
-        (parameter, source, table[parameter]) for parameter, source in leaf.bindings if parameter in table
-    ]
 
 
 def _norms(

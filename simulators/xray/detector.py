@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.core.digest import file_digest
 from gaugeblock.core.errors import InputError, require
-from gaugeblock.simulators.xray.files import FilePath, load, sha256
+from gaugeblock.simulators.xray.files import FilePath, load
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +67,7 @@ def read_detector(rmf: FilePath, arf: FilePath | None) -> Detector:
         np.stack([matrix.energ_lo, matrix.energ_hi], axis=1),
         area,
         redistribution,
-        {role: sha256(path) for role, path in (("rmf", rmf), ("arf", arf)) if path is not None},
+        {role: file_digest(Path(path)) for role, path in (("rmf", rmf), ("arf", arf)) if path is not None},
         notes,
     )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import warnings
 from collections.abc import Callable
 from os import PathLike
@@ -13,12 +12,6 @@ from gaugeblock.core.errors import InputError
 
 FilePath = str | PathLike[str]
 T = TypeVar("T")
-
-
-def sha256(path: FilePath) -> str:
-    """Hash of a file's bytes, in hexadecimal."""
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def load(role: str, path: FilePath, read: Callable[[Path], T]) -> T:

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.core.digest import file_digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.xray.detector import Detector, read_detector
-from gaugeblock.simulators.xray.files import FilePath, load, sha256
+from gaugeblock.simulators.xray.files import FilePath, load
 from gaugeblock.simulators.xray.pha import Pha, read_pha
 from gaugeblock.simulators.xray.response import Response, respond
 
@@ -240,7 +241,7 @@ class Reader:
         state = file.stat()
         key = (str(file), state.st_mtime_ns, state.st_size)
         if key not in self._digests:
-            self._digests[key] = sha256(file)
+            self._digests[key] = file_digest(file)
         return self._digests[key]
 
     def _detector(self, rmf: FilePath, arf: FilePath | None) -> Detector:

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.core.digest import file_digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.xray.detector import Detector, read_detector
-from gaugeblock.simulators.xray.files import FilePath, load, sha256
+from gaugeblock.simulators.xray.files import FilePath, load
 from gaugeblock.simulators.xray.pha import Pha, read_pha
 
 
@@ -152,7 +153,7 @@ class Response:
         made = respond(detector, spectrum, band=band, grouping=grouping, name=name, pha=pha)
         if exposure is None:
             exposure = 1.0 if spectrum is None else spectrum.exposure
-        files = {**made.files} if pha is None else {**made.files, "pha": sha256(pha)}
+        files = {**made.files} if pha is None else {**made.files, "pha": file_digest(Path(pha))}
         return replace(made.with_exposure(exposure), files=files)
 
 

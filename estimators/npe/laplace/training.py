@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,9 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save
 
-from gaugeblock.core.atomic import atomic_path, write_atomically
+from gaugeblock.core.atomic import write_atomically
 from gaugeblock.estimators._rows import resample
-from gaugeblock.estimators.npe.bank import Bank, Progress, stream
+from gaugeblock.estimators.npe.bank import Bank, Progress, kept, stream
 from gaugeblock.estimators.npe.config import TrainingTable
 from gaugeblock.estimators.npe.coordinates import from_scores
 from gaugeblock.estimators.npe.laplace.compressor import Compressor
@@ -107,32 +108,23 @@ def redrawn_bank(
     progress: Progress | None = None,
 ) -> RedrawnBank:
     """Pools for the first `rows`, in chunks that an interrupted run finds again in `folder`."""
+
+    def pools(start: int, stop: int) -> tuple[NDArray[Any], ...]:
+        data = noisy(simulated, start, chunk, seed)
+        rng = stream(seed, "redraws", start)
+        pieces = []
+        for begin in range(start, stop, ROWS):
+            own = slice(begin, min(begin + ROWS, stop))
+            counts = data[own.start - start : own.stop - start]
+            pieces.append(redrawn(head, compressed, counts, own, number=number, rng=rng))
+        return tuple(np.concatenate(part) for part in zip(*pieces, strict=True))
+
     folder.mkdir(parents=True, exist_ok=True)
     parts = []
     for start in range(0, rows, chunk):
         stop = min(start + chunk, rows)
-        path = folder / f"{start:08d}.npz"
-        if path.is_file():
-            with np.load(path) as kept:
-                parts.append((kept["pool"], kept["log_weight"]))
-        else:
-            data = noisy(simulated, start, chunk, seed)
-            rng = stream(seed, "redraws", start)
-            pieces = [
-                redrawn(
-                    head,
-                    compressed,
-                    data[begin - start : min(begin + ROWS, stop) - start],
-                    slice(begin, min(begin + ROWS, stop)),
-                    number=number,
-                    rng=rng,
-                )
-                for begin in range(start, stop, ROWS)
-            ]
-            pool, log_weight = (np.concatenate(part) for part in zip(*pieces, strict=True))
-            parts.append((pool, log_weight))
-            with atomic_path(path) as temporary, temporary.open("wb") as file:
-                np.savez(file, pool=pool, log_weight=log_weight)
+        make = partial(pools, start, stop)
+        parts.append(kept(folder / f"{start:08d}.npz", ("pool", "log_weight"), make))
         if progress is not None:
             progress("redraws", stop, rows)
     pool, log_weight = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -166,7 +158,7 @@ def train_laplace(
         )
         state = {name: value.contiguous() for name, value in compressor.state_dict().items()}
         write_atomically(stored, bytes(save(state)))
-    data = _compressed(compressor, bank, folder / f"compressed-{key}.npy", options.seed, progress)
+    data = _compressed(compressor, bank, folder / f"compressed-{key}.npz", options.seed, progress)
     network.head.standardise(torch.from_numpy(data[:EXAMPLES]))
     compressed = Bank(bank.scores, data, False, bank.simulator)
     curve = train_default(
@@ -222,13 +214,13 @@ def train_compressor(
     noisy = np.asarray(bank.observe(slice(0, EXAMPLES), stream(seed, "features")), dtype=np.float64)
     compressor.features.fit(compressor.grouped(torch.from_numpy(noisy)).numpy())
 
-    def emulated(rows: np.ndarray[Any, Any], rng: np.random.Generator) -> torch.Tensor:  # noqa: ARG001
+    def emulated(rows: NDArray[Any], rng: np.random.Generator) -> torch.Tensor:  # noqa: ARG001
         mean = compressor.grouped(torch.from_numpy(bank.data[rows])).clamp(min=1e-6)
         away = compressor.emulator(torch.from_numpy(bank.scores[rows])) - torch.log(mean)
         # Counts span decades: the logarithm keeps the brightest from deciding alone.
         return torch.log1p((mean * away**2).sum(dim=-1)).mean()
 
-    def guessed(rows: np.ndarray[Any, Any], rng: np.random.Generator) -> torch.Tensor:
+    def guessed(rows: NDArray[Any], rng: np.random.Generator) -> torch.Tensor:
         x = torch.from_numpy(np.asarray(bank.observe(rows, rng), dtype=np.float64))
         away = compressor.guess(compressor.features(compressor.grouped(x)))
         return ((away - torch.from_numpy(bank.scores[rows])) ** 2).mean()
@@ -249,8 +241,7 @@ def train_compressor(
             optimizer.step()
             if progress is not None:
                 progress(stage, step + 1, number)
-    for parameter in compressor.parameters():
-        parameter.requires_grad_(False)
+    compressor.requires_grad_(False)
 
 
 def _restored(compressor: Compressor, path: Path) -> bool:
@@ -258,24 +249,21 @@ def _restored(compressor: Compressor, path: Path) -> bool:
         compressor.load_state_dict(load_file(path))
     except (OSError, SafetensorError):
         return False
-    for parameter in compressor.parameters():
-        parameter.requires_grad_(False)
+    compressor.requires_grad_(False)
     return True
 
 
 def _compressed(
     compressor: Compressor, bank: Bank, path: Path, seed: int, progress: Progress | None
-) -> np.ndarray[Any, np.dtype[np.float32]]:
-    if path.is_file():
-        kept: np.ndarray[Any, np.dtype[np.float32]] = np.load(path)
-        return kept
-    parts = []
-    for start in range(0, len(bank), CHUNK):
-        x = noisy(bank, start, CHUNK, seed)
-        parts.append(compressor(torch.from_numpy(x)).numpy())
-        if progress is not None:
-            progress("compressed", start + len(x), len(bank))
-    data = np.concatenate(parts)
-    with atomic_path(path) as temporary, temporary.open("wb") as stream_of_bytes:
-        np.save(stream_of_bytes, data)
+) -> NDArray[np.float32]:
+    def compress() -> tuple[NDArray[np.float32]]:
+        parts = []
+        for start in range(0, len(bank), CHUNK):
+            x = noisy(bank, start, CHUNK, seed)
+            parts.append(compressor(torch.from_numpy(x)).numpy())
+            if progress is not None:
+                progress("compressed", start + len(x), len(bank))
+        return (np.concatenate(parts),)
+
+    (data,) = kept(path, ("data",), compress)
     return data

@@ -22,33 +22,32 @@ def _swap(node: Node, component: str, swap: Callable[[Leaf], Leaf]) -> Node | No
     return None if right is None else replace(node, right=right)
 
 
+def _exchanged(assembly: Assembly, component: str, swap: Callable[[Leaf], Leaf], otherwise: str) -> Assembly:
+    tree = _swap(assembly.tree, component, swap)
+    if tree is None:
+        raise InputError(otherwise)
+    return replace(assembly, tree=tree)
+
+
 def _partial_covering(assembly: Assembly, sources: Mapping[str, Source]) -> Assembly:
-    tree = _swap(
-        assembly.tree,
+    return _exchanged(
+        assembly,
         "Tbabs",
         lambda leaf: Leaf("Tbpcf", (*leaf.bindings, ("f", sources["fraction"]))),
+        "effect published_partial_covering: the model has no tbabs left that could cover partially",
     )
-    if tree is None:
-        raise InputError(
-            "effect published_partial_covering: the model has no tbabs left that could cover partially"
-        )
-    return replace(assembly, tree=tree)
 
 
 def _thermal_continuum(assembly: Assembly, sources: Mapping[str, Source]) -> Assembly:
     # A cut-off power law of index 1 is exactly K exp(-E / kT) / E.
-    tree = _swap(
-        assembly.tree,
+    return _exchanged(
+        assembly,
         "Powerlaw",
         lambda leaf: Leaf(
             "Cutoffpl", (("alpha", 1.0), ("beta", sources["kT"]), ("norm", dict(leaf.bindings)["norm"]))
         ),
+        "effect published_thermal_continuum: the model has no powerlaw left that it could replace",
     )
-    if tree is None:
-        raise InputError(
-            "effect published_thermal_continuum: the model has no powerlaw left that it could replace"
-        )
-    return replace(assembly, tree=tree)
 
 
 def _gain(assembly: Assembly, sources: Mapping[str, Source]) -> Assembly:
