@@ -45,6 +45,16 @@ def one_cycle(step: int, steps: int, peak: float) -> float:
     return low + (high - low) * 0.5 * (1.0 - math.cos(math.pi * min(place, 1.0)))
 
 
+def descend(optimizer: torch.optim.Optimizer, loss: torch.Tensor, rate: float, clip: float) -> None:
+    """One step of an optimizer with a single group of parameters, their gradient clipped."""
+    (group,) = optimizer.param_groups
+    group["lr"] = rate
+    optimizer.zero_grad()
+    loss.backward()
+    torch.nn.utils.clip_grad_norm_(group["params"], clip)
+    optimizer.step()
+
+
 def train_default(
     network: Any,
     bank: Pairs,
@@ -83,13 +93,8 @@ def train_default(
     for step in range(start, options.steps):
         rng = stream(options.seed, "step", step)
         score, x = _tensors(bank, rng.integers(0, size, options.batch), rng)
-        for group in optimizer.param_groups:
-            group["lr"] = one_cycle(step, options.steps, options.learning_rate)
         loss = network.loss(score, condition=x).mean()
-        optimizer.zero_grad()
-        loss.backward()
-        torch.nn.utils.clip_grad_norm_(parameters, options.clip)
-        optimizer.step()
+        descend(optimizer, loss, one_cycle(step, options.steps, options.learning_rate), options.clip)
         _blend(average, network, max(1.0 - options.average, 1.0 / (step + 1)))
         recent.append(float(loss.detach()))
         done = step + 1

@@ -63,14 +63,13 @@ def thinned(spectra: Sequence[Spectrum], seeds: Sequence[Sequence[int]]) -> tupl
 def pooled(spectra: Sequence[Spectrum], scale: Array, counts: Array) -> MeasuredBackground:
     """The shape fitted to all background regions together; its prior as wide as they differ in level."""
     response = spectra[0].response
-    fine = response.fine_channels
     exposures = np.array([spectrum.exposure for spectrum in spectra])
     background = MeasuredBackground.fit(
         counts.sum(axis=0),
         scale,
         response.channels,
         exposure=float(exposures.sum()),
-        width=np.asarray(response.grouping @ (fine[:, 1] - fine[:, 0])),
+        width=response.width,
     )
     if len(spectra) == 1:
         return background

@@ -13,13 +13,11 @@ class Component(NamedTuple):
     additive: bool
 
 
-_POWERLAW = Component("Powerlaw", ("alpha", "norm"), True)
 _BLACKBODYRAD = Component("Blackbodyrad", ("kT", "norm"), True)
 _GAUSS = Component("Gauss", ("El", "sigma", "norm"), True)
-_CONSTANT = Component("MultiplicativeConstant", ("norm",), False)
 
 COMPONENTS = {
-    "powerlaw": _POWERLAW,
+    "powerlaw": Component("Powerlaw", ("alpha", "norm"), True),
     "bbody": Component("Blackbody", ("kT", "norm"), True),
     "bbodyrad": _BLACKBODYRAD,
     "blackbodyrad": _BLACKBODYRAD,
@@ -29,7 +27,7 @@ COMPONENTS = {
     "zgauss": Component("Zgauss", ("El", "sigma", "redshift", "norm"), True),
     "lorentz": Component("Lorentz", ("E_l", "sigma", "norm"), True),
     "grbm": Component("Band", ("alpha1", "alpha2", "Ec", "norm"), True),
-    "constant": _CONSTANT,
+    "constant": Component("MultiplicativeConstant", ("norm",), False),
     "expfac": Component("Expfac", ("A", "f", "E_c"), False),
     "highecut": Component("Highecut", ("Ec", "Ef"), False),
     "phabs": Component("Phabs", ("nh",), False),

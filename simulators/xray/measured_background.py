@@ -151,20 +151,10 @@ class MeasuredBackground:
         span = bounds[:, 1] - bounds[:, 0] if width is None else np.asarray(width, dtype=float)
         if not (np.isfinite(exposure) and exposure > 0):
             raise InputError(f"background: exposure must be a positive number of seconds, got {exposure}")
-        candidates = (
-            [np.asarray(knots, dtype=float)]
-            if knots is not None
-            else [_places(found, bounds, number) for number in KNOTS]
-        )
-        best, best_score = None, np.inf
-        for places in candidates:
-            shape = BackgroundShape.over(bounds, span, places)
-            log_rate, error, deviance = _likeliest(shape, found, exposure / share)
-            score = deviance + 2.0 * len(places)
-            if score < best_score:
-                best, best_score = (shape, log_rate, error, deviance), score
-        assert best is not None
-        shape, log_rate, error, left = best
+        places = [_places(found, bounds, number) for number in KNOTS] if knots is None else [knots]
+        shapes = [BackgroundShape.over(bounds, span, energies) for energies in places]
+        fits = [(shape, *_likeliest(shape, found, exposure / share)) for shape in shapes]
+        shape, log_rate, error, left = min(fits, key=lambda fit: fit[3] + 2.0 * len(fit[0].knots))
         while knots is None and len(shape.lines) < LINES:
             line = _line(shape, log_rate, found, exposure / share, bounds)
             with_line = BackgroundShape.over(bounds, span, shape.knots, [*shape.lines.tolist(), line])

@@ -76,6 +76,11 @@ class Response:
         rows, columns = self.grouping.nonzero()
         return hashlib.sha256(np.stack([rows, columns]).astype("<i8").tobytes()).hexdigest()
 
+    @property
+    def width(self) -> Array:
+        """keV of the detector channels in use in every channel, shape ``(channel,)``."""
+        return np.asarray(self.grouping @ (self.fine_channels[:, 1] - self.fine_channels[:, 0]))
+
     def fold(self, grouping: Any) -> Array:
         """Transfer matrix for another weighting ``(channel, fine)`` of the detector channels."""
         weights = (self.area * self.exposure)[None, :]
@@ -89,9 +94,7 @@ class Response:
         InputError
             Unless the exposure is a positive finite number.
         """
-        if not (np.isfinite(seconds) and seconds > 0):
-            raise InputError(f"exposure must be a positive number of seconds, got {seconds}")
-        return replace(self, exposure=float(seconds))
+        return replace(self, exposure=_positive("exposure", seconds))
 
     def with_frame_time(self, seconds: float) -> Response:
         """The same instrument, read out at another pace.
@@ -101,9 +104,7 @@ class Response:
         InputError
             Unless the frame time is a positive finite number.
         """
-        if not (np.isfinite(seconds) and seconds > 0):
-            raise InputError(f"frame time must be a positive number of seconds, got {seconds}")
-        return replace(self, frame_time=float(seconds))
+        return replace(self, frame_time=_positive("frame time", seconds))
 
     def describe(self) -> dict[str, Any]:
         """Plain data that identifies the response."""
@@ -155,6 +156,12 @@ class Response:
             exposure = 1.0 if spectrum is None else spectrum.exposure
         files = {**made.files} if pha is None else {**made.files, "pha": file_digest(Path(pha))}
         return replace(made.with_exposure(exposure), files=files)
+
+
+def _positive(what: str, seconds: float) -> float:
+    if not (np.isfinite(seconds) and seconds > 0):
+        raise InputError(f"{what} must be a positive number of seconds, got {seconds}")
+    return float(seconds)
 
 
 def respond(

@@ -160,9 +160,7 @@ def with_background(
         If counts are not whole and at least 0, a scale is not positive, or the channels are not the source's.
     """
     response = source.response
-    fine = response.fine_channels
-    width = np.asarray(response.grouping @ (fine[:, 1] - fine[:, 0]))
     background = MeasuredBackground.fit(
-        counts, scale, response.channels, exposure=source.exposure, width=width, knots=knots
+        counts, scale, response.channels, exposure=source.exposure, width=response.width, knots=knots
     )
     return WithBackground(source, background)

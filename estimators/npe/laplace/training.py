@@ -20,7 +20,7 @@ from gaugeblock.estimators.npe.config import TrainingTable
 from gaugeblock.estimators.npe.coordinates import from_scores
 from gaugeblock.estimators.npe.laplace.compressor import Compressor
 from gaugeblock.estimators.npe.laplace.network import LaplaceNetwork
-from gaugeblock.estimators.npe.loop import held_out, one_cycle, train_default
+from gaugeblock.estimators.npe.loop import descend, held_out, one_cycle, train_default
 
 ROWS = 1024
 """Rows that are weighed at once."""
@@ -232,13 +232,8 @@ def train_compressor(
         optimizer = torch.optim.AdamW(module.parameters(), lr=RATE, weight_decay=0.0)
         for step in range(number):
             rng = stream(seed, stage, step)
-            for group in optimizer.param_groups:
-                group["lr"] = one_cycle(step, number, RATE)
             value = loss(rng.integers(0, len(bank), BATCH), rng)
-            optimizer.zero_grad()
-            value.backward()
-            torch.nn.utils.clip_grad_norm_(module.parameters(), 20.0)
-            optimizer.step()
+            descend(optimizer, value, one_cycle(step, number, RATE), 20.0)
             if progress is not None:
                 progress(stage, step + 1, number)
     compressor.requires_grad_(False)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from gaugeblock.simulators.library import LibraryEffect
@@ -15,13 +16,13 @@ from gaugeblock.simulators.xray.effects.assembly import Append, Assembly
 from gaugeblock.simulators.xray.library.absorption import absorption
 from gaugeblock.simulators.xray.library.emission import emission
 from gaugeblock.simulators.xray.library.instrument import instrument
-from gaugeblock.simulators.xray.library.scale import scale
+from gaugeblock.simulators.xray.library.scale import Scale
 from gaugeblock.simulators.xray.response import Response
 
 
 def effect_library(assembly: Assembly, response: Response, theta: ArrayLike) -> dict[str, LibraryEffect]:
     """The effects that a response allows, scaled for fitted theta ``(n, parameter)``."""
-    fitted = scale(assembly, response, theta)
+    fitted = Scale(assembly, response, np.median(np.atleast_2d(np.asarray(theta, dtype=float)), axis=0))
     entries = (*emission(fitted), *absorption(fitted), *instrument(fitted))
     without = not_in_library(response)
     return {entry.name: entry for entry in entries if entry.name not in without}

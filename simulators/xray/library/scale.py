@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -83,9 +82,3 @@ def spaced(response: Response, most: int) -> Array:
     # In the middle of equal shares: a line on the band's edge is half a line.
     at = (np.arange(number) + 0.5) / number * passed[-1]
     return np.asarray(np.clip(np.interp(at, passed, energy), low, high))
-
-
-def scale(assembly: Assembly, response: Response, theta: Any) -> Scale:
-    """The scale of fitted theta ``(n, parameter)``."""
-    rows = np.atleast_2d(np.asarray(theta, dtype=float))
-    return Scale(assembly, response, np.median(rows, axis=0))
