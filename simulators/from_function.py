@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import numbers, plain
+from gaugeblock.core.digest import file_digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.global_state import SEEDS, seeded_globals
 from gaugeblock.core.streams import Rng
@@ -171,8 +171,7 @@ def source_of(function: Callable[..., Any]) -> dict[str, Any]:
     inner = inspect.unwrap(function)
     bound = getattr(inner, "__self__", None) or getattr(inner, "__closure__", None)
     try:
-        file = Path(inspect.getsourcefile(inner) or "")
-        digest = hashlib.sha256(file.read_bytes()).hexdigest()
-    except (OSError, TypeError):
+        source = file_digest(Path(inspect.getsourcefile(inner) or ""))
+    except (InputError, TypeError):
         return {"state_sha256": None}
-    return {"source_sha256": digest, **({"state_sha256": None} if bound else {})}
+    return {"source_sha256": source, **({"state_sha256": None} if bound else {})}

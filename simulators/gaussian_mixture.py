@@ -56,19 +56,16 @@ class GaussianMixture(Shown):
     def _data(self, x: ArrayLike) -> NDArray[np.float64]:
         return data_array(x, 2, "gaussian_mixture")
 
-    def _log_likelihood(self, theta: Any, x: Any) -> Any:
+    def log_likelihood(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
+        """Log density of x given theta, leading axes broadcast."""
+        return np.asarray(self.log_likelihood_jax(np.asarray(theta, dtype=float), self._data(x)))
+
+    def log_likelihood_jax(self, theta: Any, x: Any) -> Any:
+        """The same on JAX arrays too, traceable."""
         broad, narrow = (
             -0.5 * (((x - theta) / sd) ** 2).sum(-1) - math.log(4.0 * math.pi * sd * sd) for sd in self._sd
         )
         return namespace(theta).logaddexp(broad, narrow)
-
-    def log_likelihood(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
-        """Log density of x given theta, leading axes broadcast."""
-        return np.asarray(self._log_likelihood(np.asarray(theta, dtype=float), self._data(x)))
-
-    def log_likelihood_jax(self, theta: Any, x: Any) -> Any:
-        """The same on JAX arrays, traceable."""
-        return self._log_likelihood(theta, x)
 
     def _log_component_masses(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Log of (1/2 x the probability that each component's theta lies in the square), ``(batch, 2)``."""

@@ -47,12 +47,8 @@ class LinearGaussian(Shown):
         prior_sd: float = 1.0,
         matrix: ArrayLike | None = None,
     ):
-        for label, number in (
-            ("parameters", parameters),
-            ("data", data),
-            ("noise", noise),
-            ("prior_sd", prior_sd),
-        ):
+        sizes = {"parameters": parameters, "data": data, "noise": noise, "prior_sd": prior_sd}
+        for label, number in sizes.items():
             if not number > 0:
                 raise InputError(f"linear_gaussian: {label} must be positive, got {number}")
         if matrix is None:
@@ -93,11 +89,10 @@ class LinearGaussian(Shown):
 
     def log_likelihood(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
         """Log density of x given theta, leading axes broadcast."""
-        scaled = (self._data(x) - self.expected(theta)) / self._noise
-        return np.asarray(_standard_normal(scaled) - len(self._matrix) * math.log(self._noise))
+        return np.asarray(self.log_likelihood_jax(np.asarray(theta, dtype=float), self._data(x)))
 
     def log_likelihood_jax(self, theta: Any, x: Any) -> Any:
-        """The same on JAX arrays, traceable."""
+        """The same on JAX arrays too, traceable."""
         scaled = (x - _apply(self._matrix, theta)) / self._noise
         return _standard_normal(scaled) - len(self._matrix) * math.log(self._noise)
 

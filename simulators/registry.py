@@ -67,11 +67,11 @@ def build(
         made = build_named(table, kind, name, {**given, **options})
     else:
         made = load_object(name, kind)
-        if inspect.isclass(made) or not _has(made, members):
+        if inspect.isclass(made) or not all(hasattr(made, member) for member in members):
             made = made_for(made, where, *given.values(), **options)
         elif options:
             raise InputError(f"{where} is ready-made and takes no options, got {', '.join(options)}")
-    missing = [member for member in members if not _has(made, (member,))]
+    missing = [member for member in members if not hasattr(made, member)]
     if missing:
         raise InputError(
             f"{where} made a {type(made).__name__} without {' and '.join(missing)}; "
@@ -170,10 +170,6 @@ def made_for(factory: Any, where: str, *given: Any, **options: Any) -> Any:
             continue
         return call(factory, where, *arguments, **options)
     return call(factory, where, *given, **options)
-
-
-def _has(instance: Any, members: tuple[str, ...]) -> bool:
-    return all(hasattr(instance, member) for member in members)
 
 
 @contextmanager

@@ -63,7 +63,12 @@ class TwoMoons(Shown):
     def _data(self, x: ArrayLike) -> NDArray[np.float64]:
         return data_array(x, 2, "two_moons")
 
-    def _log_likelihood(self, theta: Any, x: Any) -> Any:
+    def log_likelihood(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
+        """Log density of x given theta, leading axes broadcast."""
+        return np.asarray(self.log_likelihood_jax(np.asarray(theta, dtype=float), self._data(x)))
+
+    def log_likelihood_jax(self, theta: Any, x: Any) -> Any:
+        """The same on JAX arrays too, traceable."""
         xp = namespace(theta)
         along, across = _rotate(theta)
         right, up = x[..., 0] - SHIFT + xp.abs(along), x[..., 1] - across
@@ -74,19 +79,10 @@ class TwoMoons(Shown):
             -0.5 * scaled * scaled - xp.log(distance) - math.log(self._sd * math.sqrt(2 * math.pi) * math.pi)
         )
 
-    def log_likelihood(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
-        """Log density of x given theta, leading axes broadcast."""
-        return np.asarray(self._log_likelihood(np.asarray(theta, dtype=float), self._data(x)))
-
-    def log_likelihood_jax(self, theta: Any, x: Any) -> Any:
-        """The same on JAX arrays, traceable."""
-        return self._log_likelihood(theta, x)
-
-    def _angle_table(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Angles ``(node,)``, and the log probability ``(batch, node)`` that some theta fits there."""
+    def _log_masses(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Log probability ``(batch, node)`` that some theta fits, at equally spaced angles."""
         angle = np.linspace(-0.5 * np.pi, 0.5 * np.pi, NODES)
-        low, high = self._radius_range(angle, x)
-        return angle, truncated_normal.log_mass(low, high)
+        return truncated_normal.log_mass(*self._radius_range(angle, x))
 
     def _radius_range(self, angle: Any, x: NDArray[np.float64]) -> tuple[Any, Any]:
         """Standardised radii ``(batch, ...)`` for which the square holds a theta, at the given angles.
@@ -113,7 +109,7 @@ class TwoMoons(Shown):
         """Independent posterior draws ``(batch, n, 2)``, by inversion in angle and radius."""
         data = self._data(x)
         u = rng.random((len(data), n, 3))
-        _, log_mass = self._angle_table(data)
+        log_mass = self._log_masses(data)
         mass = np.exp(log_mass - log_mass.max(axis=-1, keepdims=True))
         angle = np.pi * (draw_linear(mass, u[..., 0]) - 0.5)
         radius = self._radius + self._sd * truncated_normal.quantile(
@@ -127,7 +123,7 @@ class TwoMoons(Shown):
 
     def log_evidence(self, x: ArrayLike) -> NDArray[np.float64]:
         """Log density of x with theta integrated over the prior, ``(batch,)``."""
-        _, log_mass = self._angle_table(self._data(x))
+        log_mass = self._log_masses(self._data(x))
         peak = log_mass.max(axis=-1, keepdims=True)
         mass = np.exp(log_mass - peak)
         mean = np.sum(0.5 * (mass[:, 1:] + mass[:, :-1]), axis=-1) / (NODES - 1)

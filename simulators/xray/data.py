@@ -15,6 +15,7 @@ import sys
 import tempfile
 import threading
 import zipfile
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import metadata
@@ -78,12 +79,9 @@ class FetchReport:
 
     def summary(self) -> str:
         """One line for people."""
-        counts: dict[str, int] = {}
-        for origin in self.origin.values():
-            counts[origin] = counts.get(origin, 0) + 1
         parts = [
             f"{n} from {origin}" if origin != "cache" else f"{n} already there"
-            for origin, n in counts.items()
+            for origin, n in Counter(self.origin.values()).items()
         ]
         return f"{len(self.origin)} files, sha256 verified: {', '.join(parts) or 'nothing to do'}"
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from gaugeblock.simulators.effects import Effect
@@ -21,15 +20,11 @@ class Siblings:
         # Another process compiles its own.
         return {"_made": []}
 
-    def extended(self, source: Any) -> Callable[[Effect], Any]:
-        """The source's `with_effect`, which gives the same object for the same effect."""
-
-        def with_effect(effect: Effect) -> Any:
-            for origin, known, made in self._made:
-                if origin is source and known == effect and known.kind == effect.kind:
-                    return made
-            made = source.with_effect(effect)
-            self._made = [*self._made[-63:], (source, effect, made)]
-            return made
-
-        return with_effect
+    def with_effect(self, source: Any, effect: Effect) -> Any:
+        """A source with one more effect: the same object for the same effect."""
+        for origin, known, made in self._made:
+            if origin is source and known == effect and known.kind == effect.kind:
+                return made
+        made = source.with_effect(effect)
+        self._made = [*self._made[-63:], (source, effect, made)]
+        return made

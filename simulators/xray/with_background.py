@@ -106,8 +106,8 @@ class WithBackground(PoissonCounts):
 
     def with_effect(self, effect: Effect) -> WithBackground:
         """The same data with one more effect on the source; its parameters come last."""
-        extend = self.source.with_effect if self._siblings is None else self._siblings.extended(self.source)
-        source = extend(effect)
+        known = self._siblings
+        source = self.source.with_effect(effect) if known is None else known.with_effect(self.source, effect)
         added = tuple(name for name in source.prior.names if name not in self.prior.names)
         return WithBackground(
             source, self.background, names=(*self.prior.names, *added), siblings=self._siblings

@@ -31,8 +31,7 @@ def above(low: Any, high: Any, threshold: Any) -> tuple[Any, tuple[Any, Any]]:
     import jax.numpy as jnp
 
     start = jnp.clip(threshold, low, high)
-    middle, half = 0.5 * (start + high), 0.5 * (high - start)
-    return (high - start) / (high - low), (middle + NODES[0] * half, middle + NODES[1] * half)
+    return (high - start) / (high - low), nodes(start, high)
 
 
 def nodes(low: Any, high: Any) -> tuple[Any, Any]:

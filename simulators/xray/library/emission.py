@@ -15,17 +15,11 @@ PHOTONS = "photons/cm2/s"
 
 def emission(scale: Scale) -> Iterator[LibraryEffect]:
     """Lines and continua inside the absorber."""
-    yield _line(scale)
-    yield _soft_excess(scale)
-    yield _thermal(scale)
-
-
-def _line(scale: Scale) -> LibraryEffect:
     low, high = scale.band
     energies = spaced(scale.response, 60)
     density = scale.density(energies)
     iron = float(scale.density(np.clip(6.4, low, high)))
-    return LibraryEffect(
+    yield LibraryEffect(
         name="emission_line",
         parameters={
             "energy": Uniform(low, high),
@@ -45,12 +39,8 @@ def _line(scale: Scale) -> LibraryEffect:
         "iron near a black hole",
         energies=("energy", "sigma"),
     )
-
-
-def _soft_excess(scale: Scale) -> LibraryEffect:
-    unit = scale.added("soft_excess", {"kT": 0.1, "norm": 1.0})
-    bright = scale.rate / max(unit, 1e-300)
-    return LibraryEffect(
+    bright = scale.rate / max(scale.added("soft_excess", {"kT": 0.1, "norm": 1.0}), 1e-300)
+    yield LibraryEffect(
         name="soft_excess",
         parameters={"kT": LogUniform(0.05, 0.6), "norm": Uniform(0.0, bright)},
         amplitude="norm",
@@ -63,11 +53,8 @@ def _soft_excess(scale: Scale) -> LibraryEffect:
         typical="kT of 0.1 to 0.2 keV and some tens of per cent of the counts below 1 keV in active galaxies",
         energies=("kT",),
     )
-
-
-def _thermal(scale: Scale) -> LibraryEffect:
     bright = scale.rate / max(scale.added("thermal_continuum", {"kT": 2.0, "norm": 1.0}), 1e-300)
-    return LibraryEffect(
+    yield LibraryEffect(
         name="thermal_continuum",
         parameters={"kT": LogUniform(0.2, 20.0), "norm": Uniform(0.0, 3.0 * bright)},
         amplitude="norm",

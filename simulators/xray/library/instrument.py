@@ -14,36 +14,9 @@ from gaugeblock.simulators.xray.library.scale import Scale
 
 def instrument(scale: Scale) -> Iterator[LibraryEffect]:
     """Energy scale, area, resolution, background, pile-up."""
-    yield from _gains()
-    yield _area(scale)
-    yield LibraryEffect(
-        name="resolution",
-        parameters={"variance": Uniform(0.0, 0.04)},
-        amplitude="variance",
-        step=1e-3,
-        units={"variance": "keV2"},
-        cause="Radiation damage traps charge, noise grows with temperature, or spectra of unlike gains are "
-        "added up: recorded energies scatter more than the response says, by a Gaussian of this variance in "
-        "addition.",
-        typical="a standard deviation of 10 to 50 eV: 1e-4 to 2.5e-3 keV2",
-        origin="instrument",
-    )
-    yield _background(scale)
-    yield LibraryEffect(
-        name="pileup",
-        parameters={"overlap": Uniform(0.0, 1.0)},
-        amplitude="overlap",
-        step=0.05,
-        units={"overlap": ""},
-        cause="Two photons that fall on neighbouring pixels within one frame are taken for one with the "
-        "energy of both: bright sources lose soft counts and gain hard ones. Pairs only.",
-        typical="a per cent of the counts at 0.03 counts a frame; overlap of 0.2 to 1, the image's core "
-        "being small",
-        origin="instrument",
-    )
-
-
-def _gains() -> Iterator[LibraryEffect]:
+    low, high = scale.band
+    # As many counts as the source, were they spread as 1 / E.
+    level = scale.rate / math.log(high / low)
     yield LibraryEffect(
         name="gain_slope",
         parameters={"slope": Uniform(0.9, 1.1)},
@@ -80,11 +53,7 @@ def _gains() -> Iterator[LibraryEffect]:
         typical="0.1 to 1 per cent",
         origin="instrument",
     )
-
-
-def _area(scale: Scale) -> LibraryEffect:
-    low, high = scale.band
-    return LibraryEffect(
+    yield LibraryEffect(
         name="effective_area",
         parameters={
             "energy": Uniform(low, high),
@@ -104,13 +73,19 @@ def _area(scale: Scale) -> LibraryEffect:
         typical="2 to 5 per cent, 10 to 20 near an edge, over 5 to 20 per cent of the energy",
         origin="instrument",
     )
-
-
-def _background(scale: Scale) -> LibraryEffect:
-    low, high = scale.band
-    # As many counts as the source, were they spread as 1 / E.
-    level = scale.rate / math.log(high / low)
-    return LibraryEffect(
+    yield LibraryEffect(
+        name="resolution",
+        parameters={"variance": Uniform(0.0, 0.04)},
+        amplitude="variance",
+        step=1e-3,
+        units={"variance": "keV2"},
+        cause="Radiation damage traps charge, noise grows with temperature, or spectra of unlike gains are "
+        "added up: recorded energies scatter more than the response says, by a Gaussian of this variance in "
+        "addition.",
+        typical="a standard deviation of 10 to 50 eV: 1e-4 to 2.5e-3 keV2",
+        origin="instrument",
+    )
+    yield LibraryEffect(
         name="background",
         parameters={"level": Uniform(0.0, level), "index": Uniform(-1.0, 3.0)},
         amplitude="level",
@@ -120,5 +95,17 @@ def _background(scale: Scale) -> LibraryEffect:
         cause="Cosmic rays and soft protons leave counts that no mirror has focused, and the sky around the "
         "source shines as well: a power law in recorded energy, not folded through the area.",
         typical="a few per cent of a bright source's counts, most of a faint one's",
+        origin="instrument",
+    )
+    yield LibraryEffect(
+        name="pileup",
+        parameters={"overlap": Uniform(0.0, 1.0)},
+        amplitude="overlap",
+        step=0.05,
+        units={"overlap": ""},
+        cause="Two photons that fall on neighbouring pixels within one frame are taken for one with the "
+        "energy of both: bright sources lose soft counts and gain hard ones. Pairs only.",
+        typical="a per cent of the counts at 0.03 counts a frame; overlap of 0.2 to 1, the image's core "
+        "being small",
         origin="instrument",
     )
