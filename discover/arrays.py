@@ -55,6 +55,24 @@ def residual(counts: Array, fitted: Fit) -> Array:
     )
 
 
+def counted_arrays(
+    sources: Sources, before: Fit, after: Fit | None, scanned: WindowScan, curve: CumulativeCounts
+) -> dict[str, xr.Dataset]:
+    """Counts and fits summed over sources, the windows that stand out, cumulative counts with their band."""
+    names = channel_arrays(sources)
+    spectrum: dict[str, Any] = {"counts": ("channel", sources.counts.sum(axis=0))}
+    for when, fitted in (("before", before), ("after", after)):
+        if fitted is not None:
+            spectrum[when] = ("channel", fitted.expected.sum(axis=0))
+            spectrum[f"residual_{when}"] = ("channel", residual(sources.counts, fitted))
+    band = {name: ("channel", getattr(curve, name)) for name in ("expected", "difference", "low", "high")}
+    return {
+        "spectrum": xr.Dataset(spectrum | names),
+        "windows": window_arrays(scanned, names),
+        "quantiles": xr.Dataset(band | names, attrs={"p_global": curve.p_global}),
+    }
+
+
 def window_arrays(found: WindowScan, names: Mapping[str, Any]) -> xr.Dataset:
     """The windows that stand out, and the strongest at every channel; `names` from `channel_arrays`."""
     first = np.asarray(found.start, dtype=int)
@@ -73,15 +91,6 @@ def window_arrays(found: WindowScan, names: Mapping[str, Any]) -> xr.Dataset:
             **{f"channel_{name}": names[name] for name in ("segment", "unit")},
         },
         attrs={"p_global": found.p_overall, "replicates": len(found.null_maximum)},
-    )
-
-
-def cumulative_arrays(curve: CumulativeCounts, names: Mapping[str, Any]) -> xr.Dataset:
-    """The cumulative counts with their band; `names` from `channel_arrays`."""
-    return xr.Dataset(
-        {name: ("channel", getattr(curve, name)) for name in ("expected", "difference", "low", "high")}
-        | dict(names),
-        attrs={"p_global": curve.p_global},
     )
 
 

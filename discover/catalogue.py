@@ -12,7 +12,7 @@ import xarray as xr
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-from gaugeblock.discovery.arrays import channel_arrays, cumulative_arrays, residual, window_arrays
+from gaugeblock.discovery.arrays import counted_arrays
 from gaugeblock.discovery.confirm.shared_models import (
     SharedModel,
     before_model,
@@ -38,7 +38,7 @@ from gaugeblock.discovery.name.shared_profile import SharedAmplitude, profile_mo
 from gaugeblock.discovery.name.shared_refined import refined
 from gaugeblock.discovery.name.shared_starts import fitted_from_afar
 from gaugeblock.discovery.name.stacked import influence
-from gaugeblock.discovery.result import Amplitude, Beside, Catalogue, DataSaid, Region
+from gaugeblock.discovery.result import Amplitude, Beside, Catalogue, DataSaid, Region, spread
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
 
@@ -301,18 +301,13 @@ class CatalogueCounts(Engine):
         """From all sources; the first one's beside the shared nuisances too."""
         made = []
         for i, one in enumerate(rounds[-1].best.chain):
-            entry, beside = one.term.entry, None
+            entry, found, beside = one.term.entry, one.amplitude, None
             if i == 0:
                 known = self.beside(rounds)
                 names = tuple(f"{term.entry.name} (sd {term.sd:g})" for term in known.nuisances)
-                beside = Beside(known.amplitude.value, known.amplitude.interval(0.9), names)
-            made.append(
-                Amplitude(
-                    one.key, entry.amplitude, one.amplitude.value, one.amplitude.interval(0.9), 0.9,
-                    entry.units.get(entry.amplitude, ""), entry.neutral, False,
-                    one.amplitude.standard_error, beside,
-                )
-            )  # fmt: skip
+                beside = Beside(known.amplitude.value, known.amplitude.interval(), names)
+            value, interval, error = found.value, found.interval(), found.standard_error
+            made.append(Amplitude.of(one.key, entry, value, interval, error=error, beside=beside))
         return tuple(made)
 
     def at_edge(self, rounds: Sequence[Round]) -> list[tuple[str, str]]:
@@ -373,12 +368,7 @@ class CatalogueCounts(Engine):
         """Quantiles of theta over the sources, and the effects' shared parameters."""
         fits, size = self.fits if model is None else model.amplitude.fits, self.simulator.prior.size
         rows = np.quantile(np.concatenate([fit.theta[:, :size] for fit in fits]), [0.5, 0.16, 0.84], axis=0)
-        names = self.simulator.prior.names
-        made = {
-            f"{word}[{name}]": float(value)
-            for word, row in zip(("median", "low", "high"), rows, strict=True)
-            for name, value in zip(names, row, strict=True)
-        }
+        made = spread(self.simulator.prior.names, rows)
         for i, one in enumerate(() if model is None else model.chain):
             made |= {f"{one.key}_{i + 1}.{name}": float(value) for name, value in one.values.items()}
         return made
@@ -422,23 +412,10 @@ class CatalogueCounts(Engine):
 
     def groups(self, rounds: Sequence[Round], model: SharedProfile | None) -> Mapping[str, xr.Dataset]:
         """Summed counts before and after, windows, cumulative counts, frames, influence, growth."""
-        group, before, places = self.groups_of[0], self.fits[0], channel_arrays(self.groups_of[0])
         frames, scanned, curve = self._located
-        spectrum: dict[str, Any] = {
-            "counts": ("channel", group.counts.sum(axis=0)),
-            "before": ("channel", before.expected.sum(axis=0)),
-            "residual_before": ("channel", residual(group.counts, before)),
-        }
-        if model is not None:
-            after = model.amplitude.fits[0]
-            spectrum["after"] = ("channel", after.expected.sum(axis=0))
-            spectrum["residual_after"] = ("channel", residual(group.counts, after))
-        return {
-            "spectrum": xr.Dataset(spectrum | places),
-            "windows": window_arrays(scanned, places),
-            "quantiles": cumulative_arrays(curve, places),
-            "catalogue": self._told_of(rounds, frames),
-        }
+        after = None if model is None else model.amplitude.fits[0]
+        made = counted_arrays(self.groups_of[0], self.fits[0], after, scanned, curve)
+        return made | {"catalogue": self._told_of(rounds, frames)}
 
     def _told_of(self, rounds: Sequence[Round], frames: Frames | None) -> xr.Dataset:
         values: dict[str, Any] = {}

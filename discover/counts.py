@@ -11,13 +11,13 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.arrays import channel_arrays, cumulative_arrays, residual, window_arrays
+from gaugeblock.discovery.arrays import channel_arrays, counted_arrays
 from gaugeblock.discovery.confirm.amplitude import Place, held_out_amplitude
 from gaugeblock.discovery.confirm.thinned import ScoredModel, random_shapes, thinned_scores
 from gaugeblock.discovery.engine import Comparison, Engine, Look, Round, Thresholds
 from gaugeblock.discovery.fitting import Fit, fit
 from gaugeblock.discovery.held_out import BEFORE, NAMED, RIVAL, UNNAMED, HeldOut, deviance
-from gaugeblock.discovery.library import Candidates
+from gaugeblock.discovery.library import Candidates, amplitude_places
 from gaugeblock.discovery.locate.quantiles import CumulativeCounts, cumulative_counts
 from gaugeblock.discovery.locate.windows import WindowScan, scan_windows
 from gaugeblock.discovery.name.cox import confidence_set
@@ -176,7 +176,7 @@ class Counts(Engine):
 
     def amplitudes(self, rounds: Sequence[Round]) -> tuple[Amplitude, ...]:
         """From the half of the counts that had no say."""
-        places = list(self._places(rounds[-1].best))
+        places = self._places(rounds[-1].best)
         streams = self._streams["amplitude"].spawn(len(places))
         fitted = rounds[-1].best.fit
         return tuple(
@@ -185,15 +185,9 @@ class Counts(Engine):
         )
 
     def _places(self, best: Profile) -> list[Place]:
-        """Every added effect inside the simulator that has them all: parameters come in the path's order."""
-        simulator: Any = best.candidate.simulator
-        places, at = [], int(self.simulator.prior.size)
-        for key in best.path:
-            entry = self.entries[key]
-            name = simulator.prior.names[at + list(entry.parameters).index(entry.amplitude)]
-            places.append(Place(key, entry, simulator, name))
-            at += len(entry.parameters)
-        return places
+        """Every added effect inside the simulator that has them all."""
+        found = amplitude_places(self.entries, best.path, self.simulator.prior.size)
+        return [Place(*one, best.candidate.simulator) for one in found]
 
     def at_edge(self, rounds: Sequence[Round]) -> list[tuple[str, str]]:
         """Amplitudes within a hundredth of an end of their priors."""
@@ -241,24 +235,12 @@ class Counts(Engine):
 
     def groups(self, rounds: Sequence[Round], model: Profile | None) -> Mapping[str, xr.Dataset]:  # noqa: ARG002
         """Counts before and after, windows, cumulative counts, and the shape of what has no name."""
-        counts, places = self.sources.counts, channel_arrays(self.sources)
-        values: dict[str, Any] = {
-            "counts": ("channel", counts[0]),
-            "before": ("channel", self.base.expected[0]),
-            "residual_before": ("channel", residual(counts, self.base)),
-        }
-        if model is not None:
-            values["after"] = ("channel", model.fit.expected[0])
-            values["residual_after"] = ("channel", residual(counts, model.fit))
-        groups = {
-            "spectrum": xr.Dataset(values | places),
-            "windows": window_arrays(self._first.state.windows, places),
-            "quantiles": cumulative_arrays(self.quantiles, places),
-        }
+        after = None if model is None else model.fit
+        groups = counted_arrays(self.sources, self.base, after, self._first.state.windows, self.quantiles)
         if "correction" in self.__dict__ and self.correction is not None:
             one = self.correction
             shape = {name: ("channel", getattr(one, name)) for name in ("factor", "low", "high")}
-            groups["shape"] = xr.Dataset(shape | places)
+            groups["shape"] = xr.Dataset(shape | channel_arrays(self.sources))
         return groups
 
 

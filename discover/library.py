@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,11 +24,6 @@ class Candidate(Value):
     simulator: Any
 
     @property
-    def amplitude_name(self) -> str:
-        """Name of the amplitude in the extended theta."""
-        return str(self.simulator.prior.names[self.amplitude_index])
-
-    @property
     def amplitude_index(self) -> int:
         """Place of the amplitude in the extended theta, from the end: a negative number."""
         return list(self.entry.parameters).index(self.entry.amplitude) - len(self.entry.parameters)
@@ -42,6 +37,18 @@ class Candidate(Value):
         """The effect's parameters by name from one extended theta."""
         tail = theta[-len(self.entry.parameters) :]
         return {name: float(value) for name, value in zip(self.entry.parameters, tail, strict=True)}
+
+
+def amplitude_places(
+    entries: Mapping[str, LibraryEffect], path: Sequence[str], first: int
+) -> list[tuple[str, LibraryEffect, int]]:
+    """Where the amplitude of each effect of a path stands, whose parameters come in order from `first` on."""
+    found = []
+    for key in path:
+        entry = entries[key]
+        found.append((key, entry, first + list(entry.parameters).index(entry.amplitude)))
+        first += len(entry.parameters)
+    return found
 
 
 @dataclass(frozen=True, eq=False, repr=False)

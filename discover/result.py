@@ -10,6 +10,7 @@ from typing import Any
 
 import xarray as xr
 
+from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.validate.finding import NotChecked
 
 
@@ -102,6 +103,15 @@ class Amplitude:
     standard_error: float | None = None
     beside_nuisances: Beside | None = None
 
+    @classmethod
+    def of(
+        cls, effect: str, entry: LibraryEffect, value: float, interval: tuple[float, float], *,
+        level: float = 0.9, held_out: bool = False, error: float | None = None, beside: Beside | None = None,
+    ) -> Amplitude:  # fmt: skip
+        """Of an effect of the library, with its names and unit."""
+        name, unit = entry.amplitude, entry.units.get(entry.amplitude, "")
+        return cls(effect, name, value, interval, level, unit, entry.neutral, held_out, error, beside)
+
 
 @dataclass(frozen=True)
 class Sides:
@@ -189,6 +199,15 @@ class FitSaid:
 
     before: Mapping[str, float]
     after: Mapping[str, float] | None
+
+
+def spread(names: Sequence[str], rows: Any) -> dict[str, float]:
+    """Median, low and high ``(3, parameter)`` over sources or data sets, named as in `FitSaid`."""
+    return {
+        f"{word}[{name}]": float(value)
+        for word, row in zip(("median", "low", "high"), rows, strict=True)
+        for name, value in zip(names, row, strict=True)
+    }
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.arrays import places
 from gaugeblock.discovery.engine import Comparison, Engine, Look, Round, Thresholds, beyond
 from gaugeblock.discovery.held_out import HeldOut
+from gaugeblock.discovery.library import amplitude_places
 from gaugeblock.discovery.result import Amplitude, DataSaid, Region
 from gaugeblock.discovery.simulated.before import FEWEST, prepare
 from gaugeblock.discovery.simulated.extend import Extended, departure_from, extended_by, refine
@@ -179,19 +180,12 @@ class Simulations(Engine):
     def amplitudes(self, rounds: Sequence[Round]) -> tuple[Amplitude, ...]:
         """From all data sets."""
         best, made = rounds[-1].best, []
-        at = best.fit.model.hyper
-        for key in best.path:
-            entry = self.entries[key]
-            index = at + list(entry.parameters).index(entry.amplitude)
+        for key, entry, index in amplitude_places(self.entries, best.path, best.fit.model.hyper):
             value, error = float(best.fit.state[index]), float(best.fit.error[index])
             low, high = entry.parameters[entry.amplitude].support
             half = float(-ndtri((1.0 - INTERVAL) / 2.0)) * error
             interval = (max(low, value - half), min(high, value + half))
-            unit = entry.units.get(entry.amplitude, "")
-            made.append(
-                Amplitude(key, entry.amplitude, value, interval, INTERVAL, unit, entry.neutral, False, error)
-            )
-            at += len(entry.parameters)
+            made.append(Amplitude.of(key, entry, value, interval, level=INTERVAL, error=error))
         return tuple(made)
 
     def located(self) -> Mapping[str, float]:

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from gaugeblock.reports.reason import listed
-from gaugeblock.reports.words import count, short
+from gaugeblock.reports.words import count, listed, short
 from gaugeblock.validate import Finding, Verdict
 
 # How often two audits of one thing are told apart by chance, over all statistics together.

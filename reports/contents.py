@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from gaugeblock.reports.reason import listed
-from gaugeblock.reports.words import count
+from gaugeblock.reports.words import count, listed
 
 SHOWN = 40
 
@@ -30,9 +29,9 @@ def contents(record: object) -> list[str]:
         f"{count(len(imports), 'name')} and call {len(calls):,}."
     ]
     if imports:
-        said.append(f"Imported: {listed(imports, SHOWN)}.")
+        said.append(f"Imported: {listed(imports, most=SHOWN)}.")
     if notable:
-        said.append(f"With these a program reaches out of itself: {listed(notable, SHOWN)}.")
+        said.append(f"With these a program reaches out of itself: {listed(notable, most=SHOWN)}.")
     if amount["unresolved"]:
         made = count(amount["unresolved"], "import")
         said.append(f"{made} with a name that is only made while loading.")

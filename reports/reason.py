@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
-from gaugeblock.reports.words import count
+from gaugeblock.reports.words import count, listed
 from gaugeblock.validate import Gate, Outcome, Verdict
 
 
@@ -29,25 +29,25 @@ def _why(verdict: Verdict) -> str:
         failed = [gate.id for gate in verdict.gates if gate.outcome is Outcome.FAIL]
         return (
             f"{len(failed):,} of {count(len(verdict.gates), 'gate')} failed by more than chance explains: "
-            f"{listed(failed)}."
+            f"{listed(failed, most=4)}."
         )
     required = [gate for gate in verdict.gates if gate.required]
     if verdict.outcome is Outcome.PASS:
         optional = [gate.id for gate in verdict.gates if gate.outcome is not Outcome.PASS]
         who = "The one required gate" if len(required) == 1 else f"All {len(required):,} required gates"
         sentence = f"{who} passed: inside the tolerance with 95% confidence."
-        return sentence + (f" Not required, and not decided: {listed(optional)}." if optional else "")
+        return sentence + (f" Not required, and not decided: {listed(optional, most=4)}." if optional else "")
     unsettled = [gate for gate in required if gate.outcome is Outcome.INCONCLUSIVE]
     missing = [gate.id for gate in unsettled if not is_computed(gate)]
     unsettled = [gate for gate in unsettled if is_computed(gate)]
     said = []
     if missing or not unsettled:
-        names = listed(missing or [item.id for item in verdict.not_checked])
+        names = listed(missing or [item.id for item in verdict.not_checked], most=4)
         said.append(f"What the policy requires could not all be checked{': ' + names if names else ''}.")
     if unsettled:
         said.append(
             f"{len(unsettled):,} of {count(len(required), 'required gate')} could not be decided: "
-            f"{listed([gate.id for gate in unsettled])}."
+            f"{listed([gate.id for gate in unsettled], most=4)}."
         )
         wanted = [gate.trials_to_settle for gate in unsettled]
         known = [trials for trials in wanted if trials is not None]
@@ -60,18 +60,6 @@ def _why(verdict: Verdict) -> str:
 def is_computed(gate: Gate) -> bool:
     """Whether there is an estimate behind the gate; a required check that could not be made has none."""
     return math.isfinite(gate.statistic)
-
-
-def listed(names: Sequence[str], limit: int = 4) -> str:
-    """Names in a sentence: `a, b and c`, or `a, b, c, d and 7 more`.
-
-    >>> listed(["a", "b", "c"]), listed(list("abcdefg"))
-    ('a, b and c', 'a, b, c, d and 3 more')
-    """
-    shown = list(names[:limit])
-    if len(names) > limit:
-        shown.append(f"{len(names) - limit} more")
-    return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}" if shown else ""
 
 
 def round_up(amount: int) -> int:

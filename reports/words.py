@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from gaugeblock.validate import Finding, Gate
 
@@ -158,6 +159,17 @@ def interval(bounds: tuple[float, float], decimals: int) -> str:
 def count(amount: int, noun: str) -> str:
     """`1 gate`, `4,000 trials`."""
     return f"{amount:,} {noun}{'' if amount == 1 else 's'}"
+
+
+def listed(names: Sequence[str], *, last: str = "and", most: int | None = None) -> str:
+    """Names in a sentence: `a, b and c`; of more than `most`, `a, b, c, d and 7 more`.
+
+    >>> listed(["a", "b", "c"]), listed(["a", "b"], last="or"), listed(list("abcdefg"), most=4)
+    ('a, b and c', 'a or b', 'a, b, c, d and 3 more')
+    """
+    shown = list(names[:most])
+    shown += [f"{len(names) - len(shown)} more"] if len(names) > len(shown) else []
+    return f"{', '.join(shown[:-1])} {last} {shown[-1]}" if len(shown) > 1 else "".join(shown)
 
 
 def decimals_of(gate: Gate) -> int:

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from gaugeblock.core.atomic import write_atomically
-from gaugeblock.core.errors import InputError
+from gaugeblock.core.atomic import made_folder, write_atomically
 from gaugeblock.reports.card import model_card
 from gaugeblock.reports.html import report_html
 from gaugeblock.reports.junit import junit_xml
@@ -33,12 +32,9 @@ def write_reports(
         If the folder cannot be made or written to.
     """
     contents = rendered(verdict, findings, trials, title=title)
-    try:
-        Path(folder).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot make the folder {folder}: {error.strerror}") from error
+    made_folder(folder)
     for name, content in contents.items():
-        write_atomically(Path(folder) / name, content)
+        write_atomically(folder / name, content)
 
 
 def rendered(

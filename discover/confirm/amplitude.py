@@ -12,7 +12,6 @@ from scipy.stats import chi2
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.confirm.thinning import thin
 from gaugeblock.discovery.fitting import Fit, fit
-from gaugeblock.discovery.library import Candidate
 from gaugeblock.discovery.result import Amplitude
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
@@ -26,22 +25,12 @@ REACH = 4.5
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """An effect inside a simulator that has it: `parameter` is the amplitude's name in theta."""
+    """An effect inside a simulator that has it: `index` is the amplitude's place in theta."""
 
     key: str
     entry: LibraryEffect
+    index: int
     simulator: Any
-    parameter: str
-
-    @property
-    def index(self) -> int:
-        """Place of the amplitude in theta."""
-        return list(self.simulator.prior.names).index(self.parameter)
-
-    @classmethod
-    def of(cls, candidate: Candidate) -> Place:
-        """The effect that was added last."""
-        return cls(candidate.key, candidate.entry, candidate.simulator, candidate.amplitude_name)
 
 
 def held_out_amplitude(
@@ -79,19 +68,11 @@ def profile_interval(
         np.repeat(counts[None], len(grid), axis=0),
         scale=np.full(len(grid), scale),
         start=theta,
-        fixed=(place.parameter,),
+        fixed=(place.simulator.prior.names[index],),
     )
     rise = 2.0 * (rows.objective - min(rows.objective.min(), fitted.objective[0]))
-    return Amplitude(
-        place.key,
-        entry.amplitude,
-        value,
-        _crossings(grid, rise, value, float(chi2.ppf(level, 1))),
-        level,
-        entry.units.get(entry.amplitude, ""),
-        entry.neutral,
-        held_out,
-    )
+    interval = _crossings(grid, rise, value, float(chi2.ppf(level, 1)))
+    return Amplitude.of(place.key, entry, value, interval, level=level, held_out=held_out)
 
 
 def _standard_error(fitted: Fit, index: int) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.discovery.result import spread
 from gaugeblock.simulators.prior import Prior
 
 
@@ -63,11 +64,7 @@ class LearnedPopulation:
         centre = self.centre + self.root @ hyper[: self.prior.size]
         sd = self.width * np.sqrt(((self.root @ shape) ** 2).sum(axis=1))
         rows = self.prior.from_unit_cube(ndtr(centre + np.outer([0.0, -1.0, 1.0], sd)))
-        return {
-            f"{word}[{name}]": float(value)
-            for word, row in zip(("median", "low", "high"), rows, strict=True)
-            for name, value in zip(self.prior.names, row, strict=True)
-        }
+        return spread(self.prior.names, rows)
 
     def _shape(self, hyper: Array) -> Array:
         p = self.prior.size

@@ -13,11 +13,10 @@ from gaugeblock.reports.discovery.phrases import (
     energy_range,
     finite,
     global_p,
-    listed,
     pick,
     with_unit,
 )
-from gaugeblock.reports.words import number, short
+from gaugeblock.reports.words import listed, number, short
 
 MEASURE = "mean Poisson deviance per channel"
 """What a gap is, unless a discovery says otherwise."""
@@ -47,7 +46,7 @@ def headline(summary: Mapping[str, Any]) -> Headline:
     elif kind == "unnamed":
         word, said = "Unnamed", [_where(summary), _unnamed(summary)]
     elif kind == "set":
-        word = listed([effect_words(name) for name in alike], "or")
+        word = listed([effect_words(name) for name in alike], last="or")
         said = [_where(summary), _set(alike, names), *_gap(summary), *_amplitude(summary)]
     else:
         word = " + ".join(repeated(name, effect_words(name), names) for name in dict.fromkeys(names))
@@ -145,7 +144,7 @@ def _named(summary: Mapping[str, Any], names: Sequence[str]) -> str:
 def _set(alike: Sequence[str], names: Sequence[str]) -> str:
     phrases = [effect_phrase(name) for name in alike]
     said = (
-        f"What the model lacks is {listed(phrases, 'or')}: these data cannot tell "
+        f"What the model lacks is {listed(phrases, last='or')}: these data cannot tell "
         f"{'which of the two' if len(alike) == 2 else 'which of them'}."
     )
     if len(names) > 1:
@@ -161,9 +160,8 @@ def _unnamed(summary: Mapping[str, Any]) -> str:
     shown = "; its shape is shown below" if finite(pick(summary, "data", "counts")) is not None else ""
     said = f"No effect of the library explains it well enough to be named{shown}."
     if others:
-        said += (
-            f" The nearest is {listed([effect_phrase(name) for name in others], 'or')}, which is not enough."
-        )
+        nearest = listed([effect_phrase(name) for name in others], last="or")
+        said += f" The nearest is {nearest}, which is not enough."
     return said
 
 

@@ -9,8 +9,7 @@ from typing import Any
 
 import xarray as xr
 
-from gaugeblock.core.atomic import atomic_path, write_atomically
-from gaugeblock.core.errors import InputError
+from gaugeblock.core.atomic import atomic_path, made_folder, write_atomically
 from gaugeblock.discovery import Discovery
 from gaugeblock.reports.discovery.before_after import after_chapter, before_chapter
 from gaugeblock.reports.discovery.candidate_chapter import candidate_chapter
@@ -64,11 +63,7 @@ def write_discovery(found: Discovery, out: Path | str) -> None:
     InputError
         If the folder cannot be made or written to.
     """
-    folder, summary = Path(out), found.to_json()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot make the folder {out}: {error.strerror}") from error
+    summary, folder = found.to_json(), made_folder(out)
     write_atomically(folder / "discovery.json", json.dumps(summary, indent=2, allow_nan=False) + "\n")
     with atomic_path(folder / "discovery.nc") as path:
         found.tree.to_netcdf(path, engine="netcdf4")

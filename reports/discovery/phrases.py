@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from gaugeblock.reports.words import MINUS, number, short
@@ -40,17 +40,6 @@ def effect_phrase(name: str) -> str:
 def effect_words(name: str) -> str:
     """An effect's name as words."""
     return name.replace("_", " ")
-
-
-def listed(items: Sequence[str], last: str = "and") -> str:
-    """`a, b and c`.
-
-    >>> listed(["a", "b", "c"]), listed(["a"], "or")
-    ('a, b and c', 'a')
-    """
-    if len(items) < 2:
-        return "".join(items)
-    return f"{', '.join(items[:-1])} {last} {items[-1]}"
 
 
 def energy_range(low: float, high: float, unit: str = "keV") -> str:

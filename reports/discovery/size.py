@@ -20,25 +20,17 @@ from gaugeblock.reports.words import NOTHING, number, short
 
 def amplitude_chapter(summary: Mapping[str, Any]) -> Chapter | LeftOut:
     """How large the effect is."""
-    rows: list[tuple[str, ...]] = []
+    rows = []
     for one in amplitudes(summary):
-        low, high = (finite(value) for value in (one.get("interval") or (None, None)))
-        unit = str(one.get("unit") or "")
-        level = finite(one.get("level")) or 0.9
-        value = finite(one.get("value"))
-        digits = digits_of(value, low, high)
-        rows.append(
-            (
-                effect_words(str(one.get("effect"))),
-                f"{one.get('parameter')}{f' ({unit})' if unit else ''}",
-                short(value, digits),
-                NOTHING if low is None or high is None else f"{short(low, digits)} to {short(high, digits)}",
-                f"{100 * level:.0f}%",
-                short(finite(one.get("neutral"))),
-                "yes" if one.get("held_out") else "no, in sample: too large on average",
-            )
-        )
-        rows += _beside(one)
+        parameter, unit = str(one.get("parameter")), one.get("unit")
+        source = "yes" if one.get("held_out") else "no, in sample: too large on average"
+        name = effect_words(str(one.get("effect")))
+        rows.append(_amplitude(name, f"{parameter} ({unit})" if unit else parameter, one, one, source))
+        beside = one.get("beside_nuisances")
+        if isinstance(beside, Mapping):
+            # Once nuisances that all sources share have taken their part.
+            nuisances = map(str, beside.get("nuisances") or ["shared nuisances"])
+            rows.append(_amplitude(f"beside {', '.join(nuisances)}", parameter, beside, one, "as above"))
     title = "How large it is"
     if not rows:
         return LeftOut(title, "discovery.json holds no amplitude, because nothing was named")
@@ -50,35 +42,20 @@ def amplitude_chapter(summary: Mapping[str, Any]) -> Chapter | LeftOut:
         "Measured on data that did not choose the name: an amplitude from the data that did is too large, "
         "because only large ones get chosen."
     )
-    return Chapter(
-        "amplitude",
-        "Amplitude",
-        title,
-        lead,
-        (),
-        (RowTable("Amplitudes", columns, (RowGroup("", tuple(rows)),)),),
-    )
+    table = RowTable("Amplitudes", columns, (RowGroup("", tuple(rows)),))
+    return Chapter("amplitude", "Amplitude", title, lead, tables=(table,))
 
 
-def _beside(one: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    """The amplitude once nuisances that all sources share have taken their part, where that was asked."""
-    given = one.get("beside_nuisances")
-    if not isinstance(given, Mapping):
-        return []
-    low, high = (finite(value) for value in (given.get("interval") or (None, None)))
-    value = finite(given.get("value"))
+def _amplitude(
+    effect: str, parameter: str, measured: Mapping[str, Any], one: Mapping[str, Any], source: str
+) -> tuple[str, ...]:
+    """A row: what was measured, at the level and the neutral value of one amplitude."""
+    low, high = (finite(value) for value in (measured.get("interval") or (None, None)))
+    value = finite(measured.get("value"))
     digits = digits_of(value, low, high)
-    return [
-        (
-            f"beside {', '.join(str(name) for name in given.get('nuisances') or ['shared nuisances'])}",
-            str(one.get("parameter")),
-            short(value, digits),
-            NOTHING if low is None or high is None else f"{short(low, digits)} to {short(high, digits)}",
-            f"{100 * (finite(one.get('level')) or 0.9):.0f}%",
-            short(finite(one.get("neutral"))),
-            "as above",
-        )
-    ]
+    interval = NOTHING if low is None or high is None else f"{short(low, digits)} to {short(high, digits)}"
+    level, neutral = finite(one.get("level")) or 0.9, short(finite(one.get("neutral")))
+    return effect, parameter, short(value, digits), interval, f"{100 * level:.0f}%", neutral, source
 
 
 def evidence_chapter(summary: Mapping[str, Any]) -> Chapter | LeftOut:
@@ -88,32 +65,19 @@ def evidence_chapter(summary: Mapping[str, Any]) -> Chapter | LeftOut:
     title = "What the evidence says, and how far it depends on the prior"
     if value is None:
         return LeftOut(title, "no nested sampling was run")
-    rows = [("as in the model", number(value, 2, sign=True), number(finite(given.get("error")), 2))]
-    for one in given.get("sensitivity") or []:
-        rows.append(
-            (
-                str(one.get("prior")),
-                number(finite(one.get("value")), 2, sign=True),
-                number(finite(one.get("error")), 2),
-            )
-        )
+    widths = [("as in the model", given)]
+    widths += [(str(one.get("prior")), one) for one in given.get("sensitivity") or []]
+    rows = tuple(
+        (name, number(finite(one.get("value")), 2, sign=True), number(finite(one.get("error")), 2))
+        for name, one in widths
+    )
     lead = (
         "The log evidence with the effect minus the one without. It moves with the width of the amplitude's "
         "prior, as the rows show, and is never the gap."
     )
-    columns = (
-        Heading("Prior of the amplitude", False),
-        Heading("Δ log evidence"),
-        Heading("Error"),
-    )
-    return Chapter(
-        "evidence",
-        "Evidence",
-        title,
-        lead,
-        (),
-        (RowTable("Evidence", columns, (RowGroup("", tuple(rows)),)),),
-    )
+    columns = (Heading("Prior of the amplitude", False), Heading("Δ log evidence"), Heading("Error"))
+    table = RowTable("Evidence", columns, (RowGroup("", rows),))
+    return Chapter("evidence", "Evidence", title, lead, tables=(table,))
 
 
 def shape_chapter(tree: xr.DataTree) -> Chapter | LeftOut:

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from gaugeblock.core.atomic import made_folder
 from gaugeblock.core.errors import require
-from studies.kit.results import writable
 
 BLUE, ORANGE, GREY = "#2a6f97", "#c8553d", "#8a8a8a"
 STYLE = {"svg.hashsalt": "gaugeblock", "font.size": 8, "axes.spines.top": False, "axes.spines.right": False}
@@ -21,7 +21,7 @@ def pyplot() -> Any:
 def draw(figures: Mapping[str, Callable[[], Any]], folder: Path, *, prefix: str = "") -> list[Path]:
     """Write every figure to ``folder/PREFIX-NAME.svg``."""
     plot, written = pyplot(), []
-    writable(folder)
+    made_folder(folder)
     for name, make in figures.items():
         path = folder / f"{prefix}{name}.svg"
         with plot.rc_context(STYLE):

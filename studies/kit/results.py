@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from gaugeblock.auditing.identity import versions
-from gaugeblock.core.atomic import atomic_path
+from gaugeblock.core.atomic import atomic_path, made_folder
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate import storage
 
@@ -55,7 +55,7 @@ def command_of(table: xr.Dataset) -> str:
 
 def write(tables: Mapping[str, xr.Dataset], path: Path) -> None:
     """One file of several tables, each a group; the root is ""."""
-    writable(path.parent)
+    made_folder(path.parent)
     tree = xr.DataTree.from_dict({name or "/": table for name, table in tables.items()})
     encoding = {f"/{name}": _compressed(table) for name, table in tables.items()}
     with atomic_path(path) as temporary:
@@ -99,20 +99,6 @@ def read_groups(path: Path) -> dict[str, xr.Dataset]:
 def stored(names: list[str], folder: Path = RESULTS) -> dict[str, xr.Dataset]:
     """The tables that there are, a file each, by name."""
     return {name: read(folder / f"{name}.nc") for name in names if (folder / f"{name}.nc").exists()}
-
-
-def writable(folder: Path) -> None:
-    """Make a folder, with those above it.
-
-    Raises
-    ------
-    InputError
-        If it cannot be made.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot write {folder}: {error.strerror or error}") from None
 
 
 def clopper_pearson(count: ArrayLike, number: ArrayLike, *, level: float = 0.95) -> NDArray[np.float64]:

@@ -24,9 +24,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.core.atomic import write_atomically
+from gaugeblock.core.atomic import made_folder, write_atomically
 from gaugeblock.core.digest import digest
-from studies.kit.results import writable
 
 Arrays = dict[str, NDArray[Any]]
 Progress = Callable[[str, int, int], None]
@@ -62,7 +61,7 @@ class Pieces:
 
     def made(self, wanted: Mapping[str, Callable[[], Any]], *, kind: str = "") -> dict[str, Any]:
         """Every piece by name, in order: arrays by name or plain data; those on disk are not made again."""
-        writable(self.place)
+        made_folder(self.place)
         label, tell = f"{self.name}: {kind}" if kind else self.name, self.progress or (lambda *_: None)
         missing = [name for name in wanted if self._read(name) is None]
         done = len(wanted) - len(missing)

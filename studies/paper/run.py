@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from gaugeblock.core.atomic import write_atomically
+from gaugeblock.core.atomic import made_folder, write_atomically
 from studies.kit import results
 from studies.kit.resume import Progress
 from studies.paper.claim import Claim
@@ -64,7 +64,7 @@ def reproduce(
         For a name that is neither a claim nor an experiment, or a folder that cannot be written to.
     """
     chosen, experiments = selected(names)
-    results.writable(out)
+    made_folder(out)
     tables = {}
     for name in experiments:
         tables[name] = made(load(name), setting, out / CHECKPOINTS, seed=seed, progress=progress)
@@ -110,7 +110,7 @@ def judged(chosen: Mapping[str, Claim], tables: Mapping[str, xr.Dataset]) -> Rep
 
 def write(result: Reproduction, out: Path) -> None:
     """`reproduction.nc`, `reproduction.md` and figures."""
-    results.writable(out)
+    made_folder(out)
     results.write({**result.tables, "claims": as_dataset(result.judgements)}, out / "reproduction.nc")
     figures = draw(result.tables, result.judgements, out / "figures")
     write_atomically(out / "reproduction.md", page(result.tables, result.judgements, result.family, figures))

@@ -103,7 +103,7 @@ def test_a_validator_can_be_chosen(tmp_path: Path) -> None:
         (["audit", *TOY, "--validator", "sbs"], "unknown validator sbs"),
         (["audit", "--set", "simulator.name=nonsense"], "no simulator 'nonsense'"),
         (["audit", *TOY, "--set", "trials.number=1"], "trials.number"),
-        (["audit", *TOY, "--out", "text.nc"], "text.nc: cannot be made a folder"),
+        (["audit", *TOY, "--out", "text.nc"], "cannot make the folder text.nc"),
         (["gate", "."], "trials.nc: no such file"),
         (["train", "nowhere.toml"], "nowhere.toml"),
         (["audit", "--set", "estimator.path=nowhere", *TOY[:2]], "nowhere/model.json: No such file"),

@@ -24,11 +24,12 @@ from gaugeblock.auditing.kept_seed import kept_seed
 from gaugeblock.auditing.observation import read_observation, trials_around
 from gaugeblock.auditing.phases import end_phase, ended
 from gaugeblock.auditing.provenance import FORMAT, digests, finished_audit, named, title
-from gaugeblock.auditing.result import Audit, made_folder, write_arrays
+from gaugeblock.auditing.result import Audit, write_arrays
 from gaugeblock.auditing.samples import untrusted
 from gaugeblock.auditing.trials_from import any_trials
 from gaugeblock.auditing.watch import Watch, watched
 from gaugeblock.core.arrays import numbers, plain
+from gaugeblock.core.atomic import made_folder
 from gaugeblock.core.digest import digest, file_digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.progress import Progress, shown
@@ -267,7 +268,7 @@ def audit_draws(
         )
     file = theta_true if isinstance(theta_true, str | os.PathLike) else None
     record = {} if file is None else {"file": str(file), "file_sha256": file_digest(Path(file))}
-    folder = None if out is None else made_folder(Path(out))
+    folder = None if out is None else made_folder(out)
     with shown(progress) as tell:
         return _judged(
             tree,
@@ -325,7 +326,7 @@ def judge(
         verdict = replace(verdict, baseline=compared(baseline, verdict, findings))
     result = Audit(trials, findings, not_checked, verdict)
     if out is not None:
-        result.write_reports(made_folder(Path(out)))
+        result.write_reports(made_folder(out))
     return result
 
 
@@ -371,7 +372,7 @@ def _judged(
 def _workplace(out: str | os.PathLike[str] | None) -> Iterator[Path]:
     """The folder that is written to; without one a temporary folder, which is gone afterwards."""
     if out is not None:
-        yield made_folder(Path(out))
+        yield made_folder(out)
         return
     with tempfile.TemporaryDirectory(prefix="gaugeblock-") as temporary:
         yield Path(temporary)

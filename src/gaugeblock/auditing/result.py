@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 from gaugeblock.auditing.provenance import title
-from gaugeblock.core.atomic import write_atomically
+from gaugeblock.core.atomic import made_folder, write_atomically
 from gaugeblock.core.digest import file_digest
 from gaugeblock.core.errors import InputError, one_line
 from gaugeblock.core.values import Value
@@ -155,7 +155,7 @@ class Audit(Value):
         InputError
             If the folder cannot be made or written to.
         """
-        made = made_folder(Path(folder))
+        made = made_folder(folder)
         trials = write_arrays(self.trials, self.findings, self.not_checked, made)
         record = dict(self.verdict.provenance)
         record["sha256"] = {**dict(record.get("sha256") or {}), "trials": trials}
@@ -189,21 +189,6 @@ def write_arrays(
     write_trials(trials, folder / "trials.nc")
     write_findings(findings, not_checked, folder / "findings.nc")
     return file_digest(folder / "trials.nc")
-
-
-def made_folder(path: Path) -> Path:
-    """The folder, made where missing.
-
-    Raises
-    ------
-    InputError
-        If it cannot be made.
-    """
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be made a folder ({error.strerror or error})") from None
-    return path
 
 
 def _near(identifier: str, known: list[str]) -> str:

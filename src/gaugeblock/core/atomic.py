@@ -11,6 +11,22 @@ from pathlib import Path
 from gaugeblock.core.errors import InputError
 
 
+def made_folder(path: str | os.PathLike[str]) -> Path:
+    """The folder, made where missing, with those above it.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made.
+    """
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot make the folder {folder}: {error.strerror or error}") from None
+    return folder
+
+
 @contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """A temporary path beside `path` to write to; it takes the name `path` when the block ends well.

@@ -187,7 +187,7 @@ def test_the_command_keeps_a_small_table_that_says_how_it_was_made(tmp_path, cap
     assert int(table["replicates"].max()) == 2
     (tmp_path / "file").write_text("")
     assert main([*arguments, "--out", str(tmp_path / "file")]) == 2
-    assert "cannot write" in capsys.readouterr().err
+    assert "cannot make the folder" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main(["nothing"])
     assert set(parts(tmp_path, 1)) >= {"size", "gate", "shortcut", "power"}

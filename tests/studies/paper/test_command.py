@@ -50,4 +50,4 @@ def test_a_file_in_place_of_the_folder_is_one_line(tmp_path):
     (tmp_path / "file").write_text("")
     done = run("gm.quad", "--committed", "--out", tmp_path / "file")
     assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
-    assert "cannot write" in done.stderr
+    assert "cannot make the folder" in done.stderr
