@@ -28,8 +28,7 @@ class DeltaLogEvidence:
     """Log evidence with the effect minus log evidence without it, in nat.
 
     `error` is the thread bootstrap's over both runs; `base` and `extended` the two evidences; `sensitivity`
-    the difference under other widths of the amplitude's prior; `draws` ``(draw, parameter)`` posterior draws
-    of the extended simulator, whose parameters are `names`; `calls` likelihood evaluations of both runs.
+    the difference under other widths of the amplitude's prior.
     """
 
     value: float
@@ -37,9 +36,6 @@ class DeltaLogEvidence:
     base: LogEvidence
     extended: LogEvidence
     sensitivity: PriorSensitivity
-    draws: Array
-    names: tuple[str, ...]
-    calls: int
 
 
 def delta_log_evidence(
@@ -50,7 +46,6 @@ def delta_log_evidence(
     rng: np.random.Generator,
     with_entry: Any = None,
     live_points: int = LIVE_POINTS,
-    draws: int = 2000,
     factors: ArrayLike = FACTORS,
 ) -> DeltaLogEvidence:
     """Delta log evidence of one effect on one data set, by two runs of UltraNest.
@@ -66,8 +61,6 @@ def delta_log_evidence(
         ``simulator.with_effect(entry.effect())``, where one is at hand and compiled.
     live_points : int
         Of each run; the error falls as the root of it, and the time rises in proportion.
-    draws : int
-        Posterior draws of the extended simulator.
     factors : array, shape (factor,)
         Widths of the amplitude's prior to report; those that the effect does not allow are left out.
 
@@ -94,20 +87,10 @@ def delta_log_evidence(
     )
     base, more = (thread_bootstrap(run, rng=rng) for run in (without, within))
     difference = evidence_difference([more], [base])
-    names = tuple(model.prior.names)
     # The effect's parameters come last, in their order.
     place = list(entry.parameters).index(entry.amplitude) - len(entry.parameters)
     curve = prior_sensitivity(within, within.theta[:, place], entry, base, more, rng=rng, factors=widths)
-    return DeltaLogEvidence(
-        difference.value,
-        difference.error,
-        base,
-        more,
-        curve,
-        within.resample(draws, rng),
-        names,
-        without.calls + within.calls,
-    )
+    return DeltaLogEvidence(difference.value, difference.error, base, more, curve)
 
 
 def allowed_factors(simulator: Any, entry: LibraryEffect, factors: ArrayLike) -> Array:

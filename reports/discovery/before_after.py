@@ -35,35 +35,35 @@ _REBINNED = (
 
 def before_chapter(tree: xr.DataTree, model: str, sources: int) -> Chapter | LeftOut:
     """Data, the model as it was, and what is left."""
-    data = group(tree, "spectrum")
-    if isinstance(data, Missing):
-        return LeftOut("Data and model before", data.why)
-    summed = f" Sum of {sources:,} sources." if sources > 1 else ""
-    panels = _panels(data, "before", _spans(tree), "before")
-    lead = f"The counts and {model}, fitted without any further effect.{summed} {_REBINNED}"
-    marked = any(_spans(tree))
-    keys = _KEYS if marked else _KEYS[:2]
-    return Chapter("before", "Before", "Data and model before", lead, panels, keys=keys, layout="full")
+    lead = f"The counts and {model}, fitted without any further effect.{_summed(sources)} {_REBINNED}"
+    return _chapter(tree, "before", lead)
 
 
 def after_chapter(tree: xr.DataTree, model: str, sources: int) -> Chapter | LeftOut:
     """Data, the model with what was added, and what is left."""
-    data = group(tree, "spectrum", "after", "residual_after")
-    title = "Data and model after"
-    if isinstance(data, Missing):
-        return LeftOut(title, data.why)
-    summed = f" Sum of {sources:,} sources." if sources > 1 else ""
     lead = (
-        f"The same counts and {model}, fitted again, with the same regions marked.{summed} "
+        f"The same counts and {model}, fitted again, with the same regions marked.{_summed(sources)} "
         "Flat residuals alone prove nothing: any effect with enough freedom flattens them. What counts is "
         "the gap on held-out data, below."
     )
-    panels = _panels(data, "after", _spans(tree), "after")
-    keys = _KEYS if any(_spans(tree)) else _KEYS[:2]
-    return Chapter("after", "After", title, lead, panels, keys=keys, layout="full")
+    return _chapter(tree, "after", lead, "after", "residual_after")
 
 
-def _panels(data: xr.Dataset, which: str, spans: Sequence[tuple[str, Span]], key: str) -> tuple[Panel, ...]:
+def _summed(sources: int) -> str:
+    return f" Sum of {sources:,} sources." if sources > 1 else ""
+
+
+def _chapter(tree: xr.DataTree, which: str, lead: str, *wanted: str) -> Chapter | LeftOut:
+    data, title = group(tree, "spectrum", *wanted), f"Data and model {which}"
+    if isinstance(data, Missing):
+        return LeftOut(title, data.why)
+    spans = _spans(tree)
+    keys = _KEYS if spans else _KEYS[:2]
+    panels = _panels(data, which, spans)
+    return Chapter(which, which.capitalize(), title, lead, panels, keys=keys, layout="full")
+
+
+def _panels(data: xr.Dataset, which: str, spans: Sequence[tuple[str, Span]]) -> tuple[Panel, ...]:
     made = []
     for index, part in enumerate(parts(data)):
         counts, before = (floats(data, name)[part.where] for name in ("counts", "before"))
@@ -77,7 +77,7 @@ def _panels(data: xr.Dataset, which: str, spans: Sequence[tuple[str, Span]], key
             part, counts, expected, residual,
             spans=[span for name, span in spans if name == part.name],
             components=_components(data, part) if which == "after" else None,
-            half_height=half, key=f"{key}-{index}", name=f"{part.name}: data and model {which}",
+            half_height=half, key=f"{which}-{index}", name=f"{part.name}: data and model {which}",
         )  # fmt: skip
         made.append(Panel(_heading(part), _remark(counts, expected, residual), picture))
     return tuple(made)

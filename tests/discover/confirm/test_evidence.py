@@ -66,9 +66,6 @@ def test_value_and_error(found):
     assert 0.02 < delta.error < 0.4
     assert abs(delta.value - exact(x, -4.0, 6.0)) < 4.0 * delta.error
     assert delta.value == pytest.approx(delta.extended.value - delta.base.value)
-    assert delta.names == ("level", "bend_1.amplitude")
-    assert delta.draws.shape == (2000, 2)
-    assert delta.calls > 1000
 
 
 def test_the_curve_follows_the_width_of_the_prior(found):
