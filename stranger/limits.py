@@ -74,10 +74,6 @@ class Limits:
         """Size of the folder for temporary files."""
         return int(self.file_mb * MEGABYTE)
 
-    def describe(self) -> dict[str, float]:
-        """Plain data."""
-        return asdict(self)
-
     def command(self, prlimit: str, *, own_user: bool = True) -> list[str]:
         """The words that put a program, which follows them, under the limits that the kernel keeps.
 

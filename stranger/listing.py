@@ -37,20 +37,18 @@ UNKNOWN = object()
 _STRINGS = {
     "STRING", "BINSTRING", "SHORT_BINSTRING", "UNICODE", "SHORT_BINUNICODE", "BINUNICODE", "BINUNICODE8",
 }  # fmt: skip
-_PUTS, _GETS = {"PUT", "BINPUT", "LONG_BINPUT"}, {"GET", "BINGET", "LONG_BINGET"}
+_PUTS, _GETS = {"PUT", "BINPUT", "LONG_BINPUT", "MEMOIZE"}, {"GET", "BINGET", "LONG_BINGET"}
 _CALLS = {"REDUCE": 2, "NEWOBJ": 2, "NEWOBJ_EX": 3}
 
 
 class Machine:
-    """Takes one opcode after the other; `imports` and `calls` are what a real one would have done.
+    """Takes one opcode after the other; `found` hears of imports and calls that a real one would have made.
 
     A stack that runs empty is a broken pickle: whatever is missing there is unknown.
     """
 
-    def __init__(self) -> None:
-        self.imports: set[str] = set()
-        self.calls: set[str] = set()
-        self.unresolved = 0
+    def __init__(self, found: _Found) -> None:
+        self.found = found
         self.steps = 0
         self._stack: list[Any] = []
         self._memo: dict[Any, Any] = {}
@@ -63,10 +61,8 @@ class Machine:
             self._stack.append(argument if isinstance(argument, str) else UNKNOWN)
         elif name == "MARK":
             self._stack.append(MARK)
-        elif name == "MEMOIZE":
-            self._memo[len(self._memo)] = self._top()
         elif name in _PUTS:
-            self._memo[argument] = self._top()
+            self._memo[len(self._memo) if argument is None else argument] = self._top()
         elif name in _GETS:
             self._stack.append(self._memo.get(argument, UNKNOWN))
         elif name == "DUP":
@@ -82,8 +78,7 @@ class Machine:
             self._import(str(argument).replace(" ", "."))
             self._called(self._pop())
         elif name == "OBJ":
-            items = self._to_mark()
-            self._called(items[0] if items else UNKNOWN)
+            self._called(next(iter(self._to_mark()), UNKNOWN))
         elif name in _CALLS:
             *_, called = [self._pop() for _ in range(_CALLS[name])]
             self._called(called)
@@ -91,42 +86,37 @@ class Machine:
             self._pop()
             made = self._top()
             if isinstance(made, Made):
-                self.calls.add(f"{made.name}.__setstate__")
+                self.found.calls.add(f"{made.name}.__setstate__")
         elif name in ("EXT1", "EXT2", "EXT4"):
             self._import(f"copyreg extension {argument}")
-        elif name in ("PERSID", "BINPERSID"):
-            if name == "BINPERSID":
-                self._pop()
-            self._stack.append(UNKNOWN)
         else:
             self._other(opcode)
 
     def _other(self, opcode: pickletools.OpcodeInfo) -> None:
         """What only moves values about: as many away and as many there as its description says."""
-        if pickletools.markobject in opcode.stack_before:
+        away = list(opcode.stack_before)
+        if pickletools.markobject in away:
             self._to_mark()
-            for _ in range(opcode.stack_before.index(pickletools.markobject)):
-                self._pop()
-        else:
-            for _ in opcode.stack_before:
-                self._pop()
+            away = away[: away.index(pickletools.markobject)]
+        for _ in away:
+            self._pop()
         # A container stays what it was made of nowhere: its contents are not asked for.
         self._stack += [UNKNOWN for _ in opcode.stack_after]
 
     def _import(self, name: str | None) -> None:
         if name is None:
-            self.unresolved += 1
+            self.found.unresolved += 1
             self._stack.append(UNKNOWN)
             return
         name = name[:300].encode("utf-8", "replace").decode()
-        self.imports.add(name)
+        self.found.imports.add(name)
         self._stack.append(Imported(name))
 
     def _called(self, called: Any) -> None:
         name = called.name if isinstance(called, Imported) else "?"
         if isinstance(called, Made):
             name = f"what {called.name} gives"
-        self.calls.add(name)
+        self.found.calls.add(name)
         self._stack.append(Made(name if name.count("what ") < 3 else "?"))
 
     def _to_mark(self) -> list[Any]:
@@ -159,21 +149,10 @@ PICKLED = (".pkl", ".pickle", ".pck", ".pcl")
 # Modules, and names in modules, with which a program reaches out of itself.
 NOTABLE = frozenset(
     (
-        *(
-            "os",
-            "posix",
-            "nt",
-            "subprocess",
-            "sys",
-            "socket",
-            "shutil",
-            "ctypes",
-            "importlib",
-            "runpy",
-            "pty",
-        ),
-        *("code", "codeop", "marshal", "pickle", "dill", "cloudpickle", "multiprocessing", "threading"),
-        *("signal", "urllib", "http", "ftplib", "smtplib", "ssl", "tempfile", "pathlib", "io", "webbrowser"),
+        *("os", "posix", "nt", "subprocess", "sys", "socket", "shutil", "ctypes", "importlib", "runpy"),
+        *("pty", "code", "codeop", "marshal", "pickle", "dill", "cloudpickle", "multiprocessing"),
+        *("threading", "webbrowser"),
+        *("signal", "urllib", "http", "ftplib", "smtplib", "ssl", "tempfile", "pathlib", "io"),
         *("pip", "setuptools", "site", "builtins.eval", "builtins.exec", "builtins.compile"),
         *("builtins.open", "builtins.getattr", "builtins.__import__", "operator.attrgetter"),
         *("operator.methodcaller", "types.FunctionType", "types.CodeType"),
@@ -211,7 +190,7 @@ class _Found:
         """One pickle after the other, until one ends otherwise than it should."""
         bounded = _Bounded(stream)
         for number in range(PICKLES):
-            machine = Machine()
+            machine = Machine(self)
             try:
                 for opcode, argument, _ in pickletools.genops(bounded):  # type: ignore[arg-type]
                     self.opcodes += 1
@@ -220,25 +199,15 @@ class _Found:
                         return
                     machine.step(opcode, argument)
                     self._look_into(argument, where, depth)
-            except (
-                ValueError,
-                KeyError,
-                IndexError,
-                OverflowError,
-                MemoryError,
-                EOFError,
-                UnicodeError,
-            ) as e:
+            except (ValueError, LookupError, OverflowError, MemoryError, EOFError) as e:
                 # Behind the last pickle there may be other bytes: arrays, in old files of torch. And a value
                 # need not be a pickle because it begins like one.
                 if not depth and (not number or machine.steps > 1):
                     self.problems.append(f"{where}: not a whole pickle ({_said(e)})")
-                self._take(machine)
                 return
             except zipfile.BadZipFile as error:
                 self.problems.append(f"{where}: {error}")
                 return
-            self._take(machine)
             self.pickles += not depth
         self.problems.append(f"{where}: more than {PICKLES} pickles; not read on")
 
@@ -257,11 +226,6 @@ class _Found:
                 self.problems.append(f"{where}: pickles in values, too many, long or deep; not read on")
             else:
                 self.see(io.BytesIO(value), where, depth + 1)
-
-    def _take(self, machine: Machine) -> None:
-        self.imports |= machine.imports
-        self.calls |= machine.calls
-        self.unresolved += machine.unresolved
 
 
 def listing(path: Path) -> dict[str, Any]:

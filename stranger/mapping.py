@@ -115,12 +115,6 @@ class Mapping:
         )
 
     @property
-    def plain(self) -> bool:
-        """Whether it changes nothing."""
-        as_it_is = self.columns == tuple(range(self.width)) and not any(self.offsets)
-        return as_it_is and set(self.transforms) <= {"none"} and set(self.units) <= {1.0}
-
-    @property
     def whole(self) -> bool:
         """Whether each of the stranger's columns is used, so that its density is one of the simulator's."""
         return len(self.columns) == self.width

@@ -9,11 +9,11 @@ import subprocess
 import threading
 import time
 import weakref
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -52,11 +52,7 @@ class Watchdog:
     def _watch(self) -> None:
         while not self._done.wait(PERIOD):
             now = usage(self._root)
-            self.peak = Usage(
-                memory=max(self.peak.memory, now.memory),
-                cpu_seconds=max(self.peak.cpu_seconds, now.cpu_seconds),
-                threads=max(self.peak.threads, now.threads),
-            )
+            self.peak = Usage(*map(max, zip(self.peak, now, strict=True)))
             self.reason = self._too_much(now)
             if self.reason:
                 self._kill()
@@ -85,7 +81,7 @@ LAST_WORDS_SECONDS = 5.0
 Shape = tuple[int | None, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Launch:
     """How a child is started. `sandboxed` says that its first child is the first process of a namespace."""
 
@@ -106,22 +102,19 @@ class Child:
 
     def __init__(self, launch: Launch, limits: Limits):
         self._limits = limits
-        with (filtered if launch.sandboxed else _unfiltered)(launch.command) as (words, handles):
-            self._process = _started(words, launch, handles)
+        plainly = nullcontext((list(launch.command), ()))
+        with filtered(launch.command) if launch.sandboxed else plainly as (words, given):
+            self._process = _started(words, launch, given)
         self._stderr = bytearray()
         self._pending: list[memoryview] = []
         self._buffer = bytearray()
         self._deadline = 0.0
         self._seconds, self._limit = 0.0, ""
         self._selector = selectors.DefaultSelector()
-        for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
-            assert stream is not None
-            os.set_blocking(stream.fileno(), False)
-        self._input, self._output, self._errors = (
-            stream.fileno()
-            for stream in (self._process.stdin, self._process.stdout, self._process.stderr)
-            if stream is not None
-        )
+        handles = tuple(stream.fileno() for stream in _streams(self._process))
+        for handle in handles:
+            os.set_blocking(handle, False)
+        self._input, self._output, self._errors = handles
         self._selector.register(self._output, selectors.EVENT_READ)
         self._selector.register(self._errors, selectors.EVENT_READ)
         kill = partial(_kill, self._process, launch.sandboxed)
@@ -262,11 +255,6 @@ class Child:
         return f"the stranger ended by itself (exit {code}){said}"
 
 
-@contextmanager
-def _unfiltered(words: Sequence[str]) -> Iterator[tuple[list[str], tuple[int, ...]]]:
-    yield list(words), ()
-
-
 def _started(words: list[str], launch: Launch, handles: tuple[int, ...]) -> subprocess.Popen[bytes]:
     try:
         return subprocess.Popen(
@@ -308,7 +296,11 @@ def _end(process: subprocess.Popen[bytes], watchdog: Watchdog, kill: Callable[[]
     except subprocess.TimeoutExpired:  # the sandbox itself hangs
         process.kill()
         process.wait()
-    for stream in (process.stdin, process.stdout, process.stderr):
-        if stream is not None:
-            with suppress(OSError):
-                stream.close()
+    for stream in _streams(process):
+        with suppress(OSError):
+            stream.close()
+
+
+def _streams(process: subprocess.Popen[bytes]) -> list[IO[bytes]]:
+    """Its input, output and errors."""
+    return [one for one in (process.stdin, process.stdout, process.stderr) if one is not None]

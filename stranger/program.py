@@ -121,9 +121,8 @@ class Places:
 
 
 def formats() -> list[str]:
-    """Names of the formats that a model file may have; what they share begins with ``stranger_``."""
-    stems = [file.stem for file in (CHILD / "formats").glob("*.py")]
-    return sorted(stem for stem in stems if not stem.startswith("stranger_"))
+    """Names of the formats that a model file may have."""
+    return sorted(file.stem for file in (CHILD / "formats").glob("*.py"))
 
 
 def python_program(

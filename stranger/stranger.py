@@ -110,10 +110,6 @@ class Claims:
             autocorrelated=header.get("autocorrelated") is True,
         )
 
-    def describe(self) -> dict[str, Any]:
-        """Plain data."""
-        return asdict(self)
-
 
 TRUSTED = "none, trusted by --i-trust-this-estimator"
 SEEDS = 1 << 62
@@ -211,9 +207,7 @@ class Stranger(Shown):
             prlimit = shutil.which("prlimit")
             limited = [] if prlimit is None else self._limits.command(prlimit, own_user=False)
             surroundings = {**os.environ, **environment(self._limits)}
-            return Launch(
-                command=[*limited, *words], environment=surroundings, folder=folder, sandboxed=False
-            )
+            return Launch([*limited, *words], surroundings, folder, sandboxed=False)
         command = self._sandbox.words(
             words,
             limits=self._limits,
@@ -221,7 +215,7 @@ class Stranger(Shown):
             show={**system_files(self._material, self._sandbox.user), **show},
         )
         # The sandbox's own process has no environment either: from inside, that one's may be readable.
-        return Launch(command=command, environment={}, folder=folder, sandboxed=True)
+        return Launch(command, {}, folder, sandboxed=True)
 
     def _introduced(self) -> Claims:
         seconds = self._limits.startup_seconds
@@ -279,7 +273,7 @@ class Stranger(Shown):
             "estimator": "stranger",
             "sha256": dict(self._material.sha256),
             **self._said,
-            "claims": self._claims.describe(),
+            "claims": asdict(self._claims),
             "mapping": self._mapping.to_json(),
             "threads": self._limits.threads,
             "sandbox": TRUSTED if self._sandbox is None else "bubblewrap",
@@ -291,7 +285,7 @@ class Stranger(Shown):
             self._note(purpose, child)
         return {
             "sandbox": TRUSTED if self._sandbox is None else self._sandbox.describe(),
-            "limits": self._limits.describe(),
+            "limits": asdict(self._limits),
             "used": {purpose: dict(peak) for purpose, peak in self._peaks.items()},
         }
 

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 PROC = Path("/proc")
 
 
-@dataclass(frozen=True)
-class Usage:
+class Usage(NamedTuple):
     """Resident memory in bytes, processor seconds, and threads, of a process and all below it."""
 
-    memory: int = 0
-    cpu_seconds: float = 0.0
-    threads: int = 0
+    memory: float = 0
+    cpu_seconds: float = 0
+    threads: float = 0
 
 
-@dataclass(frozen=True)
-class _Process:
+class _Process(NamedTuple):
     parent: int
     usage: Usage
 
@@ -34,11 +32,7 @@ def usage(root: int) -> Usage:
     """
     table = _processes()
     found = [table[number].usage for number in _below(root, table)]
-    return Usage(
-        memory=sum(one.memory for one in found),
-        cpu_seconds=sum(one.cpu_seconds for one in found),
-        threads=sum(one.threads for one in found),
-    )
+    return Usage(*map(sum, zip(*found, strict=True)))
 
 
 def children(root: int) -> list[int]:

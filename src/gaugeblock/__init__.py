@@ -13,37 +13,32 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 _PLACES = {
-    "Audit": "auditing.result",
-    "Beta": "simulators",
-    "Dirichlet": "simulators",
-    "Discrete": "simulators",
-    "Effect": "simulators",
-    "Gamma": "simulators",
-    "InputError": "core.errors",
-    "LogNormal": "simulators",
-    "LogUniform": "simulators",
-    "MultivariateNormal": "simulators",
-    "Normal": "simulators",
-    "Policy": "validate.policy",
-    "Prior": "simulators",
-    "TruncatedNormal": "simulators",
-    "Uniform": "simulators",
-    "as_prior": "simulators",
-    "audit": "auditing.audit",
-    "audit_draws": "auditing.audit",
-    "discover": "auditing.discovering",
-    "judge": "auditing.audit",
-    "load": "auditing.estimator_from",
-    "make_trials": "validate.trials",
-    "plan": "auditing.planned",
-    "read_trials": "validate.trials",
-    "trials_from_arviz": "auditing.trials_from",
-    "trials_from_bayesflow": "auditing.trials_from",
-    "trials_from_numpyro": "auditing.trials_from",
-    "trials_from_sbi": "auditing.trials_from",
-    "truncated": "simulators",
-    "write_trials": "validate.trials",
+    "auditing.audit": ("audit", "audit_draws", "judge"),
+    "auditing.discovering": ("discover",),
+    "auditing.estimator_from": ("load",),
+    "auditing.planned": ("plan",),
+    "auditing.result": ("Audit",),
+    "auditing.trials_from": (
+        *("trials_from_arviz", "trials_from_bayesflow", "trials_from_numpyro", "trials_from_sbi"),
+    ),
+    "core.errors": ("InputError",),
+    "simulators": (
+        *(
+            "Beta",
+            "Dirichlet",
+            "Discrete",
+            "Effect",
+            "Gamma",
+            "LogNormal",
+            "LogUniform",
+            "MultivariateNormal",
+        ),
+        *("MultivariateNormal", "Normal", "Prior", "TruncatedNormal", "Uniform", "as_prior", "truncated"),
+    ),
+    "validate.policy": ("Policy",),
+    "validate.trials": ("make_trials", "read_trials", "write_trials"),
 }
+_NAMES = {name: module for module, names in _PLACES.items() for name in names}
 
 if TYPE_CHECKING:
     from gaugeblock.auditing.audit import audit as audit
@@ -77,7 +72,7 @@ if TYPE_CHECKING:
     from gaugeblock.validate.trials import read_trials as read_trials
     from gaugeblock.validate.trials import write_trials as write_trials
 
-__all__ = [*sorted(_PLACES), "__version__"]
+__all__ = [*sorted(_NAMES), "__version__"]
 
 
 def __getattr__(name: str) -> Any:
@@ -85,8 +80,8 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         found: Any = version("gaugeblock")
-    elif name in _PLACES:
-        found = getattr(import_module(f"{__name__}.{_PLACES[name]}"), name)
+    elif name in _NAMES:
+        found = getattr(import_module(f"{__name__}.{_NAMES[name]}"), name)
     else:
         raise AttributeError(
             f"module {__name__!r} has no attribute {name!r}; there are {', '.join(__dir__())}"
@@ -96,4 +91,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted(_PLACES)
+    return sorted(_NAMES)

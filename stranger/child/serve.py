@@ -54,7 +54,10 @@ def send(target, header, np=None, **arrays):
 
 def load(setting):
     """The model, by the file in `formats` that knows how."""
-    file = Path(__file__).resolve().parent / "formats" / (setting["format"] + ".py")
+    here = Path(__file__).resolve().parent
+    # For what they share. The formats' own folder comes in for none: one of them has a library's name.
+    sys.path.append(str(here))
+    file = here / "formats" / (setting["format"] + ".py")
     spec = importlib.util.spec_from_file_location("stranger_format", file)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

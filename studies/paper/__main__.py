@@ -11,7 +11,7 @@ import typer
 from gaugeblock.cli.commands import run
 from gaugeblock.cli.options import Debug, Out, Quiet, Seed
 from gaugeblock.core.errors import InputError, printable
-from gaugeblock.core.progress import Bars
+from gaugeblock.core.progress import shown
 from studies.kit.command import SEED
 from studies.paper import Setting, words
 from studies.paper import reproduce as measure
@@ -104,13 +104,13 @@ def paper(
         result = from_committed(names or ())
         write(result, out)
     else:
-        with Bars(quiet=quiet) as bars:
+        with shown(not quiet) as tell:
             result = measure(
                 names or (),
                 out,
                 setting=Setting.TWIN if twin else Setting.FULL,
                 seed=SEED if seed is None else seed,
-                progress=bars.show,
+                progress=tell,
             )
     typer.echo(printable(headline(result)))
     typer.echo(f"report: {out / 'reproduction.md'}")

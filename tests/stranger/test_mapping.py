@@ -61,12 +61,10 @@ def test_names_columns_and_places():
     mapping = Mapping.of({"a": "z", "c": 0}, NAMES, stranger=THEIRS)
     assert mapping.columns == (2, 1, 0)
     assert mapping.to_simulator([[1.0, 2.0, 3.0]]).tolist() == [[3.0, 2.0, 1.0]]
-    assert not mapping.plain
 
 
 def test_names_alone_move_nothing():
     mapping = Mapping.of(None, NAMES, stranger=("c", "a", "b"))
-    assert mapping.plain
     assert mapping.whole
     assert mapping.to_json()["columns"] == [0, 1, 2]
 

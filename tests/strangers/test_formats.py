@@ -20,7 +20,7 @@ FORMATS = Path(__file__).resolve().parents[2] / "stranger" / "child" / "formats"
 @pytest.fixture
 def load(monkeypatch):
     """Load a file by one of the formats, in this process."""
-    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.setattr(sys, "path", [*sys.path, str(FORMATS.parent)])
 
     def model(name, path, **options):
         spec = importlib.util.spec_from_file_location("stranger_format", FORMATS / f"{name}.py")
@@ -165,7 +165,7 @@ if __name__ == "__main__":
 """
 READ = f"""
 import pickle, sys
-sys.path.append({str(FORMATS)!r})
+sys.path.append({str(FORMATS.parent)!r})
 from stranger_files import explained, lend
 if len(sys.argv) > 1:
     lend(sys.argv[1])

@@ -22,6 +22,8 @@ from gaugeblock.validate.standardised import STEADYING
 
 QUANTITIES = ("bias", "log_width", "coverage")
 REPLICATES = 100_000
+# Tolerances that a fault has which is to FAIL.
+TIMES = 2.0
 _LEVEL = np.array(LEVELS)
 _REACH = special.ndtri((1 + _LEVEL) / 2)
 
@@ -113,10 +115,8 @@ class LimitProcess:
         edge = tolerated(tolerance) + reach * self.standard_errors(trials)
         return dict(zip(QUANTITIES, (float(edge[0]), float(edge[1]), float(edge[2:].max())), strict=True))
 
-    def fail_probability(
-        self, trials: int, tolerance: Tolerance, *, error_budget: float, times: float = 2.0
-    ) -> dict[str, float]:
-        """Probability that a fault of `times` the tolerance, in one parameter, FAILs its gate; at least.
+    def fail_probability(self, trials: int, tolerance: Tolerance, *, error_budget: float) -> dict[str, float]:
+        """Probability that a fault of twice the tolerance, in one parameter, FAILs its gate; at least.
 
         For the coverage: at whichever level this is hardest. Fewer draws hide more of a fault; other gates,
         which see it too, are left out.
@@ -129,9 +129,9 @@ class LimitProcess:
             edge = float(getattr(tolerance, name))
             # What draws hide of the width is taken back, at the price of a larger standard error.
             seen = 1.0 if name == "log_width" else 1 - hidden[name]
-            found[name] = float(special.ndtr((times * seen - 1) * edge / error[row] - critical))
+            found[name] = float(special.ndtr((TIMES * seen - 1) * edge / error[row] - critical))
         edge = tolerance.coverage
-        gap = times * edge * (1 - hidden["coverage"])
+        gap = TIMES * edge * (1 - hidden["coverage"])
         covered = np.concatenate([_LEVEL - gap, _LEVEL + gap])
         covered = covered[(covered > 0) & (covered < 1)]
         spread = np.sqrt(covered * (1 - covered) / trials).max(initial=0.5 / np.sqrt(trials))

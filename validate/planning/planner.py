@@ -7,8 +7,8 @@ do follows from their known limit (`limit_process`).
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from gaugeblock.validate.planning.limit_process import QUANTITIES, LimitProcess,
 from gaugeblock.validate.planning.rank_power import RankFault, smallest
 from gaugeblock.validate.policy import Policy
 
-# Share of a fault that finite draws may hide before more draws are asked for.
+# Share of a fault that finite draws may hide before more draws, ten at a time, are asked for.
 MOST_HIDDEN = 0.03
 # What a whole audit judges, each family with its own share of the budget: all that is measured on the main
 # trials, the joint likelihood, importance sampling. Fewer only make an audit stronger than planned.
@@ -107,7 +107,7 @@ def plan(
     (True, 130)
     """
     _check(params=params, trials=trials, draws=draws, families=families)
-    depth = _draws_for(MOST_HIDDEN) if draws is None else draws
+    depth = draws or next(tens for tens in count(10, 10) if max(hidden_by(tens).values()) <= MOST_HIDDEN)
     others = further_comparisons(params) if further is None else further
     process = LimitProcess(parameters=params, draws=depth, families=families, further=others, seed=seed)
     tolerance, budget, power = policy.tolerance, policy.error_budget, policy.planning.power
@@ -170,20 +170,11 @@ def _passes(process: LimitProcess, policy: Policy, trials: int) -> float:
 
 
 def _check(**numbers: int | None) -> None:
-    least = {"params": 1, "trials": FEWEST, "draws": 2, "families": 1}
-    most = {"params": 1000, "trials": MOST, "draws": MOST, "families": 100}
+    bounds = {"params": (1, 1000), "trials": (FEWEST, MOST), "draws": (2, MOST), "families": (1, 100)}
     for name, number in numbers.items():
-        if number is not None and not least[name] <= number <= most[name]:
-            raise InputError(
-                f"{name} = {number}: must be a whole number from {least[name]} to {most[name]:,}"
-            )
-
-
-def _draws_for(hidden: float) -> int:
-    """Fewest draws, in tens, that hide no more than this of any fault."""
-    draws = smallest(lambda n: max(hidden_by(n).values()) <= hidden, first=2, most=MOST)
-    assert draws is not None
-    return math.ceil(draws / 10) * 10
+        least, most = bounds[name]
+        if number is not None and not least <= number <= most:
+            raise InputError(f"{name} = {number}: must be a whole number from {least} to {most:,}")
 
 
 def _hopeless(tolerance: dict[str, float], draws: int) -> str:

@@ -134,8 +134,8 @@ def discover(
                 groups = [Sources.of(simulator, counts)]
         elif isinstance(what, str | os.PathLike) or _all(what, str | os.PathLike):
             groups = read_measured(
-                what, model=model, priors=priors, band=band, rmf=rmf, arf=arf, background=background,
-                redshift=redshift, regroup=regroup, seed=seed, progress=show,
+                what, rmf=rmf, arf=arf, background=tuple(background), redshift=redshift, seed=seed,
+                progress=show, model=model, priors=priors, band=band, regroup=regroup,
             )  # fmt: skip
         elif _all(what, Sources):
             groups = list(what)
@@ -260,18 +260,17 @@ def _changed(kind: Callable[..., Any], call: Callable[..., Any], values: Mapping
 def read_measured(
     files: Files,
     *,
-    model: str,
-    priors: str | os.PathLike[str] | None = None,
-    band: tuple[float, float] | None = None,
-    rmf: Files = (),
-    arf: Files = (),
-    background: Sequence[str] = (),
-    redshift: float = 0.0,
-    regroup: str = "ungrouped",
-    seed: int = 0,
-    progress: Progress = lambda what, done, total: None,  # noqa: ARG005
+    rmf: Files,
+    arf: Files,
+    background: tuple[str, ...],
+    redshift: float,
+    seed: int,
+    progress: Progress,
+    **further: Any,
 ) -> list[Sources]:
     """The sources that PHA files, or a folder with a catalogue, hold: one group a response.
+
+    `further` is what both readers take: model, priors, band, regroup.
 
     Raises
     ------
@@ -282,9 +281,6 @@ def read_measured(
     from gaugeblock.simulators.xray.observation import read_observation
 
     pha, rmfs, arfs = (_paths(given) for given in (files, rmf, arf))
-    told: dict[str, Any] = {
-        "model": model, "priors": None if priors is None else Path(priors), "band": band, "regroup": regroup,
-    }  # fmt: skip
     if not pha:
         raise InputError("discover: name PHA files of one source, or a folder with a catalogue of many")
     if any(path.is_dir() for path in pha):
@@ -296,10 +292,10 @@ def read_measured(
             pha[0],
             rmf=next(iter(rmfs), None),
             arf=next(iter(arfs), None),
-            background=tuple(background) != ("none",),
+            background=background != ("none",),
             seed=seed,
             progress=lambda done, total: progress("reading spectra", done, total),
-            **told,
+            **further,
         )
     else:
         found = (
@@ -307,9 +303,9 @@ def read_measured(
                 pha,
                 rmf=rmfs or None,
                 arf=arfs or None,
-                background=tuple(background) or None,
+                background=background or None,
                 redshift=redshift,
-                **told,
+                **further,
             ),
         )
     return [Sources(o.simulator, o.counts, o.scale, o.redshift, o.names) for o in found]

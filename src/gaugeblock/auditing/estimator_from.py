@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import os
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -58,9 +57,7 @@ class LibraryEstimator:
     def sample(self, x: ArrayLike, n: int, rng: Rng) -> Array:
         """Draws ``(batch, n, parameter)``."""
         seed = int(rng.integers(SEEDS))
-        with seeded_globals(seed), warnings.catch_warnings():
-            # How sbi divides its work is nothing that a reader could act on.
-            warnings.filterwarnings("ignore", message="Capping max_sampling_batch_size")
+        with seeded_globals(seed):
             return plain(self._model.sample(x, n, seed), what="the estimator's draws")
 
     def __repr__(self) -> str:

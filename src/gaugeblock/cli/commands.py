@@ -225,18 +225,18 @@ def train(
     An interrupted training goes on where it stopped when the same command runs again. A model that is there
     already is replaced with --replace only.
     """
-    from gaugeblock.core.progress import Bars
+    from gaugeblock.core.progress import shown
     from gaugeblock.core.settings import parse_settings
     from gaugeblock.estimators.npe import run_training
 
-    with Bars(quiet=quiet) as bars:
+    with shown(not quiet) as tell:
         folder = run_training(
             config,
             out=out,
             overrides=parse_settings(settings or []),
             seed=seed,
             replace=replace,
-            progress=bars.show,
+            progress=tell,
         )
     typer.echo(f"trained: {folder}")
 

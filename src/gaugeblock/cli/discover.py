@@ -71,32 +71,30 @@ def discover(
     """
     from gaugeblock.auditing import discovering
     from gaugeblock.core.errors import InputError
-    from gaugeblock.core.progress import Bars
     from gaugeblock.reports.discovery.headline import headline
 
     if bool(pha) == (catalog is not None):
         raise InputError("discover: name either PHA files of one source, or --catalog with a folder of many")
     if catalog is not None and not catalog.is_dir():
         raise InputError(f"discover: --catalog {catalog} is no folder")
-    with Bars(quiet=quiet) as bars:
-        found = discovering.discover(
-            catalog if catalog is not None else pha,
-            model=model,
-            priors=priors,
-            band=band,
-            rmf=rmf or (),
-            arf=arf or (),
-            background=background or (),
-            redshift=redshift,
-            regroup=regroup,
-            effects=own or (),
-            only=effect or (),
-            evidence=evidence,
-            replicates=replicates,
-            seed=seed or 0,
-            out=out,
-            progress=bars.show,
-            command=command(),
-        )
+    found = discovering.discover(
+        catalog if catalog is not None else pha,
+        model=model,
+        priors=priors,
+        band=band,
+        rmf=rmf or (),
+        arf=arf or (),
+        background=background or (),
+        redshift=redshift,
+        regroup=regroup,
+        effects=own or (),
+        only=effect or (),
+        evidence=evidence,
+        replicates=replicates,
+        seed=seed or 0,
+        out=out,
+        progress=not quiet,
+        command=command(),
+    )
     typer.echo(printable(headline(found.to_json()).paragraph))
     typer.echo(f"report: {out / 'report.html'}")

@@ -66,8 +66,7 @@ class Bars:
     Use as a context manager and pass `show` as the progress callback ``(what, done, total)``.
     """
 
-    def __init__(self, *, quiet: bool = False):
-        self._quiet = quiet
+    def __init__(self) -> None:
         self._console = Console(stderr=True)
         self._bars = RichProgress(
             TextColumn("{task.description:>20}"),
@@ -75,7 +74,7 @@ class Bars:
             MofNCompleteColumn(),
             TimeRemainingColumn(),
             console=self._console,
-            disable=quiet or not self._console.is_terminal,
+            disable=not self._console.is_terminal,
         )
         self._tasks: dict[str, TaskID] = {}
         self._ended: set[str] = set()
@@ -94,8 +93,6 @@ class Bars:
 
     def show(self, what: str, done: int, total: int) -> None:
         """Say that `done` of `total` are done."""
-        if self._quiet:
-            return
         if not self._console.is_terminal:
             self._line(what, done, total)
             return

@@ -13,7 +13,6 @@ Imports numpy, keras and bayesflow.
 
 import importlib.util
 import os
-import sys
 
 import numpy as np
 
@@ -28,11 +27,8 @@ def load(path, options):
     )
     # Keras reads it once, when it is imported.
     os.environ["KERAS_BACKEND"] = backend
-    # This file has the library's name; its folder must not come first.
     import bayesflow  # noqa: F401
     import keras
-
-    sys.path.append(os.path.dirname(os.path.abspath(__file__)))
     from stranger_files import module
 
     if options.get("source"):

@@ -24,7 +24,6 @@ def load(path, options):
     import jax
 
     jax.config.update("jax_enable_x64", bool(options.get("x64", False)))
-    sys.path.append(os.path.dirname(os.path.abspath(__file__)))
     from stranger_files import build
 
     skeleton = build(options, "the distribution as before training")

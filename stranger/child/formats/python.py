@@ -1,8 +1,6 @@
 """A Python file: its functions `sample(x, n, seed)`, `log_prob(theta, x)` ..., or its `build(options)`."""
 
-import importlib.util
 import os
-import sys
 
 
 class Functions:
@@ -19,15 +17,12 @@ def load(path, options):
 
     A folder holds the file as `model.py`, or under the name in options["file"], and may hold others beside.
     """
+    from stranger_files import module
+
     if os.path.isdir(path):
         path = os.path.join(path, options.get("file", "model.py"))
-    sys.path.insert(0, os.path.dirname(path))
-    spec = importlib.util.spec_from_file_location("stranger_model", path)
-    module = importlib.util.module_from_spec(spec)
-    # Under its name before it runs, as an import would: dataclasses and pickles look there.
-    sys.modules["stranger_model"] = module
-    spec.loader.exec_module(module)
-    model = module.build(options) if callable(getattr(module, "build", None)) else Functions(module)
+    own = module(path, "stranger_model")
+    model = own.build(options) if callable(getattr(own, "build", None)) else Functions(own)
     if not callable(getattr(model, "sample", None)):
         raise TypeError("no function sample(x, n, seed)")
     return model

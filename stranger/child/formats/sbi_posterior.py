@@ -12,10 +12,9 @@ that correction, for each x; `sample`, further keyword arguments of sbi's own `s
 Imports numpy, torch and sbi, and whatever the pickle names.
 """
 
-import os
 import pickle
 import random
-import sys
+import warnings
 
 import numpy as np
 
@@ -33,8 +32,6 @@ def load(path, options):
 def unpickled(path, options):
     """The object in a file of pickle or torch.save."""
     import torch
-
-    sys.path.append(os.path.dirname(os.path.abspath(__file__)))
     from stranger_files import explained, lend
 
     if options.get("source"):
@@ -78,7 +75,7 @@ class Posterior:
             "library": "sbi " + self.kind,
             "versions": {"sbi": sbi.__version__, "torch": torch.__version__},
             "parameters": self.options.get("parameters"),
-            "autocorrelated": self._chains() > 0,
+            "autocorrelated": self.chains() > 0,
         }
 
     def sample(self, x, n, seed):
@@ -89,18 +86,19 @@ class Posterior:
         # sbi's slice sampler takes its numbers from these.
         np.random.seed(seed % 2**32)  # noqa: NPY002
         random.seed(seed)
-        data = torch.as_tensor(np.asarray(x), dtype=torch.float32)
+        data = self._tensor(x)
         more = {"show_progress_bars": False, **self.options.get("sample", {})}
         draws = []
-        if self._batched():
-            rows = max(1, AT_ONCE // n)
-            if self._chains():
-                rows = min(rows, max(1, CHAINS_AT_ONCE // self._chains()))
-            for part in torch.split(data, rows):
-                draws.append(self.posterior.sample_batched((n,), x=part, **more).transpose(0, 1))
-        else:
-            for row in data:
-                draws.append(self.posterior.sample((n,), x=row[None], **more)[None])
+        with warnings.catch_warnings():
+            # How sbi divides its work is nothing that a reader could act on.
+            warnings.filterwarnings("ignore", message="Capping max_sampling_batch_size|Note that for batched")
+            try:
+                for part in torch.split(data, self.at_once(n)) if self._batched() else ():
+                    draws.append(self.posterior.sample_batched((n,), x=part, **more).transpose(0, 1))
+            except NotImplementedError:
+                pass  # some of sbi's posteriors have the method only to say that they cannot
+            if not draws:
+                draws = [self.posterior.sample((n,), x=row[None], **more)[None] for row in data]
         return double(torch.cat(draws))
 
     def _log_prob(self, theta, x):
@@ -108,8 +106,7 @@ class Posterior:
         import torch
 
         torch.manual_seed(0)
-        points = torch.as_tensor(np.asarray(theta), dtype=torch.float32)
-        data = torch.as_tensor(np.asarray(x), dtype=torch.float32)
+        points, data = self._tensor(theta), self._tensor(x)
         more = {}
         if corrects(self.posterior):
             # The correction is one where no draw can fall outside the prior.
@@ -125,16 +122,30 @@ class Posterior:
             parts.append(self.posterior.log_prob_batched(some.transpose(0, 1), x=their, **more).T)
         return double(torch.cat(parts))
 
-    def _chains(self):
+    def chains(self):
         """Markov chains for each x; 0 where draws are independent."""
         return int(getattr(self.posterior, "num_chains", 1) or 1) if "MCMC" in self.kind else 0
+
+    def at_once(self, n):
+        """How many x one call of sbi's samples, n draws for each."""
+        if not self._batched():
+            return 1
+        chains = self.chains()
+        return max(1, min(AT_ONCE // n, CHAINS_AT_ONCE // chains) if chains else AT_ONCE // n)
 
     def _batched(self):
         """Whether one call may hold several x: the method is there, and works for this sampler."""
         if not hasattr(self.posterior, "sample_batched") or self.kind.startswith(("Rejection", "Importance")):
             return False
         method = self.options.get("sample", {}).get("method", getattr(self.posterior, "method", None))
-        return not self._chains() or method == "slice_np_vectorized"
+        return not self.chains() or method == "slice_np_vectorized"
+
+    def _tensor(self, values):
+        """In the single precision of sbi's networks, where the posterior is."""
+        import torch
+
+        device = getattr(self.posterior, "_device", None)
+        return torch.as_tensor(np.asarray(values), dtype=torch.float32, device=device)
 
 
 def corrects(posterior):

@@ -10,7 +10,6 @@ options: `builder`; `dtype` ("float32" by default); `parameters`, names in the m
 Imports numpy and torch, and whatever the builder imports.
 """
 
-import os
 import sys
 
 import numpy as np
@@ -21,8 +20,6 @@ AT_ONCE = 200_000
 def load(path, options):
     """The builder's module with the weights of the file as a model."""
     import torch
-
-    sys.path.append(os.path.dirname(os.path.abspath(__file__)))
     from stranger_files import build
 
     module = build(options, "the module as before training")

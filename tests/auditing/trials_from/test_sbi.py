@@ -20,7 +20,12 @@ class Exact:
     def sample(self, shape, x, show_progress_bars):
         return self.sample_batched(shape, x, show_progress_bars)[:, 0]
 
-    def log_prob_batched(self, theta, x):
+
+class DirectPosterior(Exact):
+    prior = torch.distributions.Normal(0, 1)
+
+    def log_prob_batched(self, theta, x, norm_posterior):
+        assert not norm_posterior
         return torch.distributions.Normal(x / 2, np.sqrt(0.5)).log_prob(theta).sum(-1)
 
 
@@ -52,10 +57,10 @@ def test_draws_are_those_of_the_posterior_and_repeatable(simulated) -> None:
     theta, x = simulated
     torch.manual_seed(7)
     before = torch.get_rng_state()
-    trials = trials_from_sbi(Exact(), theta, x, draws=50, names=["a", "b"], seed=3, densities=True)
+    trials = trials_from_sbi(DirectPosterior(), theta, x, draws=50, names=["a", "b"], seed=3, densities=True)
     assert torch.equal(before, torch.get_rng_state())
     again = trials_from_sbi(
-        Exact(), theta.numpy(), x.numpy(), draws=50, names=["a", "b"], seed=3, densities=True
+        DirectPosterior(), theta.numpy(), x.numpy(), draws=50, names=["a", "b"], seed=3, densities=True
     )
     assert trials.identical(again)
     np.testing.assert_array_equal(trials["theta_true"].values, theta.numpy().astype(float))
@@ -89,7 +94,7 @@ def test_what_does_not_fit_is_one_line(simulated) -> None:
     theta, x = simulated
     for arguments, said in [
         ((Exact(), theta[:9], x), r"theta has the shape \(9, 2\), x \(300, 2\)"),
-        ((Exact(), theta[:, :1], x), r"gave draws of the shape \(250, 300, 2\); expected \(250, 300, 1\)"),
+        ((Exact(), theta[:, :1], x), r"gave draws of the shape \(300, 250, 2\); expected \(300, 250, 1\)"),
         ((object(), theta, x), "object has no method sample; give what build_posterior"),
         ((Failing(), theta, x), "Failing failed on trials 0 to 299: RuntimeError: no luck"),
     ]:
