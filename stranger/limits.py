@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
-from typing import Any
+from typing import Annotated, Any
 
-from gaugeblock.core.errors import InputError
+from pydantic import Field
+
+from gaugeblock.core.tables import Table, checked
 
 GIGABYTE = 10**9
 MEGABYTE = 10**6
+Amount = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True)]
+Number = Annotated[int, Field(gt=0, strict=True)]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Limits:
+class Limits(Table):
     """Bounds on one child; whoever passes one is killed.
 
     `memory_gb` holds for each process and for all of a child together. `processes` counts threads too, where
@@ -24,30 +26,17 @@ class Limits:
 
     >>> Limits(memory_gb=2).bytes
     2000000000
-
-    Raises
-    ------
-    InputError
-        If one of them is not a positive number.
     """
 
-    memory_gb: float = 8.0
-    cpu_seconds: float = 8 * 3600.0
-    processes: int = 256
-    open_files: int = 1024
-    threads: int = 1
-    file_mb: float = 1024.0
-    wall_seconds: float = 900.0
-    startup_seconds: float = 180.0
-    total_seconds: float = 8 * 3600.0
-
-    def __post_init__(self) -> None:
-        for name, value in asdict(self).items():
-            whole = name in ("processes", "open_files", "threads")
-            if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)):
-                raise InputError(f"estimator.limits: {name} = {value!r} is no {'whole ' * whole}number")
-            if not 0 < value < float("inf"):
-                raise InputError(f"estimator.limits: {name} = {value!r} must be positive")
+    memory_gb: Amount = 8.0
+    cpu_seconds: Amount = 8 * 3600.0
+    processes: Number = 256
+    open_files: Number = 1024
+    threads: Number = 1
+    file_mb: Amount = 1024.0
+    wall_seconds: Amount = 900.0
+    startup_seconds: Amount = 180.0
+    total_seconds: Amount = 8 * 3600.0
 
     @classmethod
     def of(cls, table: Mapping[str, Any]) -> Limits:
@@ -58,11 +47,7 @@ class Limits:
         InputError
             If a key is unknown or its value cannot be.
         """
-        known = [field.name for field in fields(cls)]
-        unknown = [key for key in table if key not in known]
-        if unknown:
-            raise InputError(f"estimator.limits: unknown key {unknown[0]}; there are {', '.join(known)}")
-        return cls(**table)
+        return checked(cls, table, where="estimator.limits")
 
     @property
     def bytes(self) -> int:

@@ -52,7 +52,8 @@ class Sandbox:
 
         All of it is read-only but a private /tmp.
         """
-        bound = {"/usr": Path("/usr"), **_existing(CONFIGURATION), **show}
+        configuration = {name: Path(name) for name in CONFIGURATION if Path(name).exists()}
+        bound = {"/usr": Path("/usr"), **configuration, **show}
         words = [self.bwrap, *self._namespaces(), "--die-with-parent", "--new-session", "--clearenv"]
         words += ["--hostname", "stranger", "--proc", "/proc", "--dev", "/dev"]
         for folder in ("/dev/shm", "/tmp"):
@@ -92,7 +93,8 @@ class Sandbox:
 
     def works(self) -> str:
         """Empty if a program runs in it; else why not."""
-        command = self.words([_program("true")], limits=Limits(), environment={}, show={})
+        program = shutil.which("true", path=STANDARD_PATH) or "true"
+        command = self.words([program], limits=Limits(), environment={}, show={})
         try:
             with filtered(command) as (words, handles):
                 done = subprocess.run(
@@ -134,14 +136,6 @@ def working_sandbox() -> Sandbox:
             f"({' '.join(why.split())}); {INSTALL}"
         )
     return sandbox
-
-
-def _program(name: str) -> str:
-    return shutil.which(name, path=STANDARD_PATH) or name
-
-
-def _existing(names: Sequence[str]) -> dict[str, Path]:
-    return {name: Path(name) for name in names if Path(name).exists()}
 
 
 def _system(path: Path) -> list[str]:

@@ -285,7 +285,7 @@ class Stranger(Shown):
             self._note(purpose, child)
         return {
             "sandbox": TRUSTED if self._sandbox is None else self._sandbox.describe(),
-            "limits": asdict(self._limits),
+            "limits": self._limits.model_dump(),
             "used": {purpose: dict(peak) for purpose, peak in self._peaks.items()},
         }
 

@@ -1,7 +1,6 @@
 """The program that docs/stranger-protocol.md shows does what the page says."""
 
 import re
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -31,4 +30,4 @@ def test_the_program_on_the_page_answers(sandbox: Any, simulator: Any, tmp_path:
 def test_the_page_names_every_limit_with_its_default() -> None:
     text = (DOCS / "stranger.md").read_text(encoding="utf-8")
     table = dict(re.findall(r"^\| `(\w+)` \| ([\d,]+) \|", text, re.M))
-    assert {name: float(value.replace(",", "")) for name, value in table.items()} == asdict(Limits())
+    assert {name: float(value.replace(",", "")) for name, value in table.items()} == Limits().model_dump()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,19 @@ def close(stored: float, derived: float, near: float) -> bool:
     return near > 0 and abs(stored - derived) <= near * max(abs(stored), abs(derived), 1e-6)
 
 
+def entry_differences(
+    stored: Mapping[Any, Any], derived: Mapping[Any, Any], inner: Callable[[str, Any, Any], Iterator[str]]
+) -> Iterator[str]:
+    """Entries that one of two tables lacks, by name, and what `inner` says of the others."""
+    for name in dict.fromkeys([*derived, *stored]):
+        if name not in stored:
+            yield f"{name} is missing"
+        elif name not in derived:
+            yield f"{name} should not be there"
+        else:
+            yield from inner(str(name), stored[name], derived[name])
+
+
 def plain_differences(stored: Any, derived: Any, *, near: float = 0.0, at: str = "") -> Iterator[str]:
     """Differences of two pieces of plain data, each with its place; what has an id is told by it.
 
@@ -37,14 +50,11 @@ def plain_differences(stored: Any, derived: Any, *, near: float = 0.0, at: str =
     ['gates[a].p is 1, should be 2']
     """
     if isinstance(stored, Mapping) and isinstance(derived, Mapping):
-        for key in dict.fromkeys([*derived, *stored]):
-            place = f"{at}.{key}" if at else str(key)
-            if key not in stored:
-                yield f"{place} is missing"
-            elif key not in derived:
-                yield f"{place} should not be there"
-            else:
-                yield from plain_differences(stored[key], derived[key], near=near, at=place)
+        yield from entry_differences(
+            {f"{at}.{key}" if at else str(key): value for key, value in stored.items()},
+            {f"{at}.{key}" if at else str(key): value for key, value in derived.items()},
+            lambda place, one, other: plain_differences(one, other, near=near, at=place),
+        )
     elif isinstance(stored, list) and isinstance(derived, list):
         if _named(stored) and _named(derived):
             pair = ({f"[{item['id']}]": item for item in each} for each in (stored, derived))
@@ -87,13 +97,11 @@ def dataset_differences(stored: xr.Dataset, derived: xr.Dataset, *, near: float 
     """Differences of two Datasets: attributes, arrays, shapes and values."""
     attributes = [{k: _value(v) for k, v in each.attrs.items()} for each in (stored, derived)]
     yield from plain_differences(*attributes, near=near)
-    for name in dict.fromkeys([*derived.variables, *stored.variables]):
-        if name not in stored.variables:
-            yield f"{name} is missing"
-        elif name not in derived.variables:
-            yield f"{name} should not be there"
-        else:
-            yield from _array_differences(str(name), stored.variables[name], derived.variables[name], near)
+
+    def inner(name: str, one: xr.Variable, other: xr.Variable) -> Iterator[str]:
+        return _array_differences(name, one, other, near)
+
+    yield from entry_differences(stored.variables, derived.variables, inner)
 
 
 def _array_differences(name: str, stored: xr.Variable, derived: xr.Variable, near: float) -> Iterator[str]:

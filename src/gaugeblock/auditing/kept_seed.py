@@ -11,11 +11,6 @@ from gaugeblock.core.errors import InputError
 BITS = 63
 
 
-def unforeseen_seed() -> int:
-    """A seed of the operating system's entropy."""
-    return secrets.randbits(BITS)
-
-
 def kept_seed(folder: Path, key: str) -> int:
     """The seed of the run `key` in `folder`: of the operating system's entropy, or that of an earlier start.
 
@@ -38,7 +33,7 @@ def kept_seed(folder: Path, key: str) -> int:
             return int(path.read_text(encoding="ascii"))
         except (FileNotFoundError, ValueError):  # none, or one that was cut off before it was ever used
             path.unlink(missing_ok=True)
-        seed = unforeseen_seed()
+        seed = secrets.randbits(BITS)
         with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
             file.write(str(seed))
             file.flush()

@@ -52,28 +52,15 @@ SimulatorName = Annotated[
 ]
 
 
-def stranger_settings(
-    *,
-    path: Path | None,
-    command: str | None,
-    python: Path | None,
-    format: str | None,
-    builder: str | None,
-    trust: bool,
-) -> dict[str, Any]:
+def stranger_settings(**given: Path | str | bool | None) -> dict[str, Any]:
     """Keys of a configuration that these options stand for; none where there is no stranger."""
-    given = {
-        "path": None if path is None else str(path),
-        "command": command,
-        "python": None if python is None else str(python),
-        "format": format,
-        "builder": builder,
-        "trust": trust or None,
+    said = {
+        f"estimator.{key}": str(value) if isinstance(value, Path) else value
+        for key, value in given.items()
+        if value is not None and value is not False
     }
-    said = {f"estimator.{key}": value for key, value in given.items() if value is not None}
-    if path is None and command is None:
-        return said
-    return {"estimator.name": "stranger", **said}
+    stranger = {"estimator.path", "estimator.command"} & set(said)
+    return {"estimator.name": "stranger", **said} if stranger else said
 
 
 def command() -> str:

@@ -38,12 +38,10 @@ def verify(
     # An audit's folder may be anybody's.
     for line in [*(f"note: {note}" for note in found.notes), *found.differences]:
         typer.echo(one_line(line))
-    word = "DIFFERENT" if found.differences else "SAME"
-    says = {
-        "SAME": "findings, verdict and reports are what the trials, the policy and the seed give",
-        "DIFFERENT": "what is listed above is not what the trials, the policy and the seed give",
-    }
-    typer.echo(f"{word}: {says[word]}")
+    if found.differences:
+        typer.echo("DIFFERENT: what is listed above is not what the trials, the policy and the seed give")
+    else:
+        typer.echo("SAME: findings, verdict and reports are what the trials, the policy and the seed give")
     typer.echo(f"trials.nc sha256 {found.trials_sha256}")
     if trials_sha256 is None:
         typer.echo("An edit of trials.nc itself shows against a digest kept elsewhere: --trials-sha256 HEX")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 import xarray as xr
@@ -147,8 +148,4 @@ def labels_of(variable: xr.DataArray, dims: tuple[str, ...]) -> list[str]:
         labels = variable.coords[dim].values if dim in variable.coords else np.arange(variable.sizes[dim])
         words = labels.dtype == object or np.issubdtype(labels.dtype, np.str_)
         known.append([str(label) for label in (labels if words else range(len(labels)))])
-    shape = tuple(len(part) for part in known)
-    return [
-        ",".join(part[position] for part, position in zip(known, index, strict=True))
-        for index in np.ndindex(*shape)
-    ]
+    return [",".join(labels) for labels in product(*known)]
