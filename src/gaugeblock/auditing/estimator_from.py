@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -47,12 +47,18 @@ class LibraryEstimator:
     """An object of another library, read by the code that reads it in a stranger's sandbox too.
 
     `model` has ``sample(x, n, seed)`` and ``describe()``, as the files of `gaugeblock.stranger.child.formats`
-    make them. That code takes its random numbers from global generators, which are seeded and put back.
+    make them; with `densities` its normalised density is asked for too, where it has one. That code takes its
+    random numbers from global generators, which are seeded and put back.
     """
 
-    def __init__(self, model: Any):
+    log_prob: Callable[[ArrayLike, ArrayLike], Array]
+
+    def __init__(self, model: Any, *, densities: bool = False):
         self._model = model
         self.autocorrelated = bool(model.describe().get("autocorrelated"))
+        # An attribute only where it works: what an estimator can do is read off what it has.
+        if densities and callable(getattr(model, "log_prob", None)):
+            self.log_prob = self._log_prob
 
     def sample(self, x: ArrayLike, n: int, rng: Rng) -> Array:
         """Draws ``(batch, n, parameter)``."""
@@ -63,22 +69,25 @@ class LibraryEstimator:
     def __repr__(self) -> str:
         return f"LibraryEstimator({self._model.describe()['library']})"
 
-
-class DenseLibraryEstimator(LibraryEstimator):
-    """One whose normalised density is asked for too."""
-
-    def log_prob(self, theta: ArrayLike, x: ArrayLike) -> Array:
+    def _log_prob(self, theta: ArrayLike, x: ArrayLike) -> Array:
         """Natural log density ``(batch, n)`` at theta ``(batch, n, parameter)``."""
         with seeded_globals(0):
             return plain(self._model.log_prob(theta, x), what="the estimator's log density")
 
 
 class RearrangedEstimator:
-    """An estimator whose columns are in another order or unit than the simulator's parameters."""
+    """An estimator whose columns are in another order or unit than the simulator's parameters.
+
+    It has a density where its base has one, in which all of its columns are the simulator's.
+    """
+
+    log_prob: Callable[[ArrayLike, ArrayLike], Array]
 
     def __init__(self, base: Estimator, mapping: ColumnMapping):
         self.base, self.mapping = base, mapping
         self.autocorrelated = bool(getattr(base, "autocorrelated", False))
+        if mapping.whole and isinstance(base, HasDensity):
+            self._density, self.log_prob = base.log_prob, self._log_prob
 
     def sample(self, x: ArrayLike, n: int, rng: Rng) -> Array:
         """Draws ``(batch, n, parameter)``, in the simulator's order and units."""
@@ -88,31 +97,11 @@ class RearrangedEstimator:
         """What it rearranges, and how."""
         return {"base": identity(self.base), "mapping": self.mapping.to_json()}
 
-
-class DenseRearrangedEstimator(RearrangedEstimator):
-    """One whose base has a density, in which all of its columns are the simulator's."""
-
-    base: HasDensity
-
-    def log_prob(self, theta: ArrayLike, x: ArrayLike) -> Array:
+    def _log_prob(self, theta: ArrayLike, x: ArrayLike) -> Array:
         """Natural log density ``(batch, n)`` at theta ``(batch, n, parameter)``, in the simulator's units."""
         theirs = self.mapping.from_simulator(theta)
-        known = plain(self.base.log_prob(theirs, x), what="log_q")
+        known = plain(self._density(theirs, x), what="log_q")
         return np.asarray(known + self.mapping.log_jacobian(theirs))
-
-
-def rearranged(base: Estimator, table: Any, names: Sequence[str]) -> RearrangedEstimator:
-    """An estimator with a table as ``[estimator.parameters]`` has it: see `gaugeblock.stranger.mapping`.
-
-    Raises
-    ------
-    InputError
-        If the table does not fit the parameters.
-    """
-    mapping = ColumnMapping.of(table, names)
-    if mapping.whole and isinstance(base, HasDensity):
-        return DenseRearrangedEstimator(base, mapping)
-    return RearrangedEstimator(base, mapping)
 
 
 def as_estimator(estimator: Any, simulator: Simulator, *, densities: bool = False) -> Estimator:
@@ -147,13 +136,14 @@ def as_estimator(estimator: Any, simulator: Simulator, *, densities: bool = Fals
             raise InputError("the estimator's table needs a name, as in {'name': 'npe', 'path': 'trained'}")
         table = options.pop("parameters", None) if name != "stranger" else None
         made = _named(name, simulator, options)
-        return made if table is None else rearranged(made, table, simulator.prior.names)
+        if table is None:
+            return made
+        return RearrangedEstimator(made, ColumnMapping.of(table, simulator.prior.names))
     if inspect.isclass(estimator):
         estimator = made_for(estimator, f"the estimator, the class {estimator.__name__},", simulator)
     library = _library(estimator)
     if library is not None:
-        dense = densities and callable(getattr(library, "log_prob", None))
-        return DenseLibraryEstimator(library) if dense else LibraryEstimator(library)
+        return LibraryEstimator(library, densities=densities)
     if callable(getattr(estimator, "sample", None)):
         return estimator  # type: ignore[no-any-return]
     if callable(estimator):
