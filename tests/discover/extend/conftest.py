@@ -14,7 +14,7 @@ class Linear(LinearGaussian):
         abscissa = np.linspace(-1.0, 1.0, 8)
         super().__init__(matrix=np.column_stack([np.ones(8), abscissa, *shapes]), noise=0.5)
         self._shapes, self._names = tuple(shapes), tuple(names)
-        self._prior = Prior(dict.fromkeys(names, Normal(0.0, 1.0)))
+        self.prior = Prior(dict.fromkeys(names, Normal(0.0, 1.0)))
 
     def with_effect(self, effect):
         count = sum(name.startswith(effect.name) for name in self._names) + 1
