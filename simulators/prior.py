@@ -95,6 +95,7 @@ _NEEDS: dict[type, tuple[str, str]] = {
 def require_prior(prior: Any, capability: type, who: str) -> None:
     """Raise InputError, naming who needs it and what lacks it, where a prior has not the capability.
 
+    >>> from gaugeblock.simulators import Discrete
     >>> require_prior(Prior({"k": Discrete((0.0, 1.0), (0.5, 0.5))}), HasUnitCube, "nested_sampling")
     """
     if not isinstance(prior, capability):
@@ -117,6 +118,7 @@ class Prior:
     function `from_unit_cube`, without a bijection `to_unit_cube` and everything unbounded, so that
     ``isinstance(prior, HasUnitCube)`` tells; `require_prior` says it in words.
 
+    >>> from gaugeblock.simulators import LogUniform, MultivariateNormal, Uniform
     >>> prior = Prior({"index": Uniform(1.0, 3.0), "norm": LogUniform(1e-4, 1e-2)})
     >>> prior.names
     ('index', 'norm')
