@@ -24,12 +24,16 @@ def beside(template: str, chosen: str) -> list[int]:
     return [NUISANCES.index(name) for name in SETS[chosen] if name != template]
 
 
+def said_by(found: Any) -> dict[str, float]:
+    """What a stacked score says of its only template."""
+    return {name: float(getattr(found, name)[0]) for name in FIELDS}
+
+
 def orthogonal(pool: ScoredPool, template: str, chosen: str, rows: NDArray[np.int64]) -> dict[str, float]:
     """Stacked score of some of a pool's sources."""
     columns = beside(template, chosen)
     part = pool.scores.select(rows).with_templates([TEMPLATES.index(template)]).with_nuisances(columns)
-    found = stack(part, [nuisance_sd(NUISANCES[k]) for k in columns])
-    return {name: float(getattr(found, name)[0]) for name in FIELDS}
+    return said_by(stack(part, [nuisance_sd(NUISANCES[k]) for k in columns]))
 
 
 def marginal(pool: ScoredPool, rows: NDArray[np.int64]) -> dict[str, float]:
@@ -37,8 +41,7 @@ def marginal(pool: ScoredPool, rows: NDArray[np.int64]) -> dict[str, float]:
     part = MarginalScores(
         pool.marginal[rows], pool.population[rows], np.zeros(pool.population.shape[1]), np.ones(len(rows))
     )
-    found = stack(part.efficient())
-    return {name: float(getattr(found, name)[0]) for name in FIELDS}
+    return said_by(stack(part.efficient()))
 
 
 def catalogues(size: int, pool: int, number: int, rng: np.random.Generator) -> list[NDArray[np.int64]]:

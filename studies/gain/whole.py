@@ -14,8 +14,7 @@ from gaugeblock.discovery.name.stacked import stack
 from gaugeblock.discovery.sources import Sources
 from studies.gain.models import GAINS, TabulatedShared, table
 from studies.gain.pools import CHUNK, DRAWS, GainPool, draw
-
-COLUMNS = ("truth", "value", "standard_error", "sandwich_error", "low", "high", "z", "gain", "converged")
+from studies.gain.table import said_by
 
 
 def sources_of(pool: GainPool, size: int, seed: int, *, catalogue: int = 0) -> Sources:
@@ -35,18 +34,17 @@ def profiled(pool: GainPool, name: str, size: int, seed: int, catalogue: int) ->
     found = profile_models([shared], [sources], fits=[fits])
     low, high = found.interval(0.9)
     neutral = GAINS[name].neutral
-    values = (
-        pool.value - neutral,
-        found.value - neutral,
-        found.standard_error,
-        found.sandwich_error,
-        low - neutral,
-        high - neutral,
-        found.z,
-        found.gain,
-        float(found.converged),
-    )
-    return dict(zip(COLUMNS, values, strict=True))
+    return {
+        "truth": pool.value - neutral,
+        "value": found.value - neutral,
+        "standard_error": found.standard_error,
+        "sandwich_error": found.sandwich_error,
+        "low": low - neutral,
+        "high": high - neutral,
+        "z": found.z,
+        "gain": found.gain,
+        "converged": float(found.converged),
+    }
 
 
 def marginalised(pool: GainPool, size: int, seed: int) -> dict[str, float]:
@@ -56,14 +54,7 @@ def marginalised(pool: GainPool, size: int, seed: int) -> dict[str, float]:
     fits = fit(sources.simulator, sources.counts, scale=sources.scale)
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=[2]))
     found = marginal_scores(shared, sources, fits, draws=DRAWS, rng=rng)
-    told = stack(found.efficient())
-    return {
-        "z": float(told.z[0]),
-        "amplitude": float(told.amplitude[0]),
-        "standard_error": float(told.standard_error[0]),
-        "sandwich_error": float(told.sandwich_error[0]),
-        "effective": float(np.median(found.effective)),
-    }
+    return said_by(stack(found.efficient())) | {"effective": float(np.median(found.effective))}
 
 
 def as_dataset(rows: dict[str, dict[str, float]]) -> xr.Dataset:

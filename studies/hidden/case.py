@@ -34,17 +34,17 @@ class Laboratory:
 
     def mean(self, truth: Truth) -> Array:
         """Expected counts: groups of the source region, then those of the background region if any."""
-        rows = [expected(truth, self.instrument, self.sigma)]
-        if truth.background > 0:
-            rows.append(background_expected(truth, self.instrument))
-        return np.concatenate([self.instrument.grouped(row) for row in rows])
+        return np.concatenate([self.instrument.grouped(row) for row in self._regions(truth)])
 
     def counts(self, truth: Truth, rng: Rng) -> Array:
         """Poisson counts of every detector channel, then grouped."""
+        drawn = (rng.poisson(row).astype(float) for row in self._regions(truth))
+        return np.concatenate([self.instrument.grouped(row) for row in drawn])
+
+    def _regions(self, truth: Truth) -> list[Array]:
+        """Expected counts of every detector channel, of the source region and of the background's if any."""
         rows = [expected(truth, self.instrument, self.sigma)]
-        if truth.background > 0:
-            rows.append(background_expected(truth, self.instrument))
-        return np.concatenate([self.instrument.grouped(rng.poisson(row).astype(float)) for row in rows])
+        return [*rows, background_expected(truth, self.instrument)] if truth.background > 0 else rows
 
 
 @dataclass(frozen=True, eq=False)

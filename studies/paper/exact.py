@@ -16,12 +16,11 @@ from gaugeblock.discovery.name.drawn_posterior import posterior_draws
 
 @dataclass(frozen=True, eq=False)
 class ExactPosterior:
-    """Mean, sd and median of every parameter ``(spectrum, parameter)``, log evidence, effective draws.
+    """Sd and median of every parameter ``(spectrum, parameter)``, log evidence, effective draws.
 
     The log evidence ``(spectrum,)`` is normalised, with the factorials of the counts.
     """
 
-    mean: Array
     sd: Array
     median: Array
     log_evidence: Array
@@ -40,7 +39,6 @@ def exact_posteriors(
     mean = (weight * found.theta).sum(axis=1)
     sd = np.sqrt((weight * (found.theta - mean[:, None]) ** 2).sum(axis=1))
     return ExactPosterior(
-        mean,
         sd,
         _weighted_median(found.theta, found.weight),
         found.log_evidence - gammaln(rows + 1.0).sum(axis=1),

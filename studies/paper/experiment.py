@@ -35,7 +35,7 @@ class Experiment:
 
     `sizes` are the plain numbers that a setting stands for; `run(sizes, pieces, seed)` makes the table and
     may keep finished pieces of it in `pieces`, which it finds again when it is run anew with the same
-    setting, seed and version. `figures` draw the table: by name, a function that returns SVG.
+    setting, seed and version. `measured` reads the claims off the table.
     """
 
     name: str

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -10,7 +11,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from studies.kit.page import table
 from studies.kit.page import table as table_of
 from studies.kit.results import command_of, renamed
 from studies.paper import words
@@ -86,14 +86,13 @@ def _introduction(judgements: Sequence[Judgement]) -> str:
 
 
 def _counted(judgements: Sequence[Judgement]) -> str:
-    number = {verdict: sum(item.verdict is verdict for item in judgements) for verdict in Agreement}
+    number = Counter(item.verdict for item in judgements)
     lone = sum(item.unexplained for item in judgements)
-    said = (
+    return (
         f"**{number[Agreement.AGREES]} agree, {number[Agreement.DIFFERS]} differ"
         f" ({lone} of them beyond 3 standard errors and unexplained), {number[Agreement.UNTESTABLE]} cannot "
         f"be tested, {number[Agreement.PENDING]} are not measured yet.**"
     )
-    return said
 
 
 def _summary(judgements: Sequence[Judgement], key: Callable[[Judgement], str], title: str) -> str:
@@ -161,7 +160,9 @@ def _made(tables: Mapping[str, xr.Dataset]) -> str:
         )
         for name, made in tables.items()
     ]
-    versions = {key: value for made in tables.values() for key, value in _versions(made).items()}
+    versions: dict[str, str] = {}
+    for made in tables.values():
+        versions |= json.loads(made.attrs.get("versions", "{}"))
     with_what = ", ".join(f"{key} {value}" for key, value in versions.items())
     return (
         table_of(("experiment", "what it measures", "setting", "seed", "CPU", "command"), rows)
@@ -189,15 +190,8 @@ def _training(name: str, record: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
-def _versions(made: xr.Dataset) -> dict[str, str]:
-    return dict(json.loads(made.attrs.get("versions", "{}")))
-
-
 def _planned(judgements: Sequence[Judgement]) -> list[str]:
-    waiting: dict[str, int] = {}
-    for item in judgements:
-        if item.verdict is Agreement.PENDING:
-            waiting[item.claim.by] = waiting.get(item.claim.by, 0) + 1
+    waiting = Counter(item.claim.by for item in judgements if item.verdict is Agreement.PENDING)
     if not waiting:
         return []
     rows = [(name, str(number), load(name).says) for name, number in waiting.items()]
@@ -345,7 +339,7 @@ def grid_table(members: Sequence[Judgement]) -> str:
         response=members[0].claim.id.split(".")[1],
         transfer="; NICER" if members[0].claim.transfer else "",
     )
-    return said + "\n\n" + table(header, rows)
+    return said + "\n\n" + table_of(header, rows)
 
 
 def _cell(item: Judgement | None) -> str:

@@ -84,35 +84,25 @@ def _grid(table: Mapping[str, Any]) -> Iterator[Claim]:
                 for row in rows:
                     for detector, value in zip(DETECTORS, row["auc"], strict=True):
                         strength = repr(row["strength"]).removesuffix(".0")
-                        yield _cell(
-                            f"grid.{response}.{level}.{family}.{strength}.{detector}",
-                            section,
-                            f"AUC of {detector}, {family} at {strength}, {level}",
-                            value,
-                            null=family == "B4",
+                        yield Claim(
+                            id=f"grid.{response}.{level}.{family}.{strength}.{detector}",
+                            section=section,
+                            says=f"AUC of {detector}, {family} at {strength}, {level}",
+                            kind=Kind.FLOW,
+                            value=value,
+                            parts={SINGLE[0]: value},
                             by=experiment,
                             transfer=response == "nicer",
+                            **_tolerated(value, null=family == "B4"),
                         )
 
 
-def _cell(name: str, section: str, says: str, value: float, *, null: bool, by: str, transfer: bool) -> Claim:
-    error = auc_error(value, CLEAN, SUSPICIOUS)
-    sampling = null_auc_error(CLEAN, SUSPICIOUS) if null else error
-    rule: Rule = (
-        Interval(SINGLE, 0.5 - NULL_REACH, 0.5 + NULL_REACH)
-        if null
-        else Within(SINGLE, round(TWO_REPLICATIONS * sampling, 3))
-    )
-    return Claim(
-        id=name,
-        section=section,
-        says=says,
-        kind=Kind.FLOW,
-        value=value,
-        parts={SINGLE[0]: value},
-        error={SINGLE[0]: sampling},
-        rules=(rule,),
-        by=by,
-        known={SINGLE[0]: 0.5} if null else {},
-        transfer=transfer,
-    )
+def _tolerated(value: float, *, null: bool) -> dict[str, Any]:
+    """Error, rule and known value of a cell."""
+    if null:
+        rule: Rule = Interval(SINGLE, 0.5 - NULL_REACH, 0.5 + NULL_REACH)
+        error, known = null_auc_error(CLEAN, SUSPICIOUS), {SINGLE[0]: 0.5}
+    else:
+        error, known = auc_error(value, CLEAN, SUSPICIOUS), {}
+        rule = Within(SINGLE, round(TWO_REPLICATIONS * error, 3))
+    return {"error": {SINGLE[0]: error}, "rules": (rule,), "known": known}

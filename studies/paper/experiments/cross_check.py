@@ -20,14 +20,8 @@ from studies.paper.experiment import Experiment, Setting
 from studies.paper.experiments import cross_posteriors as posteriors
 from studies.paper.experiments.counts import SEED
 from studies.paper.experiments.cross_claims import measured, numbers_of
-from studies.paper.experiments.cross_spectra import (
-    INFORMATIVE,
-    LEVELS,
-    PRIORS,
-    chosen_bright,
-    chosen_medium,
-    pool,
-)
+from studies.paper.experiments.cross_spectra import INFORMATIVE, PRIORS, chosen_bright, chosen_medium, pool
+from studies.paper.experiments.information import LEVELS
 from studies.paper.numbers import as_table
 from studies.paper.registry import claims
 

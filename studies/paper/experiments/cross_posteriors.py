@@ -15,7 +15,8 @@ from gaugeblock.discovery.fitting import fit, likeliest_draws
 from gaugeblock.discovery.name.drawn_posterior import POOR, posterior_draws
 from gaugeblock.discovery.name.peak_search import systematic
 from studies.paper.experiments.arithmetic import GAIN_PRIOR_SD
-from studies.paper.experiments.cross_spectra import LEVELS, folded, simulators, weighted_sd, wide
+from studies.paper.experiments.cross_spectra import folded, simulators, weighted_sd, wide
+from studies.paper.experiments.information import LEVELS
 from studies.paper.experiments.setup import GAIN_PRIOR
 from studies.paper.interpolated import GAIN, Interpolated
 
@@ -96,6 +97,7 @@ def _weighted(
     theta, log_weight = drawn(proposal, draws)
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
+    # In random order: systematic picks come in that of the proposals.
     kept = rng.permuted(systematic(weight, min(draws, KEPT), rng), axis=1)
     shrink, error = shrink_of(theta[..., GAIN], weight)
     return {
@@ -114,21 +116,11 @@ def _around_fit(
     scales = np.full(len(counts), scale)
     fitted = fit(simulator, counts, scale=scales, seed=int(rng.integers(2**31)))
     found = posterior_draws(simulator, counts, fitted, scale=scales, draws=draws, rng=rng)
-    # In random order: systematic picks come in that of the proposals.
-    kept = rng.permuted(systematic(found.weight, min(draws, KEPT), rng), axis=1)
     shrink, error = shrink_of(found.theta[..., GAIN], found.weight)
     # Where weights were poor, draws are resampled and look independent: they are worth this many at least.
     effective = np.where(found.effective > 0.999 * draws, POOR * draws, found.effective)
     error = error * np.sqrt(found.effective / effective)
-    mean = (found.weight[..., None] * found.theta).sum(axis=1)
-    return {
-        "draws": np.take_along_axis(found.theta, kept[..., None], axis=1),
-        "mean": mean,
-        "sd": weighted_sd(np.moveaxis(found.theta, 2, 1), found.weight[:, None]),
-        "shrink": shrink,
-        "shrink_error": error,
-        "effective": effective,
-    }
+    return {"shrink": shrink, "shrink_error": error, "effective": effective}
 
 
 def shrink_of(gain: Array, weight: Array) -> tuple[Array, Array]:
@@ -212,9 +204,7 @@ def boundary(counts: Array, sizes: Mapping[str, Any], rng: np.random.Generator) 
         for name, simulator in (("box", simulators()["published_linear_norm"]), ("wider", wider))
     }
     return {
-        "shrink": found["shrink"][0],
-        "shrink_error": found["shrink_error"][0],
-        "effective": found["effective"][0],
+        **{name: values[0] for name, values in found.items()},
         "range": ranges["box"],
         "range_wider": ranges["wider"],
     }

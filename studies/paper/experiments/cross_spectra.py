@@ -15,12 +15,10 @@ from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.name.drawn_posterior import posterior_draws
 from gaugeblock.validate.designs import finite_shift, predicted_shrink
 from studies.paper.experiments.arithmetic import GAIN_PRIOR_SD, SHIFT
+from studies.paper.experiments.information import LEVELS
 from studies.paper.experiments.setup import GAIN_PRIOR
 from studies.paper.interpolated import GAIN, TEMPERATURE, Interpolated, interpolated
 from studies.paper.registry import claims
-
-LEVELS = {"medium": 0.1, "bright": 1.0}
-"""Exposures in units of a bright spectrum's."""
 
 PRIORS = ("reference", "published_linear_norm")
 """What spectra and flows are drawn from, and what the study's nested sampling used."""

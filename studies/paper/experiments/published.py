@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,9 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import stats
 
-from gaugeblock.core.arrays import Array
 from gaugeblock.simulators.xray.published import LINEAR_NORM_PRIOR
 from gaugeblock.validate.designs import count_controlled_residual, count_ratio_regression
+from gaugeblock.validate.designs.count_trend import CountTrend
 from studies.kit.resume import Pieces, stream
 from studies.paper.claim import SINGLE
 from studies.paper.experiment import Experiment, Found, Setting
@@ -33,12 +34,13 @@ def of_the_runs(rows: xr.Dataset, rng: np.random.Generator) -> Numbers:
     family, level = rows["family"].values.astype(str), rows["level"].values.astype(str)
     counts, logz = rows["counts"].values, rows["log_evidence"].values
     clean, capped = family == "clean", rows["capped"].values.astype(bool)
+    medium = counts[clean & (level == "medium")]
     trend = np.polyfit(np.log10(counts[clean]), logz[clean], 1)
     found: Numbers = {
         "ns.n": float(len(family)),
         "ns.cap": float(capped.sum()),
         "ns.cap.err": float(rows["log_evidence_error"].values[capped].max()),
-        "ns.counts.range": _range(counts[clean & (level == "medium")], ("fewest", "most")),
+        "ns.counts.range": {"fewest": float(medium.min()), "most": float(medium.max())},
         "ns.trend": {
             "slope": float(trend[0]),
             "intercept": float(trend[1]),
@@ -49,14 +51,10 @@ def of_the_runs(rows: xr.Dataset, rng: np.random.Generator) -> Numbers:
             for name in LEVELS
         },
     }
-    for name in ("B1", "B4"):
-        for place in ("medium", "bright"):
-            cell = (family == name) & (level == place)
-            residual = count_controlled_residual(
-                logz[cell], counts[cell], logz[clean], counts[clean], rng=rng
-            )
-            low, high = residual.interval
-            found[f"ns.cc.{name}.{place}"] = {SINGLE[0]: residual.residual, "low": low, "high": high}
+    for name, place in product(("B1", "B4"), ("medium", "bright")):
+        residual = _residual(rows, name, place, rng)
+        low, high = residual.interval
+        found[f"ns.cc.{name}.{place}"] = {SINGLE[0]: residual.residual, "low": low, "high": high}
     return found | _beside_the_flow(rows, clean, level)
 
 
@@ -91,7 +89,8 @@ def of_the_pairs(rows: xr.Dataset, rng: np.random.Generator) -> Numbers:
     t = found.raw_effect / found.raw_error
     t_without = found.raw_effect / np.sqrt(found.raw_error**2 - floor**2)
     sigma = claims()["tb.sigma"].parts
-    half = {place: 0.5 * np.diff(_interval(rows, place, rng)).item() for place in ("medium", "bright")}
+    residuals = {place: _residual(rows, "B1", place, rng) for place in ("medium", "bright")}
+    half = {place: 0.5 * np.diff(residual.interval).item() for place, residual in residuals.items()}
     spread = float(difference.std(ddof=1))
     return {
         "pair.mean": {SINGLE[0]: found.raw_effect, "error": found.raw_error, "p": found.p_raw},
@@ -114,16 +113,12 @@ def of_the_pairs(rows: xr.Dataset, rng: np.random.Generator) -> Numbers:
     }
 
 
-def _interval(rows: xr.Dataset, place: str, rng: np.random.Generator) -> tuple[float, float]:
-    """The interval of the line's count-controlled residual."""
+def _residual(rows: xr.Dataset, name: str, place: str, rng: np.random.Generator) -> CountTrend:
+    """Log evidence of the runs of a family at a level, at equal counts, less that of clean ones."""
     family, level = rows["family"].values.astype(str), rows["level"].values.astype(str)
     counts, logz = rows["counts"].values, rows["log_evidence"].values
-    clean, cell = family == "clean", (family == "B1") & (level == place)
-    return count_controlled_residual(logz[cell], counts[cell], logz[clean], counts[clean], rng=rng).interval
-
-
-def _range(values: Array, names: tuple[str, str]) -> dict[str, float]:
-    return dict(zip(names, (float(values.min()), float(values.max())), strict=True))
+    clean, cell = family == "clean", (family == name) & (level == place)
+    return count_controlled_residual(logz[cell], counts[cell], logz[clean], counts[clean], rng=rng)
 
 
 NOTES = {

@@ -112,10 +112,6 @@ class PaperFlow:
         with torch.inference_mode():
             return np.asarray(self._flow.context(_data(x)).double().numpy())
 
-    def describe(self) -> dict[str, Any]:
-        """Plain data that identifies it."""
-        return {"estimator": "paper_flow", "variant": self.record["variant"]}
-
 
 def prior_of(*, gain: bool) -> Prior:
     """What the study simulated from, with the gain where it is free."""
