@@ -1,12 +1,13 @@
 """Simultaneous intervals: findings on shared trials, and one error budget over all of them.
 
-Means that share their trials form a family. Its critical value is that of the largest
+Findings that share their trials form a family. Its critical value is that of the largest
 |estimate - truth| / standard error over all components, by a Gaussian multiplier bootstrap of the stacked
 influence functions (Chernozhukov, Chetverikov & Kato 2013, arXiv:1212.6906). Given the influences, a
 replicate with Gaussian multipliers is exactly normal with their correlation matrix, so replicates are drawn
 from that matrix and never touch the trials again; dividing by sqrt(chi2 / dof) makes them Student's t for a
-handful of trials.
-A quantile is a family of its own with exact order-statistic bounds. Families share the budget equally.
+handful of trials. A quantile takes part with the indicator of lying below it; its bounds are the order
+statistics that miss it no more often than the critical value says, exactly, for any distribution.
+Families share the budget equally.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from scipy import special, stats
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import generator
-from gaugeblock.validate.finding import CountFinding, Finding, MeanFinding, QuantileFinding
+from gaugeblock.validate.finding import Finding, MeanFinding, QuantileFinding
+from gaugeblock.validate.quantiles import order_statistic_bounds
 
 REPLICATES = 40_000
 CHUNK = 10_000
@@ -55,24 +57,13 @@ class Bounds:
 
 
 def families(judged: Sequence[Judgeable]) -> list[list[Judgeable]]:
-    """Findings that share trials and have influences together, everything else apart; counts are exact."""
+    """Findings that share trials and have influences, together; counts are exact and in none."""
     together: dict[tuple[str, int], list[Judgeable]] = {}
-    apart = []
     for item in judged:
         finding = item.finding
-        if isinstance(finding, MeanFinding):
+        if isinstance(finding, MeanFinding | QuantileFinding):
             together.setdefault((finding.population, finding.influence.shape[1]), []).append(item)
-        elif not isinstance(finding, CountFinding):
-            apart.append([item])
-    return [*together.values(), *apart]
-
-
-def bounds(family: Sequence[Judgeable], *, budget: float, number: int, seed: int) -> list[Bounds]:
-    """Bounds of each finding of one of `number` families that share `budget`; the seed decides all."""
-    finding = family[0].finding
-    if isinstance(finding, QuantileFinding):
-        return [_quantile_bounds(finding, family[0], budget=budget, number=number)]
-    return _mean_bounds(family, budget=budget, number=number, seed=seed)
+    return list(together.values())
 
 
 def exact_bounds(item: Judgeable) -> Bounds:
@@ -90,31 +81,62 @@ def exact_bounds(item: Judgeable) -> Bounds:
     )
 
 
-def _mean_bounds(family: Sequence[Judgeable], *, budget: float, number: int, seed: int) -> list[Bounds]:
-    influence = [item.finding.influence for item in family if isinstance(item.finding, MeanFinding)]
-    n = influence[0].shape[1]
+def bounds(family: Sequence[Judgeable], *, budget: float, number: int, seed: int) -> list[Bounds]:
+    """Bounds of each finding of one of `number` families that share `budget`; the seed decides all."""
+    influence = [f.influence for item in family if isinstance(f := item.finding, MeanFinding | QuantileFinding)]
+    dof = max(influence[0].shape[1] - 1, 1)
     largest = maxima(influence, seed=seed)
     critical = float(np.quantile(largest, 1 - budget / number, method="higher"))
-    one_sided = float(stats.t.ppf(PASS_LEVEL, max(n - 1, 1)))
     found = []
     for item in family:
-        estimate = item.finding.estimate
-        error = np.maximum(item.finding.standard_error, np.finfo(float).tiny)
-        outside = np.maximum(item.low - estimate, estimate - item.high) / error
+        low, high = _bounds(item.finding, float(stats.t.sf(critical, dof)), dof)
+        pass_low, pass_high = _bounds(item.finding, 1 - PASS_LEVEL, dof)
+        outside, p_value = _outside(item, dof)
         exceeded = len(largest) - np.searchsorted(largest, outside, side="left")
         adjusted = np.minimum(1.0, number * (1 + exceeded) / (1 + len(largest)))
         found.append(
             Bounds(
-                low=estimate - critical * error,
-                high=estimate + critical * error,
-                pass_low=estimate - one_sided * error,
-                pass_high=estimate + one_sided * error,
-                p_value=np.asarray(stats.t.sf(outside, max(n - 1, 1))),
+                low=low,
+                high=high,
+                pass_low=pass_low,
+                pass_high=pass_high,
+                p_value=p_value,
                 p_adjusted=np.where(outside > 0, adjusted, 1.0),
                 critical=critical,
             )
         )
     return found
+
+
+def _bounds(finding: Finding, tail: float, dof: int) -> tuple[Array, Array]:
+    """Bounds of each component, each missed with probability `tail`."""
+    if isinstance(finding, QuantileFinding):
+        rows = zip(_readable(finding), finding.quantile, strict=True)
+        low, high = np.array([order_statistic_bounds(row, float(q), tail) for row, q in rows]).T
+        return low, high
+    reach = float(stats.t.isf(tail, dof)) * np.maximum(finding.standard_error, np.finfo(float).tiny)
+    return finding.estimate - reach, finding.estimate + reach
+
+
+def _readable(finding: QuantileFinding) -> Array:
+    """Values, with those that are no number on the bad side."""
+    return np.where(np.isnan(finding.values), -np.inf if finding.sense == "at-least" else np.inf, finding.values)
+
+
+def _outside(item: Judgeable, dof: int) -> tuple[Array, Array]:
+    """How far each estimate lies outside its region, as a Student's t, and the one-sided p-value of that."""
+    finding = item.finding
+    if not isinstance(finding, QuantileFinding):
+        error = np.maximum(finding.standard_error, np.finfo(float).tiny)
+        outside = np.maximum(item.low - finding.estimate, finding.estimate - item.high) / error
+        return outside, np.asarray(stats.t.sf(outside, dof))
+    values, q, n = _readable(finding), finding.quantile, finding.values.shape[1]
+    below = np.count_nonzero(values < item.low, axis=1)
+    above = np.count_nonzero(values > item.high, axis=1)
+    p_low = np.where(below > 0, special.bdtrc(np.maximum(below - 1, 0), n, q), 1.0)
+    p_high = np.where(above > 0, special.bdtrc(np.maximum(above - 1, 0), n, 1 - q), 1.0)
+    p_value = np.minimum(p_low, p_high)
+    return np.asarray(stats.t.isf(p_value, dof)), p_value
 
 
 def maxima(influence: Sequence[Array], *, seed: int) -> Array:
@@ -147,43 +169,3 @@ def _products(influence: Sequence[Array]) -> Array:
         piece = np.concatenate([part[:, start : start + TRIALS] for part in influence])
         product += piece @ piece.T
     return product
-
-
-def order_statistic_bounds(values: Array, quantile: float, tail: float) -> tuple[float, float]:
-    """Bounds on a quantile of `values`, each missed with probability at most `tail`, for any distribution.
-
-    Infinite where there are too few values for a bound.
-
-    >>> import numpy as np
-    >>> order_statistic_bounds(np.arange(1.0, 101.0), 0.5, 0.025)
-    (40.0, 61.0)
-    """
-    ordered = np.sort(values)
-    n = len(ordered)
-    below = special.bdtr(np.arange(n), n, quantile)  # P(at most k values lie below the quantile), k = 0..n-1
-    reach = int(np.count_nonzero(below <= tail))
-    lower = float(ordered[reach - 1]) if reach else -np.inf
-    first = int(np.count_nonzero(below < 1 - tail))
-    return lower, float(ordered[first]) if first < n else np.inf
-
-
-def _quantile_bounds(finding: QuantileFinding, item: Judgeable, *, budget: float, number: int) -> Bounds:
-    bad = -np.inf if finding.sense == "at-least" else np.inf
-    values = np.where(np.isnan(finding.values), bad, finding.values)
-    n, q = len(values), finding.quantile
-    # Two-sided, like the other families: half of the family's share for each side.
-    low, high = order_statistic_bounds(values, q, budget / number / 2)
-    pass_low, pass_high = order_statistic_bounds(values, q, 1 - PASS_LEVEL)
-    below, above = np.count_nonzero(values < item.low), np.count_nonzero(values > item.high)
-    p_low = 1.0 if below == 0 else float(special.bdtrc(below - 1, n, q))
-    p_high = 1.0 if above == 0 else float(special.bdtrc(above - 1, n, 1 - q))
-    p = min(p_low, p_high)
-    return Bounds(
-        low=np.array([low]),
-        high=np.array([high]),
-        pass_low=np.array([pass_low]),
-        pass_high=np.array([pass_high]),
-        p_value=np.array([p]),
-        p_adjusted=np.array([min(1.0, 2 * number * p)]),
-        critical=float(-special.ndtri(budget / number / 2)),
-    )

@@ -125,14 +125,26 @@ class MeanFinding(Finding):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class QuantileFinding(Finding):
-    """The `quantile`-th quantile of the trials' `values` ``(trial,)``: a distribution-free interval."""
+    """Quantiles of the trials' `values` ``(component, trial)``: intervals that no distribution can spoil.
+
+    `quantile` ``(component,)`` says which. The estimate is an order statistic (see `quantiles`).
+    """
 
     kind: ClassVar[str] = "quantile"
-    arrays: ClassVar[dict[str, tuple[str, ...]]] = {**Finding.arrays, "values": ("value_trial",)}
-    words: ClassVar[tuple[str, ...]] = (*Finding.words, "quantile")
+    arrays: ClassVar[dict[str, tuple[str, ...]]] = {
+        **Finding.arrays,
+        "quantile": ("component",),
+        "values": ("component", "value_trial"),
+    }
 
     values: Array
-    quantile: float = 0.5
+    quantile: Array
+
+    @property
+    def influence(self) -> Array:
+        """Contributions ``(component, trial)`` of mean zero to the share of values up to the estimate."""
+        below = self.values <= self.estimate[:, None]
+        return np.asarray(below - below.mean(axis=1, keepdims=True))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -191,7 +203,7 @@ def finding_from(dataset: xr.Dataset) -> Finding:
     details.attrs = {}
     held: dict[str, Any] = {name: attributes[name] for name in made.words}
     # NetCDF has no Python numbers.
-    held |= {name: float(held[name]) for name in ("p_value", "quantile", "draws") if name in held}
+    held |= {name: float(held[name]) for name in ("p_value", "draws") if name in held}
     held |= {name: np.asarray(dataset[name].values) for name in made.arrays}
     return made(
         **held | {"n_trials": int(held["n_trials"])},

@@ -125,19 +125,20 @@ def _worst(item: Judgeable, bound: Bounds, fails: np.ndarray[tuple[int], np.dtyp
 def smallest_detectable(item: Judgeable, bound: Bounds, power: float) -> float | None:
     """Size of a fault that FAILs with probability `power` at this number of trials, in the tolerance's unit.
 
-    For a quantile: its value if all trials changed in proportion. None where no fault would.
+    For a one-sided quantile: its value if all trials changed in proportion. None where no fault would.
     """
     finding = item.finding
     z = float(special.ndtri(power))
     if isinstance(finding, CountFinding):
         return 1.0
-    if not isinstance(finding, QuantileFinding):
+    if not isinstance(finding, QuantileFinding) or finding.sense == "two-sided":
         reach = (bound.critical + z) * float(finding.standard_error.max())
         return item.low - reach if finding.sense == "at-least" else item.high + reach
-    n, q = len(finding.values), finding.quantile
+    values, q = finding.values[0], float(finding.quantile[0])
+    n = len(values)
     shift = (bound.critical + z) * math.sqrt(n * q * (1 - q))
     rank = n * q + shift if finding.sense == "at-least" else n * q - shift
-    value = np.sort(finding.values)[int(np.clip(rank, 0, n - 1))]
+    value = np.sort(values)[int(np.clip(rank, 0, n - 1))]
     edge = item.low if finding.sense == "at-least" else item.high
     if not (0 <= rank < n and value > 0 and np.isfinite(value)):
         return None
@@ -155,8 +156,8 @@ def trials_to_settle(item: Judgeable, bound: Bounds, power: float) -> int | None
     n = finding.n_trials
     spare = float(special.ndtri(power))
     pass_reach, fail_reach = float(special.ndtri(PASS_LEVEL)) + spare, bound.critical + spare
-    if isinstance(finding, QuantileFinding):
-        at_least, q = finding.sense == "at-least", finding.quantile
+    if isinstance(finding, QuantileFinding) and finding.sense != "two-sided":
+        at_least, q = finding.sense == "at-least", float(finding.quantile[0])
         share = float(np.mean(finding.values < item.low if at_least else finding.values <= item.high))
         reach = pass_reach if (share < q) == at_least else fail_reach
         needed = q * (1 - q) * (reach / abs(q - share)) ** 2 if share != q else math.inf

@@ -68,8 +68,8 @@ def _bias(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> str:
     side = "high" if value > 0 else "low"
     spread = _range(bound, index, "{:+.3f}".format)
     return (
-        f"{item.finding.components[index]}: posteriors lie {abs(value):.3f} sd too {side} "
-        f"({value:+.3f} sd, {level} {spread}; tolerated {item.high:g})"
+        f"{item.finding.components[index]}: posteriors lie {abs(value):.3f} half-widths too {side} "
+        f"({value:+.3f} half-widths of 68% intervals, {level} {spread}; tolerated {item.high:g})"
     )
 
 
@@ -77,8 +77,10 @@ def _log_width(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> 
     index = shown[0]
     ratio = math.exp(float(item.finding.estimate[index]))
     spread = _range(bound, index, lambda value: f"{math.exp(value):.3f}")
+    name, _, share = item.finding.components[index].rpartition(SEPARATOR)
+    which = f"central {float(share):.0%} intervals" if name else "posteriors"
     return (
-        f"{item.finding.components[index]}: posteriors are {ratio:.3f} times as wide as they should be "
+        f"{name or share}: {which} are {ratio:.3f} times as wide as they should be "
         f"({level} {spread}; tolerated {math.exp(item.low):.3f} .. {math.exp(item.high):.3f})"
     )
 
@@ -192,7 +194,7 @@ def _detectable(size: float) -> str:
 
 
 _DETECTABLE: dict[str, Callable[[float], str]] = {
-    "bias": lambda size: f"a bias of {size:.3f} sd",
+    "bias": lambda size: f"a bias of {size:.3f} half-widths",
     "log_width": lambda size: f"a width ratio of {math.exp(-size):.3f} or {math.exp(size):.3f}",
     "coverage": lambda size: f"a gap of {size:.3f}",
     "joint": lambda size: f"a gap of {size:.3f}",

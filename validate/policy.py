@@ -22,8 +22,8 @@ Size = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 class Tolerance(Table):
     """The largest fault that is tolerated, per quantity; for `ess` the least fraction.
 
-    bias: posterior sd. log_width: natural log of the width ratio. coverage, joint, local: probability.
-    normalisation: natural log of a density.
+    bias: half-widths of 68% intervals (a Gaussian's sd). log_width: natural log of the factor by which central
+    intervals are too wide. coverage, joint, local: probability. normalisation: natural log of a density.
     """
 
     bias: Size

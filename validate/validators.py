@@ -21,11 +21,12 @@ from gaugeblock.validate.learned.lc2st import lc2st
 from gaugeblock.validate.learned.learned import candidates
 from gaugeblock.validate.local.local import local, location
 from gaugeblock.validate.local.posterior_sbc import posterior_sbc
-from gaugeblock.validate.marginal.conformal import conformal, stretch
+from gaugeblock.validate.marginal.conformal import box, conformal
 from gaugeblock.validate.marginal.coverage import coverage
 from gaugeblock.validate.marginal.finite import finite
+from gaugeblock.validate.marginal.half_widths import half_widths
 from gaugeblock.validate.marginal.sbc import sbc
-from gaugeblock.validate.prepared import Prepared, Statistic, effective_draws, errors, pit
+from gaugeblock.validate.prepared import Prepared, Statistic, effective_draws, pit
 
 
 @dataclass(frozen=True)
@@ -45,16 +46,16 @@ class Validator:
 # Name (the part of every finding's id before the first dot) -> validator.
 VALIDATORS: Mapping[str, Validator] = {
     "draws": Validator(finite),
-    "sbc": Validator(sbc, (pit, errors, effective_draws)),
+    "sbc": Validator(sbc, (pit, half_widths, effective_draws)),
     "coverage": Validator(coverage, (pit,)),
     "joint": Validator(joint, STATISTICS),
     "density": Validator(density, (ratios,)),
-    "local": Validator(local, (pit, errors, effective_draws, location)),
+    "local": Validator(local, (pit, half_widths, location)),
     "c2st": Validator(c2st, (candidates,)),
     "lc2st": Validator(lc2st, (candidates,)),
     "posterior_sbc": Validator(posterior_sbc),
     "layout": Validator(layout),
-    "conformal": Validator(conformal, (effective_draws, stretch)),
+    "conformal": Validator(conformal, (effective_draws, half_widths, box)),
     "importance": Validator(importance),
     "evidence": Validator(evidence),
     "identifiability": Validator(identifiability, (posterior_sd,)),

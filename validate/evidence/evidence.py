@@ -12,8 +12,9 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked, QuantileFinding
+from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.p_values import SMALLEST
+from gaugeblock.validate.quantiles import quantile_finding
 from gaugeblock.validate.prepared import Prepared
 from gaugeblock.validate.standardised import bias, log_width
 
@@ -108,17 +109,14 @@ def error_finding(
 ) -> Finding:
     """Median of the log evidences' stated errors ``(trial,)`` or ``(run,)``, in nat."""
     stated = np.atleast_1d(np.asarray(error, dtype=float))
-    return QuantileFinding(
+    return quantile_finding(
+        stated,
         id="evidence.error",
         quantity="",
         claim="median stated error of the log evidence (nat)",
         null="0 for an exact log evidence",
         reference=REFERENCE,
         sense="at-most",
-        n_trials=len(stated),
-        estimate=np.array([np.median(stated)]),
-        standard_error=np.array([np.nan]),
-        values=stated,
         population="evidence",
         details=xr.Dataset({"log_evidence_error": ("trial", stated)}, coords=_coordinates(trial)),
         caveats=caveats,

@@ -13,8 +13,9 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked, QuantileFinding
+from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.joint.psis import pareto_khat
+from gaugeblock.validate.quantiles import quantile_finding
 from gaugeblock.validate.prepared import Prepared, count_not_finite, trial_numbers
 from gaugeblock.validate.storage import block_length
 
@@ -180,18 +181,14 @@ def summary_findings(
             "ESS counts as 0",
         )
     return (
-        QuantileFinding(
+        quantile_finding(
+            ess,
             id="importance.ess",
             quantity="ess",
             claim=f"median over trials of the Kish effective sample size, as a fraction of {draws} draws",
             null="1 for an exact posterior",
             reference="Kish 1965; order-statistic interval of a quantile",
             sense="at-least",
-            n_trials=n,
-            estimate=np.array([np.median(ess)]),
-            standard_error=np.array([np.nan]),
-            values=ess,
-            quantile=0.5,
             population=population,
             details=xr.Dataset({"ess": ("trial", ess)}, coords=coordinates),
             caveats=caveats,
@@ -229,18 +226,14 @@ def _evidence_finding(
         "log_evidence_error": ("trial", error),
         "acceptance": ("trial", accepted),
     }
-    known = error[np.isfinite(error)]
-    return QuantileFinding(
+    return quantile_finding(
+        error,
         id="importance.evidence",
         quantity="",
         claim="median error of the importance-sampling log evidence (nat), over trials",
         null="0 for an exact posterior",
         reference="error of a mean of weights; trust it only where k-hat is below 0.7",
         sense="at-most",
-        n_trials=len(evidence),
-        estimate=np.array([np.median(known) if known.size else np.nan]),
-        standard_error=np.array([np.nan]),
-        values=error,
         population=population,
         details=xr.Dataset(details, coords=coordinates),
         caveats=caveats,

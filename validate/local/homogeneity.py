@@ -86,9 +86,9 @@ def homogeneous_finding(
     return PValueFinding(
         id="local.homogeneous",
         quantity="",
-        claim="largest deviation of a region's coverage, bias or squared error from that of all trials, in "
-        "standard errors",
-        null="equally calibrated in all regions: ranks and errors independent of the data's features",
+        claim="largest deviation of a region's coverage from that of all trials, in standard errors",
+        null="equally calibrated in all regions: ranks independent of the data's features, exactly, for an "
+        "exact posterior whose shape varies, too",
         reference="permutation of trials between regions; maximum over regions, parameters and checks",
         n_trials=np.asarray(values).shape[-1],
         estimate=np.array([largest]),

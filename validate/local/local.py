@@ -21,8 +21,9 @@ from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.local.homogeneity import homogeneous_finding
 from gaugeblock.validate.local.regions import LEAST, Regions, quantile_regions
 from gaugeblock.validate.marginal.coverage import STEADYING, inside_central
+from gaugeblock.validate.marginal.half_widths import MEASURED, UNIT, half_widths, in_step
 from gaugeblock.validate.prepared import Prepared, TrialBlock
-from gaugeblock.validate.standardised import bias, log_width
+from gaugeblock.validate.quantiles import quantile_of
 
 LEVELS = (0.5, 0.8, 0.95)
 # One-sided coverage stands beside the central levels: a bias of 0.3 sd changes these by 0.02 and it by 0.12.
@@ -90,28 +91,20 @@ def local_coverage(pit: ArrayLike, members: ArrayLike) -> LocalCoverage:
 
 def local_finding(
     pit: ArrayLike,
-    errors: ArrayLike,
     regions: Regions,
     parameters: Sequence[str],
     *,
-    draws: float = np.inf,
+    scores: Array | None = None,
     caveats: tuple[str, ...] = (),
 ) -> Finding:
-    """Coverage gaps of the parameters in the regions of one feature, from PIT and standardised errors.
+    """Coverage gaps of the parameters in the regions of one feature, from PIT ``(trial, parameter)``.
 
-    Both are ``(trial, parameter)``; the errors, made with `draws` draws each, give the conditional bias and
-    log width in the details.
+    `scores`, from `half_widths`, give the conditional bias (68% half-widths) and log width (of the 68%
+    interval) in the details.
     """
-    u, t = np.asarray(pit, dtype=float), np.asarray(errors, dtype=float)
+    u = np.asarray(pit, dtype=float)
     found = local_coverage(u, regions.members)
     dims = ("region", "parameter")
-    moments = np.array(
-        [
-            [(*bias(column)[:2], *log_width(column, draws=draws)[:2]) for column in t[member].T]
-            for member in regions.members
-        ]
-    )
-    names = ("bias", "bias_error", "log_width", "log_width_error")
     details = xr.Dataset(
         {
             "low": ("region", regions.low),
@@ -119,10 +112,16 @@ def local_finding(
             "n": ("region", regions.count),
             "gap": ((*dims, "check"), found.gap),
             "z": ((*dims, "check"), found.gap / found.standard_error),
-            **{name: (dims, moments[..., k]) for k, name in enumerate(names)},
         },
         coords={"parameter": list(parameters), "check": list(CHECKS)},
     )
+    if scores is not None:
+        for k, values in enumerate(in_step(scores[..., 0], scores[..., 1 + UNIT], u, MEASURED[UNIT])):
+            name, q = (("bias", 0.5), ("log_width", MEASURED[UNIT]))[k]
+            known = [[quantile_of(column, q) for column in values[member].T] for member in regions.members]
+            estimate, error = np.moveaxis(np.array(known), -1, 0)
+            details[name] = (dims, -estimate if k else estimate)
+            details[f"{name}_error"] = (dims, error)
     said = caveats
     if len(regions) < 4:
         said = (*caveats, f"{len(regions)} regions of {regions.name}: each needs at least {LEAST} trials")
@@ -163,22 +162,18 @@ def local(prepared: Prepared) -> list[Finding | NotChecked]:
     findings: list[Finding | NotChecked] = [
         local_finding(
             prepared.pit[:, columns],
-            prepared.errors[:, columns],
             regions,
             [prepared.parameters[k] for k in columns],
-            draws=prepared.effective_draws,
+            scores=prepared.per_trial(half_widths)[:, columns],
             caveats=caveats,
         )
         for regions, columns in chosen
     ]
-    values = np.concatenate(
-        [held(prepared.pit), prepared.errors.T[:, None], prepared.errors.T[:, None] ** 2], axis=1
-    )
     order = np.argsort(prepared.trial)  # so that the p-value does not depend on the order of trials
     return [
         *findings,
         homogeneous_finding(
-            values[..., order],
+            held(prepared.pit)[..., order],
             [(regions.members[:, order], columns) for regions, columns in chosen],
             [finding for finding in findings if isinstance(finding, Finding)],
             seed=prepared.seed,

@@ -12,9 +12,8 @@ exact posterior under another prior, if truths were drawn from q itself; with tr
 importance weights, that shows too.
 
 The weights make no approximation of the null. Of a pool of the truth and its draws, member j is the truth
-with probability proportional to its weight, so that ranks and standardised errors weighted so are uniform,
-and of mean 0 and variance 1, exactly, for any number of draws and any weights (weighted exchangeability,
-Tibshirani et al. 2019, arXiv:1904.06019). A trial whose weight sits on a few members can hardly show a fault;
+with probability proportional to its weight, so that ranks weighted so are uniform, exactly, for any number of
+draws and any weights (weighted exchangeability, Tibshirani et al. 2019, arXiv:1904.06019). A trial whose weight sits on a few members can hardly show a fault;
 it is counted, and never left out.
 """
 
@@ -30,9 +29,11 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rows, Uniforms
 from gaugeblock.validate.check import circular_parameters, is_autocorrelated
-from gaugeblock.validate.finding import Finding, NotChecked, QuantileFinding
+from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.joint.importance import kish_fraction
-from gaugeblock.validate.marginal.sbc import bias_finding, log_width_finding, uniform_finding
+from gaugeblock.validate.marginal.half_widths import bias_finding, half_width_scores, log_width_finding
+from gaugeblock.validate.marginal.sbc import uniform_finding
+from gaugeblock.validate.quantiles import quantile_finding
 from gaugeblock.validate.prepared import Prepared, trial_numbers
 from gaugeblock.validate.ranks import unwrap_circular
 from gaugeblock.validate.trials import POSTERIOR
@@ -86,24 +87,6 @@ def weighted_pit(theta_true: ArrayLike, draws: ArrayLike, weight: ArrayLike, rng
     below = np.einsum("td,tdp->tp", share[:, 1:], sampled < truth[:, None])
     equal = np.einsum("td,tdp->tp", share[:, 1:], sampled == truth[:, None]) + share[:, :1]
     return np.asarray(below + equal * rng.random(truth.shape))
-
-
-def weighted_errors(theta_true: ArrayLike, draws: ArrayLike, weight: ArrayLike, rng: Uniforms) -> Array:
-    """Standardised errors ``(trial, parameter)``, of mean 0 and mean square 1 for an exact posterior.
-
-    (Pooled mean - truth) / pooled sd under the pool weights; arguments as for `weighted_pit`. `rng` serves
-    where the pool has no spread: such a trial gets -1 or +1 at random.
-    """
-    truth, share = np.asarray(theta_true, dtype=float), np.asarray(weight, dtype=float)
-    distance = np.asarray(draws, dtype=float) - truth[:, None]
-    mean = np.einsum("td,tdp->tp", share[:, 1:], distance)
-    centred = distance - mean[:, None]
-    variance = np.einsum("td,tdp,tdp->tp", share[:, 1:], centred, centred) + share[:, :1] * mean**2
-    known = variance > 0
-    error = mean / np.sqrt(np.where(known, variance, 1.0))
-    if known.all():
-        return np.asarray(error)
-    return np.where(known, error, np.where(rng.random(truth.shape) < 0.5, -1.0, 1.0))
 
 
 def posterior_sbc(prepared: Prepared) -> list[Finding | NotChecked]:
@@ -163,8 +146,7 @@ def posterior_sbc_findings(
 ) -> list[Finding]:
     """Findings from truths of p(theta | x_obs), draws of q(theta | x') and the likelihood of x_obs at both.
 
-    Shapes as for `pool_weights` and `weighted_pit`. The log width allows for a finite number of effective
-    draws to first order.
+    Shapes as for `pool_weights` and `weighted_pit`.
 
     Raises
     ------
@@ -185,12 +167,16 @@ def posterior_sbc_findings(
             "hardly show a fault; more draws would help",
         )
     u = weighted_pit(truth, sampled, weight, Rows(seed, "posterior ranks", numbers))
-    t = weighted_errors(truth, sampled, weight, Rows(seed, "posterior errors", numbers))
+    held = weight[:, 1:].sum(axis=1, keepdims=True) > 0
+    shift, stretch = half_width_scores(truth, sampled, weight=np.where(held, weight[:, 1:], 1.0))
+    scores = np.concatenate([shift[..., None], stretch], axis=-1)
     found: list[Finding] = []
     for column, name in enumerate(parameters):
         made = (
-            bias_finding(name, t[:, column], trial=numbers, caveats=caveats),
-            log_width_finding(name, t[:, column], draws=float(effective.mean()), caveats=caveats),
+            bias_finding(name, scores[:, column], u[:, column], caveats=caveats),
+            log_width_finding(
+                name, scores[:, column], u[:, column], draws=float(effective.mean()), caveats=caveats
+            ),
             uniform_finding(name, u[:, column], trial=numbers, caveats=caveats),
         )
         found += [
@@ -208,7 +194,8 @@ def posterior_sbc_findings(
 
 
 def _ess_finding(fraction: Array, trial: NDArray[np.int64], draws: int, caveats: tuple[str, ...]) -> Finding:
-    return QuantileFinding(
+    return quantile_finding(
+        fraction,
         id="posterior_sbc.ess",
         quantity="",
         claim=f"median over trials of the Kish effective sample size, as a fraction of {draws} draws, "
@@ -216,10 +203,6 @@ def _ess_finding(fraction: Array, trial: NDArray[np.int64], draws: int, caveats:
         null="below 1 for an exact posterior too: two data sets say more than one. It limits power alone",
         reference="Kish 1965",
         sense="at-least",
-        n_trials=len(fraction),
-        estimate=np.array([np.median(fraction)]),
-        standard_error=np.array([np.nan]),
-        values=fraction,
         population=POSTERIOR,
         details=xr.Dataset({"ess": ("trial", fraction)}, coords={"trial": trial}),
         caveats=caveats,

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.local.regions import Regions, quantile_regions
+from gaugeblock.validate.marginal.half_widths import MEASURED, half_widths, ratio
 from gaugeblock.validate.marginal.row_quantiles import reachable, row_quantiles
 from gaugeblock.validate.prepared import Prepared, TrialBlock
 
@@ -66,32 +67,6 @@ def regional_quantile(scores: ArrayLike, label: ArrayLike, level: float) -> Arra
     return np.stack([conformal_quantile(values[where == k], level) for k in range(int(where.max()) + 1)])
 
 
-def stretch_scores(
-    theta_true: ArrayLike,
-    draws: ArrayLike,
-    *,
-    levels: Sequence[float] = LEVELS,
-    weight: ArrayLike | None = None,
-) -> Array:
-    """Factor by which central intervals must be stretched to reach the truth: ``(trial, parameter, level)``.
-
-    `theta_true` is ``(trial, parameter)``, `draws` ``(trial, draw, parameter)``. An interval is stretched
-    about the median, each side in proportion to its own length. At most 1 just where it holds the truth,
-    which for an exact posterior has probability `level` where levels fall between draws.
-
-    >>> scores = stretch_scores([[3.0]], [[[v] for v in range(-9, 10)]], levels=[0.5])
-    >>> round(float(scores[0, 0, 0]), 3)  # the 50% interval is -5 to 5
-    0.6
-    """
-    truth = np.asarray(theta_true, dtype=float)[..., None]
-    half = np.asarray(levels) / 2
-    wanted = np.concatenate([0.5 - half, [0.5], 0.5 + half])
-    found = row_quantiles(np.moveaxis(np.asarray(draws, dtype=float), 2, 1), wanted, weight=weight)
-    low, median, high = found[..., : len(half)], found[..., len(half), None], found[..., len(half) + 1 :]
-    reach = np.where(truth > median, high - median, median - low)
-    return _ratio(np.abs(truth - median), reach)
-
-
 def box_scores(
     theta_true: ArrayLike,
     draws: ArrayLike,
@@ -116,19 +91,12 @@ def box_scores(
     sd = np.sqrt(np.einsum("td,tdp,tdp->tp", share, pool, pool))[:, None]
     distance = (np.abs(pool) / np.where(sd > 0, sd, 1.0)).max(axis=2)
     edge = row_quantiles(distance[:, None, 1:], np.asarray(levels), weight=weight)[:, 0]
-    return _ratio(distance[:, :1], edge)
+    return ratio(distance[:, :1], edge)
 
 
-def _ratio(distance: Array, reach: Array) -> Array:
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(distance == 0, 0.0, distance / reach)
-
-
-def stretch(block: TrialBlock) -> Array:
-    """Statistic: `stretch_scores` of every parameter, then `box_scores`: ``(trial, 1 + p, level)``."""
-    single = stretch_scores(block.theta_true, block.draws, weight=block.weight)
-    joint = box_scores(block.theta_true, block.draws, weight=block.weight)
-    return np.concatenate([single, joint[:, None]], axis=1)
+def box(block: TrialBlock) -> Array:
+    """Statistic: `box_scores`, ``(trial, level)``."""
+    return box_scores(block.theta_true, block.draws, weight=block.weight)
 
 
 def conformal(prepared: Prepared) -> list[Finding | NotChecked]:
@@ -140,7 +108,9 @@ def conformal(prepared: Prepared) -> list[Finding | NotChecked]:
         few = f"{n} trial(s) with finite draws; at least {LEAST_TRIALS} are needed"
         why = few if n < LEAST_TRIALS else "central intervals of 68% need at least 6 draws per trial"
         return [NotChecked(f"conformal.{name}", why) for name in names]
-    scores = prepared.per_trial(stretch)[..., [LEVELS.index(level) for level in kept]]
+    single = prepared.per_trial(half_widths)[..., [1 + MEASURED.index(level) for level in kept]]
+    joint = prepared.per_trial(box)[..., [LEVELS.index(level) for level in kept]]
+    scores = np.concatenate([single, joint[:, None]], axis=1)
     features = prepared.features
     regions = None if features is None else quantile_regions(features.names[0], features.values[:, 0])
     return [

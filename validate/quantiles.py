@@ -1,0 +1,82 @@
+"""Quantiles over trials: estimates, bounds and findings that hold for any distribution."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import special
+
+from gaugeblock.core.arrays import Array
+from gaugeblock.validate.finding import QuantileFinding
+from gaugeblock.validate.p_values import SMALLEST
+
+
+def quantile_of(values: Array, quantile: float) -> tuple[float, float]:
+    """An order statistic of `values` ``(trial,)`` and its standard error (Woodruff 1952).
+
+    The error is half the distance between the order statistics one binomial sd to either side; NaN where
+    these are no finite numbers.
+
+    >>> quantile_of(np.arange(1.0, 101.0), 0.5)
+    (50.0, 5.0)
+    """
+    ordered = np.sort(values)
+    n = len(ordered)
+    spread = math.sqrt(n * quantile * (1 - quantile))
+    reached = np.ceil(n * quantile + np.array([0.0, -spread, spread]) - 1e-9).astype(int)
+    middle, low, high = ordered[np.clip(reached - 1, 0, n - 1)]
+    return float(middle), float(high - low) / 2 if math.isfinite(low) and math.isfinite(high) else math.nan
+
+
+def order_statistic_bounds(values: Array, quantile: float, tail: float) -> tuple[float, float]:
+    """Bounds on a quantile of `values`, each missed with probability at most `tail`, for any distribution.
+
+    Infinite where there are too few values for a bound.
+
+    >>> order_statistic_bounds(np.arange(1.0, 101.0), 0.5, 0.025)
+    (40.0, 61.0)
+    """
+    ordered = np.sort(values)
+    n = len(ordered)
+    below = special.bdtr(np.arange(n), n, quantile)  # P(at most k values lie below the quantile), k = 0..n-1
+    reach = int(np.count_nonzero(below <= tail))
+    lower = float(ordered[reach - 1]) if reach else -np.inf
+    first = int(np.count_nonzero(below < 1 - tail))
+    return lower, float(ordered[first]) if first < n else np.inf
+
+
+def exact_p_value(values: Array, quantile: Array, against: float) -> float:
+    """Two-sided p-value of all quantiles ``(component,)`` of `values` ``(component, trial)`` being `against`.
+
+    Binomial, so exact for any distribution; Bonferroni's over the components.
+    """
+    n = values.shape[1]
+    above = special.bdtr(np.count_nonzero(values <= against, axis=1), n, quantile)
+    lower = np.count_nonzero(values < against, axis=1)
+    below = np.where(lower > 0, special.bdtrc(np.maximum(lower - 1, 0), n, quantile), 1.0)
+    return float(np.clip(2 * len(values) * min(above.min(), below.min()), SMALLEST, 1.0))
+
+
+def quantile_finding(
+    values: ArrayLike, quantile: Sequence[float] = (0.5,), *, against: float | None = None, **words: Any
+) -> QuantileFinding:
+    """Quantiles of `values` ``(component, trial)``, or the one of ``(trial,)``, as a finding.
+
+    `against` is what a perfect estimator's are, for a p-value; `words` is whatever else a finding has.
+    """
+    rows = np.atleast_2d(np.asarray(values, dtype=float))
+    wanted = np.asarray(quantile, dtype=float)
+    found = np.array([quantile_of(row, float(q)) for row, q in zip(rows, wanted, strict=True)])
+    return QuantileFinding(
+        n_trials=rows.shape[1],
+        estimate=found[:, 0],
+        standard_error=found[:, 1],
+        values=rows,
+        quantile=wanted,
+        p_value=math.nan if against is None else exact_p_value(rows, wanted, against),
+        **words,
+    )
