@@ -5,8 +5,9 @@ Findings that share their trials form a family. Its critical value is that of th
 influence functions (Chernozhukov, Chetverikov & Kato 2013, arXiv:1212.6906). Given the influences, a
 replicate with Gaussian multipliers is exactly normal with their correlation matrix, so replicates are drawn
 from that matrix and never touch the trials again; dividing by sqrt(chi2 / dof) makes them Student's t for a
-handful of trials. A quantile takes part with the indicator of lying below it; its bounds are the order
-statistics that miss it no more often than the critical value says, exactly, for any distribution.
+handful of trials. A root takes part with the mean that crosses 0 there, a quantile with the indicator of
+lying below it; its bounds are the order statistics that miss it no more often than the critical value says,
+exactly, for any distribution.
 Families share the budget equally.
 """
 
@@ -20,8 +21,8 @@ from scipy import special, stats
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import generator
-from gaugeblock.validate.finding import Finding, MeanFinding, QuantileFinding
-from gaugeblock.validate.quantiles import order_statistic_bounds
+from gaugeblock.validate.finding import Finding, MeanFinding, QuantileFinding, RootFinding
+from gaugeblock.validate.quantiles import crossing, mean_error, order_statistic_bounds
 
 REPLICATES = 40_000
 CHUNK = 10_000
@@ -83,7 +84,9 @@ def exact_bounds(item: Judgeable) -> Bounds:
 
 def bounds(family: Sequence[Judgeable], *, budget: float, number: int, seed: int) -> list[Bounds]:
     """Bounds of each finding of one of `number` families that share `budget`; the seed decides all."""
-    influence = [f.influence for item in family if isinstance(f := item.finding, MeanFinding | QuantileFinding)]
+    influence = [
+        f.influence for item in family if isinstance(f := item.finding, MeanFinding | QuantileFinding)
+    ]
     dof = max(influence[0].shape[1] - 1, 1)
     largest = maxima(influence, seed=seed)
     critical = float(np.quantile(largest, 1 - budget / number, method="higher"))
@@ -114,18 +117,38 @@ def _bounds(finding: Finding, tail: float, dof: int) -> tuple[Array, Array]:
         rows = zip(_readable(finding), finding.quantile, strict=True)
         low, high = np.array([order_statistic_bounds(row, float(q), tail) for row, q in rows]).T
         return low, high
-    reach = float(stats.t.isf(tail, dof)) * np.maximum(finding.standard_error, np.finfo(float).tiny)
+    far = float(stats.t.isf(tail, dof))
+    if isinstance(finding, RootFinding):
+        reach = far * mean_error(finding.influence)
+        return _crossed(finding, -reach), _crossed(finding, reach)
+    reach = far * np.maximum(finding.standard_error, np.finfo(float).tiny)
     return finding.estimate - reach, finding.estimate + reach
+
+
+def _crossed(finding: RootFinding, height: Array) -> Array:
+    """Where each curve reaches a height; infinite where it does not."""
+    found = np.array([crossing(finding.place, *at) for at in zip(finding.curve, height, strict=True)])
+    found = np.where(height > finding.curve[:, -1], np.inf, found)
+    return np.where(height <= finding.curve[:, 0], -np.inf, found)
 
 
 def _readable(finding: QuantileFinding) -> Array:
     """Values, with those that are no number on the bad side."""
-    return np.where(np.isnan(finding.values), -np.inf if finding.sense == "at-least" else np.inf, finding.values)
+    return np.where(
+        np.isnan(finding.values), -np.inf if finding.sense == "at-least" else np.inf, finding.values
+    )
 
 
 def _outside(item: Judgeable, dof: int) -> tuple[Array, Array]:
     """How far each estimate lies outside its region, as a Student's t, and the one-sided p-value of that."""
     finding = item.finding
+    if isinstance(finding, RootFinding):
+        above, below = (
+            np.array([np.interp(edge, finding.place, row) for row in finding.curve])
+            for edge in (item.high, item.low)
+        )
+        outside = np.maximum(-above, below) / mean_error(finding.influence)
+        return outside, np.asarray(stats.t.sf(outside, dof))
     if not isinstance(finding, QuantileFinding):
         error = np.maximum(finding.standard_error, np.finfo(float).tiny)
         outside = np.maximum(item.low - finding.estimate, finding.estimate - item.high) / error

@@ -148,6 +148,25 @@ class QuantileFinding(Finding):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class RootFinding(MeanFinding):
+    """Where a rising mean over trials crosses 0: bounds are where it is still, or already, off by its error.
+
+    `curve` ``(component, place)`` is the mean at each `place` ``(place,)``; `influence`, here, is of the mean
+    at the estimate.
+    """
+
+    kind: ClassVar[str] = "root"
+    arrays: ClassVar[dict[str, tuple[str, ...]]] = {
+        **MeanFinding.arrays,
+        "curve": ("component", "place"),
+        "place": ("place",),
+    }
+
+    curve: Array
+    place: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class CountFinding(Finding):
     """Exact counts of what must not happen at all."""
 
@@ -183,7 +202,8 @@ class SequenceFinding(Finding):
 
 
 KINDS = {
-    each.kind: each for each in (MeanFinding, QuantileFinding, CountFinding, PValueFinding, SequenceFinding)
+    each.kind: each
+    for each in (MeanFinding, QuantileFinding, RootFinding, CountFinding, PValueFinding, SequenceFinding)
 }
 
 

@@ -1,10 +1,10 @@
-"""Quantiles over trials: estimates, bounds and findings that hold for any distribution."""
+"""Quantiles and roots over trials: estimates, bounds and findings that hold for any distribution."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +13,8 @@ from scipy import special
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.finding import QuantileFinding
 from gaugeblock.validate.p_values import SMALLEST
+
+STEADYING = 10.0
 
 
 def quantile_of(values: Array, quantile: float) -> tuple[float, float]:
@@ -80,3 +82,52 @@ def quantile_finding(
         p_value=math.nan if against is None else exact_p_value(rows, wanted, against),
         **words,
     )
+
+
+class Roots(NamedTuple):
+    """Where rising means cross 0, with standard errors, each ``(component,)``; the means ``(component, place)``
+    and what each trial contributes to them there, ``(component, trial)``."""
+
+    estimate: Array
+    standard_error: Array
+    curve: Array
+    influence: Array
+
+
+def roots_of(place: Array, curves: Array) -> Roots:
+    """Where means of `curves` ``(component, trial, place)``, which rise, cross 0.
+
+    A standard error is half the distance between where the mean is one of its own below and above.
+    """
+    mean = np.maximum.accumulate(curves.mean(axis=1), axis=1)
+    estimate = np.array([crossing(place, row, 0.0) for row in mean])
+    nearest = np.abs(place - estimate[:, None]).argmin(axis=1)
+    there = np.take_along_axis(curves, nearest[:, None, None], axis=2)[..., 0]
+    influence = there - there.mean(axis=1, keepdims=True)
+    error = mean_error(influence)
+    low, high = (
+        np.array([crossing(place, *at) for at in zip(mean, s * error, strict=True)]) for s in (-1, 1)
+    )
+    return Roots(estimate, (high - low) / 2, mean, influence)
+
+
+def crossing(place: Array, curve: Array, height: float) -> float:
+    """Where a curve that does not fall reaches a height; the end it lies beyond where it never does.
+
+    >>> crossing(np.array([0.0, 1.0, 2.0]), np.array([-1.0, 1.0, 1.0]), 0.5)
+    0.75
+    """
+    above = int(np.searchsorted(curve, height, side="left"))
+    if above in (0, len(curve)):
+        return float(place[min(above, len(curve) - 1)])
+    rise = curve[above] - curve[above - 1]
+    return float(place[above] - (curve[above] - height) / rise * (place[above] - place[above - 1]))
+
+
+def mean_error(influence: Array) -> Array:
+    """Standard errors ``(component,)`` of means of numbers within 0 and 1, steadied by ten uniform ones.
+
+    A handful of trials may agree by chance: two equal numbers have a sample variance of 0.
+    """
+    n = influence.shape[1]
+    return np.asarray(np.sqrt(((influence**2).sum(axis=1) + STEADYING / 12) / (n + STEADYING) / n))

@@ -14,8 +14,8 @@ from scipy import special
 
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.p_values import SMALLEST
-from gaugeblock.validate.quantiles import quantile_finding
 from gaugeblock.validate.prepared import Prepared
+from gaugeblock.validate.quantiles import quantile_finding
 from gaugeblock.validate.standardised import bias, log_width
 
 REFERENCE = "Higson et al. 2018, arXiv:1704.03459"

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.joint.psis import pareto_khat
-from gaugeblock.validate.quantiles import quantile_finding
 from gaugeblock.validate.prepared import Prepared, count_not_finite, trial_numbers
+from gaugeblock.validate.quantiles import quantile_finding
 from gaugeblock.validate.storage import block_length
 
 NEEDED = ("log_q", "log_likelihood", "log_prior")

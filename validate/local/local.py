@@ -21,9 +21,9 @@ from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.local.homogeneity import homogeneous_finding
 from gaugeblock.validate.local.regions import LEAST, Regions, quantile_regions
 from gaugeblock.validate.marginal.coverage import STEADYING, inside_central
-from gaugeblock.validate.marginal.half_widths import MEASURED, UNIT, half_widths, in_step
+from gaugeblock.validate.marginal.half_widths import SHIFTS, UNIT, half_widths, log_stretch, moved_pit
 from gaugeblock.validate.prepared import Prepared, TrialBlock
-from gaugeblock.validate.quantiles import quantile_of
+from gaugeblock.validate.quantiles import quantile_of, roots_of
 
 LEVELS = (0.5, 0.8, 0.95)
 # One-sided coverage stands beside the central levels: a bias of 0.3 sd changes these by 0.02 and it by 0.12.
@@ -116,12 +116,17 @@ def local_finding(
         coords={"parameter": list(parameters), "check": list(CHECKS)},
     )
     if scores is not None:
-        for k, values in enumerate(in_step(scores[..., 0], scores[..., 1 + UNIT], u, MEASURED[UNIT])):
-            name, q = (("bias", 0.5), ("log_width", MEASURED[UNIT]))[k]
-            known = [[quantile_of(column, q) for column in values[member].T] for member in regions.members]
-            estimate, error = np.moveaxis(np.array(known), -1, 0)
-            details[name] = (dims, -estimate if k else estimate)
-            details[f"{name}_error"] = (dims, error)
+        moved = np.moveaxis(moved_pit(scores, u), 1, 0) - 0.5
+        shifts = [roots_of(SHIFTS, moved[:, member]) for member in regions.members]
+        details["bias"], details["bias_error"] = (
+            (dims, np.stack(part)) for part in zip(*(root[:2] for root in shifts), strict=True)
+        )
+        narrower = -log_stretch(scores, u, UNIT)
+        widths = [
+            [quantile_of(column, 1 - UNIT) for column in narrower[member].T] for member in regions.members
+        ]
+        for k, name in enumerate(("log_width", "log_width_error")):
+            details[name] = (dims, np.array(widths)[..., k])
     said = caveats
     if len(regions) < 4:
         said = (*caveats, f"{len(regions)} regions of {regions.name}: each needs at least {LEAST} trials")

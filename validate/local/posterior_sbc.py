@@ -33,8 +33,8 @@ from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.joint.importance import kish_fraction
 from gaugeblock.validate.marginal.half_widths import bias_finding, half_width_scores, log_width_finding
 from gaugeblock.validate.marginal.sbc import uniform_finding
-from gaugeblock.validate.quantiles import quantile_finding
 from gaugeblock.validate.prepared import Prepared, trial_numbers
+from gaugeblock.validate.quantiles import quantile_finding
 from gaugeblock.validate.ranks import unwrap_circular
 from gaugeblock.validate.trials import POSTERIOR
 
@@ -168,8 +168,8 @@ def posterior_sbc_findings(
         )
     u = weighted_pit(truth, sampled, weight, Rows(seed, "posterior ranks", numbers))
     held = weight[:, 1:].sum(axis=1, keepdims=True) > 0
-    shift, stretch = half_width_scores(truth, sampled, weight=np.where(held, weight[:, 1:], 1.0))
-    scores = np.concatenate([shift[..., None], stretch], axis=-1)
+    usable = np.where(held, weight[:, 1:], 1.0)
+    scores = np.concatenate(half_width_scores(truth, sampled, weight=usable, own=weight[:, 0]), axis=-1)
     found: list[Finding] = []
     for column, name in enumerate(parameters):
         made = (

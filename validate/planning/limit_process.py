@@ -1,8 +1,10 @@
 """What the gates of a Gaussian posterior do when there are many trials: a normal process, known beforehand.
 
-Per parameter the process has 14 components: the bias, the log width and the coverage gap at twelve levels.
+Per parameter the process has 16 components: the bias, three log widths and the coverage gap at twelve levels.
 Their standard errors and correlations follow from the standard normal errors of an exact estimator, so that
-a plan needs no trials. Parameters are taken to be independent, which spends the budget fastest.
+a plan needs no trials: a log width rests on the same indicators as the coverage of its interval, so these two
+have correlation 1, and the bias, a mean of ranks, has none with either.
+Parameters are taken to be independent, which spends the budget fastest.
 """
 
 from __future__ import annotations
@@ -17,30 +19,30 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.validate.family import PASS_LEVEL
 from gaugeblock.validate.marginal.coverage import LEVELS
 from gaugeblock.validate.marginal.coverage import STEADYING as COUNTED_MORE
+from gaugeblock.validate.marginal.half_widths import LEVELS as WIDTHS
 from gaugeblock.validate.policy import Tolerance
-from gaugeblock.validate.standardised import STEADYING
 
 QUANTITIES = ("bias", "log_width", "coverage")
 REPLICATES = 100_000
 # Tolerances that a fault has which is to FAIL.
 TIMES = 2.0
 _LEVEL = np.array(LEVELS)
-_REACH = special.ndtri((1 + _LEVEL) / 2)
+_WIDTH = np.array(WIDTHS)
+# Which coverage gap each log width goes with.
+_SAME = np.array([LEVELS.index(level) for level in WIDTHS])
 
 
 def correlation() -> Array:
-    """Correlations ``(14, 14)`` of bias, log width and twelve coverage gaps of one parameter.
+    """Correlations ``(16, 16)`` of bias, log widths and twelve coverage gaps of one parameter.
 
     >>> bool(correlation()[0, 1:].any())  # a bias says nothing about widths: normal errors are symmetric
     False
     """
-    spread = np.sqrt(_LEVEL * (1 - _LEVEL))
-    among = (np.minimum(_LEVEL, _LEVEL[:, None]) - _LEVEL * _LEVEL[:, None]) / (spread * spread[:, None])
-    # Covariance of (1 - t^2) / 2 with |t| <= q, over both standard deviations.
-    width = _REACH * np.exp(-0.5 * _REACH**2) / np.sqrt(2 * np.pi) / (np.sqrt(0.5) * spread)
-    whole = np.eye(2 + len(_LEVEL))
-    whole[2:, 2:] = among
-    whole[1, 2:] = whole[2:, 1] = width
+    levels = np.concatenate([_WIDTH, _LEVEL])
+    spread = np.sqrt(levels * (1 - levels))
+    whole = np.eye(1 + len(levels))
+    among = np.minimum(levels, levels[:, None]) - levels * levels[:, None]
+    whole[1:, 1:] = among / (spread * spread[:, None])
     return whole
 
 
@@ -60,22 +62,24 @@ class LimitProcess:
     seed: int = 0
 
     def standard_errors(self, trials: int) -> Array:
-        """Standard errors ``(14,)`` of an exact estimator, steadied as the findings' are."""
-        draws = self.draws
-        kurtosis = 3 * draws / (draws + 2)
-        squared = 0.25 * (1 + (kurtosis + 1) / draws) ** 2 * (kurtosis - 1)
-        square = np.array([1.0, squared])
-        steady = np.array([1.0, 0.5])
-        mean = (trials * square + STEADYING * steady) / (trials + STEADYING)
+        """Standard errors ``(16,)`` of an exact estimator: of quantiles, and steadied as the gaps' are."""
+        reach, unit = special.ndtri((1 + _WIDTH) / 2), special.ndtri((1 + 0.68) / 2)
+        slope = 2 * _density(reach) * reach
+        width = np.sqrt(_WIDTH * (1 - _WIDTH)) / slope
         covered = (trials * _LEVEL + COUNTED_MORE) / (trials + 2 * COUNTED_MORE)
-        return np.sqrt(np.concatenate([mean, covered * (1 - covered)]) / trials)
+        # Ranks of a normal error: a spread of 1 / sqrt(12), and a slope of 1 / (2 sqrt(pi)) per sd.
+        bias = np.sqrt(np.pi / 3) / unit
+        return np.concatenate([[bias], width, np.sqrt(covered * (1 - covered))]) / np.sqrt(trials)
 
     @cached_property
     def _replicates(self) -> Array:
         """Standard errors that one parameter's estimates are off, without their signs."""
         rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(len(_LEVEL),)))
-        root = np.linalg.cholesky(correlation())
-        return np.abs(rng.standard_normal((REPLICATES, len(root))) @ root.T)
+        first, gaps = np.array([0]), 1 + len(_WIDTH) + np.arange(len(_LEVEL))
+        apart = np.concatenate([first, gaps])
+        root = np.linalg.cholesky(correlation()[np.ix_(apart, apart)])
+        found = np.abs(rng.standard_normal((REPLICATES, len(root))) @ root.T)
+        return np.concatenate([found[:, :1], found[:, 1 + _SAME], found[:, 1:]], axis=1)
 
     @cached_property
     def _maxima(self) -> Array:
@@ -104,8 +108,8 @@ class LimitProcess:
     def curve_pass_probability(self, trials: int, tolerance: float) -> float:
         """Probability that one coverage curve of an exact estimator, at twelve levels, PASSes."""
         one_sided = stats.t.ppf(PASS_LEVEL, trials - 1)
-        spare = tolerance / self.standard_errors(trials)[2:] - one_sided
-        return float(np.mean((self._replicates[:, 2:] <= spare).all(axis=1)))
+        spare = tolerance / self.standard_errors(trials)[-len(_LEVEL) :] - one_sided
+        return float(np.mean((self._replicates[:, -len(_LEVEL) :] <= spare).all(axis=1)))
 
     def smallest_detectable(
         self, trials: int, tolerance: Tolerance, *, error_budget: float, power: float
@@ -113,23 +117,23 @@ class LimitProcess:
         """Per quantity, the fault that FAILs with this power, as gates state it beside each PASS."""
         reach = self.critical(trials, error_budget) + float(special.ndtri(power))
         edge = tolerated(tolerance) + reach * self.standard_errors(trials)
-        return dict(zip(QUANTITIES, (float(edge[0]), float(edge[1]), float(edge[2:].max())), strict=True))
+        parts = np.split(edge, [1, 1 + len(_WIDTH)])
+        return {name: float(part.max()) for name, part in zip(QUANTITIES, parts, strict=True)}
 
     def fail_probability(self, trials: int, tolerance: Tolerance, *, error_budget: float) -> dict[str, float]:
         """Probability that a fault of twice the tolerance, in one parameter, FAILs its gate; at least.
 
-        For the coverage: at whichever level this is hardest. Fewer draws hide more of a fault; other gates,
+        A width ratio shows at all levels, so it takes the best; for the coverage: at whichever level this is
+        hardest. Fewer draws hide more of a fault; other gates,
         which see it too, are left out.
         """
         error = self.standard_errors(trials)
         critical = self.critical(trials, error_budget)
         hidden = hidden_by(self.draws)
         found = {}
-        for row, name in enumerate(QUANTITIES[:2]):
+        for name, worst in (("bias", error[0]), ("log_width", error[1 : 1 + len(_WIDTH)].min())):
             edge = float(getattr(tolerance, name))
-            # What draws hide of the width is taken back, at the price of a larger standard error.
-            seen = 1.0 if name == "log_width" else 1 - hidden[name]
-            found[name] = float(special.ndtr((TIMES * seen - 1) * edge / error[row] - critical))
+            found[name] = float(special.ndtr((TIMES * (1 - hidden[name]) - 1) * edge / worst - critical))
         edge = tolerance.coverage
         gap = TIMES * edge * (1 - hidden["coverage"])
         covered = np.concatenate([_LEVEL - gap, _LEVEL + gap])
@@ -140,15 +144,18 @@ class LimitProcess:
 
 
 def tolerated(tolerance: Tolerance) -> Array:
-    """Tolerance of each of the 14 components."""
-    return np.array([tolerance.bias, tolerance.log_width, *[tolerance.coverage] * len(_LEVEL)])
+    """Tolerance of each of the 16 components."""
+    of_widths, of_gaps = [tolerance.log_width] * len(_WIDTH), [tolerance.coverage] * len(_LEVEL)
+    return np.array([tolerance.bias, *of_widths, *of_gaps])
 
 
 def hidden_by(draws: int) -> dict[str, float]:
-    """Share of a small fault that a finite number of draws hides, per quantity, to first order in 1 / draws.
+    """Share of a small fault that a finite number of draws hides, per quantity; measured, at most.
 
-    Of the bias because the truth is in its own yardstick; of the coverage because draws blur its ranks, by a
-    little more where posteriors are too wide; of the width for both reasons, but `sbc.log_width` takes that
-    back.
+    Draws blur the median and the ends of intervals that a truth is held against.
     """
-    return {"bias": 0.75 / draws, "log_width": 4 / (draws + 4), "coverage": 2.5 / (draws + 2.5)}
+    return {"bias": 1.5 / draws, "log_width": 4 / (draws + 4), "coverage": 2.5 / (draws + 2.5)}
+
+
+def _density(z: Array | float) -> Array:
+    return np.asarray(np.exp(-0.5 * np.square(z)) / np.sqrt(2 * np.pi))
