@@ -25,6 +25,7 @@ from gaugeblock.validate.finding import (
     QuantileFinding,
     SequenceFinding,
 )
+from gaugeblock.validate.marginal.half_widths import NEAR
 from gaugeblock.validate.messages import gate_message
 from gaugeblock.validate.policy import Policy, covers
 from gaugeblock.validate.verdict import Gate, Outcome, Verdict, combine
@@ -162,7 +163,7 @@ def trials_to_settle(item: Judgeable, bound: Bounds, power: float) -> int | None
         reach = pass_reach if (share < q) == at_least else fail_reach
         needed = q * (1 - q) * (reach / abs(q - share)) ** 2 if share != q else math.inf
     else:
-        error = np.maximum(finding.standard_error, np.finfo(float).tiny)
+        error = np.maximum(finding.standard_error, NEAR)
         square = float(np.sum((finding.estimate / error) ** 2))
         fault = finding.estimate * max(0.0, 1 - len(error) / max(square, len(error)))
         margin = np.minimum(fault - item.low, item.high - fault)

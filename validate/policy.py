@@ -22,8 +22,9 @@ Size = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 class Tolerance(Table):
     """The largest fault that is tolerated, per quantity; for `ess` the least fraction.
 
-    bias: half-widths of 68% intervals (a Gaussian's sd). log_width: natural log of the factor by which central
-    intervals are too wide. coverage, joint, local: probability. normalisation: natural log of a density.
+    bias: half-widths of 68% intervals (of a Gaussian: sd). log_width: natural log of the factor by which
+    central intervals are too wide. coverage, joint, local: probability. normalisation: natural log of a
+    density.
     """
 
     bias: Size

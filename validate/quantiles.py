@@ -85,8 +85,11 @@ def quantile_finding(
 
 
 class Roots(NamedTuple):
-    """Where rising means cross 0, with standard errors, each ``(component,)``; the means ``(component, place)``
-    and what each trial contributes to them there, ``(component, trial)``."""
+    """Where rising means cross 0, and their standard errors, each ``(component,)``.
+
+    `curve` ``(component, place)`` are the means, `influence` ``(component, trial)`` what each trial adds to
+    them at the root.
+    """
 
     estimate: Array
     standard_error: Array

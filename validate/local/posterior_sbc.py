@@ -13,8 +13,8 @@ importance weights, that shows too.
 
 The weights make no approximation of the null. Of a pool of the truth and its draws, member j is the truth
 with probability proportional to its weight, so that ranks weighted so are uniform, exactly, for any number of
-draws and any weights (weighted exchangeability, Tibshirani et al. 2019, arXiv:1904.06019). A trial whose weight sits on a few members can hardly show a fault;
-it is counted, and never left out.
+draws and any weights (weighted exchangeability, Tibshirani et al. 2019, arXiv:1904.06019). A trial whose
+weight sits on a few members can hardly show a fault; it is counted, and never left out.
 """
 
 from __future__ import annotations

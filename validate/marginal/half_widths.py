@@ -39,6 +39,8 @@ SHIFTS = np.concatenate([-_SHIFTS[::-1], [0.0], _SHIFTS])
 NOT_MOVED = len(_SHIFTS)
 # Farther than this is just far: infinities, of draws that are all equal and wrong, make no figure.
 FAR = 1e6
+# A log stretch that has a sign and no size.
+NEAR = 1e-12
 REFERENCE = "exchangeability of the truth with its draws; no moments"
 
 
@@ -50,7 +52,7 @@ def half_width_scores(
     weight: ArrayLike | None = None,
     own: ArrayLike | None = None,
 ) -> tuple[Array, Array]:
-    """Stretch ``(trial, parameter, level)`` of each truth and PIT ``(trial, parameter, shift)`` of moved ones.
+    """Stretch ``(trial, parameter, level)`` of truths and PIT ``(trial, parameter, shift)`` of moved ones.
 
     `theta_true` is ``(trial, parameter)``, `draws` ``(trial, draw, parameter)``, `weight` ``(trial, draw)``,
     linear; a truth weighs as `own` ``(trial,)`` says, or as one effective draw. The stretch is 0 for a truth
@@ -114,13 +116,13 @@ def log_stretch(scores: ArrayLike, pit: Array, level: float) -> Array:
     in.
     """
     stretch = np.asarray(scores, dtype=float)[..., MEASURED.index(level)]
-    nearer, least = 2 * np.abs(pit - 0.5), np.finfo(float).tiny
+    nearer = 2 * np.abs(pit - 0.5)
     found = np.log(np.clip(np.where(stretch == 0, nearer / level, stretch), 1 / FAR, FAR))
-    return np.where(nearer <= level, np.minimum(found, -least), np.maximum(found, least))
+    return np.asarray(np.where(nearer <= level, np.minimum(found, -NEAR), np.maximum(found, NEAR)))
 
 
 def moved_pit(scores: ArrayLike, pit: Array) -> Array:
-    """PIT of moved truths ``(..., shift)``: the randomised ones where they are not moved, or have no width."""
+    """PIT of moved truths ``(..., shift)``: the randomised one where not moved, or without a width."""
     found = np.asarray(scores, dtype=float)[..., len(MEASURED) :]
     found = np.where(np.isnan(found), pit[..., None], found)
     found[..., NOT_MOVED] = pit

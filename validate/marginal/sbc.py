@@ -1,8 +1,8 @@
 """Simulation-based calibration: bias, width and rank uniformity of every parameter.
 
 ``sbc.bias[p]`` and ``sbc.log_width[p]``, of the bulk of posteriors of any shape (`half_widths`), are in units
-that a tolerance can be stated in; ``sbc.uniform[p]`` and ``sbc.smooth[p]`` are p-values, reported and never judged: with enough trials every estimator fails a rank
-test, and a p-value above 0.05 is never a PASS.
+that a tolerance can be stated in; ``sbc.uniform[p]`` and ``sbc.smooth[p]`` are p-values, reported and never
+judged: with enough trials every estimator fails a rank test, and a p-value above 0.05 is never a PASS.
 """
 
 from __future__ import annotations

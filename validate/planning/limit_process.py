@@ -69,7 +69,8 @@ class LimitProcess:
         covered = (trials * _LEVEL + COUNTED_MORE) / (trials + 2 * COUNTED_MORE)
         # Ranks of a normal error: a spread of 1 / sqrt(12), and a slope of 1 / (2 sqrt(pi)) per sd.
         bias = np.sqrt(np.pi / 3) / unit
-        return np.concatenate([[bias], width, np.sqrt(covered * (1 - covered))]) / np.sqrt(trials)
+        spread = np.concatenate([[bias], width, np.sqrt(covered * (1 - covered))])
+        return np.asarray(spread / np.sqrt(trials))
 
     @cached_property
     def _replicates(self) -> Array:
@@ -124,8 +125,7 @@ class LimitProcess:
         """Probability that a fault of twice the tolerance, in one parameter, FAILs its gate; at least.
 
         A width ratio shows at all levels, so it takes the best; for the coverage: at whichever level this is
-        hardest. Fewer draws hide more of a fault; other gates,
-        which see it too, are left out.
+        hardest. Fewer draws hide more of a fault; other gates, which see it too, are left out.
         """
         error = self.standard_errors(trials)
         critical = self.critical(trials, error_budget)
