@@ -133,7 +133,10 @@ def smallest_detectable(item: Judgeable, bound: Bounds, power: float) -> float |
     if isinstance(finding, CountFinding):
         return 1.0
     if not isinstance(finding, QuantileFinding) or finding.sense == "two-sided":
-        reach = (bound.critical + z) * float(finding.standard_error.max())
+        # A width ratio shows at every level: it FAILs where it is seen best.
+        errors = finding.standard_error
+        error = errors.min() if finding.quantity == "log_width" else errors.max()
+        reach = (bound.critical + z) * float(error)
         return item.low - reach if finding.sense == "at-least" else item.high + reach
     values, q = finding.values[0], float(finding.quantile[0])
     n = len(values)

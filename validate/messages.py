@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.validate.family import Bounds, Judgeable
-from gaugeblock.validate.finding import CountFinding
+from gaugeblock.validate.finding import CountFinding, SequenceFinding
 from gaugeblock.validate.policy import Policy
 from gaugeblock.validate.verdict import Outcome
 
@@ -67,9 +67,10 @@ def _bias(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> str:
     value = float(item.finding.estimate[index])
     side = "high" if value > 0 else "low"
     spread = _range(bound, index, "{:+.3f}".format)
+    unit = "sd" if isinstance(item.finding, SequenceFinding) else "half-widths"
     return (
-        f"{item.finding.components[index]}: posteriors lie {abs(value):.3f} half-widths too {side} "
-        f"({value:+.3f} half-widths of 68% intervals, {level} {spread}; tolerated {item.high:g})"
+        f"{item.finding.components[index]}: posteriors lie {abs(value):.3f} {unit} too {side} "
+        f"({value:+.3f} {unit}, {level} {spread}; tolerated {item.high:g})"
     )
 
 

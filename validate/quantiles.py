@@ -15,13 +15,14 @@ from gaugeblock.validate.finding import QuantileFinding
 from gaugeblock.validate.p_values import SMALLEST
 
 STEADYING = 10.0
+REACH = 2.5
 
 
 def quantile_of(values: Array, quantile: float) -> tuple[float, float]:
     """An order statistic of `values` ``(trial,)`` and its standard error (Woodruff 1952).
 
-    The error is half the distance between the order statistics one binomial sd to either side; NaN where
-    these are no finite numbers.
+    The error is from the distance between order statistics 2.5 binomial sd to either side, which is steadier
+    than one sd; NaN where these are no finite numbers.
 
     >>> quantile_of(np.arange(1.0, 101.0), 0.5)
     (50.0, 5.0)
@@ -29,9 +30,12 @@ def quantile_of(values: Array, quantile: float) -> tuple[float, float]:
     ordered = np.sort(values)
     n = len(ordered)
     spread = math.sqrt(n * quantile * (1 - quantile))
-    reached = np.ceil(n * quantile + np.array([0.0, -spread, spread]) - 1e-9).astype(int)
-    middle, low, high = ordered[np.clip(reached - 1, 0, n - 1)]
-    return float(middle), float(high - low) / 2 if math.isfinite(low) and math.isfinite(high) else math.nan
+    reached = np.ceil(n * quantile + np.array([0.0, -REACH, REACH]) * spread - 1e-9).astype(int)
+    place = np.clip(reached - 1, 0, n - 1)
+    middle, low, high = ordered[place]
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return float(middle), math.nan
+    return float(middle), float(high - low) * spread / max(float(place[2] - place[1]), 1.0)
 
 
 def order_statistic_bounds(values: Array, quantile: float, tail: float) -> tuple[float, float]:

@@ -8,8 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from scipy import special
 
-from gaugeblock.validate import make_trials
+from gaugeblock.validate import Finding, make_trials
+from gaugeblock.validate.marginal.half_widths import bias_finding, half_width_scores, log_width_finding
+from gaugeblock.validate.ranks import randomised_pit
 
 SD = np.sqrt(0.5)
 
@@ -43,6 +46,24 @@ def gaussian(
             "log_likelihood": _normal(x[:, None], sampled, 1.0),
         }
     return make_trials(theta, sampled, [f"p{i}" for i in range(dimensions)], x=x, **extra)
+
+
+@pytest.fixture(scope="session")
+def marginal_findings() -> Callable[..., list[Finding]]:
+    """Bias and log width of one parameter: of truths and draws, or of normal errors ``(trial,)`` alone."""
+    grid = special.ndtri((np.arange(199) + 0.5) / 199)
+
+    def found(name: str, truth: Any, draws: Any = None, *, seed: int = 0) -> list[Finding]:
+        if draws is None:
+            truth, draws = -np.asarray(truth)[:, None], np.tile(grid[None, :, None], (len(truth), 1, 1))
+        scores = np.concatenate(half_width_scores(truth, draws), axis=-1)[:, 0]
+        pit = randomised_pit(truth, draws, np.random.default_rng([seed, 5]))[:, 0]
+        return [
+            bias_finding(name, scores, pit),
+            log_width_finding(name, scores, pit, draws=draws.shape[1]),
+        ]
+
+    return found
 
 
 @pytest.fixture(scope="session")

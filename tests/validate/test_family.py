@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gaugeblock.validate.family import Judgeable, bounds, families, maxima, order_statistic_bounds
+from gaugeblock.validate.family import Judgeable, bounds, families, maxima
 from gaugeblock.validate.joint.importance import importance_findings
-from gaugeblock.validate.marginal.sbc import bias_finding, log_width_finding
+from gaugeblock.validate.quantiles import order_statistic_bounds
 
 
 def test_maxima_of_one_component_are_students_t():
@@ -55,38 +55,37 @@ def test_too_few_values_for_a_bound():
     assert order_statistic_bounds(np.arange(3.0), 0.5, 0.05) == (-np.inf, np.inf)
 
 
-def judgeable(n: int, seed: int) -> list[Judgeable]:
-    t = np.random.default_rng(seed).normal(size=n)
-    return [
-        Judgeable(finding=f, low=-0.1, high=0.1) for f in (bias_finding("a", t), log_width_finding("a", t))
-    ]
+def held(findings) -> list[Judgeable]:
+    return [Judgeable(finding=finding, low=-0.1, high=0.1) for finding in findings]
 
 
-def test_findings_on_the_same_trials_are_one_family_and_quantiles_are_alone():
+def test_findings_on_the_same_trials_are_one_family(marginal_findings):
     ess = Judgeable(finding=importance_findings(np.zeros((9, 30)))[0], low=0.1, high=np.inf)
-    assert [len(family) for family in families([*judgeable(50, 1), ess, *judgeable(60, 2)])] == [2, 2, 1]
+    one, other = (held(marginal_findings("a", np.random.default_rng(n).normal(size=n))) for n in (50, 60))
+    assert [len(family) for family in families([*one, ess, *other])] == [2, 1, 2]
 
 
-def test_simultaneous_intervals_hold_the_truth():
+def test_simultaneous_intervals_hold_the_truth(marginal_findings):
     """Bias and width of three parameters, 300 repetitions: misses within binomial limits (0.001 each)."""
     missed = 0
     for seed in range(300):
         t = np.random.default_rng([7, seed]).normal(size=(3, 400))
-        family = [
-            Judgeable(finding=make("p", row), low=-0.1, high=0.1)
-            for row in t
-            for make in (bias_finding, log_width_finding)
-        ]
+        family = held(finding for row in t for finding in marginal_findings("p", row))
         found = bounds(family, budget=0.05, number=1, seed=seed)
         missed += any((bound.low > 0).any() or (bound.high < 0).any() for bound in found)
     assert stats.binom.ppf(0.001, 300, 0.03) <= missed <= stats.binom.ppf(0.999, 300, 0.05)
 
 
-def test_adjusted_p_value_and_interval_agree():
+@pytest.mark.parametrize("which", [0, 1])
+def test_adjusted_p_value_and_interval_agree(marginal_findings, which):
     """The adjusted p-value is below the budget just when the simultaneous interval is outside."""
-    for shift in np.linspace(0.15, 0.35, 41):
-        t = np.random.default_rng(8).normal(size=400) + shift
-        family = [Judgeable(finding=bias_finding("a", t), low=-0.1, high=0.1)]
-        (bound,) = bounds(family, budget=0.05, number=2, seed=1)
-        assert (bound.p_adjusted[0] <= 0.05) == (bound.low[0] > 0.1)
-        assert bound.p_adjusted[0] >= bound.p_value[0]
+    decided = set()
+    for fault in np.linspace(0.1, 0.45, 41):
+        t = np.random.default_rng(8).normal(size=400)
+        t = np.exp(-fault) * t if which else t + fault
+        (bound,) = bounds(held(marginal_findings("a", t)[which : which + 1]), budget=0.05, number=2, seed=1)
+        outside = (bound.low > 0.1).any()
+        assert (bound.p_adjusted.min() <= 0.05) == outside
+        assert bound.p_adjusted.min() >= bound.p_value.min()
+        decided.add(bool(outside))
+    assert decided == {True, False}

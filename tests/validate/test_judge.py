@@ -18,8 +18,7 @@ from gaugeblock.validate import (
     trials_tree,
 )
 from gaugeblock.validate.joint.importance import importance_findings
-from gaugeblock.validate.marginal.sbc import bias_finding, log_width_finding, uniform_finding
-from gaugeblock.validate.standardised import standardised_errors
+from gaugeblock.validate.marginal.sbc import uniform_finding
 
 DEFAULT = read_policy("default")
 
@@ -51,8 +50,8 @@ def test_an_exact_estimator_passes(gaussian_trials):
     [
         ({"ratio": 0.8}, "sbc.log_width[p0]", "too narrow"),
         ({"ratio": 1.25}, "sbc.log_width[p1]", "too wide"),
-        ({"bias": 0.3}, "sbc.bias[p0]", r"p0: posteriors lie 0\.\d+ sd too high"),
-        ({"bias": -0.3}, "sbc.bias[p1]", r"p1: posteriors lie 0\.\d+ sd too low"),
+        ({"bias": 0.3}, "sbc.bias[p0]", r"p0: posteriors lie 0\.\d+ half-widths too high"),
+        ({"bias": -0.3}, "sbc.bias[p1]", r"p1: posteriors lie 0\.\d+ half-widths too low"),
         ({"ratio": 0.7}, "coverage.central", r"p[01]: central \d+% intervals cover 0\.\d+ \(gap -0\.\d+"),
         ({"log_q_noise": 3.0}, "importance.ess", "check that log q is normalised in physical theta"),
     ],
@@ -120,13 +119,14 @@ def test_few_trials_are_inconclusive_and_say_how_many_would_do(gaussian_trials):
     assert f"100 trials do not settle it; about {gate.trials_to_settle:,} would" in gate.message
 
 
-def test_the_number_of_trials_that_would_settle_it_does(gaussian_trials):
+def test_the_number_of_trials_that_would_settle_it_does(gaussian_trials, marginal_findings):
     """Exact estimators at the stated number: at least 80 of 100 PASS that gate (90% promised; p < 2e-3)."""
     first = gates(verdict_on(gaussian_trials(100, 50, 1, seed=11, density=False)))["sbc.bias[p0]"]
     passed = 0
     for seed in range(100):
         t = np.random.default_rng([12, seed]).normal(size=max(first.trials_to_settle, 858))
-        passed += judge([bias_finding("p0", t)], [], policy(required=["sbc"]), seed=1).outcome is Outcome.PASS
+        found = marginal_findings("p0", t)[:1]
+        passed += judge(found, [], policy(required=["sbc"]), seed=1).outcome is Outcome.PASS
     assert passed >= 80
 
 
@@ -148,10 +148,10 @@ def test_a_failing_gate_blocks_although_it_is_not_required(gaussian_trials):
     assert verdict.outcome is Outcome.FAIL
 
 
-def test_a_gate_that_is_neither_required_nor_failing_does_not_block():
+def test_a_gate_that_is_neither_required_nor_failing_does_not_block(marginal_findings):
     t = np.random.default_rng(15).normal(size=4000)
     ess = importance_findings(np.random.default_rng(16).normal(scale=1.5, size=(30, 300)))[0]
-    findings = [bias_finding("a", t), ess]
+    findings = [*marginal_findings("a", t)[:1], ess]
     near = float(np.median(ess.values))
     lenient = judge(findings, [], policy(required=["sbc"], tolerance={"ess": near}), seed=1)
     assert gates(lenient)["importance.ess"].outcome is Outcome.INCONCLUSIVE
@@ -188,13 +188,12 @@ def test_verdicts_are_deterministic_and_plain_json(gaussian_trials):
     assert keys | {"smallest_detectable", "message"} <= set(one["gates"][0])
 
 
-def test_two_trials_never_block_a_sound_estimator():
+def test_two_trials_never_block_a_sound_estimator(marginal_findings):
     """400 exact audits of 2 to 5 trials with 3 draws each: FAIL in at most 5% (0.999 binomial limit)."""
     rng = np.random.default_rng(18)
     failed = 0
     for repeat in range(400):
         n = 2 + repeat % 4
-        t = standardised_errors(rng.normal(size=(n, 1)), rng.normal(size=(n, 3, 1)), rng)[:, 0]
-        found = [bias_finding("a", t), log_width_finding("a", t, draws=3)]
+        found = marginal_findings("a", rng.normal(size=(n, 1)), rng.normal(size=(n, 3, 1)), seed=repeat)
         failed += judge(found, [], policy(required=["sbc"]), seed=repeat).outcome is Outcome.FAIL
     assert failed <= stats.binom.ppf(0.999, 400, 0.05)

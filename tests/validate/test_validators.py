@@ -149,8 +149,8 @@ def test_weights_that_could_not_be_computed_are_said(gaussian_trials):
     likelihood[2, 3], likelihood[4, 5] = np.nan, -np.inf
     trials = trials.assign(log_likelihood=(("trial", "draw"), likelihood))
     ess = next(f for f in run_validators(trials, seed=1)[0] if f.id == "importance.ess")
-    assert ess.values[2] == 0
-    assert ess.values[4] == pytest.approx(59 / 60)
+    assert ess.values[0, 2] == 0
+    assert ess.values[0, 4] == pytest.approx(59 / 60)
     assert "in 1 trial(s) a weight could not be computed" in ess.caveats[0]
 
 

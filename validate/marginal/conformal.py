@@ -108,7 +108,7 @@ def conformal(prepared: Prepared) -> list[Finding | NotChecked]:
         few = f"{n} trial(s) with finite draws; at least {LEAST_TRIALS} are needed"
         why = few if n < LEAST_TRIALS else "central intervals of 68% need at least 6 draws per trial"
         return [NotChecked(f"conformal.{name}", why) for name in names]
-    single = prepared.per_trial(half_widths)[..., [1 + MEASURED.index(level) for level in kept]]
+    single = prepared.per_trial(half_widths)[..., [MEASURED.index(level) for level in kept]]
     joint = prepared.per_trial(box)[..., [LEVELS.index(level) for level in kept]]
     scores = np.concatenate([single, joint[:, None]], axis=1)
     features = prepared.features

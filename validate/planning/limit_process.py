@@ -118,8 +118,8 @@ class LimitProcess:
         """Per quantity, the fault that FAILs with this power, as gates state it beside each PASS."""
         reach = self.critical(trials, error_budget) + float(special.ndtri(power))
         edge = tolerated(tolerance) + reach * self.standard_errors(trials)
-        parts = np.split(edge, [1, 1 + len(_WIDTH)])
-        return {name: float(part.max()) for name, part in zip(QUANTITIES, parts, strict=True)}
+        widths, gaps = edge[1 : 1 + len(_WIDTH)], edge[1 + len(_WIDTH) :]
+        return {"bias": float(edge[0]), "log_width": float(widths.min()), "coverage": float(gaps.max())}
 
     def fail_probability(self, trials: int, tolerance: Tolerance, *, error_budget: float) -> dict[str, float]:
         """Probability that a fault of twice the tolerance, in one parameter, FAILs its gate; at least.

@@ -149,7 +149,7 @@ def test_estimators_on_the_boundary_are_rarely_blocked_and_rarely_passed(monkeyp
         half = rng.random((1000, 1)) < np.where(feature > 0.5, 0.6, 0.4)[:, None]
         u = np.where(half, 0.5, 1.0) - 0.5 * rng.random((1000, 1))
         regions = quantile_regions("x", feature, bins=2)
-        finding = local_finding(u, rng.normal(size=(1000, 1)), regions, ["a"])
+        finding = local_finding(u, regions, ["a"])
         outcomes.append(judge([finding], [], LOCAL, seed=1).outcome)
     most = stats.binom.ppf(0.999, 200, 0.05)
     assert outcomes.count(Outcome.FAIL) <= most
@@ -242,6 +242,6 @@ def test_a_finding_from_plain_arrays(dimensions):
     shape = (800, dimensions)
     names = [f"q{k}" for k in range(dimensions)]
     regions = quantile_regions("exposure", rng.random(800))
-    finding = local_finding(rng.random(shape), rng.normal(size=shape), regions, names)
+    finding = local_finding(rng.random(shape), regions, names)
     assert finding.influence.shape == (16 * dimensions, 800)
     assert finding.quantity == "local"

@@ -17,11 +17,15 @@ from gaugeblock.validate.marginal.conformal import (
     conformal_rank,
     regional_quantile,
     stretch_finding,
-    stretch_scores,
 )
+from gaugeblock.validate.marginal.half_widths import half_width_scores
 from gaugeblock.validate.prepared import Prepared
 
 SD = np.sqrt(0.5)
+
+
+def stretch_scores(theta, draws, *, levels=LEVELS, weight=None):
+    return half_width_scores(theta, draws, levels=levels, weight=weight)[0]
 
 
 def conjugate(rng, n, draws, *, ratio=1.0, bias=0.0, dimensions=1):

@@ -11,31 +11,34 @@ from scipy import stats
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate import Outcome, family, judge, make_policy, read_policy, run_validators
 from gaugeblock.validate.marginal.coverage import LEVELS, central_finding
-from gaugeblock.validate.marginal.sbc import bias_finding, log_width_finding
+from gaugeblock.validate.marginal.half_widths import bias_finding, half_width_scores, log_width_finding
 from gaugeblock.validate.planning.limit_process import QUANTITIES, LimitProcess, correlation, hidden_by
 from gaugeblock.validate.planning.planner import plan
 from gaugeblock.validate.planning.rank_power import RankFault, smallest
+from gaugeblock.validate.ranks import randomised_pit
 
 DEFAULT = read_policy("default")
+# A 68% half-width in sd.
+UNIT = stats.norm.ppf(0.84)
 POLICY = make_policy({"required": ["sbc", "coverage"]}, source="test", base=DEFAULT)
 
 
 def audit(rng, n, draws, parameters, *, log_width=0.0, bias=0.0, faulty=1):
-    """Findings on Gaussian posteriors through the mean and sd of their draws; faults in some parameters."""
-    size = (n, parameters)
+    """Findings on Gaussian posteriors; faults, in half-widths and as a log ratio, in some parameters."""
     at_fault = np.arange(parameters) < faulty
     ratio = np.exp(log_width * at_fault)
-    truth = rng.normal(size=size) - bias * at_fault * ratio
-    mean = ratio * rng.normal(size=size) / np.sqrt(draws)
-    square = ratio**2 * rng.chisquare(draws - 1, size) / draws
-    pit = (rng.binomial(draws, stats.norm.cdf(truth / ratio)) + rng.random(size)) / (draws + 1)
-    share = draws / (draws + 1)
-    error = share * (mean - truth) / np.sqrt(share * square + share / (draws + 1) * (mean - truth) ** 2)
-    names = [f"p{i}" for i in range(parameters)]
-    found = [central_finding(pit, names)]
-    for name, t in zip(names, error.T, strict=True):
-        found += [bias_finding(name, t), log_width_finding(name, t, draws=draws)]
-    return found
+    found, ranks, names = [], [], [f"p{i}" for i in range(parameters)]
+    for name, k in zip(names, range(parameters), strict=True):
+        truth = rng.normal(size=(n, 1)) - bias * UNIT * at_fault[k] * ratio[k]
+        sampled = ratio[k] * rng.normal(size=(n, draws, 1))
+        pit = randomised_pit(truth, sampled, rng)
+        scores = np.concatenate(half_width_scores(truth, sampled), axis=-1)[:, 0]
+        found += [
+            bias_finding(name, scores, pit[:, 0]),
+            log_width_finding(name, scores, pit[:, 0], draws=draws),
+        ]
+        ranks.append(pit)
+    return [central_finding(np.concatenate(ranks, axis=1), names), *found]
 
 
 def outcomes(replicates, key, planned, **fault):
@@ -49,15 +52,17 @@ def outcomes(replicates, key, planned, **fault):
 
 
 def test_the_limit_has_the_correlations_of_simulated_findings():
-    """200,000 trials, draws that blur nothing: within 0.02 and 1.5%, 4.5 standard errors or more."""
-    found = audit(np.random.default_rng(0), 200_000, 5000, 1)
+    """40,000 trials, draws that blur little: within 0.025, 5 standard errors; errors of quantiles within 10%."""
+    found = audit(np.random.default_rng(0), 40_000, 500, 1)
     by_id = {finding.id: finding for finding in found}
     order = [by_id["sbc.bias[p0]"], by_id["sbc.log_width[p0]"], by_id["coverage.central"]]
     influence = np.concatenate([finding.influence for finding in order])
-    np.testing.assert_allclose(np.corrcoef(influence), correlation(), atol=0.02)
+    np.testing.assert_allclose(np.abs(np.corrcoef(influence)), np.abs(correlation()), atol=0.025)
     errors = np.concatenate([finding.standard_error for finding in order])
-    limit = LimitProcess(parameters=1, draws=5000).standard_errors(200_000)
-    np.testing.assert_allclose(limit, errors, rtol=0.015)
+    limit = LimitProcess(parameters=1, draws=500).standard_errors(40_000)
+    np.testing.assert_allclose(limit[0], errors[0], rtol=0.02)
+    np.testing.assert_allclose(limit[1:4], errors[1:4], rtol=0.1)
+    np.testing.assert_allclose(limit[4:], errors[4:], rtol=0.015)
 
 
 @pytest.mark.parametrize("parameters", [1, 5])
@@ -79,8 +84,8 @@ def test_a_plan_states_what_gates_state():
     alone = plan(POLICY, params=5, trials=2500, draws=130, families=1, further=0).smallest_detectable
     shared = plan(POLICY, params=5, trials=2500, draws=130).smallest_detectable
     for name in QUANTITIES:
-        assert alone[name] == pytest.approx(stated[name], rel=0.03)
-        assert stated[name] < shared[name] < 1.12 * stated[name]
+        assert alone[name] == pytest.approx(stated[name], rel=0.12 if name == "log_width" else 0.03)
+        assert alone[name] < shared[name] < 1.12 * alone[name]
 
 
 def test_a_plan_states_what_a_whole_audit_states(gaussian_trials):
@@ -162,22 +167,18 @@ def test_the_same_seed_gives_the_same_plan():
     assert plan(POLICY, params=3, seed=5).trials == pytest.approx(plan(POLICY, params=3).trials, rel=0.03)
 
 
-@pytest.mark.parametrize("name", ["bias", "log_width"])
-def test_what_draws_hide(name):
-    """A fault of 0.2 seen through 20 draws; what the width's correction takes back is hidden without it."""
-    draws, n = 20, 400_000
-    fault = {name: 0.2}
-    found = {f.id: f for f in audit(np.random.default_rng(11), n, draws, 1, **fault)}
-    if name == "bias":
-        seen = float(found["sbc.bias[p0]"].estimate[0])
-        assert 1 - seen / 0.2 == pytest.approx(hidden_by(draws)["bias"], abs=0.03)
-    else:
-        seen = float(found["sbc.log_width[p0]"].estimate[0])
-        assert seen == pytest.approx(0.2, rel=0.05)
-        gap = found["coverage.central"].estimate
-        z = stats.norm.ppf((1 + np.array(LEVELS)) / 2)
-        true = 2 * stats.norm.cdf(np.exp(0.2) * z) - 1 - LEVELS
-        assert 1 - gap.max() / true.max() == pytest.approx(hidden_by(draws)["coverage"], abs=0.04)
+def test_what_draws_hide():
+    """Faults of 0.3 seen through 20 draws: at most what is said is hidden, and 1% more for noise."""
+    draws, n = 20, 200_000
+    for name in ("bias", "log_width"):
+        found = {f.id: f for f in audit(np.random.default_rng(11), n, draws, 1, **{name: 0.3})}
+        seen = found[f"sbc.{name}[p0]"].estimate
+        assert (1 - seen / 0.3 >= 0).all()
+        assert (1 - seen / 0.3 < hidden_by(draws)[name] + 0.01).all()
+    gap = found["coverage.central"].estimate
+    z = stats.norm.ppf((1 + np.array(LEVELS)) / 2)
+    true = 2 * stats.norm.cdf(np.exp(0.3) * z) - 1 - LEVELS
+    assert 1 - gap.max() / true.max() == pytest.approx(hidden_by(draws)["coverage"], abs=0.04)
 
 
 @pytest.mark.parametrize(
