@@ -17,7 +17,7 @@ from gaugeblock.validate import Gate, Verdict
 
 METRICS = 500
 _NAMES = {
-    "sbc.bias": "bias in posterior standard deviations",
+    "sbc.bias": "bias in half-widths of 68% intervals",
     "sbc.log_width": "natural log of estimated over true posterior width",
     "coverage.central": "largest gap of central credible intervals' coverage",
     "importance.ess": "median effective sample size after reweighting to the exact posterior, per draw",

@@ -176,7 +176,7 @@ def _note(part: xr.Dataset, region: int, check: int, feature: str) -> str:
     which = part["check"].values[check]
     return (
         f"{feature} {short(low)} to {short(high)}, {int(n):,} trials, {which}: gap {gap}, "
-        f"bias {number(shift, 3, sign=True)} sd, width ratio {number(float(np.exp(width)), 3)}"
+        f"bias {number(shift, 3, sign=True)} half-widths, width ratio {number(float(np.exp(width)), 3)}"
     )
 
 

@@ -37,7 +37,7 @@ _QUESTIONS = {
     "importance.ess": "How much of each posterior survives reweighting to the exact one?",
 }
 _UNITS = {
-    "bias": "posterior sd",
+    "bias": "half-widths",
     "log_width": "natural log of the width ratio",
     "coverage": "fraction of trials",
     "joint": "fraction of trials",

@@ -15,7 +15,7 @@ from gaugeblock.validate.prepared import Prepared, TrialBlock, errors, trial_num
 
 @dataclass(frozen=True)
 class TrialErrors:
-    """Per trial and parameter: truth, posterior mean, and (mean - truth) / posterior sd as the gates use it.
+    """Per trial and parameter: truth, posterior mean, and (mean - truth) / posterior sd.
 
     Shapes: `truth`, `mean`, `error` ``(trial, parameter)``; `trial` ``(trial,)`` holds the trials' numbers.
     """

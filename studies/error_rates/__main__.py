@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from gaugeblock.core.progress import Bars
-from studies.error_rates import anytime, curves, gate, intervals, power, shortcut, size
+from studies.error_rates import anytime, curves, gate, intervals, power, shapes, shortcut, size
 from studies.error_rates.document import document
 from studies.error_rates.replicates import Part, run
 from studies.kit.command import carried_out, given, parser
@@ -22,6 +23,9 @@ def parts(work: Path, seed: int, **options: Any) -> dict[str, Callable[[], Part]
     return {
         "size": size.part,
         "gate": gate.part,
+        "shapes-small": partial(shapes.part, "30 x 50"),
+        "shapes-medium": partial(shapes.part, "1,000 x 250"),
+        "shapes-large": partial(shapes.part, "4,000 x 250"),
         "intervals": lambda: intervals.part(work, seed=seed, **options),
         "shortcut": shortcut.part,
         "power": power.part,

@@ -102,13 +102,15 @@ def all_inside(audited: Audited, truth: Truth) -> bool:
         if finding.id not in truth:
             continue
         low, high = (np.array([bound]) for bound in gates[finding.id].interval)
-        if isinstance(finding, MeanFinding):
+        worst = finding.components.index(gates[finding.id].component)
+        value = np.array(truth[finding.id])
+        if type(finding) is not MeanFinding:
+            value = value[[worst]]
+        else:
             # A gate states the interval of its worst component; all components reach as many errors.
-            worst = finding.components.index(gates[finding.id].component)
             critical = (high - finding.estimate[worst]) / finding.standard_error[worst]
             reach = critical * finding.standard_error
             low, high = finding.estimate - reach, finding.estimate + reach
-        value = np.array(truth[finding.id])
         if ((value < low - ROUNDING) | (value > high + ROUNDING)).any():
             return False
     return True

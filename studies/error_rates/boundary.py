@@ -19,6 +19,8 @@ from gaugeblock.core.streams import Rng
 from studies.error_rates.problem import Array, Problem
 
 HALF = 0.5
+# Of the 68% interval, in sd.
+HALF_WIDTH = float(special.ndtri(0.84))
 # So short a ripple that it is random at the draws, and that no posterior is wide enough to be tilted by it.
 RIPPLES = 1e5
 TINY = 1e-9

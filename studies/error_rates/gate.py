@@ -12,7 +12,7 @@ import numpy as np
 
 from gaugeblock.validate import Outcome, Policy
 from studies.error_rates.audits import Audited, audit, plan
-from studies.error_rates.boundary import Moved, kink, rippled
+from studies.error_rates.boundary import HALF_WIDTH, Moved, kink, rippled
 from studies.error_rates.policies import DEFAULT, alone
 from studies.error_rates.problem import problem
 from studies.error_rates.replicates import Part, Replicate
@@ -37,11 +37,11 @@ def cases() -> dict[str, Case]:
     both, draws = problem(2), GROUPS["importance"][1]
     estimators = {
         "exact": Moved(both),
-        "bias": Moved(both, shift=edge.bias),
+        "bias": Moved(both, shift=edge.bias * HALF_WIDTH),
         "narrow": Moved(both, ratio=narrow),
         "coverage": Moved(both, marginal=kink(edge.coverage, draws=DRAWS)),
         "joint": Moved(both, radial=kink(edge.joint, draws=DRAWS, radial=True)),
-        "bias and width": Moved(both, edge.bias, narrow),
+        "bias and width": Moved(both, edge.bias * HALF_WIDTH * narrow, narrow),
     }
     # These two cannot be on their edge and within all other tolerances: where every region is on the edge of
     # what is tolerated locally, the whole is beyond its own; and an efficiency this low is a wrong joint.

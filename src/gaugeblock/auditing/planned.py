@@ -15,7 +15,7 @@ from gaugeblock.validate.policy import Policy, make_policy
 # Wide enough for the table, on a terminal or in a file.
 WIDTH = 100
 _FAULTS = {
-    "bias": "bias, posterior sd",
+    "bias": "bias, half-widths",
     "log_width": "log of width ratio",
     "coverage": "coverage gap",
 }
@@ -70,7 +70,7 @@ def plan(
 ) -> StudyPlan:
     """How many trials and draws an audit takes, or, with `trials`, what so many can show.
 
-    `bias` is tolerated in posterior standard deviations, `width_error` as a fraction, `coverage` as a gap of
+    `bias` is tolerated in half-widths of 68% intervals, `width_error` as a fraction, `coverage` as a gap of
     probability; `power` is the probability of the right verdict, `params` the number of parameters. What is
     not given is as in the policy. Nothing is simulated.
 

@@ -170,7 +170,7 @@ def plan(
     width_error: Annotated[
         float | None, typer.Option("--width-error", help="Tolerated error of the width, as a fraction: 0.1.")
     ] = None,
-    bias: Annotated[float | None, typer.Option(help="Tolerated bias in posterior sd.")] = None,
+    bias: Annotated[float | None, typer.Option(help="Tolerated bias in half-widths (68%).")] = None,
     coverage: Annotated[float | None, typer.Option(help="Tolerated gap of central coverage.")] = None,
     power: Annotated[float | None, typer.Option(help="Probability of the right verdict.")] = None,
     params: Annotated[int, typer.Option(help="Number of parameters.")] = 5,

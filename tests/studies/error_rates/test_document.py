@@ -18,6 +18,9 @@ from studies.kit.results import DOCS, RESULTS, stored
 NAMES = list(parts(RESULTS, 1))
 
 
+SHAPES = ("shapes-small", "shapes-medium", "shapes-large")
+
+
 @pytest.fixture(scope="module")
 def tables():
     """Small tables of every part, as a run would store them."""
@@ -30,6 +33,7 @@ def tables():
         "gate": indicators({"exact": verdict, "bias": verdict}),
         "intervals": indicators({"exact": [{"inside": 1.0}]}),
         "shortcut": indicators({"bias": verdict}),
+        **dict.fromkeys(SHAPES, indicators({"Cauchy": verdict})),
         "power": indicators({"exact": verdict, "narrow": verdict}),
         "curves": indicators({f"narrow @ {n}": verdict for n in (100, 200)}),
         "anytime": summarise(
@@ -50,7 +54,7 @@ def tables():
 
 def test_every_part_has_a_table(tables):
     assert set(tables) == set(TABLES) == set(NAMES)
-    assert set(FIGURE) == set(NAMES) - {"shortcut", "intervals"}
+    assert set(FIGURE) == set(NAMES) - {"shortcut", "intervals", *SHAPES}
 
 
 def test_tables_stand_where_the_document_wants_them(tables):

@@ -52,7 +52,7 @@ def outcomes(replicates, key, planned, **fault):
 
 
 def test_the_limit_has_the_correlations_of_simulated_findings():
-    """40,000 trials, draws that blur little: within 0.025, 5 standard errors; errors of quantiles within 10%."""
+    """40,000 trials, draws that blur little: within 0.025, 5 standard errors; quantiles: 10%."""
     found = audit(np.random.default_rng(0), 40_000, 500, 1)
     by_id = {finding.id: finding for finding in found}
     order = [by_id["sbc.bias[p0]"], by_id["sbc.log_width[p0]"], by_id["coverage.central"]]

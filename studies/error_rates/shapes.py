@@ -1,0 +1,86 @@
+"""Exact posteriors of many shapes, judged by the whole default policy: a FAIL is a false alarm.
+
+Truth and draws of a trial are drawn alike, so the posterior is exact by construction, whatever its shape. Each
+cell is refuted above 77 FAILs of 1,000.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from gaugeblock.validate import judge, make_trials, run_validators
+from studies.error_rates.audits import Audited, quick_bootstrap
+from studies.error_rates.gate import outcome
+from studies.error_rates.policies import DEFAULT
+from studies.error_rates.problem import Array
+from studies.error_rates.replicates import Part, Replicate, Values
+from studies.error_rates.summary import indicators
+
+Shape = Callable[[np.random.Generator, tuple[int, int, int]], Array]
+"""Truth and draws of every trial together, ``(trial, 1 + draw, parameter)``."""
+
+SIZES = {"30 x 50": (30, 50), "1,000 x 250": (1000, 250), "4,000 x 250": (4000, 250)}
+PARAMETERS = 3
+
+
+def _spikes(rng: np.random.Generator, size: tuple[int, int, int]) -> Array:
+    return np.where(rng.random(size) < 0.002, 30.0, 1.0) * rng.normal(size=size)
+
+
+def _slab(rng: np.random.Generator, size: tuple[int, int, int]) -> Array:
+    return np.where(rng.random(size) < 0.3, 1e-3, 1.0) * rng.normal(size=size)
+
+
+def _ring(rng: np.random.Generator, size: tuple[int, int, int]) -> Array:
+    found = rng.normal(size=size)
+    return np.asarray(
+        found * (5 + 0.2 * rng.normal(size=(*size[:2], 1))) / np.linalg.norm(found, axis=2)[..., None]
+    )
+
+
+def _correlated(rng: np.random.Generator, size: tuple[int, int, int]) -> Array:
+    common = rng.normal(size=(*size[:2], 1))
+    return np.asarray(3 * common + rng.normal(size=(*size[:2], 20)))
+
+
+SHAPES: dict[str, Shape] = {
+    "normal": lambda rng, size: rng.normal(size=size),
+    "0 or 1, rarely 1": lambda rng, size: (rng.random(size) < 0.001).astype(float),
+    "three values": lambda rng, size: rng.integers(0, 3, size=size).astype(float),
+    "zero-inflated": lambda rng, size: np.where(rng.random(size) < 0.6, 0.0, rng.exponential(size=size)),
+    "rare wide spikes": _spikes,
+    "spike and slab": _slab,
+    "Cauchy": lambda rng, size: rng.standard_cauchy(size),
+    "lognormal, sigma 2": lambda rng, size: np.exp(2 * rng.normal(size=size)),
+    "bounded U": lambda rng, size: rng.beta(0.3, 0.3, size=size),
+    "bimodal": lambda rng, size: rng.choice([-4.0, 4.0], size=size) + rng.normal(size=size),
+    "ring": _ring,
+    "20 parameters, correlated": _correlated,
+    "float16": lambda rng, size: (300 + 100 * rng.normal(size=size)).astype(np.float16),
+}
+
+
+def replicate(shape: Shape, trials: int, draws: int) -> Replicate:
+    """One audit of truths and draws in hand: the verdict, with the gates to blame."""
+
+    def once(seed: int) -> Values:
+        pool = shape(np.random.default_rng(seed), (trials, 1 + draws, PARAMETERS))
+        found, not_checked = run_validators(make_trials(pool[:, 0], pool[:, 1:]), seed=seed)
+        with quick_bootstrap():
+            return outcome(Audited(found, not_checked, judge(found, not_checked, DEFAULT, seed=seed)))
+
+    return once
+
+
+def part(size: str) -> Part:
+    """The part of the study at one size."""
+    return Part(
+        name=f"shapes-{size.replace(' ', '')}",
+        says=f"whole audits of exact posteriors of {PARAMETERS} parameters or more, {size} (trials x draws)",
+        cases={name: replicate(shape, *SIZES[size]) for name, shape in SHAPES.items()},
+        replicates=1000,
+        settings={"shapes": list(SHAPES), "size": SIZES[size], "parameters": PARAMETERS},
+        summarise=indicators,
+    )
