@@ -44,7 +44,7 @@ INSIDE = {
     "validate": (
         (
             *("trials", "check", "storage", "features", "prepared", "p_values"),
-            *("autocorrelation", "ranks", "standardised"),
+            *("autocorrelation", "ranks", "standardised", "quantiles"),
             *("finding", "findings_file", "policy", "family", "verdict", "messages"),
         ),
         ("validators", "judging"),

@@ -25,7 +25,6 @@ def parts(work: Path, seed: int, **options: Any) -> dict[str, Callable[[], Part]
         "gate": gate.part,
         "shapes-small": partial(shapes.part, "30 x 50"),
         "shapes-medium": partial(shapes.part, "1,000 x 250"),
-        "shapes-large": partial(shapes.part, "4,000 x 250"),
         "intervals": lambda: intervals.part(work, seed=seed, **options),
         "shortcut": shortcut.part,
         "power": power.part,

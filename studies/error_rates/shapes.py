@@ -1,7 +1,7 @@
 """Exact posteriors of many shapes, judged by the whole default policy: a FAIL is a false alarm.
 
-Truth and draws of a trial are drawn alike, so the posterior is exact by construction, whatever its shape. Each
-cell is refuted above 77 FAILs of 1,000.
+Truth and draws of a trial are drawn alike, so the posterior is exact by construction, whatever its shape.
+Each cell is refuted above 77 FAILs of 1,000.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from studies.error_rates.summary import indicators
 Shape = Callable[[np.random.Generator, tuple[int, int, int]], Array]
 """Truth and draws of every trial together, ``(trial, 1 + draw, parameter)``."""
 
-SIZES = {"30 x 50": (30, 50), "1,000 x 250": (1000, 250), "4,000 x 250": (4000, 250)}
+SIZES = {"30 x 50": (30, 50), "1,000 x 250": (1000, 250)}
 PARAMETERS = 3
 
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import special, stats
 
 from gaugeblock.validate import Outcome, judge, make_policy
 from gaugeblock.validate.detectors.roc import best_of_cells, null_of_best, permutation_p
-from gaugeblock.validate.marginal.sbc import bias_finding
+from gaugeblock.validate.marginal.half_widths import MEASURED, SHIFTS, bias_finding
 from gaugeblock.validate.marginal.smooth import smooth_test
 from gaugeblock.validate.marginal.uniformity import ecdf_test
 
@@ -38,8 +38,15 @@ def test_many_parameters_do_not_make_a_sound_estimator_fail():
     policy = make_policy({"tolerance": {"bias": 1e-9}, "required": ["sbc.bias"]}, source="test")
     small, failed = 0, 0
     for seed in range(20):
-        errors = np.random.default_rng(seed).normal(size=(400, 30))
-        findings = [bias_finding(f"p{column}", errors[:, column]) for column in range(30)]
+        truths = np.random.default_rng(seed).normal(size=(400, 30))
+        # Of posteriors that are standard normal, from endless draws.
+        stretch = np.abs(truths)[..., None] / special.ndtri((1 + np.array(MEASURED)) / 2)
+        moved = special.ndtr(truths[..., None] + SHIFTS * special.ndtri(0.84))
+        scores = np.concatenate([stretch, moved], axis=-1)
+        findings = [
+            bias_finding(f"p{column}", scores[:, column], special.ndtr(truths[:, column]))
+            for column in range(30)
+        ]
         small += min(finding.p_value for finding in findings) < 0.05
         failed += judge(findings, [], policy, seed=seed).outcome is Outcome.FAIL
     assert small >= 10

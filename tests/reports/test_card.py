@@ -55,7 +55,7 @@ def test_every_computed_gate_is_a_metric_with_its_interval(audit):
 def test_bias_width_coverage_and_efficiency_are_named(passing):
     front, _ = parts(model_card(replace(passing.verdict, provenance=RECORD), title="t"))
     names = {item["type"]: item["name"] for item in front["model-index"][0]["results"][0]["metrics"]}
-    assert names["sbc.bias[alpha]"] == "bias in posterior standard deviations: alpha"
+    assert names["sbc.bias[alpha]"] == "bias in half-widths of 68% intervals: alpha"
     assert names["sbc.log_width[beta]"].endswith("posterior width: beta")
     assert {"coverage.central", "importance.ess"} <= set(names)
 

@@ -86,8 +86,8 @@ def _moved_pit(
     total = (number if share is None else share.sum(axis=1)) + truths
     wide = unit > 0
     away = (draws - truth[:, None]) / np.where(wide, unit, 1.0)[:, None]
-    # How many shifts leave the truth at or below the draw: those before its place among them.
-    place = np.searchsorted(SHIFTS, away.ravel(), side="left").reshape(away.shape)
+    # How many shifts leave the truth at or below the draw.
+    place = np.searchsorted(SHIFTS, away.ravel(), side="right").reshape(away.shape)
     place += (len(SHIFTS) + 1) * np.arange(n * parameters).reshape(n, 1, parameters)
     repeated = None if share is None else np.broadcast_to(share[..., None], away.shape).ravel()
     counts = np.bincount(place.ravel(), repeated, minlength=n * parameters * (len(SHIFTS) + 1))

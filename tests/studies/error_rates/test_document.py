@@ -18,7 +18,7 @@ from studies.kit.results import DOCS, RESULTS, stored
 NAMES = list(parts(RESULTS, 1))
 
 
-SHAPES = ("shapes-small", "shapes-medium", "shapes-large")
+SHAPES = ("shapes-small", "shapes-medium")
 
 
 @pytest.fixture(scope="module")
