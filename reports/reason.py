@@ -8,10 +8,25 @@ from collections.abc import Mapping
 from gaugeblock.reports.words import count, listed
 from gaugeblock.validate import Gate, Outcome, Verdict
 
+# The gate that asks whether the data are used.
+DATA = "informed.rank"
+
 
 def reason(verdict: Verdict) -> str:
     """A few sentences that say why the verdict is what it is."""
-    return f"{_why(verdict)}{_stopped(verdict)}"
+    data = of_the_data(verdict) if verdict.outcome is Outcome.PASS else ""
+    return f"{_why(verdict)}{_stopped(verdict)}{data and ' ' + data}"
+
+
+def of_the_data(verdict: Verdict) -> str:
+    """Whether the estimator uses its data: what the gate that asks says, or that nothing could ask.
+
+    Calibration alone is no answer: the prior is calibrated. Empty where the gate did not PASS or was not run.
+    """
+    if any(item.without_data for item in verdict.not_checked):
+        return "Calibrated; whether it uses the data could not be checked: the trials hold none."
+    said = [gate.message for gate in verdict.gates if gate.id == DATA and gate.outcome is Outcome.PASS]
+    return f"On the data: {said[0]}." if said else ""
 
 
 def _stopped(verdict: Verdict) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 
 from gaugeblock.core.errors import one_line
 from gaugeblock.reports.baseline import comparison
+from gaugeblock.reports.reason import of_the_data
 from gaugeblock.validate import Outcome, Verdict
 
 SHOWN = 20
@@ -42,6 +43,8 @@ def verdict_lines(verdict: Verdict, *, shown: int, most: int | None = None) -> l
     others.sort(key=lambda gate: gate.outcome is not Outcome.FAIL)
     passed = len(verdict.gates) - len(others)
     lines = [f"{verdict.outcome.value}: {passed} of {len(verdict.gates)} gates pass"]
+    if data := of_the_data(verdict):
+        lines.append(f"  {data}" if most is None else one_line(data, most=most))
     for gate in others[:shown]:
         line = f"  {gate.outcome.value:<12} {gate.id}: {gate.message}"
         lines.append(line if most is None else one_line(line.strip(), most=most))

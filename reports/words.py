@@ -19,6 +19,8 @@ _QUESTIONS = {
     "posterior_sbc.bias": "Is the posterior centred on the truth for data like the observation?",
     "posterior_sbc.log_width": "Is it as wide as its errors are large for data like the observation?",
     "c2st.rank": "Can anything that was learned tell truths from draws?",
+    "informed.rank": "Is what the data say in the draws?",
+    "informed.crps": "How much is learned of it, over the prior?",
     "lc2st.local": "Where in the data can it?",
     "joint.likelihood": "Are all parameters together right, and right for their data?",
     "joint.hpd": "Do joint highest-density regions hold the truth as often as they claim?",
@@ -42,6 +44,7 @@ _UNITS = {
     "coverage": "fraction of trials",
     "joint": "fraction of trials",
     "local": "fraction of trials",
+    "informed": "probability",
     "normalisation": "natural log of the density",
     "ess": "fraction of draws",
 }

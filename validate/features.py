@@ -69,7 +69,7 @@ def fit_summariser(x: NDArray[Any]) -> Summariser:
     """
     flat = np.asarray(x, dtype=float).reshape(len(x), -1)
     size = flat.shape[1]
-    groups = np.linspace(0, size, min(size, INPUTS), endpoint=False).astype(np.int64)
+    groups = group_starts(size, INPUTS)
     counts = bool((flat >= 0).all())
     inputs = _inputs(flat, groups, counts=counts)
     centre, scale = inputs.mean(axis=0), inputs.std(axis=0)
@@ -88,6 +88,15 @@ def fit_summariser(x: NDArray[Any]) -> Summariser:
         loadings * np.where(sign == 0, 1.0, sign),
         counts,
     )
+
+
+def group_starts(size: int, most: int) -> NDArray[np.int64]:
+    """Where each of at most `most` groups of neighbouring values begins.
+
+    >>> group_starts(5, 2).tolist(), group_starts(2, 4).tolist()
+    ([0, 2], [0, 1])
+    """
+    return np.linspace(0, size, min(size, most), endpoint=False).astype(np.int64)
 
 
 def _inputs(flat: Array, groups: NDArray[np.int64], *, counts: bool) -> Array:

@@ -236,7 +236,8 @@ def finding_from(dataset: xr.Dataset) -> Finding:
 
 @dataclass(frozen=True)
 class NotChecked:
-    """A check that could not be made, and why."""
+    """A check that could not be made, and why; `without_data`: the trials hold no x that it could look at."""
 
     id: str
     why: str
+    without_data: bool = False

@@ -42,7 +42,7 @@ def write_findings(
     """
     attributes = {
         "schema_version": SCHEMA_VERSION,
-        "not_checked": json.dumps([[item.id, item.why] for item in not_checked]),
+        "not_checked": json.dumps([[item.id, item.why, item.without_data] for item in not_checked]),
         "findings": json.dumps([finding.id for finding in findings]),
     }
     groups = {group_name(finding.id): finding.to_dataset() for finding in findings}
@@ -61,7 +61,7 @@ def read_findings(path: str | os.PathLike[str]) -> tuple[tuple[Finding, ...], tu
     root = groups[""]
     schema_version(root, source=str(path))
     try:
-        not_checked = tuple(NotChecked(name, why) for name, why in json.loads(root.attrs["not_checked"]))
+        not_checked = tuple(NotChecked(*item) for item in json.loads(root.attrs["not_checked"]))
         names = json.loads(root.attrs["findings"])
         findings = tuple(finding_from(groups[group_name(name)]) for name in names)
     except (KeyError, TypeError, ValueError) as error:

@@ -188,6 +188,8 @@ def _missing(gates: Sequence[Gate], not_checked: Sequence[NotChecked], policy: P
             continue
         computed = {gate.id for gate in gates}
         unchecked = [item for item in unchecked if item.id not in computed]
+        if unchecked and all(item.without_data for item in unchecked):
+            continue
         why = "; ".join(dict.fromkeys(item.why for item in unchecked)) or "no validator computed it"
         found.append(_not_computed(entry, why))
     return found

@@ -17,6 +17,9 @@ from gaugeblock.validate.verdict import Outcome
 SEPARATOR = " @ "
 # Failing components that a message names; the report's tables hold the others.
 NAMED = 3
+# Parameters whose skill is named.
+SKILLS = 8
+CHALLENGERS = "ridge regressions and boosted trees"
 
 
 def gate_message(
@@ -113,6 +116,23 @@ def _gap(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> str:
     return "; ".join(said) + (f"; and {more} more" if more > 0 else "")
 
 
+def _informed(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> str:
+    index, details = shown[0], item.finding.details
+    spread = _range(bound, index, "{:+.3f}".format)
+    gap = f"(gap {float(item.finding.estimate[index]):+.3f}, {level} {spread}; tolerated {item.high:g})"
+    if bound.low[index] > item.high:
+        said = f"{item.finding.components[index]}: a challenger tells truths from draws {gap}"
+    else:
+        said = f"no challenger of {CHALLENGERS} does better by more than the tolerance {gap}"
+    skills = zip(
+        details["parameter"].values, details["skill"].values, details["challenger_skill"].values, strict=True
+    )
+    learned = [f"{name} {own:.2f} (a regression on the data: {other:.2f})" for name, own, other in skills]
+    more = len(learned) - SKILLS
+    learned = learned[:SKILLS] + ([f"{more} more in the report"] if more > 0 else [])
+    return said + (f"; CRPS skill over the prior: {', '.join(learned)}" if learned else "")
+
+
 def _normalisation(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> str:
     index = shown[0]
     value = float(item.finding.estimate[index])
@@ -178,6 +198,11 @@ def _advice(item: Judgeable, fails: NDArray[np.bool_]) -> str:
             "Parameters may be right one by one and wrong together: look at correlations, and at whether "
             f"the data reach the network; then {retrain}"
         )
+    if quantity == "informed":
+        return (
+            "The data say more than the draws: look for inputs that do not reach the network, or only "
+            f"rounded or summed, and at the data named; then {retrain}"
+        )
     if quantity == "local":
         return f"Wrong for a part of the data, right or not on average: simulate more of it, and {retrain}"
     if quantity == "normalisation":
@@ -200,6 +225,7 @@ _DETECTABLE: dict[str, Callable[[float], str]] = {
     "coverage": lambda size: f"a gap of {size:.3f}",
     "joint": lambda size: f"a gap of {size:.3f}",
     "local": lambda size: f"a gap of {size:.3f}",
+    "informed": lambda size: f"a gap of {size:.3f}",
     "normalisation": lambda size: f"an error of {size:.3f} nat",
     "ess": lambda size: f"an efficiency of {size:.1%}",
 }
@@ -210,6 +236,7 @@ _DESCRIBE: dict[str, Callable[[Judgeable, Bounds, list[int], str], str]] = {
     "coverage": _coverage,
     "joint": _gap,
     "local": _gap,
+    "informed": _informed,
     "normalisation": _normalisation,
     "ess": _ess,
 }

@@ -23,8 +23,8 @@ class Tolerance(Table):
     """The largest fault that is tolerated, per quantity; for `ess` the least fraction.
 
     bias: half-widths of 68% intervals (of a Gaussian: sd). log_width: natural log of the factor by which
-    central intervals are too wide. coverage, joint, local: probability. normalisation: natural log of a
-    density.
+    central intervals are too wide. coverage, joint, local, informed: probability. normalisation: natural log
+    of a density.
     """
 
     bias: Size
@@ -32,6 +32,7 @@ class Tolerance(Table):
     coverage: Gap
     joint: Gap
     local: Gap
+    informed: Gap
     normalisation: Size
     ess: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
 
@@ -46,7 +47,8 @@ class Policy(Table):
     """Tolerances, familywise error budget, and which gates must PASS.
 
     `required` holds validators' names or beginnings of gate ids: ``sbc`` means all its gates, ``sbc.bias``
-    the bias of every parameter, ``sbc.bias[tbabs_1.nh]`` one.
+    the bias of every parameter, ``sbc.bias[tbabs_1.nh]`` one. ``informed.rank`` is required of trials that
+    hold data x.
     """
 
     error_budget: Annotated[float, Field(gt=0, le=0.5, allow_inf_nan=False)]

@@ -17,6 +17,7 @@ from gaugeblock.validate.joint.joint import STATISTICS, joint
 from gaugeblock.validate.joint.normalisation import density, ratios
 from gaugeblock.validate.layout.layout import layout
 from gaugeblock.validate.learned.c2st import c2st
+from gaugeblock.validate.learned.informed import channels, informed, pools
 from gaugeblock.validate.learned.lc2st import lc2st
 from gaugeblock.validate.learned.learned import candidates
 from gaugeblock.validate.local.local import local, location
@@ -52,6 +53,7 @@ VALIDATORS: Mapping[str, Validator] = {
     "density": Validator(density, (ratios,)),
     "local": Validator(local, (pit, half_widths, location)),
     "c2st": Validator(c2st, (candidates,)),
+    "informed": Validator(informed, (pools, channels)),
     "lc2st": Validator(lc2st, (candidates,)),
     "posterior_sbc": Validator(posterior_sbc),
     "layout": Validator(layout),

@@ -24,6 +24,7 @@ _ANSWERS = {
     "joint.tarp": "anytime.joint",
     "joint.projections": "anytime.joint",
     "joint.hpd": "anytime.hpd",
+    "informed.rank": "anytime.joint",
 }
 # Validators all of whose gates are answered so.
 _WHOLE = ("sbc", "coverage")

@@ -7,7 +7,7 @@ all its draws together: a function of it treats them alike, so they stay exchang
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Uniforms
@@ -27,7 +27,6 @@ def pool_coordinates(
     draws are chosen with their weights, with replacement.
     """
     truth, sampled = np.asarray(theta_true, dtype=float), np.asarray(draws, dtype=float)
-    n, number, _ = sampled.shape
     pool = np.concatenate([truth[:, None], sampled], axis=1)
     size = np.abs(pool).max(axis=1, keepdims=True)
     size = np.where(size > 0, size, 1.0)
@@ -35,8 +34,7 @@ def pool_coordinates(
     spread = (pool / size).std(axis=1, keepdims=True)
     # Rounding alone is no spread.
     flat = spread <= 1e-12
-    chosen = np.take_along_axis(sampled, _some(rng, n, number, weight)[:, :, None], axis=1)
-    kept = np.concatenate([truth[:, None], chosen], axis=1)
+    kept = np.concatenate([truth[:, None], some_draws(sampled, rng, weight=weight)], axis=1)
     z = np.where(flat, 0.0, (kept / size - mean) / np.where(flat, 1.0, spread))
     log_spread = np.log(np.where(flat, 1e-12, spread)) + np.log(size)
     return np.concatenate([soft_limit(z), mean * size, log_spread], axis=1)
@@ -47,13 +45,19 @@ def soft_limit(z: Array) -> Array:
     return np.asarray(z / np.sqrt(1 + (z / SOFT_LIMIT) ** 2))
 
 
-def _some(rng: Uniforms, n: int, number: int, weight: ArrayLike | None) -> NDArray[np.int64]:
-    wanted = min(SCORED_DRAWS, number)
+def some_draws(
+    draws: Array, rng: Uniforms, *, weight: ArrayLike | None = None, most: int = SCORED_DRAWS
+) -> Array:
+    """Some of each trial's draws ``(trial, draw, p)``; weighted ones with their weights, with replacement."""
+    n, number, _ = draws.shape
+    wanted = min(most, number)
     if weight is None:
-        return np.asarray(np.argsort(rng.random((n, number)), axis=1)[:, :wanted])
-    total = np.cumsum(np.asarray(weight, dtype=float), axis=1)
-    level = rng.random((n, wanted)) * total[:, -1:]
-    return np.asarray(np.minimum((level[:, :, None] >= total[:, None, :]).sum(axis=2), number - 1))
+        chosen = np.argsort(rng.random((n, number)), axis=1)[:, :wanted]
+    else:
+        total = np.cumsum(np.asarray(weight, dtype=float), axis=1)
+        level = rng.random((n, wanted)) * total[:, -1:]
+        chosen = np.minimum((level[:, :, None] >= total[:, None, :]).sum(axis=2), number - 1)
+    return np.take_along_axis(draws, chosen[:, :, None], axis=1)
 
 
 def context_of(mean: Array, log_spread: Array, features: Array | None = None) -> Array:

@@ -1,0 +1,230 @@
+"""Estimators that lose what the data say, and exact posteriors, each as trials: truths, draws and data.
+
+Data come first: a truth and its draws are then made from the conditional distribution given x, the truth from
+the right one. So exact posteriors of any shape cost nothing, and each fault is exactly what it says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from gaugeblock.core.arrays import Array
+
+Rng = np.random.Generator
+
+
+class Made(NamedTuple):
+    """Truths ``(n, p)``, draws ``(n, L, p)`` and data ``(n, ...)``."""
+
+    theta_true: Array
+    draws: Array
+    x: Array
+
+
+Problem = Callable[[Rng, int, int], Made]
+
+
+def _gaussian(rng: Rng, mean: Array, sd: Array | float, draws: int) -> Array:
+    spread = np.broadcast_to(np.asarray(sd, dtype=float), mean.shape)
+    return mean[:, None] + spread[:, None] * rng.standard_normal((len(mean), draws, mean.shape[1]))
+
+
+def _split(pool: Array, x: Array) -> Made:
+    return Made(pool[:, 0], pool[:, 1:], x)
+
+
+def linear(rng: Rng, n: int, draws: int, *, design: Array, noise: float) -> tuple[Made, Array, Array]:
+    """Linear Gaussian: x = design theta + noise, theta standard normal; with posterior mean and root."""
+    channels, p = design.shape
+    theta = rng.standard_normal((n, p))
+    x = theta @ design.T + noise * rng.standard_normal((n, channels))
+    covariance = np.linalg.inv(np.eye(p) + design.T @ design / noise**2)
+    mean = x @ design @ covariance / noise**2
+    root = np.linalg.cholesky(covariance)
+    found = mean[:, None] + rng.standard_normal((n, draws, p)) @ root.T
+    return Made(theta, found, x), mean, root
+
+
+# Blind: each returns less than the data say, or something else than they say in places.
+
+
+def nuisance_prior(rng: Rng, n: int, draws: int) -> Made:
+    """The prior, where x is 40 channels of 10 large factors and one channel theta + 0.3 e."""
+    theta = rng.standard_normal((n, 2))
+    loud = 10 * rng.standard_normal((n, 10)) @ rng.standard_normal((10, 40)) + rng.standard_normal((n, 40))
+    own = theta[:, :1] + 0.3 * rng.standard_normal((n, 1))
+    return Made(theta, rng.standard_normal((n, draws, 2)), np.concatenate([loud, own], axis=1))
+
+
+def ignored_channel(rng: Rng, n: int, draws: int) -> Made:
+    """Posterior sd 0.89 where 0.1 is exact: the best of two channels is not looked at."""
+    theta = rng.standard_normal((n, 1))
+    x = theta + np.array([2.0, 0.1]) * rng.standard_normal((n, 2))
+    return Made(theta, _gaussian(rng, x[:, :1] / 5, np.sqrt(0.8), draws), x)
+
+
+def coarse(rng: Rng, n: int, draws: int) -> Made:
+    """x = theta + 0.1 e, and the exact posterior given x rounded to whole numbers."""
+    theta = rng.standard_normal((n, 1))
+    x = theta + 0.1 * rng.standard_normal((n, 1))
+    # Many more pairs of the same simulator, sorted by what is left of x: their thetas are the draws.
+    others = rng.standard_normal(200_000)
+    level = np.clip(np.round(others + 0.1 * rng.standard_normal(len(others))), -3, 3)
+    own = np.clip(np.round(x[:, 0]), -3, 3)
+    found = np.empty((n, draws, 1))
+    for value in np.unique(own):
+        rows = own == value
+        found[rows, :, 0] = rng.choice(others[level == value], (int(rows.sum()), draws))
+    return Made(theta, found, x)
+
+
+def _two(rng: Rng, n: int, draws: int) -> tuple[Made, Array]:
+    """Two parameters, each with its channel, and four channels of nothing; with the posterior mean."""
+    theta = rng.standard_normal((n, 2))
+    x = np.concatenate([theta + rng.standard_normal((n, 2)), rng.standard_normal((n, 4))], axis=1)
+    return Made(theta, _gaussian(rng, x[:, :2] / 2, np.sqrt(0.5), draws), x), x[:, :2] / 2
+
+
+def hidden_sign(rng: Rng, n: int, draws: int) -> Made:
+    """A bias of 0.33 posterior sd at every x, with the sign of x2 x3."""
+    made, _ = _two(rng, n, draws)
+    shift = 0.33 * np.sqrt(0.5) * np.sign(made.x[:, 2] * made.x[:, 3])
+    found = made.draws.copy()
+    found[:, :, 0] += shift[:, None]
+    return made._replace(draws=found)
+
+
+def brightest_prior(rng: Rng, n: int, draws: int) -> Made:
+    """The prior where the total of the data is among the largest 4%, the exact posterior elsewhere."""
+    made, _ = _two(rng, n, draws)
+    total = made.x.sum(axis=1)
+    bright = total > np.quantile(total, 0.96)
+    found = made.draws.copy()
+    found[bright] = rng.standard_normal((int(bright.sum()), draws, 2))
+    return made._replace(draws=found)
+
+
+def brightest_narrow(rng: Rng, n: int, draws: int) -> Made:
+    """Posteriors 0.65 times as wide where the total of the data is among the largest 5%."""
+    made, mean = _two(rng, n, draws)
+    total = made.x.sum(axis=1)
+    narrow = np.where(total > np.quantile(total, 0.95), 0.65, 1.0)
+    return made._replace(draws=mean[:, None] + narrow[:, None, None] * (made.draws - mean[:, None]))
+
+
+def hidden_product(rng: Rng, n: int, draws: int) -> Made:
+    """Three parameters whose product is positive; draws that are right one by one, and independent."""
+    x = rng.standard_normal((n, 3))
+    pool = 0.5 * x[:, None] + rng.standard_normal((n, 1 + draws, 3))
+    away = pool - 0.5 * x[:, None]
+    # In coordinates of each posterior the product of truths is positive, that of draws has either sign.
+    truth = away[:, 0].copy()
+    truth[:, 2] *= np.sign(truth.prod(axis=1))
+    return Made(0.5 * x + truth, pool[:, 1:], x)
+
+
+def squared(rng: Rng, n: int, draws: int) -> Made:
+    """The prior, where x = theta squared + 0.1 e."""
+    theta = rng.standard_normal((n, 1))
+    return Made(theta, rng.standard_normal((n, draws, 1)), theta**2 + 0.1 * rng.standard_normal((n, 1)))
+
+
+# Exact.
+
+
+def nuisance_exact(rng: Rng, n: int, draws: int) -> Made:
+    """The exact posterior of `nuisance_prior`: of one parameter sd 0.29, of the other the prior."""
+    made = nuisance_prior(rng, n, draws)
+    variance = 1 / (1 + 1 / 0.09)
+    mean = np.column_stack([made.x[:, 40] * variance / 0.09, np.zeros(n)])
+    return made._replace(draws=_gaussian(rng, mean, np.sqrt([variance, 1.0]), draws))
+
+
+def image(rng: Rng, n: int, draws: int) -> Made:
+    """Images of 16 x 16, whose three parameters are amplitudes of smooth shapes."""
+    place = np.linspace(-1, 1, 16)
+    centres = ((0.0, 0.0), (0.4, -0.4), (-0.5, 0.5))
+    bumps = [[np.exp(-((place - at) ** 2) / 0.2) for at in centre] for centre in centres]
+    design = np.array([np.outer(row, column).ravel() for row, column in bumps]).T
+    made, _, _ = linear(rng, n, draws, design=design, noise=2.0)
+    return made._replace(x=made.x.reshape(n, 16, 16))
+
+
+def series(rng: Rng, n: int, draws: int) -> Made:
+    """Series of 100 steps: a level, a trend, and a wave of known period."""
+    t = np.linspace(0, 1, 100)
+    design = np.column_stack([np.ones(100), t, np.sin(12 * t), np.cos(12 * t)])
+    return linear(rng, n, draws, design=design, noise=5.0)[0]
+
+
+def counts(rng: Rng, n: int, draws: int) -> Made:
+    """Poisson counts in 30 channels, a Gamma prior of their rate: a Gamma posterior."""
+    theta = rng.gamma(2.0, 1.0, (n, 1))
+    exposure = np.linspace(0.05, 0.5, 30)
+    x = rng.poisson(theta * exposure)
+    found = rng.gamma(2.0 + x.sum(axis=1)[:, None], 1 / (1 + exposure.sum()), (n, draws))
+    return Made(theta, found[:, :, None], x)
+
+
+def unidentified(rng: Rng, n: int, draws: int) -> Made:
+    """Four parameters, of which the data know two, and the sum of two others."""
+    design = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 1], [1, 1, 0, 0]])
+    return linear(rng, n, draws, design=design, noise=0.7)[0]
+
+
+def cauchy(rng: Rng, n: int, draws: int) -> Made:
+    """A Cauchy posterior whose place and width depend on the data."""
+    x = rng.standard_normal((n, 3))
+    wide = np.exp(0.5 * x[:, 1:2, None])
+    return _split(x[:, :1, None] + wide * rng.standard_cauchy((n, 1 + draws, 1)), x)
+
+
+def spike(rng: Rng, n: int, draws: int) -> Made:
+    """Spike and slab: 0 but for 0.2%, three parameters."""
+    x = rng.standard_normal((n, 3))
+    shape = (n, 1 + draws, 3)
+    slab = rng.random(shape) < 0.002
+    return _split(np.where(slab, 3 + x[:, None] + rng.standard_normal(shape), 0.0), x)
+
+
+def discrete(rng: Rng, n: int, draws: int) -> Made:
+    """Successes in 8 attempts, their chance a function of the data: integers, with many ties."""
+    x = rng.standard_normal((n, 4))
+    chance = 1 / (1 + np.exp(-x[:, 0] - x[:, 1] * x[:, 2]))
+    return _split(rng.binomial(8, chance[:, None, None], (n, 1 + draws, 1)).astype(float), x)
+
+
+def bent(rng: Rng, n: int, draws: int) -> Made:
+    """Five parameters whose shape, width and skew all change with the data."""
+    x = rng.standard_normal((n, 12))
+    z = rng.standard_normal((n, 1 + draws, 5))
+    z = z + 0.5 * (z**2 - 1) * np.tanh(x[:, None, :5])
+    z[:, :, 1] = z[:, :, 0] * np.tanh(x[:, None, 5]) + 0.4 * z[:, :, 1]
+    return _split(x[:, None, 5:10] + np.exp(0.4 * x[:, None, 7:12]) * z, x)
+
+
+BLIND: dict[str, Problem] = {
+    "prior, 40 nuisance channels": nuisance_prior,
+    "best channel ignored": ignored_channel,
+    "x rounded": coarse,
+    "bias with the sign of x2 x3": hidden_sign,
+    "prior in the brightest 4%": brightest_prior,
+    "0.65 as wide in the brightest 5%": brightest_narrow,
+    "sign of t1 t2 t3 ignored": hidden_product,
+    "prior, x = theta squared": squared,
+}
+
+EXACT: dict[str, Problem] = {
+    "40 nuisance channels": nuisance_exact,
+    "images": image,
+    "time series": series,
+    "counts": counts,
+    "unidentified": unidentified,
+    "Cauchy": cauchy,
+    "spike and slab": spike,
+    "discrete": discrete,
+    "bent": bent,
+}

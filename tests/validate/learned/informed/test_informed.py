@@ -1,0 +1,182 @@
+"""The gate on whole trials: blind estimators FAIL, exact ones do not, and what is said about them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+from studies.informed.problems import BLIND, EXACT
+
+from gaugeblock.reports.reason import of_the_data, reason
+from gaugeblock.reports.terminal import verdict_lines
+from gaugeblock.validate import Outcome, judge, make_trials, read_policy, run_validators
+from gaugeblock.validate.findings_file import read_findings, write_findings
+from gaugeblock.validate.prepared import Prepared
+
+DEFAULT = read_policy("default")
+PREPARED = np.random.default_rng
+
+
+def trials_of(make, n, draws, *, seed, with_data=True, **more):
+    made = make(np.random.default_rng(seed), n, draws)
+    names = [f"theta_{column + 1}" for column in range(made.theta_true.shape[1])]
+    return make_trials(made.theta_true, made.draws, names, x=made.x if with_data else None, **more)
+
+
+def judged(trials, *, seed=1):
+    findings, not_checked = run_validators(trials, seed=seed, select=["informed"])
+    verdict = judge(findings, not_checked, DEFAULT, seed=seed)
+    return {gate.id: gate for gate in verdict.gates}, {f.id: f for f in findings}, not_checked, verdict
+
+
+@pytest.mark.parametrize("name", [name for name in BLIND if "narrow" not in name and "0.65" not in name])
+def test_blind_estimators_fail(name):
+    """At 2,000 trials, half of the default size; each is many standard errors outside."""
+    gates, *_ = judged(trials_of(BLIND[name], 2000, 100, seed=1))
+    expected = {Outcome.FAIL, Outcome.INCONCLUSIVE} if "4%" in name else {Outcome.FAIL}
+    assert gates["informed.rank"].outcome in expected
+
+
+@pytest.mark.parametrize("name", EXACT)
+def test_exact_posteriors_do_not(name):
+    """One audit each: beyond 3 standard errors is a false alarm of 0.1%."""
+    gates, findings, *_ = judged(trials_of(EXACT[name], 800, 50, seed=2))
+    assert gates["informed.rank"].outcome is not Outcome.FAIL
+    assert findings["informed.rank"].estimate[0] < 3 * findings["informed.rank"].standard_error[0]
+
+
+def test_the_data_that_tell_are_named():
+    gates, findings, *_ = judged(trials_of(BLIND["prior, 40 nuisance channels"], 1000, 50, seed=3))
+    message = gates["informed.rank"].message
+    assert message.startswith("where theta_1 lies, by a ridge regression on x[40]")
+    assert "CRPS skill over the prior: theta_1 -0.0" in message or "theta_1 0.0" in message
+    details = findings["informed.rank"].details
+    assert details["challenger_skill"].sel(parameter="theta_1") > 0.65
+    assert abs(details["challenger_skill"].sel(parameter="theta_2")) < 0.05
+
+
+def test_beside_a_pass_stands_how_much_is_learned():
+    trials = trials_of(EXACT["40 nuisance channels"], 4000, 50, seed=4)
+    gates, findings, _, verdict = judged(trials)
+    gate = gates["informed.rank"]
+    assert gate.outcome is Outcome.PASS
+    assert "no challenger of ridge regressions and boosted trees does better" in gate.message
+    assert "CRPS skill over the prior: theta_1 0.7" in gate.message
+    assert of_the_data(verdict) in verdict_lines(verdict, shown=5)[1]
+    # A normal posterior of sd 0.287 in a standard normal prior: 1.25 nats.
+    skill = findings["informed.crps[theta_1]"]
+    assert skill.estimate[1] == pytest.approx(-np.log(np.sqrt(1 / (1 + 1 / 0.09))), abs=0.03)
+    assert np.abs(findings["informed.crps[theta_2]"].estimate).max() < 0.02
+
+
+def test_without_data_nothing_is_required_and_it_is_said(tmp_path):
+    trials = trials_of(EXACT["Cauchy"], 300, 50, seed=5, with_data=False)
+    gates, findings, not_checked, verdict = judged(trials)
+    assert "informed.rank" not in gates
+    assert "informed.crps[theta_1]" in findings
+    said = "Calibrated; whether it uses the data could not be checked"
+    assert said in verdict_lines(verdict, shown=5)[1]
+    # As stored, and judged again.
+    write_findings(list(findings.values()), not_checked, tmp_path / "findings.nc")
+    again = judge(*read_findings(tmp_path / "findings.nc"), DEFAULT, seed=1)
+    assert "informed.rank" not in {gate.id for gate in again.gates}
+    passing = judge(*read_findings(tmp_path / "findings.nc"), only("informed.rank"), seed=1)
+    assert said in verdict_lines(passing, shown=5)[1]
+
+
+def only(*required):
+    return DEFAULT.model_copy(update={"required": required})
+
+
+def test_too_few_trials_are_no_excuse():
+    *_, verdict = judged(trials_of(EXACT["Cauchy"], 40, 20, seed=6))
+    gate = next(gate for gate in verdict.gates if gate.id == "informed.rank")
+    assert gate.outcome is Outcome.INCONCLUSIVE
+    assert "at least 50" in gate.message
+    assert "could not be checked" not in reason(verdict).replace("could not be checked:", "")
+
+
+def odd(kind, rng):
+    n, draws = 120, 10
+    x = rng.normal(size=(n, 3))
+    pool = x[:, None, :2] + rng.normal(size=(n, 1 + draws, 2))
+    more = {}
+    if kind == "constant parameter":
+        pool[:, :, 1] = 4.0
+    if kind == "integers":
+        pool = np.round(pool)
+    if kind == "circular":
+        pool[:, :, 0] = np.mod(pool[:, :, 0] * 2, 2 * np.pi)
+        more["circular"] = ["b"] if False else ["a"]
+    if kind == "weights":
+        more["weight"] = rng.random((n, draws))
+    if kind == "constant data":
+        x = np.ones((n, 3))
+    if kind == "no rank":
+        x = x[:, 0]
+    if kind == "image":
+        x = np.exp(rng.normal(size=(n, 20, 20)) + x[:, :1, None])
+    if kind == "twenty parameters":
+        pool = rng.normal(size=(n, 1 + draws, 20))
+    if kind == "one parameter":
+        pool = pool[:, :, :1]
+    if kind == "heavy data":
+        x = rng.standard_cauchy((n, 3)) ** 3
+    names = list("abcdefghijklmnopqrstuvwxyz"[: pool.shape[2]])
+    return make_trials(pool[:, 0], pool[:, 1:], names, x=x, **more)
+
+
+KINDS = (
+    *("constant parameter", "integers", "circular", "weights", "constant data", "no rank", "image"),
+    *("twenty parameters", "one parameter", "heavy data"),
+)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_odd_trials(kind):
+    """Ten draws, 120 trials; a number that is finite, and never a FAIL: exact all of them."""
+    trials = odd(kind, np.random.default_rng([7, KINDS.index(kind)]))
+    findings, not_checked = run_validators(trials, seed=1, select=["informed"])
+    rank = next(finding for finding in findings if finding.id == "informed.rank")
+    assert np.isfinite(rank.estimate).all()
+    assert np.isfinite(rank.influence).all()
+    assert abs(rank.estimate[0]) < 4 * rank.standard_error[0]
+    assert judge(findings, not_checked, DEFAULT, seed=1).outcome is not Outcome.FAIL
+    missing = {item.id for item in not_checked}
+    assert missing == {
+        "constant parameter": {"informed.crps[b]"},
+        "circular": {"informed.crps[a]"},
+    }.get(kind, set())
+
+
+def test_a_circular_parameter_that_is_ignored_shows():
+    """The prior of an angle is returned, where its sine and cosine are in the data."""
+    rng = np.random.default_rng(8)
+    angle = rng.uniform(0, 2 * np.pi, (1000, 1))
+    x = np.concatenate([np.cos(angle), np.sin(angle)], axis=1) + 0.2 * rng.normal(size=(1000, 2))
+    draws = rng.uniform(0, 2 * np.pi, (1000, 50, 1))
+    gates, *_ = judged(make_trials(angle, draws, ["angle"], x=x, circular=["angle"]))
+    assert gates["informed.rank"].outcome is Outcome.FAIL
+    assert gates["informed.rank"].statistic > 0.2
+
+
+def test_neither_blocks_nor_the_order_of_trials_matter():
+    trials = trials_of(EXACT["bent"], 150, 20, seed=9)
+    shuffled = trials.isel(trial=np.random.default_rng(9).permutation(150))
+    first, second = (
+        {f.id: f for f in run_validators(xr.DataTree(t), seed=3, select=["informed"])[0]}["informed.rank"]
+        for t in (trials, shuffled)
+    )
+    np.testing.assert_array_equal(first.estimate, second.estimate)
+    np.testing.assert_array_equal(first.influence[:, shuffled["trial"].values], second.influence)
+
+
+def test_prepared_trials_are_not_changed():
+    """Statistics are shared between validators: whoever looks after this one sees the same."""
+    prepared = Prepared(xr.DataTree(trials_of(EXACT["counts"], 100, 20, seed=10)), 1)
+    from gaugeblock.validate.learned.informed import channels, informed, pools
+
+    before = [prepared.per_trial(statistic).copy() for statistic in (pools, channels)]
+    informed(prepared)
+    for statistic, kept in zip((pools, channels), before, strict=True):
+        np.testing.assert_array_equal(prepared.per_trial(statistic), kept)

@@ -1,0 +1,81 @@
+"""What challengers see of the data: every value of x where these are few, sums of neighbours where many."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.core.arrays import Array
+from gaugeblock.validate.features import TrialFeatures, group_starts
+from gaugeblock.validate.learned.discriminant import normal_scores
+from gaugeblock.validate.learned.learned import usable
+from gaugeblock.validate.prepared import Prepared, TrialBlock
+
+INPUTS = 256
+# A standard deviation this many times what quartiles say is of a few far values: ranks are used instead.
+HEAVY = 2.0
+QUARTILES = 1.349  # their distance, for a normal distribution of sd 1
+
+
+class Data(NamedTuple):
+    """`channels` ``(trial, channel)``, standardised, and `features` ``(trial, k)``, with their names."""
+
+    channels: Array
+    features: Array
+    names: tuple[str, ...]
+
+
+def channels(block: TrialBlock) -> Array:
+    """Statistic: x flattened, neighbours summed until there are at most 256 values; none without x."""
+    if block.x is None:
+        return np.empty((len(block), 0))
+    flat = np.asarray(block.x, dtype=float).reshape(len(block), -1)
+    return np.asarray(np.add.reduceat(flat, group_starts(flat.shape[1], INPUTS), axis=1))
+
+
+def data_of(prepared: Prepared, rows: NDArray[np.int64]) -> Data:
+    """Data of the unaffected trials `rows`, as challengers see them; what is the same in all is left out."""
+    found = prepared.per_trial(channels)[rows]
+    features = prepared.features or TrialFeatures((), np.empty((len(prepared.trial), 0)))
+    finite = [bool(np.isfinite(features.column(name)).all()) for name in features.names]
+    named = [name for name, known in zip(features.names, finite, strict=True) if known]
+    shape = prepared.main["x"].shape[1:] if "x" in prepared.main else (0,)
+    return make_data(found, usable(features.values)[rows], shape=shape, names=named)
+
+
+def make_data(values: Array, features: Array, *, shape: tuple[int, ...], names: list[str]) -> Data:
+    """Data from sums of neighbouring values ``(trial, channel)`` of x of some `shape`, and named features.
+
+    >>> make_data(np.array([[1.0, 7.0], [3.0, 7.0]]), np.empty((2, 0)), shape=(2,), names=[]).names
+    ('x[0]',)
+    """
+    varies = np.ptp(values, axis=0) > 0 if len(values) else np.zeros(values.shape[1], dtype=bool)
+    kept = values[:, varies]
+    called = [name for name, known in zip(channel_names(shape), varies, strict=True) if known]
+    if (values >= 0).all():
+        kept = np.sqrt(kept)
+    standard = (kept - kept.mean(axis=0)) / kept.std(axis=0)
+    low, high = np.quantile(standard, [0.25, 0.75], axis=0) if len(kept) else np.zeros((2, 0))
+    heavy = HEAVY * (high - low) < QUARTILES
+    standard[:, heavy] = normal_scores(kept[:, heavy], kept[:, heavy])
+    return Data(standard, normal_scores(features, features), (*called, *names))
+
+
+def channel_names(shape: tuple[int, ...]) -> list[str]:
+    """What each channel is in the data's own terms.
+
+    >>> channel_names((2, 2))[2], channel_names((512,))[1]
+    ('x[1, 0]', 'x[2] to x[3]')
+    """
+    size = int(np.prod(shape, dtype=int))
+    starts = group_starts(size, INPUTS)
+    named = []
+    for start, stop in zip(starts, [*starts[1:], size], strict=True):
+        first, last = (
+            "x[" + ", ".join(str(int(i)) for i in np.unravel_index(place, shape)) + "]" if shape else "x"
+            for place in (start, stop - 1)
+        )
+        named.append(first if first == last else f"{first} to {last}")
+    return named

@@ -1,0 +1,176 @@
+"""Ranks of truths in a score that a challenger learned from earlier trials: uniform for an exact posterior.
+
+Trials are taken in a random order, in stages. A stage's score is learned on the stages before it alone, so
+given these its ranks are uniform and independent, whatever was learned (`learned.learned` says more). The
+score is a log odds: within a pool it also says how much lower than 1/2 it expects the truth's rank to come
+out, from the data and from the pool, in which truth and draws count alike. Trials are weighted by that: where
+the challenger sees nothing, nothing can be lost, and a fault of few trials is not lost in the others' noise.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gaugeblock.core.arrays import Array
+from gaugeblock.validate.learned.informed.challenger import Challenger, Known, Rows, fit_challenger
+from gaugeblock.validate.learned.informed.choice import fit_choice, score_z, softmax
+from gaugeblock.validate.learned.informed.terms import (
+    Term,
+    Terms,
+    regressed_terms,
+    values_of,
+    with_products,
+)
+
+STAGES = 8
+MOST_TAUGHT = 4000
+FOLDS = 3
+TAUGHT_CANDIDATES = 17
+# Columns that chance explains, within so many standard errors, stay out of the score.
+LEAST_Z = 2.0
+ROUNDS = 2
+# No trial weighs more than this many times the root mean square: at least 4% of trials count.
+MOST_WEIGHT = 5.0
+
+
+class Told(NamedTuple):
+    """How well one column told truths from draws: its excess over scored trials, and the variance of that."""
+
+    excess: float
+    square: float
+
+    @property
+    def z(self) -> float:
+        """Excess in standard errors."""
+        return self.excess / np.sqrt(self.square) if self.square > 0 else 0.0
+
+
+NOTHING = Told(0.0, 0.0)
+
+
+class Learned(NamedTuple):
+    """Of the trials that were scored: which, ranks, weights, and what the challenger expected.
+
+    `row`, `pit`, `weight` ``(scored,)``, weights of root mean square 1; `location` ``(scored, parameter)``
+    the normal scores that a regression on the data expected, `spread` ``(scored, parameter)`` its error;
+    `told` by term and family, and the last challenger, who saw most.
+    """
+
+    row: NDArray[np.int64]
+    pit: Array
+    weight: Array
+    location: Array
+    spread: Array
+    told: dict[tuple[Term, str], Told]
+    last: Challenger
+
+
+def learn(known: Known, *, order: ArrayLike) -> Learned:
+    """Challenge trials stage by stage, in an `order` that depends on neither truths nor draws."""
+    sequence = np.asarray(order)
+    n, p = len(sequence), known.pools.values.shape[2]
+    plain = regressed_terms(p)
+    told: dict[tuple[Term, str], Told] = {}
+    parts = []
+    edges = np.linspace(n // STAGES, n, STAGES).astype(int)
+    for start, stop in itertools.pairwise(edges):
+        taught, scored = sequence[max(0, start - MOST_TAUGHT) : start], sequence[start:stop]
+        terms = with_products(plain, known.pools.scores[taught])
+        coefficient = _chosen(
+            _columns(known, terms, taught, _unseen(known, plain, taught), TAUGHT_CANDIDATES)
+        )
+        last = fit_challenger(known, plain, taught)
+        columns = _columns(known, terms, scored, last(known, scored))
+        _account(told, terms, columns)
+        values = columns @ coefficient
+        expected = last.location.scores(known, scored)[:, :p]
+        spread = np.broadcast_to(last.location.residual[:p], expected.shape)
+        parts.append((_pit(values, known.pools.ties[scored]), _gain(values), expected, spread))
+    pit, gain, location, spread = (np.concatenate(column) for column in zip(*parts, strict=True))
+    row = sequence[edges[0] :]
+    back = np.argsort(row)
+    return Learned(row[back], pit[back], weights(gain)[back], location[back], spread[back], told, last)
+
+
+def weights(gain: ArrayLike) -> Array:
+    """Weights ``(n,)`` in proportion to expected gains, of root mean square 1 and at most about 5.
+
+    >>> weights([0.0, 0.0, 0.2, 0.2]).round(2).tolist(), weights([0.0, 0.0]).tolist()
+    ([0.0, 0.0, 1.41, 1.41], [1.0, 1.0])
+    """
+    size = np.asarray(gain, dtype=float)
+    if not (size > 0).any():
+        return np.ones(len(size))
+    for _ in range(2):
+        size = size / np.sqrt(np.mean(size**2))
+        size = np.minimum(size, MOST_WEIGHT)
+    return np.asarray(size / np.sqrt(np.mean(size**2)))
+
+
+def _unseen(known: Known, terms: Terms, taught: Rows) -> tuple[Array, Array]:
+    """What is foretold of the trials that teach by challengers that did not see them."""
+    linear, trees = np.empty((len(taught), terms.regressed)), np.empty((len(taught), terms.treed))
+    for fold in range(FOLDS):
+        held = np.arange(len(taught)) % FOLDS == fold
+        linear[held], trees[held] = fit_challenger(known, terms, taught[~held])(known, taught[held])
+    return linear, trees
+
+
+def _columns(
+    known: Known, terms: Terms, rows: Rows, foretold: tuple[Array, Array], candidates: int | None = None
+) -> Array:
+    """Terms, and terms times what is foretold of them, ``(n, candidate, column)``; of mean 0 in each pool."""
+    values = values_of(terms.every, known.pools.scores[rows, :candidates])
+    values -= values.mean(axis=1, keepdims=True)
+    linear, trees = foretold
+    regressed, treed = values[..., : terms.regressed], values[..., : terms.treed]
+    return np.concatenate([values, regressed * linear[:, None], treed * trees[:, None]], axis=2)
+
+
+def _chosen(columns: Array) -> Array:
+    """Coefficients ``(column,)`` of the log odds of being the truth; 0 for columns that chance explains.
+
+    In two rounds: a column may tell nothing by itself, and much beside others (a narrower truth, once it is
+    known where).
+    """
+    scale = np.sqrt((columns**2).mean(axis=(0, 1)))
+    standard = columns / np.where(scale > 0, scale, 1.0)
+    coefficient, kept = np.zeros(len(scale)), np.zeros(len(scale), dtype=bool)
+    for _ in range(ROUNDS):
+        z = score_z(standard, coefficient)
+        further = (np.abs(z) >= min(LEAST_Z, np.abs(z).max())) & (scale > 0) & ~kept
+        if not further.any():
+            break
+        kept |= further
+        coefficient[kept] = fit_choice(standard[:, :, kept])
+    return coefficient / np.where(scale > 0, scale, 1.0)
+
+
+def _account(told: dict[tuple[Term, str], Told], terms: Terms, columns: Array) -> None:
+    keys = [
+        *((term, "alone") for term in terms.every),
+        *((term, "ridge") for term in terms.every[: terms.regressed]),
+        *((term, "trees") for term in terms.every[: terms.treed]),
+    ]
+    excess, square = columns[:, 0].sum(axis=0), (columns**2).mean(axis=1).sum(axis=0)
+    for key, more, scatter in zip(keys, excess, square, strict=True):
+        so_far = told.get(key, NOTHING)
+        told[key] = Told(so_far.excess + float(more), so_far.square + float(scatter))
+
+
+def _pit(values: Array, ties: Array) -> Array:
+    """Randomised PIT ``(n,)`` of the first of values ``(n, candidate)``: low where truths score high."""
+    above = np.count_nonzero(values[:, 1:] > values[:, :1], axis=1)
+    equal = np.count_nonzero(values[:, 1:] == values[:, :1], axis=1)
+    return np.asarray((above + (equal + 1) * ties) / values.shape[1])
+
+
+def _gain(values: Array) -> Array:
+    """How far below 1/2 the PIT of the truth is expected, ``(n,)``, from the log odds of all candidates."""
+    chance = np.sort(softmax(values), axis=1)
+    number = values.shape[1]
+    return np.asarray(chance @ ((np.arange(number) + 0.5) / number - 0.5))
