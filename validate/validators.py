@@ -17,7 +17,9 @@ from gaugeblock.validate.joint.joint import STATISTICS, joint
 from gaugeblock.validate.joint.normalisation import density, ratios
 from gaugeblock.validate.layout.layout import layout
 from gaugeblock.validate.learned.c2st import c2st
-from gaugeblock.validate.learned.informed import channels, informed, pools
+from gaugeblock.validate.learned.informed.data import channels
+from gaugeblock.validate.learned.informed.informed import informed
+from gaugeblock.validate.learned.informed.pools import pools
 from gaugeblock.validate.learned.lc2st import lc2st
 from gaugeblock.validate.learned.learned import candidates
 from gaugeblock.validate.local.local import local, location

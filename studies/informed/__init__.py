@@ -1,1 +1,1 @@
-"""How often the *informed* gate blocks estimators that lose what the data say, and exact ones, by simulation."""
+"""How often the *informed* gate blocks estimators that lose what data say, and exact ones, by simulation."""

@@ -22,8 +22,8 @@ def fit_choice(columns: Array) -> Array:
     >>> rng = np.random.default_rng(0)
     >>> pools = rng.normal(size=(1000, 9, 2))
     >>> pools[:, 0, 0] += 1.0
-    >>> fit_choice(pools).round(1).tolist()
-    [0.9, 0.0]
+    >>> bool(np.abs(fit_choice(pools) - [1.0, 0.0]).max() < 0.1)
+    True
     """
     n, number, width = columns.shape
     coefficient = np.zeros(width)

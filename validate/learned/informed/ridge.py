@@ -30,8 +30,8 @@ def fit_ridge(inputs: Array, targets: Array) -> Ridge:
     The penalty is each target's own, by generalised cross-validation, which costs one eigenvalue problem.
 
     >>> x = np.random.default_rng(0).normal(size=(500, 3))
-    >>> fit_ridge(x, x[:, :1])(np.eye(3)).round(1).ravel().tolist()
-    [1.0, 0.0, 0.0]
+    >>> bool(np.allclose(fit_ridge(x, x[:, :1])(np.eye(3))[:, 0], [1, 0, 0], atol=0.01))
+    True
     """
     n = len(inputs)
     centre, mean = inputs.mean(axis=0), targets.mean(axis=0)
