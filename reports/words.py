@@ -14,6 +14,8 @@ _QUESTIONS = {
     "draws.finite": "Is every draw a finite number?",
     "sbc.bias": "Is the posterior centred on the truth?",
     "sbc.log_width": "Is the posterior as wide as its errors are large?",
+    "tails.outliers": "Do draws stray where truths never are, or truths where no draws are?",
+    "tails.coverage": "Do the outermost intervals hold the truth as often as they claim?",
     "coverage.central": "Do credible intervals hold the truth as often as they claim?",
     "local.coverage": "Do credible intervals hold the truth as often everywhere in the data?",
     "posterior_sbc.bias": "Is the posterior centred on the truth for data like the observation?",
@@ -46,6 +48,8 @@ _UNITS = {
     "local": "fraction of trials",
     "informed": "probability",
     "normalisation": "natural log of the density",
+    "outliers": "share of draws",
+    "tails": "fraction of trials",
     "ess": "fraction of draws",
 }
 

@@ -101,6 +101,17 @@ def _coverage(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> s
     return "; ".join(said)
 
 
+def _outliers(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> str:
+    index = shown[0]
+    value = float(item.finding.estimate[index])
+    who, others = ("draws", "truths") if value > 0 else ("truths", "draws")
+    return (
+        f"{item.finding.components[index]}: {abs(value):.2%} more of the {who} than of the {others} lie more "
+        f"than 8 half-widths out ({value:+.4f}, {level} {_range(bound, index, '{:+.4f}'.format)}; tolerated "
+        f"{item.high:g})"
+    )
+
+
 def _gap(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> str:
     said = []
     for index in shown[:NAMED]:
@@ -184,6 +195,13 @@ def _advice(item: Judgeable, fails: NDArray[np.bool_]) -> str:
     retrain = "train longer or on more simulations, with a larger network"
     if quantity == "bias":
         return f"Check that trials and training share one prior and simulator, then {retrain}"
+    if quantity == "outliers" and (estimate > 0).all():
+        return (
+            "A few draws are far from where truths ever are; the bulk is another matter: look for a flow's "
+            "tails, draws outside the prior, a transform near its edge; cut or reject such draws"
+        )
+    if quantity in ("outliers", "tails"):
+        return f"Tails are missing: look for draws that are clipped or cut off; else {retrain}"
     if quantity in ("log_width", "coverage"):
         if (estimate < 0).all():
             fault = "too narrow" if quantity == "log_width" else "too narrow or displaced"
@@ -223,6 +241,8 @@ _DETECTABLE: dict[str, Callable[[float], str]] = {
     "bias": lambda size: f"a bias of {size:.3f} half-widths",
     "log_width": lambda size: f"a width ratio of {math.exp(-size):.3f} or {math.exp(size):.3f}",
     "coverage": lambda size: f"a gap of {size:.3f}",
+    "tails": lambda size: f"a gap of {size:.4f}",
+    "outliers": lambda size: f"a share of {size:.2%}",
     "joint": lambda size: f"a gap of {size:.3f}",
     "local": lambda size: f"a gap of {size:.3f}",
     "informed": lambda size: f"a gap of {size:.3f}",
@@ -234,6 +254,8 @@ _DESCRIBE: dict[str, Callable[[Judgeable, Bounds, list[int], str], str]] = {
     "bias": _bias,
     "log_width": _log_width,
     "coverage": _coverage,
+    "tails": _coverage,
+    "outliers": _outliers,
     "joint": _gap,
     "local": _gap,
     "informed": _informed,

@@ -23,8 +23,8 @@ class Tolerance(Table):
     """The largest fault that is tolerated, per quantity; for `ess` the least fraction.
 
     bias: half-widths of 68% intervals (of a Gaussian: sd). log_width: natural log of the factor by which
-    central intervals are too wide. coverage, joint, local, informed: probability. normalisation: natural log
-    of a density.
+    central intervals are too wide. coverage, joint, local, tails, informed: probability. normalisation:
+    natural log of a density. outliers: share of draws.
     """
 
     bias: Size
@@ -34,6 +34,8 @@ class Tolerance(Table):
     local: Gap
     informed: Gap
     normalisation: Size
+    outliers: Gap
+    tails: Gap
     ess: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
 
 

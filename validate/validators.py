@@ -29,6 +29,7 @@ from gaugeblock.validate.marginal.coverage import coverage
 from gaugeblock.validate.marginal.finite import finite
 from gaugeblock.validate.marginal.half_widths import half_widths
 from gaugeblock.validate.marginal.sbc import sbc
+from gaugeblock.validate.marginal.tails import outliers, tails
 from gaugeblock.validate.prepared import Prepared, Statistic, effective_draws, pit
 
 
@@ -51,6 +52,7 @@ VALIDATORS: Mapping[str, Validator] = {
     "draws": Validator(finite),
     "sbc": Validator(sbc, (pit, half_widths, effective_draws)),
     "coverage": Validator(coverage, (pit,)),
+    "tails": Validator(tails, (pit, effective_draws, outliers)),
     "joint": Validator(joint, STATISTICS),
     "density": Validator(density, (ratios,)),
     "local": Validator(local, (pit, half_widths, location)),
