@@ -26,7 +26,7 @@ def test_an_infinite_neighbour_leaves_the_error_unknown():
 def test_p_values_of_several_quantiles_are_binomial():
     """2,000 samples at their true quantiles: at most 5% rejected, and not far below (0.0005 limits)."""
     rng, q = np.random.default_rng(2), np.array([0.3, 0.5])
-    p = [exact_p_value(rng.normal(size=(2, 60)) - stats.norm.ppf(q)[:, None], q, 0.0) for _ in range(2000)]
+    p = [exact_p_value(rng.normal(size=(2, 400)) - stats.norm.ppf(q)[:, None], q, 0.0) for _ in range(2000)]
     rejected = int((np.array(p) <= 0.05).sum())
     assert stats.binom.ppf(0.0005, 2000, 0.025) <= rejected <= stats.binom.ppf(0.9995, 2000, 0.05)
     sample = np.r_[np.full(17, -1.0), np.full(43, 1.0)]

@@ -95,6 +95,20 @@ def test_a_known_truth_among_known_draws():
         assert moved[0, 0, SHIFTS.tolist().index(shift)] == pytest.approx((below + 0.5) / 20)
 
 
+def test_each_side_is_stretched_in_proportion_to_its_own_length():
+    draws = np.arange(19.0) ** 2
+    low, middle, high = np.quantile(draws, [0.05, 0.5, 0.95], method="weibull")
+    for truth, reach in ((middle + 50.0, high - middle), (middle - 50.0, middle - low)):
+        stretch, _ = half_width_scores([[truth]], draws[None, :, None], levels=[0.9])
+        assert stretch[0, 0, 0] == pytest.approx(50.0 / reach)
+
+
+def test_a_truth_at_the_median_of_its_draws_is_as_far_as_its_rank_says():
+    scores = np.zeros((3, len(MEASURED) + len(SHIFTS)))
+    pit = np.array([0.5, 0.6, 0.95])
+    np.testing.assert_allclose(np.exp(log_stretch(scores, pit, 0.5)), [1e-6, 0.4, 1.8], rtol=1e-9)
+
+
 def test_weights_count():
     """Draws twice over, or with weight two, and a truth that weighs as one effective draw of either."""
     rng = np.random.default_rng(4)

@@ -39,6 +39,24 @@ def test_truths_of_exact_posteriors_are_outliers_as_often_as_draws(shape, draws)
         assert finding.standard_error[0] == pytest.approx(difference.std() / np.sqrt(20_000), rel=0.1)
 
 
+def test_far_is_eight_half_widths():
+    """A pool of a thousand normal quantiles, whose half-width is 0.994."""
+    draws = stats.norm.ppf((np.arange(999) + 0.5) / 999)[None, :, None]
+    for distance, far in ((7.9, False), (8.1, True), (-7.9, False), (-8.1, True)):
+        _, truth = outlier_shares([[distance * stats.norm.ppf(0.84)]], draws)
+        assert bool(truth[0, 0]) == far
+
+
+def test_no_outlier_is_no_certainty_and_stray_draws_of_few_trials_are_one_event():
+    """Errors: two truths of n where none was seen; and the scatter between trials, not between draws."""
+    none = outlier_finding("a", np.zeros((400, 2)))
+    assert none.standard_error[0] == pytest.approx(2 / 400)
+    few = np.zeros((40_000, 2))
+    few[:400, 0] = 1.0
+    scatter = np.sqrt(0.01 * 0.99 / 40_000)
+    assert outlier_finding("a", few).standard_error[0] == pytest.approx(np.hypot(scatter, 2 / 40_000))
+
+
 def test_exact_posteriors_are_rarely_blocked():
     """300 audits of 200 Cauchy trials: FAIL in at most 5% (0.999 binomial limit)."""
     failed = 0
