@@ -15,6 +15,7 @@ NAMES = {
     "gain": "gain.__main__",
     "paper": "paper.__main__",
     "discoveries": "discoveries",
+    "informed": "informed.__main__",
 }
 
 

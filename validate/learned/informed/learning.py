@@ -33,7 +33,7 @@ TAUGHT_CANDIDATES = 17
 # Columns that chance explains, within so many standard errors, stay out of the score.
 LEAST_Z = 2.0
 ROUNDS = 2
-# No trial weighs more than this many times the root mean square: at least 4% of trials count.
+# No trial weighs more: a fault of less than 4% of trials counts with its share, not with the root of it.
 MOST_WEIGHT = 5.0
 
 
@@ -97,7 +97,9 @@ def learn(known: Known, *, order: ArrayLike) -> Learned:
 
 
 def weights(gain: ArrayLike) -> Array:
-    """Weights ``(n,)`` in proportion to expected gains, of root mean square 1 and at most about 5.
+    """Weights ``(n,)`` in proportion to expected gains, of root mean square 1 and at most 5.
+
+    Of less than 1, where less than 4% of the trials are expected to gain anything.
 
     >>> weights([0.0, 0.0, 0.2, 0.2]).round(2).tolist(), weights([0.0, 0.0]).tolist()
     ([0.0, 0.0, 1.41, 1.41], [1.0, 1.0])
@@ -108,7 +110,7 @@ def weights(gain: ArrayLike) -> Array:
     for _ in range(2):
         size = size / np.sqrt(np.mean(size**2))
         size = np.minimum(size, MOST_WEIGHT)
-    return np.asarray(size / np.sqrt(np.mean(size**2)))
+    return np.asarray(np.minimum(size / np.sqrt(np.mean(size**2)), MOST_WEIGHT))
 
 
 def _unseen(known: Known, terms: Terms, taught: Rows) -> tuple[Array, Array]:

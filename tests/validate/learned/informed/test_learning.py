@@ -1,0 +1,139 @@
+"""Ranks are uniform whatever was learned, of pools of any shape; and the pieces of a challenger."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gaugeblock.validate.learned.informed.challenger import Known
+from gaugeblock.validate.learned.informed.choice import fit_choice, softmax
+from gaugeblock.validate.learned.informed.data import make_data
+from gaugeblock.validate.learned.informed.learning import learn, weights
+from gaugeblock.validate.learned.informed.pools import Pools, rank_scores
+from gaugeblock.validate.learned.informed.ridge import fit_ridge
+from gaugeblock.validate.learned.informed.skill import fair_crps, forecast_crps, skill
+from gaugeblock.validate.learned.informed.terms import regressed_terms, values_of, with_products
+from gaugeblock.validate.learned.informed.trees import fit_trees
+from gaugeblock.validate.marginal.uniformity import ecdf_test
+
+
+def known(values, x, rng):
+    n, candidates, p = values.shape
+    pools = Pools(
+        values, rank_scores(values, rng.random((n, candidates))), values.mean(axis=1), values.std(axis=1),
+        np.zeros((n, p)), rng.random(n), {},
+    )  # fmt: skip
+    data = make_data(x, np.empty((n, 0)), shape=x.shape[1:], names=[])
+    return Known(pools, data, pools.summaries, tuple("abc"[:p]))
+
+
+SHAPES = {
+    "normal": lambda rng, size: rng.normal(size=size),
+    "spike": lambda rng, size: np.where(rng.random(size) < 0.1, rng.normal(size=size), 0.0),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_ranks_of_exact_posteriors_are_uniform(shape):
+    """50 replicates of 70 trials, each overfitted. Weighted z has mean 0 within 4 standard errors, variance
+    1 within 0.999 limits, and ranks together are uniform at 0.001; of a score that learned from what it
+    ranks, z is near 3."""
+    z, pit = [], []
+    for seed in range(50):
+        rng = np.random.default_rng([1, seed])
+        x = rng.normal(size=(70, 6))
+        values = x[:, None, :2] + SHAPES[shape](rng, (70, 9, 2))
+        found = learn(known(values, x, rng), order=rng.permutation(70))
+        assert len(found.row) == 70 - 70 // 8
+        assert (np.diff(found.row) > 0).all()
+        pit.append(found.pit)
+        z.append(np.sqrt(12 / len(found.pit)) * np.sum(found.weight * (0.5 - found.pit)))
+    assert abs(np.mean(z)) < 4 / np.sqrt(50)
+    assert 0.43 < np.var(z) < 1.84
+    assert ecdf_test(np.concatenate(pit)).p_value > 1e-3
+
+
+def test_truths_that_the_data_tell_rank_low():
+    """Not high: the side matters, the gate looks at one only."""
+    rng = np.random.default_rng(2)
+    x = rng.normal(size=(600, 2))
+    values = rng.normal(size=(600, 33, 1))
+    values[:, 0, 0] = x[:, 0]
+    found = learn(known(values, x, rng), order=rng.permutation(600))
+    assert found.pit.mean() < 0.25
+    assert found.told[((0,), "ridge")].z > 10
+
+
+def test_no_trial_weighs_more_than_five_and_the_mean_square_is_one():
+    gain = np.concatenate([np.zeros(9990), np.ones(10)])
+    found = weights(gain)
+    assert found.max() == 5
+    assert np.mean(found**2) == pytest.approx(25 * 10 / 10_000)
+    assert np.mean(weights(np.random.default_rng(3).random(1000)) ** 2) == pytest.approx(1)
+
+
+def test_ridge_is_least_squares_where_there_is_no_noise_and_nothing_where_there_is_only_noise():
+    rng = np.random.default_rng(4)
+    x = rng.normal(size=(400, 30))
+    wanted = np.column_stack([x[:, 3] - 2 * x[:, 7] + 5, rng.normal(size=400)])
+    found = fit_ridge(x, wanted)
+    np.testing.assert_allclose(found(x)[:, 0], wanted[:, 0], atol=0.02)
+    assert np.var(found(rng.normal(size=(400, 30)))[:, 1]) < 0.03
+
+
+def test_trees_find_a_product_and_a_few_extreme_trials_and_no_noise():
+    rng = np.random.default_rng(5)
+    x = rng.normal(size=(3000, 8))
+    bright = x[:, 5] > np.quantile(x[:, 5], 0.95)
+    clean = np.column_stack([0.4 * np.sign(x[:, 1] * x[:, 2]), 1.5 * bright, np.zeros(3000)])
+    found = fit_trees(x, clean + rng.normal(size=clean.shape))
+    assert {split.input for split in found.trees[0][0].splits} == {1, 2}
+    assert 5 in {split.input for split in found.trees[1][0].splits}
+    for target in range(2):
+        assert np.corrcoef(found(x)[:, target], clean[:, target])[0, 1] > 0.8
+    assert np.var(found(x)[:, 2]) < 0.02
+
+
+def test_the_choice_maximises_the_likelihood():
+    """The slope of the penalised log likelihood is 0, by differences."""
+    rng = np.random.default_rng(6)
+    columns = rng.normal(size=(300, 5, 3))
+    columns[:, 0] += [0.5, 0.0, -1.0]
+
+    def likelihood(coefficient):
+        return np.log(softmax(columns @ coefficient)[:, 0]).sum() - 10 * np.sum(coefficient**2)
+
+    best = fit_choice(columns)
+    for step in 1e-3 * np.eye(3):
+        assert likelihood(best) >= max(likelihood(best + step), likelihood(best - step))
+
+
+def test_a_dependence_of_three_parameters_is_picked_among_all_triples():
+    rng = np.random.default_rng(7)
+    scores = rng.normal(size=(500, 9, 8))
+    scores[:, 0, 6] = np.abs(scores[:, 0, 6]) * np.sign(scores[:, 0, 1] * scores[:, 0, 4])
+    terms = with_products(regressed_terms(8), scores)
+    assert (1, 4, 6) in terms.every
+    np.testing.assert_allclose(
+        values_of(terms.every, scores)[..., terms.every.index((1, 4, 6))],
+        scores[..., [1, 4, 6]].prod(axis=-1),
+    )
+
+
+def test_fair_crps_does_not_depend_on_the_number_of_draws():
+    """That of a standard normal forecast of its own kind is 1 / sqrt(pi), within 4 standard errors."""
+    rng = np.random.default_rng(8)
+    for number in (2, 20):
+        found = fair_crps(rng.normal(size=20_000), rng.normal(size=(20_000, number)))
+        assert abs(found.mean() - 1 / np.sqrt(np.pi)) < 4 * found.std() / np.sqrt(20_000)
+
+
+def test_skill_of_the_prior_is_nothing_and_of_the_truth_all():
+    rng = np.random.default_rng(9)
+    truth = np.exp(3 * rng.normal(size=2000))
+    prior = skill(truth, rng.choice(truth, (2000, 16)))
+    assert prior.prior.mean() == pytest.approx(1 / 6, abs=1e-3)
+    assert prior.draws.mean() / prior.prior.mean() == pytest.approx(1, abs=0.05)
+    assert skill(truth, np.repeat(truth[:, None], 16, axis=1)).draws.mean() == pytest.approx(0, abs=1e-9)
+    forecast = forecast_crps(truth, np.zeros(2000), np.ones(2000), truth)
+    assert forecast.mean() == pytest.approx(1 / 6, abs=2e-3)
