@@ -79,11 +79,12 @@ def tails(prepared: Prepared) -> list[Finding | NotChecked]:
     judged = [level for level in LEVELS if draws >= needed_draws(level)]
     if judged:
         found.append(coverage_finding(prepared.pit, prepared.parameters, judged, caveats=prepared.caveats))
-    found += [
-        NotChecked(f"tails.coverage @ {level:g}", f"needs {needed:,} draws a trial; has {draws:,.0f}")
-        for level in LEVELS
-        if draws < (needed := needed_draws(level))
+    beyond = [
+        f"{level:.1%} intervals need {needed_draws(level):,}" for level in LEVELS if level not in judged
     ]
+    if beyond:
+        why = f"{', '.join(beyond)} draws a trial; there are {draws:,.0f}"
+        found.append(NotChecked("tails.coverage", why))
     return found
 
 
