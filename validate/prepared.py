@@ -198,7 +198,8 @@ class Prepared:
                 # Thinning may leave a trial none of its weight; such draws say nothing and count equally.
                 weight = thinned["weight"]
                 thinned["weight"] = np.where(weight.sum(axis=1, keepdims=True) > 0, weight, 1.0)
-            truth, draws = part.pop("theta_true"), part.pop("draws")[:, ::stride]
+            # Halves and singles hold draws well and their sums badly.
+            truth, draws = part.pop("theta_true").astype(float), part.pop("draws")[:, ::stride].astype(float)
             if periods:
                 truth, draws = unwrap_circular(truth, draws, periods)
             per_trial = {name: part.pop(name).astype(float) for name in PER_TRIAL if name in part}
