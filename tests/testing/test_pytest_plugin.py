@@ -32,7 +32,7 @@ def test_a_pass_returns_the_audit_and_says_what_it_would_have_seen(pytester, toy
             "*= calibration =*",
             "PASS test_flow.py::test_flow: 1,000 trials x 30 draws, seed 20260611, policy default, changed",
             "*smallest fault blocked with 90% power:",
-            "*sbc.bias *posterior sd",
+            "*sbc.bias *half-widths",
             "*sbc.log_width *width ratio",
             "*coverage.central *fraction of trials",
         ]
@@ -61,7 +61,7 @@ def test_a_fail_is_a_table_without_a_traceback(pytester, toy):
             "1,000 trials x 30 draws, seed *",
             "gate * verdict * statistic * interval * tolerance",
             "sbc.log_width*theta_*  FAIL     -0.4*  -0.* to -0.*  +-0.2",
-            "    theta_*: posteriors are 0.* times as wide as they should be*",
+            "    theta_*: central * intervals are 0.* times as wide as they should be*",
             "Report: *report.html",
             "FAILED test_flow.py::test_flow - CalibrationFailed: FAIL: *",
         ]
