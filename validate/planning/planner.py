@@ -26,7 +26,8 @@ from gaugeblock.validate.policy import Policy
 # Share of a fault that finite draws may hide before more draws, ten at a time, are asked for.
 MOST_HIDDEN = 0.03
 # What a whole audit judges, each family with its own share of the budget: all that is measured on the main
-# trials, the joint likelihood, importance sampling, the informed gate. Fewer only make an audit stronger than planned.
+# trials, the joint likelihood, importance sampling, the informed gate. Fewer only make an audit stronger than
+# planned.
 FAMILIES = 4
 # Comparisons of learned scores (c2st.rank, lc2st.local), and regions of each feature.
 LEARNED = 96

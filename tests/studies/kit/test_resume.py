@@ -5,6 +5,7 @@ import sys
 import time
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -76,11 +77,17 @@ def plain(index):
     return partial(eval, f"dict(index={index}, process=__import__('os').getpid(), none=float('nan'))", {})
 
 
+def spawning(monkeypatch):
+    """As if JAX were loaded; a spawned process finds the studies where `python -m studies` would."""
+    monkeypatch.syspath_prepend(Path(__file__).resolve().parents[3])
+    monkeypatch.setitem(sys.modules, "jax", sys)
+
+
 @pytest.fixture(params=["forked", "spawned"])
 def begun(request, monkeypatch):
     """Processes are spawned where JAX is loaded, which it is or is not here by chance."""
     if request.param == "spawned":
-        monkeypatch.setitem(sys.modules, "jax", sys)
+        spawning(monkeypatch)
     elif "jax" in sys.modules:
         pytest.skip("an earlier test has loaded JAX, which forbids forking; test_study.py forks in any case")
     return request.param
@@ -107,7 +114,7 @@ def test_what_goes_wrong_in_a_process_ends_the_run_and_is_told(tmp_path):
 
 def test_processes_that_cannot_begin_end_the_run(tmp_path, monkeypatch):
     """A spawned process does not find a function of this file; it must not be waited for."""
-    monkeypatch.setitem(sys.modules, "jax", sys)
+    spawning(monkeypatch)
     monkeypatch.setattr(plain, "__module__", "nowhere_to_be_found")
     monkeypatch.setitem(sys.modules, "nowhere_to_be_found", sys.modules[__name__])
     with pytest.raises(BrokenProcessPool):

@@ -125,12 +125,17 @@ def _unseen(known: Known, terms: Terms, taught: Rows) -> tuple[Array, Array]:
 def _columns(
     known: Known, terms: Terms, rows: Rows, foretold: tuple[Array, Array], candidates: int | None = None
 ) -> Array:
-    """Terms, and terms times what is foretold of them, ``(n, candidate, column)``; of mean 0 in each pool."""
+    """Terms times what is foretold of them, ``(n, candidate, column)``, of mean 0 in each pool.
+
+    All but places stand there alone too: how much of a bias that is the same whatever the data is tolerated,
+    `sbc.bias` says. (A width alone sharpens what is foretold of a place.)
+    """
     values = values_of(terms.every, known.pools.scores[rows, :candidates])
     values -= values.mean(axis=1, keepdims=True)
     linear, trees = foretold
     regressed, treed = values[..., : terms.regressed], values[..., : terms.treed]
-    return np.concatenate([values, regressed * linear[:, None], treed * trees[:, None]], axis=2)
+    alone = values[..., terms.places :]
+    return np.concatenate([alone, regressed * linear[:, None], treed * trees[:, None]], axis=2)
 
 
 def _chosen(columns: Array) -> Array:
@@ -154,7 +159,7 @@ def _chosen(columns: Array) -> Array:
 
 def _account(told: dict[tuple[Term, str], Told], terms: Terms, columns: Array) -> None:
     keys = [
-        *((term, "alone") for term in terms.every),
+        *((term, "alone") for term in terms.every[terms.places :]),
         *((term, "ridge") for term in terms.every[: terms.regressed]),
         *((term, "trees") for term in terms.every[: terms.treed]),
     ]

@@ -29,6 +29,11 @@ class Terms(NamedTuple):
     regressed: int
     treed: int
 
+    @property
+    def places(self) -> int:
+        """How many of them, the first, are places of one parameter."""
+        return sum(len(term) == 1 for term in self.every)
+
 
 def regressed_terms(parameters: int) -> Terms:
     """Place and width of each parameter, all widths together, and pairs where they are few.
