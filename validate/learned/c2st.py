@@ -21,7 +21,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import generator
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked, PValueFinding
 from gaugeblock.validate.learned.learned import LEAST_TRIALS, LearnedRanks, learned_from
-from gaugeblock.validate.marginal.coverage import LEVELS, STEADYING, inside_central
+from gaugeblock.validate.marginal.coverage import LEVELS, inside_central, steadied_error
 from gaugeblock.validate.p_values import lower_tail
 from gaugeblock.validate.prepared import Prepared
 
@@ -76,7 +76,6 @@ def rank_finding(
     inside = np.concatenate([u <= np.array(levels)[:, None], inside_central(u[:, None], levels)[0]])
     nominal = np.tile(levels, 2)
     hits = inside.sum(axis=1)
-    steadied = (hits + STEADYING) / (scored + 2 * STEADYING)
     held = hits / scored
     z = float(u.mean() - 0.5) * np.sqrt(12 * scored)
     numbers = np.arange(n) if trial is None else trial
@@ -93,7 +92,7 @@ def rank_finding(
             f"learned score{part} @ {level:g}" for part in ("", " (central)") for level in levels
         ),
         estimate=held - nominal,
-        standard_error=np.sqrt(steadied * (1 - steadied) / scored),
+        standard_error=steadied_error(hits, scored),
         influence=spread_out(inside - held[:, None], ranks.row, n),
         p_value=lower_tail(-z),
         details=xr.Dataset({"pit": ("trial", u)}, coords={"trial": numbers[ranks.row]}),

@@ -17,7 +17,7 @@ from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.learned.c2st import spread_out
 from gaugeblock.validate.learned.learned import LEAST_TRIALS, STAGES, learned_from
 from gaugeblock.validate.local.regions import LEAST, Regions, quantile_regions
-from gaugeblock.validate.marginal.coverage import STEADYING
+from gaugeblock.validate.marginal.coverage import steadied_error
 from gaugeblock.validate.prepared import Prepared
 
 REFERENCE = (
@@ -86,8 +86,7 @@ def local_finding(
     count = member.sum(axis=1)[:, None]
     inside = u <= np.array(LEVELS)[:, None]
     hits = member.astype(float) @ inside.T.astype(float)
-    steadied = (hits + STEADYING) / (count + 2 * STEADYING)
-    gap, error = hits / count - LEVELS, np.sqrt(steadied * (1 - steadied) / count)
+    gap, error = hits / count - LEVELS, steadied_error(hits, count)
     influence = (inside - (hits / count)[..., None]) * (member * (scored / count))[:, None, :]
     names = [part.describe(region) for part in regions for region in range(len(part))]
     kept = np.arange(scored) if order is None else np.asarray(order)

@@ -20,7 +20,7 @@ from gaugeblock.validate.check import circular_parameters
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.local.homogeneity import homogeneous_finding
 from gaugeblock.validate.local.regions import LEAST, Regions, quantile_regions
-from gaugeblock.validate.marginal.coverage import STEADYING, inside_central
+from gaugeblock.validate.marginal.coverage import inside_central, steadied_error
 from gaugeblock.validate.marginal.half_widths import SHIFTS, UNIT, half_widths, log_stretch, moved_pit
 from gaugeblock.validate.prepared import Prepared, TrialBlock
 from gaugeblock.validate.quantiles import quantile_of, roots_of
@@ -83,10 +83,9 @@ def local_coverage(pit: ArrayLike, members: ArrayLike) -> LocalCoverage:
     member = np.asarray(members, dtype=bool)
     count = member.sum(axis=1)[:, None, None]
     hits = np.einsum("pct,rt->rpc", inside.astype(float), member.astype(float))
-    steadied = (hits + STEADYING) / (count + 2 * STEADYING)
     scaled = member * (member.shape[1] / member.sum(axis=1))[:, None]
     influence = (inside - (hits / count)[..., None]) * scaled[:, None, None, :]
-    return LocalCoverage(hits / count - NOMINAL, np.sqrt(steadied * (1 - steadied) / count), influence)
+    return LocalCoverage(hits / count - NOMINAL, steadied_error(hits, count), influence)
 
 
 def local_finding(

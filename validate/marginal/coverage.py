@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import generator
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked, PValueFinding
 from gaugeblock.validate.prepared import Prepared
@@ -30,6 +31,13 @@ def inside_central(pit: ArrayLike, levels: Sequence[float] = LEVELS) -> NDArray[
     """
     folded = 2 * np.abs(np.asarray(pit) - 0.5)
     return np.asarray(folded.T[:, None, :] <= np.asarray(levels)[:, None])
+
+
+def steadied_error(hits: ArrayLike, n: ArrayLike) -> Array:
+    """Standard errors of shares ``hits / n``, as if eight more had been inside and eight outside."""
+    number = np.asarray(n)
+    steadied = (np.asarray(hits) + STEADYING) / (number + 2 * STEADYING)
+    return np.asarray(np.sqrt(steadied * (1 - steadied) / number))
 
 
 @lru_cache(maxsize=32)
@@ -81,7 +89,6 @@ def central_finding(
     hits = inside.sum(axis=-1)
     nominal = np.array(levels)
     covered = hits / n
-    steadied = (hits + STEADYING) / (n + 2 * STEADYING)
     (floor, floor_low, floor_high), multiple = perfect_estimator(n, len(parameters), tuple(levels))
     half = multiple * np.sqrt(nominal * (1 - nominal) / n)
     details = xr.Dataset(
@@ -105,7 +112,7 @@ def central_finding(
         n_trials=n,
         components=tuple(f"{name} @ {level:g}" for name in parameters for level in levels),
         estimate=(covered - nominal).ravel(),
-        standard_error=np.sqrt(steadied * (1 - steadied) / n).ravel(),
+        standard_error=steadied_error(hits, n).ravel(),
         influence=(inside - covered[..., None]).reshape(-1, n),
         details=details,
         caveats=caveats,

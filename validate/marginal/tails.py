@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
-from gaugeblock.validate.marginal.coverage import STEADYING
+from gaugeblock.validate.marginal.coverage import inside_central, steadied_error
 from gaugeblock.validate.marginal.row_quantiles import row_quantiles
 from gaugeblock.validate.prepared import Prepared, TrialBlock
 
@@ -124,9 +124,8 @@ def coverage_finding(
 ) -> Finding:
     """Coverage less level of the outermost central intervals, from randomised PIT ``(trial, parameter)``."""
     n, nominal = len(pit), np.array(levels)
-    inside = (2 * np.abs(pit.T[:, None] - 0.5) <= nominal[:, None]).reshape(-1, n)
+    inside = inside_central(pit, levels).reshape(-1, n)
     hits = inside.sum(axis=1)
-    steadied = (hits + STEADYING) / (n + 2 * STEADYING)
     held = hits / n
     return MeanFinding(
         id="tails.coverage",
@@ -137,7 +136,7 @@ def coverage_finding(
         n_trials=n,
         components=tuple(f"{name} @ {level:g}" for name in parameters for level in levels),
         estimate=held - np.tile(nominal, len(parameters)),
-        standard_error=np.sqrt(steadied * (1 - steadied) / n),
+        standard_error=steadied_error(hits, n),
         influence=inside - held[:, None],
         caveats=caveats,
     )
