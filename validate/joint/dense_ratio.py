@@ -44,6 +44,18 @@ def least_draws(parameters: int) -> int:
     return 4 * cloud_size(parameters)
 
 
+def bent_draws(parameters: int) -> int:
+    """Draws from which a cloud is so small a part of them that it leaves the bends of a posterior behind.
+
+    With 50 draws of two moons ellipsoids bulge out of the crescents, and the mean of r / q is 0.51; with 128
+    it is 0.97. An interval has no bends.
+
+    >>> bent_draws(2), bent_draws(1)
+    (120, 0)
+    """
+    return 10 * cloud_size(parameters) if parameters > 1 else 0
+
+
 def log_density_ratio(
     draws: ArrayLike, log_q: ArrayLike, *, low: ArrayLike = -np.inf, high: ArrayLike = np.inf
 ) -> Array:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.check import circular_parameters
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
-from gaugeblock.validate.joint.dense_ratio import least_draws, log_density_ratio
+from gaugeblock.validate.joint.dense_ratio import bent_draws, least_draws, log_density_ratio
 from gaugeblock.validate.joint.psis import pareto_khat
 from gaugeblock.validate.prepared import Prepared, TrialBlock
 
@@ -25,11 +25,13 @@ LEAST_TRIALS = 2
 STEADYING = 10.0
 # Beyond this tail index the ratios have no variance: posteriors thinner than their draws resolve.
 KHAT_LIMIT = 0.5
+# Standard errors from which too little density is no chance.
+CERTAIN = 2.0
 # Trials below which a tail index is not to be had.
 KHAT_TRIALS = 200
 UNRELIABLE = (
-    "the estimate, {:+.2f} nat, is not to be relied on (tail index {:.1f}): posteriors are thinner or more "
-    "curved than so few draws resolve, or log q fluctuates; more draws per trial would tell"
+    "the estimate, {:+.2f} nat, is not to be relied on ({}): posteriors are thinner or more curved than so "
+    "few draws resolve, or log q fluctuates; more draws per trial would tell"
 )
 
 
@@ -83,8 +85,14 @@ def density(prepared: Prepared) -> list[Finding | NotChecked]:
         said = (*said, f"{int(found[:, 1].sum())} draw(s) have a log q that is not finite; left out here")
     finding = normalisation_finding(log_ratio, trial=prepared.trial, caveats=said)
     khat = tail_index(log_ratio)
+    estimate, error = finding.estimate[0], finding.standard_error[0]
     if khat > KHAT_LIMIT:
-        return [NotChecked(ID, UNRELIABLE.format(finding.estimate[0], khat))]
+        return [NotChecked(ID, UNRELIABLE.format(estimate, f"tail index {khat:.1f}"))]
+    number = len(range(0, prepared.main.sizes["draw"], prepared.stride))
+    bent = bent_draws(len(prepared.parameters))
+    if number < bent and estimate < -CERTAIN * error:
+        # An ellipsoid that bulges out of a crescent finds too little density, and only ever too little.
+        return [NotChecked(ID, UNRELIABLE.format(estimate, f"{number} draws, below {bent}"))]
     return [finding]
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
+from gaugeblock.simulators.two_moons import TwoMoons
 from gaugeblock.validate import NotChecked, judge, make_policy, make_trials, trials_tree
 from gaugeblock.validate.joint.dense_ratio import least_draws, log_density_ratio
 from gaugeblock.validate.joint.normalisation import density, normalisation_finding, ratios, tail_index
@@ -222,3 +223,27 @@ def test_circular_parameters_have_no_edge():
     assert not np.isnan(prepared.per_trial(ratios)).any()
     (found,) = density(prepared)
     assert abs(found.estimate[0]) < 4 * found.standard_error[0]
+
+
+def crescents(n, draws, offset):
+    """Posteriors of two moons, and a density that is `offset` nat too high."""
+    simulator = TwoMoons()
+    rng = np.random.default_rng(21)
+    theta = rng.uniform(-1, 1, (n, 2))
+    sampled = simulator.posterior_sample(simulator.simulate(theta, rng), draws, rng)
+    rng = np.random.default_rng(21)
+    x = simulator.simulate(rng.uniform(-1, 1, (n, 2)), rng)
+    log_q = simulator.posterior_log_prob(sampled, x) + offset
+    return density(Prepared(trials_tree(make_trials(theta, sampled, ["a", "b"], log_q=log_q)), 1))[0]
+
+
+def test_a_crescent_is_not_blocked_by_draws_too_few_to_follow_it():
+    """50 draws: half a nat is missing where ellipsoids bulge out; 120 follow the bend."""
+    few = crescents(400, 50, 0.0)
+    assert isinstance(few, NotChecked)
+    assert "50 draws, below 120" in few.why
+    enough = crescents(400, 120, 0.0)
+    assert abs(enough.estimate[0]) < 0.1 + 2 * enough.standard_error[0]
+    # Too high a density is blocked where the draws suffice, too low a one always.
+    assert judge([crescents(400, 120, 0.5)], [], POLICY, seed=1).outcome.value == "FAIL"
+    assert judge([crescents(400, 50, -1.5)], [], POLICY, seed=1).outcome.value == "FAIL"
