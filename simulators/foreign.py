@@ -86,7 +86,10 @@ def _identity(given: Any) -> dict[str, Any]:
         if inspect.isfunction(given):
             return {"state_sha256": None if given.__closure__ else digest(inspect.getsource(given))}
         if not _libraries(given) & WITH_TENSORS:
-            return {"state_sha256": state(given)}
+            # A frozen distribution of scipy keeps a generator, which says nothing of what it is.
+            held = vars(given) if hasattr(given, "_dist") else {}
+            own = {name: value for name, value in held.items() if name not in ("_dist", "_random_state")}
+            return {"state_sha256": state(own or given)}
         # A tensor's pickle holds addresses: parameters say what it is, where there is nothing else.
         names = getattr(type(given), "arg_constraints", None)
         if isinstance(names, Mapping) and names and not hasattr(given, "transforms"):

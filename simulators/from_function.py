@@ -28,11 +28,11 @@ class FunctionSimulator:
 
     theta is ``(n, parameter)``, what comes back ``(n, *data_shape)``. A function of theta alone, as sbi has
     them, gets a tensor where torch is installed, and its random numbers from torch's and NumPy's global
-    generators, which are seeded for each call and put back.
+    generators, which are seeded for each call and put back. `circular` names parameters that are angles.
     """
 
-    def __init__(self, simulate: Callable[..., Any], prior: Any):
-        self._simulate, self.prior = simulate, prior
+    def __init__(self, simulate: Callable[..., Any], prior: Any, *, circular: Sequence[str] = ()):
+        self._simulate, self.prior, self.circular = simulate, prior, tuple(circular)
         self._alone = _takes_theta_alone(simulate)
 
     def simulate(self, theta: ArrayLike, rng: Rng) -> NDArray[Any]:
@@ -60,8 +60,15 @@ class FunctionSimulator:
 class FunctionSimulatorWithLikelihood(FunctionSimulator):
     """The same, with the likelihood of the data as a function: a capability is a method that is there."""
 
-    def __init__(self, simulate: Callable[..., Any], prior: Any, log_likelihood: Callable[..., Any]):
-        super().__init__(simulate, prior)
+    def __init__(
+        self,
+        simulate: Callable[..., Any],
+        prior: Any,
+        log_likelihood: Callable[..., Any],
+        *,
+        circular: Sequence[str] = (),
+    ):
+        super().__init__(simulate, prior, circular=circular)
         self._log_likelihood = log_likelihood
 
     def log_likelihood(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
@@ -126,9 +133,12 @@ def as_simulator(
     if prior is None and names is None and isinstance(own, Prior):
         return simulator  # type: ignore[no-any-return]
     known = as_prior(own if prior is None else prior, names)
+    # Angles stay angles under another prior, and under other names.
+    called = dict(zip(getattr(own, "names", ()), known.names, strict=False))
+    circular = [called.get(name, name) for name in getattr(simulator, "circular", ())]
     if isinstance(simulator, HasLikelihood):
-        return FunctionSimulatorWithLikelihood(method, known, simulator.log_likelihood)
-    return FunctionSimulator(method, known)
+        return FunctionSimulatorWithLikelihood(method, known, simulator.log_likelihood, circular=circular)
+    return FunctionSimulator(method, known, circular=circular)
 
 
 def _loaded(name: str) -> Any:

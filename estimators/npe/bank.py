@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -132,7 +133,7 @@ def kept(
     try:
         with np.load(path) as stored:
             return tuple(stored[name] for name in names)
-    except (OSError, ValueError, KeyError):
+    except (OSError, ValueError, KeyError, BadZipFile):
         arrays = make()
     content: dict[str, Any] = dict(zip(names, arrays, strict=True))
     with atomic_path(path) as temporary, temporary.open("wb") as file:

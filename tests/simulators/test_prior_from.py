@@ -115,6 +115,17 @@ def test_scipy_of_several_parameters(name):
             require_prior(prior, HasUnitCube, "nested_sampling")
 
 
+def test_a_frozen_distribution_is_the_same_whatever_its_generator_has_drawn():
+    """Its generator is made anew in each process, and moves with every draw."""
+
+    def frozen(df, seed):
+        return stats.multivariate_t([0.0, 1.0], [[1.0, 0.2], [0.2, 2.0]], df=df, seed=seed)
+
+    first, again, other = frozen(4, 1), frozen(4, 2), frozen(5, 1)
+    again.rvs(3)
+    assert as_prior(first).describe() == as_prior(again).describe() != as_prior(other).describe()
+
+
 def test_arrays_of_parameters_are_independent_parameters():
     prior = as_prior(stats.norm([0.0, 1.0], [1.0, 2.0]), names=["a", "b"])
     assert prior == Prior({"a": Normal(0.0, 1.0), "b": Normal(1.0, 2.0)})
