@@ -249,3 +249,12 @@ def test_an_observation_file_without_x(tmp_path):
     xr.Dataset({"y": ("channel", [1.0])}).to_netcdf(tmp_path / "other.nc")
     with pytest.raises(InputError, match="no array 'x'"):
         read_observation(tmp_path / "other.nc")
+
+
+def test_an_estimator_that_fails_at_the_observation_is_the_one_that_is_named():
+    class Lost:
+        def sample(self, x, n, rng):
+            return np.full((len(x), n, 2), np.nan)
+
+    with pytest.raises(InputError, match="estimator gave NaN or infinite draws at the observation"):
+        trials_around(SIMULATOR, Lost(), OBSERVED, number=10, draws=20, seed=1)

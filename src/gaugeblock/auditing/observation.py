@@ -183,7 +183,13 @@ class _Around:
         x, size = np.repeat(self.observed[None], len(trials), axis=0), self.simulator.prior.size
         rng = self.rng("truth", trials)
         if not has_density(self.estimator):
-            return checked(self.estimator.sample(x, 1, rng), (len(trials), 1, size))[:, 0]
+            drawn = checked(self.estimator.sample(x, 1, rng), (len(trials), 1, size))[:, 0]
+            if not np.isfinite(drawn).all():
+                raise InputError(
+                    "observation: the estimator gave NaN or infinite draws at the observation; is it data of "
+                    "this simulator?"
+                )
+            return drawn
         proposed, log_q = sample_and_log_prob(self.estimator, x, proposals, rng)
         sampled = checked(proposed, (len(trials), proposals, size))
         log_prior, log_likelihood = self.log_prior_and_likelihood(sampled)
