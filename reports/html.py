@@ -9,6 +9,7 @@ import xarray as xr
 
 from gaugeblock.reports.baseline import comparison
 from gaugeblock.reports.contents import contained, contents
+from gaugeblock.reports.controls import controls_sections
 from gaugeblock.reports.figures import sections
 from gaugeblock.reports.machine import plain
 from gaugeblock.reports.page import render
@@ -49,7 +50,7 @@ def report_html(verdict: Verdict, findings: Sequence[Finding], trials: xr.DataTr
         contained=contained(verdict.provenance.get("confinement")),
         not_checked=verdict.not_checked,
         reported=reported_groups(verdict, findings),
-        sections=sections(verdict, findings, errors),
+        sections=[*controls_sections(verdict), *sections(verdict, findings, errors)],
         worst=worst,
         provenance=_in_order(plain(verdict.provenance)),
     )

@@ -34,9 +34,9 @@ def plain(value: object) -> Any:
 
 
 def unjudged(verdict: Verdict, findings: Sequence[Finding]) -> list[Finding]:
-    """Findings that no gate judges, in the order they came."""
+    """Findings that no gate judges, in the order they came; controls are no findings of the estimator."""
     judged = {gate.id for gate in verdict.gates}
-    return [finding for finding in findings if finding.id not in judged]
+    return [finding for finding in findings if finding.id not in judged and finding.validator != "controls"]
 
 
 def verdict_json(verdict: Verdict, findings: Sequence[Finding]) -> str:

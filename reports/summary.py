@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from gaugeblock.reports.baseline import comparison
+from gaugeblock.reports.controls import caught
 from gaugeblock.reports.markdown import code as _code
 from gaugeblock.reports.markdown import text as _text
 from gaugeblock.reports.reason import reason
@@ -34,7 +35,7 @@ def summary_markdown(verdict: Verdict, *, title: str) -> str:
     if missing:
         missing = ["", "**Not checked**", "", *missing]
     foot = ["", "Everything in full is in `report.html`; for machines, in `verdict.json`."]
-    foot = [*_advice(verdict), *_compared(verdict), *foot]
+    foot = [*_caught(verdict), *_advice(verdict), *_compared(verdict), *foot]
     room = MAXIMUM_BYTES - _size(head) - _size(foot) - 500
     rows, rows_left_out = _fitting(rows, room - min(_size(missing), room // 4))
     missing, missing_left_out = _fitting(missing, room - _size(rows))
@@ -43,6 +44,13 @@ def summary_markdown(verdict: Verdict, *, title: str) -> str:
     if missing_left_out:
         missing += ["", f"… and {missing_left_out:,} more not checked."]
     return "\n".join([*head, *rows, *missing, *foot]) + "\n"
+
+
+def _caught(verdict: Verdict) -> list[str]:
+    """Which faults would have been seen."""
+    said = caught(verdict)
+    head = ["", f"**{_text(said[0])}**", ""] if said else []
+    return [*head, *(f"- {_text(line)}" for line in said[1:])]
 
 
 def _advice(verdict: Verdict) -> list[str]:

@@ -8,6 +8,7 @@ from typing import Any
 
 from gaugeblock.core.errors import one_line
 from gaugeblock.reports.baseline import comparison
+from gaugeblock.reports.controls import caught
 from gaugeblock.reports.reason import of_the_data
 from gaugeblock.validate import Outcome, Verdict
 
@@ -23,6 +24,7 @@ def terminal_summary(
     """
     lines = verdict_lines(verdict, shown=SHOWN)
     lines += [f"  not checked  {item.id}: {item.why}" for item in verdict.not_checked]
+    lines += [f"{'  ' * bool(place)}{line}" for place, line in enumerate(caught(verdict))]
     for item in verdict.suggestions:
         lines += [f"Suggestion: {item.text}", *(f"    {line}" for line in item.toml.splitlines())]
     if verdict.baseline is not None:

@@ -92,8 +92,8 @@ def bounds(family: Sequence[Judgeable], *, budget: float, number: int, seed: int
     critical = float(np.quantile(largest, 1 - budget / number, method="higher"))
     found = []
     for item in family:
-        low, high = _bounds(item.finding, float(stats.t.sf(critical, dof)), dof)
-        pass_low, pass_high = _bounds(item.finding, 1 - PASS_LEVEL, dof)
+        low, high = bounds_at(item.finding, float(stats.t.sf(critical, dof)), dof)
+        pass_low, pass_high = bounds_at(item.finding, 1 - PASS_LEVEL, dof)
         outside, p_value = _outside(item, dof)
         exceeded = len(largest) - np.searchsorted(largest, outside, side="left")
         adjusted = np.minimum(1.0, number * (1 + exceeded) / (1 + len(largest)))
@@ -111,7 +111,7 @@ def bounds(family: Sequence[Judgeable], *, budget: float, number: int, seed: int
     return found
 
 
-def _bounds(finding: Finding, tail: float, dof: int) -> tuple[Array, Array]:
+def bounds_at(finding: Finding, tail: float, dof: int) -> tuple[Array, Array]:
     """Bounds of each component, each missed with probability `tail`."""
     if isinstance(finding, QuantileFinding):
         rows = zip(_readable(finding), finding.quantile, strict=True)

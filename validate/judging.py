@@ -16,6 +16,7 @@ import numpy as np
 from scipy import special
 
 from gaugeblock.validate.anytime.sequential import answered, only_counts, sequence_gates
+from gaugeblock.validate.controls.ladder import ladder
 from gaugeblock.validate.family import PASS_LEVEL, Bounds, Judgeable, bounds, exact_bounds, families
 from gaugeblock.validate.finding import (
     CountFinding,
@@ -60,6 +61,7 @@ def judge(
         gates=tuple(gates),
         not_checked=tuple(not_checked),
         suggestions=tuple(item for finding in findings for item in finding.suggestions),
+        controls=ladder(findings, {name: bound.critical for name, bound in known.items()}, policy),
     )
 
 

@@ -9,6 +9,7 @@ import xarray as xr
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.anytime.anytime import WATCHED, anytime
+from gaugeblock.validate.controls.controls import controls
 from gaugeblock.validate.designs.identifiability import identifiability, posterior_sd
 from gaugeblock.validate.evidence.evidence import evidence
 from gaugeblock.validate.finding import Finding, NotChecked
@@ -65,6 +66,7 @@ VALIDATORS: Mapping[str, Validator] = {
     "importance": Validator(importance),
     "evidence": Validator(evidence),
     "identifiability": Validator(identifiability, (posterior_sd,)),
+    "controls": Validator(controls),
     "anytime": Validator(anytime, WATCHED, by_default=False),
 }
 

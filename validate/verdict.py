@@ -89,12 +89,37 @@ class Gate(Value):
         }
 
 
+@dataclass(frozen=True, kw_only=True)
+class Control:
+    """The smallest fault of one kind that this audit would have caught, measured on its own draws.
+
+    `kind` is bias, width, region or loss; `parameter` is empty where it is of all; `size` in `unit` is
+    caught with probability `power`, or, where `caught` is False, the largest that was looked at.
+    `tolerance`, where there is one in that unit, is what the policy tolerates; `rungs` are sizes, and whether
+    each would have been caught.
+    """
+
+    kind: str
+    parameter: str
+    size: float
+    unit: str
+    caught: bool
+    text: str
+    power: float
+    tolerance: float | None = None
+    rungs: tuple[tuple[float, bool], ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data with the contract's keys."""
+        return {**vars(self), "rungs": [{"size": size, "caught": caught} for size, caught in self.rungs]}
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Verdict(Value):
     """Outcome over all gates, the gates, what could not be checked, and where it all came from.
 
-    `suggestions` say what may be the matter, and `baseline` what is otherwise than in an earlier audit;
-    the outcome rests on neither.
+    `suggestions` say what may be the matter, `baseline` what is otherwise than in an earlier audit, and
+    `controls` which faults would have been caught; the outcome rests on none of them.
     """
 
     outcome: Outcome
@@ -103,6 +128,7 @@ class Verdict(Value):
     provenance: dict[str, Any] = field(default_factory=dict)
     suggestions: tuple[Suggestion, ...] = ()
     baseline: dict[str, Any] | None = None
+    controls: tuple[Control, ...] = ()
 
     def __repr__(self) -> str:
         said = ", ".join(
@@ -118,5 +144,6 @@ class Verdict(Value):
             "not_checked": [{"id": item.id, "why": item.why} for item in self.not_checked],
             "suggestions": [{"text": item.text, "toml": item.toml} for item in self.suggestions],
             "baseline": self.baseline,
+            "controls": [control.to_json() for control in self.controls],
             "provenance": self.provenance,
         }

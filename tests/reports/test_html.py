@@ -137,6 +137,7 @@ def test_samples_alone_leave_no_holes(undecided, passing):
 
 def test_no_section_is_empty_when_there_is_nothing_at_all(passing):
     verdict = replace(passing.verdict, gates=(), not_checked=(), provenance={}, outcome=Outcome.INCONCLUSIVE)
+    verdict = replace(verdict, controls=())
     page = Page(report_html(verdict, [], passing.trials, title="x"))
     assert [a["id"] for tag, a in page.tags if tag == "section"] == ["errors", "worst", "provenance"]
 

@@ -20,8 +20,10 @@ def test_it_is_strict_json_with_the_contract_s_keys(audit):
     assert content["verdict"] == audit.verdict.outcome.value
     assert set(content) == {
         *("verdict", "gates", "not_checked", "provenance", "reported"),
-        *("suggestions", "baseline"),
+        *("suggestions", "baseline", "controls"),
     }
+    keys = {"kind", "parameter", "size", "unit", "caught", "text", "power", "tolerance", "rungs"}
+    assert all(set(control) == keys for control in content["controls"])
     assert [gate["id"] for gate in content["gates"]] == [gate.id for gate in audit.verdict.gates]
     assert all(set(gate) >= GATE_KEYS and len(gate["interval"]) == 2 for gate in content["gates"])
     assert all(set(item) == {"id", "why"} for item in content["not_checked"])
@@ -39,7 +41,9 @@ def test_reported_lists_exactly_the_findings_that_no_gate_judges(passing):
     content = json.loads(verdict_json(passing.verdict, passing.findings))
     reported = {item["id"]: item for item in content["reported"]}
     judged = {gate.id for gate in passing.verdict.gates}
-    assert set(reported) == {finding.id for finding in passing.findings} - judged
+    of_controls = {finding.id for finding in passing.findings if finding.validator == "controls"}
+    assert of_controls
+    assert set(reported) == {finding.id for finding in passing.findings} - judged - of_controls
     uniform = next(finding for finding in passing.findings if finding.id == "sbc.uniform[alpha]")
     assert reported["sbc.uniform[alpha]"]["p_value"] == uniform.p_value
     assert reported["sbc.uniform[alpha]"]["estimate"] == uniform.estimate.tolist()

@@ -47,6 +47,28 @@ def test_a_pass_returns_the_audit_and_says_what_it_would_have_seen(pytester, toy
     assert 0.2 < sizes["calibration.smallest_detectable.sbc.bias"] < 0.2 + 5 / np.sqrt(1000)
 
 
+def test_controls_say_what_would_have_been_seen_in_place_of_formulas(pytester, toy):
+    toy("""
+    def test_flow(calibration_gate):
+        calibration_gate(EXACT, SIMULATOR, validators=["draws", "sbc", "coverage", "controls"])
+    """)
+    result = pytester.runpytest_inprocess("-W", "error", "--junitxml=junit.xml")
+    result.assert_outcomes(passed=1)
+    result.stdout.fnmatch_lines(
+        [
+            "*This audit would have caught, 90% of the time and on these shapes:",
+            "*a bias of 0.* half-widths (in any parameter; least visible in theta_*)",
+            "*widths 0.* or 1.* times what they should be *",
+            "*smallest fault blocked with 90% power:",
+            "*coverage.central *fraction of trials",
+        ]
+    )
+    assert "sbc.bias" not in result.stdout.str()
+    said = properties(pytester.path / "junit.xml", "test_flow")
+    formula = float(said["calibration.smallest_detectable.sbc.bias"])
+    assert float(said["calibration.caught.bias"]) == pytest.approx(formula, rel=0.15)
+
+
 def test_a_fail_is_a_table_without_a_traceback(pytester, toy):
     toy("""
     def test_flow(calibration_gate):

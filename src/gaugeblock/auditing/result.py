@@ -20,6 +20,7 @@ from gaugeblock.reports.html import card_html, facts
 from gaugeblock.reports.terminal import verdict_lines
 from gaugeblock.reports.write import write_reports
 from gaugeblock.validate import Finding, Gate, NotChecked, Outcome, Verdict, write_findings, write_trials
+from gaugeblock.validate.verdict import Control
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -94,6 +95,11 @@ class Audit(Value):
     def gates(self) -> Gates:
         """Gates by id, in order: a mapping."""
         return Gates(self.verdict)
+
+    @property
+    def controls(self) -> tuple[Control, ...]:
+        """The smallest faults that this audit would have caught, measured on its own draws."""
+        return self.verdict.controls
 
     def __getitem__(self, identifier: str) -> Gate:
         return self.gates[identifier]

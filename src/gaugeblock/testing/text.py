@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from gaugeblock.auditing.result import Audit
+from gaugeblock.reports.controls import by_kind, caught
 from gaugeblock.reports.reason import reason
 from gaugeblock.reports.rows import GateRow, gate_groups
 from gaugeblock.reports.words import decimals_of, number, unit
@@ -17,6 +18,8 @@ from gaugeblock.validate import CountFinding, Finding, Gate, Outcome, Verdict
 ROWS = 6
 LONGEST = 300  # characters of one message; the report has it whole
 _ORDER = {Outcome.FAIL: 0, Outcome.INCONCLUSIVE: 1, Outcome.PASS: 2}
+# Groups of gates that controls speak for.
+COVERED = {"bias": "sbc.bias", "width": "sbc.log_width", "region": "local.coverage", "loss": "informed.rank"}
 # A terminal of any encoding must be able to show it, and a person to copy it.
 _PLAIN = str.maketrans({"−": "-", "–": "-", "±": "+-", "∞": "inf"})
 
@@ -62,19 +65,29 @@ def _cells(row: GateRow) -> tuple[str, ...]:
 
 
 def detectable(audit: Audit) -> list[str]:
-    """Per group of gates the smallest fault that would have been blocked, wherever in the group it sits."""
+    """The smallest faults that would have been blocked, wherever they sit.
+
+    From controls where there are some; else, per group of gates, as far as formulas tell.
+    """
+    measured = [line.translate(_PLAIN) for line in caught(audit.verdict)]
+    measured = measured[:1] + [f"  {line}" for line in measured[1:]]
     found = {finding.id: finding for finding in audit.findings}
     lines = []
     power = audit.verdict.provenance["policy"]["planning"]["power"]
+    covered = {COVERED[control.kind] for control in audit.verdict.controls}
     for stem, gate in _least_sensitive(audit.verdict, found).items():
+        if stem in covered:
+            continue
         finding = found[gate.id]
         size = number(gate.smallest_detectable, decimals_of(gate)).translate(_PLAIN)
         below = " or less" if finding.sense == "at-least" else ""
         lines.append((stem, f"{size} {unit(finding.quantity)}".rstrip() + below))
     width = max((len(stem) for stem, _ in lines), default=0)
-    return [f"smallest fault blocked with {power:.0%} power:"] * bool(lines) + [
-        f"  {stem.ljust(width)}  {size}" for stem, size in lines
-    ]
+    return (
+        measured
+        + [f"smallest fault blocked with {power:.0%} power:"] * bool(lines)
+        + [f"  {stem.ljust(width)}  {size}" for stem, size in lines]
+    )
 
 
 def _least_sensitive(verdict: Verdict, found: dict[str, Finding]) -> dict[str, Gate]:
@@ -109,6 +122,9 @@ def properties(audit: Audit, settings: GateSettings) -> dict[str, str]:
             said["worst_gate.statistic"] = f"{gates[0].statistic:.6g}"
     for stem, gate in _least_sensitive(verdict, found).items():
         said[f"smallest_detectable.{stem}"] = f"{gate.smallest_detectable:.6g}"
+    for kind, controls in by_kind(verdict).items():
+        least = controls[0]
+        said[f"caught.{kind}"] = f"{least.size:.6g}" if least.caught else "none"
     return said
 
 
