@@ -57,7 +57,7 @@ def some_draws(
         total = np.cumsum(np.asarray(weight, dtype=float), axis=1)
         level = rng.random((n, wanted)) * total[:, -1:]
         chosen = np.minimum((level[:, :, None] >= total[:, None, :]).sum(axis=2), number - 1)
-    return np.take_along_axis(draws, chosen[:, :, None], axis=1)
+    return np.asarray(draws[np.arange(n)[:, None], chosen])
 
 
 def context_of(mean: Array, log_spread: Array, features: Array | None = None) -> Array:

@@ -49,7 +49,7 @@ class Location:
 
     def scores(self, known: Known, rows: Rows) -> Array:
         """Expected normal scores of the parameters, cosine and sine of circular ones after these."""
-        return self.ridge(_data(known, rows))
+        return self.ridge(known.data.values[rows])
 
     def place(self, expected: Array, pools: Pools, rows: Rows) -> Array:
         """Normal score ``(n, p)`` of where the expected parameters lie among the candidates of each pool."""
@@ -66,10 +66,6 @@ class Location:
         return np.asarray(special.ndtri((below + equal / 2 + 0.5) / (number + 1)))
 
 
-def _data(known: Known, rows: Rows) -> Array:
-    return np.concatenate([known.data.channels[rows], known.data.features[rows]], axis=1)
-
-
 def fit_location(known: Known, taught: Rows) -> Location:
     """Learn where the parameters are expected from the data of the trials that teach."""
     pools = known.pools
@@ -79,7 +75,7 @@ def fit_location(known: Known, taught: Rows) -> Location:
         angle = 2 * np.pi * truth[:, column] / period
         targets.append(np.column_stack([np.cos(angle), np.sin(angle)]))
     wanted = np.concatenate(targets, axis=1)
-    inputs = _data(known, taught)
+    inputs = known.data.values[taught]
     ridge = fit_ridge(inputs, wanted)
     return Location(ridge, np.sort(truth, axis=0), (wanted - ridge(inputs)).std(axis=0), pools.periods)
 
@@ -140,7 +136,7 @@ class Challenger:
 
 def _wide(known: Known, location: Location, expected: Array, rows: Rows) -> Array:
     place = location.place(expected, known.pools, rows)
-    return np.concatenate([_data(known, rows), known.summaries[rows], place, expected], axis=1)
+    return np.concatenate([known.data.values[rows], known.summaries[rows], place, expected], axis=1)
 
 
 def fit_challenger(known: Known, terms: Terms, taught: Rows) -> Challenger:
@@ -150,7 +146,7 @@ def fit_challenger(known: Known, terms: Terms, taught: Rows) -> Challenger:
     targets = values_of(terms.every[: terms.regressed], known.pools.scores[taught, 0])
     ridge = fit_ridge(wide, targets)
     left = (targets - ridge(wide))[:, : terms.treed]
-    channels = known.data.channels.shape[1]
+    channels = known.data.channels
     kept: Sequence[int] | NDArray[np.int64] = range(channels)
     if channels > SPLIT_CHANNELS:
         own = wide[:, :channels]

@@ -26,24 +26,24 @@ def fit_choice(columns: Array) -> Array:
     True
     """
     n, number, width = columns.shape
-    coefficient = np.zeros(width)
+    coefficient = np.zeros(width, dtype=columns.dtype)
     for _ in range(STEPS):
         chance = softmax(columns @ coefficient)
-        mean = np.einsum("nc,ncw->nw", chance, columns)
+        mean = (chance[:, None] @ columns)[:, 0]
         slope = (columns[:, 0] - mean).sum(axis=0) - PENALTY * coefficient
         weighted = (np.sqrt(chance)[:, :, None] * (columns - mean[:, None])).reshape(n * number, width)
         curve = weighted.T @ weighted + PENALTY * np.eye(width)
         step = np.linalg.solve(curve, slope)
-        coefficient = coefficient + step * min(1.0, 3.0 / max(np.abs(step).max(), 1e-12))
+        coefficient += step * min(1.0, 3.0 / max(np.abs(step).max(), 1e-12))
     return coefficient
 
 
 def score_z(columns: Array, coefficient: Array) -> Array:
     """What each column would add, ``(column,)``: its score in standard errors where the coefficients are."""
     chance = softmax(columns @ coefficient)
-    mean = np.einsum("nc,ncw->nw", chance, columns)
-    square = np.einsum("nc,ncw->nw", chance, columns**2)
-    variance = np.maximum((square - mean**2).sum(axis=0), np.finfo(float).tiny)
+    mean = (chance[:, None] @ columns)[:, 0]
+    square = chance.ravel() @ (columns**2).reshape(chance.size, -1)
+    variance = np.maximum(square - (mean**2).sum(axis=0), np.finfo(columns.dtype).tiny)
     return np.asarray((columns[:, 0] - mean).sum(axis=0) / np.sqrt(variance))
 
 

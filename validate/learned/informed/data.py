@@ -20,10 +20,10 @@ QUARTILES = 1.349  # their distance, for a normal distribution of sd 1
 
 
 class Data(NamedTuple):
-    """`channels` ``(trial, channel)``, standardised, and `features` ``(trial, k)``, with their names."""
+    """Values ``(trial, channel and feature)``: first so many channels, standardised, then features."""
 
-    channels: Array
-    features: Array
+    values: Array
+    channels: int
     names: tuple[str, ...]
 
 
@@ -32,6 +32,8 @@ def channels(block: TrialBlock) -> Array:
     if block.x is None:
         return np.empty((len(block), 0))
     flat = np.asarray(block.x, dtype=float).reshape(len(block), -1)
+    if flat.shape[1] <= INPUTS:
+        return flat
     return np.asarray(np.add.reduceat(flat, group_starts(flat.shape[1], INPUTS), axis=1))
 
 
@@ -60,7 +62,8 @@ def make_data(values: Array, features: Array, *, shape: tuple[int, ...], names: 
     low, high = np.quantile(standard, [0.25, 0.75], axis=0) if len(kept) else np.zeros((2, 0))
     heavy = HEAVY * (high - low) < QUARTILES
     standard[:, heavy] = normal_scores(kept[:, heavy], kept[:, heavy])
-    return Data(standard, normal_scores(features, features), (*called, *names))
+    values = np.concatenate([standard, normal_scores(features, features)], axis=1)
+    return Data(values, standard.shape[1], (*called, *names))
 
 
 def channel_names(shape: tuple[int, ...]) -> list[str]:

@@ -13,6 +13,8 @@ phase, in a texture, in fewer than some hundred trials.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -23,16 +25,19 @@ from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.learned.c2st import spread_out
 from gaugeblock.validate.learned.informed.challenger import Challenger, Known
 from gaugeblock.validate.learned.informed.data import data_of
-from gaugeblock.validate.learned.informed.learning import NOTHING, Learned, learn
+from gaugeblock.validate.learned.informed.learning import NOTHING, Learned, learn, together
 from gaugeblock.validate.learned.informed.pools import Pools, pools_of
 from gaugeblock.validate.learned.informed.skill import Skill, forecast_crps, skill, skill_finding
-from gaugeblock.validate.learned.informed.terms import Term, described
+from gaugeblock.validate.learned.informed.terms import MOST_REGRESSED, Term, described
 from gaugeblock.validate.learned.learned import LEAST_TRIALS
 from gaugeblock.validate.messages import CHALLENGERS
 from gaugeblock.validate.p_values import lower_tail
 from gaugeblock.validate.prepared import Prepared
 
 RANK = "informed.rank"
+# What a challenger learns depends on which trials it meets first: as many begin anew, fewer where there are
+# many parameters. That is what three to five CPU seconds allow.
+ORDERS, ORDERS_OF_MANY = 3, 2
 # Standard errors from which a second way to tell is worth naming.
 CERTAIN = 4.0
 POPULATION = "informed"
@@ -54,35 +59,42 @@ def informed(prepared: Prepared) -> list[Finding | NotChecked]:
         return [NotChecked(RANK, why), NotChecked("informed.crps", why)]
     by_number = np.argsort(prepared.trial)
     pools = pools_of(prepared).taken(by_number)
-    found = None
+    found: list[Learned] = []
     if prepared.features is not None:
         known = Known(pools, data_of(prepared, by_number), pools.summaries, prepared.parameters)
-        order = generator(prepared.seed, "order of the challenged", n).permutation(n)
-        found = learn(known, order=order)
+        rng = generator(prepared.seed, "order of the challenged", n)
+        found = [learn(known, order=rng.permutation(n)) for _ in range(orders(len(prepared.parameters)))]
     said, skills = _skills(prepared, pools, found)
-    if found is None:
+    if not found:
         return [NotChecked(RANK, WITHOUT_DATA, without_data=True), *said]
+    numbered = [each._replace(row=by_number[each.row]) for each in found]
     rank = rank_finding(
-        found, by_number[found.row], prepared.trial, blame=blame(found, known), skills=skills,
-        caveats=prepared.caveats,
-    )  # fmt: skip
+        numbered, prepared.trial, blame=blame(found, known), skills=skills, caveats=prepared.caveats
+    )
     return [rank, *said]
 
 
-def blame(found: Learned, known: Known) -> str:
+def orders(parameters: int) -> int:
+    """How many orders of learning the rank is averaged over."""
+    return ORDERS if parameters <= MOST_REGRESSED else ORDERS_OF_MANY
+
+
+def blame(found: Sequence[Learned], known: Known) -> str:
     """What told truths from draws best, in words: of which parameter, and from what of the data."""
+    told = {key: together([each.told.get(key, NOTHING) for each in found]) for key in found[-1].told}
+    last = found[-1].last
 
     def strength(key: tuple[Term, str]) -> float:
-        return abs(found.told[key].z) if key[1] == "alone" else found.told[key].z
+        return abs(told[key].z) if key[1] == "alone" else told[key].z
 
-    term, family = max(found.told, key=strength)
+    term, family = max(told, key=strength)
     what = described(term, known.parameters)
     if family == "alone":
         return f"{what}, whatever the data"
-    place = found.last.terms.every.index(term)
-    how = [f"{what}, by " + _seen(found.last, place, known, trees=family == "trees")]
-    if family == "ridge" and found.told.get((term, "trees"), NOTHING).z > CERTAIN:
-        how.append(_seen(found.last, place, known, trees=True))
+    place = last.terms.every.index(term)
+    how = [f"{what}, by " + _seen(last, place, known, trees=family == "trees")]
+    if family == "ridge" and told.get((term, "trees"), NOTHING).z > CERTAIN:
+        how.append(_seen(last, place, known, trees=True))
     return " and by ".join(how)
 
 
@@ -92,24 +104,34 @@ def _seen(challenger: Challenger, term: int, known: Known, *, trees: bool) -> st
 
 
 def rank_finding(
-    found: Learned,
-    row: NDArray[np.int64],
+    found: Sequence[Learned],
     trial: NDArray[np.int64],
     *,
     blame: str,
     skills: dict[str, tuple[float, float]],
     caveats: tuple[str, ...] = (),
 ) -> Finding:
-    """Weighted mean of 1/2 - PIT of the truth in the challenger's score, from ranks of the trials `row`.
+    """Weighted mean of 1/2 - PIT of the truth in a challenger's score, averaged over orders of learning.
 
     Weights have a root mean square of 1: a gap d everywhere counts d, one in a share f of the trials, once
     the challenger has found which, d sqrt(f). `skills` holds, by parameter, the CRPS skill of the draws and
-    of a regression on the data.
+    of a regression on the data; rows of what was `found` number the trials.
+
+    For an exact posterior and one order the variance is known. Orders share their trials, so how far they
+    agree is not; but whatever they share, an average's standard deviation is at most the average of theirs,
+    and that is the standard error: tests hold less than their size, by as much as orders differ.
     """
-    n, scored = len(trial), len(found.pit)
-    value = found.weight * (0.5 - found.pit)
-    estimate = float(value.mean())
-    null = float(np.sqrt(np.mean(found.weight**2) / 12 / scored))
+    n, scored = len(trial), len(found[0].pit)
+    values = [each.weight * (0.5 - each.pit) for each in found]
+    estimate = float(np.mean(values))
+    null = float(np.mean([np.sqrt(np.mean(each.weight**2) / 12 / scored) for each in found]))
+    influence = np.mean(
+        [
+            spread_out(value[None] - value.mean(), each.row, n)
+            for value, each in zip(values, found, strict=True)
+        ],
+        axis=0,
+    )
     names = list(skills)
     return MeanFinding(
         id=RANK,
@@ -123,27 +145,27 @@ def rank_finding(
         population=POPULATION,
         components=(blame,),
         estimate=np.array([estimate]),
-        standard_error=np.array([max(null, float(value.std()) / np.sqrt(scored))]),
-        influence=spread_out(value[None] - estimate, row, n),
+        standard_error=np.array([max(null, float(influence.std()) / np.sqrt(n))]),
+        influence=influence,
         p_value=lower_tail(-estimate / null),
         details=xr.Dataset(
             {
-                "pit": ("trial", found.pit),
-                "weight": ("trial", found.weight),
+                "gap": ("order", np.array([float(value.mean()) for value in values])),
                 "skill": ("parameter", np.array([skills[name][0] for name in names])),
                 "challenger_skill": ("parameter", np.array([skills[name][1] for name in names])),
             },
-            coords={"trial": trial[row], "parameter": names},
+            coords={"parameter": names},
         ),
         caveats=(
             *caveats,
-            f"learned on the first {n - scored:,} trials and on, ranked in the other {scored:,}",
+            f"in each of {len(found)} orders of learning: learned on {n - scored:,} trials and on, ranked in "
+            f"the other {scored:,}",
         ),
     )
 
 
 def _skills(
-    prepared: Prepared, pools: Pools, found: Learned | None
+    prepared: Prepared, pools: Pools, found: Sequence[Learned]
 ) -> tuple[list[Finding | NotChecked], dict[str, tuple[float, float]]]:
     said: list[Finding | NotChecked] = []
     skills: dict[str, tuple[float, float]] = {}
@@ -157,7 +179,7 @@ def _skills(
             said.append(NotChecked(f"informed.crps[{name}]", f"{name} is the same in every trial"))
             continue
         scores = skill(truth, pools.values[:, 1:, column])
-        challenger = np.nan if found is None else _challenged(truth, scores, found, column)
+        challenger = _challenged(truth, scores, found[0], column) if found else np.nan
         finding = skill_finding(name, scores, challenger=challenger, caveats=prepared.caveats)
         said.append(finding)
         skills[name] = (float(finding.estimate[0]), challenger)

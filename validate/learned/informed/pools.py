@@ -91,12 +91,16 @@ def rank_scores(values: Array, shuffle: Array) -> Array:
     [-1.22, 1.22, 0.0]
     """
     number = values.shape[1]
-    mixed = np.argsort(shuffle, axis=1, kind="stable")[:, :, None]
-    order = np.argsort(np.take_along_axis(values, mixed, axis=1), axis=1, kind="stable")
+    mixed = np.argsort(shuffle, axis=1, kind="stable")
+    each = np.arange(len(values))[:, None]
+    shuffled = np.ascontiguousarray(np.swapaxes(values[each, mixed], 1, 2))
+    order = np.argsort(shuffled, axis=2)
+    # Fast sorts leave equal values in an order that depends on the processor.
+    tied = (np.diff(np.take_along_axis(shuffled, order, axis=2), axis=2) == 0).any(axis=2)
+    order[tied] = np.argsort(shuffled[tied], axis=1, kind="stable")
     table = special.ndtri((np.arange(number) + 0.5) / number)
-    scores = np.empty(values.shape)
+    scores = np.empty(shuffled.shape)
     np.put_along_axis(
-        scores, np.take_along_axis(np.broadcast_to(mixed, order.shape), order, axis=1),
-        np.broadcast_to((table / table.std())[None, :, None], order.shape), axis=1,
-    )  # fmt: skip
-    return scores
+        scores, mixed[each[:, :, None], order], np.broadcast_to(table / table.std(), order.shape), axis=2
+    )
+    return np.swapaxes(scores, 1, 2)

@@ -35,7 +35,8 @@ def fit_ridge(inputs: Array, targets: Array) -> Ridge:
     """
     n = len(inputs)
     centre, mean = inputs.mean(axis=0), targets.mean(axis=0)
-    away, wanted = inputs - centre, targets - mean
+    # The least penalty is far above what single precision rounds.
+    away, wanted = (inputs - centre).astype(np.float32), (targets - mean).astype(np.float32)
     values, vectors = np.linalg.eigh(away.T @ away)
     values = np.maximum(values, 0.0)
     along = vectors.T @ (away.T @ wanted)

@@ -50,7 +50,8 @@ def skill(theta_true: ArrayLike, draws: ArrayLike) -> Skill:
     """Scores of one parameter's truths ``(n,)`` and draws ``(n, m)``; the prior is that of all truths."""
     truth, drawn = np.asarray(theta_true, dtype=float), np.asarray(draws, dtype=float)
     known = np.sort(truth)
-    own, others = _cdf(truth, known), _cdf(drawn, known)
+    # In order, places among the truths are found several times as fast.
+    own, others = _cdf(truth, known), _cdf(np.sort(drawn, axis=1), known)
     ordered = np.sort(own)
     n, number = len(own), drawn.shape[1]
     # Mean distance of each truth from all others, from sums of those below it.
@@ -84,8 +85,11 @@ def forecast_crps(
 
 def _cdf(values: Array, known: Array) -> Array:
     flat = values.ravel()
-    both = np.searchsorted(known, flat) + np.searchsorted(known, flat, side="right")
-    return np.asarray((both / (2 * len(known))).reshape(values.shape))
+    upper = np.searchsorted(known, flat, side="right")
+    lower = upper.copy()
+    equal = known[np.maximum(upper - 1, 0)] == flat
+    lower[equal] = np.searchsorted(known, flat[equal])
+    return np.asarray(((lower + upper) / (2 * len(known))).reshape(values.shape))
 
 
 def skill_finding(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -82,14 +83,14 @@ def values_of(terms: Sequence[Term], scores: Array) -> Array:
     [2.0, 3.0]
     """
     square = scores**2 - 1
-    found = np.empty((*scores.shape[:-1], len(terms)))
+    found = np.empty((*scores.shape[:-1], len(terms)), dtype=scores.dtype)
     for column, term in enumerate(terms):
         if not term:
             found[..., column] = square.mean(axis=-1) * np.sqrt(scores.shape[-1])
         elif len(term) == 2 and term[0] == term[1]:
             found[..., column] = square[..., term[0]]
         else:
-            found[..., column] = np.prod(scores[..., list(term)], axis=-1)
+            found[..., column] = functools.reduce(np.multiply, (scores[..., each] for each in term))
     return found
 
 

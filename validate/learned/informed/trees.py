@@ -22,6 +22,8 @@ ROUNDS = 6
 RATE = 0.5
 # A leaf's mean is drawn to 0 as if so many more trials had been in it.
 STEADYING = 20.0
+# Pairs of inputs that are looked at again in every round, of all pairs in the first.
+PAIRS = 8
 # Gains below this many variances of what is left are chance: the best of so many splits reaches as far.
 LEAST_GAIN = 10.0
 
@@ -75,41 +77,76 @@ def fit_trees(inputs: Array, targets: Array, *, rounds: int = ROUNDS) -> Trees:
     >>> bool(np.corrcoef(found(x)[:, 0], x[:, 0] * x[:, 1] > 0)[0, 1] > 0.9)
     True
     """
-    n, k = inputs.shape
-    thresholds = np.quantile(inputs, QUANTILES, axis=0).T
+    n = len(inputs)
+    width = len(QUANTILES)
+    thresholds = np.quantile(np.ascontiguousarray(inputs.T), QUANTILES, axis=1).T
     above = (inputs[:, :, None] > thresholds).astype(np.float32).reshape(n, -1)
-    middle = above.reshape(n, k, -1)[:, :, MIDDLE]
-    number, together = above.sum(axis=0), middle.T @ middle
+    number = above.sum(axis=0)
     left: Single = targets.astype(np.float32)
-    made: list[list[Tree]] = [[] for _ in range(targets.shape[1])]
+    several = np.arange(left.shape[1])
+    pairs = _find_pairs(above[:, MIDDLE::width], left)
+    made: list[list[Tree]] = [[] for _ in several]
     for _ in range(rounds):
-        singles = above.T @ left
-        total = left.sum(axis=0)
+        singles, total = above.T @ left, left.sum(axis=0)
         first = _gain(singles, number[:, None]) + _gain(total - singles, n - number[:, None])
         start = first.argmax(axis=0)
         # The second split, given the first: sums of the part above it.
         chosen = above[:, start]
         inner, counted = above.T @ (left * chosen), above.T @ chosen
-        for target in range(targets.shape[1]):
-            best = int(start[target])
-            cells = _cells(inner[:, target], singles[best, target], singles[:, target], total[target])
-            counts = _cells(counted[:, target], number[best], number, n)
-            gains = _gain(cells, counts).sum(axis=(0, 1))
-            pair = _pair(middle, together, left[:, target])
-            if pair[0] > gains.max():
-                splits = (Split(pair[1], MIDDLE), Split(pair[2], MIDDLE))
-            else:
-                width = len(QUANTILES)
-                splits = (Split(*divmod(best, width)), Split(*divmod(int(gains.argmax()), width)))
-            columns = [above[:, s.input * len(QUANTILES) + s.quantile].astype(np.int64) for s in splits]
-            if max(pair[0], gains.max()) < LEAST_GAIN * float(left[:, target].var()):
-                continue
-            leaf = columns[0] * 2 + columns[1]
+        cells = _cells(inner, singles[start, several], singles, total)
+        gains = _gain(cells, _cells(counted, number[start], number[:, None], n)).sum(axis=(0, 1))
+        then, gain = gains.argmax(axis=0), gains.max(axis=0)
+        which, paired = pairs.best(singles[MIDDLE::width], total, left)
+        least = LEAST_GAIN * left.var(axis=0)
+        for target in several[np.maximum(gain, paired) >= least]:
+            split = pairs.members[target, which[target]] * width + MIDDLE
+            if paired[target] <= gain[target]:
+                split = np.array([start[target], then[target]])
+            leaf = (above[:, split] @ np.array([2, 1], dtype=np.float32)).astype(np.int64)
             sums = np.bincount(leaf, weights=left[:, target], minlength=4)
             leaves = RATE * sums / (np.bincount(leaf, minlength=4) + STEADYING)
             left[:, target] -= leaves[leaf].astype(np.float32)
-            made[target].append(Tree(splits, leaves.reshape(2, 2), float(max(pair[0], gains.max()))))
+            splits = tuple(Split(*map(int, divmod(place, width))) for place in split)
+            best = float(max(gain[target], paired[target]))
+            made[target].append(Tree((splits[0], splits[1]), leaves.reshape(2, 2), best))
     return Trees(thresholds, tuple(map(tuple, made)))
+
+
+class _Pairs(NamedTuple):
+    """Pairs of inputs to split at their medians: `members` ``(target, pair, 2)``, the trials above both
+    medians ``(n, target, pair)``, and how many there are in each of four leaves."""
+
+    members: NDArray[np.int64]
+    both: Single
+    counts: NDArray[Any]
+
+    def best(self, alone: Single, total: Single, left: Single) -> tuple[NDArray[np.int64], NDArray[Any]]:
+        """Which pair gains most for each target, and its gain; `alone` ``(input, target)`` sums above."""
+        together = np.einsum("nt,ntm->tm", left, self.both)
+        first, second = (
+            np.take_along_axis(alone.T, self.members[:, :, member], axis=1) for member in range(2)
+        )
+        gains = _gain(_cells(together, first, second, total[:, None]), self.counts).sum(axis=(0, 1))
+        return gains.argmax(axis=1), gains.max(axis=1)
+
+
+def _find_pairs(middle: Single, left: Single) -> _Pairs:
+    """Of all pairs of inputs those that gain most for each target before anything else is split."""
+    n, k = middle.shape
+    first, second = np.triu_indices(k)
+    together = middle.T @ middle
+    number, sums, total = np.diagonal(together), middle.T @ left, left.sum(axis=0)
+    counts = _cells(together, number[:, None], number[None], n)
+    members = []
+    for target in range(left.shape[1]):
+        both = middle.T @ (middle * left[:, target : target + 1])
+        cells = _cells(both, sums[:, target, None], sums[None, :, target], total[target])
+        gains = _gain(cells, counts).sum(axis=(0, 1))[first, second]
+        best = np.argpartition(gains, max(len(gains) - PAIRS, 0))[-PAIRS:]
+        members.append(np.column_stack([first[best], second[best]]))
+    found = np.array(members)
+    both = middle[:, found[:, :, 0]] * middle[:, found[:, :, 1]]
+    return _Pairs(found, both, counts[:, :, found[:, :, 0], found[:, :, 1]])
 
 
 def _gain(sums: NDArray[Any], numbers: Any) -> NDArray[Any]:
@@ -119,15 +156,3 @@ def _gain(sums: NDArray[Any], numbers: Any) -> NDArray[Any]:
 def _cells(both: Any, first: Any, second: Any, total: Any) -> NDArray[Any]:
     """Sums in the four leaves of two splits, from those above both and above each."""
     return np.array([[total - first - second + both, second - both], [first - both, both]])
-
-
-def _pair(middle: Single, together: Single, target: Single) -> tuple[float, int, int]:
-    """The best pair of inputs to split at their medians, and its gain."""
-    both = middle.T @ (middle * target[:, None])
-    alone = np.diagonal(both)
-    cells = _cells(both, alone[:, None], alone[None], target.sum())
-    number = np.diagonal(together)
-    counts = _cells(together, number[:, None], number[None], len(target))
-    gains = _gain(cells, counts).sum(axis=(0, 1))
-    first, second = np.unravel_index(int(gains.argmax()), gains.shape)
-    return float(gains.max()), int(first), int(second)

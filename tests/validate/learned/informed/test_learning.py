@@ -8,7 +8,8 @@ import pytest
 from gaugeblock.validate.learned.informed.challenger import Known
 from gaugeblock.validate.learned.informed.choice import fit_choice, softmax
 from gaugeblock.validate.learned.informed.data import make_data
-from gaugeblock.validate.learned.informed.learning import learn, weights
+from gaugeblock.validate.learned.informed.informed import rank_finding
+from gaugeblock.validate.learned.informed.learning import NOTHING, Told, learn, together, weights
 from gaugeblock.validate.learned.informed.pools import Pools, rank_scores
 from gaugeblock.validate.learned.informed.ridge import fit_ridge
 from gaugeblock.validate.learned.informed.skill import fair_crps, forecast_crps, skill
@@ -37,19 +38,29 @@ SHAPES = {
 def test_ranks_of_exact_posteriors_are_uniform(shape):
     """50 replicates of 70 trials, each overfitted. Weighted z has mean 0 within 4 standard errors, variance
     1 within 0.999 limits, and ranks together are uniform at 0.001; of a score that learned from what it
-    ranks, z is near 3."""
-    z, pit = [], []
+    ranks, z is near 3. Averaged over two orders the variance is between 1/2 and 1: the orders share nothing,
+    or everything."""
+    z, averaged, pit = [], [], []
     for seed in range(50):
         rng = np.random.default_rng([1, seed])
         x = rng.normal(size=(70, 6))
         values = x[:, None, :2] + SHAPES[shape](rng, (70, 9, 2))
-        found = learn(known(values, x, rng), order=rng.permutation(70))
+        seen = known(values, x, rng)
+        found, other = (learn(seen, order=rng.permutation(70)) for _ in range(2))
+        finding = rank_finding([found, other], np.arange(70), blame="", skills={})
+        averaged.append(finding.estimate[0] / finding.standard_error[0])
+        np.testing.assert_allclose(finding.influence.mean(), 0, atol=1e-12)
+        each = [float(np.mean(order.weight * (0.5 - order.pit))) for order in (found, other)]
+        assert finding.estimate[0] == pytest.approx(np.mean(each))
+        np.testing.assert_allclose(finding.details["gap"], each)
         assert len(found.row) == 70 - 70 // 8
         assert (np.diff(found.row) > 0).all()
         pit.append(found.pit)
         z.append(np.sqrt(12 / len(found.pit)) * np.sum(found.weight * (0.5 - found.pit)))
     assert abs(np.mean(z)) < 4 / np.sqrt(50)
     assert 0.43 < np.var(z) < 1.84
+    assert abs(np.mean(averaged)) < 4 / np.sqrt(50)
+    assert 0.43 / 2 < np.var(averaged) < 1.84
     assert ecdf_test(np.concatenate(pit)).p_value > 1e-3
 
 
@@ -62,6 +73,13 @@ def test_truths_that_the_data_tell_rank_low():
     found = learn(known(values, x, rng), order=rng.permutation(600))
     assert found.pit.mean() < 0.25
     assert found.told[((0,), "ridge")].z > 10
+
+
+def test_what_several_orders_tell_counts_once():
+    """Four equal orders are no more certain than one; one that tells nothing halves what two tell."""
+    one = Told(3.0, 4.0)
+    assert together([one] * 4).z == pytest.approx(one.z)
+    assert together([one, NOTHING]) == Told(1.5, 2.0)
 
 
 def test_no_trial_weighs_more_than_five_and_the_mean_square_is_one():
