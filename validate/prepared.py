@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import xarray as xr
@@ -58,6 +58,7 @@ class TrialBlock:
         return Rows(self.prepared.seed, purpose, self.trial)
 
 
+T = TypeVar("T")
 Statistic = Callable[[TrialBlock], NDArray[Any]]
 """From a block to one row per trial, ``(n, ...)``; the rows must not depend on where blocks end."""
 
@@ -101,6 +102,7 @@ class Prepared:
     tree: xr.DataTree
     seed: int
     _known: dict[Statistic, NDArray[Any]] = field(default_factory=dict, repr=False, compare=False)
+    _made: dict[Callable[[Prepared], Any], Any] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
     def main(self) -> xr.Dataset:
@@ -163,7 +165,11 @@ class Prepared:
             return None
         chosen = np.flatnonzero(self.unaffected)[:FITTED]
         first = self.main["x"].isel(trial=slice(0, chosen[-1] + 1)).values[chosen]
-        return features_of((part["x"].values[kept] for _, part, kept in self._parts()), first, own)
+        return features_of(self.data(), first, own)
+
+    def data(self) -> Iterator[NDArray[Any]]:
+        """Data x of the unaffected trials, some at a time; nothing else of them is read."""
+        return (part["x"].values[kept] for _, part, kept in self._parts())
 
     def _own_features(self) -> list[str]:
         """The user's own numbers per trial."""
@@ -212,6 +218,12 @@ class Prepared:
         """A statistic of all unaffected trials ``(trial, ...)``, computed once."""
         self.compute([statistic])
         return self._known[statistic]
+
+    def once(self, made: Callable[[Prepared], T]) -> T:
+        """What a function makes of all trials together, made once."""
+        if made not in self._made:
+            self._made[made] = made(self)
+        return cast(T, self._made[made])
 
     def compute(self, statistics: Sequence[Statistic]) -> None:
         """Compute all these statistics that are not known yet, in one pass over the draws."""

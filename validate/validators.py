@@ -18,7 +18,6 @@ from gaugeblock.validate.joint.joint import STATISTICS, joint
 from gaugeblock.validate.joint.normalisation import density, ratios
 from gaugeblock.validate.layout.layout import layout
 from gaugeblock.validate.learned.c2st import c2st
-from gaugeblock.validate.learned.informed.data import channels
 from gaugeblock.validate.learned.informed.informed import informed
 from gaugeblock.validate.learned.informed.pools import pools
 from gaugeblock.validate.learned.lc2st import lc2st
@@ -58,7 +57,7 @@ VALIDATORS: Mapping[str, Validator] = {
     "density": Validator(density, (ratios,)),
     "local": Validator(local, (pit, half_widths, location)),
     "c2st": Validator(c2st, (candidates,)),
-    "informed": Validator(informed, (pools, channels)),
+    "informed": Validator(informed, (pools,)),
     "lc2st": Validator(lc2st, (candidates,)),
     "posterior_sbc": Validator(posterior_sbc),
     "layout": Validator(layout),

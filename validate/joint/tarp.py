@@ -20,12 +20,16 @@ from gaugeblock.validate.check import circular_parameters
 from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.joint.gaps import curve, gap_finding, uniform_finding
 from gaugeblock.validate.joint.pool import Pool, make_pool, pool_pit
-from gaugeblock.validate.joint.references import cross_fitted
+from gaugeblock.validate.learned.expected import expected_of
+from gaugeblock.validate.learned.informed.location import Location
 from gaugeblock.validate.marginal.coverage import LEVELS
 from gaugeblock.validate.prepared import Prepared, TrialBlock
 
 REFERENCES = 8
-REFERENCE = "Lemos et al. 2023, arXiv:2302.03026; coverage values, cross-fitted references"
+# References lie so many errors of the regression away: all in the middle of a posterior, they would see its
+# width eight times over, and no direction.
+SCATTER = 1.5
+REFERENCE = "Lemos et al. 2023, arXiv:2302.03026; coverage values, references learned on earlier trials"
 BLIND = (
     "without data (x) reference points cannot depend on them: an estimator that returns the prior whatever "
     "the data cannot be seen here"
@@ -62,18 +66,28 @@ def tarp(block: TrialBlock) -> Array:
 
 def _references(block: TrialBlock, rng: Uniforms) -> Array:
     prepared = block.prepared
-    size = (*block.theta_true.shape, REFERENCES)
-    features = prepared.features
-    if features is not None and has_features(prepared):
-        found = cross_fitted(features.values, prepared.theta_true, prepared.trial)
-        jitter = found.root[found.fold[block.rows]] @ rng.standard_normal(size)
-        points = found.mean[block.rows][:, :, None] + jitter
+    expected = prepared.once(expected_of)
+    if expected is None:
+        points = prepared.theta_true[_others(prepared, block.rows, rng)]
     else:
-        points = np.swapaxes(prepared.theta_true[_others(prepared, block.rows, rng)], 1, 2)
+        # Likely values, as far as the data tell: scattered as the regression errs.
+        jitter = rng.standard_normal((len(block), REFERENCES, block.theta_true.shape[1]))
+        points = np.empty(jitter.shape)
+        for stage in np.unique(expected.stage[block.rows]):
+            own = expected.stage[block.rows] == stage
+            points[own] = _likely(expected.locations[stage], expected.scores[block.rows][own], jitter[own])
     for column, period in circular_parameters(prepared.main).items():
         # Blocks hold circular parameters relative to the pool's mean: anywhere on the circle will do.
-        points[:, column] = (rng.random((len(block), REFERENCES)) - 0.5) * period
-    return np.swapaxes(points, 1, 2)
+        points[:, :, column] = (rng.random((len(block), REFERENCES)) - 0.5) * period
+    return points
+
+
+def _likely(location: Location, scores: Array, jitter: Array) -> Array:
+    """Values ``(n, reference, parameter)`` about what is expected, from standard normal `jitter`."""
+    number, p = jitter.shape[1:]
+    each = np.repeat(scores, number, axis=0)
+    each[:, :p] += SCATTER * (jitter @ location.root.T).reshape(-1, p)
+    return location.values(each).reshape(jitter.shape)
 
 
 def _others(prepared: Prepared, rows: slice, rng: Uniforms) -> NDArray[np.int64]:
@@ -89,8 +103,7 @@ def _others(prepared: Prepared, rows: slice, rng: Uniforms) -> NDArray[np.int64]
 
 def has_features(prepared: Prepared) -> bool:
     """Whether references can be made to depend on the data."""
-    features = prepared.features
-    return features is not None and bool(np.isfinite(features.values).all(axis=0).any())
+    return prepared.once(expected_of) is not None
 
 
 def tarp_findings(

@@ -15,7 +15,8 @@ from gaugeblock.core.streams import generator
 from gaugeblock.validate.features import TrialFeatures
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.learned.c2st import spread_out
-from gaugeblock.validate.learned.learned import LEAST_TRIALS, STAGES, learned_from
+from gaugeblock.validate.learned.expected import STAGES
+from gaugeblock.validate.learned.learned import LEAST_TRIALS, learned_from
 from gaugeblock.validate.local.regions import LEAST, Regions, quantile_regions
 from gaugeblock.validate.marginal.coverage import steadied_error
 from gaugeblock.validate.prepared import Prepared

@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.core.streams import generator
 from gaugeblock.validate.learned.discriminant import fit_discriminant
+from gaugeblock.validate.learned.expected import MOST_TAUGHT, expected_of, learning_order, stage_edges
+from gaugeblock.validate.learned.informed.data import usable
 from gaugeblock.validate.learned.pool_coordinates import context_of, pool_coordinates
 from gaugeblock.validate.prepared import Prepared, TrialBlock
 from gaugeblock.validate.ranks import ranks_and_ties
@@ -30,9 +31,6 @@ Score = Callable[[Array, Array | None], Array]
 Fit = Callable[[Array, Array], Score]
 """From candidates ``(trial, 1 + draw, p)``, truth first, and context ``(trial, k)`` to a score of any."""
 
-STAGES = 6
-MOST_TAUGHT = 4000
-"""Trials that a model is fitted to at most: the most recent ones."""
 TAUGHT_DRAWS = 8
 LEAST_TRIALS = 50
 CHUNK = 1 << 20
@@ -64,22 +62,19 @@ def candidates(block: TrialBlock) -> Array:
 def learned_from(prepared: Prepared) -> LearnedRanks:
     """Ranks of all unaffected trials but the first stage, in a score that the discriminant learned.
 
-    Rows number the unaffected trials. Trials are taken in a random order that the seed and their numbers
-    decide, so nothing depends on the order in which they are stored.
+    Rows number the unaffected trials. The score looks at where a regression on all of x expects the truth, at
+    data features, and at the pool's mean and width.
     """
     by_number = np.argsort(prepared.trial)
     found = prepared.per_trial(candidates)[by_number]
     features = None if prepared.features is None else usable(prepared.features.values)[by_number]
     context = context_of(found[:, -3], found[:, -2], features)
-    rng = generator(prepared.seed, "order of learning", len(by_number))
-    order = rng.permutation(len(by_number))
+    expected = prepared.once(expected_of)
+    if expected is not None:
+        context = np.concatenate([expected.scores[by_number], context], axis=1)
+    order = learning_order(prepared)
     ranks = learned_ranks(found[:, :-3], context, found[:, -1, 0], discriminant_fit, order=order)
     return replace(ranks, row=by_number[ranks.row])
-
-
-def usable(features: Array) -> Array:
-    """The features ``(trial, k)`` that are finite numbers in all trials."""
-    return features[:, np.isfinite(features).all(axis=0)]
 
 
 def learned_ranks(
@@ -92,8 +87,7 @@ def learned_ranks(
     """
     sequence = np.asarray(order)
     n = len(sequence)
-    first = min(n // STAGES, MOST_TAUGHT)
-    edges = np.linspace(first, n, STAGES).astype(int)
+    edges = stage_edges(n)
     truth, drawn = [], []
     for start, stop in itertools.pairwise(edges):  # over stages
         taught = np.sort(sequence[max(0, start - MOST_TAUGHT) : start])
@@ -102,7 +96,7 @@ def learned_ranks(
         truth.append(values[:, 0])
         drawn.append(values[:, 1:])
     own, others = np.concatenate(truth), np.concatenate(drawn)
-    row = sequence[first:]
+    row = sequence[edges[0] :]
     back = np.argsort(row)
     row, own, others = row[back], own[back], others[back]
     below, equal = ranks_and_ties(own[:, None], others[:, :, None])

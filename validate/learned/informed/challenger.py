@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy import special
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate.learned.discriminant import normal_scores
 from gaugeblock.validate.learned.informed.data import Data
+from gaugeblock.validate.learned.informed.location import Location, fit_location
 from gaugeblock.validate.learned.informed.pools import Pools
 from gaugeblock.validate.learned.informed.ridge import Ridge, fit_ridge
 from gaugeblock.validate.learned.informed.terms import Terms, values_of
@@ -39,48 +39,6 @@ class Known(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Location:
-    """Regression of the parameters on the data alone; `sorted_truths` lead from normal scores to values."""
-
-    ridge: Ridge
-    sorted_truths: Array
-    residual: Array
-    periods: dict[int, float]
-
-    def scores(self, known: Known, rows: Rows) -> Array:
-        """Expected normal scores of the parameters, cosine and sine of circular ones after these."""
-        return self.ridge(known.data.values[rows])
-
-    def place(self, expected: Array, pools: Pools, rows: Rows) -> Array:
-        """Normal score ``(n, p)`` of where the expected parameters lie among the candidates of each pool."""
-        values = pools.values[rows]
-        number, p = values.shape[1:]
-        level = special.ndtr(expected[:, :p]) * (len(self.sorted_truths) - 1)
-        guess = np.take_along_axis(self.sorted_truths, np.round(level).astype(int), axis=0)
-        for index, (column, period) in enumerate(self.periods.items()):
-            cosine, sine = expected[:, p + 2 * index], expected[:, p + 2 * index + 1]
-            away = np.arctan2(sine, cosine) * period / (2 * np.pi) - pools.centre[rows, column]
-            guess[:, column] = (away + period / 2) % period - period / 2
-        below = np.count_nonzero(values < guess[:, None], axis=1)
-        equal = np.count_nonzero(values == guess[:, None], axis=1)
-        return np.asarray(special.ndtri((below + equal / 2 + 0.5) / (number + 1)))
-
-
-def fit_location(known: Known, taught: Rows) -> Location:
-    """Learn where the parameters are expected from the data of the trials that teach."""
-    pools = known.pools
-    truth = pools.values[taught, 0] + pools.centre[taught]
-    targets = [normal_scores(truth, truth)]
-    for column, period in pools.periods.items():
-        angle = 2 * np.pi * truth[:, column] / period
-        targets.append(np.column_stack([np.cos(angle), np.sin(angle)]))
-    wanted = np.concatenate(targets, axis=1)
-    inputs = known.data.values[taught]
-    ridge = fit_ridge(inputs, wanted)
-    return Location(ridge, np.sort(truth, axis=0), (wanted - ridge(inputs)).std(axis=0), pools.periods)
-
-
-@dataclass(frozen=True)
 class Challenger:
     """What `fit_challenger` learned."""
 
@@ -95,7 +53,7 @@ class Challenger:
 
         Of places only what the data say, not what is so whatever the data.
         """
-        expected = self.location.scores(known, rows)
+        expected = self.location(known.data.values[rows])
         wide = _wide(known, self.location, expected, rows)
         foretold = self.ridge(wide)
         foretold[:, : self.terms.places] -= self.ridge.coefficient[0, : self.terms.places]
@@ -135,14 +93,27 @@ class Challenger:
 
 
 def _wide(known: Known, location: Location, expected: Array, rows: Rows) -> Array:
-    place = location.place(expected, known.pools, rows)
-    return np.concatenate([known.data.values[rows], known.summaries[rows], place, expected], axis=1)
+    own = known.data.values[rows]
+    place = place_among(known.pools, rows, location.values(expected))
+    return np.concatenate([own, known.summaries[rows], place, expected], axis=1)
+
+
+def place_among(pools: Pools, rows: Rows, guess: Array) -> Array:
+    """Normal score ``(n, p)`` of where values of the parameters lie among the candidates of each pool."""
+    values = pools.values[rows]
+    away = guess - pools.centre[rows]
+    for column, period in pools.periods.items():
+        away[:, column] = (away[:, column] + period / 2) % period - period / 2
+    below = np.count_nonzero(values < away[:, None], axis=1)
+    equal = np.count_nonzero(values == away[:, None], axis=1)
+    return np.asarray(special.ndtri((below + equal / 2 + 0.5) / (values.shape[1] + 1)))
 
 
 def fit_challenger(known: Known, terms: Terms, taught: Rows) -> Challenger:
     """Learn from the trials `taught` what their truths' terms have to do with the data."""
-    location = fit_location(known, taught)
-    wide = _wide(known, location, location.scores(known, taught), taught)
+    own, truth = known.data.values[taught], known.pools.values[taught, 0] + known.pools.centre[taught]
+    location = fit_location(own, truth, known.pools.periods)
+    wide = _wide(known, location, location(own), taught)
     targets = values_of(terms.every[: terms.regressed], known.pools.scores[taught, 0])
     ridge = fit_ridge(wide, targets)
     left = (targets - ridge(wide))[:, : terms.treed]

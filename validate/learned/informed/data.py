@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.features import TrialFeatures, group_starts
 from gaugeblock.validate.learned.discriminant import normal_scores
-from gaugeblock.validate.learned.learned import usable
 from gaugeblock.validate.prepared import Prepared, TrialBlock
 
 INPUTS = 256
@@ -29,17 +28,30 @@ class Data(NamedTuple):
 
 def channels(block: TrialBlock) -> Array:
     """Statistic: x flattened, neighbours summed until there are at most 256 values; none without x."""
-    if block.x is None:
-        return np.empty((len(block), 0))
-    flat = np.asarray(block.x, dtype=float).reshape(len(block), -1)
+    return np.empty((len(block), 0)) if block.x is None else summed(block.x)
+
+
+def summed(x: NDArray[Any]) -> Array:
+    """Data ``(n, ...)`` flattened, neighbours summed until there are at most 256 values."""
+    flat = np.asarray(x, dtype=float).reshape(len(x), -1)
     if flat.shape[1] <= INPUTS:
         return flat
     return np.asarray(np.add.reduceat(flat, group_starts(flat.shape[1], INPUTS), axis=1))
 
 
+def all_channels(prepared: Prepared) -> Array:
+    """Channels of all unaffected trials ``(trial, channel)``, without a look at their draws."""
+    return np.concatenate([summed(x) for x in prepared.data()])
+
+
+def usable(features: Array) -> Array:
+    """The features ``(trial, k)`` that are finite numbers in all trials."""
+    return features[:, np.isfinite(features).all(axis=0)]
+
+
 def data_of(prepared: Prepared, rows: NDArray[np.int64]) -> Data:
     """Data of the unaffected trials `rows`, as challengers see them; what is the same in all is left out."""
-    found = prepared.per_trial(channels)[rows]
+    found = prepared.once(all_channels)[rows] if "x" in prepared.main else np.empty((len(rows), 0))
     features = prepared.features or TrialFeatures((), np.empty((len(prepared.trial), 0)))
     finite = [bool(np.isfinite(features.column(name)).all()) for name in features.names]
     named = [name for name, known in zip(features.names, finite, strict=True) if known]
@@ -73,6 +85,8 @@ def channel_names(shape: tuple[int, ...]) -> list[str]:
     ('x[1, 0]', 'x[2] to x[3]')
     """
     size = int(np.prod(shape, dtype=int))
+    if not size:
+        return []
     starts = group_starts(size, INPUTS)
     named = []
     for start, stop in zip(starts, [*starts[1:], size], strict=True):

@@ -95,8 +95,8 @@ def learn(known: Known, *, order: ArrayLike) -> Learned:
         columns = _columns(known, terms, scored, last(known, scored))
         _account(told, terms, columns)
         values = columns @ coefficient
-        expected = last.location.scores(known, scored)[:, :p]
-        spread = np.broadcast_to(last.location.residual[:p], expected.shape)
+        expected = last.location(known.data.values[scored])[:, :p]
+        spread = np.broadcast_to(np.linalg.norm(last.location.root, axis=1), expected.shape)
         parts.append((_pit(values, known.pools.ties[scored]), _gain(values), expected, spread))
     pit, gain, location, spread = (np.concatenate(column) for column in zip(*parts, strict=True))
     row = sequence[edges[0] :]

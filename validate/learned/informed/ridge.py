@@ -14,10 +14,12 @@ PENALTIES = np.geomspace(1e-3, 30.0, 10)
 
 @dataclass(frozen=True)
 class Ridge:
-    """Centre of the inputs, coefficients ``(1 + input, target)``; made by `fit_ridge`."""
+    """Centre of the inputs, coefficients ``(1 + input, target)``, and which share ``(target,)`` of residuals
+    the fit leaves of those on other data; made by `fit_ridge`."""
 
     centre: Array
     coefficient: Array
+    left: Array
 
     def __call__(self, inputs: Array) -> Array:
         """Predictions ``(n, target)`` for inputs ``(n, input)``."""
@@ -44,7 +46,7 @@ def fit_ridge(inputs: Array, targets: Array) -> Ridge:
     kept = 1 / (values + n * PENALTIES[:, None])  # (penalty, direction)
     left = total - np.einsum("dt,kd->kt", along**2, kept * (2 - values * kept))
     freedom = 1 + (values * kept).sum(axis=1)
-    score = left / np.maximum(1 - freedom / n, 1e-3)[:, None] ** 2
-    best = score.argmin(axis=0)
+    share = np.maximum(1 - freedom / n, 1e-3)
+    best = (left / share[:, None] ** 2).argmin(axis=0)
     coefficient = vectors @ (along * kept[best].T)
-    return Ridge(centre, np.concatenate([mean[None], coefficient]))
+    return Ridge(centre, np.concatenate([mean[None], coefficient]), share[best])
