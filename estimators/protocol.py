@@ -22,7 +22,7 @@ class Estimator(Protocol):
     Each capability is a protocol of this file, or `gaugeblock.simulators.protocol.Described`, asked for by
     ``isinstance(estimator, HasDensity)``. That looks whether the methods are there, not what they take; an
     attribute that is None counts as absent. An attribute ``autocorrelated`` that is True says that draws of
-    one trial are a Markov chain.
+    one trial are a Markov chain: a remark, audits measure it.
     """
 
     def sample(self, x: ArrayLike, n: int, rng: Rng) -> NDArray[np.float64]:

@@ -74,7 +74,7 @@ WORD = 100
 class Claims:
     """A stranger's library and versions, the names of its parameters if it has any, and what it can do.
 
-    `autocorrelated`: its draws of one trial are a Markov chain; they are thinned, which costs precision only.
+    `autocorrelated`: it says that its draws of one trial are a Markov chain; audits measure that themselves.
     """
 
     library: str

@@ -16,13 +16,16 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Rows
-from gaugeblock.validate.autocorrelation import integrated_autocorrelation_time
-from gaugeblock.validate.check import PER_DRAW, PER_TRIAL, circular_parameters, is_autocorrelated
+from gaugeblock.validate.autocorrelation import DrawOrder, draw_order, measured_trials
+from gaugeblock.validate.check import PER_DRAW, PER_TRIAL, QUANTITY, circular_parameters, is_autocorrelated
 from gaugeblock.validate.features import FITTED, TrialFeatures, features_of
 from gaugeblock.validate.ranks import randomised_pit, unwrap_circular
 from gaugeblock.validate.standardised import standardised_errors
 from gaugeblock.validate.storage import block_length
 from gaugeblock.validate.trials import IMPORTANCE, group_trials, main_trials
+
+# Correlated draws that are worth fewer than this judge nothing: what thinning leaves of them is too little.
+LEAST_WORTH = 50
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +33,7 @@ class TrialBlock:
     """Some unaffected trials in a row, with everything a per-trial statistic may look at.
 
     Shapes: `trial` and the `*_true` ``(n,)``; `theta_true` ``(n, parameter)``; `draws` ``(n, draw,
-    parameter)``, circular parameters cut open and autocorrelated draws thinned; `weight`, `log_q`,
+    parameter)``, circular parameters cut open and correlated draws thinned; `weight`, `log_q`,
     `log_likelihood`, `log_prior` ``(n, draw)``; `x` ``(n, ...)``. What the trials lack is None. `rows` is
     where the block lies among all unaffected trials; `own` holds the trials' further variables by name.
     """
@@ -96,7 +99,7 @@ class Prepared:
     """A Trials tree and the seed of everything random in its validation; each property is computed once.
 
     Whatever has a row per trial is of the *unaffected* trials: those whose draws are all finite. In blocks,
-    circular parameters are cut open and autocorrelated draws thinned; `caveats` says so.
+    circular parameters are cut open and correlated draws thinned; `caveats` says so.
     """
 
     tree: xr.DataTree
@@ -145,15 +148,50 @@ class Prepared:
         return np.asarray(self.main["theta_true"].values[self.unaffected], dtype=float)
 
     @cached_property
-    def stride(self) -> int:
-        """Every how many draws one is used: 1, or the mean autocorrelation time of the slowest parameter."""
-        if not is_autocorrelated(self.main) or not self.unaffected.any():
-            return 1
-        times = [
-            integrated_autocorrelation_time(part["draws"].values[kept]) for _, part, kept in self._parts()
+    def order(self) -> DrawOrder:
+        """How far draws depend on their order, as trials spread over all of them show."""
+        n, draws = len(self.trial), self.main.sizes["draw"]
+        chosen = np.zeros(n, dtype=bool)
+        wanted = measured_trials(n, draws * self.main.sizes["parameter"])
+        chosen[np.argsort(self.trial, kind="stable")[wanted]] = True
+        parts = [
+            part["draws"].values[kept][chosen[rows]]
+            for rows, part, kept in self._parts()
+            if chosen[rows].any()
         ]
-        longest = (self.main.sizes["draw"] - 1) // 2
-        return max(1, min(round(float(np.concatenate(times).mean(axis=0).max())), longest))
+        return draw_order(np.concatenate(parts)) if parts else DrawOrder(1, float(draws))
+
+    @property
+    def kept_draws(self) -> int:
+        """How many draws of each trial are used."""
+        return int(self.main.sizes["draw"]) // self.order.stride
+
+    def thinned(self, values: NDArray[Any], trial: NDArray[np.int64]) -> NDArray[Any]:
+        """Every `stride`-th of `values` ``(trial, draw, ...)``, from a start that is each trial's own.
+
+        What belongs to the same draws stays together, and no place along the draws is sure not to be used.
+        """
+        stride, length = self.order.stride, values.shape[1]
+        if stride == 1:
+            return values
+        number = max(length // stride, 1)
+        starts = length - stride * (number - 1)
+        first = (starts * Rows(self.seed, "thinning", trial).random((len(trial), 1))).astype(np.int64)
+        place = first + stride * np.arange(number)
+        return np.take_along_axis(values, place.reshape(place.shape + (1,) * (values.ndim - 2)), axis=1)
+
+    @property
+    def too_dependent(self) -> str:
+        """Why draws judge nothing: too few are left of them. Empty where they do."""
+        if self.order.stride == 1 or self.order.worth >= LEAST_WORTH:
+            return ""
+        remedy = "shuffle draws that are independent, else draw more"
+        return f"{self._order_said}; {LEAST_WORTH} are needed: {remedy}"
+
+    @property
+    def _order_said(self) -> str:
+        draws = self.main.sizes["draw"]
+        return f"draws depend on their order: {draws:,} are worth about {self.order.worth:,.0f}"
 
     @cached_property
     def features(self) -> TrialFeatures | None:
@@ -196,21 +234,24 @@ class Prepared:
     def blocks(self) -> Iterator[TrialBlock]:
         """All unaffected trials, some at a time."""
         periods = circular_parameters(self.main)
-        stride = self.stride
         for rows, lazy, kept in self._parts():
             part = {str(name): lazy[name].values[kept] for name in lazy.data_vars}
-            thinned = {name: part.pop(name)[:, ::stride].astype(float) for name in PER_DRAW if name in part}
+            trial = self.trial[rows]
+            own = [name for name in part if name.startswith(QUANTITY) and part[name].ndim == 2]
+            per_draw = [name for name in ("draws", *PER_DRAW, *own) if name in part]
+            # Halves and singles hold draws well and their sums badly.
+            thinned = {name: self.thinned(part.pop(name), trial).astype(float) for name in per_draw}
             if "weight" in thinned:
                 # Thinning may leave a trial none of its weight; such draws say nothing and count equally.
                 weight = thinned["weight"]
                 thinned["weight"] = np.where(weight.sum(axis=1, keepdims=True) > 0, weight, 1.0)
-            # Halves and singles hold draws well and their sums badly.
-            truth, draws = part.pop("theta_true").astype(float), part.pop("draws")[:, ::stride].astype(float)
+            truth, draws = part.pop("theta_true").astype(float), thinned.pop("draws")
+            part |= {name: thinned.pop(name) for name in own}
             if periods:
                 truth, draws = unwrap_circular(truth, draws, periods)
             per_trial = {name: part.pop(name).astype(float) for name in PER_TRIAL if name in part}
             yield TrialBlock(
-                prepared=self, rows=rows, trial=self.trial[rows], theta_true=truth, draws=draws,
+                prepared=self, rows=rows, trial=trial, theta_true=truth, draws=draws,
                 x=part.pop("x", None), **thinned, **per_trial, own=part,
             )  # fmt: skip
 
@@ -261,12 +302,13 @@ class Prepared:
             said.append(
                 f"{affected} of {len(self.unaffected)} trials have NaN or infinite draws; left out here"
             )
-        if self.stride > 1:
-            kept = len(range(0, self.main.sizes["draw"], self.stride))
-            said.append(
-                f"autocorrelated draws: every {self.stride}th used, {kept} of "
-                f"{self.main.sizes['draw']} per trial"
+        if self.order.stride > 1:
+            every = (
+                f"every {self.order.stride}th used, from each trial's own start, {self.kept_draws} a trial"
             )
+            said.append(f"{self._order_said}; {every}")
+        elif is_autocorrelated(self.main):
+            said.append("draws are said to be autocorrelated; their order shows nothing of it: all are used")
         if "weight" in self.main:
             said.append("weighted draws: ranks are exact only as far as the weights represent the posterior")
         return tuple(said)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import xarray as xr
 
@@ -12,7 +12,7 @@ from gaugeblock.validate.anytime.anytime import WATCHED, anytime
 from gaugeblock.validate.controls.controls import controls
 from gaugeblock.validate.designs.identifiability import identifiability, posterior_sd
 from gaugeblock.validate.evidence.evidence import evidence
-from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.finding import Finding, NotChecked, SequenceFinding
 from gaugeblock.validate.joint.importance import importance
 from gaugeblock.validate.joint.joint import STATISTICS, joint
 from gaugeblock.validate.joint.normalisation import density, ratios
@@ -87,11 +87,29 @@ def run_validators(
     prepared = Prepared(xr.DataTree(tree) if isinstance(tree, xr.Dataset) else tree, seed)
     validators = [VALIDATORS[name] for name in VALIDATORS if name in chosen]
     prepared.compute([statistic for validator in validators for statistic in validator.statistics])
-    said = [item for validator in validators for item in validator.findings(prepared)]
+    said: list[Finding | NotChecked] = []
+    for validator in validators:
+        found = validator.findings(prepared)
+        why = prepared.too_dependent if validator.statistics else ""
+        said += only_reported(found, why) if why else found
     return (
         tuple(item for item in said if isinstance(item, Finding)),
         tuple(item for item in said if isinstance(item, NotChecked)),
     )
+
+
+def only_reported(found: Iterable[Finding | NotChecked], why: str) -> list[Finding | NotChecked]:
+    """The same findings with no say in a verdict, and for each gate that they would have been, why not."""
+    said: dict[str, Finding | NotChecked] = {}
+    for item in found:
+        if isinstance(item, NotChecked) or not item.quantity:
+            said[item.id] = item
+            continue
+        gate = item.id.partition("[")[0]
+        said[f"{gate}: why not"] = NotChecked(gate, why)
+        if not isinstance(item, SequenceFinding):
+            said[item.id] = replace(item, quantity="")
+    return list(said.values())
 
 
 def default_validators() -> list[str]:

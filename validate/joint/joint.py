@@ -88,9 +88,9 @@ def _likelihood(prepared: Prepared) -> list[Finding | NotChecked]:
     trial = trial_numbers(own)[kept]
     values = likelihood_pit(
         own["log_likelihood_true"].values[kept],
-        own["log_likelihood"].values[kept][:, :: prepared.stride],
+        prepared.thinned(own["log_likelihood"].values[kept], trial),
         Rows(prepared.seed, "joint likelihood", trial),
-        weight=own["weight"].values[kept][:, :: prepared.stride] if "weight" in own else None,
+        weight=prepared.thinned(own["weight"].values[kept], trial) if "weight" in own else None,
     )
     said = () if kept.all() else (f"{(~kept).sum()} trials have NaN or infinite draws; left out here",)
     return [*_quantity(*ids, name, values, trial, said, population=JOINT)]

@@ -88,7 +88,7 @@ def density(prepared: Prepared) -> list[Finding | NotChecked]:
     estimate, error = finding.estimate[0], finding.standard_error[0]
     if khat > KHAT_LIMIT:
         return [NotChecked(ID, UNRELIABLE.format(estimate, f"tail index {khat:.1f}"))]
-    number = len(range(0, prepared.main.sizes["draw"], prepared.stride))
+    number = prepared.kept_draws
     bent = bent_draws(len(prepared.parameters))
     if number < bent and estimate < -CERTAIN * error:
         # An ellipsoid that bulges out of a crescent finds too little density, and only ever too little.

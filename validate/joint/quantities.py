@@ -91,9 +91,9 @@ def quantities(block: TrialBlock) -> Array:
     found = np.empty((len(block), len(names), 2))
     if not names:
         return found
-    rng, stride = block.rng("test quantities"), block.prepared.stride
+    rng = block.rng("test quantities")
     for column, name in enumerate(names):
-        truth, draws = block.own[f"{QUANTITY}{name}_true"], block.own[f"{QUANTITY}{name}"][:, ::stride]
+        truth, draws = block.own[f"{QUANTITY}{name}_true"], block.own[f"{QUANTITY}{name}"]
         found[:, column, 0] = quantity_pit(truth, draws, rng, weight=block.weight)
         found[:, column, 1] = _count_nan(truth, draws)
     return found

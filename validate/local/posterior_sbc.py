@@ -28,7 +28,8 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rows, Uniforms
-from gaugeblock.validate.check import circular_parameters, is_autocorrelated
+from gaugeblock.validate.autocorrelation import draw_order, measured_trials
+from gaugeblock.validate.check import circular_parameters
 from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.joint.importance import kish_fraction
 from gaugeblock.validate.marginal.half_widths import bias_finding, half_width_scores, log_width_finding
@@ -117,8 +118,8 @@ def posterior_sbc(prepared: Prepared) -> list[Finding | NotChecked]:
     said = [str(chosen.attrs["caveat"])] if "caveat" in chosen.attrs else []
     if not finite.all():
         said.append(f"{(~finite).sum()} of {len(finite)} trials have NaN or infinite draws; left out here")
-    if is_autocorrelated(trials):
-        said.append("autocorrelated draws, used as they are: ranks are only nearly uniform")
+    if draw_order(draws[measured_trials(len(draws), draws[0].size)]).stride > 1:
+        said.append("draws depend on their order and are used as they are: ranks are only nearly uniform")
     return [
         *posterior_sbc_findings(
             truth,

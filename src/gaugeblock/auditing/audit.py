@@ -240,7 +240,7 @@ def audit_draws(
         ``(trial, draw)``, ``(trial,)`` and ``(trial, draw)``: natural log densities of draws and truths,
         linear weights of draws.
     autocorrelated : bool
-        Whether the draws come from Markov chains.
+        Whether the draws are said to come from Markov chains: a remark; the audit measures their order.
 
     The other arguments are those of `audit`.
 

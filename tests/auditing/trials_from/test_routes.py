@@ -90,8 +90,9 @@ def test_chains_are_marked_and_thinned(drawn) -> None:
     truths = {"theta": drawn.theta}
     trials = gaugeblock.trials_from_numpyro({"theta": sticky}, truths)
     assert trials.attrs["autocorrelated"] == 1
-    findings, _ = run_validators(trials_tree(trials), seed=1, select=["sbc"])
-    assert any("autocorrelated draws: every 4th used" in said for f in findings for said in f.caveats)
+    findings, not_checked = run_validators(trials_tree(trials), seed=1, select=["sbc"])
+    assert any("draws depend on their order" in said for f in findings for said in f.caveats)
+    assert any("50 are needed" in item.why for item in not_checked) == (drawn.draws.shape[1] < 50)
 
 
 @pytest.mark.parametrize("route", [bayesflow, arviz])

@@ -135,11 +135,11 @@ def test_autocorrelated_draws_are_thinned_everywhere():
     repeated = single.isel(draw=np.repeat(np.arange(30), 4)).assign_attrs(autocorrelated=1)
     assert set(names) >= {"draws", "quantity_radius", "log_likelihood", "log_q"}
     prepared = Prepared(trials_tree(repeated), 1)
-    assert prepared.stride > 1
+    assert prepared.order.stride > 1
     for item in joint(prepared):
         if item.kind == "test":
             assert item.p_value > 1e-3
-        assert "autocorrelated draws" in item.caveats[0]
+        assert "draws depend on their order" in item.caveats[0]
 
 
 def test_equal_weights_change_nothing():
