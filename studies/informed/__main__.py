@@ -2,78 +2,135 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from collections.abc import Sequence
-from typing import NamedTuple
+from functools import partial
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
+import gaugeblock.validate
+import studies.informed
+from gaugeblock.core.progress import Bars
 from gaugeblock.validate import Outcome, Policy, judge, make_trials, read_policy, run_validators
-from studies.informed.problems import BLIND, EXACT, Problem
+from studies.informed.document import document
+from studies.informed.problems import AFTERWARDS, BLIND, EXACT, Problem
+from studies.kit.command import carried_out, given, parser
+from studies.kit.results import clopper_pearson, read, record, write
+from studies.kit.resume import Arrays, Pieces, code_of
 
+NAME = "studies informed"
+KINDS = {"blind": BLIND, "blind, made up afterwards": AFTERWARDS, "exact": EXACT}
 # In an audit the gate shares the error budget with all that is measured on the same trials.
 FAMILIES = 2
+# Audits in a piece, and after how many of each problem there is a table: each has equally many at any time.
+CHUNK = 10
+ROUNDS = (20, 50, *range(60, 1000, 10))
 
 
-class Rates(NamedTuple):
-    """Of some audits: the shares that FAIL and PASS, mean gap, mean and sd of its z, CPU seconds."""
+def audits(
+    problem: Problem, number: int, rng: np.random.Generator, *, trials: int, draws: int, policy: Policy
+) -> Arrays:
+    """Outcomes of the gate, as one of two families that share the budget, ``(number,)`` each.
 
-    fail: float
-    passed: float
-    gap: float
-    z: float
-    z_spread: float
-    seconds: float
-
-
-def rates(problem: Problem, *, audits: int, trials: int, draws: int, seed: int, policy: Policy) -> Rates:
-    """Judge the gate of `audits` audits of a problem, as one of two families that share the budget."""
+    `fail`, `passed`, the `gap`, its `z`, and CPU `seconds` of the gate. No other validator is run.
+    """
     shared = policy.model_copy(update={"error_budget": policy.error_budget / FAMILIES})
     said = []
-    for audit in range(audits):
-        made = problem(np.random.default_rng([seed, audit]), trials, draws)
+    for _ in range(number):
+        made = problem(rng, trials, draws)
         names = [f"theta_{column + 1}" for column in range(made.theta_true.shape[1])]
         tree = make_trials(made.theta_true, made.draws, names, x=made.x)
+        seed = int(rng.integers(2**31))
         began = time.process_time()
-        findings, not_checked = run_validators(tree, seed=audit, select=["informed"])
+        findings, not_checked = run_validators(tree, seed=seed, select=["informed"])
         seconds = time.process_time() - began
-        verdict = judge(findings, not_checked, shared, seed=audit)
+        verdict = judge(findings, not_checked, shared, seed=seed)
         gate = next(gate for gate in verdict.gates if gate.id == "informed.rank")
         error = next(f for f in findings if f.id == "informed.rank").standard_error[0]
-        said.append((gate.outcome, gate.statistic, gate.statistic / error, seconds))
-    outcome, gap, z, seconds_each = zip(*said, strict=True)
-    return Rates(
-        float(np.mean([each is Outcome.FAIL for each in outcome])),
-        float(np.mean([each is Outcome.PASS for each in outcome])),
-        float(np.mean(gap)), float(np.mean(z)), float(np.std(z)), float(np.mean(seconds_each)),
-    )  # fmt: skip
+        passed = gate.outcome is Outcome.PASS
+        said.append((gate.outcome is Outcome.FAIL, passed, gate.statistic, gate.statistic / error, seconds))
+    columns = np.array(said, dtype=float).T
+    return dict(zip(("fail", "passed", "gap", "z", "seconds"), columns, strict=True))
+
+
+def summary(found: dict[str, Arrays], kinds: dict[str, str]) -> xr.Dataset:
+    """A table of all problems, from what `audits` said of each: counts, rates and exact 95% intervals."""
+    names = list(found)
+    count = np.array([[int(found[name][thing].sum()) for thing in ("fail", "passed")] for name in names])
+    number = len(found[names[0]]["fail"])
+    low, high = clopper_pearson(count, number)
+    mean = {
+        name: ("case", np.array([found[case][name].mean() for case in names]))
+        for name in ("gap", "z", "seconds")
+    }
+    return xr.Dataset(
+        {
+            "count": (("case", "thing"), count),
+            "rate": (("case", "thing"), count / number),
+            "low": (("case", "thing"), low),
+            "high": (("case", "thing"), high),
+            **mean,
+            "z_spread": ("case", np.array([found[case]["z"].std() for case in names])),
+            "kind": ("case", [kinds[name] for name in names]),
+            "replicates": ((), number),
+        },
+        coords={"case": names, "thing": ["FAIL", "PASS"]},
+    )
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Print a line for each problem."""
-    parser = argparse.ArgumentParser(prog="python -m studies informed", description=__doc__)
-    parser.add_argument("names", nargs="*", help="beginnings of problems' names (default: all)")
-    for name, value in (("audits", 20), ("trials", 4000), ("draws", 250), ("seed", 1)):
-        parser.add_argument(f"--{name}", type=int, default=value)
-    parser.add_argument("--policy", default="default")
-    chosen = parser.parse_args(arguments)
+    """Audit problem by problem, round by round, and print a line for each; all of them make a table."""
+    options = parser(NAME, __doc__)
+    options.add_argument("names", nargs="*", help="beginnings of problems' names (default: all)")
+    for name, value in (("audits", 20), ("trials", 4000), ("draws", 250)):
+        options.add_argument(f"--{name}", type=int, default=value)
+    options.add_argument("--policy", default="default")
+    options.add_argument("--report", action="store_true", help="text from OUT; nothing is run")
+    chosen = options.parse_args(arguments)
+    if chosen.report:
+        return carried_out(lambda: document(read(chosen.out / "informed.nc"), chosen.docs))
+    return carried_out(lambda: _run(chosen, given(NAME, arguments)))
+
+
+def _run(chosen: Any, command: str) -> None:
     policy = read_policy(chosen.policy)
-    for kind, problems in (("blind", BLIND), ("exact", EXACT)):
-        for name, problem in problems.items():
-            if chosen.names and not name.startswith(tuple(chosen.names)):
-                continue
-            found = rates(
-                problem, audits=chosen.audits, trials=chosen.trials, draws=chosen.draws, seed=chosen.seed,
-                policy=policy,
-            )  # fmt: skip
-            sys.stdout.write(
-                f"{kind}  {name:34s} FAIL {found.fail:5.0%}  PASS {found.passed:5.0%}  gap {found.gap:+.4f}  "
-                f"z {found.z:+6.2f} (sd {found.z_spread:.2f})  {found.seconds:.2f} CPU s\n"
-            )
-            sys.stdout.flush()
-    return 0
+    start = tuple(chosen.names)
+    kinds = {
+        name: kind
+        for kind, problems in KINDS.items()
+        for name in problems
+        if not start or name.startswith(start)
+    }
+    every = {name: problem for problems in KINDS.values() for name, problem in problems.items()}
+    settings = {"trials": chosen.trials, "draws": chosen.draws, "policy": policy.model_dump(mode="json")}
+    key = {"seed": chosen.seed, **settings, "code": code_of(gaugeblock.validate, studies.informed)}
+    with Bars() as bars:
+        pieces = Pieces(chosen.work or chosen.out / "checkpoints", key, "informed", bars.show, chosen.workers)
+        for number in [*(each for each in ROUNDS if each < chosen.audits), chosen.audits]:
+            found = {}
+            for name in kinds:
+                make = partial(_rows, every[name], chosen, policy)
+                found[name] = pieces.rows(name, number, min(CHUNK, chosen.audits), make, chosen.seed)
+            table = summary(found, kinds)
+            if not start:
+                attributes = record(command, chosen.seed, **settings)
+                write({"": table.assign_attrs(attributes)}, chosen.out / "informed.nc")
+    for name, kind in kinds.items():
+        row = table.sel(case=name)
+        failed, passed = row["rate"].values
+        sys.stdout.write(
+            f"{kind:25s}  {name:34s} FAIL {failed:5.0%}  PASS {passed:5.0%}  gap {row['gap']:+.4f}  "
+            f"z {row['z']:+6.2f} (sd {row['z_spread']:.2f})  {row['seconds']:.2f} CPU s\n"
+        )
+
+
+def _rows(problem: Problem, chosen: Any, policy: Policy, rows: slice, rng: np.random.Generator) -> Arrays:
+    return audits(
+        problem, rows.stop - rows.start, rng, trials=chosen.trials, draws=chosen.draws, policy=policy
+    )
 
 
 if __name__ == "__main__":

@@ -126,13 +126,71 @@ def hidden_product(rng: Rng, n: int, draws: int) -> Made:
     return Made(0.5 * x + truth, pool[:, 1:], x)
 
 
+# Blind, and made up once the gate was frozen: nothing was changed after they had been tried.
+
+
 def squared(rng: Rng, n: int, draws: int) -> Made:
     """The prior, where x = theta squared + 0.1 e."""
     theta = rng.standard_normal((n, 1))
     return Made(theta, rng.standard_normal((n, draws, 1)), theta**2 + 0.1 * rng.standard_normal((n, 1)))
 
 
+def late_growth(rng: Rng, n: int, draws: int) -> Made:
+    """A level and a growth as exp(4 t), over 100 steps; the last tenth of the series is not looked at."""
+    t = np.linspace(0, 1, 100)
+    design = np.column_stack([np.ones(100), np.exp(4 * t) / np.exp(4)])
+    return _looked_at(rng, n, draws, design=design, noise=2.0, seen=t < 0.9)
+
+
+def image_quadrant(rng: Rng, n: int, draws: int) -> Made:
+    """The images of `image`; a quadrant is not looked at."""
+    row, column = np.indices((16, 16))
+    seen = ~((row < 8) & (column >= 8)).ravel()
+    made = _looked_at(rng, n, draws, design=_bumps(), noise=2.0, seen=seen)
+    return made._replace(x=made.x.reshape(n, 16, 16))
+
+
+def _looked_at(rng: Rng, n: int, draws: int, *, design: Array, noise: float, seen: Array) -> Made:
+    """Linear Gaussian data, and the exact posterior given those values of x that are seen."""
+    made, _, _ = linear(rng, n, 1, design=design, noise=noise)
+    own = design[seen]
+    covariance = np.linalg.inv(np.eye(own.shape[1]) + own.T @ own / noise**2)
+    mean = made.x[:, seen] @ own @ covariance / noise**2
+    away = rng.standard_normal((n, draws, own.shape[1])) @ np.linalg.cholesky(covariance).T
+    return made._replace(draws=mean[:, None] + away)
+
+
+def dead_time(rng: Rng, n: int, draws: int) -> Made:
+    """The counts of `counts`, fewer at rates above 3 (9% at 4, 23% at 6), and the posterior without that."""
+    theta = rng.gamma(2.0, 1.0, (n, 1))
+    exposure = np.linspace(0.05, 0.5, 30)
+    x = rng.poisson(theta / (1 + 0.1 * np.maximum(theta - 3, 0)) * exposure)
+    found = rng.gamma(2.0 + x.sum(axis=1)[:, None], 1 / (1 + exposure.sum()), (n, draws))
+    return Made(theta, found[:, :, None], x)
+
+
+def clipped(rng: Rng, n: int, draws: int) -> Made:
+    """x = theta + 0.3 e, and the exact posterior given x clipped at its 90th percentile."""
+    theta = rng.standard_normal((n, 1))
+    x = theta + 0.3 * rng.standard_normal((n, 1))
+    high = np.quantile(x, 0.9)
+    found = _gaussian(rng, x / 1.09, np.sqrt(0.09 / 1.09), draws)
+    others = rng.standard_normal(200_000)
+    among = others[others + 0.3 * rng.standard_normal(len(others)) > high]
+    bright = x[:, 0] > high
+    found[bright, :, 0] = rng.choice(among, (int(bright.sum()), draws))
+    return Made(theta, found, x)
+
+
 # Exact.
+
+
+def _bumps() -> Array:
+    """Smooth shapes of 16 x 16 values, ``(256, 3)``."""
+    place = np.linspace(-1, 1, 16)
+    centres = ((0.0, 0.0), (0.4, -0.4), (-0.5, 0.5))
+    bumps = [[np.exp(-((place - at) ** 2) / 0.2) for at in centre] for centre in centres]
+    return np.array([np.outer(row, column).ravel() for row, column in bumps]).T
 
 
 def nuisance_exact(rng: Rng, n: int, draws: int) -> Made:
@@ -145,11 +203,7 @@ def nuisance_exact(rng: Rng, n: int, draws: int) -> Made:
 
 def image(rng: Rng, n: int, draws: int) -> Made:
     """Images of 16 x 16, whose three parameters are amplitudes of smooth shapes."""
-    place = np.linspace(-1, 1, 16)
-    centres = ((0.0, 0.0), (0.4, -0.4), (-0.5, 0.5))
-    bumps = [[np.exp(-((place - at) ** 2) / 0.2) for at in centre] for centre in centres]
-    design = np.array([np.outer(row, column).ravel() for row, column in bumps]).T
-    made, _, _ = linear(rng, n, draws, design=design, noise=2.0)
+    made, _, _ = linear(rng, n, draws, design=_bumps(), noise=2.0)
     return made._replace(x=made.x.reshape(n, 16, 16))
 
 
@@ -214,7 +268,14 @@ BLIND: dict[str, Problem] = {
     "prior in the brightest 4%": brightest_prior,
     "0.65 as wide in the brightest 5%": brightest_narrow,
     "sign of t1 t2 t3 ignored": hidden_product,
+}
+
+AFTERWARDS: dict[str, Problem] = {
     "prior, x = theta squared": squared,
+    "last tenth of a growth ignored": late_growth,
+    "quadrant of an image ignored": image_quadrant,
+    "dead time at high rates ignored": dead_time,
+    "x clipped at its 90th percentile": clipped,
 }
 
 EXACT: dict[str, Problem] = {
