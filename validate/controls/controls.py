@@ -42,7 +42,7 @@ LEAST_TRIALS, LEAST_DRAWS = 100, 20
 SHARE = 8  # the region is one in so many trials
 SHIFTS = (0.5, 0.8, 1.3)
 # Noise in each parameter, in half-widths over the root of the number of parameters; the first to be tried.
-NOISE, FIRST = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4), 0.5
+NOISE, FIRST = (0.12, 0.18, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4), 0.5
 # About how many standard errors beyond the tolerance a fault is caught nine times in ten.
 REACH = 5.0
 KIND = {
@@ -97,7 +97,7 @@ def _regional(prepared: Prepared) -> list[Finding | NotChecked]:
         said = [item for item in local(control) if isinstance(item, Finding) and item.quantity == "local"]
         if not said:
             return [NotChecked(KIND["region"], "calibration within regions could not be checked")]
-        runs.append([_worst(said, name, prepared.parameters) for name in prepared.parameters])
+        runs.append([worst(said, name, prepared.parameters) for name in prepared.parameters])
         if all(estimate > 2 * REACH * error for estimate, error in runs[-1]):
             break
     return [
@@ -141,7 +141,7 @@ def _says(feature: Array, truths: Array) -> float:
     return float(np.abs(along).max()) if np.ptp(feature) > 0 else 0.0
 
 
-def _worst(findings: Sequence[Finding], name: str, names: Sequence[str]) -> tuple[float, float]:
+def worst(findings: Sequence[Finding], name: str, names: Sequence[str]) -> tuple[float, float]:
     """Size and error of the component of one parameter that is farthest from 0 for certain."""
     best, found = -math.inf, (0.0, math.inf)
     for finding in findings:

@@ -1,16 +1,19 @@
 """Controls: exact whatever the draws are, faults of the size that is said, and sizes that are true."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 from scipy import stats
+from scipy.optimize import brentq
 
 from gaugeblock.validate import judge
 from gaugeblock.validate.controls.control_trials import blurred, control_trials, displaced, half_width
-from gaugeblock.validate.controls.controls import controls, region_of
+from gaugeblock.validate.controls.controls import FIRST, REACH, controls, region_of, worst
 from gaugeblock.validate.controls.ladder import ladder
-from gaugeblock.validate.finding import Finding, NotChecked
+from gaugeblock.validate.finding import Finding, NotChecked, PValueFinding
 from gaugeblock.validate.policy import make_policy, read_policy
 from gaugeblock.validate.prepared import Prepared
 from gaugeblock.validate.trials import make_trials, trials_tree
@@ -235,3 +238,91 @@ def test_the_same_seed_gives_the_same_controls_in_any_order():
     for one, other in zip(there, back, strict=True):
         assert one.id == other.id
         np.testing.assert_allclose(one.estimate, other.estimate, atol=1e-9)
+
+
+def measured(kind, sizes, estimate, error):
+    """A control of some sizes that were put in."""
+    return PValueFinding(
+        id=f"controls.{kind}", quantity="", claim="", null="", reference="", n_trials=1000,
+        components=tuple(map(str, sizes)), estimate=np.array(estimate),
+        standard_error=np.full(len(sizes), error),
+        details=xr.Dataset({"size": ("component", np.array(sizes))}), caveats=("x is {large}",),
+    )  # fmt: skip
+
+
+def test_sizes_in_between_lie_on_a_line_and_a_gap_in_what_is_caught_counts():
+    reach = {"local.coverage[a]": 3.0, "informed.rank": 3.0}
+    needed = 0.1 + (3.0 + math.sqrt(2) * 1.2815515) * 0.05
+    above = [needed - 0.1, needed + 0.1, needed + 0.2]
+    (found,) = ladder([measured("region[a]", [1.0, 2.0, 3.0], above, 0.05)], reach, POLICY)
+    assert (found.kind, found.parameter, found.caught) == ("region", "a", True)
+    assert found.size == pytest.approx(1.5)
+    assert found.text == "a bias of 1.5 half-widths where x is {large}"
+    assert found.rungs == ((1.0, False), (2.0, True), (3.0, True))
+    # What is caught by chance below a size that is not.
+    (found,) = ladder([measured("region[a]", [1.0, 2.0, 3.0], above[::-1], 0.05)], reach, POLICY)
+    assert (found.caught, found.size) == (False, 3.0)
+    (found,) = ladder([measured("region[a]", [1.0, 2.0], [needed + 0.1] * 2, 0.05)], reach, POLICY)
+    assert found.size == 1.0
+    needed = 0.018 + (3.0 + math.sqrt(2) * 1.2815515) * 0.05
+    (found,) = ladder([measured("loss", [0.1, 0.2], [needed - 0.1, needed + 0.1], 0.05)], reach, POLICY)
+    assert (found.size, found.caught) == (0.2, True)
+    assert found.text == "a loss of information that widens posteriors by 22.14%"
+    assert ladder([measured("loss", [0.1], [1.0], 0.05)], {}, POLICY) == ()
+
+
+def test_faults_in_a_region_show_in_what_the_gate_measures():
+    truth, draws, x = exact("gaussian", np.random.default_rng(15), n=2400, parameters=2)
+    said = controls(prepared(truth, draws, x=x, parameters=["a", "a b"]))
+    regional = {item.id: item for item in said if item.id.startswith("controls.region")}
+    assert list(regional) == ["controls.region[a]", "controls.region[a b]"]
+    for finding in regional.values():
+        assert (np.diff(finding.details["size"]) > 0).all()
+        # 1.3 half-widths move the truth across the draws' median in four of ten trials, an eighth of all.
+        assert finding.estimate[-1] > max(finding.estimate[0], 0.03)
+
+
+def test_the_component_that_is_farthest_for_certain_is_the_parameter_s_own():
+    finding = measured("region[a]", [0.0] * 4, [0.9, 0.3, -0.5, 0.2], 0.01)
+    names = ("a b where x", "a where x", "a where y", "a b where y")
+    assert worst([replace(finding, components=names)], "a", ["a", "a b"]) == (0.5, 0.01)
+    assert worst([replace(finding, components=names)], "a b", ["a", "a b"]) == (0.9, 0.01)
+    assert worst([finding], "c", ["c"]) == (0.0, math.inf)
+
+
+def test_losses_are_tried_down_from_what_is_seen_and_up_from_what_is_not():
+    """Of a Gaussian a noise of half a half-width is seen at once where the data are clean, and else is not."""
+    rng = np.random.default_rng(17)
+    truth, draws, x = exact("gaussian", rng, n=1500)
+    first = 0.5 * math.log(1 + FIRST**2)
+    for data, down in ((x, True), (rng.standard_normal(x.shape), False)):
+        (loss,) = (item for item in controls(prepared(truth, draws, x=data)) if item.id == "controls.loss")
+        sizes, seen = loss.details["size"].values, loss.estimate > REACH * loss.standard_error
+        assert (np.diff(sizes) > 0).all()
+        assert sizes[-1 if down else 0] == pytest.approx(first, rel=0.1)
+        assert len(sizes) > 1
+        assert seen[1:].all() if down else not seen.any()
+
+
+def log_wider_by(draws, unit, noise):
+    return lambda size: np.log(half_width(draws + size * unit * noise) / unit).mean()
+
+
+def test_a_loss_of_the_printed_size_is_caught():
+    """At least 5 of 8 fresh audits FAIL (of 90%: all but 5e-3), and none of an exact estimator."""
+    rng = np.random.default_rng(16)
+    select = ["informed"]
+    verdict = verdict_of(*exact("cauchy", rng, n=1500), seed=1, select=[*select, "controls"])
+    (loss,) = (control for control in verdict.controls if control.kind == "loss")
+    assert loss.caught
+    failed = np.zeros(2, dtype=int)
+    for repeat in range(8):
+        truth, draws, x = exact("cauchy", rng, n=1500)
+        unit = half_width(draws)
+        noise = rng.standard_normal(draws.shape) - rng.standard_normal((1500, 1, 1))
+        wider = log_wider_by(draws, unit, rng.standard_normal(draws.shape))
+        size = brentq(lambda h, wider=wider: wider(h) - loss.size, 0.01, 3.0, xtol=1e-2)
+        for column, wrong in enumerate((draws + size * unit * noise, draws)):
+            failed[column] += verdict_of(truth, wrong, x, seed=repeat, select=select).outcome == "FAIL"
+    assert failed[0] >= 5
+    assert failed[1] == 0
