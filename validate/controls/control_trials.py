@@ -23,7 +23,7 @@ from gaugeblock.validate.prepared import Prepared, TrialBlock
 # Draws that a control keeps of each trial: ranks among so many say as much, to half a percent.
 KEPT = 125
 ROUNDING = 1e-12
-SHARED = ("main", "not_finite", "unaffected", "trial", "stride", "features")
+SHARED = ("main", "not_finite", "unaffected", "trial", "order", "features")
 
 
 class Pool(NamedTuple):

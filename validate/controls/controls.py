@@ -57,7 +57,7 @@ WORDS: dict[str, Any] = {"quantity": "", "reference": REFERENCE, "p_value": math
 
 def controls(prepared: Prepared) -> list[Finding | NotChecked]:
     """What the audit's own gates say of faults of known size in its own draws."""
-    n, draws = len(prepared.trial), prepared.main.sizes["draw"] // prepared.stride
+    n, draws = len(prepared.trial), prepared.kept_draws
     if n < LEAST_TRIALS or draws < LEAST_DRAWS:
         why = f"{n} trial(s) of {draws} finite draws; controls need {LEAST_TRIALS} of {LEAST_DRAWS}"
         return [NotChecked("controls", why)]
