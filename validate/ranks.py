@@ -54,11 +54,20 @@ def randomised_pit(
         below, equal = ranks_and_ties(truth, sampled)
         return np.asarray((below + (equal + 1) * rng.random(truth.shape)) / (sampled.shape[1] + 1))
     linear = np.asarray(weight, dtype=float)
-    own = (linear**2).sum(axis=1) / linear.sum(axis=1)
+    own = truth_weight(linear)
     under = np.einsum("td,tdp->tp", linear, sampled < truth[:, None, :])
     tied = np.einsum("td,tdp->tp", linear, sampled == truth[:, None, :])
     total = (linear.sum(axis=1) + own)[:, None]
     return np.asarray((under + (tied + own[:, None]) * rng.random(truth.shape)) / total)
+
+
+def truth_weight(weight: Array) -> Array:
+    """What a truth weighs ``(trial,)`` among draws of `weight` ``(trial, draw)``: as one effective draw.
+
+    >>> truth_weight(np.array([[2.0, 2.0, 0.0], [3.0, 1.0, 0.0]])).tolist()
+    [2.0, 2.5]
+    """
+    return np.asarray((weight**2).sum(axis=1) / weight.sum(axis=1))
 
 
 def unwrap_circular(

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Uniforms
+from gaugeblock.validate.ranks import truth_weight
 
 # Observations' worth of a Gaussian's variance that steady the standard errors of a handful of trials (two
 # equal errors have a sample variance of 0); from a thousand trials on they change one by less than 0.5%.
@@ -48,7 +49,7 @@ def standardised_errors(
         square = np.einsum("tdp,tdp->tp", distance, distance) / total
     else:
         linear = np.asarray(weight, dtype=float)
-        total = (linear.sum(axis=1) + (linear**2).sum(axis=1) / linear.sum(axis=1))[:, None]
+        total = (linear.sum(axis=1) + truth_weight(linear))[:, None]
         mean = np.einsum("td,tdp->tp", linear, distance) / total
         square = np.einsum("td,tdp,tdp->tp", linear, distance, distance) / total
     # The truth is in the pool at distance 0, so the variance is at least mean^2 / L: no cancellation.

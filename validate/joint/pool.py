@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Uniforms
+from gaugeblock.validate.ranks import truth_weight
 
 # Directions whose variance is less than this share of a parameter's are taken to have none: rounding.
 SMALLEST_VARIANCE = 1e-10
@@ -54,9 +55,7 @@ def make_pool(theta_true: ArrayLike, draws: ArrayLike, *, weight: ArrayLike | No
     share, own = None, None
     if weight is not None:
         linear = np.asarray(weight, dtype=float)
-        own = np.concatenate(
-            [(linear**2).sum(axis=1, keepdims=True) / linear.sum(axis=1, keepdims=True), linear], axis=1
-        )
+        own = np.concatenate([truth_weight(linear)[:, None], linear], axis=1)
         share = (own / own.sum(axis=1, keepdims=True))[:, None]
     mean = members.mean(axis=2) if share is None else (members * share).sum(axis=2)
     members -= mean[:, :, None]

@@ -24,6 +24,7 @@ from gaugeblock.validate.marginal.coverage import inside_central, steadied_error
 from gaugeblock.validate.marginal.half_widths import SHIFTS, UNIT, half_widths, log_stretch, moved_pit
 from gaugeblock.validate.prepared import Prepared, TrialBlock
 from gaugeblock.validate.quantiles import quantile_of, roots_of
+from gaugeblock.validate.ranks import truth_weight
 
 LEVELS = (0.5, 0.8, 0.95)
 # One-sided coverage stands beside the central levels: a bias of 0.3 sd changes these by 0.02 and it by 0.12.
@@ -52,7 +53,7 @@ def location(block: TrialBlock) -> Array:
         mean = (block.draws.sum(axis=1) + block.theta_true) / (block.draws.shape[1] + 1)
     else:
         # As everywhere: the truth weighs as much as one effective draw.
-        own = ((block.weight**2).sum(axis=1) / block.weight.sum(axis=1))[:, None]
+        own = truth_weight(block.weight)[:, None]
         total = block.weight.sum(axis=1)[:, None] + own
         mean = (np.einsum("td,tdp->tp", block.weight, block.draws) + own * block.theta_true) / total
     for column, period in circular_parameters(block.prepared.main).items():

@@ -22,6 +22,7 @@ from gaugeblock.validate.local.regions import Regions, quantile_regions
 from gaugeblock.validate.marginal.half_widths import MEASURED, half_widths, ratio
 from gaugeblock.validate.marginal.row_quantiles import reachable, row_quantiles
 from gaugeblock.validate.prepared import Prepared, TrialBlock
+from gaugeblock.validate.ranks import truth_weight
 
 LEVELS = (0.68, 0.9, 0.95)
 # With fewer scores the 95% region would have to reach beyond them all.
@@ -83,7 +84,7 @@ def box_scores(
     share = np.full(pool.shape[:2], 1 / pool.shape[1])
     if weight is not None:
         linear = np.asarray(weight, dtype=float)
-        own = (linear**2).sum(axis=1, keepdims=True) / linear.sum(axis=1, keepdims=True)
+        own = truth_weight(linear)[:, None]
         share = np.concatenate([own, linear], axis=1)
         share /= share.sum(axis=1, keepdims=True)
     # Centre and sd of truth and draws together: it leaves them exchangeable.

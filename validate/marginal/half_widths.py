@@ -27,6 +27,7 @@ from gaugeblock.validate.marginal.row_quantiles import reachable, row_quantiles
 from gaugeblock.validate.p_values import two_sided
 from gaugeblock.validate.prepared import TrialBlock
 from gaugeblock.validate.quantiles import quantile_finding, roots_of
+from gaugeblock.validate.ranks import truth_weight
 
 LEVELS = (0.5, 0.68, 0.9)
 """Central intervals whose widths are judged."""
@@ -81,7 +82,7 @@ def _moved_pit(
 ) -> Array:
     n, number, parameters = draws.shape
     share = None if weight is None else np.asarray(weight, dtype=float)
-    truths = np.ones(n) if share is None else (share**2).sum(axis=1) / share.sum(axis=1)
+    truths = np.ones(n) if share is None else truth_weight(share)
     truths = truths if own is None else np.asarray(own, dtype=float)
     total = (number if share is None else share.sum(axis=1)) + truths
     wide = unit > 0

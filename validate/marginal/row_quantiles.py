@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.validate.ranks import truth_weight
 
 
 def reachable(level: float, draws: float) -> bool:
@@ -43,7 +44,7 @@ def row_quantiles(values: ArrayLike, probability: ArrayLike, *, weight: ArrayLik
     ordered = np.where(
         np.take_along_axis(counts, order, axis=-1), np.take_along_axis(drawn, order, axis=-1), largest
     )
-    own = (linear**2).sum(axis=1) / linear.sum(axis=1)
+    own = truth_weight(linear)
     reached = np.cumsum(
         np.take_along_axis(np.broadcast_to(linear[:, None], drawn.shape), order, axis=-1), axis=-1
     )

@@ -19,6 +19,7 @@ from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.marginal.coverage import inside_central, steadied_error
 from gaugeblock.validate.marginal.row_quantiles import row_quantiles
 from gaugeblock.validate.prepared import Prepared, TrialBlock
+from gaugeblock.validate.ranks import truth_weight
 
 FAR = 8.0
 LEVELS = (0.99, 0.997)
@@ -49,7 +50,7 @@ def outlier_shares(
     """
     truth, sampled = np.asarray(theta_true, dtype=float), np.asarray(draws, dtype=float)
     share = np.ones(sampled.shape[:2]) if weight is None else np.asarray(weight, dtype=float)
-    own = (share**2).sum(axis=1, keepdims=True) / share.sum(axis=1, keepdims=True)
+    own = truth_weight(share)[:, None]
     pool = np.concatenate([truth[:, None], sampled], axis=1)
     pooled = None if weight is None else np.concatenate([own, share], axis=1)
     low, middle, high = np.moveaxis(

@@ -17,6 +17,7 @@ from scipy import special
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Uniforms
+from gaugeblock.validate.ranks import truth_weight
 
 CUT = 3.0
 # Wider than any bias (sd) or log width ratio that the cut scores can tell apart.
@@ -57,7 +58,7 @@ def winsorised_scores(
     share = np.ones(pool.shape[:2])
     if weight is not None:
         linear = np.asarray(weight, dtype=float)
-        share[:, 0] = (linear**2).sum(axis=1) / linear.sum(axis=1)
+        share[:, 0] = truth_weight(linear)
         share[:, 1:] = linear
     share /= share.sum(axis=1, keepdims=True)
     pool -= truth[:, None]
