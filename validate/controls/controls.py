@@ -44,7 +44,9 @@ SHIFTS = (0.5, 0.8, 1.3)
 # Noise in each parameter, in half-widths over the root of the number of parameters; the first to be tried.
 NOISE, FIRST = (0.12, 0.18, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4), 0.5
 # About how many standard errors beyond the tolerance a fault is caught nine times in ten.
-REACH = 5.0
+REACH = 5.5
+# About what policies tolerate of a challenger's rank; it decides only which sizes are tried.
+TOLERATED = 0.018
 KIND = {
     "bias": "controls.bias",
     "width": "controls.width",
@@ -181,7 +183,7 @@ def _loss(prepared: Prepared) -> list[Finding | NotChecked]:
         error = math.sqrt(max(float(np.mean(told.weight**2)) / 12, float(value.var())) / len(value))
         found[noise] = float(wider.mean()), (float(value.mean()), error)
         # Down from what is caught, up from what is not, until that changes.
-        towards = -1 if value.mean() > REACH * error else 1
+        towards = -1 if value.mean() > TOLERATED + REACH * error else 1
         if step == -towards:
             break
         step = towards
