@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from gaugeblock.reports.ledger import of_the_ledger
 from gaugeblock.reports.words import count, listed
 from gaugeblock.validate import Gate, Outcome, Verdict
 
@@ -15,7 +16,8 @@ DATA = "informed.rank"
 def reason(verdict: Verdict) -> str:
     """A few sentences that say why the verdict is what it is."""
     data = of_the_data(verdict) if verdict.outcome is Outcome.PASS else ""
-    return f"{_why(verdict)}{_stopped(verdict)}{data and ' ' + data}"
+    said = [f"{_why(verdict)}{_stopped(verdict)}", data, of_the_ledger(verdict.provenance)]
+    return " ".join(filter(None, said))
 
 
 def of_the_data(verdict: Verdict) -> str:

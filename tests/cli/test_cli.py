@@ -70,6 +70,19 @@ def test_draws_from_disk_pass_fail_or_stay_undecided(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "few" / "verdict.json").read_text())["verdict"] == "INCONCLUSIVE"
 
 
+def test_a_release_is_entered_in_its_ledger(tmp_path: Path) -> None:
+    small = ("--set", "trials.number=20", "--validator", "draws", "--ledger", tmp_path / "ledger.json")
+    assert run("audit", *TOY, *small, "--out", tmp_path / "first").returncode == 3
+    done = run("audit", *TOY, *small, "--release", "--out", tmp_path / "second")
+    assert "The 2nd audit of this simulator under this policy: 1 earlier one, of 1 estimator." in done.stdout
+    first, second = json.loads((tmp_path / "ledger.json").read_text())["audits"]
+    assert (first["release"], second["release"]) == (False, True)
+    assert second["looks"] == [{"trials": 20, "outcome": "INCONCLUSIVE"}]
+    written = json.loads((tmp_path / "second" / "verdict.json").read_text())["provenance"]
+    assert written["seed"] == second["seed"] != first["seed"]
+    assert run("verify", tmp_path / "second").returncode == 0
+
+
 def test_the_gate_judges_again_without_sampling(tmp_path: Path) -> None:
     file = gaussian_trials(tmp_path / "good.nc")
     assert run("audit", "--trials", file, "--out", tmp_path / "first").returncode == 0
@@ -104,6 +117,10 @@ def test_a_validator_can_be_chosen(tmp_path: Path) -> None:
         (["audit", "--set", "simulator.name=nonsense"], "no simulator 'nonsense'"),
         (["audit", *TOY, "--set", "trials.number=1"], "trials.number"),
         (["audit", *TOY, "--out", "text.nc"], "cannot make the folder text.nc"),
+        (["audit", *TOY, "--ledger", "text.nc"], "text.nc: the ledger is damaged, or no ledger"),
+        (["audit", *TOY, "--release"], "give one with --ledger FILE"),
+        (["audit", *TOY, "--release", "--ledger", "l.json", "--seed", "3"], "leave out --seed"),
+        (["audit", "--trials", "whole.nc", "--ledger", "l.json"], "leave out --ledger and --release"),
         (["gate", "."], "trials.nc: no such file"),
         (["train", "nowhere.toml"], "nowhere.toml"),
         (["audit", "--set", "estimator.path=nowhere", *TOY[:2]], "nowhere/model.json: No such file"),

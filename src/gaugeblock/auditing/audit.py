@@ -21,6 +21,7 @@ from gaugeblock.auditing.estimator_from import as_estimator
 from gaugeblock.auditing.explain import explained
 from gaugeblock.auditing.identity import identity, versions
 from gaugeblock.auditing.kept_seed import kept_seed
+from gaugeblock.auditing.ledger import check_ledger, entered
 from gaugeblock.auditing.observation import read_observation, trials_around
 from gaugeblock.auditing.phases import end_phase, ended
 from gaugeblock.auditing.provenance import FORMAT, digests, finished_audit, named, title
@@ -63,6 +64,8 @@ def audit(
     progress: Progress | bool | None = None,
     validators: Iterable[str] | None = None,
     densities: bool | None = None,
+    ledger: str | os.PathLike[str] | None = None,
+    release: bool = False,
     command: str = "",
 ) -> Audit:
     """Audit an estimator on a simulator: simulate, estimate, validate, judge, report.
@@ -106,6 +109,10 @@ def audit(
     densities : bool, optional
         Whether to ask another library's object for the density of its draws. None: where the simulator has a
         likelihood, which makes it worth its time.
+    ledger : path, optional
+        File in which every audit of a project is entered; the verdict says how many came before this one.
+    release : bool
+        Whether the estimator is final: its truths are drawn from a seed that the ledger has not seen.
 
     Raises
     ------
@@ -121,6 +128,14 @@ def audit(
     chosen = None if validators is None else tuple(validators)
     check_validators(chosen or ())
     table = as_trials_table(trials, draws=draws, seed=seed)
+    if release and ledger is None:
+        raise InputError(
+            "a release audit draws a seed that its ledger has not seen: give one with --ledger FILE"
+        )
+    if release and "seed" in table.model_fields_set:
+        raise InputError("a release audit draws its own seed: leave out --seed, and seed of [trials]")
+    if ledger is not None:
+        check_ledger(Path(ledger))
     earlier = None if baseline is None else read_baseline(Path(baseline))
     watching = anytime or table.anytime
     observed = read_observation(table.observation if observation is None else observation)
@@ -134,10 +149,20 @@ def audit(
         shown(progress) as tell,
         _workplace(out) as folder,
     ):
-        if untrusted(estimating) and "seed" not in table.model_fields_set:
+        subjects = {
+            "simulator": {**named(simulator), **identity(simulated)},
+            "estimator": {**named(estimator), **identity(estimating)},
+        }
+        if untrusted(estimating) and "seed" not in table.model_fields_set and not release:
             # A stranger that can foresee the seed could draw the truths again.
             key = fingerprint(simulated, estimating, replace(plan, seed=0))
             plan = replace(plan, seed=kept_seed(folder / CHUNKS, key))
+        entry = None
+        if ledger is not None:
+            entry = entered(
+                Path(ledger), subjects, rules, seed=plan.seed, trials=plan.number, release=release
+            )
+            plan = replace(plan, seed=entry.seed)
         watch = Watch(rules, plan.seed) if watching else None
         tree = collect(simulated, estimating, plan, folder / CHUNKS, watch=watch, progress=tell)
         if observed is not None:
@@ -149,8 +174,8 @@ def audit(
         provenance: dict[str, Any] = {
             "command": command,
             "seed": plan.seed,
-            "simulator": {**named(simulator), **identity(simulated)},
-            "estimator": {**named(estimator), **identity(estimating)},
+            **subjects,
+            "ledger": None if entry is None else entry.record,
             "trials": {**vars(plan), **stopped},
         }
         resources: dict[str, Any] = {}
@@ -175,6 +200,8 @@ def audit(
             resources=resources,
             progress=tell,
         )
+        if entry is not None:
+            entry.ended(plan.number, result.outcome.value)
         if out is None:
             tree.load()
         discard(folder / CHUNKS)
@@ -187,6 +214,8 @@ def audit_configured(
     *,
     policy: PolicyLike | None = None,
     baseline: str | os.PathLike[str] | None = None,
+    ledger: str | os.PathLike[str] | None = None,
+    release: bool = False,
     command: str = "",
     progress: Progress | bool | None = None,
 ) -> Audit:
@@ -200,6 +229,8 @@ def audit_configured(
         baseline=baseline,
         progress=progress,
         validators=config.validators,
+        ledger=ledger,
+        release=release,
         command=command,
     )
 
@@ -348,6 +379,7 @@ def _judged(
     verdict = judged(findings, not_checked, policy, seed=seed)
     record = plain_data(
         {
+            "ledger": None,
             **provenance,
             "title": title(provenance),
             "format": FORMAT,

@@ -16,9 +16,11 @@ from gaugeblock.cli.discover import discover
 from gaugeblock.cli.options import (
     Baseline,
     Debug,
+    Ledger,
     Out,
     PolicyName,
     Quiet,
+    Release,
     Seed,
     Settings,
     SimulatorName,
@@ -101,6 +103,8 @@ def audit(
         bool, typer.Option("--anytime", help="Stop as soon as it is certain; valid at any trial.")
     ] = False,
     baseline: Baseline = None,
+    ledger: Ledger = None,
+    release: Release = False,
     quiet: Quiet = False,
     debug: Debug = False,  # noqa: ARG001 - read by main()
 ) -> None:
@@ -114,6 +118,11 @@ def audit(
     from gaugeblock.auditing.config import read_config
     from gaugeblock.core.settings import parse_settings
 
+    if trials is not None and (ledger is not None or release):
+        raise GaugeblockError(
+            "a ledger counts audits of estimators, and draws from disk do not say whose they are: "
+            "leave out --ledger and --release, or --trials"
+        )
     changes = stranger_settings(
         path=estimator,
         command=estimator_command,
@@ -142,7 +151,7 @@ def audit(
         "progress": not quiet,
     }
     if trials is None:
-        result = audit_configured(chosen, **said)
+        result = audit_configured(chosen, ledger=ledger, release=release, **said)
     else:
         result = audit_draws(trials, seed=seed or 0, validators=chosen.validators, **said)
     _finish(result, out)

@@ -24,6 +24,14 @@ Baseline = Annotated[
     Path | None,
     typer.Option("--baseline", metavar="DIR", help="Folder of an earlier audit to compare with."),
 ]
+Ledger = Annotated[
+    Path | None,
+    typer.Option("--ledger", metavar="FILE", help="File that counts the audits of a project."),
+]
+Release = Annotated[
+    bool,
+    typer.Option("--release", help="The estimator is final: draw truths from a fresh seed. Needs --ledger."),
+]
 StrangerPath = Annotated[
     Path | None,
     typer.Option("--estimator", metavar="PATH", help="Audit somebody else's estimator, in a sandbox."),
