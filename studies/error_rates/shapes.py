@@ -45,6 +45,18 @@ def _correlated(rng: np.random.Generator, size: tuple[int, int, int]) -> Array:
     return np.asarray(3 * common + rng.normal(size=(*size[:2], 20)))
 
 
+def _chain(rho: float) -> Shape:
+    """A normal truth, and a stationary autoregressive chain of draws that says nothing of itself."""
+
+    def drawn(rng: np.random.Generator, size: tuple[int, int, int]) -> Array:
+        found = rng.normal(size=size)
+        for step in range(2, size[1]):
+            found[:, step] = rho * found[:, step - 1] + np.sqrt(1 - rho**2) * found[:, step]
+        return found
+
+    return drawn
+
+
 SHAPES: dict[str, Shape] = {
     "normal": lambda rng, size: rng.normal(size=size),
     "0 or 1, rarely 1": lambda rng, size: (rng.random(size) < 0.001).astype(float),
@@ -58,6 +70,8 @@ SHAPES: dict[str, Shape] = {
     "bimodal": lambda rng, size: rng.choice([-4.0, 4.0], size=size) + rng.normal(size=size),
     "ring": _ring,
     "20 parameters, correlated": _correlated,
+    "chain, correlation 0.5": _chain(0.5),
+    "chain, correlation 0.9": _chain(0.9),
     "float16": lambda rng, size: (300 + 100 * rng.normal(size=size)).astype(np.float16),
 }
 
