@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gaugeblock.core.errors import InputError, require
-from gaugeblock.reports.pictures import Cells, Curve, Histogram, Intervals, picture
+from gaugeblock.reports.pictures import CalibrationMap, Curve, Histogram, Intervals, picture
 from gaugeblock.reports.words import number, p_equals, short
 from gaugeblock.validate import Finding, Gate, Outcome
 
@@ -39,8 +39,8 @@ def draw(finding: Finding | None, gate: Gate | None, *, ax: Axes | None = None) 
     match shown:
         case Histogram():
             _histogram(shown, axes)
-        case Cells():
-            _cells(shown, axes, gate)
+        case CalibrationMap():
+            _map(shown, axes, gate)
         case Intervals():
             _intervals(shown, axes, gate)
         case _:
@@ -75,17 +75,25 @@ def _histogram(shown: Histogram, axes: Axes) -> None:
     axes.legend(fontsize="small", framealpha=0.7)
 
 
-def _cells(shown: Cells, axes: Axes, gate: Gate | None) -> None:
-    limit = gate.tolerance if gate is not None else float(np.nanmax(np.abs(shown.gap)))
-    image = axes.imshow(shown.gap, cmap="RdBu", vmin=-2 * limit, vmax=2 * limit, aspect="auto")
+def _map(shown: CalibrationMap, axes: Axes, gate: Gate | None) -> None:
+    limit = gate.tolerance if gate is not None else max(float(np.abs(shown.counted).max()), 1e-9)
+    image = axes.pcolormesh(
+        shown.x_edge, shown.y_edge, shown.counted, cmap="RdBu", vmin=-2 * limit, vmax=2 * limit,
+        edgecolors="white",
+    )  # fmt: skip
+    middle = [(edge[1:] + edge[:-1]) / 2 for edge in (shown.y_edge, shown.x_edge)]
     for (row, column), value in np.ndenumerate(shown.gap):
-        dark = abs(value) > 1.4 * limit
-        text = number(float(value), 3, sign=True)
-        axes.text(column, row, text, ha="center", va="center", color="white" if dark else "black")
-    axes.set_xticks(range(len(shown.columns)), shown.columns)
-    axes.set_yticks(range(len(shown.rows)), shown.rows)
-    axes.set_xlabel(shown.x_label)
-    axes.figure.colorbar(image, ax=axes, label=f"coverage gap (tolerated {short(limit)})" if gate else "gap")
+        dark = abs(shown.counted[row, column]) > 1.4 * limit
+        text = number(float(value), 2, sign=True) + ("*" if shown.worst[row, column] > 0.5 else "")
+        axes.text(
+            middle[1][column], middle[0][row], text, ha="center", va="center", fontsize="small",
+            color="white" if dark else "black", clip_on=True,
+        )  # fmt: skip
+    axes.set_xticks(shown.x_edge[1:-1], [short(float(cut)) for cut in shown.x_cut])
+    axes.set_yticks(shown.y_edge[1:-1], [short(float(cut)) for cut in shown.y_cut])
+    axes.set(xlabel=f"{shown.x_label}\n* {shown.remark}", ylabel=shown.y_label)
+    said = f" (tolerated {short(limit)})" if gate else ""
+    axes.figure.colorbar(image, ax=axes, label=f"gap, as in a twentieth of the trials{said}")
 
 
 def _intervals(shown: Intervals, axes: Axes, gate: Gate | None) -> None:

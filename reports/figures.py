@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import xarray as xr
 
-from gaugeblock.reports.cells import cells
+from gaugeblock.reports.calibration import calibration_picture
 from gaugeblock.reports.charts import curve_with_band, half_height_of, histogram, scatter
-from gaugeblock.reports.pictures import REGIONS, Curve, curves, ranks, weights
-from gaugeblock.reports.pictures import cells as region_cells
+from gaugeblock.reports.pictures import REGIONS, Curve, calibration_map, curves, ranks, weights
 from gaugeblock.reports.section import Panel, Section
-from gaugeblock.reports.words import number, p_equals, parameter_of, short
+from gaugeblock.reports.words import p_equals, short
 from gaugeblock.reports.worst import TrialErrors
 from gaugeblock.validate import Finding, Verdict
 
-# Where no policy has a tolerance: the colour of a region is full at this gap.
-FULL = 0.1
+# Where no policy has a tolerance: the colour of a cell is full at this gap, as in a twentieth of the trials.
+FULL = 0.2
 
 
 def sections(verdict: Verdict, findings: Sequence[Finding], errors: TrialErrors | None) -> list[Section]:
@@ -29,7 +27,7 @@ def sections(verdict: Verdict, findings: Sequence[Finding], errors: TrialErrors 
         _coverage(by_id.get("coverage.central")),
         joint_section(findings),
         local_section(
-            findings, next((v for name, v in tolerance.items() if name.startswith("local.")), None)
+            findings, next((v for name, v in tolerance.items() if name.startswith("local.coverage[")), None)
         ),
         _weights(by_id, tolerance.get("importance.ess")),
         _errors(errors),
@@ -120,64 +118,32 @@ def joint_section(findings: Sequence[Finding]) -> Section | None:
 
 
 def local_section(findings: Sequence[Finding], tolerance: float | None) -> Section | None:
-    """Coverage gaps by region, a panel per data feature and one for the parameters' own locations."""
-    local = [f for f in findings if f.id.startswith("local.coverage[") and "gap" in f.details]
-    found = {parameter_of(finding.id): finding.details for finding in local}
+    """A calibration map per parameter, over the features of its worst region."""
+    found = [f for f in findings if f.id.startswith("local.coverage[") and "map_gap" in f.details]
     if not found:
         return None
-    own = [table for name, table in found.items() if list(table["parameter"].values) == [name]]
-    features = {name: [table] for name, table in found.items() if list(table["parameter"].values) != [name]}
-    if own:
-        features = {"each parameter's own posterior": own, **features}
-    panels = [_regions(*each, tolerance, index) for index, each in enumerate(features.items())]
+    maps = [calibration_map(finding) for finding in found]
     overall = next((f for f in findings if f.id == "local.homogeneous"), None)
     remark = f" Equally calibrated everywhere: {p_equals(overall.p_value)}." if overall is not None else ""
+    features = int(found[0].details["features"].values)
     return Section(
         "local",
         "Whether it is right everywhere, or only on average",
-        "Trials are divided by their data: by where the posterior lies, by total counts, by principal "
-        "components and by any variable of your own. Each cell is the largest gap between the truths that "
-        "intervals hold and the share they claim." + remark,
-        "Healthy cells are pale, with signs that follow no pattern. A row that changes from one sign to the "
-        "other is right on average and wrong for most of the data.",
-        tuple(panels),
+        f"Some trials taught a tree over {features} features where each parameter looks wrong: where its "
+        "posterior lies, values of the data, regressions on them, and any variable of your own. The others "
+        "show, in cells as large as their share of the trials, the share of truths held minus the share "
+        "claimed; the worst region is outlined." + remark,
+        "Healthy cells are pale. A deep one is a part of the data for which intervals are wrong, however "
+        "right they are on average; it is as deep as the gap is large for so many trials.",
+        tuple(
+            Panel(
+                shown.name, shown.remark,
+                calibration_picture(shown, limit=tolerance or FULL, key=f"local-{index}"),
+            )
+            for index, shown in enumerate(maps)
+        ),
         wide=True,
-    )
-
-
-def _regions(feature: str, tables: list[xr.Dataset], tolerance: float | None, index: int) -> Panel:
-    shown = region_cells(feature, tables)
-    parts = [part.sel(parameter=name) for part in tables for name in part["parameter"].values]
-    regions = shown.gap.shape[1]
-    notes = [
-        [_note(part, region, int(check), feature) for region, check in enumerate(row[: part.sizes["region"]])]
-        + [""] * (regions - part.sizes["region"])
-        for part, row in zip(parts, shown.check, strict=True)
-    ]
-    at = np.unravel_index(np.nanargmax(np.abs(shown.gap)), shown.gap.shape)
-    largest = f"largest gap {number(float(shown.gap[at]), 3, sign=True)}"
-    picture = cells(
-        shown.gap,
-        [[number(float(value), 3, sign=True) for value in row] for row in shown.gap],
-        notes,
-        rows=shown.rows, columns=shown.columns, limit=tolerance or FULL,
-        key=f"local-{index}", name=f"Regions of {feature}",
-        description=f"Coverage gaps in {regions} regions of {feature}; {largest} for {shown.rows[at[0]]}.",
-        x_label=shown.x_label,
     )  # fmt: skip
-    return Panel(f"By {feature}", largest, picture)
-
-
-def _note(part: xr.Dataset, region: int, check: int, feature: str) -> str:
-    low, high, n, shift, width = (
-        float(part[name].values[region]) for name in ("low", "high", "n", "bias", "log_width")
-    )
-    gap = number(float(part["gap"].values[region, check]), 3, sign=True)
-    which = part["check"].values[check]
-    return (
-        f"{feature} {short(low)} to {short(high)}, {int(n):,} trials, {which}: gap {gap}, "
-        f"bias {number(shift, 3, sign=True)} half-widths, width ratio {number(float(np.exp(width)), 3)}"
-    )
 
 
 def _weights(by_id: dict[str, Finding], tolerance: float | None) -> Section | None:

@@ -10,8 +10,9 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.reports.words import parameter_of, short, unit
+from gaugeblock.reports.words import number, parameter_of, short, unit
 from gaugeblock.validate import Finding, Gate
+from gaugeblock.validate.local.regions import as_in_a_twentieth
 
 RANKS = ("ecdf_difference", "band_low", "band_high")
 COVERAGE = ("coverage", "band_low", "band_high")
@@ -54,15 +55,26 @@ class Histogram:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cells:
-    """Worst coverage gap of each parameter ``(row, region)``; `check` is the interval it was found in."""
+class CalibrationMap:
+    """Coverage gaps ``(y, x)`` in cells of one or two features, `counted` as in a twentieth of the trials.
+
+    `x_edge` and `y_edge` are shares of trials from 0 to 1, `x_cut` and `y_cut` the thresholds between;
+    `worst` is the share of each cell that lies in the worst region, which `region` names.
+    """
 
     name: str
-    rows: tuple[str, ...]
-    columns: tuple[str, ...]
-    gap: Array
-    check: Array
     x_label: str
+    y_label: str
+    x_edge: Array
+    y_edge: Array
+    x_cut: Array
+    y_cut: Array
+    gap: Array
+    counted: Array
+    n: Array
+    worst: Array
+    region: str
+    remark: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +91,7 @@ class Intervals:
     inner: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
-Picture = list[Curve] | Histogram | Cells | Intervals
+Picture = list[Curve] | Histogram | CalibrationMap | Intervals
 
 
 def picture(finding: Finding | None, gate: Gate | None) -> Picture | None:
@@ -88,8 +100,8 @@ def picture(finding: Finding | None, gate: Gate | None) -> Picture | None:
         found = curves(finding) or weights(finding, None if gate is None else gate.tolerance)
         if found:
             return found
-        if "gap" in finding.details and finding.details["gap"].dims[:1] == ("region",):
-            return cells(parameter_of(finding.id), [finding.details])
+        if "map_gap" in finding.details:
+            return calibration_map(finding)
     return intervals(finding, gate)
 
 
@@ -163,25 +175,30 @@ def weights(finding: Finding, tolerance: float | None) -> Histogram | None:
     return None
 
 
-def cells(feature: str, tables: list[xr.Dataset]) -> Cells:
-    """Coverage gaps by region of one feature, a row for each parameter of each table."""
-    parts = [part.sel(parameter=name) for part in tables for name in part["parameter"].values]
-    regions = max(table.sizes["region"] for table in tables)
-    gap, check = np.full((len(parts), regions), np.nan), np.zeros((len(parts), regions), dtype=int)
-    for row, part in enumerate(parts):
-        worst = np.abs(part["z"].values).argmax(axis=1)
-        check[row, : len(worst)] = worst
-        gap[row, : len(worst)] = part["gap"].values[np.arange(len(worst)), worst]
-    bounds = zip(*(tables[0][name].values for name in ("low", "high")), strict=True)
-    spans = tuple(f"{short(float(low))}\N{EN DASH}{short(float(high))}" for low, high in bounds)
-    shared = len(tables) == 1
-    return Cells(
-        name=feature,
-        rows=tuple(str(part["parameter"].values) for part in parts),
-        columns=spans if shared else ("lowest", *("",) * (regions - 2), "highest"),
-        gap=gap,
-        check=check,
-        x_label=feature if shared else "where the posterior lies, by quarters of the trials",
+def calibration_map(finding: Finding) -> CalibrationMap:
+    """The map of one parameter, over the features that its worst region is made of."""
+    held = finding.details
+    trials, check = held["map_n"].values, str(held["map_check"].values)
+    worst = int(np.abs(finding.estimate).argmax()) // held.sizes["check"]
+    of = "the lower half" if check == "lower half" else f"{float(check):.0%} intervals"
+    x_label, y_label = (str(name) for name in held["map_feature"].values)
+    region = str(held["region"].values[worst])
+    gap = float(held["gap"].sel(check=check).values[worst])
+    return CalibrationMap(
+        name=parameter_of(finding.id),
+        x_label=x_label,
+        y_label=y_label,
+        x_edge=held["map_x_edge"].values,
+        y_edge=held["map_y_edge"].values,
+        x_cut=held["map_x_cut"].values,
+        y_cut=held["map_y_cut"].values,
+        gap=held["map_gap"].values,
+        counted=held["map_gap"].values * as_in_a_twentieth(trials / trials.sum()),
+        n=trials,
+        worst=held["map_worst"].values,
+        region=region,
+        remark=f"{of}, worst where {region} ({float(held['share'].values[worst]):.0%} of the trials): gap "
+        + number(gap, 2, sign=True),
     )
 
 

@@ -45,7 +45,7 @@ _UNITS = {
     "log_width": "natural log of the width ratio",
     "coverage": "fraction of trials",
     "joint": "fraction of trials",
-    "local": "fraction of trials",
+    "local": "coverage gap, as in a twentieth of the trials",
     "informed": "probability",
     "normalisation": "natural log of the density",
     "outliers": "share of draws",

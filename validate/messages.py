@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gaugeblock.validate.family import Bounds, Judgeable
 from gaugeblock.validate.finding import CountFinding, SequenceFinding
+from gaugeblock.validate.local.regions import DEPTH, LOWER, SHARE
 from gaugeblock.validate.policy import Policy
 from gaugeblock.validate.verdict import Outcome
 
@@ -125,6 +126,42 @@ def _gap(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> str:
         said.append(f"{name}: {held} (gap {gap:+.3f}, {level} {spread}; tolerated {item.high:g})")
     more = len(shown) - NAMED
     return "; ".join(said) + (f"; and {more} more" if more > 0 else "")
+
+
+def _local(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> str:
+    finding, said = item.finding, []
+    for index in shown[:1]:
+        where, _, nominal = finding.components[index].rpartition(SEPARATOR)
+        scale = float(finding.details["scale"].values[index])
+        low, held, high = (
+            min(max(float(nominal) + float(value[index]) / scale, 0.0), 1.0)
+            for value in (bound.low, finding.estimate, bound.high)
+        )
+        least, most = (max(min(float(nominal) + edge / scale, 1), 0) for edge in (item.low, item.high))
+        where, lower, _ = where.partition(LOWER)
+        what = (
+            f"{held:.0%} of the truths lie in the lower half of their posteriors"
+            if lower
+            else f"the lowest {float(nominal):.0%} of a learned score hold {held:.0%} of the truths"
+            if finding.validator == "lc2st"
+            else f"{float(nominal):.0%} intervals hold {held:.0%} of the truths"
+        )
+        said.append(
+            f"{where} ({SHARE * scale**2:.0%} of the trials): {what} ({low:.0%} to {high:.0%}, {level}; "
+            f"tolerated {least:.0%} to {most:.0%})"
+        )
+    outside = (bound.low > item.high) | (bound.high < item.low)
+    more = len({part.rpartition(SEPARATOR)[0] for part in np.array(finding.components)[outside]}) - 1
+    if more > 0:
+        said.append(f"and {more} more")
+    passed = (bound.pass_low >= item.low).all() and (bound.pass_high <= item.high).all()
+    if passed and "features" in finding.details:
+        features = int(finding.details["features"].values)
+        return (
+            f"no region that a tree of depth {DEPTH} over {features} features found is off by more than is "
+            f"tolerated; nearest to it: {said[0]}"
+        )
+    return "; ".join(said)
 
 
 def _informed(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> str:
@@ -244,7 +281,7 @@ _DETECTABLE: dict[str, Callable[[float], str]] = {
     "tails": lambda size: f"a gap of {size:.4f}",
     "outliers": lambda size: f"a share of {size:.2%}",
     "joint": lambda size: f"a gap of {size:.3f}",
-    "local": lambda size: f"a gap of {size:.3f}",
+    "local": lambda size: f"a gap of {size:.3f} in a twentieth of the trials",
     "informed": lambda size: f"a gap of {size:.3f}",
     "normalisation": lambda size: f"an error of {size:.3f} nat",
     "ess": lambda size: f"an efficiency of {size:.1%}",
@@ -257,7 +294,7 @@ _DESCRIBE: dict[str, Callable[[Judgeable, Bounds, list[int], str], str]] = {
     "tails": _coverage,
     "outliers": _outliers,
     "joint": _gap,
-    "local": _gap,
+    "local": _local,
     "informed": _informed,
     "normalisation": _normalisation,
     "ess": _ess,

@@ -22,7 +22,8 @@ from gaugeblock.validate.learned.informed.informed import informed
 from gaugeblock.validate.learned.informed.pools import pools
 from gaugeblock.validate.learned.lc2st import lc2st
 from gaugeblock.validate.learned.learned import candidates
-from gaugeblock.validate.local.local import local, location
+from gaugeblock.validate.local.declared import location
+from gaugeblock.validate.local.local import local
 from gaugeblock.validate.local.posterior_sbc import posterior_sbc
 from gaugeblock.validate.marginal.conformal import box, conformal
 from gaugeblock.validate.marginal.coverage import coverage
@@ -55,7 +56,7 @@ VALIDATORS: Mapping[str, Validator] = {
     "tails": Validator(tails, (pit, effective_draws, outliers)),
     "joint": Validator(joint, STATISTICS),
     "density": Validator(density, (ratios,)),
-    "local": Validator(local, (pit, half_widths, location)),
+    "local": Validator(local, (pit, half_widths, location, channels)),
     "c2st": Validator(c2st, (candidates,)),
     "informed": Validator(informed, (pools,)),
     "lc2st": Validator(lc2st, (candidates,)),

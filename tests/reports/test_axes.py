@@ -7,7 +7,7 @@ import pytest
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.reports.axes import draw
-from gaugeblock.reports.pictures import Cells, Histogram, Intervals, intervals, picture
+from gaugeblock.reports.pictures import CalibrationMap, Histogram, Intervals, intervals, picture
 from gaugeblock.validate import Finding, Gate
 
 pyplot = pytest.importorskip("matplotlib.pyplot")
@@ -41,7 +41,7 @@ def test_every_gate_and_every_finding_has_a_picture(audit):
         ("sbc.uniform[beta]", list),
         ("joint.tarp", list),
         ("joint.projections", Intervals),
-        ("local.coverage[beta]", Cells),
+        ("local.coverage[beta]", CalibrationMap),
         ("importance.ess", Histogram),
         ("importance.khat", Histogram),
         ("draws.finite", Intervals),

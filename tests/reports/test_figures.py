@@ -18,22 +18,23 @@ def findings():
     return run_validators(make_trials(truth, draws, ["a", "b"], x=x), seed=1, select=["local"])[0]
 
 
-def test_the_section_shows_a_panel_for_the_parameters_and_one_per_feature(findings):
-    section = local_section(findings, 0.1)
+def test_the_section_shows_a_map_per_parameter(findings):
+    section = local_section(findings, 0.21)
     assert section is not None
     assert section.wide
-    headings = [panel.heading for panel in section.panels]
-    assert headings[:2] == ["By each parameter's own posterior", "By total"]
+    assert [panel.heading for panel in section.panels] == ["a", "b"]
     assert "p < 0.01" in section.what or "p = 0.00" in section.what
+    assert "a tree over 9 features" in section.what
 
 
-def test_the_worst_region_is_written_deepest_and_named_in_its_tooltip(findings):
-    section = local_section(findings, 0.1)
-    panel = next(panel for panel in section.panels if panel.heading == "By total")
+def test_the_worst_region_is_deepest_named_and_outlined(findings):
+    panel = local_section(findings, 0.21).panels[1]
     deep = [line for line in panel.picture.split("<g>") if 'fill-opacity="0.75"' in line]
     assert deep
-    assert any("bias +" in line for line in deep)
-    assert "total" in deep[-1]
+    assert "gap +0." in deep[-1]
+    assert "the lower half, worst where" in panel.remark
+    assert 'class="worst"' in panel.picture
+    assert "Outlined: " in panel.picture
 
 
 def test_no_local_findings_make_no_section():

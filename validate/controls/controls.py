@@ -34,7 +34,8 @@ from gaugeblock.validate.learned.informed.informed import WITHOUT_DATA
 from gaugeblock.validate.learned.informed.learning import learn
 from gaugeblock.validate.learned.informed.pools import pools_of
 from gaugeblock.validate.learned.learned import LEAST_TRIALS as LEAST_TAUGHT
-from gaugeblock.validate.local.local import local, location
+from gaugeblock.validate.local.declared import location
+from gaugeblock.validate.local.local import local
 from gaugeblock.validate.marginal.half_widths import bias_finding, half_widths, log_width_finding
 from gaugeblock.validate.prepared import Prepared, pit
 

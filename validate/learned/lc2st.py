@@ -1,7 +1,8 @@
 """Where in data space do learned truths and draws differ? Local C2ST over the trials' own x.
 
 ``lc2st.local`` holds the ranks of the learned score (see `learned`) to the local tolerance, region by region
-of the data's features. For observations in hand there is `local_c2st`, in a file of its own.
+of the data's features; gaps count as in a twentieth of the trials. For observations in hand there is
+`local_c2st`, in a file of its own.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.learned.c2st import spread_out
 from gaugeblock.validate.learned.expected import STAGES
 from gaugeblock.validate.learned.learned import LEAST_TRIALS, learned_from
-from gaugeblock.validate.local.regions import LEAST, Regions, quantile_regions
+from gaugeblock.validate.local.regions import LEAST, Regions, as_in_a_twentieth, quantile_regions
 from gaugeblock.validate.marginal.coverage import steadied_error
 from gaugeblock.validate.prepared import Prepared
 
@@ -89,6 +90,7 @@ def local_finding(
     hits = member.astype(float) @ inside.T.astype(float)
     gap, error = hits / count - LEVELS, steadied_error(hits, count)
     influence = (inside - (hits / count)[..., None]) * (member * (scored / count))[:, None, :]
+    scale = as_in_a_twentieth(count / scored)
     names = [part.describe(region) for part in regions for region in range(len(part))]
     kept = np.arange(scored) if order is None else np.asarray(order)
     p_value, z = largest_gap(u[kept], member[:, kept], seed=seed)
@@ -99,6 +101,7 @@ def local_finding(
             "gap": (("rank", "level"), gap[worst]),
             "z": (("rank", "level"), z[worst]),
             "n": ("rank", count[worst, 0]),
+            "scale": ("component", np.repeat(scale[:, 0], len(LEVELS))),
         },
         coords={"level": list(LEVELS)},
     )
@@ -106,14 +109,14 @@ def local_finding(
         id="lc2st.local",
         quantity="local",
         claim="coverage minus level of a learned score within regions of the data; below 0: truths and draws "
-        "differ there",
+        "differ there; as in a twentieth of the trials",
         null="ranks of the truth's score uniform in every region of the data, for an exact posterior",
         reference=REFERENCE,
         n_trials=total,
         components=tuple(f"learned score in {name} @ {level:g}" for name in names for level in LEVELS),
-        estimate=gap.ravel(),
-        standard_error=error.ravel(),
-        influence=spread_out(influence.reshape(-1, scored), where, total),
+        estimate=(gap * scale).ravel(),
+        standard_error=(error * scale).ravel(),
+        influence=spread_out((influence * scale[..., None]).reshape(-1, scored), where, total),
         p_value=p_value,
         details=details,
         caveats=caveats,

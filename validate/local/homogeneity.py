@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
@@ -74,14 +73,9 @@ def _largest(scaled: NDArray[np.float32], rows: NDArray[np.float32], kept: NDArr
 
 
 def homogeneous_finding(
-    values: ArrayLike,
-    groups: Groups,
-    findings: Sequence[Finding],
-    *,
-    seed: int,
-    caveats: tuple[str, ...] = (),
+    values: ArrayLike, groups: Groups, *, seed: int, caveats: tuple[str, ...] = ()
 ) -> Finding:
-    """Whether calibration is the same in all regions; its details rank the regions of `findings`."""
+    """Whether calibration is the same in all regions; arguments as for `largest_deviation`."""
     largest, p_value = largest_deviation(values, groups, seed=seed)
     return PValueFinding(
         id="local.homogeneous",
@@ -89,33 +83,11 @@ def homogeneous_finding(
         claim="largest deviation of a region's coverage from that of all trials, in standard errors",
         null="equally calibrated in all regions: ranks independent of the data's features, exactly, for an "
         "exact posterior whose shape varies, too",
-        reference="permutation of trials between regions; maximum over regions, parameters and checks",
+        reference="permutation of trials between regions learned on other trials; maximum over regions, "
+        "parameters and checks",
         n_trials=np.asarray(values).shape[-1],
         estimate=np.array([largest]),
         standard_error=np.array([np.nan]),
         p_value=p_value,
-        details=ranked_regions(findings),
         caveats=caveats,
     )
-
-
-def ranked_regions(findings: Sequence[Finding]) -> xr.Dataset:
-    """Regions of all `local.coverage` findings with each parameter's worst check, worst first, by `rank`.
-
-    Variables: feature, low, high, n (trials), parameter, check, gap and z (the coverage gap in its standard
-    errors), bias and log_width with their errors.
-    """
-    columns: dict[str, list[NDArray[np.generic]]] = {}
-    for finding in findings:
-        details = finding.details
-        worst = xr.DataArray(np.abs(details["z"].values).argmax(axis=-1), dims=("region", "parameter"))
-        table = details.isel(check=worst).reset_coords("check").stack(row=("region", "parameter"))
-        shown = {str(name): np.asarray(table[name].values) for name in table.data_vars}
-        shown["parameter"] = np.asarray(table["parameter"].values.astype(str))
-        feature = finding.id.partition("[")[2].removesuffix("]")
-        shown["feature"] = np.full(table.sizes["row"], feature)
-        for name, column in shown.items():
-            columns.setdefault(name, []).append(column)
-    joined = {name: np.concatenate(parts) for name, parts in columns.items()}
-    order = np.argsort(-np.abs(joined["z"]), kind="stable")
-    return xr.Dataset({name: ("rank", column[order]) for name, column in joined.items()})

@@ -1,38 +1,55 @@
-"""Local calibration: coverage within regions of parameters and data, so that faults cannot cancel.
+"""Local calibration: coverage in regions that earlier trials suggest, so that faults cannot cancel.
 
-Regions are functions of the data: of data features, and of where the posterior lies. They may not be regions
-of the truth, because not even an exact posterior is calibrated given the truth: of small truths more
-posteriors lie too high than too low. ``local.coverage[feature]`` is judged; ``local.homogeneous`` is one
-p-value over everything, and ranks the regions.
+Three tenths of the trials teach where each parameter's ranks look wrong: a tree of depth three over all that
+is declared (`declared`), one for each parameter. In the other trials coverage is measured in every node of
+it. Regions are functions of the data, of the pool of truth and draws, and of earlier trials. They may not
+be regions of the truth, because not even an exact posterior is calibrated given the truth: of small truths
+more posteriors lie too high than too low. ``local.coverage[parameter]`` is judged; ``local.homogeneous`` is
+one p-value over everything.
+
+A gap in a small region ruins less and is known less well. Gaps are judged as in a twentieth of the trials: in
+a share f they count as sqrt(f / 0.05) times as much.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
+from scipy import special
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate.check import circular_parameters
+from gaugeblock.core.streams import generator
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
+from gaugeblock.validate.learned.c2st import spread_out
+from gaugeblock.validate.local.calibration_map import calibration_map
+from gaugeblock.validate.local.declared import Rows, declared_features
 from gaugeblock.validate.local.homogeneity import homogeneous_finding
-from gaugeblock.validate.local.regions import LEAST, Regions, quantile_regions
+from gaugeblock.validate.local.regions import DEPTH, LEAST, LOWER, SHARE, as_in_a_twentieth
+from gaugeblock.validate.local.trees import Region, grow
 from gaugeblock.validate.marginal.coverage import inside_central, steadied_error
 from gaugeblock.validate.marginal.half_widths import SHIFTS, UNIT, half_widths, log_stretch, moved_pit
-from gaugeblock.validate.prepared import Prepared, TrialBlock
+from gaugeblock.validate.prepared import Prepared
 from gaugeblock.validate.quantiles import quantile_of, roots_of
-from gaugeblock.validate.ranks import truth_weight
 
-LEVELS = (0.5, 0.8, 0.95)
+LEVELS = (0.8, 0.95)
 # One-sided coverage stands beside the central levels: a bias of 0.3 sd changes these by 0.02 and it by 0.12.
 CHECKS = (*(f"{level:g}" for level in LEVELS), "lower half")
 NOMINAL = np.array([*LEVELS, 0.5])
-REFERENCE = "Zhao et al. 2021, arXiv:2102.10473; coverage of the randomised PIT within regions of the data"
-# More components than this widen all simultaneous intervals for little: beyond it, fewer data features.
-MOST_COMPONENTS = 250
+REFERENCE = (
+    "coverage of the randomised PIT in regions learned on other trials; Zhao et al. 2021, arXiv:2102.10473"
+)
+# Share of the trials that teaches.
+TAUGHT = 0.3
+# A region has at least LEAST trials, and some, by chance, a few less among those tested; not fewer than this.
+FEWEST = 60
+LEAST_TRIALS = int(2 * LEAST / (1 - TAUGHT)) + 1
+# Where normal scores of ranks end, and ranks that their moments are computed on.
+MOST_SD, GRID = 3.0, 10_000
+# Regions that a tree can have: its nodes, and two unions.
+MOST_REGIONS = 2 ** (DEPTH + 1)
 
 
 class LocalCoverage(NamedTuple):
@@ -43,24 +60,20 @@ class LocalCoverage(NamedTuple):
     influence: Array
 
 
-def location(block: TrialBlock) -> Array:
-    """Statistic: mean of the truth and its draws together, ``(trial, parameter)``.
+class Regional(NamedTuple):
+    """Regions of each parameter, learned on some trials, and the `rows` of the others, which are tested.
 
-    The mean of the draws alone would favour truths on the other side of it; given the *pool*, truth and draws
-    of an exact posterior are exchangeable, so ranks are uniform within any region of pooled means.
+    `values` ``(tested, feature)`` of features `names`; `regions` and `members` ``(region, tested)`` by
+    parameter; `taught` trials were learned from; `left_out` says which features could not be used.
     """
-    if block.weight is None:
-        mean = (block.draws.sum(axis=1) + block.theta_true) / (block.draws.shape[1] + 1)
-    else:
-        # As everywhere: the truth weighs as much as one effective draw.
-        own = truth_weight(block.weight)[:, None]
-        total = block.weight.sum(axis=1)[:, None] + own
-        mean = (np.einsum("td,tdp->tp", block.weight, block.draws) + own * block.theta_true) / total
-    for column, period in circular_parameters(block.prepared.main).items():
-        # Blocks hold circular parameters relative to their pooled mean; how far the truth was moved tells it.
-        moved = block.prepared.theta_true[block.rows, column] - block.theta_true[:, column]
-        mean[:, column] = (mean[:, column] + moved) % period
-    return np.asarray(mean, dtype=float)
+
+    names: tuple[str, ...]
+    rows: Rows
+    values: Array
+    regions: tuple[tuple[Region, ...], ...]
+    members: tuple[NDArray[np.bool_], ...]
+    taught: int
+    left_out: tuple[str, ...]
 
 
 def held(pit: ArrayLike) -> NDArray[np.bool_]:
@@ -89,134 +102,143 @@ def local_coverage(pit: ArrayLike, members: ArrayLike) -> LocalCoverage:
     return LocalCoverage(hits / count - NOMINAL, steadied_error(hits, count), influence)
 
 
+def teaching_scores(pit: ArrayLike) -> Array:
+    """What trees look at, ``(parameter, score, trial)``, of mean 0 and variance 1 for an exact posterior.
+
+    Where the truth lies, in normal scores of its rank; the square of that, which sees widths best; and
+    whether the 80% interval misses it.
+    """
+    u = np.asarray(pit, dtype=float)
+    place = _place(u.T)
+    grid = _place((np.arange(GRID) + 0.5) / GRID)
+    square = (place**2 - np.mean(grid**2)) / np.std(grid**2)
+    missed = (LEVELS[0] - inside_central(u, LEVELS[:1])) / np.sqrt(LEVELS[0] * (1 - LEVELS[0]))
+    return np.concatenate([place[:, None] / grid.std(), square[:, None], missed], axis=1)
+
+
+def _place(u: Array) -> Array:
+    """Normal scores, cut off where one trial would outweigh many."""
+    return np.asarray(np.clip(special.ndtri(u), -MOST_SD, MOST_SD))
+
+
+def learned_regions(prepared: Prepared) -> Regional:
+    """Learn on three tenths of the unaffected trials where each parameter looks wrong; regions of the others.
+
+    The trials' numbers and the seed decide which teach, whatever the order in which they are stored.
+    """
+    by_number = np.argsort(prepared.trial)
+    n = len(by_number)
+    order = by_number[generator(prepared.seed, "order of the regions", n).permutation(n)]
+    number = int(TAUGHT * n)
+    # In the order of their numbers: sums are the same bits in whatever order trials are stored.
+    taught, tested = (part[np.argsort(prepared.trial[part])] for part in (order[:number], order[number:]))
+    declared = declared_features(prepared, taught)
+    values = declared.values[tested]
+    share = max(SHARE, LEAST / len(tested))
+    regions, members = [], []
+    for scores in teaching_scores(prepared.pit[taught]):
+        tree = grow(declared.values[taught], scores.T, smallest=share)
+        found = {region: region.members(values) for region in tree.regions}
+        kept = {region: inside for region, inside in found.items() if FEWEST <= inside.sum() < len(tested)}
+        regions.append(tuple(kept))
+        members.append(np.array(list(kept.values())).reshape(len(kept), len(tested)))
+    return Regional(declared.names, tested, values, tuple(regions), tuple(members), number, declared.left_out)
+
+
 def local_finding(
+    found: Regional,
+    which: int,
+    parameter: str,
     pit: ArrayLike,
-    regions: Regions,
-    parameters: Sequence[str],
     *,
+    n: int,
     scores: Array | None = None,
     caveats: tuple[str, ...] = (),
 ) -> Finding:
-    """Coverage gaps of the parameters in the regions of one feature, from PIT ``(trial, parameter)``.
+    """Coverage gaps of parameter number `which` in its regions, as in a twentieth, from PIT ``(tested,)``.
 
-    `scores`, from `half_widths`, give the conditional bias (68% half-widths) and log width (of the 68%
-    interval) in the details.
+    `n` counts all trials. `scores`, from `half_widths`, give the conditional bias (68% half-widths) and log
+    width (of the 68% interval) in the details.
     """
-    u = np.asarray(pit, dtype=float)
-    found = local_coverage(u, regions.members)
-    dims = ("region", "parameter")
+    u = np.asarray(pit, dtype=float)[:, None]
+    regions, members = found.regions[which], found.members[which]
+    measured = local_coverage(u, members)
+    gap, error = measured.gap[:, 0], measured.standard_error[:, 0]
+    scale = as_in_a_twentieth(members.mean(axis=1))[:, None]
+    estimate = gap * scale
+    names = np.array([region.describe(found.names) for region in regions])
+    worst, check = np.unravel_index(int(np.abs(estimate).argmax()), estimate.shape)
     details = xr.Dataset(
         {
-            "low": ("region", regions.low),
-            "high": ("region", regions.high),
-            "n": ("region", regions.count),
-            "gap": ((*dims, "check"), found.gap),
-            "z": ((*dims, "check"), found.gap / found.standard_error),
+            "region": ("region", names),
+            "n": ("region", members.sum(axis=1)),
+            "share": ("region", members.mean(axis=1)),
+            # How many times a gap there counts, by component.
+            "scale": ("component", np.repeat(scale[:, 0], len(CHECKS))),
+            "gap": (("region", "check"), gap),
+            "z": (("region", "check"), gap / error),
+            "features": ((), len(found.names)),
         },
-        coords={"parameter": list(parameters), "check": list(CHECKS)},
+        coords={"check": list(CHECKS)},
     )
+    details = details.merge(
+        calibration_map(regions, int(worst), found.values, found.names, held(u)[0, check] - NOMINAL[check])
+    ).assign(map_check=((), CHECKS[check]))
     if scores is not None:
-        moved = np.moveaxis(moved_pit(scores, u), 1, 0) - 0.5
-        shifts = [roots_of(SHIFTS, moved[:, member]) for member in regions.members]
-        details["bias"], details["bias_error"] = (
-            (dims, np.stack(part)) for part in zip(*(root[:2] for root in shifts), strict=True)
-        )
-        narrower = -log_stretch(scores, u, UNIT)
-        widths = [
-            [quantile_of(column, 1 - UNIT) for column in narrower[member].T] for member in regions.members
-        ]
-        for k, name in enumerate(("log_width", "log_width_error")):
-            details[name] = (dims, np.array(widths)[..., k])
-    said = caveats
-    if len(regions) < 4:
-        said = (*caveats, f"{len(regions)} regions of {regions.name}: each needs at least {LEAST} trials")
-    components = tuple(
-        f"{name}{part} in {regions.describe(region)} @ {level:g}"
-        for region in range(len(regions))
-        for name in parameters
-        for part, level in (*(("", level) for level in LEVELS), (" (lower half)", 0.5))
-    )
+        details = details.merge(_faults(scores, u, members))
     return MeanFinding(
-        id=f"local.coverage[{regions.name}]",
+        id=f"local.coverage[{parameter}]",
         quantity="local",
-        claim=f"coverage minus level within regions of {regions.name}, of central intervals and of the lower "
-        "half of the posterior",
+        claim=f"coverage minus level of {parameter}, of central intervals and of the lower half of the "
+        f"posterior, in regions that a tree of depth {DEPTH} over {len(found.names)} features found on other "
+        "trials; as in a twentieth of the trials",
         null="coverage equal to the level in every region of the data, exactly, for an exact posterior",
         reference=REFERENCE,
-        n_trials=len(u),
-        components=components,
-        estimate=found.gap.ravel(),
-        standard_error=found.standard_error.ravel(),
-        influence=found.influence.reshape(-1, len(u)),
+        n_trials=n,
+        components=tuple(
+            f"{parameter} where {name}{part} @ {level:g}"
+            for name in names
+            for part, level in (*(("", level) for level in LEVELS), (LOWER, 0.5))
+        ),
+        estimate=estimate.ravel(),
+        standard_error=(error * scale).ravel(),
+        influence=spread_out(
+            (measured.influence[:, 0] * scale[..., None]).reshape(-1, len(u)), found.rows, n
+        ),
         details=details,
-        caveats=said,
+        caveats=(*caveats, f"regions learned on {found.taught:,} trials, tested on the other {len(u):,}"),
     )
+
+
+def _faults(scores: Array, u: Array, members: NDArray[np.bool_]) -> xr.Dataset:
+    """Bias in 68% half-widths and log width of the 68% interval in each region, with their errors."""
+    moved = np.moveaxis(moved_pit(scores, u), 1, 0)[0] - 0.5
+    narrower = -log_stretch(scores, u, UNIT)[:, 0]
+    shifts = np.array([np.ravel(roots_of(SHIFTS, moved[None, member])[:2]) for member in members])
+    widths = np.array([quantile_of(narrower[member], 1 - UNIT)[:2] for member in members])
+    columns = {"bias": shifts[:, 0], "bias_error": shifts[:, 1]}
+    columns |= {"log_width": widths[:, 0], "log_width_error": widths[:, 1]}
+    return xr.Dataset({name: ("region", column) for name, column in columns.items()})
 
 
 def local(prepared: Prepared) -> list[Finding | NotChecked]:
-    """Coverage within regions of each parameter's location and of data features, and whether it varies."""
+    """Coverage of each parameter within regions that were learned, and whether it varies between them."""
     n = len(prepared.trial)
-    if n < 2 * LEAST:
-        why = f"{n} trial(s) with finite draws; regions need at least {2 * LEAST}"
+    if n < LEAST_TRIALS:
+        why = f"{n} trial(s) with finite draws; regions need at least {LEAST_TRIALS}"
         return [NotChecked("local.coverage", why), NotChecked("local.homogeneous", why)]
-    chosen, said = _regions(prepared)
-    caveats = prepared.caveats + said
-    if not chosen:
-        why = "no parameter's location and no data feature differs between trials"
+    found = learned_regions(prepared)
+    if not any(found.regions):
+        why = "no parameter's location and no data feature differs enough between trials for regions of it"
         return [NotChecked("local.coverage", why), NotChecked("local.homogeneous", why)]
+    caveats = prepared.caveats + found.left_out
+    pit, scores = prepared.pit[found.rows], prepared.per_trial(half_widths)[found.rows]
+    looked_at = [k for k, regions in enumerate(found.regions) if regions]
     findings: list[Finding | NotChecked] = [
         local_finding(
-            prepared.pit[:, columns],
-            regions,
-            [prepared.parameters[k] for k in columns],
-            scores=prepared.per_trial(half_widths)[:, columns],
-            caveats=caveats,
+            found, k, prepared.parameters[k], pit[:, k], n=n, scores=scores[:, [k]], caveats=caveats
         )
-        for regions, columns in chosen
+        for k in looked_at
     ]
-    order = np.argsort(prepared.trial)  # so that the p-value does not depend on the order of trials
-    return [
-        *findings,
-        homogeneous_finding(
-            held(prepared.pit)[..., order],
-            [(regions.members[:, order], columns) for regions, columns in chosen],
-            [finding for finding in findings if isinstance(finding, Finding)],
-            seed=prepared.seed,
-            caveats=caveats,
-        ),
-    ]
-
-
-def _regions(prepared: Prepared) -> tuple[list[tuple[Regions, list[int]]], tuple[str, ...]]:
-    """Regions with the parameters whose coverage is looked at in them; what to say of features left out."""
-    every = list(range(len(prepared.parameters)))
-    places = prepared.per_trial(location)
-    wanted = [(name, places[:, k], [k]) for k, name in enumerate(prepared.parameters)]
-    features = prepared.features
-    if features is not None:
-        # The total and whatever the user gave always; components as far as they are not too many.
-        first = [name for name in features.names if not name.startswith("component ")]
-        wanted += [(name, features.column(name), every) for name in first]
-        for name in features.names:
-            size = 4 * len(CHECKS) * (sum(len(columns) for _, _, columns in wanted) + len(every))
-            if name not in first and size <= MOST_COMPONENTS:
-                wanted.append((name, features.column(name), every))
-    chosen: list[tuple[Regions, list[int]]] = []
-    constant: list[str] = []
-    unusable: list[str] = []
-    for name, values, columns in wanted:
-        label = f"{name} (data)" if columns is every and name in prepared.parameters else name
-        if not np.isfinite(values).all():
-            unusable.append(label)
-            continue
-        regions = quantile_regions(label, values)
-        if len(regions) > 1:
-            chosen.append((regions, columns))
-        else:
-            constant.append(label)
-    said = []
-    if constant:
-        said.append(f"too few trials differ in {', '.join(constant)} for regions of it")
-    if unusable:
-        said.append(f"{', '.join(unusable)}: NaN or infinite values; no regions of it")
-    return chosen, tuple(said)
+    groups = [(found.members[k], [k]) for k in looked_at]
+    return [*findings, homogeneous_finding(held(pit), groups, seed=prepared.seed, caveats=caveats)]

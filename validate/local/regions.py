@@ -12,6 +12,23 @@ from gaugeblock.core.arrays import Array
 BINS = 4
 # A 95% interval misses five of a hundred: fewer trials than that and a region's coverage is an anecdote.
 LEAST = 100
+# Gaps in regions are judged as in one that holds this share of the trials.
+SHARE = 0.05
+# Splits of a tree that defines regions, and what a component is called that is of one-sided coverage.
+DEPTH = 3
+LOWER = " (lower half)"
+
+
+def as_in_a_twentieth(share: ArrayLike) -> Array:
+    """Factor by which a gap in this share of the trials counts more than one in a twentieth of them.
+
+    A gap is known as well as the root of the number of trials says, and what it does to all of them grows
+    with their share: between the two, a gap of 0.2 in a twentieth is as much as one of 0.063 in a half.
+
+    >>> as_in_a_twentieth([0.05, 0.2]).tolist()
+    [1.0, 2.0]
+    """
+    return np.sqrt(np.asarray(share, dtype=float) / SHARE)
 
 
 @dataclass(frozen=True)

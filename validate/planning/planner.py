@@ -17,7 +17,8 @@ from scipy import special
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.family import PASS_LEVEL
 from gaugeblock.validate.joint.projections import CENTRAL, LOWEST, directions, pairs
-from gaugeblock.validate.local.local import MOST_COMPONENTS, NOMINAL
+from gaugeblock.validate.local.local import MOST_REGIONS, NOMINAL, TAUGHT
+from gaugeblock.validate.local.regions import SHARE
 from gaugeblock.validate.marginal.coverage import LEVELS
 from gaugeblock.validate.planning.limit_process import QUANTITIES, LimitProcess, hidden_by
 from gaugeblock.validate.planning.rank_power import RankFault, smallest
@@ -29,9 +30,8 @@ MOST_HIDDEN = 0.03
 # trials, the joint likelihood, importance sampling, the informed gate. Fewer only make an audit stronger than
 # planned.
 FAMILIES = 4
-# Comparisons of learned scores (c2st.rank, lc2st.local), and regions of each feature.
+# Comparisons of learned scores (c2st.rank, lc2st.local).
 LEARNED = 96
-REGIONS = 4
 FEWEST, MOST = 10, 10**9
 
 
@@ -150,7 +150,7 @@ def further_comparisons(params: int) -> int:
     """How many comparisons a whole audit makes on its main trials beside bias, width and central coverage."""
     projected = len(directions(params)) * len(CENTRAL) + len(pairs(params)) * len(LOWEST)
     curves = 2 * len(LEVELS)
-    return curves + projected + MOST_COMPONENTS + LEARNED
+    return curves + projected + params * MOST_REGIONS * len(NOMINAL) + LEARNED
 
 
 def _passes(process: LimitProcess, policy: Policy, trials: int) -> float:
@@ -164,9 +164,9 @@ def _passes(process: LimitProcess, policy: Policy, trials: int) -> float:
     curves = sum(policy.requires(name) for name in ("joint.hpd", "joint.tarp"))
     probability *= process.curve_pass_probability(trials, tolerance.joint) ** curves
     if policy.requires("local.coverage"):
-        error = np.sqrt(NOMINAL * (1 - NOMINAL) * REGIONS / trials)
+        error = np.sqrt(NOMINAL * (1 - NOMINAL) / (SHARE * (1 - TAUGHT) * trials))
         inside = 1 - 2 * special.ndtr(special.ndtri(PASS_LEVEL) - tolerance.local / error)
-        probability *= float(np.prod(np.maximum(inside, 0) ** (MOST_COMPONENTS / len(NOMINAL))))
+        probability *= float(np.prod(np.maximum(inside, 0) ** (process.parameters * MOST_REGIONS)))
     return probability
 
 

@@ -1,4 +1,4 @@
-"""Local calibration sees what averages out, and condemns no exact posterior."""
+"""Local calibration sees what averages out, says where, and condemns no exact posterior."""
 
 from __future__ import annotations
 
@@ -7,10 +7,19 @@ import pytest
 from scipy import stats
 
 from gaugeblock.validate import NotChecked, Outcome, judge, make_policy, make_trials, trials_tree
-from gaugeblock.validate.local.local import CHECKS, held, local, local_coverage, local_finding, location
-from gaugeblock.validate.local.regions import quantile_regions
+from gaugeblock.validate.local.declared import location
+from gaugeblock.validate.local.local import (
+    CHECKS,
+    NOMINAL,
+    TAUGHT,
+    held,
+    learned_regions,
+    local,
+    local_coverage,
+    teaching_scores,
+)
 from gaugeblock.validate.marginal.coverage import STEADYING
-from gaugeblock.validate.prepared import Prepared
+from gaugeblock.validate.prepared import Prepared, pit
 from gaugeblock.validate.ranks import randomised_pit
 
 SD = np.sqrt(0.5)
@@ -18,15 +27,16 @@ LOCAL = make_policy({"required": ["local"]}, source="test")
 MARGINAL = make_policy({"required": ["sbc", "coverage"]}, source="test")
 
 
-def trials(n, draws, dimensions, *, seed, ratio=1.0, bias=0.0, own=None, data=True, **extra):
-    """theta ~ N(0, 1), x ~ N(theta, 1); width ratio and bias (in sd) may be functions of the total of x."""
+def trials(n, draws, dimensions, *, seed, ratio=1.0, bias=0.0, own=None, data=True, nuisance=0, **extra):
+    """theta ~ N(0, 1), x ~ N(theta, 1) and nuisance channels; width ratio and bias (in sd) may be functions
+    of x."""
     rng = np.random.default_rng(seed)
     theta = rng.normal(size=(n, dimensions))
-    x = theta + rng.normal(size=(n, dimensions))
-    total = x.sum(axis=1)
-    width = np.broadcast_to(ratio(total) if callable(ratio) else ratio, n)[:, None, None]
-    shift = np.broadcast_to(bias(total) if callable(bias) else bias, n)[:, None, None]
-    sampled = (x / 2)[:, None] + SD * (shift + width * rng.normal(size=(n, draws, dimensions)))
+    x = np.concatenate([theta + rng.normal(size=theta.shape), rng.normal(size=(n, nuisance))], axis=1)
+    width = np.broadcast_to(ratio(x) if callable(ratio) else ratio, n)[:, None, None]
+    shift = np.broadcast_to(bias(x) if callable(bias) else bias, n)[:, None, None]
+    mean = x[:, None, :dimensions] / 2
+    sampled = mean + SD * (shift + width * rng.normal(size=(n, draws, dimensions)))
     names = [f"p{k}" for k in range(dimensions)]
     made = make_trials(theta, sampled, names, **({"x": x} if data else {}), **extra)
     for name, values in (own or {}).items():
@@ -34,13 +44,18 @@ def trials(n, draws, dimensions, *, seed, ratio=1.0, bias=0.0, own=None, data=Tr
     return made
 
 
-def bright(total):
+def brightest(x, share=0.05):
+    total = x.sum(axis=1)
+    return total > np.quantile(total, 1 - share)
+
+
+def bright(x):
     """Right on average, to about 1% in width, wrong by half for the brightest quarter."""
-    return np.where(total > np.quantile(total, 0.75), 0.55, 1.25)
+    return np.where(brightest(x, 0.25), 0.55, 1.25)
 
 
-def either_side(total):
-    return np.where(total > 0, 0.3, -0.3)
+def either_side(x):
+    return np.where(x.sum(axis=1) > 0, 0.3, -0.3)
 
 
 def prepared(made, seed=5):
@@ -49,6 +64,17 @@ def prepared(made, seed=5):
 
 def by_id(items):
     return {item.id: item for item in items}
+
+
+def gates(made, seed=5):
+    return {gate.id: gate for gate in judge(local(prepared(made, seed)), [], LOCAL, seed=1).gates}
+
+
+def outcomes(number, draws=40, **fault):
+    """Outcomes and messages of the gate of one parameter; 4,000 trials with twenty channels."""
+    found = [gates(trials(4000, draws, 1, seed=seed, nuisance=19, **fault), seed) for seed in range(number)]
+    each = [audit["local.coverage[p0]"] for audit in found]
+    return [gate.outcome for gate in each], [gate.message for gate in each]
 
 
 def test_gaps_are_those_of_the_region_alone():
@@ -60,7 +86,7 @@ def test_gaps_are_those_of_the_region_alone():
     for region in range(3):
         here = label == region
         covered = inside[:, :, here].mean(axis=-1)
-        np.testing.assert_allclose(found.gap[region], covered - [0.5, 0.8, 0.95, 0.5], atol=1e-12)
+        np.testing.assert_allclose(found.gap[region], covered - [0.8, 0.95, 0.5], atol=1e-12)
         assert (found.influence[region][..., ~here] == 0).all()
         np.testing.assert_allclose(found.influence[region].mean(axis=-1), 0, atol=1e-12)
         # The bootstrap's standard error, over all trials, is the binomial one of the region.
@@ -73,57 +99,110 @@ def test_gaps_are_those_of_the_region_alone():
 
 def test_findings_say_where():
     found = by_id(local(prepared(trials(1000, 50, 2, seed=1))))
-    wanted = ["p0", "p1", "total", "component 1", "component 2"]
-    assert list(found) == [*(f"local.coverage[{name}]" for name in wanted), "local.homogeneous"]
-    total = found["local.coverage[total]"]
-    assert len(total.components) == 4 * 2 * 4
-    assert total.components[1].startswith("p0 in total ")
-    assert total.components[1].endswith(" @ 0.8")
-    assert total.components[3].startswith("p0 (lower half) in total ")
-    assert total.components[3].endswith(" @ 0.5")
-    assert total.details["gap"].dims == ("region", "parameter", "check")
-    np.testing.assert_array_equal(total.details["gap"].values.ravel(), total.estimate)
-    assert found["local.coverage[p1]"].details["parameter"].values.tolist() == ["p1"]
-    ranked = found["local.homogeneous"].details
-    assert ranked.sizes["rank"] == 2 * 4 + 3 * 2 * 4
-    assert (np.diff(np.abs(ranked["z"].values)) <= 0).all()
+    assert list(found) == ["local.coverage[p0]", "local.coverage[p1]", "local.homogeneous"]
+    finding = found["local.coverage[p1]"]
+    details = finding.details
+    assert details["gap"].dims == ("region", "check")
+    assert len(finding.components) == details["gap"].size
+    first = str(details["region"].values[0])
+    assert finding.components[:3] == (
+        f"p1 where {first} @ 0.8", f"p1 where {first} @ 0.95", f"p1 where {first} (lower half) @ 0.5",
+    )  # fmt: skip
+    # As in a twentieth of the trials: the gap counts by the root of the share.
+    scale = np.sqrt(details["share"].values / 0.05)[:, None]
+    np.testing.assert_allclose(finding.estimate, (details["gap"].values * scale).ravel())
+    np.testing.assert_allclose(finding.estimate, finding.standard_error * details["z"].values.ravel())
+    np.testing.assert_allclose(details["scale"].values, np.repeat(scale[:, 0], 3))
+    # Two channels, total, two components, two locations, two regressions.
+    assert int(details["features"]) == 9
     assert 1 / 1000 <= found["local.homogeneous"].p_value <= 1
 
 
+def test_influences_are_of_the_tested_trials_and_have_the_errors_that_are_said():
+    ready = prepared(trials(2000, 50, 1, seed=2))
+    finding = local(ready)[0]
+    tested = learned_regions(ready).rows
+    assert finding.influence.shape == (len(finding.estimate), 2000)
+    assert (np.delete(finding.influence, tested, axis=1) == 0).all()
+    error = np.sqrt((finding.influence**2).sum(axis=1)) / 2000
+    # Steadied errors are a little larger, those of 0.95 in small regions by most.
+    ratio = error / finding.standard_error
+    assert ratio.max() < 1.02
+    assert np.median(ratio) > 0.97
+
+
+def test_regions_are_learned_on_other_trials_than_they_are_tested_on():
+    ready = prepared(trials(1000, 50, 1, seed=3))
+    first = learned_regions(ready)
+    assert first.taught == TAUGHT * 1000
+    assert len(first.rows) == 700
+    values = ready.per_trial(pit)
+    others = np.setdiff1d(np.arange(1000), first.rows)
+    values[first.rows] = values[first.rows] ** 3
+    assert learned_regions(ready).regions == first.regions
+    values[others] = values[others] ** 3
+    assert learned_regions(ready).regions != first.regions
+
+
+def test_an_exact_posterior_has_gaps_like_chance_in_regions_that_were_learned():
+    """120 exact audits of 800 trials: mean z of the most suspicious node, towards what taught it.
+
+    Learned on the tested trials it would be some 2.5; 4.5 errors are 0.41.
+    """
+    z = []
+    for seed in range(120):
+        ready = prepared(trials(800, 19, 1, seed=seed, nuisance=5), seed)
+        found = learned_regions(ready)
+        others = np.setdiff1d(np.arange(800), found.rows)
+        taught = teaching_scores(ready.pit[others])[0, 0]
+        from gaugeblock.validate.local.declared import declared_features
+
+        values = declared_features(ready, others).values[others]
+        inside = np.array([region.members(values) for region in found.regions[0]])
+        sums = inside @ taught / np.sqrt(inside.sum(axis=1))
+        node = int(np.abs(sums).argmax())
+        here = found.members[0][node]
+        tested = teaching_scores(ready.pit[found.rows])[0, 0, here]
+        z.append(np.sign(sums[node]) * tested.sum() / np.sqrt(here.sum()))
+    assert abs(np.mean(z)) < 4.5 / np.sqrt(120)
+    assert 0.8 < np.std(z) < 1.2
+
+
 def test_an_exact_estimator_passes_at_the_default_size():
-    """240 components, each some 6 of its errors inside the tolerance: PASS in all but 1e-6 of seeds."""
-    findings = local(prepared(trials(4000, 50, 5, seed=2)))
-    assert sum(len(finding.components) for finding in findings[:-1]) == 240
-    assert judge(findings, [], LOCAL, seed=1).outcome is Outcome.PASS
+    """Measured over four shapes: 93% of seeds PASS."""
+    assert {gate.outcome for gate in gates(trials(4000, 50, 5, seed=3, nuisance=15)).values()} == {
+        Outcome.PASS
+    }
 
 
 def test_right_on_average_but_wrong_for_bright_data_is_blocked():
-    """Coverage gap of -0.27 at 80%, 17 errors from nothing and 11 beyond the tolerance."""
-    made = trials(4000, 50, 2, seed=3, ratio=bright)
-    found = by_id(local(prepared(made)))
-    verdict = judge(list(found.values()), [], LOCAL, seed=1)
-    gate = {gate.id: gate for gate in verdict.gates}["local.coverage[total]"]
-    assert gate.outcome is Outcome.FAIL
-    ranked = found["local.homogeneous"].details.isel(rank=0)
-    assert (str(ranked["feature"].values), str(ranked["check"].values)) == ("total", "0.8")
-    assert float(ranked["high"]) == made["x"].values.sum(axis=1).max()
-    assert abs(float(ranked["log_width"]) - np.log(0.55)) < 5 * float(ranked["log_width_error"])
-    assert found["local.homogeneous"].p_value == 1 / 1000
+    """Coverage gap of -0.27 at 80% in a quarter of the trials, 0.094 tolerated: 12 errors beyond."""
+    made = trials(4000, 50, 2, seed=3, ratio=bright, nuisance=3)
+    found = gates(made)
+    for name in ("p0", "p1"):
+        assert found[f"local.coverage[{name}]"].outcome is Outcome.FAIL
+        assert "80% intervals hold" in found[f"local.coverage[{name}]"].message
+    details = by_id(local(prepared(made)))["local.coverage[p0]"].details
+    assert "total" in str(details["map_feature"].values[0])
+    worst = int(np.abs(details["gap"].sel(check="0.8").values).argmax())
+    width, error = (float(details[name].values[worst]) for name in ("log_width", "log_width_error"))
+    assert abs(width - np.log(0.55)) < 5 * error
 
 
 def test_biases_that_cancel_are_seen_where_they_are():
     """A bias of 0.3 sd, up in one half of the data and down in the other: 0.118 of one-sided coverage."""
-    found = by_id(local(prepared(trials(4000, 50, 1, seed=4, bias=either_side))))
-    total = found["local.coverage[total]"].details
+    made = trials(4000, 50, 1, seed=4, bias=either_side)
+    found = by_id(local(prepared(made)))
+    details = found["local.coverage[p0]"].details
     expected = 0.5 - stats.norm.cdf(-0.3)
-    gap = total["gap"].sel(check="lower half").values[:, 0]
-    error = np.abs(gap / total["z"].sel(check="lower half").values[:, 0])
-    assert (np.abs(gap - np.array([-1, -1, 1, 1]) * expected) < 4 * error + 0.01).all()
-    np.testing.assert_allclose(total["bias"].values[:, 0], [-0.3, -0.3, 0.3, 0.3], atol=5 * 0.032 + 0.01)
+    halves = np.flatnonzero(np.abs(details["share"].values - 0.5) < 0.15)
+    assert len(halves)
+    gap = details["gap"].sel(check="lower half").values[halves]
+    np.testing.assert_allclose(np.abs(gap), expected, atol=4.5 * 0.5 / np.sqrt(980) + 0.01)
+    np.testing.assert_allclose(np.abs(details["bias"].values[halves]), 0.3, atol=0.1)
+    np.testing.assert_array_equal(np.sign(details["bias"].values[halves]), np.sign(gap))
     assert found["local.homogeneous"].p_value == 1 / 1000
-    # Beyond the tolerance of 0.1, though by too little for every seed to be sure of it.
-    verdict = judge(list(found.values()), [], LOCAL, seed=1)
-    assert verdict.outcome is not Outcome.PASS
+    assert gates(made)["local.coverage[p0]"].outcome is not Outcome.PASS
 
 
 def test_what_they_read_over_all_trials():
@@ -135,32 +214,82 @@ def test_what_they_read_over_all_trials():
     assert judge([*sbc(ready), *coverage(ready)], [], MARGINAL, seed=1).outcome is Outcome.PASS
 
 
+def test_a_bias_along_a_sign_of_a_product_is_blocked():
+    """0.33 sd up and down with x2 x3 of twenty channels: 86% FAIL, measured. Fewer than 4 of 6: 4%, but the
+    seeds are fixed."""
+    said, messages = outcomes(6, bias=lambda x: 0.33 * np.sign(x[:, 12] * x[:, 13]))
+    assert said.count(Outcome.FAIL) >= 4
+    assert Outcome.PASS not in said
+    assert all("x[12]" in message and "x[13]" in message for message in messages)
+
+
+def test_widths_that_are_wrong_in_the_brightest_twentieth_do_not_pass():
+    """Width x0.55, 80% intervals hold 52% there, 59 to 100% are tolerated: FAIL is not promised."""
+    said, messages = outcomes(6, ratio=lambda x: np.where(brightest(x), 0.55, 1.0))
+    assert Outcome.PASS not in said
+    assert sum("total > " in message for message in messages) >= 4
+
+
+def test_a_bias_where_one_channel_is_large_does_not_pass():
+    """0.5 sd in an eighth of the trials."""
+    said, messages = outcomes(6, bias=lambda x: 0.5 * (x[:, 15] > stats.norm.ppf(0.875)))
+    assert Outcome.PASS not in said
+    assert sum("x[15] > " in message for message in messages) >= 5
+
+
 def test_estimators_on_the_boundary_are_rarely_blocked_and_rarely_passed(monkeypatch):
-    """One-sided coverage off by exactly 0.1, up in one half of the data and down in the other; 200 audits.
+    """One-sided coverage off in half of the data by just what is tolerated there; 150 audits.
 
     FAIL and PASS in at most 5% of audits each, to the 0.999 binomial quantile.
     """
     monkeypatch.setattr("gaugeblock.validate.family.REPLICATES", 10_000)
-    outcomes = []
-    for replicate in range(200):
+    gap = LOCAL.tolerance.local / np.sqrt(0.5 / 0.05)
+    said = []
+    for replicate in range(150):
         rng = np.random.default_rng([17, replicate])
         feature = rng.random(1000)
-        # P(u <= 1/2) is 0.4 or 0.6; central coverage is as it should be.
-        half = rng.random((1000, 1)) < np.where(feature > 0.5, 0.6, 0.4)[:, None]
-        u = np.where(half, 0.5, 1.0) - 0.5 * rng.random((1000, 1))
-        regions = quantile_regions("x", feature, bins=2)
-        finding = local_finding(u, regions, ["a"])
-        outcomes.append(judge([finding], [], LOCAL, seed=1).outcome)
-    most = stats.binom.ppf(0.999, 200, 0.05)
-    assert outcomes.count(Outcome.FAIL) <= most
-    assert outcomes.count(Outcome.PASS) <= most
+        ready = prepared(trials(1000, 9, 1, seed=replicate, own={"place": feature}, data=False))
+        half = rng.random((1000, 1)) < np.where(feature > 0.5, 0.5 + gap, 0.5 - gap)[:, None]
+        ready.per_trial(pit)[:] = np.where(half, 0.5, 1.0) - 0.5 * rng.random((1000, 1))
+        said.append(judge(local(ready), [], LOCAL, seed=1).outcome)
+    most = stats.binom.ppf(0.999, 150, 0.05)
+    assert said.count(Outcome.FAIL) <= most
+    assert said.count(Outcome.PASS) <= most
 
 
 def test_being_equally_wrong_everywhere_is_homogeneous():
     """Width ratio 0.6 at all data: homogeneous (p > 0.001: false alarm 1e-3), and blocked all the same."""
-    found = by_id(local(prepared(trials(2000, 50, 1, seed=7, ratio=0.6))))
-    assert found["local.homogeneous"].p_value > 0.001
-    assert judge(list(found.values()), [], LOCAL, seed=1).outcome is Outcome.FAIL
+    made = trials(2000, 50, 1, seed=7, ratio=0.6)
+    assert by_id(local(prepared(made)))["local.homogeneous"].p_value > 0.001
+    assert gates(made)["local.coverage[p0]"].outcome is Outcome.FAIL
+
+
+def varying_shape(kind, rng, n, draws):
+    """Exact posteriors of which a quarter, by the first channel, has another shape; or that are Cauchy."""
+    x = rng.normal(size=(n, 4))
+    quarter = (x[:, 0] > stats.norm.ppf(0.75))[:, None]
+    shape = (n, draws + 1)
+    if kind == "t2 in a quarter":
+        pool = np.where(quarter, rng.standard_t(2, size=shape), rng.normal(size=shape))
+    elif kind == "gamma in a quarter":
+        pool = np.where(quarter, rng.gamma(0.05, size=shape), rng.normal(size=shape))
+    else:
+        pool = x[:, 1:2] + np.exp(x[:, :1]) * rng.standard_cauchy(size=shape)
+    return make_trials(pool[:, :1], pool[:, 1:, None], ["a"], x=x)
+
+
+@pytest.mark.parametrize("kind", ["t2 in a quarter", "gamma in a quarter", "Cauchy"])
+def test_one_p_value_over_everything_is_exact_for_shapes_that_vary(kind, monkeypatch):
+    """120 exact audits: rejections at 5% and 20% within their 0.999 binomial limits, above and below."""
+    monkeypatch.setattr("gaugeblock.validate.local.homogeneity.PERMUTATIONS", 99)
+    monkeypatch.setattr("gaugeblock.validate.local.homogeneity.LEAST_PERMUTATIONS", 99)
+    p = []
+    for seed in range(120):
+        made = varying_shape(kind, np.random.default_rng([seed, 1]), 400, 19)
+        p.append(local(prepared(made, seed))[-1].p_value)
+    for level in (0.05, 0.2):
+        low, high = stats.binom.ppf([0.0005, 0.9995], 120, level)
+        assert low <= np.count_nonzero(np.array(p) <= level) <= high
 
 
 def test_regions_of_the_pooled_mean_leave_an_exact_posterior_calibrated():
@@ -173,7 +302,8 @@ def test_regions_of_the_pooled_mean_leave_an_exact_posterior_calibrated():
     pool = (draws.sum(axis=1) + theta)[:, 0] / 5
 
     def worst(feature):
-        found = local_coverage(u, quantile_regions("f", feature).members)
+        quarter = np.searchsorted(np.quantile(feature, [0.25, 0.5, 0.75]), feature)
+        found = local_coverage(u, quarter == np.arange(4)[:, None])
         return float(np.abs(found.gap / found.standard_error).max())
 
     ready = prepared(make_trials(theta, draws, ["a"]))
@@ -195,15 +325,18 @@ def test_circular_parameters_have_places_on_the_circle():
     assert ((place >= 0) & (place < 2 * np.pi)).all()
 
 
-def test_the_user_s_own_variables_are_regions_and_samples_alone_suffice():
+def test_the_user_s_own_variables_are_features_and_samples_alone_suffice():
     exposure = np.tile([1.0, 10.0], 300)
     own = {"exposure": exposure, "instrument": np.ones(600), "gaps": np.full(600, np.nan)}
-    found = by_id(local(prepared(trials(600, 20, 2, seed=10, own=own, data=False))))
-    assert list(found) == [f"local.coverage[{n}]" for n in ("p0", "p1", "exposure")] + ["local.homogeneous"]
-    assert found["local.coverage[exposure]"].details["low"].values.tolist() == [1.0, 10.0]
-    said = " ".join(found["local.coverage[p0]"].caveats)
-    assert "instrument" in said
+    made = trials(600, 20, 2, seed=10, own=own, data=False, ratio=1.0)
+    made["draws"][:] = made["draws"] + 0.9 * (made["exposure"] > 5)
+    finding = by_id(local(prepared(made)))["local.coverage[p0]"]
+    assert int(finding.details["features"]) == 3
+    assert finding.details["region"].values[0] == "exposure <= 1"
+    said = " ".join(finding.caveats)
+    assert "instrument: the same" in said
     assert "gaps: NaN" in said
+    assert "learned on 180 trials, tested on the other 420" in said
 
 
 def test_weighted_draws_take_part():
@@ -218,30 +351,30 @@ def test_weighted_draws_take_part():
 
 
 def test_few_trials_make_fewer_regions_or_none():
-    found = local(prepared(trials(250, 20, 1, seed=13)))
-    assert found[0].details.sizes["region"] == 2
-    assert any("2 regions" in caveat for caveat in found[0].caveats)
-    none = local(prepared(trials(150, 20, 1, seed=13)))
+    few = local(prepared(trials(300, 20, 1, seed=13)))
+    assert few[0].details.sizes["region"] == 2
+    assert few[0].details["n"].values.min() >= 60
+    none = local(prepared(trials(250, 20, 1, seed=13)))
     assert all(isinstance(item, NotChecked) for item in none)
     assert {item.id for item in none} == {"local.coverage", "local.homogeneous"}
-    assert "at least 200" in none[0].why
+    assert "at least 286" in none[0].why
 
 
 def test_the_order_of_trials_does_not_matter():
     made = trials(500, 20, 2, seed=14)
     shuffled = made.isel(trial=np.random.default_rng(15).permutation(500))
     for one, other in zip(local(prepared(made)), local(prepared(shuffled)), strict=True):
-        assert one.id == other.id
+        assert (one.id, one.components) == (other.id, other.components)
         np.testing.assert_allclose(one.estimate, other.estimate, rtol=1e-6, atol=1e-12)
         np.testing.assert_equal(one.p_value, other.p_value)
 
 
-@pytest.mark.parametrize("dimensions", [1, 3])
-def test_a_finding_from_plain_arrays(dimensions):
-    rng = np.random.default_rng(16)
-    shape = (800, dimensions)
-    names = [f"q{k}" for k in range(dimensions)]
-    regions = quantile_regions("exposure", rng.random(800))
-    finding = local_finding(rng.random(shape), regions, names)
-    assert finding.influence.shape == (16 * dimensions, 800)
-    assert finding.quantity == "local"
+def test_teaching_scores_are_standardised_and_point_both_ways():
+    u = np.random.default_rng(0).random((200_000, 1))
+    scores = teaching_scores(u)[0]
+    np.testing.assert_allclose(scores.mean(axis=1), 0, atol=4.5 / np.sqrt(200_000))
+    np.testing.assert_allclose(scores.std(axis=1), 1, atol=0.02)
+    narrow = np.where(u < 0.5, u / 2, 1 - (1 - u) / 2)
+    assert (teaching_scores(narrow)[0, 1:].mean(axis=1) > 0.1).all()
+    assert teaching_scores(u**2)[0, 0].mean() < -0.3
+    assert len(NOMINAL) == len(CHECKS)

@@ -1,0 +1,37 @@
+from __future__ import annotations
+
+import numpy as np
+
+from gaugeblock.validate.local.calibration_map import calibration_map
+from gaugeblock.validate.local.trees import Condition, Region
+
+RNG = np.random.default_rng(0)
+VALUES = RNG.normal(size=(1000, 3))
+GAP = RNG.normal(size=1000)
+LEFT, RIGHT = (Region(((Condition(2, 0.5, above),),)) for above in (False, True))
+WORST = Region(((Condition(2, 0.5, True), Condition(0, -1.0, False)),))
+OTHER = Region(((Condition(2, 0.5, False), Condition(1, 0.0, True)),))
+NAMES = ("u", "v", "w")
+
+
+def test_cells_are_means_of_the_trials_in_them():
+    made = calibration_map((LEFT, RIGHT, OTHER, WORST), 3, VALUES, NAMES, GAP)
+    assert sorted(made["map_feature"].values.tolist()) == ["u", "w"]
+    across = made["map_feature"].values.tolist().index("w") == 0
+    right, low = VALUES[:, 2] > 0.5, VALUES[:, 0] <= -1.0
+    cell = made.isel(map_x=1, map_y=0) if across else made.isel(map_x=0, map_y=1)
+    assert int(cell["map_n"]) == np.count_nonzero(right & low)
+    np.testing.assert_allclose(float(cell["map_gap"]), GAP[right & low].mean())
+    assert float(cell["map_worst"]) == 1
+    assert made["map_worst"].values.sum() == 1
+    assert int(made["map_n"].sum()) == 1000
+    edge, cut = ("map_x_edge", "map_x_cut") if across else ("map_y_edge", "map_y_cut")
+    np.testing.assert_allclose(made[edge].values, [0, np.mean(~right), 1])
+    assert made[cut].values.tolist() == [0.5]
+
+
+def test_one_feature_alone_is_a_strip():
+    made = calibration_map((LEFT, RIGHT), 1, VALUES, NAMES, GAP)
+    assert made["map_feature"].values.tolist() == ["w", ""]
+    assert made["map_gap"].shape == (1, 2)
+    assert made["map_worst"].values.tolist() == [[0.0, 1.0]]
