@@ -86,7 +86,7 @@ def _map(shown: CalibrationMap, axes: Axes, gate: Gate | None) -> None:
         dark = abs(shown.counted[row, column]) > 1.4 * limit
         text = number(float(value), 2, sign=True) + ("*" if shown.worst[row, column] > 0.5 else "")
         axes.text(
-            middle[1][column], middle[0][row], text, ha="center", va="center", fontsize="small",
+            float(middle[1][column]), float(middle[0][row]), text, ha="center", va="center", fontsize="small",
             color="white" if dark else "black", clip_on=True,
         )  # fmt: skip
     axes.set_xticks(shown.x_edge[1:-1], [short(float(cut)) for cut in shown.x_cut])

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.local.trees import Region
 
+# How much more the worst region says about which features matter than another one.
+FIRST = 1000
+
 
 def calibration_map(
     regions: tuple[Region, ...],
@@ -27,9 +30,9 @@ def calibration_map(
     edge, from 0 to 1, and `map_x_cut`, `map_y_cut`, the thresholds between; attributes `x` and `y` name them.
     """
     weight: Counter[int] = Counter()
-    for place, region in enumerate(regions):
+    for index, region in enumerate(regions):
         for path in region.paths:
-            weight.update({c.feature: 1000 if place == worst else 1 for c in path})
+            weight.update({c.feature: FIRST if index == worst else 1 for c in path})
     chosen = [feature for feature, _ in weight.most_common(2)]
     cells, edges, cuts = [], [], []
     for feature in chosen:

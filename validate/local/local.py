@@ -91,7 +91,7 @@ def local_coverage(pit: ArrayLike, members: ArrayLike) -> LocalCoverage:
 
     >>> u = np.random.default_rng(0).random((400, 1))
     >>> local_coverage(u, np.arange(400) < [[200], [400]]).gap.shape
-    (2, 1, 4)
+    (2, 1, 3)
     """
     inside = held(pit)
     member = np.asarray(members, dtype=bool)

@@ -7,7 +7,7 @@ so that a sign of a product, which no single split shows, is found. What looks l
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -169,7 +169,7 @@ def _square(sums: ArrayLike, number: ArrayLike) -> Array:
     return np.asarray(np.square(sums) / np.maximum(number, 1), dtype=float)
 
 
-def _cells(both: Array, alone: Array, total: ArrayLike) -> Array:
+def _cells(both: NDArray[Any], alone: NDArray[Any], total: Any) -> NDArray[Any]:
     """Sums in four quadrants of each pair, from those above both and above each, ``(4, k, k)``."""
     one, other = alone[:, None], alone[None]
     return np.stack([both, one - both, other - both, total - one - other + both])

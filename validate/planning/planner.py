@@ -149,8 +149,8 @@ def plan(
 def further_comparisons(params: int) -> int:
     """How many comparisons a whole audit makes on its main trials beside bias, width and central coverage."""
     projected = len(directions(params)) * len(CENTRAL) + len(pairs(params)) * len(LOWEST)
-    curves = 2 * len(LEVELS)
-    return curves + projected + params * MOST_REGIONS * len(NOMINAL) + LEARNED
+    curves, regional = 2 * len(LEVELS), params * MOST_REGIONS * len(NOMINAL)
+    return int(curves + projected + regional + LEARNED)
 
 
 def _passes(process: LimitProcess, policy: Policy, trials: int) -> float:
