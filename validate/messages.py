@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from gaugeblock.validate.family import Bounds, Judgeable
 from gaugeblock.validate.finding import CountFinding, SequenceFinding
-from gaugeblock.validate.local.regions import DEPTH, LOWER, SHARE
 from gaugeblock.validate.policy import Policy
 from gaugeblock.validate.verdict import Outcome
 
@@ -21,6 +20,11 @@ NAMED = 3
 # Parameters whose skill is named.
 SKILLS = 8
 CHALLENGERS = "ridge regressions and boosted trees"
+# Splits of a tree that defines regions; the share of trials that gaps in them are judged as in; and what a
+# component is called that is of one-sided coverage.
+DEPTH = 3
+SHARE = 0.05
+LOWER = " (lower half)"
 
 
 def gate_message(

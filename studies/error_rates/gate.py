@@ -12,7 +12,7 @@ import numpy as np
 from scipy import special
 
 from gaugeblock.validate import Outcome, Policy
-from gaugeblock.validate.local.regions import SHARE
+from gaugeblock.validate.messages import SHARE
 from studies.error_rates.audits import Audited, audit, plan
 from studies.error_rates.boundary import HALF_WIDTH, Moved, kink, rippled
 from studies.error_rates.policies import DEFAULT, alone

@@ -27,10 +27,11 @@ from gaugeblock.validate.learned.c2st import spread_out
 from gaugeblock.validate.local.calibration_map import calibration_map
 from gaugeblock.validate.local.declared import Rows, declared_features
 from gaugeblock.validate.local.homogeneity import homogeneous_finding
-from gaugeblock.validate.local.regions import DEPTH, LEAST, LOWER, SHARE, as_in_a_twentieth
+from gaugeblock.validate.local.regions import LEAST, as_in_a_twentieth
 from gaugeblock.validate.local.trees import Region, grow
 from gaugeblock.validate.marginal.coverage import inside_central, steadied_error
 from gaugeblock.validate.marginal.half_widths import SHIFTS, UNIT, half_widths, log_stretch, moved_pit
+from gaugeblock.validate.messages import DEPTH, LOWER, SHARE
 from gaugeblock.validate.prepared import Prepared
 from gaugeblock.validate.quantiles import quantile_of, roots_of
 

@@ -8,15 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.validate.messages import SHARE
 
 BINS = 4
 # A 95% interval misses five of a hundred: fewer trials than that and a region's coverage is an anecdote.
 LEAST = 100
-# Gaps in regions are judged as in one that holds this share of the trials.
-SHARE = 0.05
-# Splits of a tree that defines regions, and what a component is called that is of one-sided coverage.
-DEPTH = 3
-LOWER = " (lower half)"
 
 
 def as_in_a_twentieth(share: ArrayLike) -> Array:

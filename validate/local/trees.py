@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate.local.regions import DEPTH, SHARE
+from gaugeblock.validate.messages import DEPTH, SHARE
 
 # Where features are split: their quantiles.
 QUANTILES = np.array([0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95])

@@ -18,8 +18,8 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.validate.family import PASS_LEVEL
 from gaugeblock.validate.joint.projections import CENTRAL, LOWEST, directions, pairs
 from gaugeblock.validate.local.local import MOST_REGIONS, NOMINAL, TAUGHT
-from gaugeblock.validate.local.regions import SHARE
 from gaugeblock.validate.marginal.coverage import LEVELS
+from gaugeblock.validate.messages import SHARE
 from gaugeblock.validate.planning.limit_process import QUANTITIES, LimitProcess, hidden_by
 from gaugeblock.validate.planning.rank_power import RankFault, smallest
 from gaugeblock.validate.policy import Policy
