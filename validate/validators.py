@@ -56,7 +56,7 @@ VALIDATORS: Mapping[str, Validator] = {
     "tails": Validator(tails, (pit, effective_draws, outliers)),
     "joint": Validator(joint, STATISTICS),
     "density": Validator(density, (ratios,)),
-    "local": Validator(local, (pit, half_widths, location, channels)),
+    "local": Validator(local, (pit, half_widths, location)),
     "c2st": Validator(c2st, (candidates,)),
     "informed": Validator(informed, (pools,)),
     "lc2st": Validator(lc2st, (candidates,)),

@@ -16,7 +16,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.validate.check import circular_parameters
 from gaugeblock.validate.learned.discriminant import normal_scores
 from gaugeblock.validate.learned.informed.challenger import SPLIT_CHANNELS
-from gaugeblock.validate.learned.informed.data import channel_names, channels, data_of
+from gaugeblock.validate.learned.informed.data import all_channels, channel_names, data_of
 from gaugeblock.validate.learned.informed.ridge import fit_ridge
 from gaugeblock.validate.prepared import Prepared, TrialBlock
 from gaugeblock.validate.ranks import truth_weight
@@ -88,7 +88,7 @@ def _channels(prepared: Prepared, taught: Rows) -> Declared:
     """Values of x, in its own units: all if they are few, else those that foretell ranks or truths most."""
     if "x" not in prepared.main:
         return Declared((), np.empty((len(prepared.trial), 0)), ())
-    values = prepared.per_trial(channels)
+    values = prepared.once(all_channels)
     names = np.array(channel_names(prepared.main["x"].shape[1:]))
     if values.shape[1] > SPLIT_CHANNELS:
         rank = prepared.pit[taught] - 0.5
@@ -121,8 +121,7 @@ def _expected(prepared: Prepared, taught: Rows) -> tuple[Array, list[str]]:
     """What a regression on all of x expects of each parameter that is not circular, in its own unit."""
     circular = circular_parameters(prepared.main)
     straight = [k for k in range(len(prepared.parameters)) if k not in circular]
-    data = data_of(prepared, np.arange(len(prepared.trial)))
-    inputs = np.concatenate([data.channels, data.features], axis=1)
+    inputs = data_of(prepared, np.arange(len(prepared.trial))).values
     truth = prepared.theta_true[taught][:, straight]
     level = special.ndtr(fit_ridge(inputs[taught], normal_scores(truth, truth))(inputs))
     known, place = np.sort(truth, axis=0), np.arange(len(truth)) / max(len(truth) - 1, 1)
