@@ -252,7 +252,7 @@ def measured(kind, sizes, estimate, error):
 
 def test_sizes_in_between_lie_on_a_line_and_a_gap_in_what_is_caught_counts():
     reach = {"local.coverage[a]": 3.0, "informed.rank": 3.0}
-    needed = 0.1 + (3.0 + math.sqrt(2) * 1.2815515) * 0.05
+    needed = POLICY.tolerance.local + (3.0 + math.sqrt(2) * 1.2815515) * 0.05
     above = [needed - 0.1, needed + 0.1, needed + 0.2]
     (found,) = ladder([measured("region[a]", [1.0, 2.0, 3.0], above, 0.05)], reach, POLICY)
     assert (found.kind, found.parameter, found.caught) == ("region", "a", True)
