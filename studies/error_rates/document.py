@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from scipy import stats
 
-from studies.error_rates import anytime
+from studies.error_rates import anytime, retraining
 from studies.kit import page, plots
 from studies.kit.page import table as rows
 from studies.kit.plots import BLUE, GREY, ORANGE, pyplot
@@ -225,6 +225,11 @@ TABLES: Mapping[str, Callable[[xr.Dataset], str]] = {
     **dict.fromkeys(("shapes-small", "shapes-medium"), _rates("exact posterior", FAIL="FAIL", PASS="PASS")),
     "intervals": _rates("estimator", inside="all true values in the intervals"),
     "shortcut": _rates("on the edge of", FAIL="FAIL", PASS="PASS"),
+    "retraining": _rates(
+        "trainings, all outside the tolerance",
+        **{f"any of {number}": f"PASS, {number}" for number in retraining.TRAININGS},
+        released="release of the best",
+    ),
     "power": power_table,
     "anytime": anytime_table,
     "curves": lambda table: "",  # noqa: ARG005  (a figure says it)

@@ -18,6 +18,7 @@ from studies.kit.results import DOCS, RESULTS, stored
 NAMES = list(parts(RESULTS, 1))
 
 
+ANY_OF = {f"any of {number}": 0.0 for number in (1, 2, 5, 10, 20)}
 SHAPES = ("shapes-small", "shapes-medium")
 
 
@@ -33,6 +34,7 @@ def tables():
         "gate": indicators({"exact": verdict, "bias": verdict}),
         "intervals": indicators({"exact": [{"inside": 1.0}]}),
         "shortcut": indicators({"bias": verdict}),
+        "retraining": indicators({"on the edge": [{"released": 1.0, **ANY_OF}]}),
         **dict.fromkeys(SHAPES, indicators({"Cauchy": verdict})),
         "power": indicators({"exact": verdict, "narrow": verdict}),
         "curves": indicators({f"narrow @ {n}": verdict for n in (100, 200)}),
@@ -54,7 +56,7 @@ def tables():
 
 def test_every_part_has_a_table(tables):
     assert set(tables) == set(TABLES) == set(NAMES)
-    assert set(FIGURE) == set(NAMES) - {"shortcut", "intervals", *SHAPES}
+    assert set(FIGURE) == set(NAMES) - {"shortcut", "retraining", "intervals", *SHAPES}
 
 
 def test_tables_stand_where_the_document_wants_them(tables):
@@ -64,6 +66,7 @@ def test_tables_stand_where_the_document_wants_them(tables):
     once = filled(text, blocks(tables))
     assert filled(once, blocks(tables)) == once
     assert "| exact | default | 1,000 | 50.0% (1.3 to 98.7) | 50.0% (1.3 to 98.7) | `sbc.bias` |" in once
+    assert f"| on the edge |{5 * ' 0.0% (0.0 to 97.5) |'} 100.0% (2.5 to 100.0) |" in once
     assert "| `mmd` |  | 0.0% (0.0 to 8.8) |" in once
     assert "| width 0.5 | 100.0% (29.2 to 100.0) | 0.0% (0.0 to 70.8) | 9, 9, 9 |" in once
     assert (
