@@ -22,13 +22,12 @@ from scipy import special, stats
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import generator
 from gaugeblock.validate.finding import Finding, MeanFinding, QuantileFinding, RootFinding
+from gaugeblock.validate.looks import pass_level, share
 from gaugeblock.validate.quantiles import crossing, mean_error, order_statistic_bounds
 
 REPLICATES = 40_000
 CHUNK = 10_000
 TRIALS = 8192
-# One-sided level of the bounds that must lie inside the tolerance for PASS.
-PASS_LEVEL = 0.95
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,10 +41,11 @@ class Judgeable:
 
 @dataclass(frozen=True, kw_only=True)
 class Bounds:
-    """Per component: simultaneous interval, one-sided 95% bounds, how far outside, p-values of being inside.
+    """Per component: simultaneous interval, one-sided bounds, how far outside, p-values of being inside.
 
     `p_value` and `p_adjusted` are of the null hypothesis that the truth is within tolerance; `critical` is
-    how many standard errors the simultaneous interval reaches (for a quantile: in the binomial count).
+    how many standard errors the simultaneous interval reaches (for a quantile: in the binomial count), and
+    `critical_next` at the next look.
     """
 
     low: Array
@@ -55,6 +55,7 @@ class Bounds:
     p_value: Array
     p_adjusted: Array
     critical: float
+    critical_next: float = 0.0
 
 
 def families(judged: Sequence[Judgeable]) -> list[list[Judgeable]]:
@@ -82,21 +83,29 @@ def exact_bounds(item: Judgeable) -> Bounds:
     )
 
 
-def bounds(family: Sequence[Judgeable], *, budget: float, number: int, seed: int) -> list[Bounds]:
-    """Bounds of each finding of one of `number` families that share `budget`; the seed decides all."""
+def bounds(
+    family: Sequence[Judgeable], *, budget: float, number: int, seed: int, look: int = 1
+) -> list[Bounds]:
+    """Bounds of each finding of one of `number` families that share `budget`; the seed decides all.
+
+    `look` says how often the trials were judged, this time included: each look spends its share.
+    """
     influence = [
         f.influence for item in family if isinstance(f := item.finding, MeanFinding | QuantileFinding)
     ]
     dof = max(influence[0].shape[1] - 1, 1)
     largest = maxima(influence, seed=seed)
-    critical = float(np.quantile(largest, 1 - budget / number, method="higher"))
+    critical, following = (
+        float(np.quantile(largest, 1 - budget * share(each) / number, method="higher"))
+        for each in (look, look + 1)
+    )
     found = []
     for item in family:
         low, high = bounds_at(item.finding, float(stats.t.sf(critical, dof)), dof)
-        pass_low, pass_high = bounds_at(item.finding, 1 - PASS_LEVEL, dof)
+        pass_low, pass_high = bounds_at(item.finding, 1 - pass_level(look), dof)
         outside, p_value = _outside(item, dof)
         exceeded = len(largest) - np.searchsorted(largest, outside, side="left")
-        adjusted = np.minimum(1.0, number * (1 + exceeded) / (1 + len(largest)))
+        adjusted = np.minimum(1.0, number * (1 + exceeded) / (1 + len(largest)) / share(look))
         found.append(
             Bounds(
                 low=low,
@@ -106,6 +115,7 @@ def bounds(family: Sequence[Judgeable], *, budget: float, number: int, seed: int
                 p_value=p_value,
                 p_adjusted=np.where(outside > 0, adjusted, 1.0),
                 critical=critical,
+                critical_next=following,
             )
         )
     return found

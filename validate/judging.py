@@ -1,9 +1,10 @@
 """From findings and a policy to a verdict.
 
-PASS is an intersection-union test: of every required gate, every component's one-sided 95% bounds lie inside
-the tolerance; that needs no correction for multiplicity. FAIL: some component's simultaneous interval lies
-wholly outside, which happens to an estimator within all tolerances with at most the policy's error budget.
-Everything else is INCONCLUSIVE, with the number of trials that would settle it. Sequences (the
+PASS is an intersection-union test: of every required gate, every component's one-sided bounds lie inside the
+tolerance; that needs no correction for multiplicity. FAIL: some component's simultaneous interval lies wholly
+outside, which happens to an estimator within all tolerances with at most the policy's error budget. Both
+rates, 5% and the budget, are of all looks at a growing audit together (see `looks`). Everything else is
+INCONCLUSIVE, with a range of numbers of trials that would settle it (see `forecast`). Sequences (the
 anytime mode) are judged by betting instead, and beside them only what is counted exactly.
 """
 
@@ -17,7 +18,7 @@ from scipy import special
 
 from gaugeblock.validate.anytime.sequential import answered, only_counts, sequence_gates
 from gaugeblock.validate.controls.ladder import ladder
-from gaugeblock.validate.family import PASS_LEVEL, Bounds, Judgeable, bounds, exact_bounds, families
+from gaugeblock.validate.family import Bounds, Judgeable, bounds, exact_bounds, families
 from gaugeblock.validate.finding import (
     CountFinding,
     Finding,
@@ -26,20 +27,26 @@ from gaugeblock.validate.finding import (
     QuantileFinding,
     SequenceFinding,
 )
-from gaugeblock.validate.marginal.half_widths import NEAR
+from gaugeblock.validate.forecast import forecast
+from gaugeblock.validate.looks import share
 from gaugeblock.validate.messages import gate_message
 from gaugeblock.validate.policy import Policy, covers
 from gaugeblock.validate.verdict import Gate, Outcome, Verdict, combine
 
 
 def judge(
-    findings: Sequence[Finding], not_checked: Sequence[NotChecked], policy: Policy, *, seed: int
+    findings: Sequence[Finding],
+    not_checked: Sequence[NotChecked],
+    policy: Policy,
+    *,
+    seed: int,
+    look: int = 1,
 ) -> Verdict:
     """Hold every finding that the policy has a tolerance for against it.
 
     A gate that is not required blocks when it FAILs, but need not PASS. A required gate without a finding
     makes the verdict INCONCLUSIVE. `seed` is of the bootstrap: the same findings, policy and seed give the
-    same verdict.
+    same verdict. `look` counts how often these trials, or the first of them, were judged, this time included.
     """
     judged = [item for finding in findings if (item := _judgeable(finding, policy)) is not None]
     sequences = [finding for finding in findings if isinstance(finding, SequenceFinding)]
@@ -49,9 +56,9 @@ def judge(
     grouped = families(judged)
     known: dict[str, Bounds] = {item.finding.id: exact_bounds(item) for item in judged}
     for family in grouped:
-        found = bounds(family, budget=policy.error_budget, number=len(grouped), seed=seed)
+        found = bounds(family, budget=policy.error_budget, number=len(grouped), seed=seed, look=look)
         known |= {item.finding.id: bound for item, bound in zip(family, found, strict=True)}
-    gates = [_gate(item, known[item.finding.id], policy) for item in judged]
+    gates = [_gate(item, known[item.finding.id], policy, seed=seed, look=look) for item in judged]
     gates += sequence_gates(sequences, policy)
     gates += _missing(gates, not_checked, policy)
     required = [gate.outcome for gate in gates if gate.required]
@@ -83,7 +90,7 @@ def _judgeable(finding: Finding, policy: Policy) -> Judgeable | None:
     return Judgeable(finding=finding, low=low, high=high)
 
 
-def _gate(item: Judgeable, bound: Bounds, policy: Policy) -> Gate:
+def _gate(item: Judgeable, bound: Bounds, policy: Policy, *, seed: int, look: int) -> Gate:
     finding = item.finding
     fails = (bound.high < item.low) | (bound.low > item.high)
     passes = (bound.pass_low >= item.low) & (bound.pass_high <= item.high)
@@ -91,7 +98,9 @@ def _gate(item: Judgeable, bound: Bounds, policy: Policy) -> Gate:
     worst = _worst(item, bound, fails)
     tolerance = item.low if finding.sense == "at-least" else item.high
     detectable = smallest_detectable(item, bound, policy.planning.power)
-    settle = trials_to_settle(item, bound, policy.planning.power) if outcome is Outcome.INCONCLUSIVE else None
+    foretold = None
+    if outcome is Outcome.INCONCLUSIVE:
+        foretold = forecast(item, bound, look=look, seed=seed)
     return Gate(
         id=finding.id,
         outcome=outcome,
@@ -103,10 +112,15 @@ def _gate(item: Judgeable, bound: Bounds, policy: Policy) -> Gate:
         p_adjusted=_known(bound.p_adjusted[worst]),
         n_trials=finding.n_trials,
         smallest_detectable=detectable,
-        trials_to_settle=settle,
+        trials_to_settle=None if foretold is None else foretold.high,
+        trials_to_settle_range=foretold,
         component=finding.components[worst],
         message=gate_message(
-            item, bound, fails, outcome, worst, policy=policy, smallest_detectable=detectable, settle=settle
+            *(item, bound, fails, outcome, worst),
+            budget=policy.error_budget * share(look),
+            power=policy.planning.power,
+            smallest_detectable=detectable,
+            settled_by="" if foretold is None else str(foretold),
         ),
         required=policy.requires(finding.id),
     )
@@ -149,34 +163,6 @@ def smallest_detectable(item: Judgeable, bound: Bounds, power: float) -> float |
     if not (0 <= rank < n and value > 0 and np.isfinite(value)):
         return None
     return float(edge * finding.estimate[0] / value)
-
-
-def trials_to_settle(item: Judgeable, bound: Bounds, power: float) -> int | None:
-    """Number of trials at which the gate would PASS or FAIL with probability `power`.
-
-    The true faults are taken to be the estimates, shrunk together by the share of them that noise explains
-    (James & Stein 1961): the worst of sixty noisy gaps is not a forecast. None where a fault is as large as
-    what is tolerated, which no number of trials settles.
-    """
-    finding = item.finding
-    n = finding.n_trials
-    spare = float(special.ndtri(power))
-    pass_reach, fail_reach = float(special.ndtri(PASS_LEVEL)) + spare, bound.critical + spare
-    if isinstance(finding, QuantileFinding) and finding.sense != "two-sided":
-        at_least, q = finding.sense == "at-least", float(finding.quantile[0])
-        share = float(np.mean(finding.values < item.low if at_least else finding.values <= item.high))
-        reach = pass_reach if (share < q) == at_least else fail_reach
-        needed = q * (1 - q) * (reach / abs(q - share)) ** 2 if share != q else math.inf
-    else:
-        error = np.maximum(finding.standard_error, NEAR)
-        square = float(np.sum((finding.estimate / error) ** 2))
-        fault = finding.estimate * max(0.0, 1 - len(error) / max(square, len(error)))
-        margin = np.minimum(fault - item.low, item.high - fault)
-        with np.errstate(divide="ignore"):
-            inside = float(n * ((pass_reach * error / margin) ** 2).max())
-            outside = n * (fail_reach * error / margin) ** 2
-        needed = inside if (margin >= 0).all() else float(outside[margin < 0].min())
-    return max(n + 1, math.ceil(needed)) if needed < 1e12 else None
 
 
 def _missing(gates: Sequence[Gate], not_checked: Sequence[NotChecked], policy: Policy) -> list[Gate]:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from gaugeblock.validate.family import Bounds, Judgeable
 from gaugeblock.validate.finding import CountFinding, SequenceFinding
-from gaugeblock.validate.policy import Policy
 from gaugeblock.validate.verdict import Outcome
 
 # What the coverage gates call a component: "parameter @ level".
@@ -34,25 +33,25 @@ def gate_message(
     outcome: Outcome,
     worst: int,
     *,
-    policy: Policy,
+    budget: float,
+    power: float,
     smallest_detectable: float | None,
-    settle: int | None,
+    settled_by: str,
 ) -> str:
-    """One line for one gate."""
+    """One line for one gate; intervals hold together with probability 1 - `budget`."""
     quantity = item.finding.quantity
-    level = f"{100 * (1 - policy.error_budget):g}% simultaneous"
+    level = f"{100 * (1 - budget):.3g}% simultaneous"
     if isinstance(item.finding, CountFinding):
         return _count(item)
     described = _DESCRIBE.get(quantity, _plain)(item, bound, _shown(item, fails, worst), level)
     if outcome is Outcome.FAIL:
         return f"{described}. {_advice(item, fails)}"
     if outcome is Outcome.INCONCLUSIVE:
-        more = f"about {settle:,} would" if settle else "the fault is as large as what is tolerated"
-        return f"{described}: {item.finding.n_trials:,} trials do not settle it; {more}"
+        return f"{described}: {item.finding.n_trials:,} trials do not settle it; {settled_by}"
     if smallest_detectable is None or not math.isfinite(smallest_detectable):
         return described
     fault = _DETECTABLE.get(quantity, _detectable)(smallest_detectable)
-    return f"{described}; {fault} would FAIL with {policy.planning.power:.0%} power"
+    return f"{described}; {fault} would FAIL with {power:.0%} power"
 
 
 def _shown(item: Judgeable, fails: NDArray[np.bool_], worst: int) -> list[int]:

@@ -48,10 +48,11 @@ class Gate(Value):
     """One finding held against one tolerance.
 
     `statistic` is the worst component's estimate; `interval` its simultaneous interval at the policy's error
-    budget (outside the tolerance means FAIL); `pass_interval` the one-sided 95% bounds that must lie inside
-    the tolerance for PASS; `smallest_detectable` the size of a true fault beyond which this gate FAILs with
-    the policy's planning power at this number of trials; `trials_to_settle` how many trials would decide an
-    INCONCLUSIVE gate with that power, if the true faults are the estimates, shrunk for their noise.
+    budget (outside the tolerance means FAIL); `pass_interval` the one-sided bounds that must lie inside the
+    tolerance for PASS, so that over all looks 95% are right; `smallest_detectable` the size of a true fault
+    beyond which this gate FAILs with the policy's planning power at this number of trials;
+    `trials_to_settle_range` the numbers of trials by which an INCONCLUSIVE gate is decided in one and in nine
+    of ten futures (None: in none that was looked at), `trials_to_settle` the latter.
     """
 
     id: str
@@ -68,6 +69,7 @@ class Gate(Value):
     component: str
     message: str
     required: bool = True
+    trials_to_settle_range: tuple[int | None, int | None] | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Plain data with the contract's keys; JSON null, never NaN."""
@@ -83,6 +85,7 @@ class Gate(Value):
             "n_trials": self.n_trials,
             "smallest_detectable": _plain(self.smallest_detectable),
             "trials_to_settle": self.trials_to_settle,
+            "trials_to_settle_range": self.trials_to_settle_range and list(self.trials_to_settle_range),
             "component": self.component,
             "required": self.required,
             "message": self.message,

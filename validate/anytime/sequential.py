@@ -81,9 +81,10 @@ def _gate(finding: SequenceFinding, found: Evidence, policy: Policy, outcome: Ou
         fault & fail,
         outcome,
         worst,
-        policy=policy,
+        budget=policy.error_budget,
+        power=policy.planning.power,
         smallest_detectable=detectable,
-        settle=settle,
+        settled_by=f"about {settle:,} would" if settle else "the fault is as large as what is tolerated",
     )
     return Gate(
         id=finding.id,

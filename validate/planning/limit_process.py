@@ -16,7 +16,7 @@ import numpy as np
 from scipy import special, stats
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate.family import PASS_LEVEL
+from gaugeblock.validate.looks import pass_level, share
 from gaugeblock.validate.marginal.coverage import LEVELS
 from gaugeblock.validate.marginal.coverage import STEADYING as COUNTED_MORE
 from gaugeblock.validate.marginal.half_widths import LEVELS as WIDTHS
@@ -96,19 +96,19 @@ class LimitProcess:
         within = self._maxima
         # All parameters within and all further comparisons: the smallest value that holds often enough.
         together = held**self.parameters * (1 - 2 * special.ndtr(-within)) ** self.further
-        first = int(np.searchsorted(together, 1 - error_budget / self.families))
+        first = int(np.searchsorted(together, 1 - error_budget * share(1) / self.families))
         normal = float(within[min(first, REPLICATES - 1)])
         return float(stats.t.isf(special.ndtr(-normal), trials - 1))
 
     def pass_probability(self, trials: int, tolerance: Tolerance) -> float:
         """Probability that an exact estimator PASSes all gates."""
-        one_sided = stats.t.ppf(PASS_LEVEL, trials - 1)
+        one_sided = stats.t.ppf(pass_level(), trials - 1)
         spare = tolerated(tolerance) / self.standard_errors(trials) - one_sided
         return float(np.mean((self._replicates <= spare).all(axis=1)) ** self.parameters)
 
     def curve_pass_probability(self, trials: int, tolerance: float) -> float:
         """Probability that one coverage curve of an exact estimator, at twelve levels, PASSes."""
-        one_sided = stats.t.ppf(PASS_LEVEL, trials - 1)
+        one_sided = stats.t.ppf(pass_level(), trials - 1)
         spare = tolerance / self.standard_errors(trials)[-len(_LEVEL) :] - one_sided
         return float(np.mean((self._replicates[:, -len(_LEVEL) :] <= spare).all(axis=1)))
 

@@ -1,0 +1,109 @@
+"""How many trials would settle an INCONCLUSIVE gate: a range, from what is known of the fault.
+
+The fault is drawn as the trials leave it, the estimate shrunk by what noise explains of it and no better
+known than that; further trials are drawn around it; the next look is taken at growing numbers of them. The
+range holds the number at which the gate first settles in 80% of such futures.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import NamedTuple
+
+import numpy as np
+from scipy import special
+
+from gaugeblock.core.arrays import Array
+from gaugeblock.core.streams import generator
+from gaugeblock.validate.family import Bounds, Judgeable
+from gaugeblock.validate.finding import MeanFinding, QuantileFinding
+from gaugeblock.validate.looks import pass_level
+from gaugeblock.validate.marginal.half_widths import NEAR
+
+FUTURES = 500
+# Looks at numbers of trials that grow by this factor, until there are some 300 times as many.
+GROWTH, LOOKS = 1.15, 41
+LOW, HIGH = 0.1, 0.9
+
+
+class Forecast(NamedTuple):
+    """Numbers of trials: one future of ten is settled by `low`, nine by `high`.
+
+    None where no number of trials that was looked at settles it: the fault may lie on the edge.
+    """
+
+    low: int | None
+    high: int | None
+
+    def __str__(self) -> str:
+        if self.low is None:
+            return "it lies on the edge of what is tolerated, which no number of trials may settle"
+        if self.high is None:
+            return f"{self.low:,} might, but it may lie on the edge of what is tolerated"
+        return f"{self.low:,} to {self.high:,} would"
+
+
+def forecast(item: Judgeable, bound: Bounds, *, look: int, seed: int) -> Forecast:
+    """When the gate of a finding would settle at the look after this one."""
+    estimate, error, low, high = _reduced(item)
+    n, root = item.finding.n_trials, _root(item, len(estimate))
+    noise = error[:, None] * root  # of all trials so far, ``(component, source)``
+    square = float(np.sum((estimate / error) ** 2))
+    # James & Stein 1961: the worst of sixty noisy gaps is not a forecast. One or two are as they are.
+    known = max(0.0, 1 - max(len(error) - 2, 0) / max(square, 1e-300))
+    rng = generator(seed, "forecast", len(estimate), n)
+
+    def drawn() -> Array:
+        return rng.standard_normal((FUTURES, root.shape[1])) @ noise.T
+
+    fault = known * estimate + math.sqrt(known) * drawn()
+    number = n * GROWTH ** np.arange(LOOKS + 1)
+    pass_reach = float(special.ndtri(pass_level(look + 1)))
+    total, settled = np.broadcast_to(n * estimate, fault.shape), np.full(FUTURES, np.inf)
+    for before, after in itertools.pairwise(number):
+        more = after - before
+        total = total + more * fault + math.sqrt(more * n) * drawn()
+        mean, spread = total / after, error * math.sqrt(n / after)
+        passes = ((mean - pass_reach * spread >= low) & (mean + pass_reach * spread <= high)).all(axis=1)
+        far = bound.critical_next * spread
+        fails = ((mean + far < low) | (mean - far > high)).any(axis=1)
+        settled = np.where(np.isinf(settled) & (passes | fails), after, settled)
+    first, last = np.quantile(settled, [LOW, HIGH], method="higher")
+    return Forecast(_rounded(float(first)), _rounded(float(last)))
+
+
+def _reduced(item: Judgeable) -> tuple[Array, Array, Array | float, Array | float]:
+    """Estimates, their errors and what is tolerated; of a one-sided quantile the share on its wrong side."""
+    finding = item.finding
+    if isinstance(finding, QuantileFinding) and finding.sense != "two-sided":
+        at_least, q = finding.sense == "at-least", float(finding.quantile[0])
+        values = finding.values[0]
+        wrong = float(np.mean(values < item.low if at_least else values > item.high))
+        allowed = q if at_least else 1 - q
+        return np.array([wrong - allowed]), np.array([math.sqrt(q * (1 - q) / len(values))]), -math.inf, 0.0
+    return finding.estimate, np.maximum(finding.standard_error, NEAR), item.low, item.high
+
+
+def _root(item: Judgeable, components: int) -> Array:
+    """A root of the correlation of the components' noise, ``(component, source)``."""
+    finding = item.finding
+    if components == 1 or not isinstance(finding, MeanFinding | QuantileFinding):
+        return np.eye(components)
+    influence = finding.influence
+    scale = np.sqrt((influence**2).sum(axis=1, keepdims=True))
+    values, vectors = np.linalg.eigh((influence @ influence.T) / np.maximum(scale * scale.T, 1e-300))
+    rooted = vectors * np.sqrt(np.maximum(values, 0))
+    return np.where(scale > 0, rooted, np.eye(components))
+
+
+def _rounded(number: float) -> int | None:
+    """Upwards, to two digits: nobody plans 1,637 trials.
+
+    >>> _rounded(4123.0), _rounded(1.05e6), _rounded(95.2)
+    (4200, 1100000, 96)
+    """
+    if not math.isfinite(number):
+        return None
+    unit: int = 10 ** max(len(str(math.ceil(number))) - 2, 0)
+    return math.ceil(number / unit) * unit
