@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from gaugeblock.reports.ledger import of_the_ledger
 from gaugeblock.reports.words import count, listed
@@ -16,7 +16,7 @@ DATA = "informed.rank"
 def reason(verdict: Verdict) -> str:
     """A few sentences that say why the verdict is what it is."""
     data = of_the_data(verdict) if verdict.outcome is Outcome.PASS else ""
-    said = [f"{_why(verdict)}{_stopped(verdict)}", data, of_the_ledger(verdict.provenance)]
+    said = [f"{_why(verdict)}{_stopped(verdict)}{_looked(verdict)}", data, of_the_ledger(verdict.provenance)]
     return " ".join(filter(None, said))
 
 
@@ -29,6 +29,15 @@ def of_the_data(verdict: Verdict) -> str:
         return "Calibrated; whether it uses the data could not be checked: the trials hold none."
     said = [gate.message for gate in verdict.gates if gate.id == DATA and gate.outcome is Outcome.PASS]
     return f"On the data: {said[0]}." if said else ""
+
+
+def _looked(verdict: Verdict) -> str:
+    """That the audit was judged before, with fewer or more trials, where the provenance says so."""
+    look, looks = verdict.provenance.get("look", 1), verdict.provenance.get("looks", [])
+    if look < 2:
+        return ""
+    before = ", ".join(f"{number:,}" for number in looks[: look - 1])
+    return f" Look {look} at this audit, after {before} trials; the error rates are of all looks together."
 
 
 def _stopped(verdict: Verdict) -> str:
@@ -66,12 +75,23 @@ def _why(verdict: Verdict) -> str:
             f"{len(unsettled):,} of {count(len(required), 'required gate')} could not be decided: "
             f"{listed([gate.id for gate in unsettled], most=4)}."
         )
-        wanted = [gate.trials_to_settle for gate in unsettled]
-        known = [trials for trials in wanted if trials is not None]
-        if len(known) == len(wanted):
-            trials = count(round_up(max(known)), "trial")
-            said.append(f"About {trials} would settle it, if the estimates hold.")
-    return " ".join(said)
+        said.append(_settled_by(unsettled))
+    return " ".join(part for part in said if part)
+
+
+def _settled_by(unsettled: Sequence[Gate]) -> str:
+    """How many trials settle all that is open, as far as that can be foretold."""
+    wanted = [gate.trials_to_settle for gate in unsettled]
+    known = [round_up(trials) for trials in wanted if trials is not None]
+    if len(known) < len(wanted):
+        return ""
+    ranges = [gate.trials_to_settle_range for gate in unsettled]
+    lows = [found[0] for found in ranges if found is not None and found[0] is not None]
+    most = max(known)
+    said = count(most, "trial")
+    if len(lows) == len(known) and max(lows) < most:
+        return f"{max(lows):,} to {said} would settle it, in eight of ten cases; enlarge it in its folder."
+    return f"About {said} would settle it, if the estimates hold."
 
 
 def is_computed(gate: Gate) -> bool:

@@ -100,8 +100,8 @@ def test_a_bias_that_changes_sign_with_the_data_reads_as_narrow():
 
 def test_a_constant_error_of_the_density_moves_no_weight(zoo_trials):
     """Efficiency, k-hat and ranks stay as they are (up to rounding); the evidence moves by the error."""
-    sound, _ = audited(zoo_trials(None, 300, 50, seed=6))
-    wrong, outcomes = audited(zoo_trials("unnormalised", 300, 50, seed=6, size=0.5))
+    sound, _ = audited(zoo_trials(None, 300, 120, seed=6))
+    wrong, outcomes = audited(zoo_trials("unnormalised", 300, 120, seed=6, size=0.5))
     assert blind(outcomes, *MARGINAL, "importance.ess")
     for name in ("importance.ess", "importance.khat", "sbc.bias[theta_1]"):
         np.testing.assert_allclose(wrong[name].estimate, sound[name].estimate, atol=1e-9)

@@ -24,7 +24,15 @@ from gaugeblock.auditing.kept_seed import kept_seed
 from gaugeblock.auditing.ledger import check_ledger, entered
 from gaugeblock.auditing.observation import read_observation, trials_around
 from gaugeblock.auditing.phases import end_phase, ended
-from gaugeblock.auditing.provenance import FORMAT, digests, finished_audit, named, title
+from gaugeblock.auditing.provenance import (
+    FORMAT,
+    digests,
+    finished_audit,
+    look_of,
+    looks_at,
+    named,
+    title,
+)
 from gaugeblock.auditing.result import Audit, write_arrays
 from gaugeblock.auditing.samples import untrusted
 from gaugeblock.auditing.trials_from import any_trials
@@ -343,7 +351,7 @@ def judge(
         content = finished_audit(folder)
         earlier, baseline = content["provenance"], kept_baseline(content)
     chosen = int(earlier.get("seed") or 0) if seed is None else seed
-    verdict = judged(findings, not_checked, rules, seed=chosen)
+    verdict = judged(findings, not_checked, rules, seed=chosen, look=look_of(earlier))
     plain_rules = rules.model_dump(mode="json")
     record = {
         **earlier,
@@ -376,7 +384,6 @@ def _judged(
     progress("validators", 0, 1)
     findings, not_checked = run_validators(trials, seed=seed, select=validators)
     progress("validators", 1, 1)
-    verdict = judged(findings, not_checked, policy, seed=seed)
     record = plain_data(
         {
             "ledger": None,
@@ -389,6 +396,9 @@ def _judged(
         }
     )
     record["sha256"] = digests(record)
+    if not record.get("trials", {}).get("anytime"):
+        record |= looks_at(out, record, trials.sizes["trial"])
+    verdict = judged(findings, not_checked, policy, seed=seed, look=look_of(record))
     if out is not None:
         record["sha256"]["trials"] = write_arrays(trials, findings, not_checked, out)
     verdict = explained(replace(verdict, provenance=record), trials)

@@ -26,7 +26,7 @@ from gaugeblock.auditing.compare import (
 )
 from gaugeblock.auditing.explain import explained
 from gaugeblock.auditing.identity import versions
-from gaugeblock.auditing.provenance import FORMAT, digests, finished_audit, title
+from gaugeblock.auditing.provenance import FORMAT, digests, finished_audit, look_of, title
 from gaugeblock.auditing.watch import watched
 from gaugeblock.core.digest import file_digest
 from gaugeblock.core.errors import InputError
@@ -132,7 +132,9 @@ def _derived(
     check_validators(select or ())
     seed = _seed(record, "seed", 0)
     findings, not_checked = run_validators(tree, seed=seed, select=select)
-    verdict = judge(findings, not_checked, policy, seed=_seed(record, "judge_seed", seed))
+    verdict = judge(
+        findings, not_checked, policy, seed=_seed(record, "judge_seed", seed), look=look_of(record)
+    )
     verdict = explained(replace(verdict, provenance=dict(record)), tree)
     if earlier is not None:
         verdict = replace(verdict, baseline=compared(earlier, verdict, findings))
