@@ -22,8 +22,8 @@ from gaugeblock.validate.looks import pass_level
 from gaugeblock.validate.marginal.half_widths import NEAR
 
 FUTURES = 500
-# Looks at numbers of trials that grow by this factor, until there are some 300 times as many.
-GROWTH, LOOKS = 1.15, 41
+# Looks at numbers of trials that grow by this factor, until there are some 5,000 times as many.
+GROWTH, LOOKS = 1.15, 61
 LOW, HIGH = 0.1, 0.9
 
 

@@ -38,7 +38,7 @@ CASES = {
     "leaking": Case(("importance.ess",), {"size": 0.4}, policy="strict"),
     "some_nan": Case(("draws.finite",), trials=200),
     "fixed_seed": Case(("coverage.central",), trials=1000, draws=20),
-    "unnormalised": Case(("density.normalisation",)),
+    "unnormalised": Case(("density.normalisation",), draws=120),
     "wrong_when_bright": Case(("local.coverage",), {"size": 0.5}, trials=1500),
 }
 
