@@ -118,7 +118,7 @@ def gate_bar(
     key: str,
     name: str,
 ) -> Markup | None:
-    """Tolerated range shaded, simultaneous interval thin, one-sided 95% bounds thick, estimate a dot.
+    """Tolerated range shaded, simultaneous interval thin, one-sided bounds thick, estimate a dot.
 
     Two-sided gates are drawn in units of their tolerance, so that rows compare. None where there is nothing
     to draw: no tolerance to scale by, or no estimate.
