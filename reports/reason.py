@@ -16,7 +16,7 @@ DATA = "informed.rank"
 def reason(verdict: Verdict) -> str:
     """A few sentences that say why the verdict is what it is."""
     data = of_the_data(verdict) if verdict.outcome is Outcome.PASS else ""
-    said = [f"{_why(verdict)}{_stopped(verdict)}{_looked(verdict)}", data, of_the_ledger(verdict.provenance)]
+    said = [f"{_why(verdict)}{_stopped(verdict)}", data, of_looks(verdict), of_the_ledger(verdict.provenance)]
     return " ".join(filter(None, said))
 
 
@@ -31,13 +31,15 @@ def of_the_data(verdict: Verdict) -> str:
     return f"On the data: {said[0]}." if said else ""
 
 
-def _looked(verdict: Verdict) -> str:
-    """That the audit was judged before, with fewer or more trials, where the provenance says so."""
-    look, looks = verdict.provenance.get("look", 1), verdict.provenance.get("looks", [])
-    if look < 2:
-        return ""
-    before = ", ".join(f"{number:,}" for number in looks[: look - 1])
-    return f" Look {look} at this audit, after {before} trials; the error rates are of all looks together."
+def of_looks(verdict: Verdict) -> str:
+    """How often this audit was judged before, with fewer trials or other ones; empty for the first look."""
+    looks, said = verdict.looks, []
+    if looks.number > 1:
+        before = listed([f"{trials:,}" for trials in looks.trials[:-1]], most=8)
+        said.append(f"Look {looks.number} at this audit, after {before} trials: all share the error rates.")
+    if looks.anew:
+        said.append("Looks in its folder at another estimator, policy or seed are not counted.")
+    return " ".join(said)
 
 
 def _stopped(verdict: Verdict) -> str:

@@ -8,7 +8,7 @@ from that matrix and never touch the trials again; dividing by sqrt(chi2 / dof) 
 handful of trials. A root takes part with the mean that crosses 0 there, a quantile with the indicator of
 lying below it; its bounds are the order statistics that miss it no more often than the critical value says,
 exactly, for any distribution.
-Families share the budget equally.
+Families share the budget equally, and looks at one audit as `looks` says.
 """
 
 from __future__ import annotations
@@ -22,12 +22,16 @@ from scipy import special, stats
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import generator
 from gaugeblock.validate.finding import Finding, MeanFinding, QuantileFinding, RootFinding
-from gaugeblock.validate.looks import pass_level, share
+from gaugeblock.validate.looks import share
 from gaugeblock.validate.quantiles import crossing, mean_error, order_statistic_bounds
 
 REPLICATES = 40_000
 CHUNK = 10_000
 TRIALS = 8192
+# One-sided level of the bounds that must lie inside the tolerance for PASS, over all looks.
+PASS_LEVEL = 0.95
+# Replicates beyond a quantile that make it one; deeper in the tail the sum over components is sharp.
+BEYOND = 10
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,8 +48,8 @@ class Bounds:
     """Per component: simultaneous interval, one-sided bounds, how far outside, p-values of being inside.
 
     `p_value` and `p_adjusted` are of the null hypothesis that the truth is within tolerance; `critical` is
-    how many standard errors the simultaneous interval reaches (for a quantile: in the binomial count), and
-    `critical_next` at the next look.
+    how many standard errors the simultaneous interval reaches (for a quantile: in the binomial count),
+    `next_critical` how many it will at the next look.
     """
 
     low: Array
@@ -55,7 +59,16 @@ class Bounds:
     p_value: Array
     p_adjusted: Array
     critical: float
-    critical_next: float = 0.0
+    next_critical: float
+
+
+def pass_level(look: int) -> float:
+    """One-sided level of the bounds that must lie inside the tolerance for PASS, at this look.
+
+    >>> round(pass_level(1), 3), round(pass_level(2), 3)
+    (0.96, 0.995)
+    """
+    return 1 - (1 - PASS_LEVEL) * share(look)
 
 
 def families(judged: Sequence[Judgeable]) -> list[list[Judgeable]]:
@@ -80,24 +93,23 @@ def exact_bounds(item: Judgeable) -> Bounds:
         p_value=none,
         p_adjusted=none,
         critical=0.0,
+        next_critical=0.0,
     )
 
 
 def bounds(
     family: Sequence[Judgeable], *, budget: float, number: int, seed: int, look: int = 1
 ) -> list[Bounds]:
-    """Bounds of each finding of one of `number` families that share `budget`; the seed decides all.
-
-    `look` says how often the trials were judged, this time included: each look spends its share.
-    """
+    """Bounds of each finding of one of `number` families that share `budget`; the seed decides all."""
     influence = [
         f.influence for item in family if isinstance(f := item.finding, MeanFinding | QuantileFinding)
     ]
     dof = max(influence[0].shape[1] - 1, 1)
     largest = maxima(influence, seed=seed)
+    components = sum(map(len, influence))
     critical, following = (
-        float(np.quantile(largest, 1 - budget * share(each) / number, method="higher"))
-        for each in (look, look + 1)
+        _critical(largest, budget * share(at) / number, components=components, dof=dof)
+        for at in (look, look + 1)
     )
     found = []
     for item in family:
@@ -105,7 +117,8 @@ def bounds(
         pass_low, pass_high = bounds_at(item.finding, 1 - pass_level(look), dof)
         outside, p_value = _outside(item, dof)
         exceeded = len(largest) - np.searchsorted(largest, outside, side="left")
-        adjusted = np.minimum(1.0, number * (1 + exceeded) / (1 + len(largest)) / share(look))
+        tail = np.minimum((1 + exceeded) / (1 + len(largest)), 2 * components * stats.t.sf(outside, dof))
+        adjusted = np.minimum(1.0, number * tail / share(look))
         found.append(
             Bounds(
                 low=low,
@@ -115,10 +128,21 @@ def bounds(
                 p_value=p_value,
                 p_adjusted=np.where(outside > 0, adjusted, 1.0),
                 critical=critical,
-                critical_next=following,
+                next_critical=following,
             )
         )
     return found
+
+
+def _critical(largest: Array, level: float, *, components: int, dof: int) -> float:
+    """What the largest |t| exceeds with probability `level`: of replicates, or at most, far out.
+
+    >>> round(_critical(np.linspace(0, 3, 1001), 0.05, components=4, dof=99), 2)
+    2.85
+    """
+    if level * len(largest) >= BEYOND:
+        return float(np.quantile(largest, 1 - level, method="higher"))
+    return float(stats.t.isf(level / (2 * components), dof))
 
 
 def bounds_at(finding: Finding, tail: float, dof: int) -> tuple[Array, Array]:

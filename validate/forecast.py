@@ -16,9 +16,8 @@ from scipy import special
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import generator
-from gaugeblock.validate.family import Bounds, Judgeable
+from gaugeblock.validate.family import Bounds, Judgeable, pass_level
 from gaugeblock.validate.finding import MeanFinding, QuantileFinding
-from gaugeblock.validate.looks import pass_level
 from gaugeblock.validate.marginal.half_widths import NEAR
 
 FUTURES = 500
@@ -66,7 +65,7 @@ def forecast(item: Judgeable, bound: Bounds, *, look: int, seed: int) -> Forecas
         total = total + more * fault + math.sqrt(more * n) * drawn()
         mean, spread = total / after, error * math.sqrt(n / after)
         passes = ((mean - pass_reach * spread >= low) & (mean + pass_reach * spread <= high)).all(axis=1)
-        far = bound.critical_next * spread
+        far = bound.next_critical * spread
         fails = ((mean + far < low) | (mean - far > high)).any(axis=1)
         settled = np.where(np.isinf(settled) & (passes | fails), after, settled)
     first, last = np.quantile(settled, [LOW, HIGH], method="higher")

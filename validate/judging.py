@@ -28,7 +28,7 @@ from gaugeblock.validate.finding import (
     SequenceFinding,
 )
 from gaugeblock.validate.forecast import forecast
-from gaugeblock.validate.looks import share
+from gaugeblock.validate.looks import Looks, share
 from gaugeblock.validate.messages import gate_message
 from gaugeblock.validate.policy import Policy, covers
 from gaugeblock.validate.verdict import Gate, Outcome, Verdict, combine
@@ -40,14 +40,15 @@ def judge(
     policy: Policy,
     *,
     seed: int,
-    look: int = 1,
+    looks: Looks | None = None,
 ) -> Verdict:
     """Hold every finding that the policy has a tolerance for against it.
 
     A gate that is not required blocks when it FAILs, but need not PASS. A required gate without a finding
     makes the verdict INCONCLUSIVE. `seed` is of the bootstrap: the same findings, policy and seed give the
-    same verdict. `look` counts how often these trials, or the first of them, were judged, this time included.
+    same verdict. `looks` says at how many trials this audit was judged before; without, at none.
     """
+    looks = looks or Looks()
     judged = [item for finding in findings if (item := _judgeable(finding, policy)) is not None]
     sequences = [finding for finding in findings if isinstance(finding, SequenceFinding)]
     if sequences:
@@ -56,9 +57,9 @@ def judge(
     grouped = families(judged)
     known: dict[str, Bounds] = {item.finding.id: exact_bounds(item) for item in judged}
     for family in grouped:
-        found = bounds(family, budget=policy.error_budget, number=len(grouped), seed=seed, look=look)
+        found = bounds(family, budget=policy.error_budget, number=len(grouped), seed=seed, look=looks.number)
         known |= {item.finding.id: bound for item, bound in zip(family, found, strict=True)}
-    gates = [_gate(item, known[item.finding.id], policy, seed=seed, look=look) for item in judged]
+    gates = [_gate(item, known[item.finding.id], policy, seed=seed, look=looks.number) for item in judged]
     gates += sequence_gates(sequences, policy)
     gates += _missing(gates, not_checked, policy)
     required = [gate.outcome for gate in gates if gate.required]
@@ -67,6 +68,7 @@ def judge(
         outcome=Outcome.FAIL if failed else combine(required),
         gates=tuple(gates),
         not_checked=tuple(not_checked),
+        looks=looks,
         suggestions=tuple(item for finding in findings for item in finding.suggestions),
         controls=ladder(findings, {name: bound.critical for name, bound in known.items()}, policy),
     )

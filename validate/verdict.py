@@ -10,6 +10,7 @@ from typing import Any
 
 from gaugeblock.core.values import Value
 from gaugeblock.validate.finding import NotChecked, Suggestion
+from gaugeblock.validate.looks import Looks
 
 
 class Outcome(StrEnum):
@@ -127,6 +128,7 @@ class Verdict(Value):
 
     outcome: Outcome
     gates: tuple[Gate, ...]
+    looks: Looks = field(default_factory=Looks)
     not_checked: tuple[NotChecked, ...] = ()
     provenance: dict[str, Any] = field(default_factory=dict)
     suggestions: tuple[Suggestion, ...] = ()
@@ -144,6 +146,7 @@ class Verdict(Value):
         return {
             "verdict": self.outcome.value,
             "gates": [gate.to_json() for gate in self.gates],
+            "looks": self.looks.to_json(),
             "not_checked": [{"id": item.id, "why": item.why} for item in self.not_checked],
             "suggestions": [{"text": item.text, "toml": item.toml} for item in self.suggestions],
             "baseline": self.baseline,

@@ -9,7 +9,18 @@ from pathlib import Path
 from typing import Any
 
 from gaugeblock.core.progress import Bars
-from studies.error_rates import anytime, curves, gate, intervals, power, retraining, shapes, shortcut, size
+from studies.error_rates import (
+    anytime,
+    curves,
+    gate,
+    intervals,
+    looks,
+    power,
+    retraining,
+    shapes,
+    shortcut,
+    size,
+)
 from studies.error_rates.document import document
 from studies.error_rates.replicates import Part, run
 from studies.kit.command import carried_out, given, parser
@@ -27,6 +38,7 @@ def parts(work: Path, seed: int, **options: Any) -> dict[str, Callable[[], Part]
         "shapes-medium": partial(shapes.part, "1,000 x 250"),
         "intervals": lambda: intervals.part(work, seed=seed, **options),
         "shortcut": shortcut.part,
+        "looks": looks.part,
         "retraining": retraining.part,
         "power": power.part,
         "curves": curves.part,

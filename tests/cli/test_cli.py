@@ -17,6 +17,7 @@ from gaugeblock.validate import main_trials, make_trials, read_trials, write_tri
 FILES = (
     *("trials.nc", "findings.nc", "verdict.json", "junit.xml", "summary.md", "report.html"),
     "model_card.md",
+    "looks.json",
 )
 TOY = ("--set", "simulator.name=linear_gaussian", "--set", "estimator.name=exact")
 

@@ -131,6 +131,7 @@ def _bounds(found: Evidence, worst: int, threshold: float) -> Bounds:
         p_value=spread[4],
         p_adjusted=spread[5],
         critical=math.nan,
+        next_critical=math.nan,
     )
 
 

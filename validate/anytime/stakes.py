@@ -18,8 +18,8 @@ from scipy import special
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.anytime.wager import AIMED, BOLD
 from gaugeblock.validate.anytime.wager_units import Question, question
+from gaugeblock.validate.family import PASS_LEVEL
 from gaugeblock.validate.finding import SequenceFinding
-from gaugeblock.validate.looks import PASS_LEVEL
 from gaugeblock.validate.policy import Policy
 from gaugeblock.validate.verdict import Outcome
 

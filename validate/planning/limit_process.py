@@ -16,7 +16,8 @@ import numpy as np
 from scipy import special, stats
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate.looks import pass_level, share
+from gaugeblock.validate.family import pass_level
+from gaugeblock.validate.looks import share
 from gaugeblock.validate.marginal.coverage import LEVELS
 from gaugeblock.validate.marginal.coverage import STEADYING as COUNTED_MORE
 from gaugeblock.validate.marginal.half_widths import LEVELS as WIDTHS
@@ -102,13 +103,13 @@ class LimitProcess:
 
     def pass_probability(self, trials: int, tolerance: Tolerance) -> float:
         """Probability that an exact estimator PASSes all gates."""
-        one_sided = stats.t.ppf(pass_level(), trials - 1)
+        one_sided = stats.t.ppf(pass_level(1), trials - 1)
         spare = tolerated(tolerance) / self.standard_errors(trials) - one_sided
         return float(np.mean((self._replicates <= spare).all(axis=1)) ** self.parameters)
 
     def curve_pass_probability(self, trials: int, tolerance: float) -> float:
         """Probability that one coverage curve of an exact estimator, at twelve levels, PASSes."""
-        one_sided = stats.t.ppf(pass_level(), trials - 1)
+        one_sided = stats.t.ppf(pass_level(1), trials - 1)
         spare = tolerance / self.standard_errors(trials)[-len(_LEVEL) :] - one_sided
         return float(np.mean((self._replicates[:, -len(_LEVEL) :] <= spare).all(axis=1)))
 

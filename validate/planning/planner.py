@@ -15,9 +15,9 @@ import numpy as np
 from scipy import special
 
 from gaugeblock.core.errors import InputError
+from gaugeblock.validate.family import pass_level
 from gaugeblock.validate.joint.projections import CENTRAL, LOWEST, directions, pairs
 from gaugeblock.validate.local.local import MOST_REGIONS, NOMINAL, TAUGHT
-from gaugeblock.validate.looks import pass_level
 from gaugeblock.validate.marginal.coverage import LEVELS
 from gaugeblock.validate.messages import SHARE
 from gaugeblock.validate.planning.limit_process import QUANTITIES, LimitProcess, hidden_by
@@ -165,7 +165,7 @@ def _passes(process: LimitProcess, policy: Policy, trials: int) -> float:
     probability *= process.curve_pass_probability(trials, tolerance.joint) ** curves
     if policy.requires("local.coverage"):
         error = np.sqrt(NOMINAL * (1 - NOMINAL) / (SHARE * (1 - TAUGHT) * trials))
-        inside = 1 - 2 * special.ndtr(special.ndtri(pass_level()) - tolerance.local / error)
+        inside = 1 - 2 * special.ndtr(special.ndtri(pass_level(1)) - tolerance.local / error)
         probability *= float(np.prod(np.maximum(inside, 0) ** (process.parameters * MOST_REGIONS)))
     return probability
 

@@ -22,17 +22,10 @@ from gaugeblock.auditing.explain import explained
 from gaugeblock.auditing.identity import identity, versions
 from gaugeblock.auditing.kept_seed import kept_seed
 from gaugeblock.auditing.ledger import check_ledger, entered
+from gaugeblock.auditing.looks import earlier_trials, look_at, look_key, stored_looks
 from gaugeblock.auditing.observation import read_observation, trials_around
 from gaugeblock.auditing.phases import end_phase, ended
-from gaugeblock.auditing.provenance import (
-    FORMAT,
-    digests,
-    finished_audit,
-    look_of,
-    looks_at,
-    named,
-    title,
-)
+from gaugeblock.auditing.provenance import FORMAT, digests, finished_audit, named, title
 from gaugeblock.auditing.result import Audit, write_arrays
 from gaugeblock.auditing.samples import untrusted
 from gaugeblock.auditing.trials_from import any_trials
@@ -49,6 +42,7 @@ from gaugeblock.simulators.protocol import HasLikelihood
 from gaugeblock.validate import Policy, make_trials, run_validators
 from gaugeblock.validate import judge as judged
 from gaugeblock.validate.findings_file import read_findings
+from gaugeblock.validate.looks import Looks
 from gaugeblock.validate.trials import POSTERIOR, add_group, read_trials, trials_tree
 from gaugeblock.validate.validators import check_validators, default_validators
 
@@ -103,7 +97,8 @@ def audit(
         ``"default"``, ``"strict"``, a TOML file, a table over one of these (``{"base": "strict", ...}``),
         or a `Policy`.
     out : path, optional
-        Folder for trials, findings, verdict and reports; an interrupted audit goes on there. None: no files.
+        Folder for trials, findings, verdict and reports; an interrupted audit goes on there, and one that is
+        enlarged keeps its trials and shares its error rates with the looks before. None: no files.
     anytime : bool
         Stop as soon as the estimator is certainly broken or certainly within tolerance.
     observation : path or array, optional
@@ -161,10 +156,11 @@ def audit(
             "simulator": {**named(simulator), **identity(simulated)},
             "estimator": {**named(estimator), **identity(estimating)},
         }
+        drawn = False
         if untrusted(estimating) and "seed" not in table.model_fields_set and not release:
             # A stranger that can foresee the seed could draw the truths again.
-            key = fingerprint(simulated, estimating, replace(plan, seed=0))
-            plan = replace(plan, seed=kept_seed(folder / CHUNKS, key))
+            kept = fingerprint(simulated, estimating, replace(plan, seed=0))
+            plan, drawn = replace(plan, seed=kept_seed(folder / CHUNKS, kept)), True
         entry = None
         if ledger is not None:
             entry = entered(
@@ -172,13 +168,22 @@ def audit(
             )
             plan = replace(plan, seed=entry.seed)
         watch = Watch(rules, plan.seed) if watching else None
-        tree = collect(simulated, estimating, plan, folder / CHUNKS, watch=watch, progress=tell)
+        stopped: dict[str, Any] = {"anytime": True} if watching else {}
+        same = {**subjects, "trials": {**vars(plan), **stopped}}
+        known = earlier_trials(folder, same)
+        tree = collect(
+            simulated, estimating, plan, folder / CHUNKS, watch=watch, progress=tell, earlier=known
+        )
         if observed is not None:
             tell("around the observation", 0, 1)
             around = trials_around(simulated, estimating, observed.data, seed=plan.seed, block=plan.block)
             add_group(tree, POSTERIOR, around)
             tell("around the observation", 1, 1)
-        stopped = {"anytime": True, "used": tree.sizes["trial"]} if watching else {}
+        number = tree.sizes["trial"]
+        if watching:
+            stopped["used"] = number
+        key = look_key(same, rules, seed=None if drawn else plan.seed)
+        looked = () if entry is None else [look["trials"] for look in entry.line["looks"]]
         provenance: dict[str, Any] = {
             "command": command,
             "seed": plan.seed,
@@ -205,6 +210,7 @@ def audit(
             provenance=provenance,
             out=None if out is None else folder,
             earlier=earlier,
+            looks=look_at(None if out is None else folder, key, number, known=looked),
             resources=resources,
             progress=tell,
         )
@@ -317,6 +323,7 @@ def audit_draws(
             provenance={"command": command, "seed": seed, "trials": record},
             out=folder,
             earlier=earlier,
+            looks=Looks(trials=(tree.sizes["trial"],)),
             progress=tell,
         )
 
@@ -344,14 +351,16 @@ def judge(
         trials, findings, not_checked = audited.trials, audited.findings, audited.not_checked
         earlier, kept = dict(audited.verdict.provenance), audited.verdict.baseline
         baseline: Mapping[str, Any] | None = None if kept is None else kept["earlier"]
+        looks = audited.verdict.looks
     else:
         folder = Path(audited)
         trials = read_trials(folder / "trials.nc")
         findings, not_checked = read_findings(folder / "findings.nc")
         content = finished_audit(folder)
         earlier, baseline = content["provenance"], kept_baseline(content)
+        looks = stored_looks(content)
     chosen = int(earlier.get("seed") or 0) if seed is None else seed
-    verdict = judged(findings, not_checked, rules, seed=chosen, look=look_of(earlier))
+    verdict = judged(findings, not_checked, rules, seed=chosen, looks=looks)
     plain_rules = rules.model_dump(mode="json")
     record = {
         **earlier,
@@ -378,12 +387,14 @@ def _judged(
     provenance: Mapping[str, Any],
     out: Path | None,
     earlier: Mapping[str, Any] | None,
+    looks: Looks,
     progress: Progress,
     resources: Mapping[str, Any] = MappingProxyType({}),
 ) -> Audit:
     progress("validators", 0, 1)
     findings, not_checked = run_validators(trials, seed=seed, select=validators)
     progress("validators", 1, 1)
+    verdict = judged(findings, not_checked, policy, seed=seed, looks=looks)
     record = plain_data(
         {
             "ledger": None,
@@ -396,9 +407,6 @@ def _judged(
         }
     )
     record["sha256"] = digests(record)
-    if not record.get("trials", {}).get("anytime"):
-        record |= looks_at(out, record, trials.sizes["trial"])
-    verdict = judged(findings, not_checked, policy, seed=seed, look=look_of(record))
     if out is not None:
         record["sha256"]["trials"] = write_arrays(trials, findings, not_checked, out)
     verdict = explained(replace(verdict, provenance=record), trials)

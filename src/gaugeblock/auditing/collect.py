@@ -7,6 +7,7 @@ goes on where it stopped, to the same bits, and never mixes trials of two config
 from __future__ import annotations
 
 import secrets
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,9 +32,9 @@ from gaugeblock.estimators.protocol import Estimator, has_density
 from gaugeblock.simulators.prior import HasPriorDensity
 from gaugeblock.simulators.protocol import HasLikelihood, Simulator
 from gaugeblock.validate.storage import open_groups, read_groups, write_groups
-from gaugeblock.validate.trials import trials_tree
+from gaugeblock.validate.trials import IMPORTANCE, JOINT, group_trials, main_trials, trials_tree
 
-WEIGHING = "importance sampling"
+WEIGHING, LIKELIHOOD = "importance sampling", "joint likelihood"
 
 
 def collect(
@@ -44,12 +45,13 @@ def collect(
     *,
     watch: Watch | None = None,
     progress: Progress | None = None,
+    earlier: xr.DataTree | None = None,
 ) -> xr.DataTree:
     """Trials of an estimator on a simulator, resumed from `folder` where it holds blocks of the same run.
 
-    The result does not depend on where a run was interrupted, and a longer run begins with a shorter one's
-    trials; with a `watch` it stops at the end of a block. An estimator that is `untrusted` gives all its
-    draws before anything is said of densities.
+    The result does not depend on where a run was interrupted, and a longer run begins with a shorter
+    one's trials, which are taken from `earlier` where these are known; with a `watch` it stops at the end
+    of a block. An estimator that is `untrusted` gives all its draws before anything is said of densities.
 
     Raises
     ------
@@ -59,6 +61,8 @@ def collect(
     work = folder / fingerprint(simulator, estimator, plan)
     work.mkdir(parents=True, exist_ok=True)
     blocks = _OnDisk(work, plan.block, progress)
+    for what, trials in _known(earlier, estimator):
+        blocks.keep(what, trials)
     main = blocks.joined("trials", plan.number, MainTrials(simulator, estimator, plan), watch=watch)
     plan = plan.at_most(main.sizes["trial"])
     again = (simulator, estimator, plan, blocks.reader("trials"))
@@ -75,8 +79,17 @@ def collect(
             weigh = WeighedDraws(*again, blocks.reader("importance draws"))
             importance = blocks.joined(WEIGHING, weighed, weigh)
     if plan.joint_number and isinstance(simulator, HasLikelihood):
-        joint = blocks.joined("joint likelihood", plan.joint_number, JointTrials(*again))
+        joint = blocks.joined(LIKELIHOOD, plan.joint_number, JointTrials(*again))
     return trials_tree(main, importance, joint=joint)
+
+
+def _known(earlier: xr.DataTree | None, estimator: Estimator) -> Iterator[tuple[str, xr.Dataset]]:
+    """Trials of an earlier run, under what they are called here; a stranger's have another seed."""
+    if earlier is None or untrusted(estimator):
+        return
+    groups = {WEIGHING: group_trials(earlier, IMPORTANCE), LIKELIHOOD: group_trials(earlier, JOINT)}
+    yield "trials", main_trials(earlier)
+    yield from ((what, trials) for what, trials in groups.items() if trials is not None)
 
 
 def _weighable(simulator: Simulator, estimator: Estimator) -> bool:
@@ -123,6 +136,14 @@ class _OnDisk:
                 break
         self._say(what, number, number)
         return self._together(what, stop)
+
+    def keep(self, what: str, earlier: xr.Dataset) -> None:
+        """Write the whole blocks of an earlier run, as if they had been made here; what is cut off is not."""
+        for trials in whole_blocks(earlier.sizes["trial"], self.size):
+            path = self._path(what, trials)
+            if trials.stop <= earlier.sizes["trial"] and not _intact(path):
+                block = earlier.isel(trial=slice(trials.start, trials.stop)).drop_encoding()
+                write_groups({"": block}, path)
 
     def reader(self, what: str) -> Blocks:
         """Reads whole blocks back."""

@@ -59,39 +59,6 @@ def digests(record: Mapping[str, Any]) -> dict[str, str]:
     return {name: digest(intrinsic(record[name])) for name in DIGESTED if name in record}
 
 
-def looks_at(folder: Path | None, record: Mapping[str, Any], trials: int) -> dict[str, Any]:
-    """Which look at an audit that grows in its folder this is, and the trials at all of them, in order.
-
-    The same simulator, estimator, policy and seed, whatever the number of trials, is the same audit; judged
-    again at a number that was looked at before, it is the same look. Everything else begins anew at 1.
-    """
-    before: list[int] = []
-    if folder is not None and (folder / "verdict.json").exists():
-        try:
-            earlier = finished_audit(folder)["provenance"]
-            same = all(earlier["sha256"][name] == record["sha256"][name] for name in DIGESTED)
-            if same and earlier["seed"] == record["seed"]:
-                before = [int(number) for number in earlier["looks"]]
-        except (InputError, KeyError, TypeError, ValueError):
-            before = []
-    looks = before if trials in before else [*before, trials]
-    return {"looks": looks, "look": looks.index(trials) + 1}
-
-
-def look_of(record: Mapping[str, Any]) -> int:
-    """Which look at a growing audit a record is of; 1 where it does not say.
-
-    Raises
-    ------
-    InputError
-        If what it says is no whole number from 1 on.
-    """
-    look = record.get("look", 1)
-    if not isinstance(look, int) or isinstance(look, bool) or look < 1:
-        raise InputError(f"verdict.json: provenance.look is {look!r}; it must be a whole number from 1 on")
-    return look
-
-
 def finished_audit(folder: Path) -> dict[str, Any]:
     """What verdict.json of the finished audit in a folder holds: its `provenance`, at least.
 

@@ -26,7 +26,8 @@ from gaugeblock.auditing.compare import (
 )
 from gaugeblock.auditing.explain import explained
 from gaugeblock.auditing.identity import versions
-from gaugeblock.auditing.provenance import FORMAT, digests, finished_audit, look_of, title
+from gaugeblock.auditing.looks import stored_looks
+from gaugeblock.auditing.provenance import FORMAT, digests, finished_audit, title
 from gaugeblock.auditing.watch import watched
 from gaugeblock.core.digest import file_digest
 from gaugeblock.core.errors import InputError
@@ -42,6 +43,7 @@ from gaugeblock.validate import (
     run_validators,
     write_findings,
 )
+from gaugeblock.validate.looks import Looks
 from gaugeblock.validate.storage import read_groups
 from gaugeblock.validate.trials import main_trials
 
@@ -87,11 +89,16 @@ def verify(
     found = file_digest(source)
     tree = read_trials(source)
     near, notes = _nearness(record, tolerance)
-    findings, not_checked, verdict = _derived(tree, record, kept_baseline(audited))
+    looks = stored_looks(audited)
+    findings, not_checked, verdict = _derived(tree, record, kept_baseline(audited), looks)
     contents = rendered(verdict, findings, tree, title=title(record))
     lines = list(_digests(record, found, trials_sha256))
     lines += [f"verdict.json: provenance: {line}" for line in _recorded(record, tree)]
     stored = folder / "findings.nc"
+    if looks.trials and looks.trials[-1] != main_trials(tree).sizes["trial"]:
+        lines.append(
+            f"verdict.json: looks: the last is at {looks.trials[-1]} trials, which is not how many there are"
+        )
     # Where the trials were given from elsewhere (gate --out), so may be the findings beside them.
     if stored.exists() or trials is None:
         lines += _prefixed(stored, _finding_differences(stored, findings, not_checked, near))
@@ -116,7 +123,7 @@ def _nearness(record: Mapping[str, Any], tolerance: float | None) -> tuple[float
 
 
 def _derived(
-    tree: xr.DataTree, record: Mapping[str, Any], earlier: Mapping[str, Any] | None
+    tree: xr.DataTree, record: Mapping[str, Any], earlier: Mapping[str, Any] | None, looks: Looks
 ) -> tuple[tuple[Finding, ...], tuple[NotChecked, ...], Verdict]:
     """Findings and verdict, from the trials and what the record says of policy, seeds and validators."""
     where = "verdict.json: provenance"
@@ -132,9 +139,7 @@ def _derived(
     check_validators(select or ())
     seed = _seed(record, "seed", 0)
     findings, not_checked = run_validators(tree, seed=seed, select=select)
-    verdict = judge(
-        findings, not_checked, policy, seed=_seed(record, "judge_seed", seed), look=look_of(record)
-    )
+    verdict = judge(findings, not_checked, policy, seed=_seed(record, "judge_seed", seed), looks=looks)
     verdict = explained(replace(verdict, provenance=dict(record)), tree)
     if earlier is not None:
         verdict = replace(verdict, baseline=compared(earlier, verdict, findings))

@@ -70,7 +70,8 @@ def test_the_critical_value_is_the_bootstraps(parameters):
     found = audit(np.random.default_rng(1), 3000, 100, parameters)
     largest = family.maxima([finding.influence for finding in found], seed=1)
     critical = LimitProcess(parameters=parameters, draws=100).critical(3000, 0.05)
-    assert critical == pytest.approx(np.quantile(largest, 1 - 0.05 * 0.75), rel=0.02)
+    # Of the budget of 5%, the first look has 4.
+    assert critical == pytest.approx(np.quantile(largest, 0.96), rel=0.02)
 
 
 def test_a_plan_states_what_gates_state():
@@ -143,7 +144,7 @@ def test_the_promise_for_a_coverage_gap():
 def test_pass_probability_of_exact_estimators(monkeypatch):
     """Where it is about a half: 150 audits within the 0.0005 quantiles of 0.8 and 1.25 times what is said."""
     monkeypatch.setattr(family, "REPLICATES", 10_000)
-    planned = plan(POLICY, params=2, trials=1250, draws=100, families=1, further=0)
+    planned = plan(POLICY, params=2, trials=1200, draws=100, families=1, further=0)
     said = planned.pass_probability_exact
     assert 0.3 < said < 0.7
     passed = outcomes(150, 10, planned)[Outcome.PASS]

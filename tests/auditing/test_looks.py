@@ -1,0 +1,111 @@
+"""Audits that are enlarged keep their trials and share their error rates."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import gaugeblock as gb
+from gaugeblock.auditing import collect
+from gaugeblock.auditing.result import Audit
+from gaugeblock.auditing.verify import verify
+from gaugeblock.core.errors import InputError
+from gaugeblock.reports.reason import of_looks
+
+
+def audited(out: Path | None, number: int, **options: Any) -> Audit:
+    table = {
+        **{"number": number, "draws": 20, "block": 20, "importance_number": number // 2},
+        **{"importance_draws": 30, "joint_number": number, "joint_draws": 5, "seed": 7},
+    }
+    table |= options.pop("table", {})
+    options = {"validators": ("sbc", "coverage"), "progress": False, **options}
+    return gb.audit("exact", "linear_gaussian", trials=table, out=out, **options)
+
+
+def test_an_enlarged_audit_keeps_its_trials_to_the_byte(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    audited(tmp_path / "fresh", 130)
+    audited(tmp_path / "grown", 70)
+    made: list[range] = []
+    inner = collect.MainTrials.__call__
+
+    def watched(self: Any, trials: range) -> Any:
+        made.append(trials)
+        return inner(self, trials)
+
+    monkeypatch.setattr(collect.MainTrials, "__call__", watched)
+    grown = audited(tmp_path / "grown", 130)
+    # Only whole blocks are in the file: the one that was cut at 70 is made again.
+    assert made == [range(60, 80), range(80, 100), range(100, 120), range(120, 140)]
+    assert (tmp_path / "grown" / "trials.nc").read_bytes() == (tmp_path / "fresh" / "trials.nc").read_bytes()
+    assert grown.verdict.looks.trials == (70, 130)
+    assert not verify(tmp_path / "grown").differences
+
+
+def test_trials_of_another_audit_or_that_were_touched_are_not_kept(tmp_path: Path) -> None:
+    audited(tmp_path / "fresh", 60, table={"seed": 8})
+    audited(tmp_path / "other", 40)
+    audited(tmp_path / "other", 60, table={"seed": 8})
+    assert (tmp_path / "other" / "trials.nc").read_bytes() == (tmp_path / "fresh" / "trials.nc").read_bytes()
+    audited(tmp_path / "touched", 40, table={"seed": 8})
+    audited(tmp_path / "elsewhere", 40)
+    forged = (tmp_path / "elsewhere" / "trials.nc").read_bytes()
+    (tmp_path / "touched" / "trials.nc").write_bytes(forged)
+    audited(tmp_path / "touched", 60, table={"seed": 8})
+    assert (tmp_path / "touched" / "trials.nc").read_bytes() == (
+        tmp_path / "fresh" / "trials.nc"
+    ).read_bytes()
+
+
+def test_a_second_look_is_stricter_and_the_same_look_is_the_same(tmp_path: Path) -> None:
+    first, alone = audited(tmp_path / "a", 40), audited(tmp_path / "b", 80)
+    written = (tmp_path / "a" / "verdict.json").read_bytes()
+    second = audited(tmp_path / "a", 80)
+    name = next(name for name in second.gates if name.startswith("sbc.bias"))
+    for kind in ("interval", "pass_interval"):
+        wide, narrow = getattr(second[name], kind), getattr(alone[name], kind)
+        assert wide[0] < narrow[0] < narrow[1] < wide[1]
+    assert second[name].statistic == alone[name].statistic
+    # 40 trials again are the first look again, of which there is nothing new to learn.
+    again = audited(tmp_path / "a", 40)
+    assert (tmp_path / "a" / "verdict.json").read_bytes() == written
+    assert again.verdict == first.verdict
+    assert audited(tmp_path / "a", 60).verdict.looks.trials == (40, 80, 60)
+    assert gb.judge(tmp_path / "a", "strict").verdict.looks.number == 3
+
+
+@pytest.mark.parametrize("change", [{"table": {"seed": 8}}, {"policy": "strict"}])
+def test_another_seed_or_policy_is_counted_anew_and_neither_is_forgotten(
+    tmp_path: Path, change: dict[str, Any]
+) -> None:
+    audited(tmp_path, 40)
+    other = audited(tmp_path, 60, **change).verdict
+    assert (other.looks.number, other.looks.anew) == (1, True)
+    assert "are not counted" in of_looks(other)
+    assert audited(tmp_path, 80).verdict.looks.trials == (40, 80)
+
+
+def test_a_verdict_from_before_looks_is_read_as_the_first(tmp_path: Path) -> None:
+    audited(tmp_path, 40)
+    path = tmp_path / "verdict.json"
+    content = json.loads(path.read_text())
+    del content["looks"]
+    path.write_text(json.dumps(content))
+    assert gb.judge(tmp_path).verdict.looks.number == 1
+
+
+def test_a_damaged_record_is_refused(tmp_path: Path) -> None:
+    audited(tmp_path, 40)
+    (tmp_path / "looks.json").write_text('{"a": {"trials": ["x"], "anew": false}}')
+    with pytest.raises(InputError, match=r"looks.json is damaged"):
+        audited(tmp_path, 60)
+
+
+def test_looks_that_a_ledger_knows_count_in_another_folder(tmp_path: Path) -> None:
+    audited(tmp_path / "a", 40, ledger=tmp_path / "own")
+    assert audited(tmp_path / "b", 60, ledger=tmp_path / "own").verdict.looks.trials == (40, 60)
