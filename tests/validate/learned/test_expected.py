@@ -96,13 +96,14 @@ def test_data_that_are_no_use_do_no_harm(bad):
 def test_units_and_shapes_of_parameters_do_not_matter_and_angles_have_a_place():
     rng = np.random.default_rng(6)
     x = rng.normal(size=(400, 3))
-    truth = np.column_stack([x[:, 0] + 0.1 * rng.normal(size=400), np.arctan2(x[:, 2], x[:, 1])])
-    found = fit_location(x, truth, {1: 2 * np.pi})
-    other = fit_location(x, np.column_stack([np.exp(50 * truth[:, 0]), truth[:, 1]]), {1: 2 * np.pi})
+    hour = np.arctan2(x[:, 2], x[:, 1]) * 12 / np.pi
+    truth = np.column_stack([x[:, 0] + 0.1 * rng.normal(size=400), hour])
+    found = fit_location(x, truth, {1: 24.0})
+    other = fit_location(x, np.column_stack([np.exp(50 * truth[:, 0]), hour]), {1: 24.0})
     np.testing.assert_array_equal(found(x), other(x))
     away = found.values(found(x)) - truth
     assert np.abs(away[:, 0]).mean() < 0.15
-    assert np.abs((away[:, 1] + np.pi) % (2 * np.pi) - np.pi).mean() < 0.4
+    assert np.abs((away[:, 1] + 12) % 24 - 12).mean() < 1.5
 
 
 def test_learned_ranks_and_distances_of_exact_posteriors_stay_uniform():
@@ -127,4 +128,7 @@ def test_the_prior_among_nuisance_channels_is_seen():
     """Of `nuisance_prior` neither the total nor eight principal components tell anything."""
     some = prepared(nuisance_prior(np.random.default_rng(8), 600, 30))
     assert learned_from(some).pit.mean() > 0.65
-    assert (some.per_trial(tarp) <= 0.5).mean() > 0.65
+    near = some.per_trial(tarp)
+    assert (near <= 0.5).mean() > 0.65
+    # References of a trial are not all the same point.
+    assert near.std(axis=1).mean() > 0.1

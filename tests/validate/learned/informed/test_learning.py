@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 
 from gaugeblock.validate.learned.informed.challenger import Known
-from gaugeblock.validate.learned.informed.choice import fit_choice, softmax
+from gaugeblock.validate.learned.informed.choice import fit_choice, score_z, softmax
 from gaugeblock.validate.learned.informed.data import make_data
 from gaugeblock.validate.learned.informed.informed import rank_finding
-from gaugeblock.validate.learned.informed.learning import NOTHING, Told, learn, together, weights
+from gaugeblock.validate.learned.informed.learning import (
+    NOTHING,
+    Told,
+    _unseen,
+    learn,
+    together,
+    weights,
+)
 from gaugeblock.validate.learned.informed.pools import Pools, rank_scores
 from gaugeblock.validate.learned.informed.ridge import fit_ridge
 from gaugeblock.validate.learned.informed.skill import fair_crps, forecast_crps, skill
@@ -110,6 +117,49 @@ def test_trees_find_a_product_and_a_few_extreme_trials_and_no_noise():
     for target in range(2):
         assert np.corrcoef(found(x)[:, target], clean[:, target])[0, 1] > 0.8
     assert np.var(found(x)[:, 2]) < 0.02
+
+
+def test_trees_gain_what_they_say_and_predict_what_they_left():
+    """Recounted leaf by leaf: pairs at their medians, and extremes that only a second split finds."""
+    rng = np.random.default_rng(15)
+    x = rng.normal(size=(4000, 6))
+    middle = 1.0 * (x[:, 0] > 0) * (x[:, 1] > 0)
+    extreme = 3.0 * (x[:, 2] > np.quantile(x[:, 2], 0.8)) * (x[:, 3] > np.quantile(x[:, 3], 0.65))
+    targets = np.column_stack([middle - middle.mean(), extreme - extreme.mean()])
+    found = fit_trees(x, targets)
+    for target, inputs in enumerate(({0, 1}, {2, 3})):
+        first = found.trees[target][0]
+        assert {split.input for split in first.splits} == inputs
+        above = [x[:, s.input] > found.thresholds[s.input, s.quantile] for s in first.splits]
+        gain = 0.0
+        for one, other in ((0, 0), (0, 1), (1, 0), (1, 1)):
+            leaf = targets[(above[0] == one) & (above[1] == other), target]
+            gain += leaf.sum() ** 2 / (len(leaf) + 20)
+            assert first.leaves[one, other] == pytest.approx(0.5 * leaf.sum() / (len(leaf) + 20), rel=1e-3)
+        assert first.gain == pytest.approx(gain, rel=1e-3)
+        assert np.corrcoef(found(x)[:, target], targets[:, target])[0, 1] > 0.98
+
+
+def test_what_teaches_how_much_counts_has_not_been_seen():
+    """60 channels of noise and 90 trials: foretold by a challenger that saw them, r would be 0.5 and more."""
+    rng = np.random.default_rng(16)
+    x = rng.normal(size=(90, 60))
+    seen = known(rng.normal(size=(90, 9, 1)), x, rng)
+    rows = np.arange(90)
+    held, _ = _unseen(seen, regressed_terms(1), rows)
+    assert abs(np.corrcoef(held[:, 0], seen.pools.scores[:, 0, 0])[0, 1]) < 0.35
+
+
+def test_what_a_column_would_add_is_its_score_in_standard_errors():
+    rng = np.random.default_rng(17)
+    columns, coefficient = 1 + rng.normal(size=(40, 5, 2)), np.array([0.7, -0.3])
+    slope, curve = np.zeros(2), np.zeros(2)
+    for pool in columns:
+        chance = np.exp(pool @ coefficient) / np.exp(pool @ coefficient).sum()
+        mean = chance @ pool
+        slope += pool[0] - mean
+        curve += chance @ (pool - mean) ** 2
+    np.testing.assert_allclose(score_z(columns, coefficient), slope / np.sqrt(curve))
 
 
 def test_the_choice_maximises_the_likelihood():
