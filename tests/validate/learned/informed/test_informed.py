@@ -63,6 +63,8 @@ def test_beside_a_pass_stands_how_much_is_learned():
     gate = gates["informed.rank"]
     assert gate.outcome is Outcome.PASS
     assert "no challenger of ridge regressions and boosted trees does better" in gate.message
+    # Three orders of learning, each its own.
+    assert len(set(findings["informed.rank"].details["gap"].values.tolist())) == 3
     assert "CRPS skill over the prior: theta_1 0.7" in gate.message
     assert of_the_data(verdict) in verdict_lines(verdict, shown=5)[1]
     # A normal posterior of sd 0.287 in a standard normal prior: 1.25 nats.

@@ -19,7 +19,7 @@ from gaugeblock.validate.learned.informed.learning import (
 )
 from gaugeblock.validate.learned.informed.pools import Pools, rank_scores
 from gaugeblock.validate.learned.informed.ridge import fit_ridge
-from gaugeblock.validate.learned.informed.skill import fair_crps, forecast_crps, skill
+from gaugeblock.validate.learned.informed.skill import _cdf, fair_crps, forecast_crps, skill
 from gaugeblock.validate.learned.informed.terms import regressed_terms, values_of, with_products
 from gaugeblock.validate.learned.informed.trees import fit_trees
 from gaugeblock.validate.marginal.uniformity import ecdf_test
@@ -194,6 +194,14 @@ def test_fair_crps_does_not_depend_on_the_number_of_draws():
     for number in (2, 20):
         found = fair_crps(rng.normal(size=20_000), rng.normal(size=(20_000, number)))
         assert abs(found.mean() - 1 / np.sqrt(np.pi)) < 4 * found.std() / np.sqrt(20_000)
+
+
+def test_a_place_among_the_truths_is_in_the_middle_of_ties():
+    known_truths, values = np.array([0.0, 1.0, 1.0, 1.0, 2.5]), np.array([[-1.0, 0.0, 0.5], [1.0, 2.5, 9.0]])
+    below = (known_truths < values[..., None]).mean(axis=2)
+    np.testing.assert_allclose(
+        _cdf(values, known_truths), (below + (known_truths <= values[..., None]).mean(axis=2)) / 2
+    )
 
 
 def test_skill_of_the_prior_is_nothing_and_of_the_truth_all():
