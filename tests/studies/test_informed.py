@@ -7,7 +7,7 @@ import pytest
 from studies.informed.__main__ import KINDS, audits, main, summary
 from studies.informed.document import text
 from studies.informed.problems import AFTERWARDS, BLIND, EXACT
-from studies.kit.results import clopper_pearson, read
+from studies.kit.results import DOCS, RESULTS, clopper_pearson, read
 
 from gaugeblock.validate import read_policy
 
@@ -29,6 +29,10 @@ def test_blind_fails_and_exact_does_not():
         -2
     ]
     assert line.startswith("| blind | a | 100.0% (15.8% - 100.0%) | 0.0% (0.0% - 84.2%)")
+
+
+def test_the_page_says_what_was_found():
+    assert text(read(RESULTS / "informed.nc")) in (DOCS / "error-rates.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("name", AFTERWARDS)
