@@ -171,7 +171,7 @@ def test_workers_and_order_change_nothing(pytester, toy):
         shown = [line for line in result.stdout.lines if line.startswith("PASS test_flow.py")]
         assert [re.search(r"\[(\d)\]", line)[1] for line in shown] == ["1", "2"]
         result.stdout.fnmatch_lines(
-            ["FAIL: * draws.finite.", "*= calibration =*", "*blocked with 90% power:"]
+            ["FAIL: * draws.finite. *", "*= calibration =*", "*blocked with 90% power:"]
         )
         files = sorted((pytester.path / name).glob("*/verdict.json"))
         found[name] = {file.parent.name: file.read_bytes() for file in files}
