@@ -24,7 +24,8 @@ from gaugeblock.validate import make_policy, make_trials, write_trials
 
 SELECT = ("draws", "sbc", "layout")
 POLICY = make_policy(
-    {"required": ["draws", "sbc.bias", "sbc.log_width"], "tolerance": {"log_width": 0.15}}, source="here"
+    {"required": ["draws", "sbc.bias", "sbc.log_width"], "tolerance": {"bias": 0.12, "log_width": 0.15}},
+    source="here",
 )
 
 
