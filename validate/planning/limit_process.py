@@ -91,7 +91,7 @@ class LimitProcess:
         """Standard errors that the simultaneous intervals of all gates reach.
 
         >>> round(LimitProcess(parameters=1, draws=250).critical(4000, 0.05), 1)
-        2.8
+        2.9
         """
         held = (np.arange(REPLICATES) + 1) / REPLICATES
         within = self._maxima
