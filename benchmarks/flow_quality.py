@@ -19,7 +19,8 @@ from gaugeblock.estimators.npe import load, reference_model_path
 from gaugeblock.simulators import build_simulator
 from gaugeblock.validate.joint.importance import kish_fraction, log_weights
 from gaugeblock.validate.joint.psis import pareto_khat
-from gaugeblock.validate.marginal.coverage import LEVELS, inside_central, perfect_estimator
+from gaugeblock.validate.levels import LEVELS
+from gaugeblock.validate.marginal.coverage import inside_central, perfect_estimator
 from gaugeblock.validate.ranks import randomised_pit
 from gaugeblock.validate.standardised import bias, log_width, standardised_errors
 

@@ -45,7 +45,7 @@ INSIDE = {
         (
             *("trials", "check", "storage", "features", "prepared", "p_values"),
             *("autocorrelation", "ranks", "standardised", "quantiles"),
-            *("finding", "findings_file", "policy", "looks", "family", "verdict", "messages"),
+            *("finding", "findings_file", "levels", "policy", "looks", "family", "verdict", "messages"),
         ),
         ("validators", "judging"),
     ),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 import xarray as xr
@@ -91,6 +91,14 @@ class Finding(Value):
     def validator(self) -> str:
         """Name of the validator: the id up to the first dot."""
         return self.id.split(".", 1)[0]
+
+    def of(self, kept: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Self:
+        """The same finding of some of its components, ``(component,)``."""
+        rows = {
+            name: getattr(self, name)[kept] for name, dims in self.arrays.items() if dims[0] == "component"
+        }
+        names = tuple(name for name, wanted in zip(self.components, kept, strict=True) if wanted)
+        return replace(self, components=names, **rows)
 
     def to_dataset(self) -> xr.Dataset:
         """Everything the finding holds, as one Dataset; `finding_from` restores it."""

@@ -22,15 +22,17 @@ from gaugeblock.validate.family import Bounds, Judgeable, bounds, exact_bounds, 
 from gaugeblock.validate.finding import (
     CountFinding,
     Finding,
+    MeanFinding,
     NotChecked,
     PValueFinding,
     QuantileFinding,
     SequenceFinding,
 )
 from gaugeblock.validate.forecast import forecast
+from gaugeblock.validate.levels import level_of
 from gaugeblock.validate.looks import Looks, share
 from gaugeblock.validate.messages import gate_message
-from gaugeblock.validate.policy import Policy, covers
+from gaugeblock.validate.policy import Levels, Policy, covers
 from gaugeblock.validate.verdict import Gate, Outcome, Verdict, combine
 
 
@@ -49,8 +51,10 @@ def judge(
     same verdict. `looks` says at how many trials this audit was judged before; without, at none.
     """
     looks = looks or Looks()
-    judged = [item for finding in findings if (item := _judgeable(finding, policy)) is not None]
-    sequences = [finding for finding in findings if isinstance(finding, SequenceFinding)]
+    chosen, lacking = at_levels(findings, policy.levels)
+    not_checked = [*not_checked, *lacking]
+    judged = [item for finding in chosen if (item := _judgeable(finding, policy)) is not None]
+    sequences = [finding for finding in chosen if isinstance(finding, SequenceFinding)]
     if sequences:
         judged, reported = only_counts(judged)
         not_checked = [*not_checked, *reported]
@@ -72,6 +76,33 @@ def judge(
         suggestions=tuple(item for finding in findings for item in finding.suggestions),
         controls=ladder(findings, {name: bound.critical for name, bound in known.items()}, policy),
     )
+
+
+def at_levels(findings: Sequence[Finding], levels: Levels) -> tuple[list[Finding], list[NotChecked]]:
+    """Central intervals at the levels of a policy alone, all else whole; and levels that nobody looked at."""
+    chosen: list[Finding] = []
+    lacking = []
+    for finding in findings:
+        wanted = levels.of(finding.id)
+        if wanted is None or not isinstance(finding, MeanFinding | SequenceFinding):
+            chosen.append(finding)
+            continue
+        found = np.array([level_of(name) for name in finding.components])
+        kept = np.isin(found, wanted)
+        if kept.any():
+            chosen.append(finding if kept.all() else finding.of(kept))
+        absent = sorted({*wanted} - {*found, *_unresolved(finding)})
+        if absent:
+            named = ", ".join(f"{level:g}" for level in absent)
+            lacking.append(
+                NotChecked(finding.id, f"no interval of {named} was looked at: audit under this policy")
+            )
+    return chosen, lacking
+
+
+def _unresolved(finding: Finding) -> list[float]:
+    """Levels that were asked for and that the draws do not allow, which is said already."""
+    return list(finding.details["unresolved"].values) if "unresolved" in finding.details else []
 
 
 def _judgeable(finding: Finding, policy: Policy) -> Judgeable | None:
@@ -176,8 +207,6 @@ def _missing(gates: Sequence[Gate], not_checked: Sequence[NotChecked], policy: P
         unchecked = [item for item in not_checked if covers(entry, item.id) or covers(item.id, entry)]
         if not unchecked and any(covers(entry, gate.id) for gate in gates):
             continue
-        computed = {gate.id for gate in gates}
-        unchecked = [item for item in unchecked if item.id not in computed]
         if unchecked and all(item.without_data for item in unchecked):
             continue
         why = "; ".join(dict.fromkeys(item.why for item in unchecked)) or "no validator computed it"

@@ -8,9 +8,10 @@ from collections.abc import Mapping
 from importlib import resources
 from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from gaugeblock.core.tables import Table, checked, read_toml
+from gaugeblock.validate.levels import LARGEST, LEVELS, OUTERMOST
 
 SHIPPED = ("default", "strict")
 
@@ -39,6 +40,32 @@ class Tolerance(Table):
     ess: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
 
 
+class Levels(Table):
+    """Which central intervals are judged: up to 95% always; beyond, in the tails, where draws resolve them.
+
+    `coverage` and `tails` are probabilities, each list rising.
+    """
+
+    coverage: Annotated[tuple[Annotated[float, Field(gt=0, le=LARGEST)], ...], Field(min_length=1)] = LEVELS
+    tails: tuple[Annotated[float, Field(gt=LARGEST, lt=1)], ...] = OUTERMOST
+
+    @field_validator("coverage", "tails")
+    @classmethod
+    def _rising(cls, levels: tuple[float, ...]) -> tuple[float, ...]:
+        if list(levels) != sorted(set(levels)):
+            raise ValueError("must rise, each level once")
+        return levels
+
+    def of(self, finding: str) -> tuple[float, ...] | None:
+        """Levels at which a finding of this id is judged; None for one that is none of these intervals."""
+        judged = {
+            "coverage.central": self.coverage,
+            "anytime.coverage": self.coverage,
+            "tails.coverage": self.tails,
+        }
+        return judged.get(finding)
+
+
 class Planning(Table):
     """Power at which smallest detectable faults are stated."""
 
@@ -56,6 +83,7 @@ class Policy(Table):
     error_budget: Annotated[float, Field(gt=0, le=0.5, allow_inf_nan=False)]
     required: Annotated[tuple[Annotated[str, Field(min_length=1)], ...], Field(min_length=1)]
     tolerance: Tolerance
+    levels: Levels = Levels()
     planning: Planning
 
     def requires(self, gate: str) -> bool:

@@ -19,6 +19,7 @@ from gaugeblock.core.streams import Rows
 from gaugeblock.validate.autocorrelation import DrawOrder, draw_order, measured_trials
 from gaugeblock.validate.check import PER_DRAW, PER_TRIAL, QUANTITY, circular_parameters, is_autocorrelated
 from gaugeblock.validate.features import FITTED, TrialFeatures, features_of
+from gaugeblock.validate.policy import Levels
 from gaugeblock.validate.ranks import randomised_pit, unwrap_circular
 from gaugeblock.validate.standardised import standardised_errors
 from gaugeblock.validate.storage import block_length
@@ -96,7 +97,9 @@ def effective_draws(block: TrialBlock) -> Array:
 
 @dataclass(frozen=True)
 class Prepared:
-    """A Trials tree and the seed of everything random in its validation; each property is computed once.
+    """A Trials tree, the seed of everything random in its validation, and the levels of its intervals.
+
+    Each property is computed once.
 
     Whatever has a row per trial is of the *unaffected* trials: those whose draws are all finite. In blocks,
     circular parameters are cut open and correlated draws thinned; `caveats` says so.
@@ -104,6 +107,7 @@ class Prepared:
 
     tree: xr.DataTree
     seed: int
+    levels: Levels = field(default_factory=Levels)
     _known: dict[Statistic, NDArray[Any]] = field(default_factory=dict, repr=False, compare=False)
     _made: dict[Callable[[Prepared], Any], Any] = field(default_factory=dict, repr=False, compare=False)
 

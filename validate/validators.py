@@ -31,6 +31,7 @@ from gaugeblock.validate.marginal.finite import finite
 from gaugeblock.validate.marginal.half_widths import half_widths
 from gaugeblock.validate.marginal.sbc import sbc
 from gaugeblock.validate.marginal.tails import outliers, tails
+from gaugeblock.validate.policy import Levels
 from gaugeblock.validate.prepared import Prepared, Statistic, effective_draws, pit
 
 
@@ -72,11 +73,16 @@ VALIDATORS: Mapping[str, Validator] = {
 
 
 def run_validators(
-    tree: xr.DataTree | xr.Dataset, *, seed: int, select: Iterable[str] | None = None
+    tree: xr.DataTree | xr.Dataset,
+    *,
+    seed: int,
+    select: Iterable[str] | None = None,
+    levels: Levels | None = None,
 ) -> tuple[tuple[Finding, ...], tuple[NotChecked, ...]]:
     """Findings of every default validator (or of `select`), and exactly what could not be checked and why.
 
-    The same trials and seed give the same bits, in whatever order or chunks the trials were made.
+    `levels` says which central intervals are looked at; without, those of the default policy. The same trials
+    and seed give the same bits, in whatever order or chunks the trials were made.
 
     Raises
     ------
@@ -85,7 +91,8 @@ def run_validators(
     """
     chosen = default_validators() if select is None else list(select)
     check_validators(chosen)
-    prepared = Prepared(xr.DataTree(tree) if isinstance(tree, xr.Dataset) else tree, seed)
+    whole = xr.DataTree(tree) if isinstance(tree, xr.Dataset) else tree
+    prepared = Prepared(whole, seed, levels or Levels())
     validators = [VALIDATORS[name] for name in VALIDATORS if name in chosen]
     prepared.compute([statistic for validator in validators for statistic in validator.statistics])
     said: list[Finding | NotChecked] = []

@@ -2,7 +2,7 @@
 
 Each finding keeps its scores trial by trial; what a policy makes of them is decided in `sequential`, again
 and again while trials come in, without harm to the error rates. Bias and width rest on cut standardised
-errors (see `winsorised`), coverage on the indicators of the twelve central intervals. `anytime.uniform` is
+errors (see `winsorised`), coverage on the indicators of central intervals. `anytime.uniform` is
 the evidence against exact calibration, reported and never judged: it can refute only.
 """
 
@@ -20,7 +20,8 @@ from gaugeblock.validate.anytime.normal_process import log_evidence_against_unif
 from gaugeblock.validate.anytime.sequence import REFERENCE, gap_sequence, sequence_finding
 from gaugeblock.validate.anytime.wager_units import bias_of, log_width_of
 from gaugeblock.validate.finding import Finding, NotChecked, PValueFinding
-from gaugeblock.validate.marginal.coverage import LEVELS, inside_central
+from gaugeblock.validate.levels import LEVELS, component
+from gaugeblock.validate.marginal.coverage import inside_central
 from gaugeblock.validate.marginal.winsorised import WinsorisedScores, winsorised_scores
 from gaugeblock.validate.p_values import SMALLEST
 from gaugeblock.validate.prepared import Prepared, TrialBlock, effective_draws, pit
@@ -54,7 +55,7 @@ def anytime(prepared: Prepared) -> list[Finding | NotChecked]:
         ]
     return [
         *findings,
-        coverage_sequence(prepared.pit, parameters, caveats=caveats),
+        coverage_sequence(prepared.pit, parameters, levels=prepared.levels.coverage, caveats=caveats),
         *joint_sequences(prepared),
         uniform_evidence(prepared.pit, caveats=caveats),
     ]
@@ -123,7 +124,7 @@ def coverage_sequence(
         "coverage",
         inside.reshape(len(parameters) * len(levels), -1),
         list(levels) * len(parameters),
-        [f"{name} @ {level:g}" for name in parameters for level in levels],
+        [component(name, level) for name in parameters for level in levels],
         claim="coverage minus level of central intervals; negative: too narrow or displaced",
         caveats=caveats,
     )

@@ -16,7 +16,8 @@ from gaugeblock.validate.finding import Finding, NotChecked
 from gaugeblock.validate.joint.gaps import inside_lowest
 from gaugeblock.validate.joint.hpd import hpd
 from gaugeblock.validate.joint.projections import LOWEST, directions, pairs, projections
-from gaugeblock.validate.marginal.coverage import LEVELS, inside_central
+from gaugeblock.validate.levels import LEVELS
+from gaugeblock.validate.marginal.coverage import inside_central
 from gaugeblock.validate.prepared import Prepared, TrialBlock
 
 CENTRAL = (0.5, 0.8)

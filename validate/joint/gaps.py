@@ -14,7 +14,8 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.validate.finding import Finding, MeanFinding, PValueFinding
-from gaugeblock.validate.marginal.coverage import LEVELS, STEADYING, inside_central, perfect_estimator
+from gaugeblock.validate.levels import LEVELS
+from gaugeblock.validate.marginal.coverage import STEADYING, inside_central, perfect_estimator
 from gaugeblock.validate.marginal.uniformity import ecdf_test
 
 LEAST_TRIALS = 2

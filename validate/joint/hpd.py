@@ -15,7 +15,7 @@ from gaugeblock.core.streams import Uniforms
 from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.joint.gaps import curve, gap_finding, inside_lowest, uniform_finding
 from gaugeblock.validate.joint.quantities import quantity_pit
-from gaugeblock.validate.marginal.coverage import LEVELS
+from gaugeblock.validate.levels import LEVELS
 from gaugeblock.validate.prepared import TrialBlock
 
 REFERENCE = "Hyndman 1996; Hermans et al. 2022, arXiv:2110.06581; Modrak et al. 2023, arXiv:2211.02383"

@@ -18,7 +18,7 @@ from gaugeblock.core.streams import Uniforms
 from gaugeblock.validate.check import QUANTITY
 from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.joint.gaps import both_names, both_regions, curve, gap_finding
-from gaugeblock.validate.marginal.coverage import LEVELS
+from gaugeblock.validate.levels import LEVELS
 from gaugeblock.validate.prepared import TrialBlock
 from gaugeblock.validate.ranks import randomised_pit
 

@@ -22,7 +22,7 @@ from gaugeblock.validate.joint.gaps import curve, gap_finding, uniform_finding
 from gaugeblock.validate.joint.pool import Pool, make_pool, pool_pit
 from gaugeblock.validate.learned.expected import expected_of
 from gaugeblock.validate.learned.informed.location import Location
-from gaugeblock.validate.marginal.coverage import LEVELS
+from gaugeblock.validate.levels import LEVELS
 from gaugeblock.validate.prepared import Prepared, TrialBlock
 
 REFERENCES = 8

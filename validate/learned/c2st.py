@@ -21,7 +21,8 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import generator
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked, PValueFinding
 from gaugeblock.validate.learned.learned import LEAST_TRIALS, LearnedRanks, learned_from
-from gaugeblock.validate.marginal.coverage import LEVELS, inside_central, steadied_error
+from gaugeblock.validate.levels import LEVELS
+from gaugeblock.validate.marginal.coverage import inside_central, steadied_error
 from gaugeblock.validate.p_values import lower_tail
 from gaugeblock.validate.prepared import Prepared
 

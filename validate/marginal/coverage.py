@@ -1,4 +1,4 @@
-"""Central intervals: how often they contain the truth, at twelve levels, for every parameter."""
+"""Central intervals: how often they contain the truth, at every level of the policy, for every parameter."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import generator
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked, PValueFinding
+from gaugeblock.validate.levels import LEVELS, component
 from gaugeblock.validate.prepared import Prepared
 
-LEVELS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.68, 0.7, 0.8, 0.9, 0.95)
 REFERENCE = "Hermans et al. 2022, arXiv:2110.06581; coverage of the randomised PIT"
 LEAST_TRIALS = 2
 # Agresti & Coull 1998: z^2 / 2 successes and failures more, for the z of about 4 that simultaneous intervals
@@ -71,7 +71,12 @@ def coverage(prepared: Prepared) -> list[Finding | NotChecked]:
         why = f"{n} trial(s) with finite draws; at least {LEAST_TRIALS} are needed"
         return [NotChecked("coverage.central", why), NotChecked("coverage.deviation", why)]
     return [
-        central_finding(prepared.pit, prepared.parameters, caveats=prepared.caveats),
+        central_finding(
+            prepared.pit,
+            prepared.parameters,
+            levels=prepared.levels.coverage,
+            caveats=prepared.caveats,
+        ),
         deviation_finding(prepared.pit, prepared.parameters, seed=prepared.seed, caveats=prepared.caveats),
     ]
 
@@ -110,7 +115,7 @@ def central_finding(
         null="coverage equal to the nominal level, exactly, for an exact posterior",
         reference=REFERENCE,
         n_trials=n,
-        components=tuple(f"{name} @ {level:g}" for name in parameters for level in levels),
+        components=tuple(component(name, level) for name in parameters for level in levels),
         estimate=(covered - nominal).ravel(),
         standard_error=steadied_error(hits, n).ravel(),
         influence=(inside - covered[..., None]).reshape(-1, n),

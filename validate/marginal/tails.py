@@ -9,6 +9,7 @@ posterior the truth is one with the same probability as a draw, exactly, however
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
@@ -16,13 +17,13 @@ from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
+from gaugeblock.validate.levels import component
 from gaugeblock.validate.marginal.coverage import inside_central, steadied_error
 from gaugeblock.validate.marginal.row_quantiles import row_quantiles
 from gaugeblock.validate.prepared import Prepared, TrialBlock
 from gaugeblock.validate.ranks import truth_weight
 
 FAR = 8.0
-LEVELS = (0.99, 0.997)
 LEAST_TRIALS = 2
 # With fewer draws nothing lies eight half-widths out.
 LEAST_DRAWS = 20
@@ -77,13 +78,17 @@ def tails(prepared: Prepared) -> list[Finding | NotChecked]:
         ]
     else:
         found.append(NotChecked("tails.outliers", f"needs {LEAST_DRAWS} draws a trial; has {draws:,.0f}"))
-    judged = [level for level in LEVELS if draws >= needed_draws(level)]
+    levels = prepared.levels.tails
+    judged = [level for level in levels if draws >= needed_draws(level)]
+    unresolved = [level for level in levels if level not in judged]
     if judged:
-        found.append(coverage_finding(prepared.pit, prepared.parameters, judged, caveats=prepared.caveats))
-    beyond = [
-        f"{level:.1%} intervals need {needed_draws(level):,}" for level in LEVELS if level not in judged
-    ]
-    if beyond:
+        found.append(
+            coverage_finding(
+                prepared.pit, prepared.parameters, judged, unresolved=unresolved, caveats=prepared.caveats
+            )
+        )
+    if unresolved:
+        beyond = [f"{100 * level:g}% intervals need {needed_draws(level):,}" for level in unresolved]
         why = f"{', '.join(beyond)} draws a trial; there are {draws:,.0f}"
         found.append(NotChecked("tails.coverage", why))
     return found
@@ -92,7 +97,7 @@ def tails(prepared: Prepared) -> list[Finding | NotChecked]:
 def needed_draws(level: float) -> int:
     """Draws with which the ends of an interval have at least two of them beyond: (1 - level) / 2 of L + 1.
 
-    >>> [needed_draws(level) for level in LEVELS]
+    >>> [needed_draws(level) for level in (0.99, 0.997)]
     [399, 1333]
     """
     return math.ceil(round(4 / (1 - level) - 1, 6))
@@ -121,9 +126,17 @@ def outlier_finding(name: str, shares: Array, *, caveats: tuple[str, ...] = ()) 
 
 
 def coverage_finding(
-    pit: Array, parameters: tuple[str, ...], levels: list[float], *, caveats: tuple[str, ...] = ()
+    pit: Array,
+    parameters: tuple[str, ...],
+    levels: list[float],
+    *,
+    unresolved: Sequence[float] = (),
+    caveats: tuple[str, ...] = (),
 ) -> Finding:
-    """Coverage less level of the outermost central intervals, from randomised PIT ``(trial, parameter)``."""
+    """Coverage less level of the outermost central intervals, from randomised PIT ``(trial, parameter)``.
+
+    `unresolved` are levels that the draws do not allow.
+    """
     n, nominal = len(pit), np.array(levels)
     inside = inside_central(pit, levels).reshape(-1, n)
     hits = inside.sum(axis=1)
@@ -135,9 +148,10 @@ def coverage_finding(
         null="coverage equal to the nominal level, exactly, for an exact posterior",
         reference=REFERENCE,
         n_trials=n,
-        components=tuple(f"{name} @ {level:g}" for name in parameters for level in levels),
+        components=tuple(component(name, level) for name in parameters for level in levels),
         estimate=held - np.tile(nominal, len(parameters)),
         standard_error=steadied_error(hits, n),
         influence=inside - held[:, None],
+        details=xr.Dataset({"unresolved": ("unresolved_level", np.array(unresolved, dtype=float))}),
         caveats=caveats,
     )

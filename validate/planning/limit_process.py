@@ -1,6 +1,6 @@
 """What the gates of a Gaussian posterior do when there are many trials: a normal process, known beforehand.
 
-Per parameter the process has 16 components: the bias, three log widths and the coverage gap at twelve levels.
+Per parameter the process has components for the bias, three log widths and the coverage gap at each level.
 Their standard errors and correlations follow from the standard normal errors of an exact estimator, so that
 a plan needs no trials: a log width rests on the same indicators as the coverage of its interval, so these two
 have correlation 1, and the bias, a mean of ranks, has none with either.
@@ -9,6 +9,7 @@ Parameters are taken to be independent, which spends the budget fastest.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,8 +18,8 @@ from scipy import special, stats
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.family import pass_level
+from gaugeblock.validate.levels import LEVELS
 from gaugeblock.validate.looks import share
-from gaugeblock.validate.marginal.coverage import LEVELS
 from gaugeblock.validate.marginal.coverage import STEADYING as COUNTED_MORE
 from gaugeblock.validate.marginal.half_widths import LEVELS as WIDTHS
 from gaugeblock.validate.policy import Tolerance
@@ -27,19 +28,16 @@ QUANTITIES = ("bias", "log_width", "coverage")
 REPLICATES = 100_000
 # Tolerances that a fault has which is to FAIL.
 TIMES = 2.0
-_LEVEL = np.array(LEVELS)
 _WIDTH = np.array(WIDTHS)
-# Which coverage gap each log width goes with.
-_SAME = np.array([LEVELS.index(level) for level in WIDTHS])
 
 
-def correlation() -> Array:
-    """Correlations ``(16, 16)`` of bias, log widths and twelve coverage gaps of one parameter.
+def correlation(coverage: Sequence[float] = LEVELS) -> Array:
+    """Correlations ``(k, k)`` of bias, three log widths and the coverage gaps of one parameter.
 
     >>> bool(correlation()[0, 1:].any())  # a bias says nothing about widths: normal errors are symmetric
     False
     """
-    levels = np.concatenate([_WIDTH, _LEVEL])
+    levels = np.concatenate([_WIDTH, coverage])
     spread = np.sqrt(levels * (1 - levels))
     whole = np.eye(1 + len(levels))
     among = np.minimum(levels, levels[:, None]) - levels * levels[:, None]
@@ -53,35 +51,46 @@ class LimitProcess:
 
     `families` is among how many families of gates the error budget is shared: this one, and what else an
     audit judges on other trials or quantities. `further` is the number of further comparisons in this one
-    (joint, by region, learned), taken to be independent.
+    (joint, by region, learned), taken to be independent. `levels` are those of the central coverage.
     """
 
     parameters: int
     draws: int
     families: int = 1
     further: int = 0
+    levels: tuple[float, ...] = LEVELS
     seed: int = 0
 
     def standard_errors(self, trials: int) -> Array:
-        """Standard errors ``(16,)`` of an exact estimator: of quantiles, and steadied as the gaps' are."""
+        """Standard errors ``(component,)`` of an exact estimator."""
         reach, unit = special.ndtri((1 + _WIDTH) / 2), special.ndtri((1 + 0.68) / 2)
         slope = 2 * _density(reach) * reach
         width = np.sqrt(_WIDTH * (1 - _WIDTH)) / slope
-        covered = (trials * _LEVEL + COUNTED_MORE) / (trials + 2 * COUNTED_MORE)
         # Ranks of a normal error: a spread of 1 / sqrt(12), and a slope of 1 / (2 sqrt(pi)) per sd.
         bias = np.sqrt(np.pi / 3) / unit
-        spread = np.concatenate([[bias], width, np.sqrt(covered * (1 - covered))])
-        return np.asarray(spread / np.sqrt(trials))
+        spread = np.concatenate([[bias], width])
+        return np.concatenate([spread / np.sqrt(trials), _gap_error(self.levels, trials)])
 
     @cached_property
     def _replicates(self) -> Array:
         """Standard errors that one parameter's estimates are off, without their signs."""
-        rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(len(_LEVEL),)))
-        first, gaps = np.array([0]), 1 + len(_WIDTH) + np.arange(len(_LEVEL))
-        apart = np.concatenate([first, gaps])
-        root = np.linalg.cholesky(correlation()[np.ix_(apart, apart)])
+        bias, gaps = self._bias_and_gaps
+        # A width and the gap of the same interval are the same normal number.
+        return np.column_stack([bias, *(gaps[level] for level in (*WIDTHS, *self.levels))])
+
+    @cached_property
+    def _curves(self) -> Array:
+        return np.column_stack([self._bias_and_gaps[1][level] for level in LEVELS])
+
+    @cached_property
+    def _bias_and_gaps(self) -> tuple[Array, dict[float, Array]]:
+        """Replicates of the bias, and of the gap at every level that somebody asks for."""
+        apart = sorted({*self.levels, *WIDTHS, *LEVELS})
+        rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(len(apart),)))
+        kept = np.delete(np.arange(1 + len(WIDTHS) + len(apart)), 1 + np.arange(len(WIDTHS)))
+        root = np.linalg.cholesky(correlation(apart)[np.ix_(kept, kept)])
         found = np.abs(rng.standard_normal((REPLICATES, len(root))) @ root.T)
-        return np.concatenate([found[:, :1], found[:, 1 + _SAME], found[:, 1:]], axis=1)
+        return found[:, 0], dict(zip(apart, found[:, 1:].T, strict=True))
 
     @cached_property
     def _maxima(self) -> Array:
@@ -104,21 +113,21 @@ class LimitProcess:
     def pass_probability(self, trials: int, tolerance: Tolerance) -> float:
         """Probability that an exact estimator PASSes all gates."""
         one_sided = stats.t.ppf(pass_level(1), trials - 1)
-        spare = tolerated(tolerance) / self.standard_errors(trials) - one_sided
+        spare = self._tolerated(tolerance) / self.standard_errors(trials) - one_sided
         return float(np.mean((self._replicates <= spare).all(axis=1)) ** self.parameters)
 
     def curve_pass_probability(self, trials: int, tolerance: float) -> float:
-        """Probability that one coverage curve of an exact estimator, at twelve levels, PASSes."""
+        """Probability that one curve of an exact estimator's joint coverage, at twelve levels, PASSes."""
         one_sided = stats.t.ppf(pass_level(1), trials - 1)
-        spare = tolerance / self.standard_errors(trials)[-len(_LEVEL) :] - one_sided
-        return float(np.mean((self._replicates[:, -len(_LEVEL) :] <= spare).all(axis=1)))
+        spare = tolerance / _gap_error(LEVELS, trials) - one_sided
+        return float(np.mean((self._curves <= spare).all(axis=1)))
 
     def smallest_detectable(
         self, trials: int, tolerance: Tolerance, *, error_budget: float, power: float
     ) -> dict[str, float]:
         """Per quantity, the fault that FAILs with this power, as gates state it beside each PASS."""
         reach = self.critical(trials, error_budget) + float(special.ndtri(power))
-        edge = tolerated(tolerance) + reach * self.standard_errors(trials)
+        edge = self._tolerated(tolerance) + reach * self.standard_errors(trials)
         widths, gaps = edge[1 : 1 + len(_WIDTH)], edge[1 + len(_WIDTH) :]
         return {"bias": float(edge[0]), "log_width": float(widths.min()), "coverage": float(gaps.max())}
 
@@ -137,17 +146,22 @@ class LimitProcess:
             found[name] = float(special.ndtr((TIMES * (1 - hidden[name]) - 1) * edge / worst - critical))
         edge = tolerance.coverage
         gap = TIMES * edge * (1 - hidden["coverage"])
-        covered = np.concatenate([_LEVEL - gap, _LEVEL + gap])
+        covered = np.concatenate([np.array(self.levels) - gap, np.array(self.levels) + gap])
         covered = covered[(covered > 0) & (covered < 1)]
         spread = np.sqrt(covered * (1 - covered) / trials).max(initial=0.5 / np.sqrt(trials))
         found["coverage"] = float(special.ndtr((gap - edge) / spread - critical))
         return found
 
+    def _tolerated(self, tolerance: Tolerance) -> Array:
+        """Tolerance of each component of a parameter."""
+        of_widths, of_gaps = [tolerance.log_width] * len(_WIDTH), [tolerance.coverage] * len(self.levels)
+        return np.array([tolerance.bias, *of_widths, *of_gaps])
 
-def tolerated(tolerance: Tolerance) -> Array:
-    """Tolerance of each of the 16 components."""
-    of_widths, of_gaps = [tolerance.log_width] * len(_WIDTH), [tolerance.coverage] * len(_LEVEL)
-    return np.array([tolerance.bias, *of_widths, *of_gaps])
+
+def _gap_error(levels: Sequence[float], trials: int) -> Array:
+    """Standard errors ``(level,)`` of coverage gaps, steadied as those of the gates are."""
+    covered = (trials * np.array(levels) + COUNTED_MORE) / (trials + 2 * COUNTED_MORE)
+    return np.asarray(np.sqrt(covered * (1 - covered) / trials))
 
 
 def hidden_by(draws: int) -> dict[str, float]:

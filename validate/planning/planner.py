@@ -17,8 +17,8 @@ from scipy import special
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.family import pass_level
 from gaugeblock.validate.joint.projections import CENTRAL, LOWEST, directions, pairs
+from gaugeblock.validate.levels import LEVELS
 from gaugeblock.validate.local.local import MOST_REGIONS, NOMINAL, TAUGHT
-from gaugeblock.validate.marginal.coverage import LEVELS
 from gaugeblock.validate.messages import SHARE
 from gaugeblock.validate.planning.limit_process import QUANTITIES, LimitProcess, hidden_by
 from gaugeblock.validate.planning.rank_power import RankFault, smallest
@@ -110,7 +110,14 @@ def plan(
     _check(params=params, trials=trials, draws=draws, families=families)
     depth = draws or next(tens for tens in count(10, 10) if max(hidden_by(tens).values()) <= MOST_HIDDEN)
     others = further_comparisons(params) if further is None else further
-    process = LimitProcess(parameters=params, draws=depth, families=families, further=others, seed=seed)
+    process = LimitProcess(
+        parameters=params,
+        draws=depth,
+        families=families,
+        further=others,
+        levels=policy.levels.coverage,
+        seed=seed,
+    )
     tolerance, budget, power = policy.tolerance, policy.error_budget, policy.planning.power
 
     def enough(n: int) -> bool:

@@ -392,7 +392,7 @@ def _judged(
     resources: Mapping[str, Any] = MappingProxyType({}),
 ) -> Audit:
     progress("validators", 0, 1)
-    findings, not_checked = run_validators(trials, seed=seed, select=validators)
+    findings, not_checked = run_validators(trials, seed=seed, select=validators, levels=policy.levels)
     progress("validators", 1, 1)
     verdict = judged(findings, not_checked, policy, seed=seed, looks=looks)
     record = plain_data(

@@ -138,7 +138,7 @@ def _derived(
         raise InputError(f"{where}.validators is {select!r}; it must be a list of names")
     check_validators(select or ())
     seed = _seed(record, "seed", 0)
-    findings, not_checked = run_validators(tree, seed=seed, select=select)
+    findings, not_checked = run_validators(tree, seed=seed, select=select, levels=policy.levels)
     verdict = judge(findings, not_checked, policy, seed=_seed(record, "judge_seed", seed), looks=looks)
     verdict = explained(replace(verdict, provenance=dict(record)), tree)
     if earlier is not None:

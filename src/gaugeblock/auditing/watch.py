@@ -57,7 +57,7 @@ class Watch:
         return _not_finite(findings) or self._settled(f for f in findings if isinstance(f, SequenceFinding))
 
     def _findings(self, trials: xr.Dataset) -> tuple[Finding, ...]:
-        return run_validators(trials, seed=self.seed, select=WATCHED)[0]
+        return run_validators(trials, seed=self.seed, select=WATCHED, levels=self.policy.levels)[0]
 
     def _settled(self, sequences: Iterable[SequenceFinding]) -> bool:
         decided = decide(gather(list(sequences), self.policy), self.policy.error_budget)

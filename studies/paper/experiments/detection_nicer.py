@@ -33,7 +33,7 @@ WITHIN = 3.0
 
 SIZES = {
     Setting.FULL: {"clean": 200, "suspicious": 100, "reference": 500, "draws": DRAWS, "again": 20},
-    Setting.TWIN: {"clean": 40, "suspicious": 20, "reference": 100, "draws": 40, "again": 2},
+    Setting.TWIN: {"clean": 20, "suspicious": 10, "reference": 50, "draws": 20, "again": 2},
 }
 
 

@@ -112,7 +112,7 @@ def test_draws_that_do_not_resolve_a_level_are_said():
     assert not findings
     assert all(isinstance(item, NotChecked) for item in not_checked)
     assert [item.id for item in not_checked] == ["tails.outliers", "tails.coverage"]
-    assert "99.0% intervals need 399, 99.7% intervals need 1,333 draws" in not_checked[1].why
+    assert "99% intervals need 399, 99.7% intervals need 1,333 draws" in not_checked[1].why
     # Two draws or more lie beyond each end: alpha / 2 >= 2 / (L + 1).
     for level in (0.99, 0.997, 0.9):
         draws = needed_draws(level)
