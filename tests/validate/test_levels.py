@@ -5,6 +5,7 @@ import pytest
 
 import gaugeblock as gb
 from gaugeblock.auditing.verify import verify
+from gaugeblock.auditing.watch import Watch
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.levels import LEVELS, component, level_of
 from gaugeblock.validate.planning.limit_process import LimitProcess
@@ -130,3 +131,13 @@ def test_levels_that_cannot_be_are_refused_in_a_line(levels, said):
 
 def test_a_components_name_keeps_its_level():
     assert [level_of(component("a @ b", level)) for level in (*LEVELS, 0.9973)] == [*LEVELS, 0.9973]
+
+
+def test_what_stops_a_watched_audit_is_the_policys_levels_alone():
+    """Truths that avoid the middle: central 30% intervals hold none, 90% intervals hold what they should."""
+    rng = np.random.default_rng(5)
+    truth, draws = rng.normal(size=(1000, 1)), rng.normal(size=(1000, 100, 1))
+    truth = np.where(np.abs(truth) < 0.39, np.sign(truth) * rng.uniform(0.4, 0.7, truth.shape), truth)
+    trials = gb.make_trials(truth, draws, ["a"])
+    assert Watch(policy(coverage=[0.3]), 0).confirm(trials)
+    assert not Watch(policy(coverage=[0.9]), 0).confirm(trials)
