@@ -136,7 +136,7 @@ def test_a_components_name_keeps_its_level():
 def test_what_stops_a_watched_audit_is_the_policys_levels_alone():
     """Truths that avoid the middle: central 30% intervals hold none, 90% intervals hold what they should."""
     rng = np.random.default_rng(5)
-    truth, draws = rng.normal(size=(1000, 1)), rng.normal(size=(1000, 100, 1))
+    truth, draws = rng.normal(size=(300, 1)), rng.normal(size=(300, 100, 1))
     truth = np.where(np.abs(truth) < 0.39, np.sign(truth) * rng.uniform(0.4, 0.7, truth.shape), truth)
     trials = gb.make_trials(truth, draws, ["a"])
     assert Watch(policy(coverage=[0.3]), 0).confirm(trials)
