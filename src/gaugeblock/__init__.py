@@ -4,6 +4,7 @@
 
     result = gb.audit(estimator, simulator)             # PASS, FAIL or INCONCLUSIVE, with stated error rates
     result = gb.audit_draws(theta_true, draws, x=x)     # the same of draws in hand
+    answer = gb.check(simulator, x)                     # could the simulator have made this observation?
     found = gb.discover(simulator, x)                   # what the simulator lacks, if data disagree
 
 Nothing heavy is imported until it is asked for.
@@ -14,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 _PLACES = {
     "auditing.audit": ("audit", "audit_draws", "judge"),
+    "auditing.checked": ("Check",),
+    "auditing.checking": ("check",),
     "auditing.discovering": ("discover",),
     "auditing.estimator_from": ("load",),
     "auditing.planned": ("plan",),
@@ -44,6 +47,8 @@ if TYPE_CHECKING:
     from gaugeblock.auditing.audit import audit as audit
     from gaugeblock.auditing.audit import audit_draws as audit_draws
     from gaugeblock.auditing.audit import judge as judge
+    from gaugeblock.auditing.checked import Check as Check
+    from gaugeblock.auditing.checking import check as check
     from gaugeblock.auditing.discovering import discover as discover
     from gaugeblock.auditing.estimator_from import load as load
     from gaugeblock.auditing.planned import plan as plan

@@ -1,0 +1,374 @@
+"""`check`: could the simulator have made what was observed?"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gaugeblock.auditing.checked import Check
+from gaugeblock.auditing.estimator_from import as_estimator
+from gaugeblock.auditing.identity import identity, versions
+from gaugeblock.auditing.observation import read_observation
+from gaugeblock.auditing.phases import ended
+from gaugeblock.auditing.predictive import Answering, Predictive
+from gaugeblock.auditing.provenance import digests, named
+from gaugeblock.core.arrays import Array
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.progress import Progress, shown
+from gaugeblock.core.streams import generator
+from gaugeblock.estimators.protocol import Estimator
+from gaugeblock.reports.machine import plain
+from gaugeblock.simulators.from_function import as_simulator
+from gaugeblock.simulators.protocol import Extensible, Simulator
+from gaugeblock.validate.observation import Sets
+from gaugeblock.validate.observation.answer import Answer, Moved, View
+from gaugeblock.validate.observation.coordinates import Coordinates
+from gaugeblock.validate.observation.generic import Tried, compared
+from gaugeblock.validate.observation.ladder import Seen, share, smallest_seen
+from gaugeblock.validate.observation.planted import Discrepancy, Scale, possible
+from gaugeblock.validate.observation.ranking import groups, p_values_against, ranked
+from gaugeblock.validate.observation.tables import DATA, Function
+from gaugeblock.validate.observation.together import FURTHER, Together
+from gaugeblock.validate.observation.views import WAYS, Rows, Views
+from gaugeblock.validate.observation.where import Where, located
+
+LEVEL = 0.05
+SEES: Mapping[str, float] = {"noise": 1.0}
+PLANTED, WITH_EFFECT = 200, 120
+# Fewer cannot reject at 5% in any view but one.
+LEAST = 99
+POSTERIOR_DRAWS = 1000
+
+
+def check(
+    simulator: Any,
+    x: Any,
+    estimator: Any = None,
+    *,
+    prior: Any = None,
+    names: Sequence[str] | None = None,
+    trials: int = 999,
+    simulations: int = 4000,
+    draws: int = 24,
+    seed: int = 0,
+    level: float = LEVEL,
+    sees: Mapping[str, float] | None = None,
+    views: Mapping[str, Function] | Sequence[str] | None = None,
+    summaries: Function | None = None,
+    axes: Sequence[str] = (),
+    coordinates: ArrayLike | None = None,
+    out: str | os.PathLike[str] | None = None,
+    progress: Progress | bool | None = None,
+    command: str = "",
+) -> Check:
+    """Ask whether a simulator, somewhere in its prior, could have made what was observed.
+
+    The observation's rank among fresh simulations that went through everything that it went through: an exact
+    p-value, never below ``1 / (trials + 1)``, with the price of looking in many ways paid.
+
+    Parameters
+    ----------
+    simulator, prior, names
+        As in `gaugeblock.audit`: an object, a function beside its prior, a class, a name.
+    x : array or path
+        One data set ``(*data_shape)``, or several ``(n, *data_shape)``, each with parameters of its own from
+        the prior; or a .npy or NetCDF file of it.
+    estimator : optional
+        As in `gaugeblock.audit`: adds what is left after fitting, and its features where it has ``embed``.
+    trials : int
+        Fresh simulations that are ranked; of several observations, random groups.
+    simulations : int
+        Other simulations, which views are learned on.
+    draws : int
+        Posterior draws of each data set at which data are replicated.
+    seed : int
+        Of everything random.
+    level : float
+        FAIL where the p-value is at most this: so often for what the simulator did make.
+    sees : mapping of str to float
+        What a PASS needs to have seen with 90% power, by kind of discrepancy and size (``{"noise": 1.0}``:
+        noise as large as the simulations' own spread); see docs/check.md.
+    views : names or mapping of functions, optional
+        Names of the views to use instead of all; or functions from data ``(n, *data_shape)`` to ``(n,)``, by
+        name, beside them.
+    summaries : function, optional
+        From data to numbers ``(n, k)``, which are looked at beside the data.
+    axes, coordinates
+        What the axes of a data set are called, and names or positions along the last one.
+    out : path, optional
+        Folder for check.json and report.html.
+    progress : callable ``(what, done, total)`` or bool, optional
+        None: bars in a terminal and in a notebook.
+
+    Raises
+    ------
+    InputError
+        In one line, if anything given cannot be used, or simulator or estimator fail.
+    """
+    if trials < LEAST or simulations < 2 * LEAST or draws < 4 or not 0 < level < 1:
+        raise InputError(
+            f"check: needs trials >= {LEAST}, simulations >= {2 * LEAST}, draws >= 4 and a level between 0 "
+            f"and 1, got {trials}, {simulations}, {draws} and {level}"
+        )
+    given = read_observation(x)
+    if given is None:
+        raise InputError("check: give the observation, x, an array or a file")
+    simulated = as_simulator(simulator, prior=prior, names=names)
+    estimating = None if estimator is None else as_estimator(estimator, simulated)
+    own = dict(views) if isinstance(views, Mapping) else {}
+    select = None if views is None or isinstance(views, Mapping) else tuple(views)
+    with ended(None if estimating is estimator else estimating), shown(progress) as tell:
+        run = _Run(simulated, estimating, given.data, trials, simulations, draws, seed, level, tell)
+        answer = run.answer(
+            Coordinates.of(run.shape, axes=axes, labels=coordinates),
+            SEES if sees is None else sees,
+            {"summaries": summaries, "own": own, "select": select},
+        )
+    subjects: dict[str, Any] = {"simulator": {**named(simulator), **identity(simulated)}}
+    if estimating is not None:
+        subjects["estimator"] = {**named(estimator), **identity(estimating)}
+    record = plain(
+        {
+            "command": command,
+            "seed": seed,
+            **subjects,
+            "observation": given.record,
+            "trials": {"trials": trials, "simulations": simulations, "draws": draws},
+            "versions": versions(),
+        }
+    )
+    result = Check(answer, {**record, "sha256": digests(record)})
+    if out is not None:
+        result.save(out)
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class _Looked:
+    """Observed and fresh data sets through the same views."""
+
+    views: Views
+    rows: Rows
+    groups: NDArray[np.intp]
+    together: Together
+    statistics: Array
+
+
+class _Run:
+    """One check from simulations to an answer."""
+
+    def __init__(
+        self, simulator: Simulator, estimator: Estimator | None, observed: NDArray[Any], trials: int,
+        simulations: int, draws: int, seed: int, level: float, tell: Progress,
+    ):  # fmt: skip
+        self.simulator, self.estimator, self.seed, self.level, self.tell = (
+            simulator,
+            estimator,
+            seed,
+            level,
+            tell,
+        )
+        self.trials = trials
+        self.answering = Answering(simulator, estimator, draws=draws, seed=seed)
+        tell("simulating", 0, simulations)
+        self.learned = Predictive(simulator, seed, "learned").data(simulations)
+        self.shape = self.learned.shape[1:]
+        self.observed = _as_sets(observed, self.shape)
+        # Several observations need others enough to stand in for them.
+        self.fresh = Predictive(simulator, seed, "ranked").data(max(trials, 10 * len(self.observed)))
+        tell("simulating", simulations, simulations)
+
+    def answer(self, coordinates: Coordinates, sees: Mapping[str, float], given: Mapping[str, Any]) -> Answer:
+        """Learn, rank, locate, plant, try."""
+        ladder = possible(self.shape, ladder=True)
+        unknown = [kind for kind in sees if kind not in ladder]
+        if unknown or not all(size > 0 for size in sees.values()):
+            raise InputError(
+                f"sees: {', '.join(unknown) or 'sizes must be positive'}; for these data there are "
+                f"{', '.join(ladder)}"
+            )
+        looked = self.look(coordinates, given)
+        found = ranked(looked.statistics)
+        names = looked.together.names(len(self.observed))
+        where = located(looked.views, self.observed, looked.rows, looked.groups)
+        scale = Scale.of(self.learned)
+        failed = found.p_value <= self.level
+        order = np.argsort(found.single, kind="stable")
+        label = coordinates.labels
+        return Answer(
+            p_value=found.p_value,
+            level=self.level,
+            sees=dict(sees),
+            observations=len(self.observed),
+            fresh=len(looked.statistics) - 1,
+            learned=len(self.learned),
+            shape=self.shape,
+            views=tuple(
+                View(names[i], _says(names[i]), float(found.single[i]), float(found.corrected[i]))
+                for i in order
+            ),
+            where=where,
+            axes=coordinates.axes,
+            grid=coordinates.grid,
+            positions=tuple(map(float, label)) if label and not isinstance(label[0], str) else (),
+            ladder=self.ladder(looked, ladder, scale),
+            effects=self.effects(looked, scale) if failed else (),
+            moved=self.moved(looked.views, where) if failed else (),
+            has_effects=isinstance(self.simulator, Extensible),
+            codes={name: one.code for name, one in possible(self.shape, ladder=False).items()},
+            not_checked=() if self.estimator is not None else (
+                ("after fitting", "there is no estimator to say what is left after fitting"),
+            ),
+        )  # fmt: skip
+
+    def look(self, coordinates: Coordinates, given: Mapping[str, Any]) -> _Looked:
+        """Views learned on simulations of their own; observed and fresh data through all of them at once."""
+        self.tell("learning views", 0, 1)
+        learning = self.answering.sets(self.learned, "learned")
+        views = Views.learned(learning, coordinates, generator(self.seed, "check views"), **given)
+        self.tell("learning views", 1, 1)
+        both = np.concatenate([self.observed, self.fresh])
+        rows = views(self.answering.sets(both, "ranked"))
+        made = groups(len(self.observed), len(self.fresh), self.trials, generator(self.seed, "check groups"))
+        together = Together.learned(views.names, rows)
+        return _Looked(views, rows, made, together, together(rows, made))
+
+    def ladder(self, looked: _Looked, kinds: Mapping[str, Discrepancy], scale: Scale) -> tuple[Seen, ...]:
+        """The smallest discrepancy of each kind that would have been seen."""
+        base = Predictive(self.simulator, self.seed, "planted").data(max(PLANTED, 5 * len(self.observed)))
+        rng = generator(self.seed, "check planted groups")
+        size = len(self.observed)
+        members = np.arange(PLANTED)[:, None] if size == 1 else np.stack(
+            [rng.choice(len(base), size, replace=False) for _ in range(PLANTED)]
+        )  # fmt: skip
+        found = []
+        for done, (kind, one) in enumerate(kinds.items()):
+            self.tell("planting discrepancies", done, len(kinds))
+
+            def power_at(amplitude: float, kind: str = kind, one: Discrepancy = one) -> float:
+                noise = generator(self.seed, f"check planted {kind}", round(1000 * amplitude))
+                sets = self.answering.sets(
+                    one(base, amplitude, scale, noise), f"planted {kind} {amplitude:g}"
+                )
+                planted = looked.together(looked.views(sets), members)
+                return share(p_values_against(looked.statistics[1:], planted), self.level)
+
+            found.append(smallest_seen(kind, one.says, power_at))
+        self.tell("planting discrepancies", len(kinds), len(kinds))
+        return tuple(found)
+
+    def effects(self, looked: _Looked, scale: Scale) -> tuple[Tried, ...]:
+        """Generic effects put into simulations, which looks at the data alone."""
+        kinds = possible(self.shape, ladder=False)
+        base = Predictive(self.simulator, self.seed, "effects").data(WITH_EFFECT)
+        views = looked.views.of_the_data()
+        observed = views(Sets(self.observed))
+
+        def at(name: str, amplitude: float) -> tuple[Array, float]:
+            rng = generator(self.seed, f"check effect {name}", round(1000 * (amplitude + 100)))
+            rows = views(Sets(kinds[name](base, amplitude, scale, rng)))
+            return rows.signed, float(np.median(p_values_against(rows.scores, observed.scores)))
+
+        self.tell("trying effects", 0, 1)
+        found = compared(
+            [(name, one.signed) for name, one in kinds.items()], at, observed.signed, views(Sets(base)).signed
+        )
+        self.tell("trying effects", 1, 1)
+        return found
+
+    def moved(self, views: Views, where: Where) -> tuple[Moved, ...]:
+        """The posterior with the disagreeing coordinates replaced by what the others lead one to expect."""
+        gone = [place.coordinate for place in where.astray if place.family == DATA]
+        if self.estimator is None or len(self.observed) > 1 or not gone:
+            return ()
+        family, coordinates = views.families[DATA], views.tables.coordinates
+        before = coordinates(self.observed)
+        scores = family.expectation.filled(family.values(before)[0], gone)
+        after = family.values.inverse(scores[None])
+        filled = self.observed.astype(float).copy()
+        for at in gone:
+            part = filled[0][coordinates.members(at)]
+            filled[0][coordinates.members(at)] = part + (after[0, at] - before[0, at]) / max(part.size, 1)
+        both = np.concatenate([self.observed.astype(float), filled])
+        draws = self.answering.posterior(both, POSTERIOR_DRAWS, "moved")
+        mean, spread = draws.mean(axis=1), draws.std(axis=1, ddof=1)
+        return tuple(
+            Moved(name, (float(mean[0, i]), float(spread[0, i])), (float(mean[1, i]), float(spread[1, i])))
+            for i, name in enumerate(self.simulator.prior.names)
+        )
+
+
+def _as_sets(observed: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    """One data set or several as ``(m, *shape)``.
+
+    Raises
+    ------
+    InputError
+        If they have another shape, or hold NaN.
+    """
+    if observed.shape == shape:
+        observed = observed[None]
+    if observed.shape[1:] != shape or not len(observed):
+        raise InputError(
+            f"observation: has shape {observed.shape}; it must have the shape of the simulator's data, "
+            f"{shape}, or be several of them, (n, *{shape})"
+        )
+    wrong = int(np.count_nonzero(~np.isfinite(observed)))
+    if wrong:
+        raise InputError(
+            f"observation: {wrong} of {observed.size} numbers are NaN or infinite; leave them out, here and "
+            "in what the simulator gives"
+        )
+    return observed
+
+
+def _says(name: str) -> str:
+    return WAYS.get(name.rpartition(": ")[2]) or FURTHER.get(name) or "a function of your own"
+
+
+def with_options(choice: Any, settings: Mapping[str, Any], table: str) -> Any:
+    """What was named on the command line with the options ``table.key`` that were set.
+
+    Raises
+    ------
+    InputError
+        If options are set of something that was not named.
+
+    >>> with_options("xray", {"simulator.level": "bright"}, "simulator")
+    {'name': 'xray', 'level': 'bright'}
+    """
+    unknown = [key for key in settings if key.partition(".")[0] not in ("simulator", "estimator")]
+    if unknown:
+        raise InputError(f"--set {unknown[0]}: a check has options of simulator and estimator only")
+    own = {key.partition(".")[2]: value for key, value in settings.items() if key.startswith(f"{table}.")}
+    if not own:
+        return choice
+    if choice is None:
+        raise InputError(f"--set {table}.{next(iter(own))}: say which {table}, with --{table} NAME")
+    return {**(choice if isinstance(choice, Mapping) else {"name": choice}), **own}
+
+
+def parsed_sizes(said: Sequence[str]) -> dict[str, float]:
+    """Kinds of discrepancy and their sizes, from ``kind=size``.
+
+    Raises
+    ------
+    InputError
+        If one is not that.
+
+    >>> parsed_sizes(["noise=0.5"])
+    {'noise': 0.5}
+    """
+    found = {}
+    for one in said:
+        kind, _, size = one.partition("=")
+        try:
+            found[kind] = float(size)
+        except ValueError:
+            raise InputError(f"--sees {one}: give KIND=SIZE, for instance noise=0.5") from None
+    return found

@@ -1,0 +1,285 @@
+"""`gaugeblock.check`: what it says, of which it is right, and what it refuses."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import gaugeblock as gb
+from gaugeblock.auditing.checking import check
+from gaugeblock.estimators import build_estimator
+from gaugeblock.reports.check.effect_code import effect_code
+from gaugeblock.simulators import build_simulator
+from gaugeblock.validate.observation.planted import possible
+
+PRIOR = gb.Prior({"level": gb.Normal(0.0, 3.0), "slope": gb.Normal(0.0, 1.0)})
+TIMES = np.linspace(-1.0, 1.0, 24)
+SMALL = {"trials": 199, "simulations": 1000}
+
+
+def line(theta, rng):
+    """A line with noise."""
+    theta = np.asarray(theta)
+    return theta[:, :1] + theta[:, 1:] * TIMES + 0.3 * rng.standard_normal((len(theta), 24))
+
+
+def made(seed, number=1):
+    rng = np.random.default_rng(seed)
+    x = line(PRIOR.sample(number, rng), rng)
+    return x[0] if number == 1 else x
+
+
+class Fit:
+    """The exact posterior of the line, and a feature."""
+
+    def sample(self, x, n, rng):
+        design = np.stack([np.ones(24), TIMES], axis=1)
+        precision = design.T @ design / 0.09 + np.diag([1 / 9.0, 1.0])
+        mean = np.linalg.solve(precision, design.T @ np.asarray(x).T / 0.09).T
+        root = np.linalg.cholesky(np.linalg.inv(precision))
+        return mean[:, None] + rng.standard_normal((len(x), n, 2)) @ root.T
+
+    def embed(self, x):
+        return np.asarray(x).mean(axis=1, keepdims=True)
+
+
+@pytest.fixture(scope="module")
+def outlier():
+    x = made(3)
+    x[9] += 3.0
+    return x
+
+
+@pytest.fixture(scope="module")
+def failed(outlier):
+    return check(line, outlier, Fit(), prior=PRIOR, axes=["time"], coordinates=TIMES, seed=1, **SMALL)
+
+
+def test_what_the_simulator_made_passes_and_says_what_it_would_have_seen():
+    result = check(line, made(1), prior=PRIOR, seed=2, **SMALL)
+    assert result.outcome == "PASS"
+    assert result.passed
+    ladder = {seen.kind: seen.smallest for seen in result.answer.ladder}
+    assert set(ladder) == {"shift", "scale", "noise", "outliers", "component"}
+    assert ladder["noise"] <= 0.3
+    assert "90% power" in result.lines[1]
+    assert not result.answer.effects
+
+
+def test_a_pass_needs_the_power_to_have_seen_what_is_stated():
+    result = check(line, made(1), prior=PRIOR, seed=2, sees={"noise": 0.01}, **SMALL)
+    assert result.outcome == "INCONCLUSIVE"
+    assert "a PASS needs noise of 0.01" in repr(result)
+
+
+def test_an_outlier_fails_is_placed_and_named(failed):
+    assert failed.outcome == "FAIL"
+    assert failed.p_value == pytest.approx(1 / 200)
+    first = failed.answer.where.places[0]
+    assert (first.coordinate, first.name) == (9, f"time {TIMES[9]:.4g}")
+    assert first.p_value == pytest.approx(1 / 200)
+    assert first.expected[0] < first.expected[1] < first.expected[2] < first.observed
+    assert first.expected[1] == pytest.approx(first.observed - 3.0, abs=1.0)
+    assert failed.named == "outliers"
+    assert "after fitting: largest" in failed.to_frame().index
+    assert "features: distance" in failed.to_frame().index
+
+
+def test_the_posterior_moves_back_without_what_disagrees(outlier, failed):
+    clean = outlier.copy()
+    clean[9] -= 3.0
+    wanted = Fit().sample(clean[None], 4000, np.random.default_rng(1))[0].mean(axis=0)
+    for moved, mean in zip(failed.answer.moved, wanted, strict=True):
+        assert abs(moved.after[0] - mean) < abs(moved.before[0] - mean) + 0.02
+        assert moved.after[0] == pytest.approx(mean, abs=0.08)
+    assert failed.answer.moved[0].shift < -0.5
+
+
+def test_what_is_left_after_fitting_sees_what_a_wide_prior_hides():
+    """A bump of the noise's size, far below the prior's spread."""
+    found = []
+    for seed in range(8):
+        x = made(40 + seed) + 1.1 * np.exp(-0.5 * ((TIMES - 0.2) / 0.15) ** 2)
+        result = check(line, x, Fit(), prior=PRIOR, seed=seed, views=["after fitting: runs"], **SMALL)
+        found.append(result.p_value)
+    assert np.median(found) <= 0.05
+
+
+def test_false_alarms_of_whole_checks():
+    """Fresh views, fresh simulations and a fresh observation each time: 120 checks, rejections at 10%."""
+
+    def small(theta, rng):
+        return np.round(np.exp(theta[:, :1]) * rng.standard_cauchy((len(theta), 3)))  # heavy, discrete
+
+    prior = gb.Prior({"size": gb.Normal(0.0, 1.0)})
+    p = []
+    for seed in range(120):
+        rng = np.random.default_rng(seed)
+        x = small(prior.sample(1, rng), rng)[0]
+        views = ["distance", "neighbours", "largest"]
+        p.append(check(small, x, prior=prior, seed=seed, trials=99, simulations=198, views=views).p_value)
+    rejected = int(np.count_nonzero(np.array(p) <= 0.1))
+    assert stats.binomtest(rejected, 120, 0.1).pvalue > 1e-3
+
+
+def test_views_are_learned_on_other_simulations_than_those_that_are_ranked(monkeypatch):
+    seen = {}
+    from gaugeblock.auditing import checking
+
+    class Kept(checking.Predictive):
+        def data(self, number):
+            seen[self.purpose] = made = super().data(number)
+            return made
+
+    monkeypatch.setattr(checking, "Predictive", Kept)
+    check(line, made(1), prior=PRIOR, seed=2, **SMALL)
+    assert set(seen) == {"learned", "ranked", "planted"}
+    for one, other in (("learned", "ranked"), ("learned", "planted"), ("ranked", "planted")):
+        assert not np.isin(seen[one][:, 0], seen[other][:, 0]).any()
+
+
+def test_several_observations_and_a_shift_that_all_share():
+    x = made(5, number=30)
+    assert check(line, x, prior=PRIOR, seed=3, **SMALL).outcome != "FAIL"
+    result = check(line, x + 0.25 * (np.arange(24) == 7), prior=PRIOR, seed=3, **SMALL)
+    assert result.outcome == "FAIL"
+    assert result.answer.observations == 30
+    assert result.answer.where.places[0].coordinate == 7
+    assert "shared shift" in result.to_frame().index
+
+
+def test_images_and_counts_and_numbers():
+    def image(theta, rng):
+        grid = np.hypot(*np.meshgrid(np.arange(8) - 3.5, np.arange(10) - 4.5, indexing="ij"))
+        return rng.poisson(np.exp(np.asarray(theta)[:, :1, None]) * np.exp(-grid / 3))
+
+    prior = gb.Prior({"log_rate": gb.Normal(3.0, 0.5)})
+    rng = np.random.default_rng(6)
+    x = image(prior.sample(1, rng), rng)[0]
+    x[1, 8] += 40
+    result = check(image, x, prior=prior, seed=4, **SMALL)
+    assert result.outcome == "FAIL"
+    assert result.answer.where.places[0].name == "row 1, column 8"
+    assert "<svg" in result._repr_html_() or "FAIL" in result._repr_html_()
+
+    def number(theta, rng):
+        return np.asarray(theta)[:, 0] + rng.standard_normal(len(theta))
+
+    wide = gb.Prior({"m": gb.Normal(0.0, 1.0)})
+    assert check(number, 40.0, prior=wide, seed=5, **SMALL).outcome == "FAIL"
+    alone = check(number, 0.3, prior=wide, seed=5, **SMALL)
+    assert alone.outcome == "INCONCLUSIVE"  # noise of one spread hides in a single number
+
+
+def test_a_channel_that_never_varies():
+    def dead(theta, rng):
+        x = line(theta, rng)
+        x[:, 4] = 0.0
+        return x
+
+    x = made(7)
+    x[4] = 0.0
+    assert check(dead, x, prior=PRIOR, seed=6, **SMALL).outcome == "PASS"
+    x[4] = 0.01
+    result = check(dead, x, prior=PRIOR, seed=6, **SMALL)
+    assert result.outcome == "FAIL"
+    assert result.answer.where.places[0].coordinate == 4
+
+
+def test_views_and_summaries_of_ones_own():
+    x = made(9)
+    x[::2] += 1.0
+    own = {"zigzag": lambda d: (d * (-1) ** np.arange(24)).sum(axis=1)}
+    result = check(line, x, prior=PRIOR, seed=7, views=own, **SMALL)
+    assert result.answer.views[0].name == "zigzag" or result.to_frame().loc["zigzag", "p_value"] <= 0.05
+    summed = check(
+        line, x, prior=PRIOR, seed=7, summaries=lambda d: d.reshape(-1, 12, 2).mean(axis=2), **SMALL
+    )
+    assert "summaries: distance" in summed.to_frame().index
+
+
+REFUSED = {
+    "NaN": ({"x": np.where(np.arange(24) == 3, np.nan, 0.0)}, "1 of 24 numbers are NaN"),
+    "shape": ({"x": np.zeros(23)}, r"shape \(23,\)"),
+    "view": ({"views": ["nonsense"]}, "no nonsense; for these data there are distance"),
+    "sees": ({"sees": {"wobble": 1.0}}, "wobble; for these data there are shift"),
+    "few": ({"trials": 10}, "trials >= 99"),
+    "function": ({"views": {"mine": lambda d: d}}, "24 numbers for a data set"),
+    "broken": ({"views": {"mine": lambda d: 1 / 0}}, "mine failed on data of shape"),
+    "axes": ({"axes": ["row", "column"]}, "2 names for data with 1 axes"),
+    "labels": ({"coordinates": [1, 2]}, "2 labels for data of shape"),
+    "none": ({"x": None}, "give the observation"),
+}
+
+
+@pytest.mark.parametrize("name", sorted(REFUSED))
+def test_what_cannot_be_used_is_said_in_one_line(name):
+    given, said = REFUSED[name]
+    with pytest.raises(gb.InputError, match=said) as caught:
+        check(line, **{"x": made(1), "prior": PRIOR, **SMALL, **given})
+    assert "\n" not in str(caught.value)
+
+
+def test_estimators_that_stray_outside_the_prior_or_give_nan_are_survived():
+    class Wild:
+        def sample(self, x, n, rng):
+            draws = 50.0 * rng.standard_normal((len(x), n, 1))
+            draws[:, 0] = np.nan
+            return draws
+
+    def positive(theta, rng):
+        assert (theta > 0).all()
+        return rng.normal(theta, 1.0, (len(theta), 6))
+
+    prior = gb.Prior({"rate": gb.Uniform(0.0, 3.0)})
+    assert check(positive, np.ones(6), Wild(), prior=prior, seed=1, **SMALL).p_value > 0
+
+
+def test_files_are_what_the_result_says(failed, tmp_path):
+    failed.save(tmp_path)
+    content = json.loads((tmp_path / "check.json").read_text())
+    assert content["verdict"] == "FAIL"
+    assert content["where"][0]["coordinate"] == 9
+    assert content["p_value"] == failed.p_value
+    page = (tmp_path / "report.html").read_text()
+    assert "time 17" not in page
+    assert "The lines that turn the best guess into an Effect" in page
+    assert len(repr(failed)) < 2000
+    assert "FAIL" in failed._repr_html_()
+    with pytest.raises(gb.InputError, match="neither true nor false"):
+        bool(failed)
+
+
+@pytest.mark.parametrize("what", ["where", "views", "would_see"])
+def test_pictures(failed, what):
+    pytest.importorskip("matplotlib")
+    assert failed.plot(what).get_title() == "FAIL, p = 0.005"
+    with pytest.raises(gb.InputError, match="no picture"):
+        failed.plot("what")
+
+
+@pytest.mark.parametrize("name", sorted(possible((24,), ladder=False)))
+def test_the_lines_of_the_page_run(name, monkeypatch):
+    """Up to the search itself: the effect changes data, at 0 not at all."""
+    codes = {key: one.code for key, one in possible((24,), ladder=False).items()}
+    text = effect_code(name, codes)
+    monkeypatch.setattr(gb, "discover", lambda simulator, x, *, prior, effects: effects[0])
+    space = {"simulator": line, "x": made(1), "prior": PRIOR}
+    exec(text.replace("gb.discover", "gb.discover"), space)
+    effect = space["found"]
+    theta, rng = PRIOR.sample(4, np.random.default_rng(1)), np.random.default_rng
+    space["rng"] = rng(3)
+    none = effect.kind(line, theta, {"a": np.zeros(4)}, rng(2))
+    some = effect.kind(line, theta, {"a": np.full(4, 0.5)}, rng(2))
+    assert np.allclose(none, line(theta, rng(2)))
+    assert not np.allclose(some, none)
+
+
+def test_the_same_seed_gives_the_same_answer_by_name_or_by_object():
+    simulator = build_simulator("linear_gaussian")
+    x = simulator.simulate(simulator.prior.sample(1, np.random.default_rng(1)), np.random.default_rng(2))[0]
+    one = gb.check("linear_gaussian", x, "exact", seed=5, **SMALL)
+    other = gb.check(simulator, x, build_estimator("exact", simulator), seed=5, **SMALL)
+    assert one.answer.to_json() == other.answer.to_json()
+    assert one.p_value != gb.check(simulator, x, seed=6, **SMALL).p_value
