@@ -81,12 +81,11 @@ class NPE(Shown):
         with torch.inference_mode():
             for rows in self._chunks(len(data), n):
                 context = self._flow.context(data[rows])
-                scores = self._flow.draw(noise[rows], context)
+                scores, own = self._flow.draw(noise[rows], context)
                 wide = scores.double().numpy()
                 draws[rows] = from_scores(self.prior, wide)
                 if density:
-                    own = self._flow.log_prob(scores, context).double().numpy()
-                    log_q[rows] = physical_log_density(self.prior, own, wide, draws[rows])
+                    log_q[rows] = physical_log_density(self.prior, own.double().numpy(), wide, draws[rows])
         return draws, log_q
 
     def log_prob(self, theta: ArrayLike, x: ArrayLike) -> Array:

@@ -9,9 +9,9 @@ from __future__ import annotations
 import warnings
 from typing import Any, Protocol
 
-import torch
 from torch import Tensor
 
+from gaugeblock.estimators.npe.incremental import inverse, normal_log_density
 from gaugeblock.estimators.npe.laplace.network import LaplaceNetwork
 
 
@@ -21,8 +21,8 @@ class Flow(Protocol):
     def context(self, x: Tensor) -> Tensor:
         """Learned summaries of the data."""
 
-    def draw(self, noise: Tensor, context: Tensor) -> Tensor:
-        """Base noise to values."""
+    def draw(self, noise: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:
+        """Base noise to values, and their log density ``(row, draw)``."""
 
     def log_prob(self, values: Tensor, context: Tensor) -> Tensor:
         """Log density of values, ``(row, draw)``."""
@@ -44,8 +44,9 @@ class ZukoFlow(Embedded):
     def _distribution(self, draws: int, context: Tensor) -> Any:
         return self._network.net(context[:, None, :].expand(-1, draws, -1))
 
-    def draw(self, noise: Tensor, context: Tensor) -> Tensor:
-        return self._distribution(noise.shape[1], context).transform.inv(noise)
+    def draw(self, noise: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:
+        values, volume = inverse(self._network.net.transform.transforms, noise, context)
+        return values, normal_log_density(noise) + volume
 
     def log_prob(self, values: Tensor, context: Tensor) -> Tensor:
         return self._distribution(values.shape[1], context).log_prob(values)
@@ -54,18 +55,18 @@ class ZukoFlow(Embedded):
 class NflowsFlow(Embedded):
     """The published network's coupling spline flow."""
 
-    def draw(self, noise: Tensor, context: Tensor) -> Tensor:
+    def draw(self, noise: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:
         flat, repeated = noise.flatten(end_dim=1), context.repeat_interleave(noise.shape[1], dim=0)
         with warnings.catch_warnings():  # nflows calls what torch has renamed; not its user's concern
             warnings.filterwarnings("ignore", "torch.triangular_solve is deprecated")
-            values, _ = self._network.net._transform.inverse(flat, context=repeated)
-        return values.reshape(noise.shape)
+            values, log_determinant = self._network.net._transform.inverse(flat, context=repeated)
+        density = normal_log_density(noise) - log_determinant.reshape(noise.shape[:-1])
+        return values.reshape(noise.shape), density
 
     def log_prob(self, values: Tensor, context: Tensor) -> Tensor:
         flat, repeated = values.flatten(end_dim=1), context.repeat_interleave(values.shape[1], dim=0)
         noise, log_determinant = self._network.net._transform(flat, context=repeated)
-        base = -0.5 * torch.sum(noise**2 + torch.log(torch.tensor(2.0 * torch.pi)), dim=-1)
-        return (base + log_determinant).reshape(values.shape[:-1])
+        return (normal_log_density(noise) + log_determinant).reshape(values.shape[:-1])
 
 
 def as_flow(network: Any) -> Flow:

@@ -9,6 +9,7 @@ import torch
 import zuko
 from torch import Tensor, nn
 
+from gaugeblock.estimators.npe.incremental import inverse, normal_log_density
 from gaugeblock.estimators.npe.laplace.compressor import Compressor
 
 SQUASHED = 3.0
@@ -58,13 +59,14 @@ class Head(nn.Module):
         read = ((self._numbers(compressed) - self.mean) / self.scale).clamp(-10.0, 10.0)
         return torch.cat((self.embedding(read), read, self._gaussian(compressed)), dim=-1)
 
-    def draw(self, noise: Tensor, context: Tensor) -> Tensor:
-        """Base noise ``(row, draw, parameter)`` to scores, given contexts ``(row, ...)``."""
+    def draw(self, noise: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:
+        """Base noise ``(row, draw, parameter)`` to scores and their log densities, given contexts."""
         read, mean, factor = self._split(context)
-        wide = read[:, None].expand(-1, noise.shape[1], -1)
-        inner = self.spline(wide).transform.inv(noise)
-        local = self.affine(wide).transform.inv(SQUASHED * torch.sinh(inner / SQUASHED))
-        return mean[:, None] + local @ factor.transpose(1, 2)
+        inner, first = inverse(self.spline.transform.transforms, noise, read)
+        outer = SQUASHED * torch.sinh(inner / SQUASHED)
+        local, second = inverse(self.affine.transform.transforms, outer, read)
+        density = normal_log_density(noise) + first + _squashed_volume(outer) + second
+        return mean[:, None] + local @ factor.transpose(1, 2), density - _volume(factor)
 
     def log_prob(self, scores: Tensor, context: Tensor) -> Tensor:
         """Log density ``(row, draw)`` of scores ``(row, draw, parameter)``."""
@@ -74,9 +76,7 @@ class Head(nn.Module):
         wide = read[:, None].expand(-1, scores.shape[1], -1)
         outer, first = self.affine(wide).transform.call_and_ladj(local)
         inner = SQUASHED * torch.asinh(outer / SQUASHED)
-        second = -0.5 * torch.log1p((outer / SQUASHED) ** 2).sum(dim=-1)
-        volume = torch.log(torch.diagonal(factor, dim1=1, dim2=2)).sum(dim=-1)
-        return self.spline(wide).log_prob(inner) + first + second - volume[:, None]
+        return self.spline(wide).log_prob(inner) + first + _squashed_volume(outer) - _volume(factor)
 
     def loss(self, scores: Tensor, condition: Tensor) -> Tensor:
         """Negative log density ``(n,)`` given compressed counts."""
@@ -107,6 +107,16 @@ class Head(nn.Module):
         return factor
 
 
+def _squashed_volume(outer: Tensor) -> Tensor:
+    """Log derivative of squashing, ``(row, draw)``."""
+    return -0.5 * torch.log1p((outer / SQUASHED) ** 2).sum(dim=-1)
+
+
+def _volume(factor: Tensor) -> Tensor:
+    """Log determinant of triangular factors ``(row, parameter, parameter)``, as ``(row, 1)``."""
+    return torch.log(torch.diagonal(factor, dim1=1, dim2=2)).sum(dim=-1, keepdim=True)
+
+
 class LaplaceNetwork(nn.Module):
     """Compressor and head; has `loss` as sbi's density estimators do, and is a flow by itself."""
 
@@ -118,8 +128,8 @@ class LaplaceNetwork(nn.Module):
         """What is read off counts ``(row, channel)``."""
         return self.head.context(self.compressor(x))
 
-    def draw(self, noise: Tensor, context: Tensor) -> Tensor:
-        """Base noise to scores."""
+    def draw(self, noise: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:
+        """Base noise to scores and their log densities."""
         return self.head.draw(noise, context)
 
     def log_prob(self, values: Tensor, context: Tensor) -> Tensor:

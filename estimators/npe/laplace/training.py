@@ -84,9 +84,9 @@ def redrawn(
     noise = rng.standard_normal((len(own), number, own.shape[1]))
     with torch.inference_mode():
         context = head.context(torch.from_numpy(bank.data[rows]))
-        drawn = head.draw(torch.from_numpy(noise.astype(np.float32)), context)
+        drawn, density = head.draw(torch.from_numpy(noise.astype(np.float32)), context)
         scores = torch.cat((own[:, None], drawn), dim=1)
-        log_q = head.log_prob(scores, context).double().numpy()
+        log_q = torch.cat((head.log_prob(own[:, None], context), density), dim=1).double().numpy()
     pool = scores.numpy()
     theta = from_scores(bank.simulator.prior, pool)
     log_weight = bank.simulator.log_likelihood(theta, data[:, None])

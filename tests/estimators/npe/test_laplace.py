@@ -107,7 +107,8 @@ def test_draws_and_densities_belong_together():
     with torch.no_grad():
         mass = torch.exp(head.log_prob(points, context[:1])).sum() * 0.1**2
         assert float(mass) == pytest.approx(1.0, abs=0.02)
-        draws = head.draw(torch.randn(3, 4000, 2), context)
+        draws, density = head.draw(torch.randn(3, 4000, 2), context)
+        torch.testing.assert_close(density, head.log_prob(draws, context), rtol=1e-3, atol=1e-3)
         # A density's mean logarithm over its own draws is above that over anybody else's.
         own = head.log_prob(draws, context).mean()
         assert own > head.log_prob(draws[:, torch.randperm(4000)] * 1.3, context).mean()

@@ -29,7 +29,8 @@ class Shifted:
         return data
 
     def draw(self, noise, context):
-        return WIDTH * noise + SHIFT
+        drawn = WIDTH * noise + SHIFT
+        return drawn, self.log_prob(drawn, context)
 
     def log_prob(self, scores, context):
         away = (scores[..., 0] - SHIFT) / WIDTH
