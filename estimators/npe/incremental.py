@@ -48,7 +48,7 @@ def normal_log_density(noise: Tensor) -> Tensor:
 
 def _is_plain(transform: nn.Module) -> bool:
     """Whether each parameter has a transform of its own, by masked layers and plain functions between."""
-    if not isinstance(transform, MaskedAutoregressiveTransform):
+    if not isinstance(transform, MaskedAutoregressiveTransform) or transform.order is None:
         return False
     # A class of transforms of numbers; flows by neural networks have a method here that mixes parameters.
     if not isinstance(getattr(transform.univariate, "func", transform.univariate), type):

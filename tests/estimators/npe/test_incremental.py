@@ -58,9 +58,11 @@ def test_the_density_is_the_volume_that_noise_is_stretched_by():
 def test_each_hidden_unit_is_evaluated_once(monkeypatch):
     flow, context, noise = flow_of(*FLOWS["three layers, any order"])
     seen, relu = [], torch.nn.ReLU.forward
-    monkeypatch.setattr(torch.nn.ReLU, "forward", lambda self, x: seen.append(x.shape[-1]) or relu(self, x))
+    monkeypatch.setattr(torch.nn.ReLU, "forward", lambda self, x: seen.append(x.shape) or relu(self, x))
     inverse(flow.transform.transforms, noise, context)
-    assert sum(seen) == 3 * (40 + 30 + 20)
+    assert sum(shape[-1] for shape in seen) == 3 * (40 + 30 + 20)
+    # What reads data alone is evaluated once a row.
+    assert {shape[1] for shape in seen} == {1, DRAWS}
 
 
 @pytest.mark.parametrize("name", ["epic-pn-medium", "epic-pn-bright-gain", "nicer-faint"])
@@ -94,3 +96,16 @@ def back(flow, scores, context):
         wide = read[:, None].expand(-1, scores.shape[1], -1)
         outer = head.affine(wide).transform(local)
         return head.spline(wide).transform(3.0 * torch.asinh(outer / 3.0)).numpy()
+
+
+def test_the_published_coupling_flow_gives_the_density_of_its_draws():
+    pytest.importorskip("sbi")
+    from gaugeblock.estimators.npe.config import NetworkTable
+    from gaugeblock.estimators.npe.networks import NetworkShape, build_network
+
+    shape = NetworkShape(parameters=2, data_shape=(16,), features="counts")
+    flow = as_flow(build_network(NetworkTable(kind="published"), shape, seed=1).eval())
+    with torch.no_grad():
+        context = flow.context(torch.arange(48.0).reshape(3, 16))
+        values, density = flow.draw(torch.linspace(-2, 2, 3 * 7 * 2).reshape(3, 7, 2), context)
+        torch.testing.assert_close(density, flow.log_prob(values, context), rtol=1e-4, atol=1e-4)
