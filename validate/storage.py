@@ -45,40 +45,37 @@ def write_groups(
     InputError
         If the folder does not exist or cannot be written to.
     """
-    with atomic_path(path) as partial:
-        for number, (group, content) in enumerate(groups.items()):
+    import netCDF4
+
+    # One handle for all groups: opening the file again for each costs more than writing it.
+    with atomic_path(path) as partial, netCDF4.Dataset(partial, "w") as file:
+        for group, content in groups.items():
             parts = iter([content] if isinstance(content, xr.Dataset) else content)
-            first = next(parts).drop_encoding()
             whole = isinstance(content, xr.Dataset)
+            first = next(parts).drop_encoding()
             encoding = _encoding(first)
             if not whole:
                 for key, variable in first.variables.items():
                     if APPENDED in variable.dims and encoding[str(key)]:
                         encoding[str(key)]["chunksizes"] = tuple(variable.shape)
-            first.to_netcdf(
-                partial,
-                mode="a" if number else "w",
-                group=group or None,
-                engine="netcdf4",
+            target = file.createGroup(group) if group else file
+            first.dump_to_store(
+                xr.backends.NetCDF4DataStore(target),  # type: ignore[no-untyped-call]
                 encoding=encoding,
                 unlimited_dims=[] if whole else [APPENDED],
             )
-            if not whole:
-                _append(partial, group, first.sizes[APPENDED], parts)
+            _append(target, first.sizes.get(APPENDED, 0), parts)
     return Path(path)
 
 
-def _append(path: Path, group: str, start: int, parts: Iterator[xr.Dataset]) -> None:
-    import netCDF4
-
-    with netCDF4.Dataset(path, "a") as file:
-        target = file[group] if group else file
-        for part in parts:
-            stop = start + part.sizes[APPENDED]
-            for key, variable in part.variables.items():
-                if APPENDED in variable.dims:
-                    target[str(key)][start:stop] = variable.values
-            start = stop
+def _append(target: Any, start: int, parts: Iterator[xr.Dataset]) -> None:
+    """Write further parts into a group of an open file, from trial `start` on."""
+    for part in parts:
+        stop = start + part.sizes[APPENDED]
+        for key, variable in part.variables.items():
+            if APPENDED in variable.dims:
+                target[str(key)][start:stop] = variable.values
+        start = stop
 
 
 def in_parts(dataset: xr.Dataset) -> xr.Dataset | Iterator[xr.Dataset]:
