@@ -24,6 +24,7 @@ from gaugeblock.simulators.xray.simulator import XraySpectrum
 from gaugeblock.simulators.xray.w_statistic import w_statistic
 from gaugeblock.simulators.xray.with_background import WithBackground, with_background
 from gaugeblock.simulators.xray.writing import write_pha
+from gaugeblock.simulators.xray.xcm import read_xcm, write_xcm
 
 __all__ = [
     "EffectKind",
@@ -44,8 +45,10 @@ __all__ = [
     "on_instrument",
     "read_catalog",
     "read_observation",
+    "read_xcm",
     "reference",
     "w_statistic",
     "with_background",
     "write_pha",
+    "write_xcm",
 ]

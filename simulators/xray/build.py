@@ -11,13 +11,16 @@ from gaugeblock.core.tables import read_toml
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.marginals import Marginal
 from gaugeblock.simulators.prior import Prior
+from gaugeblock.simulators.xray.expression import with_sources
 from gaugeblock.simulators.xray.files import FilePath
 from gaugeblock.simulators.xray.published import MODEL, PRIORS
 from gaugeblock.simulators.xray.reference import epic_pn, level_exposure, nicer
 from gaugeblock.simulators.xray.response import Response
 from gaugeblock.simulators.xray.simulator import XraySpectrum
+from gaugeblock.simulators.xray.xcm import read_xcm
 
 Description = Mapping[str, Any]
+Priors = str | FilePath | Description | Prior | None
 
 
 def build(
@@ -41,10 +44,10 @@ def build(
     response, level : str, optional
         A built-in response (``epic-pn``, ``nicer``) and count level (``faint``, ``medium``, ``bright``).
     model : str
-        XSPEC-style expression.
+        XSPEC-style expression, or a file that XSPEC saved (``.xcm``).
     priors : name, path or table
         ``reference``, ``published_linear_norm``, a TOML file, or a table: parameter name to
-        ``{distribution, low, high}`` or ``{distribution, mean, sd}``.
+        ``{distribution, low, high}`` or ``{distribution, mean, sd}``, a number, or a tie to another.
     exposure : float, optional
         Seconds, in place of the level's or the spectrum's.
     pha, rmf, arf : path, optional
@@ -78,31 +81,44 @@ def build(
         limits = None if band is None else (float(band[0]), float(band[1]))
         instrument = Response.from_ogip(rmf, arf, pha, band=limits, exposure=exposure)
     made = tuple(map(read_effect, effects))
-    return XraySpectrum(model, instrument, read_prior(priors), effects=made, integration=integration)
+    model, prior = settled(model, priors)
+    if prior is None:
+        raise InputError(
+            f"simulator xray: priors needs a table with the distributions that {model!r} is free in"
+        )
+    return XraySpectrum(model, instrument, prior, effects=made, integration=integration)
 
 
-def read_prior(priors: str | FilePath | Description | Prior) -> Prior:
-    """A prior from its name, its TOML file or its table.
+def settled(model: str, priors: Priors) -> tuple[str, Prior | None]:
+    """A model with what priors say of it in numbers and ties, and the prior of the rest.
+
+    `model` may be a file that XSPEC saved (``.xcm``). In a table of priors a number freezes a parameter, and
+    a text ties it: ``"zgauss_1.redshift" = "zpowerlw_1.redshift"``, ``"gauss_2.norm" = "0.13*gauss_1.norm"``.
 
     Raises
     ------
     InputError
-        If it is neither a name nor a readable file, or a distribution is wrong.
+        If a file cannot be read, a distribution is wrong, or a number or a tie belongs to no parameter.
     """
-    if isinstance(priors, Prior):
-        return priors
+    if model.strip().lower().endswith(".xcm"):
+        model = read_xcm(model.strip()).model
+    if priors is None or isinstance(priors, Prior):
+        return model, priors
+    if not isinstance(priors, Mapping) and priors in PRIORS:
+        return model, PRIORS[str(priors)]
+    where = "" if isinstance(priors, Mapping) else f"priors {priors}: "
     if isinstance(priors, Mapping):
-        return Prior.from_description(_flat(priors))
-    if priors in PRIORS:
-        return PRIORS[str(priors)]
-    file = Path(priors)
-    if not file.is_file():
+        table = _flat(priors)
+    elif Path(priors).is_file():
+        table = _flat(read_toml(Path(priors)))
+    else:
         raise InputError(f"priors {priors}: neither one of {', '.join(PRIORS)} nor a file")
-    table = read_toml(file)
+    left = {name: entry for name, entry in table.items() if isinstance(entry, Mapping)}
     try:
-        return Prior.from_description(_flat(table))
+        model = with_sources(model, {name: entry for name, entry in table.items() if name not in left})
+        return model, Prior.from_description(left) if left else None
     except InputError as error:
-        raise InputError(f"priors {file}: {error}") from None
+        raise InputError(f"{where}{error}") from None
 
 
 def _flat(table: Description) -> dict[str, Any]:
@@ -111,10 +127,12 @@ def _flat(table: Description) -> dict[str, Any]:
     for name, value in table.items():
         if isinstance(value, Mapping) and "distribution" not in value:
             flat |= {f"{name}.{inner}": entry for inner, entry in _flat(value).items()}
-        elif isinstance(value, Mapping):
+        elif isinstance(value, Mapping | str | int | float) and not isinstance(value, bool):
             flat[name] = value
         else:
-            raise InputError(f"prior of {name}: needs a table with a distribution, got {value!r}")
+            raise InputError(
+                f"prior of {name}: needs a table with a distribution, a number or a tie, got {value!r}"
+            )
     return flat
 
 

@@ -15,9 +15,10 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.marginals import Normal
 from gaugeblock.simulators.prior import Prior
+from gaugeblock.simulators.xray.build import Priors, settled
 from gaugeblock.simulators.xray.files import FilePath
 from gaugeblock.simulators.xray.measured_background import WIDEST, MeasuredBackground
-from gaugeblock.simulators.xray.observation import Observation, Priors, model_prior, source_counts
+from gaugeblock.simulators.xray.observation import Observation, model_prior, source_counts
 from gaugeblock.simulators.xray.reader import Reader, Reading, Spectrum
 from gaugeblock.simulators.xray.siblings import Siblings
 from gaugeblock.simulators.xray.simulator import XraySpectrum
@@ -195,6 +196,7 @@ def read_catalog(
     InputError
         In one line that names the file, if one is missing or unreadable, or they do not fit together.
     """
+    model, given = settled(model, priors)
     listed = entries(folder)
     reader = Reader(band=band, regroup=regroup)
     sources = []
@@ -204,7 +206,7 @@ def read_catalog(
         if progress is not None:
             progress(done, len(listed))
     groups = _by(sources, lambda source: source.reading.identity)
-    prior = _prior(model, priors, groups)
+    prior = _prior(model, given, groups)
     return tuple(observation for group in groups for observation in _observations(model, prior, group, seed))
 
 
@@ -216,7 +218,7 @@ def _by(sources: Iterable[_Source], key: Callable[[_Source], Any]) -> list[list[
     return list(groups.values())
 
 
-def _prior(model: str, priors: Priors, groups: Sequence[Sequence[_Source]]) -> Prior:
+def _prior(model: str, given: Prior | None, groups: Sequence[Sequence[_Source]]) -> Prior:
     """One prior for all, its norms those of the largest group's response and of all the sources' rates."""
     largest = max(groups, key=len)[0].reading.spectrum.response
     area = largest.with_exposure(1.0).transfer.sum()
@@ -227,7 +229,7 @@ def _prior(model: str, priors: Priors, groups: Sequence[Sequence[_Source]]) -> P
             spectrum = source.reading.spectrum
             counts.append([source_counts(spectrum).sum() * share])
             seconds.append(spectrum.exposure)
-    return model_prior(model, priors, largest, np.array(counts), np.array(seconds))
+    return model_prior(model, given, largest, np.array(counts), np.array(seconds))
 
 
 def _observations(model: str, prior: Prior, group: Sequence[_Source], seed: int) -> Iterable[Observation]:

@@ -1,23 +1,45 @@
-"""XSPEC-style model expressions, parsed without being executed, into a tree of jaxspec components."""
+"""XSPEC-style model expressions, parsed without being executed, into a tree of components."""
 
 from __future__ import annotations
 
 import ast
-import difflib
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 from gaugeblock.core.errors import InputError, require
-from gaugeblock.simulators.xray.components import COMPONENTS, REFUSED, TABLES
+from gaugeblock.simulators.xray.components import COMPONENTS, CONVOLUTION, ENTRIES, TABLES, Component, find
 from gaugeblock.simulators.xray.data import path as data_path
 
 
 @dataclass(frozen=True)
+class Tied:
+    """``factor * name + offset`` of another parameter."""
+
+    name: str
+    factor: float
+    offset: float
+
+
+Source = str | float | Tied
+"""Where a parameter's value comes from: a name in theta, a number, or another parameter."""
+
+
+def valued(source: Source, look: Callable[[str], Any]) -> Any:
+    """The value of a source, given what looks up a name."""
+    if isinstance(source, Tied):
+        return source.factor * look(source.name) + source.offset
+    return look(source) if isinstance(source, str) else source
+
+
+@dataclass(frozen=True)
 class Leaf:
-    """One component; `bindings` says where each parameter comes from: a name in theta, or a number."""
+    """One component; `bindings` says where each parameter comes from, `label` how it is called in names."""
 
     component: str
-    bindings: tuple[tuple[str, str | float], ...]
+    bindings: tuple[tuple[str, Source], ...]
+    label: str = ""
 
 
 @dataclass(frozen=True)
@@ -36,14 +58,25 @@ class Product:
     right: Node
 
 
-Node = Leaf | Sum | Product
+@dataclass(frozen=True)
+class Convolution:
+    """A convolution, `left`, of the emission to its right."""
+
+    left: Leaf
+    right: Node
+
+
+Node = Leaf | Sum | Product | Convolution
 
 
 def parse(expression: str) -> Node:
-    """Tree of an expression such as ``tbabs*(powerlaw+bbodyrad)``; case does not matter.
+    """Tree of an expression such as ``tbabs*(powerlaw+bbodyrad)``; case does not matter, nor do endings.
 
-    Parameters are named after jaxspec's components, counted from the left: ``tbabs_1.nh``,
-    ``blackbodyrad_1.kT``. As in XSPEC, ``tbabs(powerlaw)`` means ``tbabs*powerlaw``.
+    Parameters are named after jaxspec's components where they compute them, else after XSPEC's, counted from
+    the left or numbered: ``tbabs_1.nh``, ``blackbodyrad_1.kT``, ``diskbb_1.Tin``. As in XSPEC,
+    ``tbabs(powerlaw)`` means ``tbabs*powerlaw``, and a convolution acts on all that stands to its right.
+    Brackets may also hold parameters that are numbers, or tied to others:
+    ``tbabs(nh=0.02)*(zpowerlw(redshift=0.3)+zgauss(El=6.4, redshift=zpowerlw_1.redshift))``.
 
     Raises
     ------
@@ -53,67 +86,293 @@ def parse(expression: str) -> Node:
 
     >>> leaves(parse("TBabs*(powerlaw + bbodyrad)"))[1].bindings
     (('alpha', 'powerlaw_1.alpha'), ('norm', 'powerlaw_1.norm'))
+    >>> parameter_names(parse("phabs(nh=0.02)*(po+ga(El=6.4, norm=0.1*powerlaw_1.norm))"))
+    ('powerlaw_1.alpha', 'powerlaw_1.norm', 'gauss_1.sigma')
     """
+    text = re.sub(r"<\d+>", "", expression.strip())
     try:
-        body = ast.parse(expression.strip(), mode="eval").body
-    except (SyntaxError, ValueError):
+        body = ast.parse(text, mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise InputError(
             f"model {expression!r}: not an expression of components, '+', '*' and brackets, "
             "such as tbabs*(powerlaw+bbodyrad)"
         ) from None
-    tree = _convert(body, expression, {})
-    if not additive(tree):
-        raise InputError(f"model {expression!r}: has no emission; multiply by a component such as powerlaw")
+    try:
+        tree = _tied(_Reader().convert(body))
+        if not additive(tree):
+            raise InputError("has no emission; multiply by a component such as powerlaw")
+    except InputError as error:
+        raise InputError(f"model {expression!r}: {error}") from None
+    except RecursionError:
+        raise InputError(f"model {expression[:40]!r}...: not an expression that anybody fits") from None
     return tree
 
 
-def _convert(node: ast.expr, expression: str, counts: dict[str, int]) -> Node:
-    if isinstance(node, ast.Name):
-        return _leaf(node.id, expression, counts)
-    if isinstance(node, ast.Call) and len(node.args) == 1 and not node.keywords:
-        factor = _convert(node.func, expression, counts)
-        return _product(factor, _convert(node.args[0], expression, counts), expression)
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Mult):
-        left = _convert(node.left, expression, counts)
-        right = _convert(node.right, expression, counts)
-        if isinstance(node.op, ast.Mult):
-            return _product(left, right, expression)
-        if additive(left) != additive(right):
-            raise InputError(f"model {expression!r}: adds emission to a factor; use '*' for a factor")
-        return Sum(left, right)
-    raise InputError(
-        f"model {expression!r}: only component names, '+', '*' and brackets have a meaning here, "
-        f"not {ast.unparse(node)!r}"
-    )
+class _Reader:
+    """Turns Python's tree of an expression into ours, counting components from the left."""
+
+    def __init__(self) -> None:
+        self._used: dict[str, set[int]] = {}
+
+    def convert(self, node: ast.expr) -> Node:
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+            left, right = self.convert(node.left), self.convert(node.right)
+            if additive(left) != additive(right):
+                raise InputError("adds emission to a factor; use '*' for a factor")
+            return Sum(left, right)
+        return _product([one for part in _factors(node) for one in self._applied(part)])
+
+    def _applied(self, node: ast.expr) -> list[Node]:
+        """One factor of a product; a component that is called brings what it is applied to."""
+        if isinstance(node, ast.Name):
+            return [self._leaf(node.id, {})]
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Mult):
+            return [self.convert(node)]
+        if isinstance(node, ast.Call) and len(node.args) <= 1 and (node.args or node.keywords):
+            if node.keywords:
+                if not isinstance(node.func, ast.Name):
+                    raise InputError(f"{ast.unparse(node)!r} gives parameters to what is not a component")
+                made: list[Node] = [self._leaf(node.func.id, _keywords(node))]
+            else:
+                made = self._applied(node.func)
+            return [_product([*made, self.convert(node.args[0])])] if node.args else made
+        raise InputError(
+            f"only component names, '+', '*' and brackets have a meaning here, not {ast.unparse(node)!r}"
+        )
+
+    def _leaf(self, name: str, given: Mapping[str, Source]) -> Leaf:
+        bare, _, number = name.rpartition("_")
+        entry = COMPONENTS[find(bare if bare and number.isdigit() else name)]
+        kind = entry.component.lower()
+        used = self._used.setdefault(kind, set())
+        k = int(number) if bare and number.isdigit() else next(n for n in range(1, 10_000) if n not in used)
+        label = f"{kind}_{k}"
+        if k in used:
+            raise InputError(f"{label} stands in it twice; number components differently, or not at all")
+        used.add(k)
+        known = {parameter.lower(): parameter for parameter in entry.parameters}
+        unknown = [key for key in given if key.lower() not in known]
+        if unknown:
+            raise InputError(f"{name} has no {', '.join(unknown)}; it has {', '.join(entry.parameters)}")
+        sources = {known[key.lower()]: source for key, source in given.items()}
+        bindings = tuple((p, sources.get(p, entry.fixed.get(p, f"{label}.{p}"))) for p in entry.parameters)
+        return Leaf(entry.component, bindings, label)
 
 
-def _product(left: Node, right: Node, expression: str) -> Product:
+def _factors(node: ast.expr) -> list[ast.expr]:
+    """The factors of a product, from the left, as far as no brackets hold them together."""
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult):
+        return [*_factors(node.left), node.right]
+    return [node]
+
+
+def _product(parts: list[Node]) -> Node:
+    """Factors from the left; a convolution takes all that follows."""
+    made: Node | None = None
+    for i, part in enumerate(parts):
+        if is_convolution(part):
+            assert isinstance(part, Leaf)
+            if i + 1 == len(parts):
+                # A convolution alone, until what it is applied to follows outside the brackets.
+                inner: Node = part
+            else:
+                rest = _product(parts[i + 1 :])
+                if not additive(rest):
+                    raise InputError(f"{part.label} has no emission to its right to act on")
+                inner = _normalised(part, rest)
+            return inner if made is None else _times(made, inner)
+        made = part if made is None else _times(made, part)
+    assert made is not None
+    return made
+
+
+def _times(left: Node, right: Node) -> Node:
     if additive(left) and additive(right):
-        raise InputError(f"model {expression!r}: multiplies emission by emission; use '+' to add it")
+        raise InputError("multiplies emission by emission; use '+' to add it")
+    for one in (left, right):
+        if is_convolution(one):
+            raise InputError("a convolution acts on what stands to its right; write cflux*(...)")
     return Product(left, right)
 
 
-def _leaf(name: str, expression: str, counts: dict[str, int]) -> Leaf:
-    key = name.lower()
-    if key in REFUSED:
-        raise InputError(f"model {expression!r}: {name} is not offered: {REFUSED[key]}")
-    if key not in COMPONENTS:
-        near = difflib.get_close_matches(key, COMPONENTS, n=3, cutoff=0.5)
-        hint = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(sorted(COMPONENTS))}"
-        raise InputError(f"model {expression!r}: unknown component {name!r}; {hint}")
-    entry = COMPONENTS[key]
-    label = entry.component.lower()
-    counts[label] = counts.get(label, 0) + 1
-    return Leaf(
-        entry.component,
-        tuple((parameter, f"{label}_{counts[label]}.{parameter}") for parameter in entry.parameters),
-    )
+def _normalised(leaf: Leaf, node: Node) -> Node:
+    """A convolution applied; a flux that is given makes the first norm within it a number."""
+    if leaf.component != "Cflux":
+        return Convolution(leaf, node)
+    first = next(one for one in leaves(node) if ENTRIES[one.component].additive)
+    norm = dict(first.bindings)["norm"]
+    if isinstance(norm, str):
+        node = _rebound(node, {norm: 1.0})
+    return Convolution(leaf, node)
+
+
+def is_convolution(node: Node) -> bool:
+    """Whether a node is a convolution that has nothing to act on yet."""
+    return isinstance(node, Leaf) and ENTRIES[node.component].kind == CONVOLUTION
+
+
+def _keywords(call: ast.Call) -> dict[str, Source]:
+    if any(word.arg is None for word in call.keywords):
+        raise InputError("only component names, '+', '*' and brackets have a meaning here, not '**'")
+    return {str(word.arg): read_source(word.value) for word in call.keywords}
+
+
+def read_source(value: ast.expr | str | float) -> Source:
+    """A number, another parameter, or a number times another parameter plus a number.
+
+    >>> read_source("0.5*gauss_1.sigma + 0.1")
+    Tied(name='gauss_1.sigma', factor=0.5, offset=0.1)
+
+    Raises
+    ------
+    InputError
+        If it is anything else.
+    """
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return float(value)
+    text = value if isinstance(value, str) else ast.unparse(value)  # type: ignore[arg-type]
+    try:
+        node = ast.parse(text.strip().lstrip("=").strip(), mode="eval").body
+        name, factor, offset = _straight(node)
+    except (SyntaxError, ValueError, RecursionError):
+        raise InputError(
+            f"{text!r} is neither a number nor a parameter such as gauss_1.El, times a number, plus a number"
+        ) from None
+    if name is None:
+        return offset
+    return name if (factor, offset) == (1.0, 0.0) else Tied(name, factor, offset)
+
+
+def _straight(node: ast.expr) -> tuple[str | None, float, float]:
+    """Name, factor and offset of a straight line; ValueError if it is none."""
+    if isinstance(node, ast.Constant) and isinstance(node.value, int | float):
+        return None, 0.0, float(node.value)
+    if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+        return f"{node.value.id}.{node.attr}", 1.0, 0.0
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
+        name, factor, offset = _straight(node.operand)
+        return name, -factor, -offset
+    if isinstance(node, ast.BinOp):
+        (one, a, b), (other, c, d) = _straight(node.left), _straight(node.right)
+        if isinstance(node.op, ast.Add | ast.Sub) and (one is None or other is None):
+            sign = 1.0 if isinstance(node.op, ast.Add) else -1.0
+            return one or other, a + sign * c, b + sign * d
+        if isinstance(node.op, ast.Mult) and (one is None or other is None):
+            return one or other, a * d + b * c, b * d
+        if isinstance(node.op, ast.Div) and other is None and d != 0.0:
+            return one, a / d, b / d
+    raise ValueError(ast.unparse(node))
+
+
+def _tied(tree: Node) -> Node:
+    """The tree with every tie resolved to a parameter that is free, or to a number."""
+    own = {f"{leaf.label}.{name}": source for leaf in leaves(tree) for name, source in leaf.bindings}
+    names = {name.lower(): name for name in own}
+
+    def resolved(name: str, source: Source, behind: tuple[str, ...]) -> Source:
+        if isinstance(source, float) or source == name:
+            return source
+        wanted = source if isinstance(source, str) else source.name
+        target = names.get(wanted.lower())
+        if target is None:
+            raise InputError(f"{name} is tied to {wanted}, which is not among {', '.join(own)}")
+        if target == name or target in behind:
+            raise InputError(f"{name} is tied to itself; give one of {', '.join({*behind, name})} a number")
+        found = resolved(target, own[target], (*behind, name))
+        if isinstance(source, str):
+            return found
+        if isinstance(found, Tied):
+            offset = source.factor * found.offset + source.offset
+            return Tied(found.name, source.factor * found.factor, offset)
+        if isinstance(found, str):
+            return Tied(found, source.factor, source.offset)
+        return source.factor * found + source.offset
+
+    return _rebound(tree, {name: resolved(name, source, ()) for name, source in own.items()})
+
+
+def _rebound(node: Node, sources: Mapping[str, Source]) -> Node:
+    """The tree with other sources for some parameters, by their own names."""
+    if isinstance(node, Leaf):
+        return replace(
+            node, bindings=tuple((p, sources.get(f"{node.label}.{p}", s)) for p, s in node.bindings)
+        )
+    return replace(node, left=_rebound(node.left, sources), right=_rebound(node.right, sources))  # type: ignore[arg-type]
+
+
+def with_sources(model: str, sources: Mapping[str, str | float]) -> str:
+    """A model with some of its parameters made numbers, or tied to others: an expression that says so.
+
+    >>> with_sources("tbabs*(po+ga)", {"tbabs_1.nh": 0.02, "gauss_1.El": "6.4"})
+    'tbabs(nh=0.02)*(powerlaw+gaussian(El=6.4))'
+
+    Raises
+    ------
+    InputError
+        If the model lacks one of them, or a tie leads nowhere.
+    """
+    if not sources:
+        return model
+    tree = parse(model)
+    known = {f"{leaf.label}.{p}" for leaf in leaves(tree) for p, _ in leaf.bindings}
+    unknown = [name for name in sources if name not in known]
+    if unknown:
+        raise InputError(f"model {model!r}: has no {', '.join(unknown)}; it has {', '.join(sorted(known))}")
+    try:
+        return written(_tied(_rebound(tree, {name: read_source(value) for name, value in sources.items()})))
+    except InputError as error:
+        raise InputError(f"model {model!r}: {error}") from None
+
+
+def written(tree: Node) -> str:
+    """An expression that `parse` makes the same tree of."""
+    used: dict[str, set[int]] = {}
+
+    def leaf_text(leaf: Leaf) -> str:
+        key = next(key for key, entry in COMPONENTS.items() if entry.component == leaf.component)
+        entry, (kind, _, number) = COMPONENTS[key], leaf.label.rpartition("_")
+        taken = used.setdefault(kind, set())
+        first = next(n for n in range(1, 10_000) if n not in taken)
+        taken.add(int(number))
+        words = []
+        for parameter, source in leaf.bindings:
+            if source in (f"{leaf.label}.{parameter}", entry.fixed.get(parameter)):
+                continue
+            if isinstance(source, Tied):
+                sign = "-" if source.offset < 0 else "+"
+                end = f"{sign}{abs(source.offset)!r}" if source.offset else ""
+                words.append(f"{parameter}={source.factor!r}*{source.name}{end}")
+            else:
+                words.append(f"{parameter}={source if isinstance(source, str) else repr(source)}")
+        name = key if int(number) == first else f"{key}_{number}"
+        return f"{name}({', '.join(words)})" if words else name
+
+    def text(node: Node, bracket: bool) -> str:
+        if isinstance(node, Leaf):
+            return leaf_text(node)
+        if isinstance(node, Sum):
+            whole = f"{text(node.left, False)}+{text(node.right, isinstance(node.right, Sum))}"
+            return f"({whole})" if bracket else whole
+        left = text(node.left, True)
+        if isinstance(node.left, Convolution):
+            left = f"({left})"
+        right = text(node.right, True)
+        if isinstance(node, Product) and isinstance(node.right, Product):
+            right = f"({right})"
+        return f"{left}*{right}"
+
+    return text(tree, False)
+
+
+def entry_of(leaf: Leaf) -> Component:
+    """What there is to know of a leaf's component."""
+    return ENTRIES[leaf.component]
 
 
 def additive(node: Node) -> bool:
     """Whether a tree emits, rather than being a factor."""
     if isinstance(node, Leaf):
-        return any(e.component == node.component and e.additive for e in COMPONENTS.values())
+        return ENTRIES[node.component].additive
     return additive(node.left) or additive(node.right)
 
 
@@ -123,8 +382,14 @@ def leaves(node: Node) -> list[Leaf]:
 
 
 def parameter_names(node: Node) -> tuple[str, ...]:
-    """Names in theta that a tree uses, from the left."""
-    return tuple(source for leaf in leaves(node) for _, source in leaf.bindings if isinstance(source, str))
+    """Names in theta that a tree uses, from the left, each once."""
+    sources = [source for leaf in leaves(node) for _, source in leaf.bindings]
+    return tuple(dict.fromkeys(source for source in sources if isinstance(source, str)))
+
+
+def of_jaxspec(node: Node) -> bool:
+    """Whether jaxspec computes every component of a tree."""
+    return not any(ENTRIES[leaf.component].ours for leaf in leaves(node))
 
 
 def instance(leaf: Leaf) -> Any:
@@ -138,7 +403,7 @@ def instance(leaf: Leaf) -> Any:
     return getattr(module, leaf.component)()
 
 
-def build(node: Node) -> tuple[Any, tuple[tuple[str, str | float], ...]]:
+def build(node: Node) -> tuple[Any, tuple[tuple[str, Source], ...]]:
     """The jaxspec model of a tree, and where each of its dotted parameters comes from.
 
     Call inside `double_precision()`.

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.simulators.xray.effects.assembly import Assembly, Bound, Source
-from gaugeblock.simulators.xray.expression import Node, build
+from gaugeblock.simulators.xray.expression import Node, build, of_jaxspec, valued
+from gaugeblock.simulators.xray.expression import Source as TreeSource
 from gaugeblock.simulators.xray.forward import ForwardModel
 from gaugeblock.simulators.xray.integration import exact_flux
 from gaugeblock.simulators.xray.precision import double_precision
@@ -50,18 +51,24 @@ def _value(source: Source, theta: Any, names: Sequence[str]) -> Any:
 def photon_flux(
     tree: Node, names: Sequence[str], low: Array, high: Array, integration: str
 ) -> Callable[[Any, Any], Any]:
-    """Pure JAX function ``(theta, factor on the edges)`` to photons/cm2/s in each bin."""
+    """Pure JAX function ``(theta, factor on the edges)`` to photons/cm2/s in each bin.
+
+    What jaxspec does not compute is integrated exactly, whatever `integration` says.
+    """
     import jax.numpy as jnp
 
-    if integration == "exact":
+    def value(source: TreeSource, theta: Any) -> Any:
+        return valued(source, lambda name: theta[names.index(name)])
+
+    if integration == "exact" or not of_jaxspec(tree):
         exact = exact_flux(tree, low, high)
         return lambda theta, factor: exact(
-            lambda leaf: {name: _value(source, theta, names) for name, source in leaf.bindings}, factor
+            lambda leaf: {name: value(source, theta) for name, source in leaf.bindings}, factor
         )
     model, sources = build(tree)
 
     def flux(theta: Any, factor: Any) -> Any:
-        values = {path: _value(source, theta, names) for path, source in sources}
+        values = {path: value(source, theta) for path, source in sources}
         edges = (low, high) if isinstance(factor, int) else (low * factor, high * factor)
         return model.photon_flux(*map(jnp.asarray, edges), params=values)
 

@@ -8,7 +8,8 @@ each piece is integrated by the two-node rule of Gauss and Legendre.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +18,17 @@ from numpy.typing import NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError, require
 from gaugeblock.simulators.xray.breaks import breaks, moving
-from gaugeblock.simulators.xray.expression import Leaf, Node, Product, instance, leaves
+from gaugeblock.simulators.xray.components import CONVOLUTION
+from gaugeblock.simulators.xray.expression import (
+    Convolution,
+    Leaf,
+    Node,
+    Product,
+    entry_of,
+    instance,
+    leaves,
+)
+from gaugeblock.simulators.xray.formulas import EXACT, FORMULAS, Formula
 
 REACH = 3.0**-0.5
 """Where the nodes of Gauss and Legendre lie, in half widths from the middle of a piece."""
@@ -58,7 +69,21 @@ def evaluator(leaf: Leaf) -> Evaluator:
         return _power_law
     if leaf.component == "Gauss":
         return _gaussian
-    return _of_jaxspec(leaf)
+    formula = FORMULAS.get(leaf.component) or EXACT.get(leaf.component)
+    return _of_jaxspec(leaf) if formula is None else _of_formula(formula)
+
+
+def _of_formula(formula: Formula) -> Evaluator:
+    def evaluate(values: Mapping[str, Any], pieces: Pieces) -> Any:
+        if formula.factor is not None:
+            return formula.factor(pieces.nodes, **values)
+        if formula.density is not None:
+            return formula.density(pieces.nodes, **values) * pieces.half
+        assert formula.integral is not None
+        first = formula.integral(pieces.low, pieces.middle, **values)
+        return _shared(first, formula.integral(pieces.middle, pieces.high, **values))
+
+    return evaluate
 
 
 def _power_law(values: Mapping[str, Any], pieces: Pieces) -> Any:
@@ -138,29 +163,66 @@ def exact_flux(tree: Node, low: Array, high: Array) -> Callable[[Values, Any], A
         If bins overlap or do not ascend.
     """
     edges, first = _grid(low, high)
-    evaluate = {leaf: evaluator(leaf) for leaf in leaves(tree)}
-    fixed = [leaf for leaf in leaves(tree) if not moving(leaf)]
-    still = np.unique(np.concatenate([np.empty(0), *(breaks(leaf, dict(leaf.bindings)) for leaf in fixed)]))
+    evaluate = {leaf: evaluator(leaf) for leaf in leaves(tree) if entry_of(leaf).kind != CONVOLUTION}
+    cuts = _Cuts(tree)
 
     def flux(values: Values, factor: Any) -> Any:
         import jax.numpy as jnp
 
-        given = {leaf: values(leaf) for leaf in evaluate}
-        moved = [breaks(leaf, given[leaf]) for leaf in evaluate if moving(leaf)]
-        if moved or not isinstance(factor, int | float):
-            cuts = jnp.sort(jnp.concatenate([still, *moved])) if moved else jnp.asarray(still)
-            bounds, places = _merged(jnp.asarray(edges) * factor, cuts)
-            within = _photons(tree, evaluate, given, bounds)
+        given = {leaf: values(leaf) for leaf in leaves(tree)}
+        photons = _Photons(evaluate, given)
+        if cuts.moving or not isinstance(factor, int | float):
+            bounds, places = _merged(jnp.asarray(edges) * factor, cuts.all(given))
+            within = photons.between(tree, bounds)
             total = jnp.concatenate([jnp.zeros(1), jnp.cumsum(within)])[places]
             return (total[1:] - total[:-1])[first]
+        still = cuts.still
         bounds = np.union1d(edges, still[(still > edges[0]) & (still < edges[-1])])
         piece = np.searchsorted(bounds, edges[:-1])
-        within = _photons(tree, evaluate, given, jnp.asarray(bounds))
+        within = photons.between(tree, jnp.asarray(bounds))
         rest = np.setdiff1d(np.arange(len(bounds) - 1), piece)
         bins = np.searchsorted(edges, bounds[rest], side="right") - 1
         return within[piece].at[bins].add(within[rest])[first]
 
     return flux
+
+
+class _Cuts:
+    """Where a tree breaks, in observed energy: fixed energies, and those that move with theta."""
+
+    def __init__(self, tree: Node):
+        found = list(_shifted(tree, ()))
+        self.moving = [one for one in found if any(map(moving, (one[0], *one[1])))]
+        fixed = [
+            self._of(one, {leaf: dict(leaf.bindings) for leaf in leaves(tree)})
+            for one in found
+            if one not in self.moving
+        ]
+        self.still = np.unique(np.concatenate([np.empty(0), *fixed]))
+
+    @staticmethod
+    def _of(one: tuple[Leaf, tuple[Leaf, ...]], values: Mapping[Leaf, Mapping[str, Any]]) -> Any:
+        leaf, shifts = one
+        return breaks(leaf, values[leaf]) / math.prod(1.0 + values[shift]["redshift"] for shift in shifts)
+
+    def all(self, values: Mapping[Leaf, Mapping[str, Any]]) -> Any:
+        """All of them, ascending; traced."""
+        import jax.numpy as jnp
+
+        moved = [self._of(one, values) for one in self.moving]
+        return jnp.sort(jnp.concatenate([self.still, *moved])) if moved else jnp.asarray(self.still)
+
+
+def _shifted(node: Node, shifts: tuple[Leaf, ...]) -> Iterator[tuple[Leaf, tuple[Leaf, ...]]]:
+    """Every leaf with the redshifts that act on it."""
+    if isinstance(node, Leaf):
+        yield node, shifts
+    elif isinstance(node, Convolution):
+        more = (*shifts, node.left) if node.left.component == "Zashift" else shifts
+        yield from _shifted(node.right, more)
+    else:
+        yield from _shifted(node.left, shifts)
+        yield from _shifted(node.right, shifts)
 
 
 def _grid(low: Array, high: Array) -> tuple[Array, NDArray[np.int64]]:
@@ -186,14 +248,44 @@ def _merged(edges: Any, cuts: Any) -> tuple[Any, Any]:
     return row.at[jnp.arange(len(cuts)) + before].set(cuts, unique_indices=True), places
 
 
-def _photons(tree: Node, evaluate: Mapping[Leaf, Evaluator], values: Mapping[Leaf, Any], bounds: Any) -> Any:
-    """Photons between neighbouring bounds."""
-    pieces = Pieces(bounds[:-1], bounds[1:])
+KEV = 1.602176634e-9
+"""erg."""
 
-    def go(node: Node) -> Any:
+FLUX_PIECES = 512
+"""Into how many pieces, equal in log energy and cut at every break, the band of a cflux is divided."""
+
+
+class _Photons:
+    """Photons that a tree stands for at the nodes of pieces, for given values of its parameters."""
+
+    def __init__(self, evaluate: Mapping[Leaf, Evaluator], values: Mapping[Leaf, Mapping[str, Any]]):
+        self._evaluate, self._values = evaluate, values
+
+    def between(self, tree: Node, bounds: Any) -> Any:
+        """Photons between neighbouring bounds."""
+        return self.at(tree, Pieces(bounds[:-1], bounds[1:])).sum(axis=0)
+
+    def at(self, node: Node, pieces: Pieces) -> Any:
+        """As `Evaluator`, of a whole tree."""
         if isinstance(node, Leaf):
-            return evaluate[node](values[node], pieces)
-        left, right = go(node.left), go(node.right)
+            return self._evaluate[node](self._values[node], pieces)
+        if isinstance(node, Convolution):
+            values = self._values[node.left]
+            if node.left.component == "Zashift":
+                scale = 1.0 + values["redshift"]
+                return self.at(node.right, Pieces(pieces.low * scale, pieces.high * scale)) / scale
+            return self.at(node.right, pieces) * 10.0 ** values["lg10Flux"] / self._energy(node, values)
+        left, right = self.at(node.left, pieces), self.at(node.right, pieces)
         return left * right if isinstance(node, Product) else left + right
 
-    return go(tree).sum(axis=0)
+    def _energy(self, node: Convolution, values: Mapping[str, Any]) -> Any:
+        """erg/cm2/s of what a cflux acts on, in its band."""
+        import jax.numpy as jnp
+
+        low, high = jnp.log(values["Emin"]), jnp.log(values["Emax"])
+        even = jnp.exp(low + (high - low) * np.linspace(0.0, 1.0, FLUX_PIECES + 1))
+        bounds = jnp.sort(
+            jnp.concatenate([even, jnp.clip(_Cuts(node.right).all(self._values), even[0], even[-1])])
+        )
+        pieces = Pieces(bounds[:-1], bounds[1:])
+        return KEV * (self.at(node.right, pieces) * pieces.nodes).sum()

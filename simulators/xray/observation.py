@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,9 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray import data
-from gaugeblock.simulators.xray.build import read_prior
+from gaugeblock.simulators.xray.build import Priors, settled
 from gaugeblock.simulators.xray.default_priors import default_prior
-from gaugeblock.simulators.xray.expression import parameter_names, parse
+from gaugeblock.simulators.xray.expression import parameter_names, parse, with_sources
 from gaugeblock.simulators.xray.files import FilePath
 from gaugeblock.simulators.xray.joining import joint_spectra
 from gaugeblock.simulators.xray.reader import Reader, Reading, Spectrum
@@ -23,7 +23,6 @@ from gaugeblock.simulators.xray.response import Response
 from gaugeblock.simulators.xray.simulator import XraySpectrum
 from gaugeblock.simulators.xray.with_background import with_background
 
-Priors = str | FilePath | Mapping[str, Any] | Prior | None
 Files = FilePath | Sequence[FilePath] | None
 
 
@@ -72,7 +71,7 @@ def read_observation(
     ----------
     pha : path or sequence of paths
     model : str
-        Model expression.
+        Model expression, or a file that XSPEC saved (``.xcm``).
     priors : Prior, name, path or table, optional
         As `build` takes them; parameters that they leave out have `default_prior`.
     rmf, arf, background : path or sequence of paths, optional
@@ -82,6 +81,7 @@ def read_observation(
     exposure : float, optional
         Seconds, instead of the header's; for a single spectrum.
     redshift : float
+        Of the source: redshifts of the model that `priors` leave out are frozen at it.
     names : sequence of str, optional
         Of the instruments; else what the headers call them, or the files.
     regroup : {"ungrouped", "never", "always"}
@@ -104,8 +104,10 @@ def read_observation(
         reader.read(_shipped(path) or path, _shipped(r), _shipped(a), _shipped(b), exposure=exposure)
         for path, r, a, b in zip(paths, *columns, behind, strict=True)
     ]
+    model, given = settled(model, priors)
+    model = at_redshift(model, given, redshift)
     prior = model_prior(
-        model, priors, readings[0].spectrum.response, source_counts(readings[0].spectrum)[None]
+        model, given, readings[0].spectrum.response, source_counts(readings[0].spectrum)[None]
     )
     made = [_simulator(model, reading.spectrum, prior) for reading in readings]
     simulator = made[0][0]
@@ -158,12 +160,19 @@ def source_counts(spectrum: Spectrum) -> Array:
     return np.asarray(counts * max(left / max(counts.sum(), 1.0), 0.1))
 
 
+def at_redshift(model: str, given: Prior | None, redshift: float) -> str:
+    """The model with the redshifts that nobody gave a prior, a number or a tie at the source's."""
+    free = set(parameter_names(parse(model))) - set(given.names if given is not None else ())
+    ends = (".redshift", ".z")
+    return with_sources(model, {name: float(redshift) for name in sorted(free) if name.endswith(ends)})
+
+
 def model_prior(
-    model: str, priors: Priors, response: Response, counts: Array, exposure: Array | None = None
+    model: str, given: Prior | None, response: Response, counts: Array, exposure: Array | None = None
 ) -> Prior:
     """The prior of a model: what is given, and `default_prior` for the rest."""
     names = parameter_names(parse(model))
-    given = {} if priors is None else read_prior(priors).marginals
-    if set(given) == set(names):
-        return Prior({name: given[name] for name in names})
-    return default_prior(model, response, counts, exposure, given=given)
+    marginals = {} if given is None else given.marginals
+    if set(marginals) == set(names):
+        return Prior({name: marginals[name] for name in names})
+    return default_prior(model, response, counts, exposure, given=marginals)

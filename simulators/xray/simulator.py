@@ -16,7 +16,7 @@ from gaugeblock.simulators.poisson import PoissonCounts
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.segments import Segment
 from gaugeblock.simulators.xray.effects import Assembly, extend
-from gaugeblock.simulators.xray.expression import parameter_names, parse
+from gaugeblock.simulators.xray.expression import of_jaxspec, parameter_names, parse
 from gaugeblock.simulators.xray.folding import forward
 from gaugeblock.simulators.xray.forward import ForwardModel, HeldSpectrum
 from gaugeblock.simulators.xray.integration import INTEGRATIONS
@@ -41,7 +41,8 @@ class XraySpectrum(PoissonCounts):
         Ways in which this spectrum differs from the plain model, applied in order.
     integration : {"jaxspec", "exact"}
         How photons are integrated over the response's input bins: by jaxspec's rule, or to fourth order and
-        on either side of every absorption edge, as small gains and bright spectra need it.
+        on either side of every absorption edge, as small gains and bright spectra need it. Models with a
+        component that jaxspec does not compute are always integrated exactly.
 
     Raises
     ------
@@ -72,7 +73,8 @@ class XraySpectrum(PoissonCounts):
         self.model = model
         self.response = response
         self.effects = tuple(effects)
-        self.integration = integration
+        # What jaxspec does not compute has one rule only.
+        self.integration = integration if of_jaxspec(tree) else "exact"
         self._plain_prior = prior
         self._assembly = extend(Assembly(tree, prior), self.effects)
         self.prior = self._assembly.prior

@@ -8,6 +8,7 @@ from gaugeblock.simulators import LogUniform, Uniform
 
 pytest.importorskip("jaxspec")
 from gaugeblock.simulators.xray import default_prior, reference
+from gaugeblock.simulators.xray.build import settled
 from gaugeblock.simulators.xray.components import COMPONENTS
 from gaugeblock.simulators.xray.default_priors import SHAPES
 from gaugeblock.simulators.xray.expression import parameter_names, parse
@@ -23,7 +24,7 @@ def simulator():
 
 def test_every_component_has_priors_for_all_but_the_norm_of_what_emits():
     for entry in COMPONENTS.values():
-        expected = set(entry.parameters) - ({"norm"} if entry.additive else set())
+        expected = set(entry.parameters) - ({"norm"} if entry.additive else {"lg10Flux"})
         assert set(SHAPES[entry.component]) == expected
     assert set(SHAPES) == {entry.component for entry in COMPONENTS.values()}
 
@@ -39,6 +40,26 @@ def test_draws_of_every_model_are_finite_and_some_have_the_counts(simulator, nam
     assert np.isfinite(totals).mean() > 0.99
     assert (totals > counts.sum()).mean() > 0.03
     assert (totals < counts.sum()).mean() > 0.3
+
+
+def test_a_flux_is_scaled_by_the_counts_like_a_norm(simulator):
+    counts = np.full(102, 10)
+    prior = default_prior("tbabs*cflux*(powerlaw+gauss)", simulator.response, counts)
+    low, high = prior.marginals["cflux_1.lg10Flux"].support
+    assert high - low >= 5.99
+    # 1020 counts of 353 s in EPIC-pn are some 1e-11 erg/cm2/s.
+    assert low < -11.5 < -10.5 < high
+    assert "powerlaw_1.norm" not in prior.names
+    assert isinstance(prior.marginals["gauss_1.norm"], LogUniform)
+
+
+def test_what_is_tied_has_the_prior_of_the_first(simulator):
+    prior = default_prior(
+        "gauss+zgauss(El=gauss_1.El, redshift=0.1)+po(alpha=1)", simulator.response, np.ones(102)
+    )
+    assert prior.names == (
+        "gauss_1.El", "gauss_1.sigma", "gauss_1.norm", "zgauss_1.sigma", "zgauss_1.norm", "powerlaw_1.norm",
+    )  # fmt: skip
 
 
 def test_the_truth_lies_well_inside(simulator):
@@ -73,7 +94,7 @@ def test_lines_lie_in_the_band(simulator):
 def test_what_is_given_replaces_the_default(simulator, tmp_path):
     counts = np.full(102, 10)
     (tmp_path / "p.toml").write_text('[tbabs_1.nh]\ndistribution = "uniform"\nlow = 0.1\nhigh = 0.3\n')
-    prior = model_prior("tbabs*powerlaw", tmp_path / "p.toml", simulator.response, counts)
+    prior = model_prior(*settled("tbabs*powerlaw", tmp_path / "p.toml"), simulator.response, counts)
     assert prior.marginals["tbabs_1.nh"] == Uniform(0.1, 0.3)
     assert prior.marginals["powerlaw_1.alpha"] == SHAPES["Powerlaw"]["alpha"]
     given = {"powerlaw_1.norm": LogUniform(1e-5, 1e-3)}
@@ -81,7 +102,7 @@ def test_what_is_given_replaces_the_default(simulator, tmp_path):
         "powerlaw_1.alpha": SHAPES["Powerlaw"]["alpha"],
         "powerlaw_1.norm": LogUniform(1e-5, 1e-3),
     }
-    whole = model_prior(simulator.model, "reference", simulator.response, counts)
+    whole = model_prior(*settled(simulator.model, "reference"), simulator.response, counts)
     assert whole == simulator.prior
 
 

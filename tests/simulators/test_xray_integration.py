@@ -11,8 +11,8 @@ from gaugeblock.simulators import Effect, Prior, Uniform
 
 pytest.importorskip("jaxspec")
 from gaugeblock.simulators.xray import Response, XraySpectrum, build, reference
-from gaugeblock.simulators.xray.breaks import table_breaks
 from gaugeblock.simulators.xray.components import COMPONENTS
+from gaugeblock.simulators.xray.cross_sections import table_breaks
 from gaugeblock.simulators.xray.expression import parameter_names, parse
 
 pytestmark = pytest.mark.usefixtures("xray_data")
@@ -128,8 +128,10 @@ PARAMETERS = {
     "E_l": 2.0, "alpha1": -0.5, "alpha2": -2.0, "Ec": 2.996, "nh": 0.1, "f": 0.4, "z": 0.15, "A": 0.5,
     "E_c": 2.34 + 0.01 * 256.5 / 512, "Ef": 5.0,
 }  # fmt: skip
-EMISSION = "+".join(sorted({name for name, entry in COMPONENTS.items() if entry.additive}))
-FACTORS = "*".join(sorted({name for name, entry in COMPONENTS.items() if not entry.additive}))
+EMISSION = "+".join(sorted({name for name, entry in COMPONENTS.items() if entry.additive and not entry.ours}))
+FACTORS = "*".join(
+    sorted({name for name, entry in COMPONENTS.items() if entry.kind == "factor" and not entry.ours})
+)
 
 
 @pytest.mark.parametrize("model", [EMISSION, FACTORS + "*powerlaw"], ids=["emission", "factors"])

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.core.errors import require
-from gaugeblock.simulators.xray import data
-from gaugeblock.simulators.xray.breaks import table_breaks
+from gaugeblock.simulators.xray.cross_sections import TBABS, table, table_breaks
 from gaugeblock.simulators.xray.effects.assembly import Append
 from gaugeblock.simulators.xray.effects.averages import above, constant, gaussian, nodes, relative_expm1
 from gaugeblock.simulators.xray.effects.kinds import NONNEGATIVE, POSITIVE, EffectKind
@@ -43,17 +40,11 @@ def high_energy_cutoff(low: Any, high: Any, *, energy: Any, inverse_folding: Any
     return 1.0 + jnp.where(part > 0, part * (mean - 1.0), 0.0)
 
 
-@cache
-def _table(path: str) -> tuple[Array, Array]:
-    table = require("astropy.table", "xray").Table.read(path)
-    return np.log(np.asarray(table["ENERGY"], float)), np.log(np.asarray(table["SIGMA"], float))
-
-
 def cross_section(energy: Any) -> Any:
     """Photoelectric cross-section of tbabs per hydrogen atom, 1e-22 cm2, at energies in keV."""
     import jax.numpy as jnp
 
-    log_energy, log_sigma = _table(str(data.path("xsect_tbabs_wilm.fits")))
+    log_energy, log_sigma = map(np.log, table(TBABS))
     if constant(energy):
         # Only known energies are looked up beyond the table's ends by its last slope, as jaxspec does.
         x = np.log(energy)
@@ -86,7 +77,7 @@ def partial_covering(low: Any, high: Any, *, nh: Any, fraction: Any) -> Any:
 
 def _cut(low: Array, high: Array) -> tuple[Array, Array, NDArray[np.int64]]:
     """Lower and upper ends of the pieces of bins that hold no edge, and the bin that each belongs to."""
-    found = table_breaks("xsect_tbabs_wilm.fits")
+    found = table_breaks(TBABS)
     place, cut = np.nonzero((found > low[:, None]) & (found < high[:, None]))
     bins = np.concatenate([np.arange(len(low)), place])
     start = np.concatenate([low, found[cut]])

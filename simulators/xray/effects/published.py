@@ -17,7 +17,7 @@ def _swap(node: Node, component: str, swap: Callable[[Leaf], Leaf]) -> Node | No
         return swap(node) if node.component == component else None
     left = _swap(node.left, component, swap)
     if left is not None:
-        return replace(node, left=left)
+        return replace(node, left=left)  # type: ignore[arg-type]
     right = _swap(node.right, component, swap)
     return None if right is None else replace(node, right=right)
 

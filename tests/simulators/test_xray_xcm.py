@@ -1,0 +1,118 @@
+"""XSPEC's saved models come in with what is frozen and tied and go out again; priors say the same."""
+
+import pytest
+
+from gaugeblock.core.errors import InputError
+from gaugeblock.simulators import Prior, Uniform
+
+pytest.importorskip("jaxspec")
+from gaugeblock.simulators.xray import read_xcm, write_xcm
+from gaugeblock.simulators.xray.build import settled
+from gaugeblock.simulators.xray.expression import parameter_names, parse
+from gaugeblock.simulators.xray.observation import at_redshift
+
+SAVED = """statistic cstat
+method leven 10 0.01
+abund wilm
+systematic 0
+model  constant*TBabs(zpowerlw + zgauss + zgauss)
+              1      -0.01          0          0      1e+10      1e+10
+          0.034      0.001          0          0     100000      1e+06
+           1.73       0.01         -3         -2          9         10
+          0.158      -0.01     -0.999     -0.999         10         10
+          0.012       0.01          0          0      1e+20      1e+24
+            6.4       0.05          0          0      1e+06      1e+06
+           0.01      -0.05          0          0         10         20
+= p4
+        0.00021       0.01          0          0      1e+20      1e+24
+= 1.1*p6 + 0.02
+= 7
+= p4
+= 0.13*p9
+bayes off
+"""
+
+
+@pytest.fixture
+def saved(tmp_path):
+    def write(text):
+        (tmp_path / "fit.xcm").write_text(text)
+        return tmp_path / "fit.xcm"
+
+    return write
+
+
+def test_a_saved_model_comes_in_with_what_is_frozen_and_tied(saved):
+    read = read_xcm(saved(SAVED))
+    assert read.model == (
+        "constant(norm=1.0)*(tbabs*(zpowerlw(redshift=0.158)+zgauss(sigma=0.01, redshift=0.158)"
+        "+zgauss(El=1.1*zgauss_1.El+0.02, sigma=0.01, redshift=0.158, norm=0.13*zgauss_1.norm)))"
+    )
+    assert read.values == {
+        "tbabs_1.nh": 0.034, "zpowerlw_1.alpha": 1.73, "zpowerlw_1.norm": 0.012, "zgauss_1.El": 6.4,
+        "zgauss_1.norm": 0.00021,
+    }  # fmt: skip
+    assert settled(str(saved(SAVED)), None) == (read.model, None)
+
+
+def test_what_goes_out_comes_in_again(saved):
+    model = "tbabs(nh=0.02)*tbpcf*(powerlaw+gaussian+gaussian(El=gauss_1.El, norm=0.13*gauss_1.norm+0.0))"
+    model += "+cflux(Emin=2.0)*bbody"
+    values = {name: 0.5 + k / 7 for k, name in enumerate(parameter_names(parse(model)))}
+    text = write_xcm(model, values)
+    # XSPEC's tbpcf has a redshift too.
+    head = "model  tbabs*tbpcf*(powerlaw+gaussian+gaussian)+cflux*bbody"
+    covering = [repr(values[f"tbpcf_1.{p}"]) for p in ("nh", "f")]
+    assert text.splitlines()[:5] == [head, "0.02 -1", *covering, "0.0 -1"]
+    back = read_xcm(saved(text))
+    assert parse(back.model) == parse(model)
+    assert back.values == values
+    with pytest.raises(InputError, match=r"needs a value of tbpcf_1\.nh"):
+        write_xcm(model, {})
+
+
+def test_further_data_groups_may_differ_in_a_constant_alone(saved):
+    one = "model  constant*powerlaw\n1 -0.01\n1.7 0.01\n0.1 0.01\n"
+    assert read_xcm(saved(one + "1.1 0.01\n= p2\n= p3\n")).model == "constant(norm=1.0)*powerlaw"
+    with pytest.raises(InputError, match=r"powerlaw_1\.alpha of data group 2 is not tied"):
+        read_xcm(saved(one + "1.1 0.01\n1.9 0.01\n= p3\n"))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("statistic cstat\n", "holds 0 models"),
+        ("model po\n1.7\n1\nmodel 2:b po\n1\n1\n", "holds 2 models"),
+        ("model po\n1.7\n", "has 2 parameters .* but 1 follow"),
+        ("model phabs*apec\n1\n1\n", "atable"),
+        ("model tbpcf*po\n1\n0.5\n0.3\n1.7\n1\n", "redshift is not offered; it has to be 0"),
+        ("model po\n= p9\n1\n", "no parameter 9"),
+    ],
+)
+def test_what_cannot_be_read_is_one_line(saved, text, words):
+    with pytest.raises(InputError, match=words) as caught:
+        read_xcm(saved(text))
+    assert "fit.xcm" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_priors_may_hold_numbers_and_ties(tmp_path):
+    (tmp_path / "p.toml").write_text(
+        'tbabs_1.nh = 0.02\n"gauss_1.El" = 6.4\n"gauss_2.norm" = "0.13*gauss_1.norm"\n'
+        '[powerlaw_1.alpha]\ndistribution = "uniform"\nlow = 1.0\nhigh = 2.0\n'
+    )
+    model, prior = settled("tbabs*(po+ga+ga)", tmp_path / "p.toml")
+    assert model == "tbabs(nh=0.02)*(powerlaw+gaussian(El=6.4)+gaussian(norm=0.13*gauss_1.norm))"
+    assert prior.describe() == Prior({"powerlaw_1.alpha": Uniform(1.0, 2.0)}).describe()
+    with pytest.raises(InputError, match=r"p\.toml: model 'po': has no tbabs_1\.nh"):
+        settled("po", tmp_path / "p.toml")
+    with pytest.raises(InputError, match="a number or a tie, got True"):
+        settled("po", {"powerlaw_1.alpha": True})
+
+
+def test_redshifts_that_nobody_gave_are_the_source_s():
+    model = "tbabs*zphabs*(zpowerlw+zgauss(redshift=0.5))*ztbabs"
+    given = Prior({"zphabs_1.redshift": Uniform(0.0, 1.0)})
+    assert at_redshift(model, given, 0.3) == (
+        "tbabs*zphabs*(zpowerlw(redshift=0.3)+zgauss(redshift=0.5))*ztbabs(z=0.3)"
+    )
