@@ -41,6 +41,10 @@ case ${INPUT_FAIL_ON_INCONCLUSIVE:=true} in
     true | false) ;;
     *) refuse "fail-on-inconclusive must be true or false" ;;
 esac
+case ${INPUT_RELEASE:=false} in
+    true | false) ;;
+    *) refuse "release must be true or false" ;;
+esac
 whole_number seed "${INPUT_SEED:=}"
 whole_number trials "${INPUT_TRIALS:=}"
 cd -- "${INPUT_WORKING_DIRECTORY:-.}" || refuse "there is no such working-directory"
@@ -54,6 +58,8 @@ arguments=(audit --quiet "--out=$out")
 [[ -z ${INPUT_POLICY:-} ]] || arguments+=("--policy=$INPUT_POLICY")
 [[ -z $INPUT_SEED ]] || arguments+=("--seed=$INPUT_SEED")
 [[ -z $INPUT_TRIALS ]] || arguments+=("--set=trials.number=$INPUT_TRIALS")
+[[ -z ${INPUT_LEDGER:-} ]] || arguments+=("--ledger=$INPUT_LEDGER")
+[[ $INPUT_RELEASE == false ]] || arguments+=(--release)
 while IFS= read -r line; do
     [[ -z ${line// /} ]] || arguments+=("--set=$line")
 done <<<"${INPUT_SET:-}"

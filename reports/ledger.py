@@ -10,8 +10,13 @@ from gaugeblock.reports.words import count
 UNKNOWN = "Earlier looks unknown: no ledger."
 
 
-def of_the_ledger(provenance: Mapping[str, Any]) -> str:
+ELSEWHERE = "Earlier looks unknown, but for those at this audit: no ledger."
+
+
+def of_the_ledger(provenance: Mapping[str, Any], *, unknown: str = UNKNOWN) -> str:
     """How many audits came before this one, and whether its truths were used before, as provenance says it.
+
+    Without a ledger it is `unknown`.
 
     >>> of_the_ledger({"ledger": {"earlier": 6, "estimators": 5, "same_truths": 0}})
     'The 7th audit of this simulator under this policy: 6 earlier ones, of 5 estimators.'
@@ -22,7 +27,7 @@ def of_the_ledger(provenance: Mapping[str, Any]) -> str:
         return ""
     record = provenance["ledger"]
     if not isinstance(record, Mapping):
-        return UNKNOWN
+        return unknown
     earlier, estimators, truths, releases = (
         value if isinstance(value := record.get(name), int) else 0
         for name in ("earlier", "estimators", "same_truths", "releases")

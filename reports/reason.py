@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from gaugeblock.reports.ledger import of_the_ledger
+from gaugeblock.reports.ledger import ELSEWHERE, UNKNOWN, of_the_ledger
 from gaugeblock.reports.words import count, listed
 from gaugeblock.validate import Gate, Outcome, Verdict
 
@@ -16,7 +16,9 @@ DATA = "informed.rank"
 def reason(verdict: Verdict) -> str:
     """A few sentences that say why the verdict is what it is."""
     data = of_the_data(verdict) if verdict.outcome is Outcome.PASS else ""
-    said = [f"{_why(verdict)}{_stopped(verdict)}", data, of_looks(verdict), of_the_ledger(verdict.provenance)]
+    unknown = ELSEWHERE if verdict.looks.number > 1 else UNKNOWN
+    before = of_the_ledger(verdict.provenance, unknown=unknown)
+    said = [f"{_why(verdict)}{_stopped(verdict)}", data, of_looks(verdict), before]
     return " ".join(filter(None, said))
 
 

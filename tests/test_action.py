@@ -96,6 +96,16 @@ def test_settings_one_a_line(place, runner):
     assert provenance["policy"]["tolerance"]["bias"] == 0.3
 
 
+def test_a_ledger_counts_the_audits_of_a_project(place, runner):
+    inputs = {"config": "audit.toml", "ledger": "ledger.json", "out": "kept"}
+    assert runner.action({**inputs, "seed": "5"}, place).code == 0
+    assert runner.action({**inputs, "release": "true"}, place).code == 0
+    recorded = json.loads((place / "kept" / "verdict.json").read_text())["provenance"]["ledger"]
+    assert (recorded["earlier"], recorded["release"]) == (1, True)
+    refused = runner.action({"config": "audit.toml", "release": "true"}, place)
+    assert (refused.code, refused.outputs["verdict"]) == (2, "ERROR")
+
+
 INCONCLUSIVE = {"config": "audit.toml", "set": 'policy.required=["sbc"]'}
 
 
@@ -129,17 +139,25 @@ def test_paths_with_anything_in_them_are_paths(place, runner):
     folder = place / 'it\'s a "folder" $(touch pwned)\n`touch pwned` ; touch pwned'
     folder.mkdir()
     (folder / "con fig $(touch pwned).toml").write_text(AUDIT)
-    inputs = {"config": "con fig $(touch pwned).toml", "out": "o'u t\n::warning::$(touch pwned)"}
+    inputs = {
+        "config": "con fig $(touch pwned).toml",
+        "out": "o'u t\n::warning::$(touch pwned)",
+        "ledger": "-l $(touch pwned)",
+    }
     done = runner.action({**inputs, "working-directory": folder.name}, place)
     assert done.code == 0, done.stderr
     assert done.outputs["out"] == str(folder / inputs["out"])
     assert (folder / inputs["out"] / "verdict.json").exists()
+    assert (folder / inputs["ledger"]).exists()
     assert not list(place.rglob("pwned"))
 
 
 @pytest.mark.parametrize(
     "name",
-    ["config", "trials-file", "policy", "seed", "trials", "set", "working-directory", "fail-on-inconclusive"],
+    [
+        *("config", "trials-file", "policy", "seed", "trials", "release", "set"),
+        *("working-directory", "fail-on-inconclusive"),
+    ],
 )
 @pytest.mark.parametrize("value", [NASTY, "--help", "-x"])
 def test_a_value_is_never_run_and_never_an_option(name, value, place, runner):

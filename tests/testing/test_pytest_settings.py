@@ -106,6 +106,18 @@ def test_files_go_where_they_are_wanted(pytester, toy, monkeypatch):
     assert "Exact on LinearGaussian" in title
 
 
+def test_a_ledger_counts_the_gates_before(pytester, toy, monkeypatch):
+    toy("""
+    @pytest.mark.parametrize("seed", [1, 2])
+    def test_flow(calibration_gate, seed):
+        audited = calibration_gate(EXACT, SIMULATOR, **{**QUICK, "seed": seed})
+        assert audited.verdict.provenance["ledger"]["earlier"] == seed - 1
+    """)
+    pytester.makeini("[pytest]\ncalibration_ledger = audits.json\n")
+    pytester.runpytest_inprocess("-p", "no:randomly").assert_outcomes(passed=2)
+    assert len(json.loads((pytester.path / "audits.json").read_text())["audits"]) == 2
+
+
 def test_a_retrained_object_never_meets_the_draws_of_the_old_one(pytester, toy, monkeypatch):
     # An audit that was cut short leaves chunks behind; they say nothing of what the object's weights were.
     toy("""

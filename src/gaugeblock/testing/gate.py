@@ -49,6 +49,7 @@ class CalibrationGate:
         seed: int | None = None,
         policy: str | Path | Mapping[str, Any] | Policy | None = None,
         validators: str | Iterable[str] | None = None,
+        ledger: str | Path | None = None,
         out: str | Path | None = None,
     ) -> Audit:
         """Audit the estimator on the simulator and return what was found, if the verdict is PASS.
@@ -68,7 +69,7 @@ class CalibrationGate:
         __tracebackhide__ = True
         model = {"prior": prior, "names": names}
         given = {"trials": trials, "draws": draws, "seed": seed, "policy": policy}
-        call = self._call({**given, "validators": validators, "out": out})
+        call = self._call({**given, "validators": validators, "ledger": ledger, "out": out})
         with _one_line():
             settings = decide([call, *self._layers], self._item.config.rootpath)
             self._number += 1
@@ -106,6 +107,7 @@ class CalibrationGate:
             trials=settings.trials,
             policy=settings.policy,
             validators=settings.validators,
+            ledger=settings.ledger,
             out=folder,
             progress=False,
             command=f"pytest {self._item.nodeid}",

@@ -32,6 +32,7 @@ _OPTIONS: tuple[tuple[str, Callable[[str], Any], str, str], ...] = (
     ("draws", int, "N", "posterior draws of each trial (default: 250)"),
     ("seed", int, "N", "seed of everything random in a calibration gate (default: fixed)"),
     ("policy", str, "P.toml", "policy of calibration gates: default, strict or a TOML file"),
+    ("ledger", str, "FILE", "enter every calibration gate in a ledger, which counts the audits before it"),
     ("out", str, "DIR", "keep each gate's report, trials and verdict in a folder below DIR"),
     (
         "inconclusive",

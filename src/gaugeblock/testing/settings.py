@@ -17,7 +17,7 @@ from gaugeblock.validate.policy import SHIPPED, Policy
 from gaugeblock.validate.validators import check_validators
 
 MARKED = ("trials", "draws", "seed", "policy", "validators", "inconclusive")
-OPTIONS = ("trials", "draws", "seed", "policy", "out", "inconclusive")
+OPTIONS = ("trials", "draws", "seed", "policy", "ledger", "out", "inconclusive")
 _TRIALS = {"trials": "number", "draws": "draws", "seed": "seed"}
 
 
@@ -43,6 +43,7 @@ class GateSettings:
     policy_name: str
     validators: tuple[str, ...] | None
     inconclusive: str
+    ledger: Path | None
     out: Path | None
     own_folder: bool
 
@@ -95,13 +96,14 @@ def decide(layers: Sequence[Layer], root: Path) -> GateSettings:
             table[name] = int(value)
     policy, name = _policy(*said.get("policy", (layers[0], "default")), root)
     validators = _validators(*said["validators"]) if "validators" in said else None
-    out = said.get("out")
+    out, ledger = said.get("out"), said.get("ledger")
     return GateSettings(
         trials=checked(TrialsTable, table, where="calibration_gate"),
         policy=policy,
         policy_name=name,
         validators=validators,
         inconclusive=_inconclusive(*said["inconclusive"]) if "inconclusive" in said else "fail",
+        ledger=ledger[0].folder / ledger[1] if ledger else None,
         out=out[0].folder / out[1] if out else None,
         own_folder=bool(out and out[0] is layers[0]),
     )
