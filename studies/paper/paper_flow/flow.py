@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from typing import Any
 
@@ -34,7 +33,6 @@ class PaperFlow:
 
     def __init__(self, network: Any, prior: Prior, record: dict[str, Any]):
         self._flow = NflowsFlow(network.eval())
-        self._transform = network.net._transform
         self.prior = prior
         self.record = record
 
@@ -57,18 +55,9 @@ class PaperFlow:
         with torch.inference_mode():
             for rows in _chunks(len(data), n):
                 context = self._flow.context(data[rows])
-                theta[rows], log_q[rows] = self._drawn(torch.from_numpy(noise[rows]), context)
+                values, density = self._flow.draw(torch.from_numpy(noise[rows]), context)
+                theta[rows], log_q[rows] = values.double(), density.double()
         return theta, log_q
-
-    def _drawn(self, noise: torch.Tensor, context: torch.Tensor) -> tuple[Array, Array]:
-        """Draws and their log density by one pass: the inverse knows its own determinant."""
-        flat, repeated = noise.flatten(end_dim=1), context.repeat_interleave(noise.shape[1], dim=0)
-        with warnings.catch_warnings():  # nflows calls what torch has renamed
-            warnings.filterwarnings("ignore", "torch.triangular_solve is deprecated")
-            values, determinant = self._transform.inverse(flat, context=repeated)
-        base = -0.5 * (noise.double() ** 2 + np.log(2.0 * np.pi)).sum(dim=-1)
-        log_q = base - determinant.double().reshape(base.shape)
-        return values.double().reshape(noise.shape).numpy(), log_q.numpy()
 
     def sample(self, x: ArrayLike, n: int, rng: Rng) -> Array:
         """Draws ``(batch, n, parameter)`` rejected to the box."""
@@ -87,7 +76,7 @@ class PaperFlow:
             if not len(open_rows):
                 break
             noise = rng.standard_normal((len(open_rows), n, self.prior.size)).astype(np.float32)
-            drawn = self._flow.draw(torch.from_numpy(noise), context[open_rows]).double().numpy()
+            drawn = self._flow.draw(torch.from_numpy(noise), context[open_rows])[0].double().numpy()
             keep = self.inside(drawn)
             if last == 1:
                 drawn, keep = np.clip(drawn, *self.box), np.ones_like(keep)
