@@ -40,7 +40,8 @@ def _where(answer: Answer) -> Chapter:
     lead = where(answer).removeprefix("where: ")
     return Chapter(
         "where", "Where", "Which part of the data disagrees" if astray else "No part of the data stands out",
-        f"{lead[:1].upper()}{lead[1:]}.", panels(answer), (table,), layout="full", pictures_first=True,
+        f"At {lead}." if astray else f"{lead[:1].upper()}{lead[1:]}.", panels(answer), (table,),
+        layout="full", pictures_first=True,
     )  # fmt: skip
 
 
@@ -117,7 +118,7 @@ def _effects(answer: Answer) -> Chapter:
     )  # fmt: skip
     first = answer.effects[0].name if answer.effects else "shift"
     code = Markup('<pre style="overflow-x:auto;font-size:0.8125rem;line-height:1.45">{}</pre>').format(
-        escape(effect_code(first, answer.codes))
+        escape(_code(first, answer))
     )
     on = (
         "This simulator takes effects: gb.discover(simulator, x) searches its library. "
@@ -132,6 +133,14 @@ def _effects(answer: Answer) -> Chapter:
         "effects", "What it may be", "What every array can suffer, tried",
         f"{on}{lead[:1].upper()}{lead[1:]}.", (panel,), (table,), layout="full",
     )  # fmt: skip
+
+
+def _code(name: str, answer: Answer) -> str:
+    """With the place that departs most as the middle of a bump."""
+    length = answer.shape[-1] if answer.shape else 1
+    steps = answer.grid[-1] if answer.grid else 1
+    place = answer.where.places[0].coordinate % steps
+    return effect_code(name, answer.codes, centre=place * length // steps, length=length)
 
 
 def _posterior(answer: Answer) -> Chapter:

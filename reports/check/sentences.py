@@ -21,6 +21,7 @@ EFFECTS = {
     "drift": "a multiplicative drift of {} along the last axis",
     "noise": "extra noise of {} spreads",
     "outliers": "outliers of {} spreads",
+    "component": "a bump {} spreads high over some 15% of each axis",
     "stretch": "the last axis stretched by {}",
 }
 PLACES = 3

@@ -138,8 +138,7 @@ DISCREPANCIES: Mapping[str, Discrepancy] = {
     ),
     "component": Discrepancy(
         "a bump over some 15% of each axis, so many spreads high, somewhere", _component,
-        "x + a * spread * np.exp(-0.5 * ((np.arange(x.shape[-1]) - centre) / width) ** 2)", least=4,
-        generic=False,
+        "x + a * spread * np.exp(-0.5 * ((place - centre) / width) ** 2)", least=4, signed=True,
     ),
     "stretch": Discrepancy(
         "the last axis (time, energy) stretched by this share", _time,

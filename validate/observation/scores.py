@@ -51,6 +51,7 @@ class SmoothScores:
     shape: Shape
     middle: Array
     spread: Array
+    least: Array
 
     @classmethod
     def learned(cls, values: ArrayLike) -> SmoothScores:
@@ -67,7 +68,8 @@ class SmoothScores:
         half, deviation = (high - low) / 2, y.std(axis=0)
         least = ROUNDING * np.maximum(np.abs(y).max(axis=0), 1e-12)
         spread = np.where(half > least, half, np.where(deviation > least, deviation, least))
-        return cls(shape, middle, spread)
+        # What was never negative is never expected to be.
+        return cls(shape, middle, spread, np.where(x.min(axis=0) >= 0, 0.0, -np.inf))
 
     def __call__(self, values: ArrayLike) -> Array:
         """Scores of values ``(n, column)``."""
@@ -80,7 +82,7 @@ class SmoothScores:
         z = np.asarray(scores, dtype=float)
         beyond = np.expm1(np.clip(np.abs(z) - STRAIGHT, 0.0, 50.0))
         u = np.where(np.abs(z) > STRAIGHT, np.sign(z) * (STRAIGHT + beyond), z)
-        return self.shape.inverse(self.middle + self.spread * u)
+        return np.maximum(self.shape.inverse(self.middle + self.spread * u), self.least)
 
 
 def _best_shape(x: Array) -> Shape:

@@ -270,6 +270,7 @@ def _signed(found: Residuals, grid: tuple[int, ...]) -> Array:
     white = found.white.reshape(len(found.white), *grid)
     flat = white.reshape(len(white), -1)
     sizes = [found.level, _remainder(found), np.log(_square(found.whole) + 1e-12)]
+    sizes += [found.left.max(axis=1), found.left.min(axis=1)]
     parts = [found.leading, *(size[:, None] for size in sizes)]
     parts += [
         np.stack([part.mean(axis=1) for part in np.array_split(flat, min(8, flat.shape[1]), axis=1)], axis=1)

@@ -25,6 +25,7 @@ from gaugeblock.estimators.protocol import Estimator
 from gaugeblock.reports.machine import plain
 from gaugeblock.simulators.from_function import as_simulator
 from gaugeblock.simulators.protocol import Extensible, Simulator
+from gaugeblock.simulators.segments import Segmented
 from gaugeblock.validate.observation import Sets
 from gaugeblock.validate.observation.answer import Answer, Moved, View
 from gaugeblock.validate.observation.coordinates import Coordinates
@@ -125,7 +126,7 @@ def check(
     with ended(None if estimating is estimator else estimating), shown(progress) as tell:
         run = _Run(simulated, estimating, given.data, trials, simulations, draws, seed, level, tell)
         answer = run.answer(
-            Coordinates.of(run.shape, axes=axes, labels=coordinates),
+            Coordinates.of(run.shape, **_called(simulated, run.shape, axes, coordinates)),
             SEES if sees is None else sees,
             {"summaries": summaries, "own": own, "select": select},
         )
@@ -325,6 +326,16 @@ def _as_sets(observed: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
             "in what the simulator gives"
         )
     return observed
+
+
+def _called(
+    simulator: Simulator, shape: tuple[int, ...], axes: Sequence[str], labels: ArrayLike | None
+) -> dict[str, Any]:
+    """What the user calls axes and places; else what the simulator does, where its data are one segment."""
+    parts = simulator.segments() if isinstance(simulator, Segmented) else ()
+    if axes or labels is not None or len(parts) != 1 or shape != (parts[0].stop,):
+        return {"axes": axes, "labels": labels}
+    return {"axes": (parts[0].unit,), "labels": parts[0].edges.mean(axis=1)}
 
 
 def _says(name: str) -> str:
