@@ -16,6 +16,7 @@ NAMES = {
     "paper": "paper.__main__",
     "discoveries": "discoveries",
     "informed": "informed.__main__",
+    "check": "check.__main__",
 }
 
 

@@ -51,9 +51,9 @@ def where(answer: Answer) -> str:
     astray = answer.where.astray
     if not astray:
         return "no single coordinate stands out: the disagreement is spread over many"
-    return f"where: {listed([place_words(place) for place in astray[:PLACES]])}" + (
-        f"; {len(astray)} coordinates in all" if len(astray) > PLACES else ""
-    )
+    if len(astray) > len(answer.where.stretches) or len(astray) > PLACES:
+        return f"where: {listed(answer.where.stretches, most=PLACES)}; first {place_words(astray[0])}"
+    return f"where: {listed([place_words(place) for place in astray])}"
 
 
 def place_words(place: Place) -> str:

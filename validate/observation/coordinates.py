@@ -102,6 +102,37 @@ class Coordinates:
             )  # fmt: skip
         return ", ".join(said) or "the number"
 
+    def stretches(self, chosen: Sequence[int]) -> tuple[str, ...]:
+        """What runs of neighbours among the chosen coordinates of a line are called, in the order chosen.
+
+        >>> Coordinates.of((9,), axes=["day"]).stretches([4, 8, 5, 6])
+        ('day 4 to 6', 'day 8')
+        """
+        left = set(chosen)
+        if len([length for length in self.grid if length > 1]) != 1 or any(self._named):
+            return tuple(self.name(at) for at in chosen)
+        found = []
+        for at in chosen:
+            if at not in left:
+                continue
+            low = high = at
+            while low - 1 in left:
+                low -= 1
+            while high + 1 in left:
+                high += 1
+            left -= set(range(low, high + 1))
+            axis = int(np.argmax(self.grid))
+            known = self.labels if axis == len(self.grid) - 1 else ()
+            ends = self.members(low)[axis].start, self.members(high)[axis].stop - 1
+            said = " to ".join(dict.fromkeys(_label(known, end) for end in ends))
+            found.append(f"{self.axes[axis]} {said}")
+        return tuple(found)
+
+    @property
+    def _named(self) -> tuple[str, ...]:
+        """Labels that are names: neighbours of these are none."""
+        return tuple(label for label in self.labels if isinstance(label, str))
+
 
 def _label(known: tuple[Any, ...], place: int) -> str:
     if not known:

@@ -38,7 +38,8 @@ class Where:
     """Every coordinate's departure ``(coordinate,)`` by family, and the `places` farthest away.
 
     `expected` ``(3, coordinate)`` are middle, low and high of what the others lead one to expect, in the
-    data's own unit, and `observed` ``(coordinate,)`` the mean of what was observed.
+    data's own unit, and `observed` ``(coordinate,)`` the mean of what was observed. `stretches` are runs of
+    places that are astray, in words.
     """
 
     departures: dict[str, Array]
@@ -46,6 +47,7 @@ class Where:
     observed: Array
     expected: Array
     places: tuple[Place, ...]
+    stretches: tuple[str, ...]
 
     @property
     def astray(self) -> tuple[Place, ...]:
@@ -96,4 +98,5 @@ def located(views: Views, x: NDArray[np.generic], rows: Rows, groups: NDArray[np
                 float(value), float(p_value),
             )
         )  # fmt: skip
-    return Where(own, limit, middle, expected, tuple(places))
+    astray = [place.coordinate for place in places if place.p_value <= 1 - LEVEL]
+    return Where(own, limit, middle, expected, tuple(places), coordinates.stretches(astray))

@@ -39,7 +39,7 @@ from gaugeblock.validate.observation.views import WAYS, Rows, Views
 from gaugeblock.validate.observation.where import Where, located
 
 LEVEL = 0.05
-SEES: Mapping[str, float] = {"noise": 1.0}
+SEES: Mapping[str, float] = {"noise": 1.0, "component": 5.0}
 PLANTED, WITH_EFFECT = 200, 120
 # Fewer cannot reject at 5% in any view but one.
 LEAST = 99
@@ -92,8 +92,9 @@ def check(
     level : float
         FAIL where the p-value is at most this: so often for what the simulator did make.
     sees : mapping of str to float
-        What a PASS needs to have seen with 90% power, by kind of discrepancy and size (``{"noise": 1.0}``:
-        noise as large as the simulations' own spread); see docs/check.md.
+        What a PASS needs to have seen with 90% power, by kind of discrepancy and size; by default
+        ``{"noise": 1.0, "component": 5.0}``, noise as large as the simulations' own spread and, where data
+        have an axis, a bump of five spreads; see docs/check.md.
     views : names or mapping of functions, optional
         Names of the views to use instead of all; or functions from data ``(n, *data_shape)`` to ``(n,)``, by
         name, beside them.
@@ -127,7 +128,7 @@ def check(
         run = _Run(simulated, estimating, given.data, trials, simulations, draws, seed, level, tell)
         answer = run.answer(
             Coordinates.of(run.shape, **_called(simulated, run.shape, axes, coordinates)),
-            SEES if sees is None else sees,
+            sees,
             {"summaries": summaries, "own": own, "select": select},
         )
     subjects: dict[str, Any] = {"simulator": {**named(simulator), **identity(simulated)}}
@@ -184,9 +185,13 @@ class _Run:
         self.fresh = Predictive(simulator, seed, "ranked").data(max(trials, 10 * len(self.observed)))
         tell("simulating", simulations, simulations)
 
-    def answer(self, coordinates: Coordinates, sees: Mapping[str, float], given: Mapping[str, Any]) -> Answer:
+    def answer(
+        self, coordinates: Coordinates, sees: Mapping[str, float] | None, given: Mapping[str, Any]
+    ) -> Answer:
         """Learn, rank, locate, plant, try."""
         ladder = possible(self.shape, ladder=True)
+        if sees is None:
+            sees = {kind: size for kind, size in SEES.items() if kind in ladder}
         unknown = [kind for kind in sees if kind not in ladder]
         if unknown or not all(size > 0 for size in sees.values()):
             raise InputError(

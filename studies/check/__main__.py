@@ -1,0 +1,107 @@
+"""How often a check is wrong about what the simulator made, and what it sees beside published detectors."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+import gaugeblock.validate.observation
+import studies.check
+from gaugeblock.core.progress import Bars
+from studies.check.document import document
+from studies.check.parts import BENCHMARKS, LEVEL, SIZES, batch
+from studies.check.problems import SIMULATORS
+from studies.kit.command import carried_out, given, parser
+from studies.kit.results import clopper_pearson, read, read_groups, record, write
+from studies.kit.resume import Arrays, Pieces, code_of
+
+NAME = "studies check"
+
+
+def sizes(found: dict[str, Arrays]) -> xr.Dataset:
+    """Rejections of what each simulator made; what was seen of what was planted, and named rightly."""
+    rejected = np.array([int(np.count_nonzero(one["p"] <= LEVEL)) for one in found.values()])
+    number = np.array([len(one["p"]) for one in found.values()])
+    low, high = clopper_pearson(rejected, number)
+    table: dict[str, Any] = {
+        "rejected": ("simulator", rejected),
+        "observations": ("simulator", number),
+        "low": ("simulator", low),
+        "high": ("simulator", high),
+    }
+    for kind in ("outlier", "bump"):
+        seen = np.stack([one[f"{kind} seen"].sum(axis=0) for one in found.values()])
+        right = np.stack([(one[f"{kind} seen"] * one[f"{kind} right"]).sum(axis=0) for one in found.values()])
+        table[f"{kind}_seen"] = (("simulator", "size"), seen)
+        table[f"{kind}_right"] = (("simulator", "size"), right)
+    return xr.Dataset(table, coords={"simulator": list(found), "size": list(SIZES)})
+
+
+def powers(found: dict[str, Arrays]) -> xr.Dataset:
+    """Power of every case of every benchmark: ours, ours with one view alone, and the published one's."""
+    cases = [f"{name}: {case}" for name in found for case in BENCHMARKS[name][1]]
+    columns = {
+        which: ("case", np.concatenate([one[which] for one in found.values()]))
+        for which in ("ours", "alone", "theirs")
+    }
+    return xr.Dataset(columns, coords={"case": cases})
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run what is not there yet, keep the tables, write the page."""
+    options = parser(NAME, __doc__)
+    options.add_argument("names", nargs="*", help="beginnings of simulators and benchmarks (default: all)")
+    for name, value in (("batches", 50), ("observations", 20), ("learned", 4000), ("fresh", 999)):
+        options.add_argument(f"--{name}", type=int, default=value)
+    options.add_argument("--report", action="store_true", help="text from OUT; nothing is run")
+    chosen = options.parse_args(arguments)
+    if chosen.report:
+        tables = chosen.out / "check.nc"
+        return carried_out(lambda: document(read_groups(tables) | {"": read(tables)}, chosen.docs))
+    return carried_out(lambda: _run(chosen, given(NAME, arguments)))
+
+
+def _run(chosen: Any, command: str) -> None:
+    start = tuple(chosen.names) or ("",)
+    size = {"learned": chosen.learned, "fresh": chosen.fresh}
+    key = {"seed": chosen.seed, **size, "observations": chosen.observations,
+           "code": code_of(gaugeblock.validate.observation, studies.check)}  # fmt: skip
+    with Bars() as bars:
+        pieces = Pieces(chosen.work or chosen.out / "checkpoints", key, "check", bars.show, chosen.workers)
+        made: dict[str, Arrays] = {}
+        for name, build in SIMULATORS.items():
+            if name.startswith(start):
+                simulator = build()
+                parts = pieces.each(
+                    name, chosen.batches,
+                    lambda _, rng: batch(simulator, chosen.observations, rng, **size),  # noqa: B023
+                    chosen.seed,
+                )  # fmt: skip
+                made[name] = {each: np.concatenate([part[each] for part in parts]) for each in parts[0]}
+        compared: dict[str, Arrays] = {}
+        for name, (make, _) in BENCHMARKS.items():
+            if name.startswith(start):
+                number = chosen.batches * chosen.observations
+                compared[name] = pieces.one(
+                    name,
+                    lambda rng: make(rng, observations=number, **size),  # noqa: B023
+                    chosen.seed,
+                )
+    for name, one in made.items():
+        rejected = float(np.mean(one["p"] <= LEVEL))
+        sys.stdout.write(f"{name:16s} rejected {rejected:.1%} of {len(one['p'])}\n")
+    for name, one in compared.items():
+        for case, ours, theirs in zip(BENCHMARKS[name][1], one["ours"], one["theirs"], strict=True):
+            sys.stdout.write(f"{name:16s} {case:24s} ours {ours:.0%}, theirs {theirs:.0%}\n")
+    if not chosen.names:
+        attributes = record(command, chosen.seed, **size, batches=chosen.batches)
+        table = sizes(made).assign_attrs(attributes)
+        write({"": table, "benchmarks": powers(compared)}, chosen.out / "check.nc")
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

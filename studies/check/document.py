@@ -1,0 +1,65 @@
+"""The tables of docs/check.md, from what is stored."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import xarray as xr
+
+from studies.kit import page
+from studies.kit.results import command_of
+
+BENCHMARKS = {
+    "means": "two means of 100 readings (Schmitt et al. 2023, summary network and MMD)",
+    "gaussian": "Gaussian of 100 readings (Ward et al. 2022, spike and slab)",
+    "sir": "epidemic with reports (Ward et al. 2022, spike and slab)",
+}
+
+
+def size_table(table: xr.Dataset) -> str:
+    """Rejections of what simulators made, and what was seen of what was planted."""
+    rows = []
+    for name in table["simulator"].values:
+        one = table.sel(simulator=name)
+        count, number = int(one["rejected"]), int(one["observations"])
+        limits = f"{count / number:.1%} ({float(one['low']):.1%} to {float(one['high']):.1%})"
+        cells = [str(name), limits]
+        for kind in ("outlier", "bump"):
+            for size in table["size"].values:
+                seen = int(one[f"{kind}_seen"].sel(size=size))
+                right = int(one[f"{kind}_right"].sel(size=size))
+                cells.append(f"{seen / number:.0%}; {right / seen:.0%}" if seen else "0%")
+        rows.append(cells)
+    large = [f"{size:g}" for size in table["size"].values]
+    header = [
+        "simulator",
+        "FAIL at 5%",
+        *(f"{kind} of {size}" for kind in ("outlier", "bump") for size in large),
+    ]
+    said = (
+        f"{int(table.attrs['batches'])} batches, each with views learned on {int(table.attrs['learned']):,} "
+        f"simulations and {int(table.attrs['fresh']):,} others to be ranked among, all of its own. Of what "
+        "was planted, in spreads: share seen; share of these with the right coordinate among the first three "
+        "named. A bump is three coordinates wide along each axis. Made by "
+        f"`{command_of(table)}`."
+    )
+    return f"{page.table(header, rows)}\n\n{said}"
+
+
+def power_table(table: xr.Dataset) -> str:
+    """Ours beside published detectors."""
+    rows = []
+    for name in table["case"].values:
+        benchmark, _, case = str(name).partition(": ")
+        one = table.sel(case=name)
+        cells = [f"{float(one[which]):.0%}" for which in ("ours", "alone", "theirs")]
+        rows.append([BENCHMARKS[benchmark], case, *cells])
+    header = ["benchmark", "fault", "check", "`summaries: distance` alone", "published"]
+    return page.table(header, rows)
+
+
+def document(tables: Mapping[str, xr.Dataset], docs: Path) -> None:
+    """Fill in the page."""
+    blocks = {"size": size_table(tables[""]), "power": power_table(tables["benchmarks"])}
+    page.fill(docs / "check.md", blocks)
