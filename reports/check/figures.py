@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from markupsafe import Markup
 
@@ -12,7 +14,7 @@ from gaugeblock.reports.words import number, short
 from gaugeblock.validate.observation.answer import Answer
 from gaugeblock.validate.observation.tables import DATA
 
-WIDTH, HEIGHT = 960.0, 280.0
+WIDTH, HEIGHT, TOP = 960.0, 280.0, 8.0
 SIDES = {"left": 72.0, "right": 12.0}
 
 
@@ -100,39 +102,58 @@ def _departures(answer: Answer, family: str, values: Array) -> Panel:
 
 
 def _map(answer: Answer, family: str, values: Array) -> Panel:
-    """Departures of an image, as coloured cells; axes before the last two are laid below each other."""
-    columns = answer.grid[-1]
-    table = values.reshape(-1, columns)
-    step = min(640.0 / columns, 460.0 / len(table), 28.0)
-    left, top, limit = 44.0, 6.0, answer.where.limit
-    frame = Frame(
-        x=(0, columns), y=(0, len(table)), width=left + step * columns + 12,
-        height=top + step * len(table) + 38, left=left, right=12, top=top,
-    )  # fmt: skip
-    marks = []
-    for (row, column), value in np.ndenumerate(table):
-        marks.append(
-            tag(
-                "rect",
-                x=f"{left + step * column:.1f}",
-                y=f"{top + step * row:.1f}",
-                width=f"{step:.1f}",
-                height=f"{step:.1f}",
-                class_="cell high" if value > 0 else "cell low",
-                fill_opacity=f"{min(abs(float(value)) / (1.5 * limit), 1.0) * 0.9:.2f}",
-                **({"stroke": "currentColor", "stroke_width": "1.6"} if abs(value) > limit else {}),
-            )
-        )
-    x_axis = answer.axes[-1]
+    """An image as it was observed, and its departures; axes before the last two are laid below each other."""
+    columns, limit = answer.grid[-1], answer.where.limit
+    seen, table = (part.reshape(-1, columns) for part in (answer.where.observed, values))
+    step = min((WIDTH / 2 - 64) / columns, 420.0 / len(table))
+    frame = Frame(x=(0, 1), y=(0, 1), width=WIDTH, height=TOP + step * len(table) + 30)
+    low, high = (float(end) for end in np.quantile(seen, [0.0, 1.0]))
+    shade = (seen - low) / max(high - low, 1e-300)
+    right = WIDTH / 2 + 40
+    marks = [
+        *_cells(shade, lambda _: "cell shade", lambda value: value, 40.0, step),
+        *_cells(
+            table, lambda value: "cell high" if value > 0 else "cell low",
+            lambda value: min(abs(value) / (1.5 * limit), 1.0), right, step,
+        ),
+        *(
+            tag("rect", x=f"{left + step * j:.1f}", y=f"{TOP + step * i:.1f}", width=f"{step:.1f}",
+                height=f"{step:.1f}", class_="astray")
+            for i, j in np.argwhere(np.abs(table) > limit) for left in (40.0, right)
+        ),
+    ]  # fmt: skip
+    floor = TOP + step * len(table)
     y_axis = answer.axes[-2] if len(answer.axes) > 1 else ""
-    marks.append(tag("text", f"{x_axis} →", x=f"{left:g}", y=f"{frame.height - 16:g}", class_="label"))
-    turned = f"translate(14 {top + step * len(table) / 2:g}) rotate(-90)"
-    marks.append(tag("text", f"← {y_axis}", class_="label", text_anchor="middle", transform=turned))
+    turned = f"translate(28 {TOP + 20:g}) rotate(-90)"
+    said = f"\N{LEFTWARDS ARROW} {y_axis}"
+    marks.append(tag("text", said, class_="label", text_anchor="end", transform=turned))
+    for left, said in ((40.0, "observed"), (right, "departure")):
+        marks.append(
+            tag("text", f"{answer.axes[-1]} \N{RIGHTWARDS ARROW} ({said})", x=f"{left:g}", y=f"{floor + 18:g}",
+                class_="label")
+        )  # fmt: skip
     return Panel(
-        "What is left of each coordinate" if family == DATA else f"The same, {family}",
-        f"outlined: beyond {short(limit)}, which 5% of simulations pass anywhere",
+        "The observation, and what is left of each coordinate" if family == DATA else f"The same, {family}",
+        f"outlined: departures beyond {short(limit)}, which 5% of simulations pass anywhere",
         frame.drawing(
             marks, key=f"check-{family.replace(' ', '-')}", title=f"Departures, {family}",
             description=f"Largest {number(float(np.abs(values).max()), 1)}; limit {number(limit, 1)}.",
         ),
     )  # fmt: skip
+
+
+def _cells(
+    table: Array, kind: Callable[[float], str], depth: Callable[[float], float], left: float, step: float
+) -> list[Markup]:
+    return [
+        tag(
+            "rect",
+            x=f"{left + step * column:.1f}",
+            y=f"{TOP + step * row:.1f}",
+            width=f"{step:.1f}",
+            height=f"{step:.1f}",
+            class_=kind(float(value)),
+            fill_opacity=f"{0.9 * depth(float(value)):.2f}",
+        )
+        for (row, column), value in np.ndenumerate(table)
+    ]

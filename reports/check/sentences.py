@@ -49,6 +49,8 @@ def oddest(answer: Answer) -> str:
 def where(answer: Answer) -> str:
     """Which coordinates disagree, in words."""
     astray = answer.where.astray
+    if not astray and answer.outcome is not Outcome.FAIL:
+        return "no coordinate departs farther than somewhere in simulations"
     if not astray:
         return "no single coordinate stands out: the disagreement is spread over many"
     if len(astray) > len(answer.where.stretches) or len(astray) > PLACES:

@@ -71,7 +71,7 @@ def located(views: Views, x: NDArray[np.generic], rows: Rows, groups: NDArray[np
     coordinates, family = tables.coordinates, views.families[DATA]
     observed = coordinates(x)
     scores = family.values(observed)
-    ranges = np.stack([family.expectation.expected(z, limit) for z in scores[: 1 if size == 1 else size]])
+    ranges = np.stack([family.expectation.expected(z, limit / size**0.5) for z in scores])
     expected = np.stack([family.values.inverse(part) for part in ranges.mean(axis=0)[:, None]])[:, 0]
     if size == 1:
         found = [(DATA, at, value) for at, value in family.expectation.set_apart(scores[0], MOST)]
