@@ -129,8 +129,8 @@ def _map(answer: Answer, family: str, values: Array) -> Panel:
     marks.append(tag("text", said, class_="label", text_anchor="end", transform=turned))
     for left, said in ((40.0, "observed"), (right, "departure")):
         marks.append(
-            tag("text", f"{answer.axes[-1]} \N{RIGHTWARDS ARROW} ({said})", x=f"{left:g}", y=f"{floor + 18:g}",
-                class_="label")
+            tag("text", f"{answer.axes[-1]} \N{RIGHTWARDS ARROW} ({said})", class_="label",
+                x=f"{left:g}", y=f"{floor + 18:g}")
         )  # fmt: skip
     return Panel(
         "The observation, and what is left of each coordinate" if family == DATA else f"The same, {family}",

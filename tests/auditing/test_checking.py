@@ -161,6 +161,7 @@ def test_images_and_counts_and_numbers():
     result = check(image, x, prior=prior, seed=4, **SMALL)
     assert result.outcome == "FAIL"
     assert result.answer.where.places[0].name == "row 1, column 8"
+    assert (result.answer.where.expected >= 0).all()
     assert "<svg" in result._repr_html_() or "FAIL" in result._repr_html_()
 
     def number(theta, rng):

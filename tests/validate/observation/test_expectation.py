@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from gaugeblock.simulators import build_simulator
 from gaugeblock.validate.observation.coordinates import Coordinates
 from gaugeblock.validate.observation.expectation import Expectation
-from gaugeblock.validate.observation.scores import NormalScores
+from gaugeblock.validate.observation.scores import NormalScores, SmoothScores
 
 SIZE = 6
 
@@ -87,6 +88,8 @@ def test_noise_that_depends_on_the_rest_is_learned():
     quiet, loud = scores([[-1.5, 0.0, 0.0, 0.8]]), scores([[1.5, 0.0, 0.0, 0.8]])
     assert expectation.residuals(quiet).left[0, 3] > 2.5
     assert abs(expectation.residuals(loud).left[0, 3]) < 1.5
+    (_, low, high), (_, least, most) = (expectation.expected(z[0], 2.0) for z in (quiet, loud))
+    assert most[3] - least[3] > 4 * (high[3] - low[3])
 
 
 def test_a_data_set_has_a_noise_level_of_its_own():
@@ -127,8 +130,22 @@ def test_normal_scores_are_normal_in_order_and_have_an_inverse(shape):
         assert np.allclose(scores.inverse(scores(far[1:])), far[1:], rtol=1e-6)
 
 
-def test_what_never_varied_is_odd_where_it_does():
-    scores = NormalScores.learned(np.full((500, 1), 7.0))
+def test_the_culprit_is_the_one_without_which_least_is_left():
+    """An epidemic's course is far from linear: an outlier makes other weeks depart as far as its own."""
+    simulator = build_simulator("epidemic")
+    rng = np.random.default_rng(12)
+    x = simulator.simulate(simulator.prior.sample(2150, rng), rng).astype(float)
+    scores = SmoothScores.learned(x[:2000])
+    expectation = Expectation.learned(scores(x[:2000]), rng)
+    at = rng.integers(0, x.shape[1], 150)
+    x[2000 + np.arange(150), at] += 5 * x[:2000].std(axis=0)[at]
+    first = [expectation.set_apart(z, 1)[0][0] for z in scores(x[2000:])]
+    assert np.mean(np.array(first) == at) > 0.85
+
+
+@pytest.mark.parametrize("kind", [NormalScores, SmoothScores])
+def test_what_never_varied_is_odd_where_it_does(kind):
+    scores = kind.learned(np.full((500, 1), 7.0))
     z = scores([[7.0], [7.0 + 1e-15], [7.1], [6.0]])[:, 0]
     assert abs(z[0]) < 1e-6
     assert abs(z[1]) < 1e-3

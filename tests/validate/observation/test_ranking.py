@@ -43,6 +43,12 @@ def test_p_is_never_below_one_in_n_plus_one_and_reaches_it():
     assert found.oddest == 4
 
 
+def test_ties_count_against_each_view():
+    scores = np.repeat(np.arange(10.0), 10)[::-1, None]
+    assert ranked(scores).single[0] == 10 / 100
+    assert ranked(scores).p_value == 10 / 100
+
+
 def test_of_two_that_lead_a_view_each_the_farther_one_is_the_odder():
     scores = np.random.default_rng(3).standard_normal((50, 2))
     scores[0], scores[1] = (30.0, 0.0), (0.0, 300.0)
