@@ -221,10 +221,10 @@ def _by(sources: Iterable[_Source], key: Callable[[_Source], Any]) -> list[list[
 def _prior(model: str, given: Prior | None, groups: Sequence[Sequence[_Source]]) -> Prior:
     """One prior for all, its norms those of the largest group's response and of all the sources' rates."""
     largest = max(groups, key=len)[0].reading.spectrum.response
-    area = largest.with_exposure(1.0).transfer.sum()
+    area = largest.with_exposure(1.0).sparse.sum()
     counts, seconds = [], []
     for group in groups:
-        share = area / group[0].reading.spectrum.response.with_exposure(1.0).transfer.sum()
+        share = area / group[0].reading.spectrum.response.with_exposure(1.0).sparse.sum()
         for source in group:
             spectrum = source.reading.spectrum
             counts.append([source_counts(spectrum).sum() * share])

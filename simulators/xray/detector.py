@@ -14,6 +14,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.digest import file_digest
 from gaugeblock.core.errors import InputError, require
 from gaugeblock.simulators.xray.files import FilePath, load
+from gaugeblock.simulators.xray.rmf import Rmf, read_rmf
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +47,8 @@ class Detector:
     redistribution: Any
     files: Mapping[str, str]
     notes: tuple[str, ...]
+    difference: Array
+    """How far the ARF's input bins are off the RMF's, in bins, shape ``(bin,)``."""
 
 
 def read_detector(rmf: FilePath, arf: FilePath | None) -> Detector:
@@ -56,54 +59,64 @@ def read_detector(rmf: FilePath, arf: FilePath | None) -> Detector:
     InputError
         In one line that names the file, if one is missing or unreadable, or they do not fit together.
     """
-    matrix = load("RMF", rmf, require("jaxspec.data.ogip", "xray").DataRMF.from_file)
-    redistribution = matrix.sparse_matrix.to_scipy_sparse().tocsr().astype(float)
-    area, redistribution, notes = _effective_area(rmf, arf, matrix, redistribution)
+    matrix = load("RMF", rmf, read_rmf)
+    area, redistribution, difference = _effective_area(rmf, arf, matrix)
     return Detector(
         rmf,
         arf,
-        np.asarray(matrix.channel),
-        np.stack([matrix.e_min, matrix.e_max], axis=1),
-        np.stack([matrix.energ_lo, matrix.energ_hi], axis=1),
+        matrix.channel,
+        matrix.fine_channels,
+        matrix.energies,
         area,
         redistribution,
         {role: file_digest(Path(path)) for role, path in (("rmf", rmf), ("arf", arf)) if path is not None},
-        notes,
+        matrix.notes,
+        difference,
     )
 
 
-def _effective_area(
-    rmf: FilePath, arf: FilePath | None, matrix: Any, redistribution: Any
-) -> tuple[Array, Any, tuple[str, ...]]:
-    """Area in cm2 per bin, the redistribution without it, and what was repaired."""
+def _effective_area(rmf: FilePath, arf: FilePath | None, matrix: Rmf) -> tuple[Array, Any, Array]:
+    """Area in cm2 per bin, the redistribution without it, and how far the ARF's bins are off, in bins."""
+    redistribution = matrix.matrix
     sums = np.asarray(redistribution.sum(axis=0)).ravel()
     if arf is None:
         # Probabilities add up to one at most; areas in cm2 to more.
-        if not matrix.includes_effective_area and sums.max(initial=0.0) <= 1.5:
+        if not matrix.full and sums.max(initial=0.0) <= 1.5:
             raise InputError(f"RMF {rmf}: holds no effective area; give the ARF that belongs to it")
         safe = np.where(sums > 0, sums, 1.0)
-        return sums, redistribution.multiply(1.0 / safe[None, :]).tocsr(), ()
-    if matrix.includes_effective_area:
+        return sums, redistribution.multiply(1.0 / safe[None, :]).tocsr(), np.zeros(len(sums))
+    if matrix.full:
         raise InputError(f"RMF {rmf}: already includes the effective area; leave out the ARF {arf}")
     theirs, area = load("ARF", arf, _read_arf)
-    ours = np.stack([matrix.energ_lo, matrix.energ_hi])
-    if ours.shape != theirs.shape:
+    if matrix.energies.shape != theirs.shape:
         raise InputError(
-            f"ARF {arf} has {theirs.shape[1]} energy bins and RMF {rmf} has {ours.shape[1]}; "
+            f"ARF {arf} has {len(theirs)} energy bins and RMF {rmf} has {len(matrix.energies)}; "
             "they do not belong together"
         )
-    difference = float(np.max(np.abs(ours - theirs) / (ours[1] - ours[0])))
+    width = np.diff(matrix.energies, axis=1)
+    return area, redistribution, np.max(np.abs(matrix.energies - theirs) / width, axis=1)
+
+
+def agreement(detector: Detector, bins: NDArray[np.bool_]) -> tuple[str, ...]:
+    """A note where the ARF's edges differ from the RMF's, in those input bins that any used channel sees.
+
+    Raises
+    ------
+    InputError
+        If they differ by more than the last digits.
+    """
+    difference = float(detector.difference[bins].max(initial=0.0))
     if difference > 0.05:
         raise InputError(
-            f"ARF {arf} and RMF {rmf}: their energy bins differ by up to {difference:.3g} of a bin; "
-            "make both on the same energy grid"
+            f"ARF {detector.arf} and RMF {detector.rmf}: their energy bins differ by up to {difference:.3g} "
+            "of a bin; make both on the same energy grid"
         )
     note = f"ARF edges differ from the RMF's by up to {difference:.1e} of a bin; the RMF's are used"
-    return area, redistribution, (note,) if difference > 0 else ()
+    return (note,) if difference > 0 else ()
 
 
 def _read_arf(path: Path) -> tuple[Array, Array]:
-    """Energy bins in keV ``(2, bin)`` and effective area in cm2.
+    """Energy bins in keV ``(bin, 2)`` and effective area in cm2.
 
     Not jaxspec's reader, which refuses bins that overlap in the last digit: they only have to be recognised
     as those of the RMF.
@@ -117,4 +130,4 @@ def _read_arf(path: Path) -> tuple[Array, Array]:
     area = values("SPECRESP", "cm2")
     if not np.all(np.isfinite(area)) or np.any(area < 0):
         raise InputError("holds areas that are negative or not finite; make it anew")
-    return np.stack([values("ENERG_LO", "keV"), values("ENERG_HI", "keV")]), area
+    return np.stack([values("ENERG_LO", "keV"), values("ENERG_HI", "keV")], axis=1), area

@@ -19,6 +19,7 @@ from gaugeblock.simulators.xray.precision import double_precision
 from gaugeblock.simulators.xray.rate import Folding, Rate
 from gaugeblock.simulators.xray.recorded.fold import recorded_folding
 from gaugeblock.simulators.xray.response import Response
+from gaugeblock.simulators.xray.sparse import response_product
 
 
 def forward(assembly: Assembly, response: Response, *, integration: str = "jaxspec") -> ForwardModel:
@@ -108,11 +109,7 @@ def _folding(assembly: Assembly, response: Response) -> Folding:
 
     Input bins that reach no channel, more than a quarter for EPIC-pn, are never evaluated.
     """
-    import jax.numpy as jnp
-
     if assembly.recorded:
         return recorded_folding(response, assembly.recorded, assembly.prior)
-    dense = response.with_exposure(1.0).transfer
-    live = np.asarray(dense.any(axis=0))
-    transfer = jnp.asarray(dense[:, live])
-    return Folding(lambda flux, _: transfer @ flux, live)
+    transfer, live = response_product(response)
+    return Folding(lambda flux, _: transfer(flux), live)

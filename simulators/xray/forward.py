@@ -31,6 +31,9 @@ FEW = 4
 HELD_CHUNK = 64
 """Spectra evaluated at once where parameters are held: always as many, compiled once."""
 
+LARGE, LARGE_CHUNK = 8192, 4
+"""From so many input bins or channels on only so many spectra are evaluated at once, whatever for."""
+
 
 class Compiled:
     """A pure function of rows, jitted over batches that are padded to a few sizes and cut into chunks.
@@ -90,10 +93,13 @@ class ForwardModel:
         self.channels = channels
         self.exposure = exposure
         self._rate = rate
-        self._expected = Compiled(self._mean, 1)
+        large = max(channels, int(np.count_nonzero(rate.folding.live))) > LARGE
+        self._large = {"chunk": LARGE_CHUNK, "smallest": LARGE_CHUNK} if large else {}
+        self._expected = Compiled(self._mean, 1, **self._large)
         # Fits ask about the few rows that still move; the last bits of a derivative matter to nobody.
-        self._jacobian = Compiled(jax.jacfwd(self._mean), 1, chunk=128, smallest=FEW)
-        self._log_likelihood = Compiled(self._log_probability, 2)
+        few = self._large or {"chunk": 128, "smallest": FEW}
+        self._jacobian = Compiled(jax.jacfwd(self._mean), 1, **few)
+        self._log_likelihood = Compiled(self._log_probability, 2, **self._large)
         self._held: dict[int, HeldModel] = {}
 
     def _mean(self, theta: Any, exposure: Any) -> Any:
@@ -115,7 +121,9 @@ class ForwardModel:
         tail = np.asarray(values, dtype=float)
         own = self._prior.size - len(tail)
         if own not in self._held:
-            self._held[own] = HeldModel(self._rate, self._prior.names, own)
+            self._held[own] = HeldModel(
+                self._rate, self._prior.names, own, chunk=self._large.get("chunk", HELD_CHUNK)
+            )
         return HeldSpectrum(self._held[own], tail, self.exposure)
 
     def expected_jax(self, theta: Any) -> Any:
@@ -168,9 +176,11 @@ class HeldModel:
         Names in theta, in order.
     own : int
         How many of them, the first, a spectrum has of its own.
+    chunk : int
+        Spectra evaluated at once.
     """
 
-    def __init__(self, rate: Rate, parameters: Sequence[str], own: int):
+    def __init__(self, rate: Rate, parameters: Sequence[str], own: int, *, chunk: int = HELD_CHUNK):
         import jax
         import jax.numpy as jnp
 
@@ -188,8 +198,8 @@ class HeldModel:
             counts = operator[0] @ rate.photons(whole) + operator[1] if operator else rate(whole)
             return jnp.maximum(counts * exposure, FLOOR)
 
-        self.expected = Compiled(mean, 1, chunk=HELD_CHUNK, smallest=HELD_CHUNK)
-        self.jacobian = Compiled(jax.jacfwd(mean), 1, chunk=HELD_CHUNK, smallest=HELD_CHUNK)
+        self.expected = Compiled(mean, 1, chunk=chunk, smallest=chunk)
+        self.jacobian = Compiled(jax.jacfwd(mean), 1, chunk=chunk, smallest=chunk)
         self._last: tuple[bytes, Any] = (b"", None)
 
     def shared(self, values: Array, exposure: float) -> Any:

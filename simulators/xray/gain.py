@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.simulators.xray.recorded.layout import gaps
+from gaugeblock.simulators.xray.recorded.layout import crowded, gaps
 from gaugeblock.simulators.xray.recorded.operation import Changed, Ranges
 from gaugeblock.simulators.xray.response import Response
 
@@ -36,7 +36,7 @@ class Gain:
                 "its detector channels leave gaps in energy or overlap, so that a gain shift cannot move "
                 "counts between them; use published_gain or a response with all channels"
             )
-        return None
+        return crowded(response)
 
     def reach(self, low: float, high: float, ranges: Ranges, /) -> tuple[float, float]:
         """True energies of both ends at the ends of all ranges."""

@@ -1,8 +1,11 @@
-"""OGIP spectra (PHA files), type I."""
+"""OGIP spectra (PHA files), of type I, or one row of type II."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.errors import InputError, require
+from gaugeblock.simulators.xray.files import FilePath, load
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,9 +33,27 @@ class Pha:
     area_file: str | None
     instrument: str | None = None
     frame_time: float | None = None
+    notes: tuple[str, ...] = ()
 
 
-def read_pha(path: Path) -> Pha:
+def pha_file(name: FilePath) -> Path:
+    """The file of a spectrum; ``source.pha{3}`` is the third in it."""
+    return Path(re.sub(r"\{\d+\}$", "", str(name)))
+
+
+def load_pha(role: str, name: FilePath) -> Pha:
+    """Read a spectrum, or one of those in a file of type II: ``source.pha{3}`` is the third.
+
+    Raises
+    ------
+    InputError
+        In one line that names the file, as `read_pha`.
+    """
+    number = re.search(r"\{(\d+)\}$", str(name))
+    return load(role, pha_file(name), partial(read_pha, number=int(number[1]) if number else None))
+
+
+def read_pha(path: Path, *, number: int | None = None) -> Pha:
     """Raw counts per detector channel with their flags and scales, checked by jaxspec.
 
     More forgiving than jaxspec's own reader where nothing is lost: absent GROUPING, QUALITY, BACKSCAL and
@@ -41,29 +63,38 @@ def read_pha(path: Path) -> Pha:
     Raises
     ------
     InputError
-        For a spectrum of type II, a background-subtracted one, one without exposure or without counts.
+        For a file of several spectra without a `number`, one that is background-subtracted, has no exposure,
+        no counts, or errors that are not Poisson's.
     """
     fits, ogip = require("astropy.io.fits", "xray"), require("jaxspec.data.ogip", "xray")
     with fits.open(path) as hdus:
         table = hdus["SPECTRUM"]
-        header, data, columns = table.header.copy(), np.asarray(table.data), table.columns.names
+        header, columns = table.header.copy(), table.columns.names
+        several = "SPEC_NUM" in columns or header.get("HDUCLAS4") == "TYPE:II" or _two_dimensional(table)
+        if "COUNTS" not in columns and "RATE" not in columns:
+            raise InputError("has neither a COUNTS nor a RATE column")
+        data = _row(table, number) if several else _columns(table, number)
 
         def value(key: str, default: Any) -> Any:
-            return np.asarray(data[key], dtype=float) if key in columns else header.get(key, default)
+            return np.asarray(data[key], dtype=float) if key in data else header.get(key, default)
 
-        if "CHANNEL" not in columns:
+        def said(key: str) -> str | None:
+            return str(data[key]) if key in data else header.get(key)
+
+        if "CHANNEL" not in data:
             raise InputError("has no CHANNEL column; is it a spectrum?")
-        if np.ndim(data["CHANNEL"]) != 1 or header.get("HDUCLAS4") == "TYPE:II":
-            raise InputError("holds several spectra (type II); split it into one file per spectrum")
+        if "EXPOSURE" in data:
+            header["EXPOSURE"] = float(data["EXPOSURE"])
         if header.get("HDUCLAS2") == "NET":
             raise InputError("is background-subtracted; give the raw spectrum, and its background apart")
         if "EXPOSURE" not in header:
             raise InputError("has no EXPOSURE keyword; add one, in seconds")
         grouping = value("GROUPING", 0)
         flags = None if np.ndim(grouping) == 0 else grouping.astype(int)
+        counts = _counts(data, float(header["EXPOSURE"]))
         checked = ogip.DataPHA(
             data["CHANNEL"],
-            _counts(data, columns, float(header["EXPOSURE"])),
+            counts,
             float(header["EXPOSURE"]),
             grouping=flags,
             quality=np.asarray(value("QUALITY", 0)).astype(int),
@@ -79,12 +110,67 @@ def read_pha(path: Path) -> Pha:
             backscal=checked.backscal,
             areascal=checked.areascal,
             detector_channels=int(header.get("DETCHANS", len(checked.channel))),
-            background_file=header.get("BACKFILE"),
-            response_file=header.get("RESPFILE"),
-            area_file=header.get("ANCRFILE"),
+            background_file=said("BACKFILE"),
+            response_file=said("RESPFILE"),
+            area_file=said("ANCRFILE"),
             instrument=header.get("INSTRUME"),
             frame_time=_frame_time(header, hdus[0].header),
+            notes=(*_systematic(value("SYS_ERR", 0.0)), *_errors(counts, header, data)),
         )
+
+
+def _two_dimensional(table: Any) -> bool:
+    return any(np.ndim(table.data[key]) == 2 for key in ("COUNTS", "RATE") if key in table.columns.names)
+
+
+def _columns(table: Any, number: int | None) -> dict[str, Any]:
+    if number not in {None, 1}:
+        raise InputError(f"holds one spectrum, and number {number} is asked for; leave out the braces")
+    return {key: np.asarray(table.data[key]) for key in table.columns.names}
+
+
+def _row(table: Any, number: int | None) -> dict[str, Any]:
+    """What a file of type II says of one of its spectra, as the columns of a file of type I would."""
+    size = len(table.data)
+    if number is None or not 1 <= number <= size:
+        raise InputError(
+            f"holds {size} spectra (type II); name one of them, file.pha{{1}} to file.pha{{{size}}}"
+        )
+    row = {key: np.asarray(table.data[key][number - 1]) for key in table.columns.names}
+    length = len(row["COUNTS"] if "COUNTS" in row else row["RATE"])
+    if np.ndim(row.get("CHANNEL", 0)) == 0:
+        row["CHANNEL"] = np.arange(length) + int(row.get("CHANNEL", 1))
+    return row
+
+
+def _systematic(error: Any) -> tuple[str, ...]:
+    middle = float(np.median(error))
+    if not np.any(np.asarray(error) > 0):
+        return ()
+    return (
+        f"SYS_ERR (median {middle:.3g}) is not used: the likelihood is Poisson's, without scatter beyond it; "
+        "let the effect effective_area float, which they stand for",
+    )
+
+
+def _errors(counts: NDArray[np.int64], header: Any, data: Mapping[str, Any]) -> tuple[str, ...]:
+    """A note where errors are said not to be Poisson's, but are; an error where they are not."""
+    if header.get("POISSERR", True) is not False:
+        return ()
+    if "STAT_ERR" not in data or not np.any(data["STAT_ERR"]):
+        return ("POISSERR is F and no errors are given; whole counts are taken for Poisson's",)
+    error = np.asarray(data["STAT_ERR"], dtype=float) * (
+        1.0 if "COUNTS" in data else float(header["EXPOSURE"])
+    )
+    # The square root of counts, or Gehrels' 1 + sqrt(N + 0.75) for it.
+    root, gehrels = np.sqrt(counts), 1.0 + np.sqrt(counts + 0.75)
+    seen = counts > 0
+    if np.all(np.minimum(np.abs(error - root), np.abs(error - gehrels))[seen] <= 0.02 * root[seen]):
+        return ("POISSERR is F, but STAT_ERR are those of Poisson counts, which they are taken for",)
+    raise InputError(
+        "POISSERR is F and STAT_ERR are not the errors of Poisson counts, which the likelihood needs; "
+        "give the raw spectrum, neither weighted nor background-subtracted"
+    )
 
 
 def _frame_time(*headers: Any) -> float | None:
@@ -105,15 +191,9 @@ def _scale(value: Any) -> Any:
     return 1.0 if np.ndim(value) == 0 and float(value) == 0.0 else value
 
 
-def _counts(data: Any, columns: list[str], exposure: float) -> NDArray[np.int64]:
-    if "COUNTS" in columns:
-        counts = np.asarray(data["COUNTS"], dtype=float)
-        what = "COUNTS"
-    elif "RATE" in columns:
-        counts = np.asarray(data["RATE"], dtype=float) * exposure
-        what = "RATE times EXPOSURE"
-    else:
-        raise InputError("has neither a COUNTS nor a RATE column")
+def _counts(data: Mapping[str, Any], exposure: float) -> NDArray[np.int64]:
+    what = "COUNTS" if "COUNTS" in data else "RATE times EXPOSURE"
+    counts = np.asarray(data[what.split()[0]], dtype=float) * (1.0 if what == "COUNTS" else exposure)
     whole = np.round(counts)
     # A rate in single precision comes back with a relative error of 6e-8.
     tolerance = 0.0 if what == "COUNTS" else 1e-6 * np.maximum(counts, 1.0)

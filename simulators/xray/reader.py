@@ -14,8 +14,8 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.digest import file_digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.xray.detector import Detector, read_detector
-from gaugeblock.simulators.xray.files import FilePath, load
-from gaugeblock.simulators.xray.pha import Pha, read_pha
+from gaugeblock.simulators.xray.files import FilePath
+from gaugeblock.simulators.xray.pha import Pha, load_pha, pha_file
 from gaugeblock.simulators.xray.response import Response, respond
 
 PER_FWHM = 3.0
@@ -203,7 +203,7 @@ class Reader:
         InputError
             In one line that names the file, if one is missing or unreadable, or they do not fit together.
         """
-        raw = load("PHA", pha, read_pha)
+        raw = load_pha("PHA", pha)
         rmf = rmf if rmf is not None else _named(pha, "RESPFILE", raw.response_file)
         arf = arf if arf is not None else _named(pha, "ANCRFILE", raw.area_file)
         background = background if background is not None else _named(pha, "BACKFILE", raw.background_file)
@@ -215,6 +215,7 @@ class Reader:
             response.with_exposure(raw.exposure if exposure is None else exposure),
             name=Path(pha).name,
             files={**response.files, "pha": self._digest(pha)},
+            notes=tuple(dict.fromkeys((*response.notes, *raw.notes))),
         )
         counts = (response.grouping @ raw.counts).astype(np.int64)
         spectrum = Spectrum(counts, response)
@@ -223,7 +224,7 @@ class Reader:
         return Reading(spectrum, identity, (raw.instrument or "").strip())
 
     def _with_background(self, spectrum: Spectrum, raw: Pha, pha: FilePath, background: FilePath) -> Spectrum:
-        other = load("background", background, read_pha)
+        other = load_pha("background", background)
         if not np.array_equal(other.channel, raw.channel):
             raise InputError(f"background {background}: has other channels than the spectrum {pha}")
         response = spectrum.response
@@ -237,7 +238,7 @@ class Reader:
         )
 
     def _digest(self, path: FilePath) -> str:
-        file = Path(path).resolve()
+        file = pha_file(path).resolve()
         state = file.stat()
         key = (str(file), state.st_mtime_ns, state.st_size)
         if key not in self._digests:
@@ -284,7 +285,7 @@ def _named(pha: FilePath, keyword: str, name: str | None) -> Path | None:
     text = (name or "").strip()
     if not text or text.lower() in {"none", "null", "%match%"}:
         return None
-    here = Path(pha).parent / text
+    here = pha_file(pha).parent / text
     # Headers often name a file as it was before it was compressed.
     packed = here.with_name(here.name + ".gz")
     found = next((path for path in (here, packed) if path.is_file()), None)

@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.digest import file_digest
 from gaugeblock.core.errors import InputError
-from gaugeblock.simulators.xray.detector import Detector, read_detector
-from gaugeblock.simulators.xray.files import FilePath, load
-from gaugeblock.simulators.xray.pha import Pha, read_pha
+from gaugeblock.simulators.xray.detector import Detector, agreement, read_detector
+from gaugeblock.simulators.xray.files import FilePath
+from gaugeblock.simulators.xray.pha import Pha, load_pha, pha_file
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +64,12 @@ class Response:
     files: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     frame_time: float | None = None
+
+    @property
+    def sparse(self) -> Any:
+        """Transfer matrix in cm2 s, as `transfer`, but sparse."""
+        weights = (self.area * self.exposure)[None, :]
+        return (self.grouping @ self.redistribution).multiply(weights).tocsr()
 
     @cached_property
     def transfer(self) -> Array:
@@ -150,12 +156,13 @@ class Response:
             In one line that names the file, if one is missing or unreadable, or they do not fit together.
         """
         detector = read_detector(rmf, arf)
-        spectrum = None if pha is None else load("PHA", pha, read_pha)
+        spectrum = None if pha is None else load_pha("PHA", pha)
         made = respond(detector, spectrum, band=band, grouping=grouping, name=name, pha=pha)
         if exposure is None:
             exposure = 1.0 if spectrum is None else spectrum.exposure
-        files = {**made.files} if pha is None else {**made.files, "pha": file_digest(Path(pha))}
-        return replace(made.with_exposure(exposure), files=files)
+        files = {**made.files} if pha is None else {**made.files, "pha": file_digest(pha_file(pha))}
+        notes = (*made.notes, *(() if spectrum is None else spectrum.notes))
+        return replace(made.with_exposure(exposure), files=files, notes=notes)
 
 
 def _positive(what: str, seconds: float) -> float:
@@ -193,6 +200,8 @@ def respond(
 
     channels, keep = _selected(groups, fine, band, detector.rmf)
     bins = (detector.energies[:, 0] > 0) & (np.asarray(redistribution.sum(axis=0)).ravel() > 0)
+    seen = np.asarray((groups[keep] @ redistribution).sum(axis=0)).ravel() > 0
+    notes = (*detector.notes, *agreement(detector, seen))
     return Response(
         name=name or Path(detector.rmf).name,
         energies=detector.energies[bins],
@@ -203,7 +212,7 @@ def respond(
         grouping=groups[keep],
         exposure=1.0,
         files=detector.files,
-        notes=detector.notes,
+        notes=notes,
         frame_time=None if spectrum is None else spectrum.frame_time,
     )
 

@@ -12,6 +12,7 @@ pytest.importorskip("jaxspec")
 from astropy.io import fits
 
 from gaugeblock.simulators.xray import Response, Spectrum
+from gaugeblock.simulators.xray.rmf import read_rmf
 
 BINS, CHANNELS = 6, 4
 LOW = np.array([0.0, 0.5, 1.0, 1.5, 2.0, 2.5], dtype="f4")
@@ -23,29 +24,35 @@ def column(name, form, array, unit=None):
     return fits.Column(name=name, format=form, array=array, unit=unit)
 
 
-def write_rmf(path, *, matrix=MATRIX, low=LOW, first=0, hduclas3="REDIST"):
+def matrix_table(matrix=MATRIX, low=LOW, first=0, hduclas3="REDIST", name="MATRIX", high=None):
     table = fits.BinTableHDU.from_columns(
         [
             column("ENERG_LO", "E", low, "keV"),
-            column("ENERG_HI", "E", low + np.float32(0.5), "keV"),
+            column("ENERG_HI", "E", low + np.float32(0.5) if high is None else high, "keV"),
             column("N_GRP", "I", np.ones(len(low), int)),
             column("F_CHAN", "I", np.full(len(low), first)),
             column("N_CHAN", "I", np.full(len(low), CHANNELS)),
             column("MATRIX", f"{CHANNELS}E", matrix),
         ],
-        name="MATRIX",
+        name=name,
     )
     table.header["HDUCLAS3"] = hduclas3
+    return table
+
+
+def write_rmf(path, *, first=0, more=(), channel=None, **of_table):
     edges = np.arange(CHANNELS, dtype="f4")
     bounds = fits.BinTableHDU.from_columns(
         [
-            column("CHANNEL", "I", np.arange(first, first + CHANNELS)),
+            column("CHANNEL", "I", np.arange(first, first + CHANNELS) if channel is None else channel),
             column("E_MIN", "E", edges, "keV"),
             column("E_MAX", "E", edges + 1, "keV"),
         ],
         name="EBOUNDS",
     )
-    fits.HDUList([fits.PrimaryHDU(), table, bounds]).writeto(path, overwrite=True)
+    table = matrix_table(first=first, **of_table)
+    table.header[f"TLMIN{table.columns.names.index('F_CHAN') + 1}"] = first
+    fits.HDUList([fits.PrimaryHDU(), table, *more, bounds]).writeto(path, overwrite=True)
     return path
 
 
@@ -239,6 +246,10 @@ def test_broken_files_each_give_one_line_with_their_name(tmp_path, rmf, arf, rol
         (lambda p: write_pha(p, (1, 2, 3), DETCHANS=9), "of 9"),
         (lambda p: write_pha(p, HDUCLAS2="NET"), "background-subtracted"),
         (lambda p: write_pha(p, HDUCLAS4="TYPE:II"), "type II"),
+        (
+            lambda p: write_pha(p, columns=[column("STAT_ERR", "E", [5, 5, 5, 5])], POISSERR=False),
+            "neither weighted",
+        ),
         (lambda p: write_pha(p, EXPOSURE=None), "no EXPOSURE"),
         (lambda p: write_pha(p, EXPOSURE=0.0), "positive"),
         (lambda p: write_pha(p, (1, -2, 3, 4)), "whole, nonnegative"),
@@ -292,3 +303,120 @@ def test_measured_spectra_load(shared_file, name):
     assert np.isfinite(spectrum.response.transfer).all()
     if spectrum.background is not None:
         assert np.all(spectrum.background_scale > 0)
+
+
+def test_the_matrix_may_be_called_otherwise_and_its_channels_garbled(tmp_path, rmf, arf):
+    expected = Response.from_ogip(rmf, arf)
+    other = write_rmf(tmp_path / "o.rmf", name="RSP_MATRIX", channel=[256, 512, 0, -9])
+    response = Response.from_ogip(other, arf)
+    assert np.array_equal(response.transfer, expected.transfer)
+    assert "counted from 0 (TLMIN)" in response.notes[0]
+    # Numbered from 1, it is another detector's.
+    numbered = write_rmf(tmp_path / "n.rmf", first=1, channel=[4, 3, 2, 1])
+    with pytest.raises(InputError, match="has channels 0 to 3"):
+        Spectrum.from_ogip(write_pha(tmp_path / "s.pha"), numbered, arf)
+
+
+def test_several_matrices_are_added_up_on_the_finest_bins(tmp_path, rmf, arf):
+    tail = np.array([[0.2, 0.1, 0.0, 0.0], [0.0, 0.0, 0.3, 0.4], [0.1, 0.0, 0.0, 0.0]], dtype="f4")
+    coarse = matrix_table(tail, low=LOW[::2], high=LOW[::2] + np.float32(1.0))
+    response = Response.from_ogip(write_rmf(tmp_path / "two.rmf", more=[coarse]), arf)
+    expected = (MATRIX + np.repeat(tail, 2, axis=0)).T * AREA
+    np.testing.assert_allclose(response.transfer, expected[:, 1:], rtol=1e-6)
+    assert "2 MATRIX blocks" in response.notes[0]
+    odd = matrix_table(tail, low=LOW[::2] + np.float32(0.25), high=LOW[::2] + np.float32(1.25))
+    with pytest.raises(InputError, match=r"odd\.rmf: .* do not nest"):
+        Response.from_ogip(write_rmf(tmp_path / "odd.rmf", more=[odd]), arf)
+
+
+def test_rows_of_any_length_and_several_groups_are_read(tmp_path, arf):
+    """Variable-length columns: two groups in one row, none in another."""
+    table = matrix_table()
+    rows = [[0.5, 0.2, 0.3], [], *[[1.0]] * 4]
+    ragged = fits.BinTableHDU.from_columns(
+        [
+            *(table.columns[name] for name in ("ENERG_LO", "ENERG_HI")),
+            column("N_GRP", "I", [2, 0, 1, 1, 1, 1]),
+            column("F_CHAN", "PI()", np.array([[0, 3], [], [1], [1], [2], [2]], dtype=object)),
+            column("N_CHAN", "PI()", np.array([[2, 1], [], [1], [1], [1], [1]], dtype=object)),
+            column("MATRIX", "PE()", np.array([np.array(r, "f4") for r in rows], dtype=object)),
+        ],
+        name="MATRIX",
+    )
+    write_rmf(tmp_path / "r.rmf")
+    with fits.open(tmp_path / "r.rmf") as hdus:
+        bounds = hdus["EBOUNDS"].copy()
+        fits.HDUList([fits.PrimaryHDU(), ragged, bounds]).writeto(tmp_path / "v.rmf")
+    matrix = read_rmf(tmp_path / "v.rmf").matrix.toarray()
+    expected = np.zeros((4, 6))
+    expected[[0, 1, 3], 0] = rows[0]
+    expected[[1, 1, 2, 2], [2, 3, 4, 5]] = 1.0
+    np.testing.assert_allclose(matrix, expected, rtol=1e-6)
+
+
+def test_edges_that_differ_where_no_channel_in_use_looks_do_not_matter(tmp_path, rmf):
+    low = LOW.copy()
+    low[0] = 0.2
+    odd = write_arf(tmp_path / "odd.arf", low=low)
+    with pytest.raises(InputError, match=r"differ by up to 0\.4 of a bin"):
+        Response.from_ogip(rmf, odd)
+    # The first three bins reach channels 0 and 1 alone.
+    used = Response.from_ogip(rmf, odd, band=(2.0, 4.0))
+    expected = Response.from_ogip(rmf, write_arf(tmp_path / "good.arf"), band=(2.0, 4.0))
+    assert np.array_equal(used.transfer, expected.transfer)
+    assert used.notes == ()
+
+
+def test_one_spectrum_of_several_is_named_by_its_number(tmp_path, rmf, arf):
+    counts = np.array([[5, 6, 7, 8], [1, 0, 2, 9], [3, 3, 3, 3]])
+    table = fits.BinTableHDU.from_columns(
+        [
+            column("SPEC_NUM", "I", [1, 2, 3]),
+            column("CHANNEL", "4I", np.tile(np.arange(4), (3, 1))),
+            column("COUNTS", "4J", counts),
+            column("QUALITY", "4I", [[0, 0, 0, 0], [0, 0, 0, 1], [0, 0, 0, 0]]),
+            column("EXPOSURE", "D", [10.0, 20.0, 30.0]),
+            column("BACKSCAL", "D", [1.0, 2.0, 4.0]),
+            column("RESPFILE", "8A", ["r.rmf"] * 3),
+            column("ANCRFILE", "8A", ["a.arf"] * 3),
+        ],
+        name="SPECTRUM",
+    )
+    path = tmp_path / "many.pha"
+    fits.HDUList([fits.PrimaryHDU(), table]).writeto(path)
+    second = Spectrum.from_ogip(f"{path}{{2}}", background=f"{path}{{3}}")
+    assert second.counts.tolist() == [1, 0, 2]
+    assert second.exposure == 20.0
+    np.testing.assert_allclose(second.background_scale, 20.0 * 2.0 / (30.0 * 4.0))
+    assert second.background.tolist() == [3, 3, 3]
+    assert Response.from_ogip(rmf, arf, f"{path}{{3}}").exposure == 30.0
+    for name in (path, f"{path}{{4}}", f"{path}{{0}}"):
+        with pytest.raises(
+            InputError, match=r"holds 3 spectra \(type II\); name one .*many\.pha|many\.pha: holds 3"
+        ):
+            Spectrum.from_ogip(name)
+    with pytest.raises(InputError, match="holds one spectrum, and number 2"):
+        Spectrum.from_ogip(f"{write_pha(tmp_path / 's.pha')}{{2}}", rmf, arf)
+
+
+def test_errors_that_are_not_used_are_told_and_those_of_poisson_are_fine(tmp_path, rmf, arf):
+    counts = np.array([5, 16, 0, 100])
+
+    def notes(columns=(), **header):
+        pha = write_pha(tmp_path / "s.pha", counts, columns=columns, **header)
+        return Spectrum.from_ogip(pha, rmf, arf).response.notes
+
+    assert notes() == notes(SYS_ERR=0) == notes(POISSERR=True, STAT_ERR=0) == ()
+    assert "SYS_ERR (median 0.03) is not used" in notes(SYS_ERR=0.03)[0]
+    assert "(median 0.02)" in notes([column("SYS_ERR", "E", [0, 0.02, 0.02, 1])])[0]
+    assert "whole counts are taken" in notes(POISSERR=False)[0]
+    for error in (np.sqrt(counts), 1 + np.sqrt(counts + 0.75)):
+        assert "those of Poisson counts" in notes([column("STAT_ERR", "E", error)], POISSERR=False)[0]
+
+
+@pytest.mark.parametrize("name", ["3c186_chandra", "m31_r0085_chandra"])
+def test_files_that_0_1_0_refused_are_those_that_were_mended_by_hand(shared_file, name):
+    ours = Spectrum.from_ogip(shared_file(f"spectra/refused/{name}/source.pha"))
+    mended = Spectrum.from_ogip(shared_file(f"spectra/{name}/source.pha"))
+    assert np.array_equal(ours.counts, mended.counts)
+    np.testing.assert_allclose(ours.response.transfer.sum(), mended.response.transfer.sum(), rtol=0.2)

@@ -40,7 +40,7 @@ class Scale:
             return np.asarray(flux(np.asarray(self.theta), 1))
 
     def _rate(self, photons: Array) -> float:
-        return float((self.response.with_exposure(1.0).transfer @ photons).sum())
+        return float((self.response.with_exposure(1.0).sparse @ photons).sum())
 
     @property
     def rate(self) -> float:

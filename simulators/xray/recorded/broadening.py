@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.simulators.xray.recorded.layout import gaps
+from gaugeblock.simulators.xray.recorded.layout import crowded, gaps
 from gaugeblock.simulators.xray.recorded.operation import Changed, Ranges
 from gaugeblock.simulators.xray.response import Response
 
@@ -37,7 +37,7 @@ class Broadening:
         """Counts can only spread between channels that touch."""
         if gaps(response):
             return "its detector channels leave gaps in energy or overlap; use a response with all channels"
-        return None
+        return crowded(response)
 
     def reach(self, low: float, high: float, ranges: Ranges, /) -> tuple[float, float]:
         """Several standard deviations further."""

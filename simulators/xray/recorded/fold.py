@@ -16,6 +16,7 @@ from gaugeblock.simulators.xray.recorded.background import Background, counted
 from gaugeblock.simulators.xray.recorded.broadening import Broadening
 from gaugeblock.simulators.xray.recorded.layout import layout, near, per_second
 from gaugeblock.simulators.xray.response import Response
+from gaugeblock.simulators.xray.sparse import is_sparse, product, response_product
 
 
 def recorded_folding(response: Response, recorded: Sequence[Bound], prior: Prior) -> Folding:
@@ -71,15 +72,15 @@ def _background_folding(response: Response, recorded: Sequence[Bound], names: Se
     """Background alone moves no counts between channels: they are grouped as ever."""
     import jax.numpy as jnp
 
-    dense = response.with_exposure(1.0).transfer
-    live = np.asarray(dense.any(axis=0))
+    transfer, live = response_product(response)
     used = np.asarray(response.grouping.sum(axis=0)).ravel() > 0
-    transfer, members = jnp.asarray(dense[:, live]), jnp.asarray(response.grouping[:, used].toarray())
+    members = response.grouping[:, used]
+    grouped = product(members) if is_sparse(members) else jnp.asarray(members.toarray()).__matmul__
     low, high = response.fine_channels[used].T
 
     def fold(flux: Any, theta: Any) -> Any:
         added = sum(counted(low, high, **bound.values(theta, names)) for bound in recorded)
-        return transfer @ flux + members @ added
+        return transfer(flux) + grouped(added)
 
     return Folding(fold, live)
 

@@ -36,6 +36,21 @@ def gaps(response: Response) -> bool:
     return bool(np.any(np.abs(high[:-1] - low[1:]) > 1e-2 * (high - low)[:-1]))
 
 
+MOST = 2e8
+"""Channels in use times input bins up to which counts can be moved between channels: 1.6 GB of matrix."""
+
+
+def crowded(response: Response) -> str | None:
+    """Why a response is too large for counts to be moved between its channels; None where it is not."""
+    used = int(np.count_nonzero(response.grouping.sum(axis=0)))
+    if used * len(response.energies) <= MOST:
+        return None
+    return (
+        f"its {used} channels and {len(response.energies)} input bins are too many to move counts between; "
+        "choose a narrower band"
+    )
+
+
 def layout(response: Response) -> Layout:
     """The layout of a response's channels.
 

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.simulators.xray.recorded.layout import gaps
+from gaugeblock.simulators.xray.recorded.layout import crowded, gaps
 from gaugeblock.simulators.xray.recorded.operation import Changed, Ranges
 from gaugeblock.simulators.xray.response import Response
 
@@ -36,7 +36,7 @@ class Pileup:
             )
         if gaps(response):
             return "its detector channels leave gaps in energy or overlap; use a response with all channels"
-        return None
+        return crowded(response)
 
     def reach(self, _low: float, high: float, _: Ranges, /) -> tuple[float, float]:
         """Everything below: pairs have more energy than either of the two."""

@@ -1,0 +1,75 @@
+"""A sparse matrix times a vector, traced by JAX: for responses that would not fit into memory as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.simulators.xray.response import Response
+
+DENSE = 2**24
+"""Elements up to which a transfer matrix is held dense, which is faster: all but the largest detectors."""
+
+SHARE = 0.2
+"""Share of elements that are not zero from which on it is held dense whatever its size."""
+
+
+def is_sparse(matrix: Any) -> bool:
+    """Whether a matrix of scipy.sparse is multiplied as it is."""
+    rows, columns = matrix.shape
+    return bool(rows * columns > DENSE and matrix.nnz < SHARE * rows * columns)
+
+
+def response_product(response: Response) -> tuple[Callable[[Any], Any], NDArray[np.bool_]]:
+    """What turns photon flux in a response's live input bins into counts per second, and which are live."""
+    import jax.numpy as jnp
+
+    one = response.with_exposure(1.0)
+    sparse = one.sparse
+    if is_sparse(sparse):
+        live = np.asarray(sparse.sum(axis=0)).ravel() > 0
+        return product(sparse[:, live]), live
+    live = np.asarray(one.transfer.any(axis=0))
+    transfer = jnp.asarray(one.transfer[:, live])
+    return lambda flux: transfer @ flux, live
+
+
+def product(matrix: Any) -> Callable[[Any], Any]:
+    """Pure JAX function of a vector ``(column,)`` to ``matrix @ vector``, ``(row,)``.
+
+    Rows are cut into lines of equal length, padded by zeros; the k-th entries of all lines are gathered and
+    added in the k-th step, so that no step holds more than one number a line.
+    """
+    import jax
+    import jax.numpy as jnp
+
+    matrix = matrix.tocsr()
+    lengths = np.diff(matrix.indptr)
+    filled = lengths[lengths > 0]
+    size = max(int(np.ceil(np.median(filled))), 1) if len(filled) else 1
+    lines = -(-lengths // size)
+    row = np.repeat(np.arange(len(lengths)), lines)
+    first = np.cumsum(lines) - lines
+    own = np.arange(matrix.nnz) - np.repeat(matrix.indptr[:-1], lengths)
+    line = np.repeat(first, lengths) + own // size
+    values = np.zeros((size, len(row)))
+    places = np.zeros((size, len(row)), dtype=np.int32)
+    values[own % size, line] = matrix.data
+    places[own % size, line] = matrix.indices
+    held = jnp.asarray(values), jnp.asarray(places)
+
+    def times(vector: Any) -> Any:
+        vector = jnp.asarray(vector)
+        # The compiler would spend minutes on what it can fold of constants this large.
+        given = jax.lax.optimization_barrier(held)
+
+        def step(total: Any, entry: Any) -> tuple[Any, None]:
+            return total + entry[0] * vector[entry[1]], None
+
+        total, _ = jax.lax.scan(step, jnp.zeros(len(row), dtype=vector.dtype), given)
+        return jax.ops.segment_sum(total, row, num_segments=len(lengths), indices_are_sorted=True)
+
+    return times
