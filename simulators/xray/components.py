@@ -120,6 +120,7 @@ _CODES = (
 )  # fmt: skip
 
 REFUSED = {
+    **{name: f"it needs its file: {name}{{file.fits}}" for name in ("atable", "mtable", "etable")},
     "agauss": "jaxspec's is per keV, XSPEC's per Angstrom; use gauss",
     "diskpbb": "nothing here computes it; use diskbb, its case p = 0.75, or atable{file.fits}",
     "gsmooth": "the width under its integral is that of the photon or of the channel, and XSPEC's page and "

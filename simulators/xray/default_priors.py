@@ -11,8 +11,9 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.marginals import LogUniform, Marginal, Uniform
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray.components import COMPONENTS
-from gaugeblock.simulators.xray.expression import Node, leaves, parameter_names, parse
+from gaugeblock.simulators.xray.expression import Leaf, Node, leaves, parameter_names, parse
 from gaugeblock.simulators.xray.response import Response
+from gaugeblock.simulators.xray.tables import is_table, table_priors
 
 _COLUMN = LogUniform(1e-3, 50.0)
 _INDEX = Uniform(-1.0, 5.0)
@@ -134,10 +135,14 @@ def _shapes(tree: Node, response: Response) -> dict[str, Marginal]:
     return {
         source: Uniform(low, high) if (leaf.component, parameter) in ENERGIES else table[parameter]
         # Of tied parameters the first decides.
-        for leaf, table in reversed([(leaf, SHAPES[leaf.component]) for leaf in leaves(tree)])
+        for leaf, table in reversed([(leaf, _table(leaf)) for leaf in leaves(tree)])
         for parameter, source in leaf.bindings
         if parameter in table and isinstance(source, str)
     }
+
+
+def _table(leaf: Leaf) -> Mapping[str, Marginal]:
+    return table_priors(leaf.component) if is_table(leaf.component) else SHAPES[leaf.component]
 
 
 def _norms(
@@ -182,6 +187,5 @@ def _norms(
 def _is_norm(name: str) -> bool:
     component, parameter = name.rsplit(".", 1)
     label = component.rsplit("_", 1)[0]
-    return parameter == "norm" and any(
-        c.additive and c.component.lower() == label for c in COMPONENTS.values()
-    )
+    emitting = {"atable", *(entry.component.lower() for entry in COMPONENTS.values() if entry.additive)}
+    return parameter == "norm" and label in emitting

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from gaugeblock.core.errors import InputError, require
 from gaugeblock.simulators.xray.components import COMPONENTS, CONVOLUTION, ENTRIES, TABLES, Component, find
 from gaugeblock.simulators.xray.data import path as data_path
+from gaugeblock.simulators.xray.tables import PATTERN, is_table, table_entry
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,10 @@ def parse(expression: str) -> Node:
     ('powerlaw_1.alpha', 'powerlaw_1.norm', 'gauss_1.sigma')
     """
     text = re.sub(r"<\d+>", "", expression.strip())
+    # A file's name is no Python: every table becomes a word, and is put back as the component that it is.
+    files = [found[0] for found in PATTERN.finditer(text)]
+    numbers = iter(range(len(files)))
+    text = PATTERN.sub(lambda _: f"table{next(numbers)}file", text)
     try:
         body = ast.parse(text, mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
@@ -98,7 +103,7 @@ def parse(expression: str) -> Node:
             "such as tbabs*(powerlaw+bbodyrad)"
         ) from None
     try:
-        tree = _tied(_Reader().convert(body))
+        tree = _tied(_Reader(files).convert(body))
         if not additive(tree):
             raise InputError("has no emission; multiply by a component such as powerlaw")
     except InputError as error:
@@ -111,7 +116,8 @@ def parse(expression: str) -> Node:
 class _Reader:
     """Turns Python's tree of an expression into ours, counting components from the left."""
 
-    def __init__(self) -> None:
+    def __init__(self, files: Sequence[str]) -> None:
+        self._tables = {f"table{k}file": name for k, name in enumerate(files)}
         self._used: dict[str, set[int]] = {}
 
     def convert(self, node: ast.expr) -> Node:
@@ -142,8 +148,12 @@ class _Reader:
 
     def _leaf(self, name: str, given: Mapping[str, Source]) -> Leaf:
         bare, _, number = name.rpartition("_")
-        entry = COMPONENTS[find(bare if bare and number.isdigit() else name)]
-        kind = entry.component.lower()
+        if name in self._tables:
+            entry = table_entry(self._tables[name])
+            kind = entry.component.partition("{")[0]
+        else:
+            entry = COMPONENTS[find(bare if bare and number.isdigit() else name)]
+            kind = entry.component.lower()
         used = self._used.setdefault(kind, set())
         k = int(number) if bare and number.isdigit() else next(n for n in range(1, 10_000) if n not in used)
         label = f"{kind}_{k}"
@@ -199,7 +209,7 @@ def _normalised(leaf: Leaf, node: Node) -> Node:
     """A convolution applied; a flux that is given makes the first norm within it a number."""
     if leaf.component != "Cflux":
         return Convolution(leaf, node)
-    first = next(one for one in leaves(node) if ENTRIES[one.component].additive)
+    first = next(one for one in leaves(node) if entry_of(one).additive)
     norm = dict(first.bindings)["norm"]
     if isinstance(norm, str):
         node = _rebound(node, {norm: 1.0})
@@ -208,7 +218,7 @@ def _normalised(leaf: Leaf, node: Node) -> Node:
 
 def is_convolution(node: Node) -> bool:
     """Whether a node is a convolution that has nothing to act on yet."""
-    return isinstance(node, Leaf) and ENTRIES[node.component].kind == CONVOLUTION
+    return isinstance(node, Leaf) and entry_of(node).kind == CONVOLUTION
 
 
 def _keywords(call: ast.Call) -> dict[str, Source]:
@@ -329,8 +339,9 @@ def written(tree: Node) -> str:
     used: dict[str, set[int]] = {}
 
     def leaf_text(leaf: Leaf) -> str:
-        key = next(key for key, entry in COMPONENTS.items() if entry.component == leaf.component)
-        entry, (kind, _, number) = COMPONENTS[key], leaf.label.rpartition("_")
+        entry, (kind, _, number) = entry_of(leaf), leaf.label.rpartition("_")
+        names = (key for key, known in COMPONENTS.items() if known.component == leaf.component)
+        key = next(names, leaf.component)
         taken = used.setdefault(kind, set())
         first = next(n for n in range(1, 10_000) if n not in taken)
         taken.add(int(number))
@@ -366,13 +377,13 @@ def written(tree: Node) -> str:
 
 def entry_of(leaf: Leaf) -> Component:
     """What there is to know of a leaf's component."""
-    return ENTRIES[leaf.component]
+    return table_entry(leaf.component) if is_table(leaf.component) else ENTRIES[leaf.component]
 
 
 def additive(node: Node) -> bool:
     """Whether a tree emits, rather than being a factor."""
     if isinstance(node, Leaf):
-        return ENTRIES[node.component].additive
+        return entry_of(node).additive
     return additive(node.left) or additive(node.right)
 
 
@@ -389,7 +400,7 @@ def parameter_names(node: Node) -> tuple[str, ...]:
 
 def of_jaxspec(node: Node) -> bool:
     """Whether jaxspec computes every component of a tree."""
-    return not any(ENTRIES[leaf.component].ours for leaf in leaves(node))
+    return not any(entry_of(leaf).ours for leaf in leaves(node))
 
 
 def instance(leaf: Leaf) -> Any:

@@ -22,14 +22,14 @@ Values = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Formula:
-    """What computes a component, one of three ways, and where it jumps or bends.
+    """What computes a component, one of four ways, and where it jumps or bends.
 
     Attributes
     ----------
     density, factor : callable, optional
         Of energies of any shape and the parameters by name.
-    integral : callable, optional
-        Of lower and upper energies and the parameters by name.
+    integral, mean : callable, optional
+        Of lower and upper energies and the parameters by name; of emission, and of a factor.
     breaks : callable, optional
         Energies ``(n,)`` that no bin may be integrated across, of the parameters.
     movers : frozenset of str
@@ -38,6 +38,7 @@ class Formula:
 
     density: Callable[..., Any] | None = None
     integral: Callable[..., Any] | None = None
+    mean: Callable[..., Any] | None = None
     factor: Callable[..., Any] | None = None
     breaks: Callable[[Values], Any] | None = None
     movers: frozenset[str] = frozenset()

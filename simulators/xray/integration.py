@@ -29,6 +29,7 @@ from gaugeblock.simulators.xray.expression import (
     leaves,
 )
 from gaugeblock.simulators.xray.formulas import EXACT, FORMULAS, Formula
+from gaugeblock.simulators.xray.tables import is_table, table_formula
 
 REACH = 3.0**-0.5
 """Where the nodes of Gauss and Legendre lie, in half widths from the middle of a piece."""
@@ -69,16 +70,23 @@ def evaluator(leaf: Leaf) -> Evaluator:
         return _power_law
     if leaf.component == "Gauss":
         return _gaussian
+    if is_table(leaf.component):
+        return _of_formula(table_formula(leaf.component))
     formula = FORMULAS.get(leaf.component) or EXACT.get(leaf.component)
     return _of_jaxspec(leaf) if formula is None else _of_formula(formula)
 
 
 def _of_formula(formula: Formula) -> Evaluator:
     def evaluate(values: Mapping[str, Any], pieces: Pieces) -> Any:
+        import jax.numpy as jnp
+
         if formula.factor is not None:
             return formula.factor(pieces.nodes, **values)
         if formula.density is not None:
             return formula.density(pieces.nodes, **values) * pieces.half
+        if formula.mean is not None:
+            halves = (pieces.low, pieces.middle), (pieces.middle, pieces.high)
+            return jnp.stack([formula.mean(low, high, **values) for low, high in halves])
         assert formula.integral is not None
         first = formula.integral(pieces.low, pieces.middle, **values)
         return _shared(first, formula.integral(pieces.middle, pieces.high, **values))

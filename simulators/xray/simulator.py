@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.core.digest import file_digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.library import LibraryEffect
@@ -16,12 +17,13 @@ from gaugeblock.simulators.poisson import PoissonCounts
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.segments import Segment
 from gaugeblock.simulators.xray.effects import Assembly, extend
-from gaugeblock.simulators.xray.expression import of_jaxspec, parameter_names, parse
+from gaugeblock.simulators.xray.expression import leaves, of_jaxspec, parameter_names, parse
 from gaugeblock.simulators.xray.folding import forward
 from gaugeblock.simulators.xray.forward import ForwardModel, HeldSpectrum
 from gaugeblock.simulators.xray.integration import INTEGRATIONS
 from gaugeblock.simulators.xray.library import effect_library, not_in_library
 from gaugeblock.simulators.xray.response import Response
+from gaugeblock.simulators.xray.tables import is_table, table_file
 
 
 class XraySpectrum(PoissonCounts):
@@ -156,6 +158,10 @@ class XraySpectrum(PoissonCounts):
         # Compiled functions stay in their process; another one compiles its own.
         return {name: value for name, value in self.__dict__.items() if name != "forward"}
 
+    def _tables(self) -> dict[str, str]:
+        found = {leaf.component for leaf in leaves(self._assembly.tree) if is_table(leaf.component)}
+        return {component: file_digest(table_file(component)) for component in sorted(found)}
+
     def describe(self) -> dict[str, Any]:
         """Plain data that identifies this simulator: model, response by sha256, prior, effects."""
         names = {effect.name for effect in self.effects}
@@ -169,6 +175,7 @@ class XraySpectrum(PoissonCounts):
                 for effect in self.effects
             ],
             **({} if "pileup" not in names else {"frame_time_s": self.response.frame_time}),
+            **({"tables": tables} if (tables := self._tables()) else {}),
             # What was identified before there was a choice keeps its identity.
             **({} if self.integration == "jaxspec" else {"integration": self.integration}),
         }

@@ -152,5 +152,8 @@ def write_xcm(model: str, values: Mapping[str, float]) -> str:
             else:
                 rows.append(f"{source!r} -1")
         rows += ["0.0 -1" for _ in EXTRA.get(leaf.component, ())]
-    plain = re.sub(r"\([^()]*=[^()]*\)|_\d+", "", written(tree))
+    # File names keep their numbers.
+    plain = re.sub(
+        r"\{[^}]*\}|\([^()]*=[^()]*\)|_\d+", lambda m: m[0] if m[0][0] == "{" else "", written(tree)
+    )
     return "\n".join([f"model  {plain}", *rows, ""])
