@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -69,7 +70,7 @@ def forecast(item: Judgeable, bound: Bounds, *, look: int, seed: int) -> Forecas
         fails = ((mean + far < low) | (mean - far > high)).any(axis=1)
         settled = np.where(np.isinf(settled) & (passes | fails), after, settled)
     first, last = np.quantile(settled, [LOW, HIGH], method="higher")
-    return Forecast(_rounded(float(first)), _rounded(float(last)))
+    return Forecast(_rounded(float(first), math.floor), _rounded(float(last), math.ceil))
 
 
 def _reduced(item: Judgeable) -> tuple[Array, Array, Array | float, Array | float]:
@@ -96,13 +97,13 @@ def _root(item: Judgeable, components: int) -> Array:
     return np.where(scale > 0, rooted, np.eye(components))
 
 
-def _rounded(number: float) -> int | None:
-    """Upwards, to two digits: nobody plans 1,637 trials.
+def _rounded(number: float, outward: Callable[[float], int]) -> int | None:
+    """An end of a range, outward to two digits: nobody plans 1,637 trials.
 
-    >>> _rounded(4123.0), _rounded(1.05e6), _rounded(95.2)
-    (4200, 1100000, 96)
+    >>> _rounded(4123.0, math.ceil), _rounded(4123.0, math.floor), _rounded(1.05e6, math.ceil)
+    (4200, 4100, 1100000)
     """
     if not math.isfinite(number):
         return None
     unit: int = 10 ** max(len(str(math.ceil(number))) - 2, 0)
-    return math.ceil(number / unit) * unit
+    return outward(number / unit) * unit

@@ -12,6 +12,7 @@ from gaugeblock.core.progress import Bars
 from studies.error_rates import (
     anytime,
     curves,
+    forecasts,
     gate,
     intervals,
     looks,
@@ -39,6 +40,7 @@ def parts(work: Path, seed: int, **options: Any) -> dict[str, Callable[[], Part]
         "intervals": lambda: intervals.part(work, seed=seed, **options),
         "shortcut": shortcut.part,
         "looks": looks.part,
+        "forecasts": forecasts.part,
         "retraining": retraining.part,
         "power": power.part,
         "curves": curves.part,

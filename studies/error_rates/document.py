@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from scipy import stats
 
-from studies.error_rates import anytime, retraining
+from studies.error_rates import anytime, forecasts, retraining
 from studies.kit import page, plots
 from studies.kit.page import table as rows
 from studies.kit.plots import BLUE, GREY, ORANGE, pyplot
@@ -225,6 +225,10 @@ TABLES: Mapping[str, Callable[[xr.Dataset], str]] = {
     **dict.fromkeys(("shapes-small", "shapes-medium"), _rates("exact posterior", FAIL="FAIL", PASS="PASS")),
     "intervals": _rates("estimator", inside="all true values in the intervals"),
     **dict.fromkeys(("shortcut", "looks"), _rates("on the edge of", FAIL="FAIL", PASS="PASS")),
+    "forecasts": _rates(
+        "fault around what is tolerated, of a",
+        **{name: name for name in (forecasts.WITHIN, forecasts.BEFORE, forecasts.AFTER, forecasts.EDGED)},
+    ),
     "retraining": _rates(
         "trainings, all outside the tolerance",
         **{f"any of {number}": f"PASS, {number}" for number in retraining.TRAININGS},
