@@ -24,11 +24,11 @@ from gaugeblock.validate.marginal.half_widths import NEAR
 FUTURES = 500
 # Looks at numbers of trials that grow by this factor, until there are some 5,000 times as many.
 GROWTH, LOOKS = 1.15, 61
-LOW, HIGH = 0.1, 0.9
+LOW, HELD = 0.1, 0.8
 
 
 class Forecast(NamedTuple):
-    """Numbers of trials: one future of ten is settled by `low`, nine by `high`.
+    """Numbers of trials between which eight futures of ten are settled, and one or none before `low`.
 
     None where no number of trials that was looked at settles it: the fault may lie on the edge.
     """
@@ -69,7 +69,9 @@ def forecast(item: Judgeable, bound: Bounds, *, look: int, seed: int) -> Forecas
         far = bound.next_critical * spread
         fails = ((mean + far < low) | (mean - far > high)).any(axis=1)
         settled = np.where(np.isinf(settled) & (passes | fails), after, settled)
-    first, last = np.quantile(settled, [LOW, HIGH], method="higher")
+    first = np.quantile(settled, LOW, method="higher")
+    # Many may be settled at the very first look, and none before it: what the range holds counts from there.
+    last = np.quantile(settled, np.mean(settled < first) + HELD, method="higher")
     return Forecast(_rounded(float(first), math.floor), _rounded(float(last), math.ceil))
 
 

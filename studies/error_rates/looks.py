@@ -12,14 +12,16 @@ from collections.abc import Mapping
 import numpy as np
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate import MeanFinding, Outcome, judge
+from gaugeblock.validate import MeanFinding, Outcome, judge, make_policy
 from gaugeblock.validate.looks import Looks
 from studies.error_rates.audits import quick_bootstrap
 from studies.error_rates.policies import alone
 from studies.error_rates.replicates import Part, Replicate, Values
 from studies.error_rates.summary import indicators
 
-POLICY = alone("coverage", "coverage.central")
+POLICY = make_policy(
+    {"levels": {"coverage": [0.5]}}, source="study", base=alone("coverage", "coverage.central")
+)
 EDGE = POLICY.tolerance.coverage
 FEWEST, LOOKS = 1000, 8
 SHAPES = ("share of one half", "normal", "t with 5 degrees", "ten parameters")

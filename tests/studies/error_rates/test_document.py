@@ -11,6 +11,7 @@ from scipy import stats
 from studies.error_rates.__main__ import main, parts
 from studies.error_rates.anytime import summarise
 from studies.error_rates.document import FIGURE, TABLES, blocks, document, percent
+from studies.error_rates.forecasts import AFTER, BEFORE, EDGED, WITHIN
 from studies.error_rates.summary import indicators, p_values
 from studies.kit.page import filled
 from studies.kit.results import DOCS, RESULTS, stored
@@ -34,6 +35,7 @@ def tables():
         "gate": indicators({"exact": verdict, "bias": verdict}),
         "intervals": indicators({"exact": [{"inside": 1.0}]}),
         **dict.fromkeys(("shortcut", "looks"), indicators({"bias": verdict})),
+        "forecasts": indicators({"normal": [dict.fromkeys((WITHIN, BEFORE, AFTER, EDGED), 1.0)]}),
         "retraining": indicators({"on the edge": [{"released": 1.0, **ANY_OF}]}),
         **dict.fromkeys(SHAPES, indicators({"Cauchy": verdict})),
         "power": indicators({"exact": verdict, "narrow": verdict}),
@@ -56,7 +58,7 @@ def tables():
 
 def test_every_part_has_a_table(tables):
     assert set(tables) == set(TABLES) == set(NAMES)
-    assert set(FIGURE) == set(NAMES) - {"shortcut", "looks", "retraining", "intervals", *SHAPES}
+    assert set(FIGURE) == set(NAMES) - {"shortcut", "looks", "forecasts", "retraining", "intervals", *SHAPES}
 
 
 def test_tables_stand_where_the_document_wants_them(tables):

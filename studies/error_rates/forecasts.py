@@ -1,0 +1,90 @@
+"""What an INCONCLUSIVE audit foretells, and what comes: is it settled in the range of trials that it names?
+
+A fault is drawn around what is tolerated, audits of it are made until one is INCONCLUSIVE, and its trials are
+added to, in steps of 15%, until the second look would settle it. As in `looks`, the judging alone is
+repeated, on findings made of each trial's part.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from gaugeblock.core.arrays import Array
+from gaugeblock.validate import judge
+from gaugeblock.validate.family import Bounds, Judgeable, bounds
+from studies.error_rates.audits import quick_bootstrap
+from studies.error_rates.looks import EDGE, FEWEST, POLICY, SHAPES, finding, trials
+from studies.error_rates.replicates import Part, Replicate, Values
+from studies.error_rates.summary import indicators
+
+# Faults, in tolerances: a standard deviation around none.
+SPREAD = 1.5
+GROWTH, MOST = 1.15, 500_000
+WITHIN, BEFORE, AFTER, EDGED = "in the range", "earlier", "later", "said to be on the edge"
+
+
+def foretold(shape: str) -> Replicate:
+    """One forecast, and when the audit was settled."""
+
+    def verdict(seed: int) -> Values:
+        rng = np.random.default_rng(seed)
+        foreseen = None
+        while foreseen is None:
+            parts = trials(shape, FEWEST, rng)
+            fault = rng.normal(0, SPREAD * EDGE, size=len(parts))
+            # What `trials` makes lies on the edge in its first component.
+            fault[0] -= EDGE
+            parts = parts + fault[:, None]
+            with quick_bootstrap():
+                foreseen = judge([finding(parts)], [], POLICY, seed=seed).gates[0].trials_to_settle_range
+        low, high = (math.inf if end is None else end for end in foreseen)
+        when = settled_at(shape, fault, parts, rng)
+        known = when < math.inf or not MOST < high < math.inf
+        return {
+            # Looks are 15% apart: it may have been settled since the one before.
+            WITHIN: float(low <= when and when <= high * GROWTH) if known else math.nan,
+            BEFORE: float(when < low) if known else math.nan,
+            AFTER: float(when > high * GROWTH) if known else math.nan,
+            EDGED: float(math.isinf(high)),
+        }
+
+    return verdict
+
+
+def settled_at(shape: str, fault: Array, parts: Array, rng: np.random.Generator) -> float:
+    """How many trials the second look needs; infinite where half a million do not do."""
+    while (number := parts.shape[1]) < MOST:
+        more = trials(shape, math.ceil(number * GROWTH) - number, rng) + fault[:, None]
+        parts = np.concatenate([parts, more], axis=1)
+        with quick_bootstrap():
+            (bound,) = bounds([_judged(parts)], budget=POLICY.error_budget, number=1, seed=1, look=2)
+        if _settled(bound):
+            return float(parts.shape[1])
+    return math.inf
+
+
+def _judged(parts: Array) -> Judgeable:
+    return Judgeable(finding=finding(parts), low=-EDGE, high=EDGE)
+
+
+def _settled(bound: Bounds) -> bool:
+    fails = (bound.low > EDGE) | (bound.high < -EDGE)
+    passes = (bound.pass_low >= -EDGE) & (bound.pass_high <= EDGE)
+    return bool(fails.any() or passes.all())
+
+
+def part() -> Part:
+    """The part of the study that waits for what was foretold."""
+    cases: Mapping[str, Replicate] = {shape: foretold(shape) for shape in SHAPES}
+    return Part(
+        name="forecasts",
+        says=f"forecasts of INCONCLUSIVE audits of {FEWEST:,} trials, and when the next look settled them",
+        cases=cases,
+        replicates=1000,
+        together=50,
+        settings={"policy": POLICY.model_dump(mode="json"), "fewest": FEWEST, "spread": SPREAD},
+        summarise=indicators,
+    )
