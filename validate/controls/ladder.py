@@ -83,48 +83,27 @@ def _width(finding: Finding, parameter: str, reach: float, spare: float, policy:
 def _region(finding: Finding, parameter: str, reach: float, spare: float, policy: Policy) -> Control:
     where = finding.caveats[0] if finding.caveats else ""
     said = "a bias of {:.2g} half-widths where " + where.replace("{", "{{").replace("}", "}}")
-    return _measured(
-        "region",
-        finding,
-        parameter,
-        "half-widths",
-        said,
-        policy.tolerance.local,
-        reach + math.sqrt(2) * spare,
-        policy,
-    )
+    return _measured("region", finding, parameter, reach, spare, policy, said)
 
 
 def _loss(finding: Finding, parameter: str, reach: float, spare: float, policy: Policy) -> Control:
     said = "a loss of information that widens posteriors by {:.2%}"
-    return _measured(
-        "loss",
-        finding,
-        parameter,
-        "natural log of the width",
-        said,
-        policy.tolerance.informed,
-        reach + math.sqrt(2) * spare,
-        policy,
-    )
+    return _measured("loss", finding, parameter, reach, spare, policy, said)
 
 
 def _measured(
-    kind: str,
-    finding: Finding,
-    parameter: str,
-    unit: str,
-    said: str,
-    tolerated: float,
-    reach: float,
-    policy: Policy,
+    kind: str, finding: Finding, parameter: str, reach: float, spare: float, policy: Policy, said: str
 ) -> Control:
     """From a few sizes that were put in: on a line between two of which one is caught, and never below all.
 
     What is lost is seen once a challenger learns to see it, all at once: no line leads there.
     """
+    unit, tolerated = {
+        "region": ("half-widths", policy.tolerance.local),
+        "loss": ("natural log of the width", policy.tolerance.informed),
+    }[kind]
     sizes = np.asarray(finding.details["size"].values, dtype=float)
-    margin = finding.estimate - tolerated - reach * finding.standard_error
+    margin = finding.estimate - tolerated - (reach + math.sqrt(2) * spare) * finding.standard_error
     caught = np.logical_and.accumulate(margin[::-1] > 0)[::-1]
     rungs = tuple(zip(sizes.tolist(), caught.tolist(), strict=True))
     if not caught.any():
