@@ -51,6 +51,11 @@ def test_a_flux_is_scaled_by_the_counts_like_a_norm(simulator):
     assert low < -11.5 < -10.5 < high
     assert "powerlaw_1.norm" not in prior.names
     assert isinstance(prior.marginals["gauss_1.norm"], LogUniform)
+    several = default_prior("tbabs*(cflux*powerlaw+cflux*bbody)", simulator.response, counts)
+    alone = default_prior("tbabs*cflux*powerlaw", simulator.response, counts)
+    np.testing.assert_allclose(
+        several.marginals["cflux_1.lg10Flux"].support, alone.marginals["cflux_1.lg10Flux"].support, atol=0.3
+    )
 
 
 def test_what_is_tied_has_the_prior_of_the_first(simulator):
@@ -60,6 +65,11 @@ def test_what_is_tied_has_the_prior_of_the_first(simulator):
     assert prior.names == (
         "gauss_1.El", "gauss_1.sigma", "gauss_1.norm", "zgauss_1.sigma", "zgauss_1.norm", "powerlaw_1.norm",
     )  # fmt: skip
+    given = {f"{name}.norm": LogUniform(1e-5, 1.0) for name in ("cutoffpl_1", "powerlaw_1")}
+    prior = default_prior(
+        "cutoffpl+powerlaw(alpha=cutoffpl_1.beta)", simulator.response, np.ones(102), given=given
+    )
+    assert prior.marginals["cutoffpl_1.beta"] == SHAPES["Cutoffpl"]["beta"]
 
 
 def test_the_truth_lies_well_inside(simulator):
