@@ -46,7 +46,7 @@ def _where(answer: Answer, axes: Axes) -> None:
     axes.fill_between(place, low, high, color=ACCENT, alpha=0.15, lw=0, label="expected: 95% at once")
     axes.plot(place, middle, color=ACCENT, lw=1.2)
     axes.plot(place, where.observed, "o", color=INK, ms=3.5, label="observed")
-    astray = [p.coordinate for p in where.astray if p.family == DATA]
+    astray = where.members
     axes.plot(place[astray], where.observed[astray], "o", mfc="none", color=colour, ms=11, mew=1.6)
     axes.set(xlabel=answer.axes[-1] if answer.axes else "", ylabel="data")
     axes.legend(fontsize="small", framealpha=0.7)

@@ -51,7 +51,7 @@ def _curve(answer: Answer) -> Panel:
     frame = Frame(
         x=_frame_x(place), y=(shown.min() - pad, shown.max() + pad), width=WIDTH, height=HEIGHT, **SIDES
     )
-    astray = [p.coordinate for p in where.astray if p.family == DATA]
+    astray = where.members
     marks = [
         *(frame.band(place, low, high) for _ in range(len(place) > 1)),
         frame.axes(answer.axes[-1] if answer.axes else "", "data"),

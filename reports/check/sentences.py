@@ -53,9 +53,7 @@ def where(answer: Answer) -> str:
         return "no coordinate departs farther than somewhere in simulations"
     if not astray:
         return "no single coordinate stands out: the disagreement is spread over many"
-    if len(astray) > len(answer.where.stretches) or len(astray) > PLACES:
-        return f"where: {listed(answer.where.stretches, most=PLACES)}; first {place_words(astray[0])}"
-    return f"where: {listed([place_words(place) for place in astray])}"
+    return f"where: {listed([place_words(place) for place in astray], most=PLACES)}"
 
 
 def place_words(place: Place) -> str:

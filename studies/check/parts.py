@@ -79,7 +79,8 @@ def _named(views: Views, x: Array, at: NDArray[np.intp], kind: str) -> NDArray[n
     reach = 0 if kind == "outlier" else 1
     found = []
     for row, place in zip(family.values(views.tables.coordinates(x)), at, strict=True):
-        named = [i for i, _ in family.expectation.set_apart(row, NAMED)]
+        apart = family.expectation.set_apart(row, shape, NAMED)
+        named = [at for members, _ in apart for at in members]
         where = np.stack(np.unravel_index(named, shape), axis=1) - np.array(np.unravel_index(place, shape))
         found.append(bool((np.abs(where).max(axis=1) <= reach).any()))
     return np.array(found)

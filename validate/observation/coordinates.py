@@ -84,54 +84,21 @@ class Coordinates:
         ends = (np.append(b, n) for b, n in zip(self.starts, self.shape, strict=True))
         return tuple(slice(int(e[i]), int(e[i + 1])) for e, i in zip(ends, place, strict=True))
 
-    def name(self, coordinate: int) -> str:
-        """What a person calls it.
+    def name(self, *coordinates: int) -> str:
+        """What a person calls a coordinate, or the box that holds several.
 
-        >>> Coordinates.of((3, 4)).name(5), Coordinates.of((1000,), axes=["time"]).name(1)
-        ('row 1, column 1', 'time 4 to 7')
+        >>> Coordinates.of((3, 4)).name(5), Coordinates.of((1000,), axes=["time"]).name(1, 2)
+        ('row 1, column 1', 'time 4 to 11')
         """
+        boxes = [self.members(at) for at in coordinates]
         said = []
-        parts = self.members(coordinate)
-        for number, (word, part) in enumerate(zip(self.axes, parts, strict=True)):
-            last = part.stop - 1
-            known = self.labels if number == len(parts) - 1 else ()
-            ends = [_label(known, part.start), *([_label(known, last)] if last > part.start else [])]
-            said.append(
-                ends[0] if known and isinstance(known[0], str) and len(ends) == 1
-                else f"{word} {' to '.join(ends)}"
-            )  # fmt: skip
+        for axis, word in enumerate(self.axes):
+            known = self.labels if axis == len(self.axes) - 1 else ()
+            first = min(box[axis].start for box in boxes)
+            last = max(box[axis].stop for box in boxes) - 1
+            ends = " to ".join(dict.fromkeys(_label(known, end) for end in (first, last)))
+            said.append(ends if known and isinstance(known[0], str) else f"{word} {ends}")
         return ", ".join(said) or "the number"
-
-    def stretches(self, chosen: Sequence[int]) -> tuple[str, ...]:
-        """What runs of neighbours among the chosen coordinates of a line are called, in the order chosen.
-
-        >>> Coordinates.of((9,), axes=["day"]).stretches([4, 8, 5, 6])
-        ('day 4 to 6', 'day 8')
-        """
-        left = set(chosen)
-        if len([length for length in self.grid if length > 1]) != 1 or any(self._named):
-            return tuple(self.name(at) for at in chosen)
-        found = []
-        for at in chosen:
-            if at not in left:
-                continue
-            low = high = at
-            while low - 1 in left:
-                low -= 1
-            while high + 1 in left:
-                high += 1
-            left -= set(range(low, high + 1))
-            axis = int(np.argmax(self.grid))
-            known = self.labels if axis == len(self.grid) - 1 else ()
-            ends = self.members(low)[axis].start, self.members(high)[axis].stop - 1
-            said = " to ".join(dict.fromkeys(_label(known, end) for end in ends))
-            found.append(f"{self.axes[axis]} {said}")
-        return tuple(found)
-
-    @property
-    def _named(self) -> tuple[str, ...]:
-        """Labels that are names: neighbours of these are none."""
-        return tuple(label for label in self.labels if isinstance(label, str))
 
 
 def _label(known: tuple[Any, ...], place: int) -> str:

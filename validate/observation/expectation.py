@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.observation.scores import NormalScores
@@ -24,8 +25,9 @@ PENALTIES = (3.0, 30.0, 300.0, 3e6)
 LEVEL_FROM, TOGETHER = 20, 0.3
 # Components farther out than simulations go are taken there.
 FARTHEST = 3.5
-# So many of the farthest coordinates are tried as the odd one.
-CANDIDATES = 8
+# Stretches are tried around so many of the farthest coordinates, of these widths along every axis. What
+# a coordinate that is left out has to explain, and what a stretch of several has to beyond that.
+CANDIDATES, WIDTHS, PRICE, SEVERAL = 6, (1, 2, 3, 4, 6, 9), 4.0, 9.0
 # Mean of log |e| of a standard normal e, and the least |e| that is told from 0.
 LOG_ABSOLUTE, LEAST = -0.6351814227307392, 1e-3
 
@@ -163,33 +165,41 @@ class Expectation:
         middle, low, high = z + (ends * scale - departure) * self.usual
         return middle, low, high
 
-    def set_apart(self, z: Array, most: int) -> list[tuple[int, float]]:
-        """Coordinates of one data set ``(coordinate,)``, the oddest first, each with its residual.
+    def set_apart(self, z: Array, grid: tuple[int, ...], most: int) -> list[tuple[tuple[int, ...], float]]:
+        """Stretches of one data set ``(coordinate,)``, the oddest first, with the largest residual in each.
 
-        The oddest is the one without which least is left of the others: what stands beside an outlier may
-        depart as far. Every next one is judged with those before it as expected.
+        The oddest is the one without which least is left of the others, every coordinate left out at its
+        price: what stands beside an outlier may depart as far, and of a bump the edges depart most. Every
+        next one is judged with those before it as expected. `grid` is how the coordinates lie.
         """
-        found: list[tuple[int, float]] = []
+        found: list[tuple[tuple[int, ...], float]] = []
         mended, open_ = z.copy(), np.ones(len(z), dtype=bool)
-        for _ in range(min(most, len(z))):
-            departure, scale, _, _ = self._departures(mended[None])
-            residual = np.where(open_, self.left(departure / scale)[0], 0.0)
-            odd = np.argsort(-np.abs(residual))[: min(CANDIDATES, int(open_.sum()))]
-            without = np.repeat(mended[None], len(odd), axis=0)
-            without[np.arange(len(odd)), odd] -= departure[0, odd] * self.usual[odd]
-            remaining = _square(np.where(open_, self.residuals(without).left, 0.0))
-            worst = int(odd[np.argmin(remaining)])
-            found.append((worst, float(residual[worst])))
-            open_[worst] = False
-            mended = without[int(np.argmin(remaining))]
+        while open_.any() and len(found) < most:
+            residual = np.where(open_, self.residuals(mended[None]).left[0], 0.0)
+            tried = _stretches(residual, grid, open_)
+            without = np.stack([self._without(mended, np.array(one)) for one in tried])
+            kept = np.repeat(open_[None], len(tried), axis=0)
+            for row, one in zip(kept, tried, strict=True):
+                row[list(one)] = False
+            remaining = _square(np.where(kept, self.residuals(without).left, 0.0))
+            price = np.array([PRICE * len(one) + SEVERAL * (len(one) > 1) for one in tried])
+            best = int(np.argmin(remaining + price))
+            members = list(tried[best])
+            found.append((tried[best], float(residual[members][np.argmax(np.abs(residual[members]))])))
+            open_[members], mended = False, without[best]
         return found
+
+    def _without(self, z: Array, gone: NDArray[np.intp]) -> Array:
+        """Scores ``(coordinate,)`` with some of them where a linear prediction from the others puts them."""
+        made = z.copy()
+        block = self.precision[np.ix_(gone, gone)]
+        made[gone] -= np.linalg.solve(block, ((z - self.centre) @ self.precision)[gone])
+        return made
 
     def filled(self, z: Array, coordinates: list[int]) -> Array:
         """Scores of one data set with these coordinates replaced by what the others lead one to expect."""
         gone = np.array(coordinates, dtype=int)
-        made = z.copy()
-        block = self.precision[np.ix_(gone, gone)]
-        made[gone] -= np.linalg.solve(block, ((z - self.centre) @ self.precision)[gone])
+        made = self._without(z, gone)
         for at in gone:
             departure = self._departures(made[None])[0]
             made[at] -= departure[0, at] * self.usual[at]
@@ -226,6 +236,24 @@ def _stiffened(values: Array, strength: Array) -> Array:
     top = max(float(values.max()), 1e-12)
     costs = [float(np.sum(np.log(values + r * top) + strength / (values + r * top))) for r in RIDGES]
     return np.asarray(values + RIDGES[int(np.argmin(costs))] * top)
+
+
+def _stretches(residual: Array, grid: tuple[int, ...], open_: NDArray[np.bool_]) -> list[tuple[int, ...]]:
+    """Boxes that begin, end or have their middle at one of the farthest coordinates, at most half of all."""
+    found: dict[tuple[int, ...], None] = {}
+    for at in np.argsort(-np.abs(residual))[:CANDIDATES]:
+        place = np.unravel_index(at, grid)
+        for width in WIDTHS if open_[at] else ():
+            for back in {0, (width - 1) // 2, width - 1}:
+                sides = [
+                    np.arange(max(0, p - back), min(n, p - back + width))
+                    for p, n in zip(place, grid, strict=True)
+                ]
+                box = np.ravel_multi_index(np.meshgrid(*sides, indexing="ij"), grid).ravel()
+                members = tuple(int(i) for i in box if open_[i])
+                if len(members) <= max(1, len(residual) // 2):
+                    found[members] = None
+    return list(found)
 
 
 def _own_level(standard: Array) -> bool:

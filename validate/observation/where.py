@@ -18,13 +18,15 @@ MOST = 12
 
 @dataclass(frozen=True)
 class Place:
-    """A coordinate: what was observed, what the others lead one to expect, and how far apart these are.
+    """A coordinate or a stretch of them: what was observed, what the rest leads one to expect.
 
-    `expected` is a range that holds all coordinates of 95% of simulations at once; `departure` is in units
-    of what is usual there; `p_value` counts every coordinate and family.
+    `coordinate` is the farthest one of its `members`, for which the numbers are: `expected` is a range that
+    holds all coordinates of 95% of simulations at once; `departure` is in units of what is usual there;
+    `p_value` counts every coordinate and family.
     """
 
     coordinate: int
+    members: tuple[int, ...]
     name: str
     family: str
     observed: float
@@ -32,14 +34,18 @@ class Place:
     departure: float
     p_value: float
 
+    @property
+    def astray(self) -> bool:
+        """Whether it lies outside what 95% of simulations keep to everywhere."""
+        return self.p_value <= 1 - LEVEL
+
 
 @dataclass(frozen=True, eq=False)
 class Where:
     """Every coordinate's departure ``(coordinate,)`` by family, and the `places` farthest away.
 
-    `expected` ``(3, coordinate)`` are middle, low and high of what the others lead one to expect, in the
-    data's own unit, and `observed` ``(coordinate,)`` the mean of what was observed. `stretches` are runs of
-    places that are astray, in words.
+    `expected` ``(3, coordinate)`` are middle, low and high of what is expected, with what is astray out of
+    the way, in the data's own unit, and `observed` ``(coordinate,)`` the mean of what was observed.
     """
 
     departures: dict[str, Array]
@@ -47,12 +53,16 @@ class Where:
     observed: Array
     expected: Array
     places: tuple[Place, ...]
-    stretches: tuple[str, ...]
 
     @property
     def astray(self) -> tuple[Place, ...]:
         """Places outside what 95% of simulations keep to everywhere."""
-        return tuple(place for place in self.places if place.p_value <= 1 - LEVEL)
+        return tuple(place for place in self.places if place.astray)
+
+    @property
+    def members(self) -> list[int]:
+        """All coordinates of the data that are astray."""
+        return sorted({at for place in self.astray if place.family == DATA for at in place.members})
 
 
 def located(views: Views, x: NDArray[np.generic], rows: Rows, groups: NDArray[np.intp]) -> Where:
@@ -62,41 +72,42 @@ def located(views: Views, x: NDArray[np.generic], rows: Rows, groups: NDArray[np
         family: Together.mean(left, groups) * np.sqrt(size) if size > 1 else left[groups[:, 0]]
         for family, left in rows.left.items()
     }
-    # Families are put on one scale: the odder of two counts, whichever it is.
-    largest = np.column_stack([np.abs(part).max(axis=1) for part in departures.values()])
-    worst = largest.max(axis=1)
+    # All families are standard normal in simulations: the odder of two counts, whichever it is.
+    worst = np.column_stack([np.abs(part).max(axis=1) for part in departures.values()]).max(axis=1)
     limit = float(np.quantile(worst[1:], LEVEL))
     own = {family: part[0] for family, part in departures.items()}
-    tables = views.tables
-    coordinates, family = tables.coordinates, views.families[DATA]
+    coordinates, family = views.tables.coordinates, views.families[DATA]
     observed = coordinates(x)
     scores = family.values(observed)
+    found: list[tuple[str, tuple[int, ...], float]] = []
+    if size == 1:
+        apart = family.expectation.set_apart(scores[0], coordinates.grid or (1,), MOST)
+        found += [(DATA, members, value) for members, value in apart]
+        gone = [at for members, value in apart if _p_value(worst, value) <= 1 - LEVEL for at in members]
+        scores = family.expectation.filled(scores[0], gone)[None] if gone else scores
+    for name, part in own.items():
+        if name != DATA or size > 1:
+            found += [(name, (int(at),), float(part[at])) for at in np.argsort(-np.abs(part))[:MOST]]
     ranges = np.stack([family.expectation.expected(z, limit / size**0.5) for z in scores])
     expected = np.stack([family.values.inverse(part) for part in ranges.mean(axis=0)[:, None]])[:, 0]
-    if size == 1:
-        found = [(DATA, at, value) for at, value in family.expectation.set_apart(scores[0], MOST)]
-    else:
-        order = np.argsort(-np.abs(own[DATA]))[:MOST]
-        found = [(DATA, int(at), float(own[DATA][at])) for at in order]
-    for name, part in own.items():
-        if name != DATA:
-            order = np.argsort(-np.abs(part))[:MOST]
-            found += [(name, int(at), float(part[at])) for at in order]
-    found.sort(key=lambda one: -abs(one[2]))
+    middle = observed.mean(axis=0)
     seen: set[int] = set()
     places: list[Place] = []
-    middle = observed.mean(axis=0)
-    for name, at, value in found:
-        if at in seen or len(places) == MOST:
+    for name, members, value in sorted(found, key=lambda one: -abs(one[2])):
+        if seen & set(members) or len(places) == MOST:
             continue
-        seen.add(at)
-        p_value = (1 + np.count_nonzero(worst[1:] >= abs(value))) / len(worst)
-        low, centre, high = expected[1, at], expected[0, at], expected[2, at]
+        seen |= set(members)
+        at = max(members, key=lambda i: abs(own[name][i]))
+        centre, low, high = (float(part[at]) for part in expected)
         places.append(
             Place(
-                at, coordinates.name(at), name, float(middle[at]), (float(low), float(centre), float(high)),
-                float(value), float(p_value),
+                at, members, coordinates.name(*members), name, float(middle[at]), (low, centre, high), value,
+                _p_value(worst, value),
             )
         )  # fmt: skip
-    astray = [place.coordinate for place in places if place.p_value <= 1 - LEVEL]
-    return Where(own, limit, middle, expected, tuple(places), coordinates.stretches(astray))
+    return Where(own, limit, middle, expected, tuple(places))
+
+
+def _p_value(worst: Array, departure: float) -> float:
+    """Among the largest departures of groups, the observed one first."""
+    return float((1 + np.count_nonzero(worst[1:] >= abs(departure))) / len(worst))

@@ -289,7 +289,7 @@ class _Run:
 
     def moved(self, views: Views, where: Where) -> tuple[Moved, ...]:
         """The posterior with the disagreeing coordinates replaced by what the others lead one to expect."""
-        gone = [place.coordinate for place in where.astray if place.family == DATA]
+        gone = where.members
         if self.estimator is None or len(self.observed) > 1 or not gone:
             return ()
         family, coordinates = views.families[DATA], views.tables.coordinates
