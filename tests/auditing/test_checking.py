@@ -194,6 +194,10 @@ def test_views_and_summaries_of_ones_own():
     own = {"zigzag": lambda d: (d * (-1) ** np.arange(24)).sum(axis=1)}
     result = check(line, x, prior=PRIOR, seed=7, views=own, **SMALL)
     assert result.answer.views[0].name == "zigzag" or result.to_frame().loc["zigzag", "p_value"] <= 0.05
+    # Low is as odd as high.
+    spread = {"spread": lambda d: np.log(d.std(axis=1) + 1e-3)}
+    flat = check(line, np.full(24, 1.0), prior=PRIOR, seed=7, views=spread, **SMALL)
+    assert flat.to_frame().loc["spread", "p_value"] <= 0.05
     summed = check(
         line, x, prior=PRIOR, seed=7, summaries=lambda d: d.reshape(-1, 12, 2).mean(axis=2), **SMALL
     )
