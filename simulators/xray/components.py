@@ -123,8 +123,8 @@ REFUSED = {
     **{name: f"it needs its file: {name}{{file.fits}}" for name in ("atable", "mtable", "etable")},
     "agauss": "jaxspec's is per keV, XSPEC's per Angstrom; use gauss",
     "diskpbb": "nothing here computes it; use diskbb, its case p = 0.75, or atable{file.fits}",
-    "gsmooth": "XSPEC's page leaves open whether the width under its integral is that of the photon or of the "
-    "channel; use zgauss with a free sigma, or the effect resolution",
+    "gsmooth": "XSPEC's page leaves open whether the width under its integral is the photon's or the "
+    "channel's; use zgauss with a free sigma, or the effect resolution",
     "lsmooth": "nothing here computes it; use lorentz for lines",
     "pexmon": _TABLE,
     "nsatmos": "the table of jaxspec's own site cannot be verified here; give one: atable{file.fits}",
