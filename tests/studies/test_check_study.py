@@ -33,6 +33,7 @@ def test_a_batch_rejects_what_was_made_seldom_and_sees_what_was_planted():
 
 def test_a_summary_that_is_astray_is_probably_misspecified():
     """Against the same probability by integrating over a grid, for one Gaussian summary."""
+    pytest.importorskip("sklearn")
     rng = np.random.default_rng(1)
     simulated = rng.normal(3.0, 2.0, (20000, 1))
     detector = ward(simulated, rng)
