@@ -94,11 +94,17 @@ def _departures(answer: Answer, family: str, values: Array) -> Panel:
     return Panel(
         "What is left of each coordinate" if family == DATA else f"The same, {family}",
         f"standard normal in simulations; {short(limit)} is passed anywhere in 5% of them",
-        frame.drawing(
-            marks, key=f"check-{family.replace(' ', '-')}", title=f"Departures, {family}",
-            description=f"Largest {number(float(np.abs(values).max()), 1)}; limit {number(limit, 1)}.",
-        ),
-    )  # fmt: skip
+        _drawn(frame, marks, family, values, limit),
+    )
+
+
+def _drawn(frame: Frame, marks: list[Markup], family: str, values: Array, limit: float) -> Markup:
+    return frame.drawing(
+        marks,
+        key=f"check-{family.replace(' ', '-')}",
+        title=f"Departures, {family}",
+        description=f"Largest {number(float(np.abs(values).max()), 1)}; limit {number(limit, 1)}.",
+    )
 
 
 def _map(answer: Answer, family: str, values: Array) -> Panel:
@@ -135,11 +141,8 @@ def _map(answer: Answer, family: str, values: Array) -> Panel:
     return Panel(
         "The observation, and what is left of each coordinate" if family == DATA else f"The same, {family}",
         f"outlined: departures beyond {short(limit)}, which 5% of simulations pass anywhere",
-        frame.drawing(
-            marks, key=f"check-{family.replace(' ', '-')}", title=f"Departures, {family}",
-            description=f"Largest {number(float(np.abs(values).max()), 1)}; limit {number(limit, 1)}.",
-        ),
-    )  # fmt: skip
+        _drawn(frame, marks, family, values, limit),
+    )
 
 
 def _cells(

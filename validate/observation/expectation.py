@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate.observation.scores import NormalScores
+from gaugeblock.validate.observation.scores import NormalScores, squares
 
 COMPONENTS = 6
 FUNCTIONS = 60
@@ -181,7 +181,7 @@ class Expectation:
             kept = np.repeat(open_[None], len(tried), axis=0)
             for row, one in zip(kept, tried, strict=True):
                 row[list(one)] = False
-            remaining = _square(np.where(kept, self.residuals(without).left, 0.0))
+            remaining = squares(np.where(kept, self.residuals(without).left, 0.0))
             price = np.array([PRICE * len(one) + SEVERAL * (len(one) > 1) for one in tried])
             best = int(np.argmin(remaining + price))
             members = list(tried[best])
@@ -262,7 +262,3 @@ def _own_level(standard: Array) -> bool:
         return False
     halves = [np.log(np.median(np.abs(standard[:, start::2]), axis=1) + LEAST) for start in (0, 1)]
     return bool(np.corrcoef(halves[0], halves[1])[0, 1] > TOGETHER)
-
-
-def _square(part: Array) -> Array:
-    return np.asarray(np.einsum("nd,nd->n", part, part))

@@ -186,3 +186,8 @@ def _spaced(height: Array) -> NDArray[np.intp]:
     """Evenly spaced in score, both ends kept."""
     wanted = np.linspace(height[0], height[-1], KNOTS)
     return np.unique(np.clip(np.searchsorted(height, wanted), 0, len(height) - 1))
+
+
+def squares(part: Array) -> Array:
+    """Squared lengths ``(n,)`` of rows ``(n, column)``."""
+    return np.asarray(np.einsum("nd,nd->n", part, part))

@@ -26,9 +26,6 @@ class Sets:
     def __len__(self) -> int:
         return len(self.x)
 
-    def __getitem__(self, rows: Any) -> Sets:
-        return Sets(*(None if part is None else part[rows] for part in self._parts()))  # type: ignore[arg-type]
-
     def _parts(self) -> tuple[NDArray[Any] | None, ...]:
         return self.x, self.embedded, self.replicated
 

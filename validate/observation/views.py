@@ -19,7 +19,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.observation.coordinates import Coordinates
 from gaugeblock.validate.observation.expectation import LEVEL_FROM, Expectation, Residuals
-from gaugeblock.validate.observation.scores import NormalScores, SmoothScores
+from gaugeblock.validate.observation.scores import NormalScores, SmoothScores, squares
 from gaugeblock.validate.observation.sets import Sets
 from gaugeblock.validate.observation.tables import DATA, FITTED, Function, Tables, said
 
@@ -51,9 +51,6 @@ class Rows:
     scores: Array
     left: Mapping[str, Array]
     signed: Array
-
-    def __getitem__(self, rows: Any) -> Rows:
-        return Rows(self.scores[rows], {k: v[rows] for k, v in self.left.items()}, self.signed[rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +96,7 @@ class Family:
         """How odd each data set is in one of the ways, ``(n,)``."""
         match way:
             case "distance":
-                return _square(found.whole)
+                return squares(found.whole)
             case "remainder":
                 return np.asarray(np.abs(_remainder(found) - self.middle[0]))
             case "size":
@@ -120,12 +117,8 @@ class Family:
         raise InputError(f"no view {way!r}; there are {', '.join(WAYS)}")
 
 
-def _square(part: Array) -> Array:
-    return np.asarray(np.einsum("nd,nd->n", part, part))
-
-
 def _remainder(found: Residuals) -> Array:
-    return np.asarray(np.log(_square(found.white) + 1e-12))
+    return np.asarray(np.log(squares(found.white) + 1e-12))
 
 
 def _space(found: Residuals) -> Array:
@@ -269,10 +262,12 @@ def _signed(found: Residuals, grid: tuple[int, ...]) -> Array:
     """Components, size and coarse shape of what is left: numbers with a sign."""
     white = found.white.reshape(len(found.white), *grid)
     flat = white.reshape(len(white), -1)
-    sizes = [found.level, _remainder(found), np.log(_square(found.whole) + 1e-12)]
+    sizes = [found.level, _remainder(found), np.log(squares(found.whole) + 1e-12)]
     sizes += [found.left.max(axis=1), found.left.min(axis=1)]
     parts = [found.leading, *(size[:, None] for size in sizes)]
     parts += [
-        np.stack([part.mean(axis=1) for part in np.array_split(flat, min(8, flat.shape[1]), axis=1)], axis=1)
+        np.stack(
+            [part.mean(axis=1) for part in np.array_split(flat, min(COARSE, flat.shape[1]), axis=1)], axis=1
+        )
     ]
     return np.concatenate(parts, axis=1)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -21,7 +22,7 @@ from gaugeblock.cli.options import (
     command,
     stranger_settings,
 )
-from gaugeblock.core.errors import printable
+from gaugeblock.core.errors import InputError, printable
 
 EXIT_CODES = "Exit codes: 0 PASS, 1 FAIL, 3 INCONCLUSIVE, 2 bad input or an internal error."
 
@@ -79,13 +80,13 @@ def check(
     said = parse_settings(settings or [])
     chosen = {key.partition(".")[2]: value for key, value in stranger.items()}
     found = checking.check(
-        checking.with_options(simulator, said, "simulator"),
+        with_options(simulator, said, "simulator"),
         observation,
-        checking.with_options(chosen or estimator, said, "estimator"),
+        with_options(chosen or estimator, said, "estimator"),
         trials=trials,
         simulations=simulations,
         level=level,
-        sees=checking.parsed_sizes(sees) if sees else None,
+        sees=parsed_sizes(sees) if sees else None,
         views=view or None,
         axes=axis or (),
         seed=seed or 0,
@@ -96,3 +97,46 @@ def check(
     typer.echo(printable("\n  ".join(found.lines)))
     typer.echo(f"Report: {out / 'report.html'}")
     raise typer.Exit(found.outcome.exit_code)
+
+
+def with_options(choice: Any, settings: Mapping[str, Any], table: str) -> Any:
+    """What was named on the command line with the options ``table.key`` that were set.
+
+    Raises
+    ------
+    InputError
+        If options are set of something that was not named.
+
+    >>> with_options("xray", {"simulator.level": "bright"}, "simulator")
+    {'name': 'xray', 'level': 'bright'}
+    """
+    unknown = [key for key in settings if key.partition(".")[0] not in ("simulator", "estimator")]
+    if unknown:
+        raise InputError(f"--set {unknown[0]}: a check has options of simulator and estimator only")
+    own = {key.partition(".")[2]: value for key, value in settings.items() if key.startswith(f"{table}.")}
+    if not own:
+        return choice
+    if choice is None:
+        raise InputError(f"--set {table}.{next(iter(own))}: say which {table}, with --{table} NAME")
+    return {**(choice if isinstance(choice, Mapping) else {"name": choice}), **own}
+
+
+def parsed_sizes(said: Sequence[str]) -> dict[str, float]:
+    """Kinds of discrepancy and their sizes, from ``kind=size``.
+
+    Raises
+    ------
+    InputError
+        If one is not that.
+
+    >>> parsed_sizes(["noise=0.5"])
+    {'noise': 0.5}
+    """
+    found = {}
+    for one in said:
+        kind, _, size = one.partition("=")
+        try:
+            found[kind] = float(size)
+        except ValueError:
+            raise InputError(f"--sees {one}: give KIND=SIZE, for instance noise=0.5") from None
+    return found
