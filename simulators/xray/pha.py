@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -54,20 +55,19 @@ def load_pha(role: str, name: FilePath) -> Pha:
 
 
 def read_pha(path: Path, *, number: int | None = None) -> Pha:
-    """Raw counts per detector channel with their flags and scales, checked by jaxspec.
+    """Raw counts per detector channel with their flags and scales.
 
-    More forgiving than jaxspec's own reader where nothing is lost: absent GROUPING, QUALITY, BACKSCAL and
-    AREASCAL take the values that OGIP gives them, and a spectrum stored as a rate becomes counts again if
-    rate times exposure are whole numbers.
+    Not jaxspec's reader, which takes seconds to import, and refuses what loses nothing: absent GROUPING,
+    QUALITY, BACKSCAL and AREASCAL take the values that OGIP gives them, and a spectrum stored as a rate
+    becomes counts again if rate times exposure are whole numbers.
 
     Raises
     ------
     InputError
         For a file of several spectra without a `number`, one that is background-subtracted, has no exposure,
-        no counts, or errors that are not Poisson's.
+        no counts, errors that are not Poisson's, or columns that do not hold one sound value per channel.
     """
-    fits, ogip = require("astropy.io.fits", "xray"), require("jaxspec.data.ogip", "xray")
-    with fits.open(path) as hdus:
+    with require("astropy.io.fits", "xray").open(path) as hdus:
         table = hdus["SPECTRUM"]
         header, columns = table.header.copy(), table.columns.names
         several = "SPEC_NUM" in columns or header.get("HDUCLAS4") == "TYPE:II" or _two_dimensional(table)
@@ -89,27 +89,26 @@ def read_pha(path: Path, *, number: int | None = None) -> Pha:
             raise InputError("is background-subtracted; give the raw spectrum, and its background apart")
         if "EXPOSURE" not in header:
             raise InputError("has no EXPOSURE keyword; add one, in seconds")
-        grouping = value("GROUPING", 0)
-        flags = None if np.ndim(grouping) == 0 else grouping.astype(int)
-        counts = _counts(data, float(header["EXPOSURE"]))
-        checked = ogip.DataPHA(
-            data["CHANNEL"],
-            counts,
-            float(header["EXPOSURE"]),
-            grouping=flags,
-            quality=np.asarray(value("QUALITY", 0)).astype(int),
-            backscal=_scale(value("BACKSCAL", 1.0)),
-            areascal=_scale(value("AREASCAL", 1.0)),
-        )
+        exposure = float(header["EXPOSURE"])
+        if not 0 < exposure < math.inf:
+            raise InputError(f"has an exposure of {exposure:g}; it has to be positive, in seconds")
+        counts = _counts(data, exposure)
+
+        flags = value("GROUPING", 0)
+        grouping = None if np.ndim(flags) == 0 else _per_channel("GROUPING", flags, len(counts), whole=True)
+        group_matrix(grouping, len(counts))
+        channel = _per_channel("CHANNEL", value("CHANNEL", None), len(counts), whole=True)
+        if np.any(np.diff(channel) <= 0):
+            raise InputError("CHANNEL does not ascend; put the channels in order, each once")
         return Pha(
-            channel=checked.channel,
-            counts=checked.counts,
-            exposure=checked.exposure,
-            grouping=flags,
-            quality=checked.quality,
-            backscal=checked.backscal,
-            areascal=checked.areascal,
-            detector_channels=int(header.get("DETCHANS", len(checked.channel))),
+            channel=channel,
+            counts=counts,
+            exposure=exposure,
+            grouping=grouping,
+            quality=_per_channel("QUALITY", value("QUALITY", 0), len(counts), whole=True),
+            backscal=_per_channel("BACKSCAL", _scale(value("BACKSCAL", 1.0)), len(counts)),
+            areascal=_per_channel("AREASCAL", _scale(value("AREASCAL", 1.0)), len(counts)),
+            detector_channels=int(header.get("DETCHANS", len(counts))),
             background_file=said("BACKFILE"),
             response_file=said("RESPFILE"),
             area_file=said("ANCRFILE"),
@@ -117,6 +116,36 @@ def read_pha(path: Path, *, number: int | None = None) -> Pha:
             frame_time=_frame_time(header, hdus[0].header),
             notes=(*_systematic(value("SYS_ERR", 0.0)), *_errors(counts, header, data)),
         )
+
+
+def group_matrix(flags: NDArray[Any] | None, size: int) -> Any:
+    """Grouping matrix ``(group, channel)`` of OGIP flags: 1 or 0 starts a group, -1 continues one.
+
+    >>> group_matrix(np.array([1, -1, 0]), 3).toarray()
+    array([[1., 1., 0.],
+           [0., 0., 1.]])
+    """
+    from scipy.sparse import csr_array
+
+    if flags is None:
+        flags = np.zeros(size, dtype=int)
+    if flags.shape != (size,) or not np.isin(flags, (-1, 0, 1)).all() or flags[0] == -1:
+        raise InputError(
+            f"grouping: needs one flag per detector channel ({size}), each 1 (starts a group), -1 (continues "
+            "it) or 0 (stands alone), the first not -1"
+        )
+    rows = np.cumsum(flags != -1) - 1
+    return csr_array((np.ones(size), (rows, np.arange(size))), shape=(int(rows[-1]) + 1, size))
+
+
+def _per_channel(name: str, value: Any, size: int, *, whole: bool = False) -> NDArray[Any]:
+    """One finite number per channel, shape ``(size,)``; a header's one holds for all of them."""
+    numbers = np.asarray(value, dtype=float)
+    if numbers.shape not in {(), (size,)} or not np.isfinite(numbers).all():
+        raise InputError(f"{name} is not one finite number for each of {size} channels; make it anew")
+    if whole and np.any(numbers != np.round(numbers)):
+        raise InputError(f"{name} holds fractions, and has to hold whole numbers; make it anew")
+    return np.broadcast_to(numbers, size).astype(np.int64 if whole else np.float64)
 
 
 def _two_dimensional(table: Any) -> bool:
@@ -194,6 +223,8 @@ def _scale(value: Any) -> Any:
 def _counts(data: Mapping[str, Any], exposure: float) -> NDArray[np.int64]:
     what = "COUNTS" if "COUNTS" in data else "RATE times EXPOSURE"
     counts = np.asarray(data[what.split()[0]], dtype=float) * (1.0 if what == "COUNTS" else exposure)
+    if counts.ndim != 1 or not counts.size:
+        raise InputError(f"{what} has no channels; check that the file is complete")
     whole = np.round(counts)
     # A rate in single precision comes back with a relative error of 6e-8.
     tolerance = 0.0 if what == "COUNTS" else 1e-6 * np.maximum(counts, 1.0)

@@ -17,7 +17,7 @@ from gaugeblock.core.digest import file_digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.xray.detector import Detector, agreement, read_detector
 from gaugeblock.simulators.xray.files import FilePath
-from gaugeblock.simulators.xray.pha import Pha, load_pha, pha_file
+from gaugeblock.simulators.xray.pha import Pha, group_matrix, load_pha, pha_file
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,26 +236,6 @@ def match_channels(
             "give the response that was made for this spectrum"
         )
     return np.asarray(rows)
-
-
-def group_matrix(flags: NDArray[Any] | None, size: int) -> Any:
-    """Grouping matrix ``(group, channel)`` of OGIP flags: 1 or 0 starts a group, -1 continues one.
-
-    >>> group_matrix(np.array([1, -1, 0]), 3).toarray()
-    array([[1., 1., 0.],
-           [0., 0., 1.]])
-    """
-    from scipy.sparse import csr_array
-
-    if flags is None:
-        flags = np.zeros(size, dtype=int)
-    if flags.shape != (size,) or not np.isin(flags, (-1, 0, 1)).all() or flags[0] == -1:
-        raise InputError(
-            f"grouping: needs one flag per detector channel ({size}), each 1 (starts a group), -1 (continues "
-            "it) or 0 (stands alone), the first not -1"
-        )
-    rows = np.cumsum(flags != -1) - 1
-    return csr_array((np.ones(size), (rows, np.arange(size))), shape=(int(rows[-1]) + 1, size))
 
 
 def _selected(

@@ -70,14 +70,12 @@ def write_arf(path, *, low=LOW, area=AREA):
 
 
 def write_pha(path, counts=(5, 6, 7, 8), *, first=0, columns=(), name="COUNTS", **header):
-    table = fits.BinTableHDU.from_columns(
-        [
-            column("CHANNEL", "I", np.arange(first, first + len(counts))),
-            column(name, "J" if name == "COUNTS" else "E", np.asarray(counts)),
-            *columns,
-        ],
-        name="SPECTRUM",
-    )
+    usual = [
+        column("CHANNEL", "I", np.arange(first, first + len(counts))),
+        column(name, "J" if name == "COUNTS" else "E", np.asarray(counts)),
+    ]
+    # What is given replaces what is usual.
+    table = fits.BinTableHDU.from_columns({c.name: c for c in (*usual, *columns)}.values(), name="SPECTRUM")
     for key, value in {"EXPOSURE": 100.0, **header}.items():
         if value is not None:
             table.header[key] = value
@@ -252,6 +250,12 @@ def test_broken_files_each_give_one_line_with_their_name(tmp_path, rmf, arf, rol
         ),
         (lambda p: write_pha(p, EXPOSURE=None), "no EXPOSURE"),
         (lambda p: write_pha(p, EXPOSURE=0.0), "positive"),
+        (lambda p: write_pha(p, columns=[column("QUALITY", "E", [0, 0.5, 0, 0])]), "QUALITY holds fractions"),
+        (lambda p: write_pha(p, columns=[column("BACKSCAL", "E", [1, np.nan, 1, 1])]), "BACKSCAL is not one"),
+        (lambda p: write_pha(p, columns=[column("AREASCAL", "2E", np.ones((4, 2)))]), "AREASCAL is not one"),
+        (lambda p: write_pha(p, columns=[column("GROUPING", "I", [-1, 1, 1, 1])]), "the first not -1"),
+        (lambda p: write_pha(p, columns=[column("CHANNEL", "I", [0, 2, 1, 3])]), "CHANNEL does not ascend"),
+        (lambda p: write_pha(p, ()), "COUNTS has no channels"),
         (lambda p: write_pha(p, (1, -2, 3, 4)), "whole, nonnegative"),
         (lambda p: write_pha(p, (1, np.nan, 3, 4), name="RATE"), "whole, nonnegative"),
         (lambda p: write_pha(p, name="FLUX"), "neither a COUNTS nor a RATE"),
