@@ -51,18 +51,20 @@ def recorded_folding(response: Response, recorded: Sequence[Bound], prior: Prior
             reads,
         )
     group = _grouped(response, recorded, places, rows, names)
-    columns = jnp.asarray(np.concatenate([dense, others[None]]))
+    stacked = np.concatenate([dense, others[None]])
+    # What comes out where nothing goes in is added whatever the flux.
+    columns, with_nothing = jnp.asarray(stacked), jnp.asarray(np.pad(stacked, ((0, 0), (0, 1))))
 
     def transfer(theta: Any) -> tuple[Any, Any]:
         # The compiler would spend minutes on what it can fold of constants this large.
-        given = jax.lax.optimization_barrier(columns)
-        added = group(jnp.zeros(len(columns)), theta)
-        made = jax.vmap(lambda column: group(column, theta) - added, in_axes=1, out_axes=1)(given)
-        return made, added
+        given = jax.lax.optimization_barrier(with_nothing)
+        made = jax.vmap(lambda column: group(column, theta), in_axes=1, out_axes=1)(given)
+        return made[:, :-1] - made[:, -1:], made[:, -1]
 
     if all(bound.what.affine for bound in recorded):
         if not reads:
-            matrix, added = transfer(None)
+            # Compiled as one: operation by operation it would be a hundred compilations.
+            matrix, added = jax.jit(transfer)(None)
             return Folding(lambda flux, _: matrix @ flux + added, live)
         return Folding(lambda flux, theta: group(columns @ flux, theta), live, transfer, reads)
     return Folding(lambda flux, theta: group(columns @ flux, theta), live)
