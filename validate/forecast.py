@@ -54,21 +54,26 @@ def forecast(item: Judgeable, bound: Bounds, *, look: int, seed: int) -> Forecas
     known = max(0.0, 1 - max(len(error) - 2, 0) / max(square, 1e-300))
     rng = generator(seed, "forecast", len(estimate), n)
 
-    def drawn() -> Array:
-        return rng.standard_normal((FUTURES, root.shape[1])) @ noise.T
+    def drawn(futures: int) -> Array:
+        return rng.standard_normal((futures, root.shape[1])) @ noise.T
 
-    fault = known * estimate + math.sqrt(known) * drawn()
+    fault = known * estimate + math.sqrt(known) * drawn(FUTURES)
     number = n * GROWTH ** np.arange(LOOKS + 1)
     pass_reach = float(special.ndtri(pass_level(look + 1)))
     total, settled = np.broadcast_to(n * estimate, fault.shape), np.full(FUTURES, np.inf)
     for before, after in itertools.pairwise(number):
+        # Trials are drawn for futures that are not settled yet, which soon are few.
+        waits = np.isinf(settled)
         more = after - before
-        total = total + more * fault + math.sqrt(more * n) * drawn()
+        total = total + more * fault + math.sqrt(more * n) * drawn(len(fault))
         mean, spread = total / after, error * math.sqrt(n / after)
         passes = ((mean - pass_reach * spread >= low) & (mean + pass_reach * spread <= high)).all(axis=1)
         far = bound.next_critical * spread
         fails = ((mean + far < low) | (mean - far > high)).any(axis=1)
-        settled = np.where(np.isinf(settled) & (passes | fails), after, settled)
+        settled[waits] = np.where(passes | fails, after, np.inf)
+        total, fault = total[~(passes | fails)], fault[~(passes | fails)]
+        if not len(fault):
+            break
     first = np.quantile(settled, LOW, method="higher")
     # Many may be settled at the very first look, and none before it: what the range holds counts from there.
     last = np.quantile(settled, np.mean(settled < first) + HELD, method="higher")

@@ -15,6 +15,7 @@ import numpy as np
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate import judge
 from gaugeblock.validate.family import Bounds, Judgeable, bounds
+from gaugeblock.validate.forecast import FUTURES
 from studies.error_rates.audits import quick_bootstrap
 from studies.error_rates.looks import EDGE, FEWEST, POLICY, SHAPES, finding, trials
 from studies.error_rates.replicates import Part, Replicate, Values
@@ -38,7 +39,7 @@ def foretold(shape: str) -> Replicate:
             # What `trials` makes lies on the edge in its first component.
             fault[0] -= EDGE
             parts = parts + fault[:, None]
-            with quick_bootstrap():
+            with quick_bootstrap(futures=FUTURES):
                 foreseen = judge([finding(parts)], [], POLICY, seed=seed).gates[0].trials_to_settle_range
         low, high = (math.inf if end is None else end for end in foreseen)
         when = settled_at(shape, fault, parts, rng)

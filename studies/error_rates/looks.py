@@ -13,6 +13,7 @@ import numpy as np
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate import MeanFinding, Outcome, judge, make_policy
+from gaugeblock.validate.forecast import FUTURES
 from gaugeblock.validate.looks import Looks
 from studies.error_rates.audits import quick_bootstrap
 from studies.error_rates.policies import alone
@@ -64,7 +65,7 @@ def enlarged(shape: str, *, counted: bool) -> Replicate:
         parts, seen = trials(shape, FEWEST, rng), (FEWEST,)
         for look in range(1, LOOKS + 1):
             looks = Looks(trials=seen if counted else ())
-            with quick_bootstrap():
+            with quick_bootstrap(futures=FUTURES):
                 said = judge([finding(parts)], [], POLICY, seed=seed, looks=looks)
             if said.outcome is not Outcome.INCONCLUSIVE or look == LOOKS:
                 break

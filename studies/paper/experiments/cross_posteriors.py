@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -178,15 +179,20 @@ def thread_scatter(found: Any, values: Array, rng: np.random.Generator) -> float
     return float(weighted_sd(ordered, weight).std(ddof=1))
 
 
-def chain(counts: Array, thinning: int, sizes: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
-    """NUTS on bright spectra side by side: shrink by the chain, with its error by stretches of it."""
+@cache
+def _sampler(warmup: int) -> Any:
+    """NUTS without thinning, compiled once whatever is thinned."""
     from gaugeblock.estimators.nuts import Nuts
 
     simulator = simulators()["published_linear_norm"]
     # The gain runs into both ends of its prior: with shorter steps fewer trajectories diverge there.
-    sampler = Nuts(simulator, warmup=sizes["warmup"], thinning=thinning, target_acceptance=ACCEPTED)
-    found = sampler.run(counts, sizes["chain"], rng)
-    gain = found.draws[..., GAIN]
+    return Nuts(simulator, warmup=warmup, thinning=1, target_acceptance=ACCEPTED)
+
+
+def chain(counts: Array, thinning: int, sizes: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    """NUTS on bright spectra side by side: shrink by the chain, with its error by stretches of it."""
+    found = _sampler(sizes["warmup"]).run(counts, thinning * sizes["chain"], rng)
+    gain = found.draws[:, thinning - 1 :: thinning, GAIN]
     away = (gain - gain.mean(axis=1, keepdims=True)) ** 2
     parts = away.reshape(len(gain), BATCHES, -1).mean(axis=2)
     shrink = np.sqrt(away.mean(axis=1)) / GAIN_PRIOR_SD
