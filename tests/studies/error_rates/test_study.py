@@ -52,11 +52,12 @@ def test_results_do_not_depend_on_workers(tmp_path):
     tables = []
     for workers in ("1", "2"):
         out = tmp_path / workers
-        asked = ["error-rates", "shortcut", "--replicates", "104", "--workers", workers, "--out", out]
+        asked = ["error-rates", "anytime", "--replicates", "12", "--workers", workers, "--out", out]
         command = [sys.executable, "-m", "studies", *map(str, asked)]
         subprocess.run(command, check=True, cwd=ROOT, env={**os.environ, "PYTHONPATH": PATH})
-        tables.append(read(out / "shortcut.nc").drop_attrs())
-        assert len(list((out / "checkpoints").glob("shortcut-*/*.npz"))) == 12
+        tables.append(read(out / "anytime.nc").drop_attrs())
+        # Ten replicates and two of each of ten cases.
+        assert len(list((out / "checkpoints").glob("anytime-*/*.npz"))) == 20
     assert tables[0].identical(tables[1])
 
 
