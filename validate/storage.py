@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,10 @@ import xarray as xr
 
 from gaugeblock.core.atomic import atomic_path
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.hdf5 import check_hdf5
 
 SCHEMA_VERSION = 1
+CLASSIC = b"CDF"
 
 
 # Larger files stay on disk and are read where they are needed: a gigabyte of draws is not in memory at once.
@@ -87,34 +90,40 @@ def in_parts(dataset: xr.Dataset) -> xr.Dataset | Iterator[xr.Dataset]:
     return (dataset.isel({APPENDED: slice(start, start + length)}) for start in range(0, number, length))
 
 
-def read_groups(path: str | os.PathLike[str], *, what: str) -> dict[str, xr.Dataset]:
+def read_groups(path: str | os.PathLike[str], *, what: str, own: bool = False) -> dict[str, xr.Dataset]:
     """Read every group of a NetCDF file into memory; the root group is "".
+
+    `own` says that this process wrote the file: its chunks are not looked into, only its structure.
 
     Raises
     ------
     InputError
-        If there is no such file, or it is truncated or not NetCDF.
+        If there is no such file, or it is truncated or not NetCDF, reaches out of itself or declares more
+        than it may (`gaugeblock.core.hdf5`).
     """
-    return _groups(path, what=what, limit=None)
+    return _groups(path, what=what, limit=None, own=own)
 
 
-def open_groups(path: str | os.PathLike[str], *, what: str) -> dict[str, xr.Dataset]:
+def open_groups(path: str | os.PathLike[str], *, what: str, own: bool = False) -> dict[str, xr.Dataset]:
     """As `read_groups`, but large groups are only read through, and their arrays stay on disk.
 
     Raises
     ------
     InputError
-        If there is no such file, or it is truncated or not NetCDF.
+        As `read_groups`.
     """
-    return _groups(path, what=what, limit=IN_MEMORY)
+    return _groups(path, what=what, limit=IN_MEMORY, own=own)
 
 
-def _groups(path: str | os.PathLike[str], *, what: str, limit: int | None) -> dict[str, xr.Dataset]:
+def _groups(
+    path: str | os.PathLike[str], *, what: str, limit: int | None, own: bool
+) -> dict[str, xr.Dataset]:
     source = Path(path)
     if not source.exists():
         raise InputError(f"{source}: no such file; give the path of a {what} file in NetCDF format")
     if not source.is_file():
         raise InputError(f"{source}: is not a file; give the path of a {what} file in NetCDF format")
+    check_netcdf(source, inflate=not own)
     try:
         opened = xr.open_groups(source, engine="netcdf4", decode_times=False)
         large = {name for name, dataset in opened.items() if limit is not None and dataset.nbytes > limit}
@@ -133,6 +142,20 @@ def _groups(path: str | os.PathLike[str], *, what: str, limit: int | None) -> di
             f"{source}: cannot be read as NetCDF; the file is truncated or not NetCDF ({reason})"
         ) from None
     return groups
+
+
+def check_netcdf(path: Path, *, inflate: bool = True) -> None:
+    """Refuse a file that is not plainly safe to give to the NetCDF library.
+
+    Raises
+    ------
+    InputError
+        In one line that names the file.
+    """
+    with suppress(OSError), open(path, "rb") as file:
+        if file.read(len(CLASSIC)) == CLASSIC:
+            raise InputError(f"{path}: cannot be read as NetCDF-4; it is of the classic kind, write it anew")
+    check_hdf5(path, inflate=inflate)
 
 
 def _read_through(dataset: xr.Dataset) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,8 @@ from safetensors.torch import save as save_tensors
 
 from gaugeblock.core.atomic import write_atomically
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.foreign import WEIGHTS as MOST
+from gaugeblock.core.foreign import read_bytes, read_json
 from gaugeblock.estimators.npe.config import NetworkTable
 from gaugeblock.estimators.npe.estimator import NPE
 from gaugeblock.estimators.npe.networks import NetworkShape, build_network
@@ -24,6 +28,9 @@ from gaugeblock.simulators.protocol import Simulator
 FORMAT = 1
 SHIPPED = "shipped:"
 WEIGHTS, DESCRIPTION = "model.safetensors", "model.json"
+# Values of one data set.
+LARGEST = 10_000_000
+REMEDY = f"a model folder holds {WEIGHTS} and {DESCRIPTION}"
 
 
 def weights_of(network: Any) -> bytes:
@@ -72,7 +79,7 @@ def load(path: str | os.PathLike[str], simulator: Simulator | None = None) -> NP
     name = str(path)
     folder = reference_model_path(name.removeprefix(SHIPPED)) if name.startswith(SHIPPED) else Path(path)
     description = _read_description(folder / DESCRIPTION)
-    weights = _read(folder / WEIGHTS)
+    weights = read_bytes(folder / WEIGHTS, most=MOST, remedy=REMEDY)
     if hashlib.sha256(weights).hexdigest() != description["sha256"]:
         raise InputError(
             f"{folder / WEIGHTS} is not the file {DESCRIPTION} describes (sha256 differs): truncated, "
@@ -81,7 +88,9 @@ def load(path: str | os.PathLike[str], simulator: Simulator | None = None) -> NP
     try:
         prior = Prior.from_description(description["prior"])
         shape = NetworkShape(prior.size, tuple(description["data_shape"]), str(description["features"]))
-        network = build_network(NetworkTable.model_validate(description["network"]), shape)
+        table = NetworkTable.model_validate(description["network"])
+        _check_size(table, shape, len(weights))
+        network = build_network(table, shape)
         network.load_state_dict(load_tensors(weights))
     except (SafetensorError, RuntimeError, KeyError, TypeError, ValueError) as error:
         first = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
@@ -116,21 +125,22 @@ def check_simulator(estimator: NPE, simulator: Simulator, *, where: str) -> None
         )
 
 
-def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(
-            f"cannot read {path}: {error.strerror or error}; a model folder holds {WEIGHTS} and {DESCRIPTION}"
-        ) from None
+def _check_size(table: NetworkTable, shape: NetworkShape, weights: int) -> None:
+    """A network that its description makes larger than its weights is not built."""
+    if math.prod(shape.data_shape) > LARGEST or min(shape.data_shape, default=0) < 0:
+        raise ValueError(f"data of shape {shape.data_shape}")
+    if table.kind == "published":
+        return
+    hidden = (*table.hidden, table.bins)
+    layers = [*pairwise((*table.embedding, table.embedding_output)), *pairwise(hidden)]
+    layers += [table.emulator] if table.kind == "laplace" else []
+    values = max(one * other for one, other in layers) * 4, table.transforms * table.hidden[0] * 4
+    if max(values) > weights:
+        raise ValueError("the network is larger than its weights")
 
 
 def _read_description(path: Path) -> dict[str, Any]:
-    text = _read(path)
-    try:
-        description = json.loads(text)
-    except ValueError as error:
-        raise InputError(f"{path} is not valid JSON: {error}") from None
+    description = read_json(path, remedy=REMEDY)
     needed = ("format", "sha256", "prior", "data_shape", "features", "network")
     missing = [key for key in needed if not isinstance(description, dict) or key not in description]
     if missing:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.digest import file_digest
 from gaugeblock.core.errors import InputError, require
+from gaugeblock.core.foreign import RESPONSE, opened_fits
 from gaugeblock.simulators.xray.files import FilePath, load
 from gaugeblock.simulators.xray.rmf import Rmf, read_rmf
 
@@ -121,13 +122,14 @@ def _read_arf(path: Path) -> tuple[Array, Array]:
     Not jaxspec's reader, which refuses bins that overlap in the last digit: they only have to be recognised
     as those of the RMF.
     """
-    table = require("astropy.table", "xray").QTable.read(path, "SPECRESP")
+    with opened_fits(path, most=RESPONSE) as hdus:
+        table = require("astropy.table", "xray").QTable.read(hdus, "SPECRESP")
 
-    def values(name: str, unit: str) -> Array:
-        values = table[name]
-        return np.asarray(values.to_value(unit) if getattr(values, "unit", None) else values, dtype=float)
+        def values(name: str, unit: str) -> Array:
+            values = table[name]
+            return np.array(values.to_value(unit) if getattr(values, "unit", None) else values, dtype=float)
 
-    area = values("SPECRESP", "cm2")
+        area, low, high = values("SPECRESP", "cm2"), values("ENERG_LO", "keV"), values("ENERG_HI", "keV")
     if not np.all(np.isfinite(area)) or np.any(area < 0):
         raise InputError("holds areas that are negative or not finite; make it anew")
-    return np.stack([values("ENERG_LO", "keV"), values("ENERG_HI", "keV")], axis=1), area
+    return np.stack([low, high], axis=1), area

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaugeblock.core.errors import InputError, require
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.foreign import SPECTRUM, opened_fits
 from gaugeblock.simulators.xray.files import FilePath, load
 
 
@@ -67,7 +68,7 @@ def read_pha(path: Path, *, number: int | None = None) -> Pha:
         For a file of several spectra without a `number`, one that is background-subtracted, has no exposure,
         no counts, errors that are not Poisson's, or columns that do not hold one sound value per channel.
     """
-    with require("astropy.io.fits", "xray").open(path) as hdus:
+    with opened_fits(path, most=SPECTRUM) as hdus:
         table = hdus["SPECTRUM"]
         header, columns = table.header.copy(), table.columns.names
         several = "SPEC_NUM" in columns or header.get("HDUCLAS4") == "TYPE:II" or _two_dimensional(table)

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.core.errors import InputError, require
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.foreign import RESPONSE, opened_fits
 
 MATRICES = ("MATRIX", "SPECRESP MATRIX", "RSP_MATRIX")
 """What the extension of a matrix is called, where its HDUCLAS2 does not say RSP_MATRIX."""
@@ -53,7 +54,7 @@ def read_rmf(path: Path) -> Rmf:
         If an extension is missing, numbers are not finite or negative, channels are unknown, or blocks lie on
         input bins that do not nest.
     """
-    with require("astropy.io.fits", "xray").open(path) as hdus:
+    with opened_fits(path, most=RESPONSE) as hdus:
         tables = [hdu for hdu in hdus[1:] if hdu.name in MATRICES or _says(hdu, "HDUCLAS2") == "RSP_MATRIX"]
         bounds = [hdu for hdu in hdus[1:] if hdu.name == "EBOUNDS"]
         if not tables or len(bounds) != 1:

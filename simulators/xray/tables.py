@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.core.errors import InputError, require
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.foreign import RESPONSE, opened_fits
 from gaugeblock.simulators.marginals import LogUniform, Marginal, Uniform
 from gaugeblock.simulators.xray.components import ADDITIVE, FACTOR, Component
 from gaugeblock.simulators.xray.files import load
@@ -130,7 +131,7 @@ def _loaded(component: str, _path: str, _state: tuple[int, int]) -> Table:
 
 
 def _read(path: Path, *, kind: str) -> Table:
-    with require("astropy.io.fits", "xray").open(path) as hdus:
+    with opened_fits(path, most=RESPONSE) as hdus:
         head = hdus[0].header
         if bool(head.get("ADDMODEL", kind == "atable")) != (kind == "atable"):
             raise InputError(

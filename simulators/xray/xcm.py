@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.foreign import TEXT, read_bytes
 from gaugeblock.simulators.xray.expression import (
     Leaf,
     Tied,
@@ -52,7 +53,7 @@ def read_xcm(path: FilePath) -> Xcm:
     file = Path(path)
     if not file.is_file():
         raise InputError(f"model {file}: no such file; check the path")
-    lines = [line.strip() for line in file.read_text(errors="replace").splitlines()]
+    lines = [line.strip() for line in read_bytes(file, most=TEXT).decode(errors="replace").splitlines()]
     at = [i for i, line in enumerate(lines) if re.match(r"mo(d(el?)?)?\s", line)]
     if len(at) != 1:
         raise InputError(

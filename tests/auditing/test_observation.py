@@ -232,7 +232,7 @@ def test_an_audit_looks_around_the_observation_it_is_given(tmp_path, suffix):
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("none.npy", None, "cannot be read as a NumPy array"),
+        ("none.npy", None, "cannot be read"),
         ("bad.npy", b"no array", "cannot be read as a NumPy array"),
         ("bad.nc", b"no file", "cannot be read as NetCDF"),
     ],

@@ -153,7 +153,7 @@ class _OnDisk:
         """One file out of all blocks: small ones are read back into memory, large ones stay there."""
         parts = (self._cut(what, trials, number) for trials in whole_blocks(number, self.size))
         whole = write_groups({"": parts}, self._path(what))
-        return open_groups(whole, what="Trials")[""].drop_encoding()
+        return open_groups(whole, what="Trials", own=True)[""].drop_encoding()
 
     def _cut(self, what: str, trials: range, number: int) -> xr.Dataset:
         return _read(self._path(what, trials)).isel(trial=slice(number - trials.start))
@@ -168,7 +168,7 @@ class _OnDisk:
 
 
 def _read(path: Path) -> xr.Dataset:
-    return read_groups(path, what="block of trials")[""]
+    return read_groups(path, what="block of trials", own=True)[""]
 
 
 def _intact(path: Path) -> bool:

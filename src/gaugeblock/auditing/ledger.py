@@ -22,6 +22,7 @@ from gaugeblock.auditing.kept_seed import BITS
 from gaugeblock.auditing.provenance import digests, title
 from gaugeblock.core.atomic import write_atomically
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.foreign import RECORD, read_bytes
 from gaugeblock.reports.machine import plain
 from gaugeblock.validate.policy import Policy
 
@@ -191,14 +192,12 @@ def _write(path: Path, lines: list[Line]) -> None:
 
 def _read(path: Path) -> list[Line]:
     """The audits in order; none where there is no file yet."""
+    content: Any = None
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return []
-    except OSError as error:
-        raise InputError(f"{path}: the ledger cannot be read ({error.strerror or error})") from None
-    except ValueError:
-        content = None
+        text = read_bytes(path, most=RECORD) if path.exists() else None
+        content = {"format": FORMAT, "audits": []} if text is None else json.loads(text)
+    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError):
+        pass
     if not _intact(content):
         raise InputError(
             f"{path}: the ledger is damaged, or no ledger; restore it from a copy: audits that are "

@@ -18,6 +18,7 @@ from gaugeblock.auditing.provenance import FORMAT, finished_audit, intrinsic
 from gaugeblock.core.atomic import write_atomically
 from gaugeblock.core.digest import digest, file_digest
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.foreign import read_json
 from gaugeblock.reports.machine import plain
 from gaugeblock.validate.looks import Looks
 from gaugeblock.validate.policy import Policy
@@ -98,14 +99,12 @@ def earlier_trials(folder: Path, record: Mapping[str, Any]) -> xr.DataTree | Non
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        looks = json.loads(path.read_text(encoding="utf-8"))
+        looks = read_json(path) if path.exists() else {}
         for found in looks.values():
             if set(found) != {"trials", "anew"} or not all(type(number) is int for number in found["trials"]):
                 raise ValueError
         return dict(looks)
-    except FileNotFoundError:
-        return {}
-    except (OSError, ValueError, AttributeError, TypeError):
+    except (ValueError, AttributeError, TypeError):
         raise InputError(
             f"{path} is damaged, so that earlier looks at this audit cannot be counted; "
             "give another folder with --out, and fresh trials with --seed"

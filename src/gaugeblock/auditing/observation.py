@@ -16,6 +16,7 @@ from gaugeblock.auditing.samples import checked, log_prior_and_likelihood, untru
 from gaugeblock.core.arrays import Array, numbers
 from gaugeblock.core.digest import digest, file_digest
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.foreign import read_array
 from gaugeblock.core.streams import Rng, generator, whole_blocks
 from gaugeblock.estimators._rows import resample
 from gaugeblock.estimators.protocol import Estimator, has_density, sample_and_log_prob
@@ -143,10 +144,7 @@ def read_observation(given: Any) -> Observation | None:
         return Observation(data, {"sha256": digest([data.shape, data.tolist()])})
     path = Path(given)
     if path.suffix == ".npy":
-        try:
-            data = np.asarray(np.load(path, allow_pickle=False))
-        except (OSError, ValueError) as error:
-            raise InputError(f"{path}: cannot be read as a NumPy array ({error})") from None
+        data = read_array(path)
     else:
         found = read_groups(path, what="observation")[""]
         if "x" not in found:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError, one_line
+from gaugeblock.core.foreign import read_json
 
 # Of the folders that audits write; 1 was gaugeblock 0.1.0's, which drew other random numbers.
 FORMAT = 2
@@ -69,9 +69,9 @@ def finished_audit(folder: Path) -> dict[str, Any]:
     """
     path = folder / "verdict.json"
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = read_json(path)
         return {**content, "provenance": dict(content["provenance"])}
-    except (OSError, ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError):
         raise InputError(
             f"{path} cannot be read; give the folder of a finished audit, or run `gaugeblock audit` first"
         ) from None

@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import tomllib
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.foreign import read_text
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -47,13 +47,11 @@ def read_toml(path: str | os.PathLike[str], *, remedy: str = "give a TOML file")
         If it cannot be read, with the remedy, or is not TOML.
     """
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: is not TOML (not UTF-8 text)") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error}); {remedy}") from None
+        return tomllib.loads(read_text(path, remedy=remedy))
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: is not TOML: {error}") from None
+    except RecursionError:
+        raise InputError(f"{path}: is not TOML of ours: nested too deeply") from None
 
 
 def checked(model: type[Model], values: Mapping[str, Any], *, where: str) -> Model:

@@ -14,7 +14,9 @@ import xarray as xr
 from gaugeblock.auditing.trials_from.arviz import POSTERIOR, RANKS, trials_from_arviz
 from gaugeblock.core.arrays import numbers
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.foreign import read_arrays
 from gaugeblock.validate.check import check_trials
+from gaugeblock.validate.storage import check_netcdf
 from gaugeblock.validate.trials import make_trials, read_trials, trials_tree
 
 OPTIONAL = (
@@ -54,20 +56,17 @@ def _has_groups_of_arviz(path: Path) -> bool:
     import netCDF4
 
     try:
+        check_netcdf(path, inflate=False)
         with netCDF4.Dataset(path) as file:
             ours = TRIALS & set(file.variables)
             return not ours and bool({POSTERIOR, *RANKS} & set(file.groups))
-    except (OSError, RuntimeError):  # what it is instead, `read_trials` says
+    except (InputError, OSError, RuntimeError):  # what it is instead, `read_trials` says
         return False
 
 
 def _npz(path: Path, names: Sequence[str] | None) -> xr.Dataset:
     """Trials of arrays by name, as `numpy.savez` writes them."""
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            held = {name: stored[name] for name in stored.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: cannot be read as NumPy arrays ({' '.join(str(error).split())})") from None
+    held = read_arrays(path)
     missing = sorted(TRIALS - set(held))
     unknown = sorted(set(held) - TRIALS - {*OPTIONAL, *NAMES})
     if missing or unknown:
