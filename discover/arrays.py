@@ -138,7 +138,7 @@ def held_out_arrays(scored: HeldOut, scheme: str, measure: str) -> xr.Dataset:
         "deviance": ("model", gaps[:, 0]),
         "deviance_error": ("model", gaps[:, 1]),
         "log_score": ("model", np.array([scored.gain(name) for name in scored.names])),
-        "log_score_error": ("model", scored.error),
+        "log_score_error": ("model", scored.error[:, 0]),
     }
     if scored.deviance.shape[1] <= FOLDS:
         values["before"] = ("fold", scored.deviance[scored.kinds.index(BEFORE)])

@@ -38,7 +38,16 @@ from gaugeblock.discovery.name.shared_profile import SharedAmplitude, profile_mo
 from gaugeblock.discovery.name.shared_refined import refined
 from gaugeblock.discovery.name.shared_starts import fitted_from_afar
 from gaugeblock.discovery.name.stacked import influence
-from gaugeblock.discovery.result import Amplitude, Beside, Catalogue, DataSaid, Region, spread
+from gaugeblock.discovery.result import (
+    Amplitude,
+    Beside,
+    Catalogue,
+    DataSaid,
+    Estimate,
+    FitState,
+    Region,
+    spread,
+)
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
 
@@ -50,7 +59,6 @@ CATALOGUE = Thresholds(
     most=2,  # a third was never told from what sources have of their own
     beam=1,  # a second first effect would double the cost, and is put to the test on held-out sources
     ended=0.0,  # what sources have of their own is left behind any shared effect: `unnamed` joins the set
-    smooth_left=1.0,  # for the same reason
     rivals=3,  # each is trained on every fold's sources
     decoys=3,
     folds=3,
@@ -196,7 +204,13 @@ class CatalogueCounts(Engine):
             made.append(SharedProfile(path, found.gain, size, key, term, at, found, models, members, chain))
         return made
 
-    def compared(self, models: Sequence[SharedProfile], seen: Look) -> tuple[Comparison, ...]:
+    def compared(
+        self,
+        models: Sequence[SharedProfile],
+        seen: Look,
+        *,
+        first: str | None = None,  # noqa: ARG002
+    ) -> tuple[Comparison, ...]:
         """Cox's test in the linear model.
 
         With the rival at z_r and templates that correlate by rho, the lead has mean -z_r^2 (1 - rho^2) / 2
@@ -364,14 +378,16 @@ class CatalogueCounts(Engine):
         rows = [deviance(g.counts, fit.expected) for g, fit in zip(self.groups_of, fits, strict=True)]
         return float(np.concatenate(rows).mean())
 
-    def state(self, model: SharedProfile | None) -> Mapping[str, float]:
+    def state(self, model: SharedProfile | None) -> FitState:
         """Quantiles of theta over the sources, and the effects' shared parameters."""
         fits, size = self.fits if model is None else model.amplitude.fits, self.simulator.prior.size
         rows = np.quantile(np.concatenate([fit.theta[:, :size] for fit in fits]), [0.5, 0.16, 0.84], axis=0)
         made = spread(self.simulator.prior.names, rows)
         for i, one in enumerate(() if model is None else model.chain):
-            made |= {f"{one.key}_{i + 1}.{name}": float(value) for name, value in one.values.items()}
-        return made
+            made |= {f"{one.key}_{i + 1}.{name}": Estimate(value) for name, value in one.values.items()}
+        counts = [group.counts for group in self.groups_of]
+        bins = sum(one.size for one in counts)
+        return FitState(made, self.gap(model) * bins, bins)
 
     def data(self) -> DataSaid:
         """What was searched."""

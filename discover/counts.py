@@ -12,7 +12,8 @@ import xarray as xr
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.arrays import channel_arrays, counted_arrays
-from gaugeblock.discovery.confirm.amplitude import Place, held_out_amplitude
+from gaugeblock.discovery.confirm.amplitude import Place, estimates, held_out_amplitude
+from gaugeblock.discovery.confirm.floated import floated
 from gaugeblock.discovery.confirm.thinned import ScoredModel, random_shapes, thinned_scores
 from gaugeblock.discovery.engine import Comparison, Engine, Look, Round, Thresholds
 from gaugeblock.discovery.fitting import Fit, fit
@@ -20,21 +21,22 @@ from gaugeblock.discovery.held_out import BEFORE, NAMED, RIVAL, UNNAMED, HeldOut
 from gaugeblock.discovery.library import Candidates, amplitude_places
 from gaugeblock.discovery.locate.quantiles import CumulativeCounts, cumulative_counts
 from gaugeblock.discovery.locate.windows import WindowScan, scan_windows
+from gaugeblock.discovery.name.beside import LEAST, effect_part, loses
 from gaugeblock.discovery.name.cox import confidence_set
 from gaugeblock.discovery.name.null import largest_null
 from gaugeblock.discovery.name.profiles import Profile, profile
 from gaugeblock.discovery.name.score import ScoreTests, allowed, scores
 from gaugeblock.discovery.name.shapes import Templates, templates
-from gaugeblock.discovery.name.unnamed import Correction, correction
-from gaugeblock.discovery.result import Amplitude, DataSaid, Region
+from gaugeblock.discovery.name.unnamed import Correction, correction, curves
+from gaugeblock.discovery.result import Amplitude, DataSaid, FitState, Region
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
 
 SAME = 1.0
 """Nats within which the same effects in another order are the same fit, and the order tried first stands."""
 
-EDGE_SHARE = 0.01
-"""Share of a prior's range within which a value is at its edge."""
+SMOOTH = 8
+"""Curves of a segment's free smooth continuum."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +48,7 @@ class CountsState:
     templates: Templates
     scores: ScoreTests
     windows: WindowScan
+    quantiles: CumulativeCounts
 
 
 class Counts(Engine):
@@ -85,13 +88,6 @@ class Counts(Engine):
         return self._looked(self.candidates, self.base, templates(self.candidates, self.sources, self.base))
 
     @cached_property
-    def quantiles(self) -> CumulativeCounts:
-        """Cumulative counts, which see broad differences best."""
-        told = counted(self.sources, self.base, self.replicates)
-        measured = (self.sources.counts[0], self.base.expected[0], self.base.jacobian[0])
-        return cumulative_counts(*measured, rng=self._streams["quantiles"], **told)
-
-    @cached_property
     def correction(self) -> Correction | None:
         """The smooth correction without a name."""
         return correction(self.simulator, self.sources, self.base)
@@ -126,6 +122,9 @@ class Counts(Engine):
         scanned = scan_windows(
             sources.counts[0], fitted.expected[0], fitted.jacobian[0], sources.edges, rng=second, **told
         )
+        curve = cumulative_counts(
+            sources.counts[0], fitted.expected[0], fitted.jacobian[0], rng=self._streams["quantiles"], **told
+        )
         return Look(
             entries=self.entries,
             owner=found.owner,
@@ -135,8 +134,9 @@ class Counts(Engine):
             kept=tested.kept[0],
             smallest_detectable=tested.smallest_detectable()[0],
             null=null,
-            p_rest=scanned.p_overall,
-            state=CountsState(here, fitted, found, tested, scanned),
+            # Windows and cumulative counts share what the library leaves of the chance of a false alarm.
+            p_rest=min(1.0, 2.0 * min(scanned.p_overall, curve.p_global)),
+            state=CountsState(here, fitted, found, tested, scanned, curve),
         )
 
     def fitted(self, seen: Look, keys: Sequence[str], behind: Profile | None) -> list[Profile]:
@@ -147,14 +147,30 @@ class Counts(Engine):
             for key in keys
         ]
 
-    def compared(self, models: Sequence[Profile], seen: Look) -> tuple[Comparison, ...]:  # noqa: ARG002
-        """Cox's test against the best; of the same effects in another order only the best counts."""
+    def compared(
+        self,
+        models: Sequence[Profile],
+        seen: Look,  # noqa: ARG002
+        *,
+        first: str | None = None,
+    ) -> tuple[Comparison, ...]:
+        """Cox's test against the best; of the same effects in another order only the best counts.
+
+        With two effects much can be imitated: models that begin with the one that is best alone give way to
+        others only where these are better by more than two paired errors.
+        """
         best: dict[tuple[str, ...], Profile] = {}
         for one in models:
             effects = tuple(sorted(one.path))
             if effects not in best or one.gain > best[effects].gain + SAME:
                 best[effects] = one
-        return tuple(confidence_set(list(best.values()), self.sources))
+        ranked = sorted(best.values(), key=lambda one: one.merit, reverse=True)
+        begun = next((one for one in ranked if one.path[0] == first), ranked[0])
+        apart = np.log(ranked[0].fit.expected[0] / begun.fit.expected[0])
+        error = float(np.sqrt((self.sources.counts[0] * apart**2).sum()))
+        if ranked[0].merit - begun.merit <= self.thresholds.errors * error:
+            ranked.insert(0, ranked.pop(ranked.index(begun)))
+        return tuple(confidence_set(ranked, self.sources))
 
     def scored(self, rounds: Sequence[Round]) -> HeldOut:
         """Before, the name, its rivals, `unnamed` and random shapes on folds of thinned counts."""
@@ -176,36 +192,93 @@ class Counts(Engine):
 
     def amplitudes(self, rounds: Sequence[Round]) -> tuple[Amplitude, ...]:
         """From the half of the counts that had no say."""
-        places = self._places(rounds[-1].best)
+        best: Profile = rounds[-1].best
+        simulator, start = best.candidate.simulator, best.fit.theta
+        if any(entry.origin == "source" for entry in best.entries):
+            # What catalogues leave free beside whatever they claim of a source.
+            simulator, start = floated(
+                simulator, self.entries, best.path, start, channels=self.sources.counts.shape[1]
+            )
+        found = amplitude_places(self.entries, best.path, self.simulator.prior.size)
+        places = [Place(*one, simulator) for one in found]
         streams = self._streams["amplitude"].spawn(len(places))
-        fitted = rounds[-1].best.fit
         return tuple(
-            held_out_amplitude(place, self.sources, fitted, rng=stream)
+            held_out_amplitude(place, self.sources, start, rng=stream)
             for place, stream in zip(places, streams, strict=True)
         )
 
-    def _places(self, best: Profile) -> list[Place]:
-        """Every added effect inside the simulator that has them all."""
-        found = amplitude_places(self.entries, best.path, self.simulator.prior.size)
-        return [Place(*one, best.candidate.simulator) for one in found]
-
     def at_edge(self, rounds: Sequence[Round]) -> list[tuple[str, str]]:
-        """Amplitudes within a hundredth of an end of their priors."""
-        best, found = rounds[-1].best, []
-        for place in self._places(best):
-            value, entry = float(best.fit.theta[0, place.index]), place.entry
-            low, high = entry.parameters[entry.amplitude].support
-            room = EDGE_SHARE * (high - low)
-            # One-sided effects begin at an edge: neutral is none to speak of.
-            if any(abs(value - end) < room and end != entry.neutral for end in (low, high)):
-                found.append((place.key, entry.amplitude))
-        return found
+        """Parameters that stand at a hard limit."""
+        return list(rounds[-1].best.limits)
+
+    def worth(self, rounds: Sequence[Round]) -> tuple[float, ...]:
+        """What the model loses without each effect, the others fitted again.
+
+        Of two of a kind each is what it won when it was added: without the first the other takes its place.
+        """
+        best: Profile = rounds[-1].best
+        if len(best.path) == 1:
+            return (best.merit,)
+        alone = {one.path: one for one in (model for made in rounds for model in made.models)}
+        found, before = [], 0.0
+        for at, key in enumerate(best.path):
+            rest = best.path[:at] + best.path[at + 1 :]
+            if best.path.count(key) > 1 or at == len(best.path) - 1:
+                head = alone.get(best.path[: at + 1])
+                won = (best if head is None else head).merit - before
+            elif rest in alone:
+                won = best.merit - alone[rest].merit
+            else:
+                won = best.merit - self._chain(rest).merit
+            found.append(won)
+            head = alone.get(best.path[: at + 1])
+            before = before if head is None else head.merit
+        return tuple(found)
+
+    def _chain(self, path: Sequence[str]) -> Profile:
+        """The model with some effects, fitted one after the other."""
+        seen, model = self._first, None
+        for key in path:
+            (model,) = self.fitted(seen, [key], model)
+            seen = self.after(model)
+        assert model is not None
+        return model
+
+    def lost(self, rounds: Sequence[Round]) -> tuple[tuple[str, ...], ...]:
+        """By joint score tests with every scanned shape of the library, and with a free smooth continuum."""
+        best: Profile = rounds[-1].best
+        shapes = self._first.state.templates
+        ratio = best.fit.expected / np.maximum(self.base.expected, 1e-12)
+        scaled = replace(shapes, values=shapes.values * ratio[:, None])
+        smooth = curves(self.simulator, self.sources.counts.shape[1], most=SMOOTH)
+        single = {one.path[0]: one.gain for made in rounds for one in made.models if len(one.path) == 1}
+        found = []
+        for at, key in enumerate(best.path):
+            # Both together explain at least what the effect does alone: what the other cannot do is kept.
+            least = single.get(key, -np.inf) - LEAST**2 / 2.0
+            kept = frozenset(other for other, gain in single.items() if gain <= least)
+            part = effect_part(best, at)
+            found.append(loses(part, self.sources.counts[0], scaled, self.entries, smooth, kept=kept))
+        return tuple(found)
+
+    def place(self, model: Profile, at: int) -> tuple[float, float] | None:
+        """The channels that hold the middle 80% of what an effect changes, by its significance."""
+        parts = [part for part in self.sources.segments if part.role == "source" and part.unit == "keV"]
+        if not parts:
+            return None
+        part = parts[0]
+        change = effect_part(model, at).change[part.start : part.stop]
+        mean = np.maximum(model.fit.expected[0, part.start : part.stop], 1e-12)
+        share = np.cumsum(change**2 / mean)
+        edges = self.sources.edges[part.start : part.stop]
+        first, stop = np.searchsorted(share, [0.1 * share[-1], 0.9 * share[-1]])
+        return float(edges[first].min()), float(edges[min(stop, len(edges) - 1)].max())
 
     def located(self) -> Mapping[str, float]:
         """Global p of windows and of cumulative counts."""
         return {
             "p_windows": self._first.state.windows.p_overall,
-            "p_quantiles": self.quantiles.p_global,
+            "p_quantiles": self._first.state.quantiles.p_global,
         }
 
     def regions(self) -> tuple[Region, ...]:
@@ -217,11 +290,16 @@ class Counts(Engine):
         fitted = self.base if model is None else model.fit
         return float(deviance(self.sources.counts[0], fitted.expected[0]))
 
-    def state(self, model: Profile | None) -> Mapping[str, float]:
-        """Theta."""
+    def state(self, model: Profile | None) -> FitState:
+        """Theta with intervals from Fisher's information."""
         simulator = self.simulator if model is None else model.candidate.simulator
-        theta = (self.base if model is None else model.fit).theta[0]
-        return dict(zip(simulator.prior.names, map(float, theta), strict=True))
+        fitted, counts = (self.base if model is None else model.fit), self.sources.counts[0]
+        found = estimates(simulator.prior, fitted)
+        return FitState(found, float(deviance(counts, fitted.expected[0]) * len(counts)), len(counts))
+
+    def regions_of(self, seen: Look) -> tuple[Region, ...]:
+        """The windows that stand out in a look."""
+        return window_regions(seen.state.windows, self.sources)
 
     def data(self) -> DataSaid:
         """What was searched."""
@@ -236,7 +314,9 @@ class Counts(Engine):
     def groups(self, rounds: Sequence[Round], model: Profile | None) -> Mapping[str, xr.Dataset]:  # noqa: ARG002
         """Counts before and after, windows, cumulative counts, and the shape of what has no name."""
         after = None if model is None else model.fit
-        groups = counted_arrays(self.sources, self.base, after, self._first.state.windows, self.quantiles)
+        groups = counted_arrays(
+            self.sources, self.base, after, self._first.state.windows, self._first.state.quantiles
+        )
         if "correction" in self.__dict__ and self.correction is not None:
             one = self.correction
             shape = {name: ("channel", getattr(one, name)) for name in ("factor", "low", "high")}

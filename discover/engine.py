@@ -16,10 +16,21 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.held_out import HeldOut
-from gaugeblock.discovery.result import Amplitude, Catalogue, DataSaid, Region
+from gaugeblock.discovery.result import (
+    Amplitude,
+    Catalogue,
+    DataSaid,
+    Estimate,
+    FitState,
+    Identification,
+    Region,
+)
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.protocol import HasGaps
 from gaugeblock.validate.finding import NotChecked
+
+LIMIT = 25.0
+"""Nats by which an effect is demoted that has to stand at a hard limit."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,12 +48,12 @@ class Thresholds:
     it."""
     critical: float = 2.5
     """Standard normal quantile at which an effect leaves the set; 0.6% of true ones would."""
+    errors: float = 2.0
+    """Paired errors of the held-out score within which a rival shares the set."""
     margin: float = 1.0
     """Held-out log score (nats) by which a name must beat what it is told apart from."""
     smooth: float = 1.0
     """Nats by which a smooth correction must beat a name to take its place; a tie within it joins the set."""
-    smooth_left: float = -1.0
-    """The same where a disagreement is left."""
     alone: int = 1
     """Effects beyond which a first name does not stand alone: from two on, a shape that no library has can be
     put together."""
@@ -126,6 +137,11 @@ class Look:
         """Global p of any disagreement (Bonferroni, where more is looked at than the library)."""
         return self.p_effects if self.p_rest is None else min(1.0, 2.0 * min(self.p_effects, self.p_rest))
 
+    @property
+    def strength(self) -> float:
+        """Log likelihood that the strongest candidate promises."""
+        return max(float(self.z.max()), 0.0) ** 2 / 2.0
+
     def best(self, key: str) -> int:
         """The template of an effect with the largest z."""
         mine = np.flatnonzero(self.owner == key)
@@ -159,12 +175,14 @@ class Extension:
     """The model with effects: `path` in the order they were added, the last one fitted with everything else.
 
     `gain` is the log likelihood won over what the models of its round are compared with, `size` the number of
-    parameters that won it.
+    parameters that won it, `cost` what their priors take for it beside (`LibraryEffect.cost`, and `LIMIT` for
+    a value that stands at a hard limit).
     """
 
     path: tuple[str, ...]
     gain: float
     size: int
+    cost: float = field(default=0.0, kw_only=True)
 
     @property
     def label(self) -> str:
@@ -173,8 +191,8 @@ class Extension:
 
     @property
     def merit(self) -> float:
-        """Gain in log likelihood less the number of parameters that won it (Akaike)."""
-        return self.gain - self.size
+        """Gain in log likelihood less the number of parameters that won it (Akaike) and what they cost."""
+        return self.gain - self.size - self.cost
 
     @property
     def values(self) -> Mapping[str, float]:
@@ -256,8 +274,13 @@ class Engine(Protocol):
     def fitted(self, seen: Look, keys: Sequence[str], behind: Any) -> list[Any]:
         """The model behind which a look was taken (None: as given), with each of some effects more."""
 
-    def compared(self, models: Sequence[Any], seen: Look) -> tuple[Comparison, ...]:
-        """Models of one round against the best of them, which comes first."""
+    def compared(
+        self, models: Sequence[Any], seen: Look, *, first: str | None = None
+    ) -> tuple[Comparison, ...]:
+        """Models of one round against the best of them, which comes first.
+
+        `first` is the effect that was best alone: what ties with a model that begins with it gives way.
+        """
 
     def scored(self, rounds: Sequence[Round]) -> HeldOut | None:
         """The model before, the named one, rivals and decoys on held-out data; None where none can be."""
@@ -265,6 +288,37 @@ class Engine(Protocol):
     def holds(self, rounds: Sequence[Round], scored: HeldOut | None) -> bool:  # noqa: ARG002
         """Whether the last effect earns its place beside those before it; all may stand or fall together."""
         return True
+
+    def simple(self, model: Any) -> bool:
+        """Whether a model's one effect is an instrument's with one parameter."""
+        entry = self.entries.get(model.path[-1])
+        return len(model.path) == 1 and entry is not None and entry.origin == "instrument" and model.size == 1
+
+    def worth(self, rounds: Sequence[Round]) -> tuple[float, ...]:
+        """Nats that each effect of the last round's best model wins, everything else in the model."""
+        return tuple(one.best.merit for one in rounds)
+
+    def lost(self, rounds: Sequence[Round]) -> tuple[tuple[str, ...], ...] | None:  # noqa: ARG002
+        """Beside which effects each of them loses its sign or its significance, ``"unnamed"`` being a free
+        smooth continuum; None where that is not looked at.
+        """
+        return None
+
+    def regions_of(self, seen: Look) -> tuple[Region, ...]:  # noqa: ARG002
+        """Where something stands out in a look; nothing where only the first is kept."""
+        return ()
+
+    def identified(
+        self,
+        effect: str,  # noqa: ARG002
+        parameters: Mapping[str, Estimate],  # noqa: ARG002
+    ) -> tuple[Sequence[Identification], Sequence[str]]:
+        """Known lines or edges at the energy that an effect has, and remarks on those near it."""
+        return (), ()
+
+    def place(self, model: Any, at: int) -> tuple[float, float] | None:  # noqa: ARG002
+        """Where an effect of a model does most, in keV; None where channels have no energies."""
+        return None
 
     def amplitudes(self, rounds: Sequence[Round]) -> tuple[Amplitude, ...]:
         """The amplitude of every effect of the last round's best model."""
@@ -282,8 +336,8 @@ class Engine(Protocol):
     def gap(self, model: Any) -> float:
         """The gap on all data, of a model with effects or (None) as it was given."""
 
-    def state(self, model: Any) -> Mapping[str, float]:
-        """The fitted parameters of a model with effects or (None) as it was given."""
+    def state(self, model: Any) -> FitState:
+        """The fit of a model with effects or (None) as it was given."""
 
     def data(self) -> DataSaid:
         """What was searched."""

@@ -18,8 +18,8 @@ BEFORE, NAMED, RIVAL, UNNAMED, RANDOM = "before", "named", "rival", "unnamed", "
 class HeldOut:
     """Scores of models on the pieces (folds, sources, data sets) that did not train them; `BEFORE` is first.
 
-    `log_score` ``(model, piece)`` in nats; `error` ``(model,)`` of the gain over the first; `deviance`
-    ``(model, piece)`` the gap of each piece.
+    `log_score` ``(model, piece)`` in nats; `error` ``(model, model)`` of the gain of one over the other, NaN
+    where it is not known; `deviance` ``(model, piece)`` the gap of each piece.
     """
 
     names: tuple[str, ...]
@@ -33,9 +33,14 @@ class HeldOut:
         total = self.log_score.sum(axis=1)
         return float(total[self.names.index(name)] - total[0 if over is None else self.names.index(over)])
 
-    def error_of(self, name: str) -> float:
-        """Standard error of the gain over the first."""
-        return float(self.error[self.names.index(name)])
+    def error_of(self, name: str, *, over: str | None = None) -> float:
+        """Standard error of the gain over another model; without one over the first."""
+        return float(self.error[self.names.index(name), 0 if over is None else self.names.index(over)])
+
+    def behind(self, name: str, best: str) -> float:
+        """By how many paired errors a model is behind another; 0 where it is ahead or nothing is known."""
+        lead, error = self.gain(best, over=name), self.error_of(best, over=name)
+        return lead / error if lead > 0 and error > 0 else 0.0
 
     def gap(self, name: str) -> tuple[float, float]:
         """Mean gap over pieces, and its standard error from their scatter."""

@@ -13,21 +13,24 @@ from gaugeblock.discovery.confirm.evidence import delta_log_evidence
 from gaugeblock.discovery.confirm.split_ratio import split_likelihood_ratio
 from gaugeblock.discovery.counts import Counts
 from gaugeblock.discovery.engine import Engine
-from gaugeblock.discovery.held_out import BEFORE, NAMED
+from gaugeblock.discovery.held_out import BEFORE, NAMED, UNNAMED
 from gaugeblock.discovery.result import (
     CandidateSaid,
     Decoy,
     Disagreement,
     Discovery,
     EffectSaid,
+    Estimate,
     EValueSaid,
     EvidenceSaid,
     FitSaid,
     Gap,
     Sides,
+    Statement,
     UnderPrior,
     Withdrawn,
 )
+from gaugeblock.discovery.wording import sentence
 from gaugeblock.discovery.workflow import Searched
 from gaugeblock.validate.finding import NotChecked
 
@@ -41,7 +44,7 @@ def recorded(engine: Engine, found: Searched) -> Discovery:
     """Everything that was found, in the keys of discovery.json and the groups of discovery.nc."""
     decision, first = found.decision, found.first
     name = str(getattr(engine.simulator, "model", type(engine.simulator).__name__))
-    added = decision.named_all
+    added = decision.added
     model = found.rounds[-1].best if added else None
     stopped = engine.at_edge(found.rounds) if added else []
     edges = [
@@ -50,6 +53,7 @@ def recorded(engine: Engine, found: Searched) -> Discovery:
         for effect, parameter in stopped
     ]
     return Discovery(
+        statements=_statements(engine, found),
         named=decision.named,
         named_all=added,
         indistinguishable=decision.indistinguishable,
@@ -80,6 +84,42 @@ def recorded(engine: Engine, found: Searched) -> Discovery:
         data=engine.data(),
         tree=_tree(engine, found),
     )
+
+
+def _statements(engine: Engine, found: Searched) -> tuple[Statement, ...]:
+    """Every claim with its size, its place, and what is known to be there."""
+    made: list[Statement] = []
+    model = found.rounds[-1].best if found.decision.added else None
+    limits = engine.at_edge(found.rounds) if model is not None else []
+    for claim in found.decision.claims:
+        entry, parameters, place, region = None, {}, None, None
+        if claim.at is None or claim.effect == UNNAMED:
+            shown = engine.regions_of(found.last) if made else engine.regions()
+            region = next(iter(shown), None)
+            if region is not None and region.unit == "keV":
+                place = (region.lo, region.hi)
+        else:
+            entry, one = engine.entries[claim.effect], found.amplitudes[claim.at]
+            size = {one.parameter: Estimate(one.value, *one.interval)}
+            both = {**one.others, **size}
+            parameters = {name: both[name] for name in entry.parameters if name in both}
+            place = engine.place(model, claim.at)
+        known, near = engine.identified(claim.effect, parameters)
+        text = sentence(
+            claim.alike, evidence=claim.evidence, certain=claim.certain, probability=claim.probability,
+            parameters=parameters, units={} if entry is None else entry.units,
+            identification=known, near=near,
+            place=place, region=region, beyond=bool(made),
+            limits=[name for effect, name in limits if effect == claim.effect],
+        )  # fmt: skip
+        low, high = (None, None) if place is None else place
+        made.append(
+            Statement(
+                claim.effect, claim.alike, claim.certain, claim.probability, claim.evidence, tuple(known),
+                parameters, low, high, text,
+            )
+        )  # fmt: skip
+    return tuple(made)
 
 
 def _candidates(engine: Engine, found: Searched) -> tuple[CandidateSaid, ...]:
@@ -114,7 +154,7 @@ def _candidates(engine: Engine, found: Searched) -> tuple[CandidateSaid, ...]:
 
 
 def _gap(engine: Engine, found: Searched) -> Gap:
-    model = found.rounds[-1].best if found.decision.named_all else None
+    model = found.rounds[-1].best if found.decision.added else None
     inside = Sides(engine.gap(None), None if model is None else engine.gap(model))
     outside, scored = Sides(None, None), found.held_out
     if scored is not None:
@@ -139,7 +179,7 @@ def _decoys(found: Searched) -> tuple[Decoy, ...]:
 
 
 def _tree(engine: Engine, found: Searched) -> xr.DataTree:
-    model = found.rounds[-1].best if found.decision.named_all else None
+    model = found.rounds[-1].best if found.decision.added else None
     keys = list(engine.entries)
     likeness = engine.likeness(found.first, [found.first.best(key) for key in keys])
     groups = {

@@ -80,6 +80,46 @@ class CandidateSaid:
 
 
 @dataclass(frozen=True)
+class Estimate:
+    """A value with its 90% interval; None where there is none."""
+
+    value: float
+    low: float | None = None
+    high: float | None = None
+
+
+@dataclass(frozen=True)
+class Identification:
+    """A known line or edge at an energy at rest, and the chance that one of the list is as near by chance."""
+
+    name: str
+    energy_kev: float
+    chance: float
+
+
+@dataclass(frozen=True)
+class Statement:
+    """One thing that is claimed: an effect, or ``"unnamed"``, and those that data cannot tell from it.
+
+    `certain` says that the excess is there, whatever its name; `probability` that one of `indistinguishable`
+    is right; `evidence` what it wins in nats. `parameters` with 90% intervals, energies as recorded, from
+    counts that chose neither name nor energy where `text` says so; `energy_lo_kev` and `energy_hi_kev` are
+    where it acts.
+    """
+
+    effect: str
+    indistinguishable: tuple[str, ...]
+    certain: bool
+    probability: float
+    evidence: float
+    identification: tuple[Identification, ...]
+    parameters: Mapping[str, Estimate]
+    energy_lo_kev: float | None
+    energy_hi_kev: float | None
+    text: str
+
+
+@dataclass(frozen=True)
 class Beside:
     """An amplitude once nuisances that all sources share have taken their part."""
 
@@ -90,7 +130,10 @@ class Beside:
 
 @dataclass(frozen=True)
 class Amplitude:
-    """An amplitude with its interval; `held_out` says whether from data that did not choose the effect."""
+    """An amplitude with its interval; `held_out` says whether from data that did not choose the effect.
+
+    `others` are the effect's other parameters in the same fit.
+    """
 
     effect: str
     parameter: str
@@ -102,15 +145,19 @@ class Amplitude:
     held_out: bool
     standard_error: float | None = None
     beside_nuisances: Beside | None = None
+    others: Mapping[str, Estimate] = field(default_factory=dict)
 
     @classmethod
     def of(
         cls, effect: str, entry: LibraryEffect, value: float, interval: tuple[float, float], *,
         level: float = 0.9, held_out: bool = False, error: float | None = None, beside: Beside | None = None,
+        others: Mapping[str, Estimate] | None = None,
     ) -> Amplitude:  # fmt: skip
         """Of an effect of the library, with its names and unit."""
         name, unit = entry.amplitude, entry.units.get(entry.amplitude, "")
-        return cls(effect, name, value, interval, level, unit, entry.neutral, held_out, error, beside)
+        return cls(
+            effect, name, value, interval, level, unit, entry.neutral, held_out, error, beside, others or {}
+        )
 
 
 @dataclass(frozen=True)
@@ -191,22 +238,29 @@ class DataSaid:
 
 
 @dataclass(frozen=True)
-class FitSaid:
-    """Fitted parameters by name, before and after the named effects are in the model.
-
-    Of many sources or data sets: ``median[name] low[name] high[name]`` over them (50, 16, 84%).
+class FitState:
+    """A fit: `parameters` by name with 90% intervals (of many sources or data sets their median, 16 and 84%);
+    `statistic` the deviance over all `bins`, which is Cash's where counts are Poisson; None where not taken.
     """
 
-    before: Mapping[str, float]
-    after: Mapping[str, float] | None
+    parameters: Mapping[str, Estimate]
+    statistic: float | None = None
+    bins: int | None = None
 
 
-def spread(names: Sequence[str], rows: Any) -> dict[str, float]:
-    """Median, low and high ``(3, parameter)`` over sources or data sets, named as in `FitSaid`."""
+@dataclass(frozen=True)
+class FitSaid:
+    """The fit before and after the named effects are in the model."""
+
+    before: FitState
+    after: FitState | None
+
+
+def spread(names: Sequence[str], rows: Any) -> dict[str, Estimate]:
+    """Median, low and high ``(3, parameter)`` over sources or data sets, by name."""
     return {
-        f"{word}[{name}]": float(value)
-        for word, row in zip(("median", "low", "high"), rows, strict=True)
-        for name, value in zip(names, row, strict=True)
+        name: Estimate(*map(float, column))
+        for name, column in zip(names, zip(*rows, strict=True), strict=True)
     }
 
 
@@ -242,8 +296,11 @@ class Discovery:
 
     Attributes
     ----------
+    statements : tuple of Statement
+        What is claimed, in order; what remains comes last.
     named : str or None
-        The first effect found, ``"unnamed"``, or None.
+        The first certain name; ``"unnamed"`` if an excess is certain but no name; the likeliest name where
+        nothing is certain; or None.
     named_all : tuple of str
         The effects in the order they were added.
     indistinguishable : tuple of str
@@ -252,6 +309,7 @@ class Discovery:
         Arrays behind it, as in discovery.nc.
     """
 
+    statements: tuple[Statement, ...]
     named: str | None
     named_all: tuple[str, ...]
     indistinguishable: tuple[str, ...]

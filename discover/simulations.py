@@ -18,7 +18,7 @@ from gaugeblock.discovery.arrays import places
 from gaugeblock.discovery.engine import Comparison, Engine, Look, Round, Thresholds, beyond
 from gaugeblock.discovery.held_out import HeldOut
 from gaugeblock.discovery.library import amplitude_places
-from gaugeblock.discovery.result import Amplitude, DataSaid, Region
+from gaugeblock.discovery.result import Amplitude, DataSaid, Estimate, FitState, Region
 from gaugeblock.discovery.simulated.before import FEWEST, prepare
 from gaugeblock.discovery.simulated.extend import Extended, departure_from, extended_by, refine
 from gaugeblock.discovery.simulated.features import Summaries
@@ -43,7 +43,6 @@ SIMULATIONS = Thresholds(
     beam=1,
     ended=1.0,  # moments see what the library cannot: any disagreement left takes the name away
     smooth=float("inf"),  # moved moments are a Gaussian's, no rival that could have been simulated
-    smooth_left=float("inf"),
     alone=10**6,  # a second effect was asked for
     rivals=10**6,  # all that were fitted: they are few
     decoys=3,
@@ -146,7 +145,13 @@ class Simulations(Engine):
         hopeful = max(one.merit for one in made) - self.thresholds.behind
         return [refine(one, seen.state, base, observed) if one.merit >= hopeful else one for one in made]
 
-    def compared(self, models: Sequence[Extended], seen: Look) -> tuple[Comparison, ...]:  # noqa: ARG002
+    def compared(
+        self,
+        models: Sequence[Extended],
+        seen: Look,  # noqa: ARG002
+        *,
+        first: str | None = None,  # noqa: ARG002
+    ) -> tuple[Comparison, ...]:
         """Cox's test with simulated moments against the best: of most merit, among those that leave
         nothing to explain, if any do.
         """
@@ -234,13 +239,13 @@ class Simulations(Engine):
         fitted = self._before.fit if model is None else model.fit
         return gap(fitted, self._before.observed)
 
-    def state(self, model: Extended | None) -> Mapping[str, float]:
+    def state(self, model: Extended | None) -> FitState:
         """The population of theta, and values of the effects."""
         fitted = self._before.fit if model is None else model.fit
         one, state = fitted.model, fitted.state
         added = one.simulator.prior.names[one.population.prior.size :]
-        values = dict(zip(added, map(float, state[one.hyper :]), strict=True))
-        return one.population.described(state[: one.hyper]) | values
+        values = dict(zip(added, map(Estimate, map(float, state[one.hyper :])), strict=True))
+        return FitState(one.population.described(state[: one.hyper]) | values)
 
     def data(self) -> DataSaid:
         """What was searched."""

@@ -45,10 +45,14 @@ def search(engine: Engine, *, step: Step = quiet) -> Searched:
     while len(rounds) > 1 and not engine.holds(rounds, scored):
         taken_back, last, rounds = rounds[-1].best.path[-1], rounds[-1].seen, rounds[:-1]
         scored = engine.scored(rounds)
-    decision = decide(thresholds, first, rounds, last, scored, held=engine.held, taken_back=taken_back)
-    if rounds:
+    worth, lost = (engine.worth(rounds), engine.lost(rounds)) if rounds else ((), None)
+    decision = decide(
+        thresholds, first, rounds, last, scored,
+        worth=worth, lost=lost, held=engine.held, taken_back=taken_back,
+    )  # fmt: skip
+    if decision.added:
         step("measuring the amplitude")
-    amplitudes = engine.amplitudes(rounds) if decision.named_all else ()
+    amplitudes = engine.amplitudes(rounds) if decision.added else ()
     return Searched(first, rounds, last, scored, amplitudes, decision)
 
 
@@ -71,13 +75,18 @@ def _rounds(engine: Engine, first: Look, step: Step) -> tuple[tuple[Round, ...],
         if len(rounds) == 1:
             best = rounds[0].best
             near = [one for one in rounds[0].models[1:] if one.gain >= 0.5 * best.gain]
-            beam += near[: thresholds.beam - 1]
+            near = near[: thresholds.beam - 1]
+            # An instrument's one parameter says most with least: it stands in pairs even where shapes that
+            # can take any form are ahead of it alone.
+            alone = [one for one in rounds[0].models[1:] if engine.simple(one) and one not in near]
+            beam += near + [one for one in alone[:1] if best.size > 1 and one.gain >= 0.3 * best.gain]
             looks += [engine.after(one) for one in beam[1:]]
         models = [
             model
             for seen, behind in zip(looks, beam, strict=True)
             for model in engine.fitted(seen, promising(seen, thresholds, behind), behind)
         ]
-        rounds.append(Round(last, engine.compared(models, last)))
+        begun = rounds[0].best.path[0] if rounds else None
+        rounds.append(Round(last, engine.compared(models, last, first=begun)))
         last = engine.after(rounds[-1].best)
     return tuple(rounds), last

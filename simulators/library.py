@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import product
 from typing import Any, Literal
@@ -16,6 +16,14 @@ from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.marginals import Marginal
 
 Origin = Literal["source", "instrument"]
+
+AT = 0.001
+"""Share of a prior's range within which a value is at its end."""
+
+FALL = 3.0
+"""Nats that the prior loses with every factor of e beyond a usual range."""
+
+TINY = 1e-300
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -49,6 +57,15 @@ class LibraryEffect(Value):
         Whether it belongs to what is observed or to what observes: an instrument's is shared by all sources.
     energies : tuple of str
         Parameters that are energies (or widths) in the rest frame of the source.
+    usual : mapping of str to (float, float)
+        Ranges that parameters, or what is `derived` from them, usually have, above 0 or about neutral. Beyond
+        one the prior falls as the cube: `cost` says by how much.
+    derived : mapping of str to callable
+        Physical sizes, from the parameters' values by name.
+    ends : tuple of str
+        Parameters other than the amplitude whose upper end is a hard limit: a value there is none.
+    odds : float
+        Prior odds, those of the commonest effects being 1.
     kind : object
         Passed on in `Effect.kind`, for an effect of the user's own.
 
@@ -70,6 +87,10 @@ class LibraryEffect(Value):
     typical: str
     origin: Origin = "source"
     energies: tuple[str, ...] = ()
+    usual: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    derived: Mapping[str, Callable[[Mapping[str, float]], float]] = field(default_factory=dict)
+    ends: tuple[str, ...] = ()
+    odds: float = 1.0
     kind: Any = None
 
     def __post_init__(self) -> None:
@@ -84,6 +105,40 @@ class LibraryEffect(Value):
                 f"effect {self.name}: the prior of {self.amplitude} must hold {self.neutral:g} and "
                 f"{self.neutral + self.step:g}, it reaches from {low:g} to {high:g}"
             )
+
+    def at_limit(self, values: Mapping[str, float]) -> tuple[str, ...]:
+        """Parameters whose values stand at a hard limit: the amplitude at either end but neutral, and `ends`.
+
+        At means within a hundredth of the prior's range.
+        """
+        found = []
+        for name in (self.amplitude, *self.ends):
+            marginal = self.parameters[name]
+            low, high = marginal.support
+            at = float(np.asarray(marginal.to_unit(np.clip(values[name], low, high))))
+            below = at < AT and name == self.amplitude and low != self.neutral
+            if below or (at > 1.0 - AT and high != self.neutral):
+                found.append(name)
+        return tuple(found)
+
+    def cost(self, values: Mapping[str, float]) -> float:
+        """Log prior odds (nats) that the effect gives away with these values, besides its parameters' number.
+
+        Its own odds, and three nats for every factor of e beyond a usual range; of the amplitude it is the
+        departure from neutral that counts.
+        """
+        total = -float(np.log(self.odds))
+        for name, (low, high) in self.usual.items():
+            value = self.derived[name](values) if name in self.derived else values[name]
+            if name == self.amplitude:
+                value, low, high = (
+                    abs(value - self.neutral),
+                    0.0,
+                    max(self.neutral - low, high - self.neutral),
+                )
+            below = np.log(low / max(value, TINY)) if low > 0 else 0.0
+            total += FALL * max(float(below), float(np.log(max(value, TINY) / high)), 0.0)
+        return total
 
     @property
     def two_sided(self) -> bool:

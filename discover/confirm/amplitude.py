@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 from scipy.stats import chi2
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.confirm.thinning import thin
+from gaugeblock.discovery.coordinates import Coordinates
 from gaugeblock.discovery.fitting import Fit, fit
-from gaugeblock.discovery.result import Amplitude
+from gaugeblock.discovery.result import Amplitude, Estimate
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
 
@@ -34,17 +36,18 @@ class Place:
 
 
 def held_out_amplitude(
-    place: Place, sources: Sources, fitted: Fit, *, rng: np.random.Generator, level: float = 0.9
+    place: Place, sources: Sources, start: Array, *, rng: np.random.Generator, level: float = 0.9
 ) -> Amplitude:
     """Choose the effect's other parameters on one half of the counts, take its amplitude from the other.
 
     An amplitude from the data that singled the effect out is biased away from neutral (a true 3 sigma seen
-    past a threshold of 4 reads 1.5 times too large); the half that had no say is not.
+    past a threshold of 4 reads 1.5 times too large); the half that had no say is not. Fits begin at `start`
+    ``(1, parameter)``.
     """
     first, second = thin(sources.counts[0], 2, rng)
     half = sources.scale / 2.0
-    chosen = fit(place.simulator, first[None], scale=half, start=fitted.theta)
-    both = np.stack([chosen.theta, fitted.theta], axis=1)
+    chosen = fit(place.simulator, first[None], scale=half, start=start)
+    both = np.stack([chosen.theta, start], axis=1)
     again = fit(place.simulator, second[None], scale=half, start=both)
     return profile_interval(place, second, float(half[0]), again, level=level, held_out=True)
 
@@ -72,7 +75,27 @@ def profile_interval(
     )
     rise = 2.0 * (rows.objective - min(rows.objective.min(), fitted.objective[0]))
     interval = _crossings(grid, rise, value, float(chi2.ppf(level, 1)))
-    return Amplitude.of(place.key, entry, value, interval, level=level, held_out=held_out)
+    first = index - list(entry.parameters).index(entry.amplitude)
+    all_of = list(estimates(place.simulator.prior, fitted, level=level).values())
+    others = dict(zip(entry.parameters, all_of[first : first + len(entry.parameters)], strict=True))
+    del others[entry.amplitude]
+    return Amplitude.of(place.key, entry, value, interval, level=level, held_out=held_out, others=others)
+
+
+def estimates(prior: Any, fitted: Fit, *, level: float = 0.9) -> dict[str, Estimate]:
+    """Every parameter of one source's fit, with the interval by Fisher's information, inside its prior."""
+    coordinates = Coordinates(prior)
+    errors = np.array([_standard_error(fitted, i) for i in range(prior.size)])
+    half = float(ndtri(0.5 + level / 2.0)) * errors
+    place = coordinates.of(fitted.theta[0])
+    low, high = (coordinates.theta(coordinates.clip(place + move)) for move in (-half, half))
+    made = {}
+    for i, name in enumerate(prior.names):
+        value = float(fitted.theta[0, i])
+        # Where counts do not change with a parameter they say nothing of it.
+        ends = (float(low[i]), float(high[i])) if errors[i] > 2e-9 else (None, None)
+        made[name] = Estimate(value, *ends)
+    return made
 
 
 def _standard_error(fitted: Fit, index: int) -> float:

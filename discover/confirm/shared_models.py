@@ -75,7 +75,8 @@ def source_scores(
                 gains[i][m, rows] = fits[i].objective[rows] - judged.objective
                 gaps[i][m, rows] = deviance(groups[i].counts[rows], judged.expected)
     gain = np.concatenate(gains, axis=1)
-    error = gain.std(axis=1, ddof=1) * np.sqrt(gain.shape[1])
+    apart = gain[:, None] - gain[None]
+    error = apart.std(axis=2, ddof=1) * np.sqrt(gain.shape[1])
     kinds = tuple(model.kind for model in models.values())
     return HeldOut(tuple(models), kinds, gain, error, np.concatenate(gaps, axis=1))
 

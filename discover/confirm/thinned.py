@@ -34,7 +34,7 @@ def thinned_scores(
     """Score models on one source by Poisson thinning: each fold is predicted from all others.
 
     All models see the same folds. The first is the one that the others are compared with; the error of a gain
-    is its standard deviation by the counts alone.
+    of one model over another is its standard deviation by the counts of each channel.
     """
     parts = thin(sources.counts[0], folds, rng)
     train, share = sources.counts[0] - parts, 1.0 / folds
@@ -45,12 +45,15 @@ def thinned_scores(
         trained = fit(model.simulator, train, scale=scale * (1.0 - share), start=start)
         means.append(np.maximum(trained.expected * share / (1.0 - share), TINY))
     mean = np.array(means)
-    log_ratio = np.log(mean / mean[:1])
+    # Var of sum n log(m_i / m_j) is sum n log(m_i / m_j)^2: channel by channel, not fold by fold.
+    log = np.log(mean).reshape(len(mean), -1)
+    weights = parts.ravel()
+    variance = ((log[:, None] - log[None]) ** 2 * weights).sum(axis=-1)
     return HeldOut(
         tuple(models),
         tuple(model.kind for model in models.values()),
         poisson_log_likelihood(mean, parts),
-        np.sqrt((parts * log_ratio**2).sum(axis=(1, 2))),
+        np.sqrt(variance),
         deviance(parts, mean),
     )
 

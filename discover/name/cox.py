@@ -38,8 +38,7 @@ def compare(best: Profile, rival: Profile, sources: Sources) -> Comparison:
     return Comparison(rival, lead, (lead + distance) / np.sqrt(variance))
 
 
-def confidence_set(profiles: list[Profile], sources: Sources) -> list[Comparison]:
-    """Every profile against the best one, which comes first with lead and z of 0; then by lead."""
-    ranked = sorted(profiles, key=lambda one: one.merit, reverse=True)
+def confidence_set(ranked: list[Profile], sources: Sources) -> list[Comparison]:
+    """Every profile against the first one, which comes first with lead and z of 0; then by lead."""
     rest = [compare(ranked[0], rival, sources) for rival in ranked[1:]]
     return [Comparison(ranked[0], 0.0, 0.0), *sorted(rest, key=lambda one: one.lead)]

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.engine import Extension
+from gaugeblock.discovery.engine import LIMIT, Extension
 from gaugeblock.discovery.fitting import Fit, fit, likeliest_draws
 from gaugeblock.discovery.library import Candidate
 from gaugeblock.discovery.name.score import ScoreTests, allowed
 from gaugeblock.discovery.name.shapes import Templates, observed_nodes
 from gaugeblock.discovery.sources import Sources
+from gaugeblock.simulators.library import LibraryEffect
 
 TRIES = 3
 """Scanned values at which a fit begins."""
@@ -26,11 +28,24 @@ BANK, DRAWN = 512, 4
 class Profile(Extension):
     """A candidate, behind effects that were added before, fitted with everything else.
 
-    `gain` is over the model without any of the effects, `size` how many parameters all of them have.
+    `gain` is over the model without any of the effects, `size` how many parameters all of them have;
+    `entries` are the effects of the path, `limits` their parameters that stand at a hard limit.
     """
 
     candidate: Candidate
     fit: Fit
+    entries: tuple[LibraryEffect, ...]
+
+    @property
+    def added(self) -> list[dict[str, float]]:
+        """The parameters of every effect of the path, by name."""
+        return split(self.entries, self.fit.theta[0])
+
+    @property
+    def limits(self) -> list[tuple[str, str]]:
+        """Effects and their parameters that stand at a hard limit."""
+        found = zip(self.path, self.entries, self.added, strict=True)
+        return [(key, name) for key, entry, values in found for name in entry.at_limit(values)]
 
     @property
     def values(self) -> dict[str, float]:
@@ -61,9 +76,22 @@ def profile(
     fitted = fit(candidate.simulator, sources.counts, scale=sources.scale, start=start)
     gain, size = float(base.objective[0] - fitted.objective[0]), len(candidate.entry.parameters)
     path: tuple[str, ...] = (candidate.key,)
+    entries: tuple[LibraryEffect, ...] = (candidate.entry,)
     if behind is not None:
         path, gain, size = (*behind.path, candidate.key), behind.gain + gain, behind.size + size
-    return Profile(path, gain, size, candidate, fitted)
+        entries = (*behind.entries, candidate.entry)
+    added = list(zip(entries, split(entries, fitted.theta[0]), strict=True))
+    cost = sum(entry.cost(values) + LIMIT * bool(entry.at_limit(values)) for entry, values in added)
+    return Profile(path, gain, size, candidate, fitted, entries, cost=cost)
+
+
+def split(entries: Sequence[LibraryEffect], theta: Array) -> list[dict[str, float]]:
+    """Values by name of each effect, whose parameters stand in this order at the end of theta."""
+    found, at = [], len(theta) - sum(len(entry.parameters) for entry in entries)
+    for entry in entries:
+        found.append(dict(zip(entry.parameters, map(float, theta[at:]), strict=False)))
+        at += len(entry.parameters)
+    return found
 
 
 def starts(candidate: Candidate, sources: Sources, base: Fit, found: Templates, tested: ScoreTests) -> Array:

@@ -58,8 +58,14 @@ def effect_templates(candidate: Candidate, sources: Sources, fit: Fit) -> Array:
 
 
 def observed_nodes(candidate: Candidate, sources: Sources) -> Array:
-    """Scanned values ``(source, node, parameter)`` as each source shows them: energies redshifted."""
+    """Scanned values ``(source, node, parameter)`` as each source shows them.
+
+    Of one source they are those of its band, whatever its redshift; of many their energies are at rest, and
+    each source shows them redshifted.
+    """
     nodes = np.repeat(candidate.entry.nodes[None], len(sources), axis=0)
+    if len(sources) == 1:
+        return nodes
     for i, name in enumerate(candidate.entry.parameters):
         if name in candidate.entry.energies:
             nodes[:, :, i] /= 1.0 + sources.redshift[:, None]

@@ -41,8 +41,11 @@ class Correction:
     dimension: float
 
 
-def curves(simulator: Any, channels: int) -> Array:
-    """Cubic B-splines over the source channels, evenly spaced in channels, ``(channel, curve)``."""
+def curves(simulator: Any, channels: int, *, most: int = CURVES) -> Array:
+    """Cubic B-splines over the source channels, evenly spaced in channels, ``(channel, curve)``.
+
+    At most so many a segment.
+    """
     from scipy.interpolate import BSpline
 
     blocks = []
@@ -50,7 +53,7 @@ def curves(simulator: Any, channels: int) -> Array:
         width = segment.stop - segment.start
         if segment.role != "source" or width < 6:
             continue
-        number = int(np.clip(width // 3, 4, CURVES))
+        number = int(np.clip(width // 3, 4, most))
         inner = np.linspace(0.0, 1.0, number - 2)
         knots = np.concatenate([[0.0] * 3, inner, [1.0] * 3])
         place = (np.arange(width) + 0.5) / width

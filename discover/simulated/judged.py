@@ -80,5 +80,6 @@ def learned_scores(
     each = np.array([np.concatenate(parts) for parts in scores])
     # What decoys gain is known of all data sets together only.
     alone = np.array([kind in (UNNAMED, RANDOM) for kind in kinds])
-    error = np.where(alone, np.nan, each.std(axis=1) * np.sqrt(each.shape[1]))
+    error = (each[:, None] - each[None]).std(axis=2) * np.sqrt(each.shape[1])
+    error[alone], error[:, alone] = np.nan, np.nan
     return HeldOut(names, kinds, each, error, gaps)

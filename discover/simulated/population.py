@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.result import spread
+from gaugeblock.discovery.result import Estimate, spread
 from gaugeblock.simulators.prior import Prior
 
 
@@ -58,7 +58,7 @@ class LearnedPopulation:
         found[p : 2 * p] = [-3.0, 1.0]  # from a twentieth of the prior's width to beyond it
         return found
 
-    def described(self, hyper: Array) -> dict[str, float]:
+    def described(self, hyper: Array) -> dict[str, Estimate]:
         """Median of every parameter, and its 16% and 84% quantiles in the population, by name."""
         shape = self._shape(hyper)
         centre = self.centre + self.root @ hyper[: self.prior.size]

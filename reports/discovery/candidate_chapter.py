@@ -9,10 +9,11 @@ import numpy as np
 import xarray as xr
 from markupsafe import Markup
 
+from gaugeblock.discovery.wording import effect_words
 from gaugeblock.reports.cells import cells
 from gaugeblock.reports.discovery.axes import energy_axis, log_axis
 from gaugeblock.reports.discovery.chapter import Chapter, Heading, LeftOut, RowGroup, RowTable
-from gaugeblock.reports.discovery.phrases import effect_words, finite, pick, with_unit
+from gaugeblock.reports.discovery.phrases import finite, pick, with_unit
 from gaugeblock.reports.discovery.read import Missing, attribute, floats, group, texts
 from gaugeblock.reports.section import Panel
 from gaugeblock.reports.svg import Frame, tag

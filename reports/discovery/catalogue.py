@@ -9,9 +9,10 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.discovery.wording import effect_words
 from gaugeblock.reports.discovery.axes import Axis, energy_axis, log_axis
 from gaugeblock.reports.discovery.chapter import Chapter, Heading, LeftOut, RowGroup, RowTable
-from gaugeblock.reports.discovery.phrases import effect_words, finite, pick, with_unit
+from gaugeblock.reports.discovery.phrases import finite, pick, with_unit
 from gaugeblock.reports.discovery.read import Missing, attribute, floats, group, texts
 from gaugeblock.reports.section import Panel
 from gaugeblock.reports.svg import Frame

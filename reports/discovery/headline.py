@@ -6,17 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from gaugeblock.reports.discovery.phrases import (
-    digits_of,
-    effect_phrase,
-    effect_words,
-    energy_range,
-    finite,
-    global_p,
-    pick,
-    with_unit,
-)
-from gaugeblock.reports.words import listed, number, short
+from gaugeblock.discovery.wording import effect_phrase, effect_words
+from gaugeblock.reports.discovery.phrases import digits_of, energy_range, finite, global_p, pick, with_unit
+from gaugeblock.reports.words import listed, number
 
 MEASURE = "mean Poisson deviance per channel"
 """What a gap is, unless a discovery says otherwise."""
@@ -39,18 +31,19 @@ def headline(summary: Mapping[str, Any]) -> Headline:
     kind = kind_of(summary)
     alike = [str(name) for name in summary.get("indistinguishable") or []]
     names = [str(name) for name in summary.get("named_all") or []]
+    texts = [str(one.get("text") or "") for one in summary.get("statements") or []]
     if kind == "nothing":
         word, said = "No disagreement", _nothing(summary)
     elif kind == "withdrawn":
         word, said = "No name holds", [_where(summary), _withdrawn(summary)]
     elif kind == "unnamed":
-        word, said = "Unnamed", [_where(summary), _unnamed(summary)]
+        word, said = "Unnamed", [_where(summary), *texts, shape_shown(summary)]
     elif kind == "set":
         word = listed([effect_words(name) for name in alike], last="or")
-        said = [_where(summary), _set(alike, names), *_gap(summary), *_amplitude(summary)]
+        said = [_where(summary), *texts, *_gap(summary)]
     else:
         word = " + ".join(repeated(name, effect_words(name), names) for name in dict.fromkeys(names))
-        said = [_where(summary), _named(summary, names), *_gap(summary), *_amplitude(summary)]
+        said = [_where(summary), *texts, *_gap(summary)]
     return Headline(kind, word, " ".join(part for part in said if part), figures(summary))
 
 
@@ -118,51 +111,9 @@ def _where(summary: Mapping[str, Any]) -> str:
     return f"{said}, most at {span}: {many}, z = {number(z, 1, sign=True)}."
 
 
-def _named(summary: Mapping[str, Any], names: Sequence[str]) -> str:
-    many = len(names) > 1
-    lacks = [repeated(name, effect_phrase(name), names) for name in dict.fromkeys(names)]
-    said = f"What the model lacks is {listed(lacks)}."
-    rivals = [
-        (str(row.get("effect")), finite(row.get("held_out")))
-        for row in summary.get("candidates") or []
-        if row.get("effect") not in names and finite(row.get("held_out")) is not None
-    ]
-    own = next(
-        (finite(r.get("held_out")) for r in summary.get("candidates") or [] if r.get("effect") == names[0]),
-        None,
-    )
-    if many or own is None or not rivals:
-        return said
-    name, score = max(rivals, key=lambda rival: rival[1] or 0.0)
-    behind = own - (score or 0.0)
-    return (
-        f"{said} The next best candidate, {effect_words(name)}, predicts held-out data "
-        f"{number(behind, 1)} nats worse."
-    )
-
-
-def _set(alike: Sequence[str], names: Sequence[str]) -> str:
-    phrases = [effect_phrase(name) for name in alike]
-    said = (
-        f"What the model lacks is {listed(phrases, last='or')}: these data cannot tell "
-        f"{'which of the two' if len(alike) == 2 else 'which of them'}."
-    )
-    if len(names) > 1:
-        beside = [repeated(name, effect_phrase(name), names[1:]) for name in dict.fromkeys(names[1:])]
-        said += (
-            f" {effect_words(names[0]).capitalize()} left something over, so {listed(beside)} was added too."
-        )
-    return said
-
-
-def _unnamed(summary: Mapping[str, Any]) -> str:
-    others = [name for name in summary.get("indistinguishable") or [] if name != "unnamed"]
-    shown = "; its shape is shown below" if finite(pick(summary, "data", "counts")) is not None else ""
-    said = f"No effect of the library explains it well enough to be named{shown}."
-    if others:
-        nearest = listed([effect_phrase(name) for name in others], last="or")
-        said += f" The nearest is {nearest}, which is not enough."
-    return said
+def shape_shown(summary: Mapping[str, Any]) -> str:
+    """Where the shape of what has no name is, if there is one."""
+    return "Its shape is shown below." if finite(pick(summary, "data", "counts")) is not None else ""
 
 
 def _withdrawn(summary: Mapping[str, Any]) -> str:
@@ -201,23 +152,3 @@ def _gap(summary: Mapping[str, Any]) -> list[str]:
         f"With {it} in the model, the gap on data that did not choose {it} {verb}: {measure} "
         f"{number(before, 3)} before, {number(after, 3)} after."
     ]
-
-
-def _amplitude(summary: Mapping[str, Any]) -> list[str]:
-    said = []
-    for one in amplitudes(summary)[:1]:
-        low, high = (finite(value) for value in (one.get("interval") or (None, None)))
-        unit = str(one.get("unit") or "")
-        if low is None or high is None:
-            continue
-        level = finite(one.get("level")) or 0.9
-        names, effect = list(summary.get("named_all") or []), str(one.get("effect"))
-        whose = f"The {'first ' if names.count(effect) > 1 else ''}{effect_words(effect)}'s"
-        value = finite(one.get("value"))
-        digits = digits_of(value, low, high)
-        said.append(
-            f"{whose} {one.get('parameter')} is {short(value, digits)} "
-            f"({100 * level:.0f}% interval {short(low, digits)} to {with_unit(high, unit, digits)}"
-            f"{', from the held-out half' if one.get('held_out') else ''})."
-        )
-    return said

@@ -10,9 +10,10 @@ import xarray as xr
 from markupsafe import Markup
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.discovery.wording import effect_words
 from gaugeblock.reports.discovery.chapter import Chapter, LeftOut
 from gaugeblock.reports.discovery.headline import MEASURE
-from gaugeblock.reports.discovery.phrases import effect_words, finite, pick
+from gaugeblock.reports.discovery.phrases import finite, pick
 from gaugeblock.reports.discovery.read import Missing, floats, group, texts
 from gaugeblock.reports.section import Panel
 from gaugeblock.reports.svg import Frame, tag

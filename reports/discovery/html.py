@@ -11,14 +11,16 @@ import xarray as xr
 
 from gaugeblock.core.atomic import atomic_path, made_folder, write_atomically
 from gaugeblock.discovery import Discovery
+from gaugeblock.discovery.wording import effect_words
 from gaugeblock.reports.discovery.before_after import after_chapter, before_chapter
+from gaugeblock.reports.discovery.best_fit import fit_chapter
 from gaugeblock.reports.discovery.candidate_chapter import candidate_chapter
 from gaugeblock.reports.discovery.catalogue import catalogue_chapter
 from gaugeblock.reports.discovery.chapter import Chapter, LeftOut
 from gaugeblock.reports.discovery.headline import headline
 from gaugeblock.reports.discovery.held_out import held_out_chapter
 from gaugeblock.reports.discovery.located import located_chapter
-from gaugeblock.reports.discovery.phrases import effect_words, finite, pick
+from gaugeblock.reports.discovery.phrases import finite, pick
 from gaugeblock.reports.discovery.size import amplitude_chapter, evidence_chapter, shape_chapter
 from gaugeblock.reports.machine import plain
 from gaugeblock.reports.page import render
@@ -86,6 +88,7 @@ def _chapters(tree: xr.DataTree, summary: Mapping[str, Any]) -> list[Chapter | L
         candidate_chapter(tree, summary),
         # What is not there because nothing was found is no gap in the report.
         after_chapter(tree, after, sources) if added and counted else None,
+        fit_chapter(summary),
         shape_chapter(tree) if counted and (unnamed or joined) else None,
         held_out_chapter(tree, summary) if added or "held_out" in tree.children else None,
         amplitude_chapter(summary) if added else None,

@@ -8,39 +8,6 @@ from typing import Any
 
 from gaugeblock.reports.words import MINUS, number, short
 
-_PHRASES = {
-    "gain_slope": "a gain slope (channel energies off by a factor)",
-    "gain_offset": "a gain offset (channel energies off by a constant)",
-    "gain_curve": "a gain that bends with energy",
-    "effective_area": "an error of the effective area",
-    "resolution": "a wrong energy resolution",
-    "background": "a background that the model lacks",
-    "pileup": "pile-up",
-    "partial_covering": "partial covering",
-    "ionised_absorber": "an ionised absorber",
-    "reflection": "reflection",
-    "thermal_continuum": "a thermal continuum",
-    "soft_excess": "a soft excess",
-    "unnamed": "something that no effect of the library explains",
-}
-
-
-def effect_phrase(name: str) -> str:
-    """An effect with its article.
-
-    >>> effect_phrase("emission_line"), effect_phrase("time_bin"), effect_phrase("pileup")
-    ('an emission line', 'a time bin', 'pile-up')
-    """
-    if name in _PHRASES:
-        return _PHRASES[name]
-    words = name.replace("_", " ")
-    return f"{'an' if words[:1].lower() in 'aeiou' else 'a'} {words}"
-
-
-def effect_words(name: str) -> str:
-    """An effect's name as words."""
-    return name.replace("_", " ")
-
 
 def energy_range(low: float, high: float, unit: str = "keV") -> str:
     """Ends of a range with as many digits as tell them apart.

@@ -27,7 +27,11 @@ The summary (discovery.json)
         "decoys": [{"name", "kind", "held_out", "held_out_error", "deviance"}]
         "gap": {"measure", "held_out": {..., "before_error", "after_error"},
                 "delta_log_evidence": {"value", "error", "sensitivity": [{"prior", "value"}]}}
-        "fit": {"before": {name: value}, "after"}   of many: median[name] low[name] high[name]
+        "statements": [{"effect", "indistinguishable", "certain", "probability", "evidence", "identification",
+                        "parameters": {name: {"value", "low", "high"}}, "energy_lo_kev", "energy_hi_kev",
+                        "text"}]                    what is claimed, in order
+        "fit": {"before": {"parameters": {name: {"value", "low", "high"}}, "statistic", "bins"}, "after"}
+                                                    of many sources their median, 16 and 84%
         "e_value": {"log", "p", "log_own", "paths"} split likelihood ratio, natural log: log_own of the named
                                                     effects, log with the choice among all paid for
         "disagreement": {..., "p_effects", "p_windows", "p_quantiles", "p_moments", "p_left", "replicates",

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from gaugeblock.discovery.wording import effect_words
 from gaugeblock.reports.discovery.axes import energy_axis
 from gaugeblock.reports.discovery.chapter import Chapter, Heading, LeftOut, RowGroup, RowTable
 from gaugeblock.reports.discovery.headline import amplitudes
-from gaugeblock.reports.discovery.phrases import digits_of, effect_words, finite, pick
+from gaugeblock.reports.discovery.phrases import digits_of, finite, pick
 from gaugeblock.reports.discovery.read import Missing, floats, group, parts
 from gaugeblock.reports.section import Panel
 from gaugeblock.reports.svg import Frame

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,16 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators.marginals import Uniform
 from gaugeblock.simulators.poisson import PoissonCounts
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.segments import Segment
 from gaugeblock.simulators.xray.forward import FLOOR
 from gaugeblock.simulators.xray.measured_background import MeasuredBackground
 from gaugeblock.simulators.xray.siblings import Siblings
+
+UNLIKE = 0.2
+"""Share of the measured background by which that under the source may be larger: regions differ."""
 
 
 class WithBackground(PoissonCounts):
@@ -114,9 +119,22 @@ class WithBackground(PoissonCounts):
         )
 
     def effect_library(self, theta: ArrayLike) -> Mapping[str, LibraryEffect]:
-        """What the source may lack, scaled for fitted theta ``(n, parameter)``."""
-        array = self.prior.array(np.asarray(theta, dtype=float))
-        return dict(self.source.effect_library(array[..., self._source_columns]))
+        """What the source may lack, scaled for fitted theta ``(n, parameter)``.
+
+        More `background` than its own region shows is bounded by `UNLIKE`: what is measured is not missing.
+        """
+        array = np.atleast_2d(self.prior.array(np.asarray(theta, dtype=float)))
+        found = dict(self.source.effect_library(array[..., self._source_columns]))
+        if "background" in found:
+            rates = self.background.shape.rate(array[..., self._background_columns]).sum(axis=-1)
+            low, high = self.source.channels.min(), self.source.channels.max()
+            entry = found["background"]
+            most = UNLIKE * float(np.median(rates)) / float(np.log(high / low))
+            level = Uniform(0.0, min(most, entry.parameters["level"].support[1]))
+            found["background"] = replace(
+                entry, parameters={**entry.parameters, "level": level}, step=min(entry.step, 0.5 * level.high)
+            )
+        return found
 
     def not_in_library(self) -> Mapping[str, str]:
         """Effects that the source's response does not allow: by name, why and how to mend it."""

@@ -31,6 +31,8 @@ def absorption(scale: Scale) -> Iterator[LibraryEffect]:
         typical="equivalent widths, which the strength is for shallow lines, of 5 to 100 eV; sigma below "
         "0.1 keV",
         energies=("energy", "sigma"),
+        usual={"strength": (0.0, 0.1)},
+        ends=("sigma",),
     )
     yield LibraryEffect(
         name="absorption_edge",
@@ -44,6 +46,7 @@ def absorption(scale: Scale) -> Iterator[LibraryEffect]:
         "other than those that the absorber assumes.",
         typical="optical depths of 0.05 to 1",
         energies=("energy",),
+        usual={"depth": (0.0, 1.0)},
     )
     yield LibraryEffect(
         name="partial_covering",
@@ -56,6 +59,8 @@ def absorption(scale: Scale) -> Iterator[LibraryEffect]:
         "it for a part of the time; what they let pass is hard, what goes by is not absorbed at all. The "
         "absorber is neutral and not shifted in energy.",
         typical="columns of 1e22 to 1e24 cm-2 over 20 to 80 per cent of the source",
+        usual={"nh": (0.5, 100.0)},
+        ends=("nh",),
     )
     yield LibraryEffect(
         name="ionised_absorber",
@@ -73,6 +78,8 @@ def absorption(scale: Scale) -> Iterator[LibraryEffect]:
         "a stated approximation.",
         typical="summed optical depths of 0.1 to 1.5 in half of all Seyfert 1 galaxies",
         energies=("energy",),
+        usual={"depth": (0.0, 1.5)},
+        odds=0.5,
     )
     yield LibraryEffect(
         name="high_energy_cutoff",
@@ -86,6 +93,7 @@ def absorption(scale: Scale) -> Iterator[LibraryEffect]:
         typical="folding energies of 5 to 20 keV in accreting pulsars and soft states, 50 to 300 keV in "
         "active galaxies and hard states",
         energies=("energy",),
+        usual={"inverse_folding": (0.0, 0.3)},
     )
     yield LibraryEffect(
         name="reflection",
@@ -104,4 +112,6 @@ def absorption(scale: Scale) -> Iterator[LibraryEffect]:
         "approximation.",
         typical="strengths of 0.3 to 2, 1 being half of the sky",
         energies=("energy", "width"),
+        usual={"strength": (0.0, 2.0)},
+        ends=("width",),
     )

@@ -38,6 +38,14 @@ def emission(scale: Scale) -> Iterator[LibraryEffect]:
         typical="equivalent widths of 10 to 300 eV; sigma below 0.1 keV from far matter, 0.3 to 0.6 keV for "
         "iron near a black hole",
         energies=("energy", "sigma"),
+        usual={"equivalent width": (0.0, 0.3), "relative width": (0.0, 0.1)},
+        derived={
+            "equivalent width": lambda line: (
+                line["norm"] / max(float(np.interp(line["energy"], energies, density)), 1e-300)
+            ),
+            "relative width": lambda line: line["sigma"] / line["energy"],
+        },
+        ends=("sigma",),
     )
     bright = scale.rate / max(scale.added("soft_excess", {"kT": 0.1, "norm": 1.0}), 1e-300)
     yield LibraryEffect(
@@ -52,6 +60,8 @@ def emission(scale: Scale) -> Iterator[LibraryEffect]:
         "A black body stands for all of them.",
         typical="kT of 0.1 to 0.2 keV and some tens of per cent of the counts below 1 keV in active galaxies",
         energies=("kT",),
+        usual={"kT": (0.05, 0.4)},
+        ends=("kT",),
     )
     bright = scale.rate / max(scale.added("thermal_continuum", {"kT": 2.0, "norm": 1.0}), 1e-300)
     yield LibraryEffect(
@@ -65,4 +75,7 @@ def emission(scale: Scale) -> Iterator[LibraryEffect]:
         "cluster, a supernova remnant, the column above an accreting white dwarf, a wind of the companion.",
         typical="a few to some tens of per cent of the counts, kT of 0.3 to 10 keV",
         energies=("kT",),
+        usual={"kT": (0.3, 10.0)},
+        ends=("kT",),
+        odds=0.5,
     )

@@ -28,6 +28,8 @@ def instrument(scale: Scale) -> Iterator[LibraryEffect]:
         "voltage, age and charge lost on the way out change it. Recorded energy is slope times true energy.",
         typical="0.1 to 1 per cent; 3 per cent in a detector that was not calibrated again",
         origin="instrument",
+        usual={"slope": (0.97, 1.03)},
+        odds=0.5,
     )
     yield LibraryEffect(
         name="gain_offset",
@@ -40,6 +42,8 @@ def instrument(scale: Scale) -> Iterator[LibraryEffect]:
         "offset.",
         typical="5 to 30 eV",
         origin="instrument",
+        usual={"offset": (-0.03, 0.03)},
+        odds=0.5,
     )
     yield LibraryEffect(
         name="gain_curve",
@@ -52,6 +56,8 @@ def instrument(scale: Scale) -> Iterator[LibraryEffect]:
         "energy is E + curve E (E - 5.9 keV) / 5.9 keV.",
         typical="0.1 to 1 per cent",
         origin="instrument",
+        usual={"curve": (-0.01, 0.01)},
+        odds=0.2,
     )
     yield LibraryEffect(
         name="effective_area",
@@ -72,6 +78,9 @@ def instrument(scale: Scale) -> Iterator[LibraryEffect]:
         "area is larger or smaller than stated around some energy.",
         typical="2 to 5 per cent, 10 to 20 near an edge, over 5 to 20 per cent of the energy",
         origin="instrument",
+        usual={"depth": (-0.2, 0.2)},
+        ends=("width",),
+        odds=0.5,
     )
     yield LibraryEffect(
         name="resolution",
@@ -84,6 +93,8 @@ def instrument(scale: Scale) -> Iterator[LibraryEffect]:
         "addition.",
         typical="a standard deviation of 10 to 50 eV: 1e-4 to 2.5e-3 keV2",
         origin="instrument",
+        usual={"variance": (0.0, 2.5e-3)},
+        odds=0.3,
     )
     yield LibraryEffect(
         name="background",
@@ -96,6 +107,7 @@ def instrument(scale: Scale) -> Iterator[LibraryEffect]:
         "source shines as well: a power law in recorded energy, not folded through the area.",
         typical="a few per cent of a bright source's counts, most of a faint one's",
         origin="instrument",
+        odds=0.5,
     )
     yield LibraryEffect(
         name="pileup",
@@ -108,4 +120,5 @@ def instrument(scale: Scale) -> Iterator[LibraryEffect]:
         typical="a per cent of the counts at 0.03 counts a frame; overlap of 0.2 to 1, the image's core "
         "being small",
         origin="instrument",
+        odds=0.3,
     )

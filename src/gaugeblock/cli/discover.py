@@ -71,6 +71,7 @@ def discover(
     """
     from gaugeblock.auditing import discovering
     from gaugeblock.core.errors import InputError
+    from gaugeblock.reports.discovery.best_fit import fit_rows
     from gaugeblock.reports.discovery.headline import headline
 
     if bool(pha) == (catalog is not None):
@@ -96,5 +97,8 @@ def discover(
         progress=not quiet,
         command=command(),
     )
-    typer.echo(printable(headline(found.to_json()).paragraph))
+    summary = found.to_json()
+    typer.echo(printable(headline(summary).paragraph))
+    for name, before, after in fit_rows(summary):
+        typer.echo(printable(f"  {name}: {before}" + (f"; after: {after}" if summary["named_all"] else "")))
     typer.echo(f"report: {out / 'report.html'}")

@@ -30,7 +30,7 @@ def test_the_interval_covers(dip):
         rng = np.random.default_rng(seed)
         counts = dip.simulator.simulate(truth, rng)
         fitted = fit(dip.simulator, counts, start=truth)
-        found = held_out_amplitude(placed(dip), Sources.of(dip.simulator, counts), fitted, rng=rng)
+        found = held_out_amplitude(placed(dip), Sources.of(dip.simulator, counts), fitted.theta, rng=rng)
         assert found.held_out
         held += found.interval[0] <= -0.15 <= found.interval[1]
     assert 97 <= held <= 117

@@ -24,7 +24,8 @@ def profiles(library, counts, base_objective, starts):
     for key, start in starts.items():
         candidate = library[key]
         fitted = fit(candidate.simulator, counts, start=start)
-        made[key] = Profile((key,), float(base_objective - fitted.objective[0]), 2, candidate, fitted)
+        gain = float(base_objective - fitted.objective[0])
+        made[key] = Profile((key,), gain, 2, candidate, fitted, (candidate.entry,))
     return made
 
 

@@ -28,16 +28,16 @@ def test_hyper_parameters_are_what_they_say():
     assert theta.mean(axis=0) == pytest.approx([2.0, -1.0], abs=0.02)
     np.testing.assert_allclose(np.cov((theta / [2.0, 1.0]).T), covariance, atol=0.01)
     described = population.described(hyper)
-    assert described["median[a]"] == pytest.approx(2.0)
-    assert described["high[b]"] == pytest.approx(-0.5)
+    assert described["a"].value == pytest.approx(2.0)
+    assert described["b"].high == pytest.approx(-0.5)
 
 
 def test_a_narrow_population_is_found(ruler, readings):
     # Width 0.3 beside an error of 0.35 of each length: what is left to fit is small.
     population = close_in(ruler, readings(600, 31, centre=1.2, width=0.3), simulations=4000, seed=3)
     described = population.described(np.zeros(2))
-    assert described["median[length]"] == pytest.approx(1.2, abs=0.1)
-    assert 0.2 < described["high[length]"] - described["median[length]"] < 0.45
+    assert described["length"].value == pytest.approx(1.2, abs=0.1)
+    assert 0.2 < described["length"].high - described["length"].value < 0.45
 
 
 def test_around_one_data_set_it_is_a_point(ruler, readings):
@@ -45,6 +45,6 @@ def test_around_one_data_set_it_is_a_point(ruler, readings):
     population = close_in(ruler, x, simulations=2000, seed=4)
     described = population.described(np.zeros(1))
     # Where the likelihood is largest: its error of 0.35 is seven times what is tolerated.
-    assert described["median[length]"] == pytest.approx(x.mean(), abs=0.05)
-    assert described["high[length]"] - described["low[length]"] < 0.06
+    assert described["length"].value == pytest.approx(x.mean(), abs=0.05)
+    assert described["length"].high - described["length"].low < 0.06
     assert population.names == ("mean[length]",)

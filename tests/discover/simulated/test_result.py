@@ -11,7 +11,7 @@ from gaugeblock.simulators.effects import Effect
 
 CONTRACT = {
     "disagreement", "candidates", "named", "named_all", "indistinguishable", "model_before", "model_after",
-    "gap", "decoys", "provenance",
+    "gap", "decoys", "provenance", "statements", "fit",
 }  # fmt: skip
 
 
@@ -32,7 +32,16 @@ def all_three(power_law, ruler, readings):
 def keys(data):
     """Keys all the way down; lists by their first item, a mapping of names by none of them."""
     if isinstance(data, dict):
-        named = {"parameters", "effects", "before", "after", "units", "provenance", "beside_nuisances"}
+        named = {
+            "parameters",
+            "effects",
+            "before",
+            "after",
+            "units",
+            "provenance",
+            "beside_nuisances",
+            "others",
+        }
         return {key: None if key in named else keys(value) for key, value in data.items()}
     return keys(data[0]) if isinstance(data, list) and data else None
 
@@ -62,7 +71,12 @@ def test_names_gaps_and_fits_are_there_for_all(all_three):
         assert found.named == ("spike" if name == "simulations" else "dip")
         assert found.gap.held_out.after < found.gap.held_out.before
         assert found.fit.after is not None
-        assert len(found.fit.after) > len(found.fit.before)
+        first = found.statements[0]
+        assert first.effect == found.named
+        assert first.indistinguishable == found.indistinguishable
+        assert 0.9 < first.probability < 1.0
+        assert first.text
+        assert len(found.fit.after.parameters) > len(found.fit.before.parameters)
         assert {"candidates", "scan", "windows", "held_out"} <= set(found.tree.children)
         correlation = found.tree["candidates"]["correlation"].values
         np.testing.assert_allclose(np.diag(correlation), 1.0, atol=1e-6)

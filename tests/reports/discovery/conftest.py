@@ -169,6 +169,15 @@ def named_summary() -> dict[str, Any]:
             candidate("partial_covering", z=7.9, held_out=12.2, held_out_error=5.0),
             candidate("gain_slope", z=1.2, p_global=0.9, held_out=None, held_out_error=None),
         ],
+        "statements": [
+            {"effect": "emission_line", "text": "An emission line is certain (0.99)."}
+        ],
+        "fit": {
+            "before": {"parameters": {"powerlaw_1.alpha": {"value": 1.7, "low": 1.65, "high": 1.75}},
+                       "statistic": 284.0, "bins": 200},
+            "after": {"parameters": {"powerlaw_1.alpha": {"value": 1.8, "low": None, "high": None}},
+                      "statistic": 204.0, "bins": 200},
+        },
         "named": "emission_line",
         "named_all": ["emission_line"],
         "indistinguishable": ["emission_line"],

@@ -63,7 +63,7 @@ def test_the_story_is_told_in_order(catalogue, summary):
     page = Page(discovery_html(catalogue, summary))
     well_formed(page)
     assert page.sections == [
-        "causes", "before", "where", "what", "after", "held-out", "amplitude", "catalogue", "evidence",
+        "causes", "before", "where", "what", "after", "fit", "held-out", "amplitude", "catalogue", "evidence",
         "not-checked", "provenance",
     ]  # fmt: skip
     for said in (

@@ -1,0 +1,102 @@
+"""Effects, and what is claimed of them, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from gaugeblock.discovery.held_out import UNNAMED
+from gaugeblock.discovery.result import Estimate, Identification, Region
+
+_PHRASES = {
+    "gain_slope": "a gain slope (channel energies off by a factor)",
+    "gain_offset": "a gain offset (channel energies off by a constant)",
+    "gain_curve": "a gain that bends with energy",
+    "effective_area": "an error of the effective area",
+    "resolution": "a wrong energy resolution",
+    "background": "a background that the model lacks",
+    "pileup": "pile-up",
+    "partial_covering": "partial covering",
+    "ionised_absorber": "an ionised absorber",
+    "reflection": "reflection",
+    "thermal_continuum": "a thermal continuum",
+    "soft_excess": "a soft excess",
+    UNNAMED: "something that no effect of the library explains",
+}
+
+
+def effect_phrase(name: str) -> str:
+    """An effect with its article.
+
+    >>> effect_phrase("emission_line"), effect_phrase("time_bin"), effect_phrase("pileup")
+    ('an emission line', 'a time bin', 'pile-up')
+    """
+    if name in _PHRASES:
+        return _PHRASES[name]
+    words = name.replace("_", " ")
+    return f"{'an' if words[:1].lower() in 'aeiou' else 'a'} {words}"
+
+
+def effect_words(name: str) -> str:
+    """An effect's name as words."""
+    return name.replace("_", " ")
+
+
+def sentence(
+    alike: Sequence[str],
+    *,
+    evidence: float,
+    certain: bool,
+    probability: float,
+    parameters: Mapping[str, Estimate],
+    units: Mapping[str, str],
+    identification: Sequence[Identification],
+    near: Sequence[str],
+    place: tuple[float, float] | None,
+    region: Region | None,
+    limits: Sequence[str],
+    beyond: bool,
+) -> str:
+    """One claim in a sentence or two: what, how sure, how large, where.
+
+    `near` are further remarks on energies; `region` where something without a name stands out most; `beyond`
+    says that other claims came before it.
+    """
+    many = len(alike) > 1
+    what = " or ".join(effect_phrase(name) for name in alike)
+    sure = f"{'certain' if certain else 'likely'} ({probability:.3g}; {evidence:.3g} nats)"
+    if alike[0] == UNNAMED:
+        said = "Beyond that, something remains that nothing here explains" if beyond else f"{_start(what)}"
+        said += f" is {sure}" if not beyond else f": {sure}"
+        if region is not None:
+            unit = f" {region.unit}" if region.unit != "channel" else ""
+            said += f", most at {region.lo:.4g} to {region.hi:.4g}{unit}, z = {region.z:+.1f}"
+        return f"{said}."
+    if many:
+        said = f"That something is there is {sure}: {what}; which of them these data do not say."
+    else:
+        said = f"{_start(what)} is {sure}."
+    shown = ", ".join(_amount(name, one, units.get(name, "")) for name, one in parameters.items())
+    if shown:
+        said += (
+            f" {'As ' + effect_phrase(alike[0]) if many else 'With'}: {shown} (90%, energies as recorded)."
+        )
+    if place is not None:
+        said += f" It acts at {place[0]:.4g} to {place[1]:.4g} keV."
+    for one in identification:
+        said += f" Its energy is that of {one.name} ({one.energy_kev:.4g} keV; by chance {one.chance:.2g})."
+    for remark in near:
+        said += f" {remark}"
+    for name in limits:
+        said += f" Its {name} stands at its limit: something larger, or of another kind, may be behind it."
+    return said
+
+
+def _start(words: str) -> str:
+    return words[:1].upper() + words[1:]
+
+
+def _amount(name: str, one: Estimate, unit: str) -> str:
+    said = f"{name} {one.value:.5g}"
+    if one.low is not None and one.high is not None:
+        said += f" ({one.low:.5g} to {one.high:.5g})"
+    return f"{said} {unit}".rstrip()

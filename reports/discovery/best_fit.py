@@ -1,0 +1,55 @@
+"""The best fit before and after the named effects are in the model: parameters, errors, statistic, bins."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from gaugeblock.reports.discovery.chapter import Chapter, Heading, LeftOut, RowGroup, RowTable
+from gaugeblock.reports.discovery.phrases import digits_of, finite, pick
+from gaugeblock.reports.words import NOTHING, number, short
+
+Sides = tuple[Mapping[str, Any], Mapping[str, Any]]
+
+
+def fit_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """Parameter, before, after; then the statistic over its bins. Empty where no fit is recorded."""
+    sides = _sides(summary)
+    names = dict.fromkeys(name for side in sides for name in side.get("parameters") or {})
+    rows = [(str(name), *(_value(pick(side, "parameters", name)) for side in sides)) for name in names]
+    if any(finite(side.get("statistic")) is not None for side in sides):
+        rows.append(("C / bins", *(_statistic(side) for side in sides)))
+    return [(name, before, after) for name, before, after in rows]
+
+
+def fit_chapter(summary: Mapping[str, Any]) -> Chapter | LeftOut:
+    """The table of it."""
+    rows, title = fit_rows(summary), "The best fit, before and after"
+    if not rows:
+        return LeftOut(title, "discovery.json holds no fit")
+    many = (finite(pick(summary, "data", "n_sources")) or 1) > 1
+    lead = "Median over the sources with the range of the middle 68%." if many else "With 90% intervals."
+    columns = (Heading("Parameter", False), Heading("Before", False), Heading("After", False))
+    return Chapter(
+        "fit", "Fit", title, lead, tables=(RowTable("Fit", columns, (RowGroup("", tuple(rows)),)),)
+    )
+
+
+def _sides(summary: Mapping[str, Any]) -> Sides:
+    before, after = (pick(summary, "fit", side) for side in ("before", "after"))
+    return before or {}, after or {}
+
+
+def _value(one: Any) -> str:
+    if not isinstance(one, Mapping):
+        return NOTHING
+    value, low, high = (finite(one.get(key)) for key in ("value", "low", "high"))
+    digits = digits_of(value, low, high)
+    if low is None or high is None:
+        return short(value, digits)
+    return f"{short(value, digits)} ({short(low, digits)} to {short(high, digits)})"
+
+
+def _statistic(side: Mapping[str, Any]) -> str:
+    value, bins = finite(side.get("statistic")), finite(side.get("bins"))
+    return NOTHING if value is None or bins is None else f"{number(value, 1)} / {bins:.0f}"
