@@ -248,8 +248,6 @@ class Counts(Engine):
         """By joint score tests with every scanned shape of the library, and with a free smooth continuum."""
         best: Profile = rounds[-1].best
         shapes = self._first.state.templates
-        ratio = best.fit.expected / np.maximum(self.base.expected, 1e-12)
-        scaled = replace(shapes, values=shapes.values * ratio[:, None])
         smooth = curves(self.simulator, self.sources.counts.shape[1], most=SMOOTH)
         single = {one.path[0]: one.gain for made in rounds for one in made.models if len(one.path) == 1}
         found = []
@@ -258,6 +256,8 @@ class Counts(Engine):
             least = single.get(key, -np.inf) - LEAST**2 / 2.0
             kept = frozenset(other for other, gain in single.items() if gain <= least)
             part = effect_part(best, at)
+            ratio = (part.rest.expected - part.change) / np.maximum(self.base.expected, 1e-12)
+            scaled = replace(shapes, values=shapes.values * ratio[:, None])
             found.append(loses(part, self.sources.counts[0], scaled, self.entries, smooth, kept=kept))
         return tuple(found)
 

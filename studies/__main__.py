@@ -15,6 +15,7 @@ NAMES = {
     "gain": "gain.__main__",
     "paper": "paper.__main__",
     "discoveries": "discoveries",
+    "measured": "measured",
     "informed": "informed.__main__",
     "check": "check.__main__",
 }

@@ -80,7 +80,8 @@ def loses(
         low, high = np.maximum(low - entry.neutral, -most), np.minimum(high - entry.neutral, most)
         if _kept(own, others[mine], residual, low, high).min(initial=np.inf) < LEAST:
             found.append(key)
-    columns = _projected(part, smooth.T * mean)
+    # Times what is there without the effect: with it, all curves together would hold its own shape.
+    columns = _projected(part, smooth.T * np.maximum(mean - part.change, TINY))
     size_of, basis = np.linalg.svd(columns, full_matrices=False)[1:]
     basis = basis[size_of > 1e-6 * size_of.max(initial=0.0)]
     bare = own - basis.T @ (basis @ own)

@@ -145,3 +145,53 @@ def test_errors_and_noise_of_held_out_scores():
     assert found.noise == pytest.approx(1.0)
     rows = replace(found, deviance=np.array([[1.0, 3.0]] * 5))
     assert rows.gap("line") == pytest.approx((2.0, 1.0))
+
+
+def test_what_is_certain_is_not_withdrawn_by_what_remains():
+    # The line's forty nats stand beside a free continuum: what is left is said, and is worth 18.
+    found = decide(COUNTS, LOUD, rounds(), LOUD, scored(), worth=(40.0,), lost=((),))
+    assert [one.effect for one in found.claims] == ["line", "unnamed"]
+    assert [one.certain for one in found.claims] == [True, False]
+    assert (found.named, found.added) == ("line", ("line",))
+    assert "something remains" in found.why
+    # The same of something that any continuum undoes stands only while it explains more than what is left.
+    broad = decide(COUNTS, LOUD, rounds(), LOUD, scored(), worth=(40.0,), lost=(("unnamed",),))
+    assert broad.named == "line"
+    assert "unnamed" in broad.indistinguishable
+    more = decide(COUNTS, LOUD, rounds(), look(9.0), scored(), worth=(30.0,), lost=(("unnamed",),))
+    assert (more.named, more.claims[0].certain) == ("unnamed", True)
+
+
+def test_certain_begins_at_25_nats_and_named_is_the_first_certain_name():
+    both = Extension(("line", "dip"), 60.0, 2)
+    held = replace(scored(), names=("before", "line + dip", "edge", "unnamed", "random 1"))
+    found = decide(COUNTS, LOUD, rounds(both), QUIET, held, worth=(24.9, 25.0), lost=((), ()))
+    assert [(one.effect, one.certain) for one in found.claims] == [("line", False), ("dip", True)]
+    assert found.named == found.indistinguishable[0] == "dip"
+
+
+def test_a_narrow_name_that_explains_nearly_all_stands_alone_whatever_little_is_left():
+    worth, lost = (400.0,), ((),)
+    found = decide(COUNTS, LOUD, rounds(), LOUD, scored(), worth=worth, lost=lost)
+    assert found.indistinguishable == ("line",)
+    assert 0.98 < found.claims[0].probability < 1.0
+    beside = decide(COUNTS, LOUD, rounds(), QUIET, scored(), worth=worth, lost=(("edge",),))
+    assert beside.indistinguishable == ("line", "edge")
+
+
+def test_rivals_within_two_paired_errors_share_the_set():
+    # Eight nats ahead: with an error of four that is two of them.
+    assert said(held=scored(unnamed=-20.0, error=3.9))[1] == ("line",)
+    assert said(held=scored(unnamed=-20.0, error=4.1))[1] == ("line", "dip")
+    # A smooth correction is a rival like others.
+    assert said(held=scored(unnamed=6.5, error=1.0))[1] == ("line",)
+    assert said(held=scored(unnamed=6.5, error=1.8))[1] == ("line", "unnamed")
+    assert said(held=scored(unnamed=14.0, error=1.9))[0] == "unnamed"
+    assert said(held=scored(unnamed=14.0, error=2.1))[0] == "line"
+
+
+def test_what_a_prior_three_times_as_wide_would_put_first_shares_the_set():
+    # Two parameters more at log 3 each: 2.2 nats.
+    near, far = Extension(("dip",), 19.0 - 2.1 + 2.0, 3), Extension(("dip",), 19.0 - 2.3 + 1.0, 3)
+    assert said(made=rounds(Extension(("line",), 18.0, 1), near))[1] == ("line", "dip")
+    assert said(made=rounds(Extension(("line",), 18.0, 1), far))[1] == ("line",)

@@ -1,0 +1,36 @@
+"""An instrument that floats beside an effect: as free as its priors say, and nothing at neutral."""
+
+import numpy as np
+import pytest
+
+from gaugeblock.discovery.confirm.floated import AREA, floated
+from gaugeblock.simulators import Uniform
+from gaugeblock.simulators.library import LibraryEffect
+
+THETA = np.array([[20_000.0, 1.5]])
+SHIFT = LibraryEffect(
+    name="gain_slope", parameters={"slope": Uniform(0.9, 1.1)}, amplitude="slope", neutral=1.0, step=0.01,
+    cause="", typical="", origin="instrument",
+)  # fmt: skip
+
+
+def test_gain_and_area_float_and_change_nothing_at_neutral(power_law):
+    simulator = power_law()
+    made, start = floated(simulator, {}, ("line",), THETA, channels=60)
+    assert start.shape == (1, 10)
+    np.testing.assert_allclose(made.expected(start), simulator.expected(THETA))
+    moved = start.copy()
+    moved[:, 2:] = AREA
+    np.testing.assert_allclose(made.expected(moved), simulator.expected(THETA) * np.exp(AREA))
+    sizes = {one.sd for name, one in made.prior.marginals.items() if name.startswith("area")}
+    assert sizes == {AREA}
+    assert floated(simulator, {}, ("effective_area",), THETA, channels=60)[1].shape == (1, 2)
+
+
+def test_a_gain_that_the_library_has_floats_with_a_normal_prior(power_law):
+    made, start = floated(power_law(), {"gain_slope": SHIFT}, ("line",), THETA, channels=60)
+    assert made.prior.names[2] == "gain_slope_1.slope"
+    assert (made.prior.marginals["gain_slope_1.slope"].mean, start[0, 2]) == (1.0, 1.0)
+    assert made.prior.marginals["gain_slope_1.slope"].sd == pytest.approx(0.01)
+    named = floated(power_law(), {"gain_slope": SHIFT}, ("gain_slope",), THETA, channels=60)[0]
+    assert "gain_slope_1.slope" not in named.prior.names

@@ -1,0 +1,49 @@
+"""How measured spectra are scored, on discoveries made by hand."""
+
+import pytest
+from studies.measured import main, scored, summary
+
+LINE = {"kind": "line", "accept": ["emission_line", ["gain_slope", "pileup"]], "reject": ["background"],
+        "set_must_contain_one_of": ["emission_line"]}  # fmt: skip
+QUIET = {"kind": "control", "accept": ["nothing"], "reject": ["any name"], "set_must_contain_one_of": []}
+
+
+def found(named, *alike, certain=()):
+    return {
+        "named": named, "indistinguishable": alike or ([named] if named else []),
+        "statements": [{"effect": name, "certain": True} for name in certain],
+        "disagreement": {"p_global": 0.002},
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("case", "given", "right", "rejected", "beside"),
+    [
+        (LINE, found("emission_line"), True, False, []),
+        (LINE, found("reflection", "reflection", "emission_line"), False, False, []),
+        (LINE, found("unnamed", "unnamed", "emission_line"), False, False, []),
+        (LINE, found(None), False, False, []),
+        (LINE, found("background", "background", "emission_line"), False, True, []),
+        (LINE, found("emission_line", certain=("emission_line", "background")), True, False, ["background"]),
+        (LINE, found("gain_slope", certain=("gain_slope", "pileup")), False, False, []),
+        (LINE, found("gain_slope", "gain_slope", "emission_line", certain=("pileup", "gain_slope")), True,
+         False, []),
+        (QUIET, found(None), True, False, []),
+        (QUIET, found("unnamed"), False, True, []),
+        (QUIET, found("emission_line"), False, True, []),
+    ],
+)  # fmt: skip
+def test_what_is_right_of_a_case(case, given, right, rejected, beside):
+    made = scored(case, given)
+    assert (made["right"], made["rejected"], made["beside"]) == (right, rejected, beside)
+
+
+def test_counts_have_exact_limits():
+    rows = {str(i): {"kind": "line", "right": i < 6} for i in range(7)}
+    assert summary(rows) == "strong cases: 6 of 7 right (0.42 to 1.00)"
+    assert "controls and weak cases: 1 of 1" in summary({**rows, "x": {"kind": "weak", "right": True}})
+
+
+def test_a_folder_without_cases_is_refused(tmp_path, capsys):
+    assert main([str(tmp_path)]) == 2
+    assert "cases.json: cannot be read" in capsys.readouterr().err
