@@ -20,9 +20,7 @@ from gaugeblock.discovery.result import (
     Amplitude,
     Catalogue,
     DataSaid,
-    Estimate,
     FitState,
-    Identification,
     Region,
 )
 from gaugeblock.simulators.library import LibraryEffect
@@ -307,14 +305,6 @@ class Engine(Protocol):
     def regions_of(self, seen: Look) -> tuple[Region, ...]:  # noqa: ARG002
         """Where something stands out in a look; nothing where only the first is kept."""
         return ()
-
-    def identified(
-        self,
-        effect: str,  # noqa: ARG002
-        parameters: Mapping[str, Estimate],  # noqa: ARG002
-    ) -> tuple[Sequence[Identification], Sequence[str]]:
-        """Known lines or edges at the energy that an effect has, and remarks on those near it."""
-        return (), ()
 
     def place(self, model: Any, at: int) -> tuple[float, float] | None:  # noqa: ARG002
         """Where an effect of a model does most, in keV; None where channels have no energies."""

@@ -104,18 +104,16 @@ def _statements(engine: Engine, found: Searched) -> tuple[Statement, ...]:
             both = {**one.others, **size}
             parameters = {name: both[name] for name in entry.parameters if name in both}
             place = engine.place(model, claim.at)
-        known, near = engine.identified(claim.effect, parameters)
         text = sentence(
             claim.alike, evidence=claim.evidence, certain=claim.certain, probability=claim.probability,
             parameters=parameters, units={} if entry is None else entry.units,
-            identification=known, near=near,
             place=place, region=region, beyond=bool(made),
             limits=[name for effect, name in limits if effect == claim.effect],
         )  # fmt: skip
         low, high = (None, None) if place is None else place
         made.append(
             Statement(
-                claim.effect, claim.alike, claim.certain, claim.probability, claim.evidence, tuple(known),
+                claim.effect, claim.alike, claim.certain, claim.probability, claim.evidence, (),
                 parameters, low, high, text,
             )
         )  # fmt: skip

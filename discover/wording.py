@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from gaugeblock.discovery.held_out import UNNAMED
-from gaugeblock.discovery.result import Estimate, Identification, Region
+from gaugeblock.discovery.result import Estimate, Region
 
 _PHRASES = {
     "gain_slope": "a gain slope (channel energies off by a factor)",
@@ -49,8 +49,6 @@ def sentence(
     probability: float,
     parameters: Mapping[str, Estimate],
     units: Mapping[str, str],
-    identification: Sequence[Identification],
-    near: Sequence[str],
     place: tuple[float, float] | None,
     region: Region | None,
     limits: Sequence[str],
@@ -58,8 +56,8 @@ def sentence(
 ) -> str:
     """One claim in a sentence or two: what, how sure, how large, where.
 
-    `near` are further remarks on energies; `region` where something without a name stands out most; `beyond`
-    says that other claims came before it.
+    `region` is where something without a name stands out most; `beyond` says
+    that other claims came before it.
     """
     many = len(alike) > 1
     what = " or ".join(effect_phrase(name) for name in alike)
@@ -77,15 +75,10 @@ def sentence(
         said = f"{_start(what)} is {sure}."
     shown = ", ".join(_amount(name, one, units.get(name, "")) for name, one in parameters.items())
     if shown:
-        said += (
-            f" {'As ' + effect_phrase(alike[0]) if many else 'With'}: {shown} (90%, energies as recorded)."
-        )
+        whose = f"As {effect_phrase(alike[0])}:" if many else "With"
+        said += f" {whose} {shown} (90%, energies as recorded)."
     if place is not None:
         said += f" It acts at {place[0]:.4g} to {place[1]:.4g} keV."
-    for one in identification:
-        said += f" Its energy is that of {one.name} ({one.energy_kev:.4g} keV; by chance {one.chance:.2g})."
-    for remark in near:
-        said += f" {remark}"
     for name in limits:
         said += f" Its {name} stands at its limit: something larger, or of another kind, may be behind it."
     return said
