@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,9 +15,6 @@ CERTAIN = 25.0
 
 MOST = 0.8
 """Share of what can be explained from which on what is left does not put the name in doubt."""
-
-HALF = 0.5
-"""And from which on it does not take its place."""
 
 WIDER = math.log(3.0)
 """What a parameter's prior takes or gives when it is three times as wide or narrow."""
@@ -87,9 +85,10 @@ def decide(
     """Claim what stood out and held; keep every rival that held as well.
 
     Nothing is claimed unless the search's global p is at most `level`. Names are withdrawn if they do not
-    predict held-out data better than the model without them and than every random shape. What they leave is
-    a claim of its own, and takes the first name's place only if that is not certain by itself and explains
-    less than what is left.
+    predict held-out data better than the model without them and than every random shape. A name that a
+    smooth continuum undoes gives way where a smooth correction predicts them better by more than the paired
+    errors, and, unless it is certain that something is there, where the library still sees something. What
+    is left is a claim of its own.
 
     Parameters
     ----------
@@ -107,15 +106,15 @@ def decide(
     if not rounds:
         why = "model and data disagree, and no effect of the library explains it"
         return Decision((_unnamed(first.strength, first),), (), None, why)
-    final, label = rounds[-1].best, rounds[-1].best.label
-    names: tuple[str, ...] = final.path
-    total = sum(max(one, 0.0) for one in worth)
-    gain, smooth, ahead, doubt = 0.0, -math.inf, -math.inf, math.inf
+    label, names = rounds[-1].best.label, tuple(rounds[-1].best.path)
+    values = [*worth, *[0.0] * (len(names) - len(worth))]
+    total = sum(max(one, 0.0) for one in values)
+    gain, smooth, ahead, doubt = 0.0, -math.inf, -math.inf, t.margin
     if scored is not None:
         gain = scored.gain(label)
         if UNNAMED in scored.names and t.smooth < math.inf:
             smooth, ahead = scored.gain(UNNAMED), scored.gain(UNNAMED, over=label)
-            doubt = t.errors * scored.error_of(UNNAMED, over=label)
+            doubt = max(t.margin, t.errors * scored.error_of(UNNAMED, over=label))
         if gain <= max(0.0, scored.noise):
             what = "the model without it" if gain <= 0.0 else "a random shape"
             why = f"{label} does not predict held-out {held} better than {what}"
@@ -125,55 +124,63 @@ def decide(
             return Decision((), (), names[0], why)
     left = last.p_global
     seen = left <= t.level and last.p_effects <= t.ended
-    better = ahead > max(t.smooth, doubt)
-    remains = max(ahead if better else 0.0, last.strength if seen else 0.0)
-    claims = []
-    for at, name in enumerate(names):
-        mine = worth[at] if at < len(worth) else 0.0
+    smoother = ahead > max(t.smooth, doubt)
+    remains = max(ahead if smoother else 0.0, last.strength if seen else 0.0)
+    claims, nearest = [], []
+    for at, (name, mine) in enumerate(zip(names, values, strict=True)):
         beside = () if lost is None else lost[at]
-        firm = mine >= CERTAIN and lost is not None and UNNAMED not in beside
-        share = mine / max(mine + total - max(mine, 0.0) + remains, 1e-300)
-        others = [key for key in beside if key != UNNAMED] if mine >= CERTAIN else []
+        certain = mine >= CERTAIN
+        firm = certain and lost is not None and UNNAMED not in beside
+        if not firm and (smoother or (seen and not certain)):
+            nearest.append(at)
+            continue
+        others = [key for key in beside if key != UNNAMED] if certain else []
         alike = list(dict.fromkeys([name, *_rivals(t, rounds[-1], scored, at), *others]))
-        left_over = left <= t.adequate or (len(names) > t.alone and share < MOST) or better
-        if not (firm and share >= MOST) and (left_over or ahead > -max(t.margin, doubt if not firm else 0.0)):
+        share = mine / max(total + remains, 1e-300)
+        doubtful = left <= t.adequate or ahead > -doubt or (len(names) > t.alone and share < MOST)
+        if doubtful and not (firm and share >= MOST):
             alike.append(UNNAMED)
-        effect = name
-        if (seen or better) and not firm and share < HALF:
-            effect, alike = UNNAMED, [UNNAMED, *(key for key in alike if key != UNNAMED)]
-        chance = 0.0 if mine >= CERTAIN else first.p_global
         outside = sum(
             math.exp(-min(max(one.lead, 0.0), 700.0))
             for one in rounds[-1].comparisons[1:]
-            if at < len(one.model.path) and one.model.path[at] not in alike
+            if one.model.path[at : at + 1] and one.model.path[at] not in alike
         )
+        chance = 0.0 if certain else first.p_global
         probability = (1.0 - chance) * KEPT[firm or len(alike) > 1] / (1.0 + outside)
-        claims.append(Claim(effect, tuple(alike), mine, mine >= CERTAIN, probability, at))
-    named = [one for one in claims if one.effect != UNNAMED]
+        claims.append(Claim(name, tuple(alike), mine, certain, probability, at))
     why = f"{label} predicts held-out {held} better by {gain:.1f} nats"
     if scored is None:
         why = f"{label} explains it; nothing could be held out to test that"
-    if not named:
-        # Names that all give way are one claim: that there is something, and what it is like.
+    if smoother and nearest:
+        why = f"a smooth correction without a name predicts held-out {held} better than {label}"
+    elif nearest and not claims:
         why = f"{label} still leaves a disagreement (global p {left:.2g}) that the library does not end"
-        if better:
-            why = f"a smooth correction without a name predicts held-out {held} better than {label}"
-        return Decision((_unnamed(max(total, remains), first, names),), (), None, why)
-    if remains > 0.0:
-        claims = [*named, _unnamed(remains, last)]
+    elif remains > 0.0:
         why += "; something remains that nothing here explains"
     if taken_back is not None:
         why += f"; {taken_back} beside it does not hold on them, so that what is left has no name"
-    return Decision(tuple(claims), names, None, why)
+    if nearest or remains > 0.0:
+        # Names that give way leave the excess: with what remains it is one claim, like them.
+        nameless = remains + sum(max(values[at], 0.0) for at in nearest)
+        nameless, seen_by, place = (
+            (nameless, last, nearest[:1]) if claims else (max(nameless, smooth), first, [])
+        )
+        claims.append(_unnamed(nameless, seen_by, [names[at] for at in nearest], *place))
+    return Decision(tuple(claims), names if claims[0].effect != UNNAMED else (), None, why)
 
 
 def _rivals(t: Thresholds, final: Round, scored: HeldOut | None, at: int) -> list[str]:
-    """Effects of the models that cannot be told from the best, in the place of one of its effects."""
+    """Effects of the models that cannot be told from the best, in the place of one of its effects.
+
+    What a model has in common with the best stands for itself; the others stand for each other in the order
+    in which they were found: the first for what explains most.
+    """
     best, found = final.best, []
     for one in final.comparisons[1:]:
         path, label = one.model.path, one.model.label
-        gone = next((k for k, name in enumerate(best.path) if name not in path), len(best.path) - 1)
-        if gone != at:
+        mine, theirs = Counter(best.path) - Counter(path), Counter(path) - Counter(best.path)
+        instead = dict(zip(_last(best.path, mine), _last(path, theirs), strict=False))
+        if at not in instead:
             continue
         near = one.z < t.critical
         if scored is not None and label in scored.names:
@@ -182,13 +189,23 @@ def _rivals(t: Thresholds, final: Round, scored: HeldOut | None, at: int) -> lis
         # Three times as wide a prior, or a third, changes which comes first.
         near |= best.merit - one.model.merit < WIDER * abs(best.size - one.model.size)
         if near:
-            found += [key for key in path if key not in best.path]
+            found.append(path[instead[at]])
     return found
 
 
-def _unnamed(evidence: float, seen: Look, nearest: Sequence[str] = ()) -> Claim:
+def _last(path: Sequence[str], many: Counter[str]) -> list[int]:
+    """Places of some effects of a path; of two of a kind the later ones."""
+    left, found = many.copy(), []
+    for at in range(len(path) - 1, -1, -1):
+        if left[path[at]] > 0:
+            left[path[at]] -= 1
+            found.append(at)
+    return found[::-1]
+
+
+def _unnamed(evidence: float, seen: Look, nearest: Sequence[str] = (), at: int | None = None) -> Claim:
     """Something without a name."""
     certain = evidence >= CERTAIN
     probability = KEPT[False] if certain else KEPT[False] * (1.0 - min(seen.p_global, 1.0))
     alike = tuple(dict.fromkeys((UNNAMED, *nearest)))
-    return Claim(UNNAMED, alike, evidence, certain, probability, None)
+    return Claim(UNNAMED, alike, evidence, certain, probability, at)

@@ -93,17 +93,18 @@ def _statements(engine: Engine, found: Searched) -> tuple[Statement, ...]:
     limits = engine.at_edge(found.rounds) if model is not None else []
     for claim in found.decision.claims:
         entry, parameters, place, region = None, {}, None, None
-        if claim.at is None or claim.effect == UNNAMED:
+        if claim.at is None:
             shown = engine.regions_of(found.last) if made else engine.regions()
             region = next(iter(shown), None)
             if region is not None and region.unit == "keV":
                 place = (region.lo, region.hi)
         else:
+            place = engine.place(model, claim.at)
+        if claim.at is not None and claim.effect != UNNAMED:
             entry, one = engine.entries[claim.effect], found.amplitudes[claim.at]
             size = {one.parameter: Estimate(one.value, *one.interval)}
             both = {**one.others, **size}
             parameters = {name: both[name] for name in entry.parameters if name in both}
-            place = engine.place(model, claim.at)
         text = sentence(
             claim.alike, evidence=claim.evidence, certain=claim.certain, probability=claim.probability,
             parameters=parameters, units={} if entry is None else entry.units,

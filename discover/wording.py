@@ -68,6 +68,8 @@ def sentence(
         if region is not None:
             unit = f" {region.unit}" if region.unit != "channel" else ""
             said += f", most at {region.lo:.4g} to {region.hi:.4g}{unit}, z = {region.z:+.1f}"
+        elif place is not None:
+            said += f", most at {place[0]:.4g} to {place[1]:.4g} keV"
         return f"{said}."
     if many:
         said = f"That something is there is {sure}: {what}; which of them these data do not say."

@@ -109,7 +109,7 @@ class LibraryEffect(Value):
     def at_limit(self, values: Mapping[str, float]) -> tuple[str, ...]:
         """Parameters whose values stand at a hard limit: the amplitude at either end but neutral, and `ends`.
 
-        At means within a hundredth of the prior's range.
+        At means within a thousandth of the prior's range.
         """
         found = []
         for name in (self.amplitude, *self.ends):

@@ -1,6 +1,7 @@
 """Every ending of a decision, and every choice of candidates, on numbers made by hand."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -154,12 +155,56 @@ def test_what_is_certain_is_not_withdrawn_by_what_remains():
     assert [one.certain for one in found.claims] == [True, False]
     assert (found.named, found.added) == ("line", ("line",))
     assert "something remains" in found.why
-    # The same of something that any continuum undoes stands only while it explains more than what is left.
-    broad = decide(COUNTS, LOUD, rounds(), LOUD, scored(), worth=(40.0,), lost=(("unnamed",),))
-    assert broad.named == "line"
-    assert "unnamed" in broad.indistinguishable
-    more = decide(COUNTS, LOUD, rounds(), look(9.0), scored(), worth=(30.0,), lost=(("unnamed",),))
-    assert (more.named, more.claims[0].certain) == ("unnamed", True)
+    # The same of something that any continuum undoes: its place is certain, and its name a set.
+    broad = decide(COUNTS, LOUD, rounds(), look(9.0), scored(), worth=(30.0,), lost=(("unnamed",),))
+    assert (broad.named, broad.indistinguishable) == ("line", ("line", "unnamed"))
+    # With less than 25 nats it gives way to what is left.
+    faint = decide(COUNTS, LOUD, rounds(), look(9.0), scored(), worth=(24.9,), lost=(("unnamed",),))
+    assert (faint.named, faint.added) == ("unnamed", ())
+    assert faint.claims[0].evidence == pytest.approx(24.9 + 40.5)
+
+
+def test_a_smooth_correction_that_is_ahead_takes_the_names_that_a_continuum_undoes_and_no_other():
+    both = Extension(("line", "dip"), 400.0, 2)
+    held = replace(
+        scored(line=350.0, unnamed=361.0, error=5.0),
+        names=("before", "line + dip", "edge", "unnamed", "random 1"),
+    )
+    said = partial(decide, COUNTS, LOUD, rounds(both), QUIET, worth=(300.0, 60.0))
+    for lost in (("unnamed",), ("unnamed",)), ((), ("unnamed",)):
+        # Eleven nats ahead, with an error of five.
+        found = said(held, lost=lost)
+        first = "line" if lost[0] == () else "unnamed"
+        assert [one.effect for one in found.claims] == [first] + ["unnamed"] * (first == "line")
+        assert found.added == (("line", "dip") if first == "line" else ())
+        assert found.claims[-1].alike[0] == "unnamed"
+        assert found.claims[-1].alike[-1] == "dip"
+        assert found.claims[-1].certain
+        # What gives way is where it was; if nothing else is left, where data and model disagree.
+        assert found.claims[-1].at == (1 if first == "line" else None)
+        assert found.claims[-1].evidence == pytest.approx(71.0 if first == "line" else 371.0)
+        # Within two errors it is in the set.
+        near = said(replace(held, error=np.full((5, 5), 5.6)), lost=lost)
+        assert [one.effect for one in near.claims] == ["line", "dip"]
+        assert "unnamed" in near.claims[1].alike
+
+
+def test_rivals_stand_where_they_were_found():
+    best = Extension(("line", "dip"), 60.0, 2)
+
+    def sets(*path):
+        made = rounds(best, Extension(path, 59.5, 2), z=1.0)
+        held = replace(scored(), names=("before", "line + dip", "other", "unnamed", "random 1"))
+        found = decide(COUNTS, LOUD, made, QUIET, held, worth=(30.0, 30.0), lost=((), ()))
+        return [one.alike[1:] for one in found.claims]
+
+    # What both have stands for itself, whatever the order; the rest as they were found.
+    assert sets("edge", "curve") == [("edge", "unnamed"), ("curve", "unnamed")]
+    assert sets("line", "edge") == [("unnamed",), ("edge", "unnamed")]
+    assert sets("edge", "dip") == sets("dip", "edge") == [("edge", "unnamed"), ("unnamed",)]
+    # Two of a kind: the later one is what differs.
+    assert sets("line", "line") == [("unnamed",), ("line", "unnamed")]
+    assert sets("dip", "dip") == [("dip", "unnamed"), ("unnamed",)]
 
 
 def test_certain_begins_at_25_nats_and_named_is_the_first_certain_name():
