@@ -137,7 +137,7 @@ def decide(
         others = [key for key in beside if key != UNNAMED] if certain else []
         alike = list(dict.fromkeys([name, *_rivals(t, rounds[-1], scored, at), *others]))
         share = mine / max(total + remains, 1e-300)
-        doubtful = left <= t.adequate or ahead > -doubt or (len(names) > t.alone and share < MOST)
+        doubtful = left <= t.adequate or ahead > -doubt or len(names) > t.alone
         if doubtful and not (firm and share >= MOST):
             alike.append(UNNAMED)
         outside = sum(

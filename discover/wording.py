@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 from gaugeblock.discovery.held_out import UNNAMED
@@ -60,7 +61,8 @@ def sentence(
     that other claims came before it.
     """
     many = len(alike) > 1
-    what = " or ".join(effect_phrase(name) for name in alike)
+    *others, final = map(effect_phrase, alike)
+    what = f"{', '.join(others)} or {final}" if others else final
     sure = f"{'certain' if certain else 'likely'} ({probability:.3g}; {evidence:.3g} nats)"
     if alike[0] == UNNAMED:
         said = "Beyond that, something remains that nothing here explains" if beyond else f"{_start(what)}"
@@ -91,7 +93,11 @@ def _start(words: str) -> str:
 
 
 def _amount(name: str, one: Estimate, unit: str) -> str:
-    said = f"{name} {one.value:.5g}"
-    if one.low is not None and one.high is not None:
-        said += f" ({one.low:.5g} to {one.high:.5g})"
-    return f"{said} {unit}".rstrip()
+    if one.low is None or one.high is None:
+        return f"{name} {one.value:.3g} {unit}".rstrip()
+    # Two digits of the interval's width: what is beyond them the data do not say.
+    ends = (one.value, one.low, one.high)
+    size, width = max(map(abs, ends)), abs(one.high - one.low)
+    digits = 2 + math.floor(math.log10(size)) - math.floor(math.log10(width)) if 0.0 < width else 5
+    value, low, high = (f"{end:.{min(max(digits, 2), 8)}g}" for end in ends)
+    return f"{name} {value} ({low} to {high}) {unit}".rstrip()

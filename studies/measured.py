@@ -1,6 +1,7 @@
 """Measured spectra whose answer is known: whether the headline holds it.
 
     python -m studies.measured FOLDER [CASE ...]
+    python -m studies.measured --page                # docs/measured.md of results/measured.json; nothing is run
 
 FOLDER holds ``cases.json`` and a folder for each case. A case says what to run (`model`, `band`, `redshift`,
 `background`) and what counts as right: `accept` are headline names (a list: together; ``"nothing"``: naming
@@ -20,13 +21,15 @@ from pathlib import Path
 from typing import Any
 
 from gaugeblock import discovery, simulators
-from gaugeblock.core.atomic import write_atomically
+from gaugeblock.core.atomic import made_folder, write_atomically
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.progress import Bars
 from studies.kit.command import carried_out
+from studies.kit.page import fill, table
 from studies.kit.results import RESULTS, clopper_pearson, record
 from studies.kit.resume import Pieces, code_of
 
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "measured.md"
 SEED = 1
 CONTROLS = ("control", "soft control", "weak")
 
@@ -94,8 +97,31 @@ def run(folder: Path, names: Sequence[str], out: Path, work: Path) -> None:
         rows = pieces.made({case["case"]: partial(searched, folder, case) for case in chosen})
     content = record("python -m studies.measured FOLDER", SEED) | {"cases": rows}
     content["versions"] = json.loads(content["versions"])
-    write_atomically(out / "measured.json", json.dumps(content, indent=1) + "\n")
+    write_atomically(made_folder(out) / "measured.json", json.dumps(content, indent=1) + "\n")
     sys.stdout.write(summary(rows) + "\n")
+
+
+def shown(rows: Mapping[str, Mapping[str, Any]]) -> str:
+    """The cases as a table of docs/measured.md."""
+    lines = [
+        (
+            name.split("_")[0],
+            row["kind"],
+            f"`{row['named']}`" if row["named"] else "nothing",
+            ", ".join(f"`{key}`" for key in row["set"][1:]) or "-",
+            "yes" if row["right"] else "no",
+            f"{row['seconds']:.0f}",
+        )
+        for name, row in rows.items()
+    ]
+    header = ("spectrum", "what it is", "first name", "not told from it", "right", "CPU s")
+    return f"{table(header, lines)}\n\n{summary(rows)}."
+
+
+def document(out: Path) -> None:
+    """Fill the page from what is stored."""
+    rows = json.loads((out / "measured.json").read_text(encoding="utf-8"))["cases"]
+    fill(PAGE, {"measured cases": shown(rows)})
 
 
 def summary(rows: Mapping[str, Mapping[str, Any]]) -> str:
@@ -113,11 +139,16 @@ def summary(rows: Mapping[str, Mapping[str, Any]]) -> str:
 def main(arguments: Sequence[str]) -> int:
     """Run it."""
     parser = argparse.ArgumentParser(prog="python -m studies.measured", description=__doc__)
-    parser.add_argument("folder", type=Path, help="with cases.json")
+    parser.add_argument("folder", type=Path, nargs="?", help="with cases.json")
     parser.add_argument("case", nargs="*", help="only these")
     parser.add_argument("--out", type=Path, default=RESULTS)
     parser.add_argument("--work", type=Path, help="finished cases, to go on from")
+    parser.add_argument("--page", action="store_true", help="only make the page of what is stored")
     given = parser.parse_args(arguments)
+    if given.page:
+        return carried_out(partial(document, given.out))
+    if given.folder is None:
+        parser.error("a folder with cases.json, or --page")
     return carried_out(
         partial(run, given.folder, given.case, given.out, given.work or given.out / "checkpoints")
     )

@@ -1,4 +1,4 @@
-"""The paragraph at the top: what disagrees, what it is, how sure, how the gap shrinks; or why no name."""
+"""What stands at the top: what is claimed, in order; where data and model disagree; how the gap shrinks."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ Kind = Literal["named", "set", "unnamed", "withdrawn", "nothing"]
 
 @dataclass(frozen=True)
 class Headline:
-    """One word or two in large letters, the paragraph, and a few figures beside their names."""
+    """One word or two in large letters, the statements, a paragraph, and a few figures beside their names."""
 
     kind: Kind
     word: str
+    statements: tuple[str, ...]
     paragraph: str
     figures: tuple[tuple[str, str, str], ...]
 
@@ -31,20 +32,20 @@ def headline(summary: Mapping[str, Any]) -> Headline:
     kind = kind_of(summary)
     alike = [str(name) for name in summary.get("indistinguishable") or []]
     names = [str(name) for name in summary.get("named_all") or []]
-    texts = [str(one.get("text") or "") for one in summary.get("statements") or []]
+    texts = tuple(str(one.get("text") or "") for one in summary.get("statements") or [])
     if kind == "nothing":
         word, said = "No disagreement", _nothing(summary)
     elif kind == "withdrawn":
         word, said = "No name holds", [_where(summary), _withdrawn(summary)]
     elif kind == "unnamed":
-        word, said = "Unnamed", [_where(summary), *texts, shape_shown(summary)]
+        word, said = "Unnamed", [_where(summary), shape_shown(summary)]
     elif kind == "set":
         word = listed([effect_words(name) for name in alike], last="or")
-        said = [_where(summary), *texts, *_gap(summary)]
+        said = [_where(summary), *_gap(summary)]
     else:
         word = " + ".join(repeated(name, effect_words(name), names) for name in dict.fromkeys(names))
-        said = [_where(summary), *texts, *_gap(summary)]
-    return Headline(kind, word, " ".join(part for part in said if part), figures(summary))
+        said = [_where(summary), *_gap(summary)]
+    return Headline(kind, word, texts, " ".join(part for part in said if part), figures(summary))
 
 
 def kind_of(summary: Mapping[str, Any]) -> Kind:

@@ -224,6 +224,15 @@ def test_a_narrow_name_that_explains_nearly_all_stands_alone_whatever_little_is_
     assert beside.indistinguishable == ("line", "edge")
 
 
+def test_two_effects_that_a_continuum_undoes_leave_no_name_alone_however_much_the_first_explains():
+    # How a bend of the continuum, which the library lacks, is put together.
+    both = Extension(("line", "dip"), 430.0, 2)
+    held = replace(scored(), names=("before", "line + dip", "edge", "unnamed", "random 1"))
+    said = partial(decide, COUNTS, LOUD, rounds(both), QUIET, held, worth=(400.0, 30.0))
+    assert said(lost=(("unnamed",), ("unnamed",))).indistinguishable == ("line", "unnamed")
+    assert said(lost=((), ("unnamed",))).indistinguishable == ("line",)
+
+
 def test_rivals_within_two_paired_errors_share_the_set():
     # Eight nats ahead: with an error of four that is two of them.
     assert said(held=scored(unnamed=-20.0, error=3.9))[1] == ("line",)

@@ -28,6 +28,18 @@ def test_a_set_is_never_told_as_one_name():
     )
 
 
+def test_no_digit_is_said_that_the_data_do_not_know():
+    given = {**GIVEN, "place": None, "units": {}}
+    for ends, shown in (
+        ((27.18, 17.304, 42.693), "27 (17 to 43)"),
+        ((6.4483, 6.3545, 6.5422), "6.45 (6.35 to 6.54)"),
+        ((0.32589, 0.20902, 0.48513), "0.33 (0.21 to 0.49)"),
+        ((0.0, -0.04, 0.05), "0 (-0.04 to 0.05)"),
+        ((5.0, 5.0, 5.0), "5 (5 to 5)"),
+    ):
+        assert f"With a {shown} (90%" in sentence(("dip",), **{**given, "parameters": {"a": Estimate(*ends)}})
+
+
 def test_what_remains_comes_after_what_is_certain():
     region = Region(3, 9, 7.0, 7.2, "keV", 9.0, 0.001)
     given = {**GIVEN, "parameters": {}, "place": (7.0, 7.2), "region": region}

@@ -1,7 +1,10 @@
 """How measured spectra are scored, on discoveries made by hand."""
 
+import json
+
 import pytest
-from studies.measured import main, scored, summary
+from studies.kit.results import RESULTS
+from studies.measured import PAGE, main, scored, shown, summary
 
 LINE = {"kind": "line", "accept": ["emission_line", ["gain_slope", "pileup"]], "reject": ["background"],
         "set_must_contain_one_of": ["emission_line"]}  # fmt: skip
@@ -47,3 +50,9 @@ def test_counts_have_exact_limits():
 def test_a_folder_without_cases_is_refused(tmp_path, capsys):
     assert main([str(tmp_path)]) == 2
     assert "cases.json: cannot be read" in capsys.readouterr().err
+
+
+def test_the_page_says_what_is_stored():
+    rows = json.loads((RESULTS / "measured.json").read_text(encoding="utf-8"))["cases"]
+    assert shown(rows) in PAGE.read_text(encoding="utf-8")
+    assert len(rows) == 12

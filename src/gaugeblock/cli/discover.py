@@ -98,7 +98,12 @@ def discover(
         command=command(),
     )
     summary = found.to_json()
-    typer.echo(printable(headline(summary).paragraph))
+    top = headline(summary)
+    for number, statement in enumerate(top.statements, 1):
+        typer.echo(printable(f"{number}. {statement}"))
+    typer.echo(printable(top.paragraph))
     for name, before, after in fit_rows(summary):
+        if name.startswith("background_1.rate_"):
+            continue  # as many as the background's channels; they are in the report
         typer.echo(printable(f"  {name}: {before}" + (f"; after: {after}" if summary["named_all"] else "")))
     typer.echo(f"report: {out / 'report.html'}")
