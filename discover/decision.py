@@ -194,13 +194,13 @@ def _rivals(t: Thresholds, final: Round, scored: HeldOut | None, at: int) -> lis
 
 
 def _last(path: Sequence[str], many: Counter[str]) -> list[int]:
-    """Places of some effects of a path; of two of a kind the later ones."""
+    """Places of some effects of a path, the last first; of two of a kind the later ones."""
     left, found = many.copy(), []
     for at in range(len(path) - 1, -1, -1):
         if left[path[at]] > 0:
             left[path[at]] -= 1
             found.append(at)
-    return found[::-1]
+    return found
 
 
 def _unnamed(evidence: float, seen: Look, nearest: Sequence[str] = (), at: int | None = None) -> Claim:

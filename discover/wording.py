@@ -98,6 +98,6 @@ def _amount(name: str, one: Estimate, unit: str) -> str:
     # Two digits of the interval's width: what is beyond them the data do not say.
     ends = (one.value, one.low, one.high)
     size, width = max(map(abs, ends)), abs(one.high - one.low)
-    digits = 2 + math.floor(math.log10(size)) - math.floor(math.log10(width)) if 0.0 < width else 5
+    digits = 2 + math.floor(math.log10(size)) - math.floor(math.log10(width)) if width > 0.0 else 5
     value, low, high = (f"{end:.{min(max(digits, 2), 8)}g}" for end in ends)
     return f"{name} {value} ({low} to {high}) {unit}".rstrip()

@@ -1,7 +1,7 @@
 """Measured spectra whose answer is known: whether the headline holds it.
 
     python -m studies.measured FOLDER [CASE ...]
-    python -m studies.measured --page                # docs/measured.md of results/measured.json; nothing is run
+    python -m studies.measured --page            # docs/measured.md of results/measured.json; nothing is run
 
 FOLDER holds ``cases.json`` and a folder for each case. A case says what to run (`model`, `band`, `redshift`,
 `background`) and what counts as right: `accept` are headline names (a list: together; ``"nothing"``: naming

@@ -200,11 +200,19 @@ def test_rivals_stand_where_they_were_found():
 
     # What both have stands for itself, whatever the order; the rest as they were found.
     assert sets("edge", "curve") == [("edge", "unnamed"), ("curve", "unnamed")]
+    assert sets("curve", "edge") == [("curve", "unnamed"), ("edge", "unnamed")]
     assert sets("line", "edge") == [("unnamed",), ("edge", "unnamed")]
     assert sets("edge", "dip") == sets("dip", "edge") == [("edge", "unnamed"), ("unnamed",)]
     # Two of a kind: the later one is what differs.
     assert sets("line", "line") == [("unnamed",), ("line", "unnamed")]
     assert sets("dip", "dip") == [("dip", "unnamed"), ("unnamed",)]
+    # Of the best's two lines the first stands for itself.
+    twice = rounds(
+        Extension(("line", "dip", "line"), 60.0, 3), Extension(("line", "dip", "edge"), 59.5, 3), z=1.0
+    )
+    held = replace(scored(), names=("before", "line + dip + line", "other", "unnamed", "random 1"))
+    found = decide(COUNTS, LOUD, twice, QUIET, held, worth=(30.0, 30.0, 30.0), lost=((), (), ()))
+    assert [one.alike[1:] for one in found.claims] == [("unnamed",), ("unnamed",), ("edge", "unnamed")]
 
 
 def test_certain_begins_at_25_nats_and_named_is_the_first_certain_name():
@@ -231,6 +239,32 @@ def test_two_effects_that_a_continuum_undoes_leave_no_name_alone_however_much_th
     said = partial(decide, COUNTS, LOUD, rounds(both), QUIET, held, worth=(400.0, 30.0))
     assert said(lost=(("unnamed",), ("unnamed",))).indistinguishable == ("line", "unnamed")
     assert said(lost=((), ("unnamed",))).indistinguishable == ("line",)
+
+
+def test_a_narrow_name_needs_four_fifths_of_what_is_left_too():
+    # 140 of 180.5 nats, 40.5 of them in what is left; and 400 of 440.5.
+    for worth, alike in ((140.0, ("line", "unnamed")), (400.0, ("line",))):
+        found = decide(COUNTS, LOUD, rounds(), look(9.0), scored(), worth=(worth,), lost=((),))
+        assert found.indistinguishable == alike
+
+
+def test_a_probability_counts_the_models_outside_the_set_and_the_chance_of_an_alarm():
+    # The rival is 5 nats behind and outside; 0.95 of names alone hold that a continuum undoes.
+    sure = decide(COUNTS, LOUD, rounds(), QUIET, scored(), worth=(30.0,), lost=(("unnamed",),))
+    assert sure.claims[0].probability == pytest.approx(0.95 / (1.0 + np.exp(-5.0)))
+    firm = decide(COUNTS, LOUD, rounds(), QUIET, scored(), worth=(30.0,), lost=((),))
+    assert firm.claims[0].probability == pytest.approx(0.99 / (1.0 + np.exp(-5.0)))
+    faint = decide(COUNTS, LOUD, rounds(z=1.0), QUIET, scored(), worth=(20.0,), lost=((),))
+    assert faint.claims[0].probability == pytest.approx(0.99 * (1.0 - LOUD.p_global))
+
+
+def test_an_excess_stays_when_no_name_predicts_better_than_chance():
+    # A random shape does as well as the line; thirty nats are there all the same.
+    found = decide(COUNTS, LOUD, rounds(), LOUD, scored(line=0.9, unnamed=0.5), worth=(30.0,), lost=((),))
+    assert (found.named, found.withdrawn, found.claims[0].certain) == ("unnamed", "line", True)
+    # What takes all names is worth what it predicts.
+    best = decide(COUNTS, LOUD, rounds(), QUIET, scored(unnamed=60.0), worth=(5.0,), lost=(("unnamed",),))
+    assert best.claims[0].evidence == pytest.approx(60.0)
 
 
 def test_rivals_within_two_paired_errors_share_the_set():
