@@ -41,7 +41,8 @@ def write_groups(
 ) -> Path:
     """Write Datasets as the groups of one NetCDF file ("" is the root group), wholly or not at all.
 
-    A group may come in parts, one after the other along ``trial``; only one is in memory at a time.
+    A group may come in parts, one after the other along ``trial``; beside the first, one is in memory at a
+    time.
 
     Raises
     ------
@@ -51,7 +52,10 @@ def write_groups(
     import netCDF4
 
     # One handle for all groups: opening the file again for each costs more than writing it.
+    # Everything is defined before anything is written: the library goes through all groups of the file
+    # whenever it turns from one to the other.
     with atomic_path(path) as partial, netCDF4.Dataset(partial, "w") as file:
+        defined = []
         for group, content in groups.items():
             parts = iter([content] if isinstance(content, xr.Dataset) else content)
             whole = isinstance(content, xr.Dataset)
@@ -62,13 +66,30 @@ def write_groups(
                     if APPENDED in variable.dims and encoding[str(key)]:
                         encoding[str(key)]["chunksizes"] = tuple(variable.shape)
             target = file.createGroup(group) if group else file
+            later = _Later()
             first.dump_to_store(
                 xr.backends.NetCDF4DataStore(target),  # type: ignore[no-untyped-call]
                 encoding=encoding,
                 unlimited_dims=[] if whole else [APPENDED],
+                writer=later,
             )
-            _append(target, first.sizes.get(APPENDED, 0), parts)
+            defined.append((later, target, first.sizes.get(APPENDED, 0), parts))
+        for later, target, start, parts in defined:
+            for source, variable in later.writes:
+                variable[...] = source
+            _append(target, start, parts)
     return Path(path)
+
+
+class _Later:
+    """Takes the place of xarray's writer, and only notes what it would write where."""
+
+    def __init__(self) -> None:
+        self.writes: list[tuple[Any, Any]] = []
+
+    def add(self, source: Any, target: Any, region: None = None) -> None:  # noqa: ARG002
+        """A variable's values, and the variable in the file."""
+        self.writes.append((source, target))
 
 
 def _append(target: Any, start: int, parts: Iterator[xr.Dataset]) -> None:
