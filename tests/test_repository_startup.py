@@ -8,8 +8,8 @@ import sys
 import pytest
 
 EXTRAS = (
-    "astropy", "jax", "jaxlib", "jaxspec", "matplotlib", "numpyro", "pooch", "safetensors", "sbi", "torch",
-    "ultranest", "zuko",
+    "astropy", "cloudpickle", "dask", "distributed", "jax", "jaxlib", "jaxspec", "matplotlib", "numpyro",
+    "pooch", "safetensors", "sbi", "torch", "ultranest", "zuko",
 )  # fmt: skip
 
 # Refuses the extras as if they were not installed, wherever they are.

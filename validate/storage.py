@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +54,7 @@ def write_groups(
     # One handle for all groups: opening the file again for each costs more than writing it.
     # Everything is defined before anything is written: the library goes through all groups of the file
     # whenever it turns from one to the other.
-    with atomic_path(path) as partial, netCDF4.Dataset(partial, "w") as file:
+    with _told(path), atomic_path(path) as partial, netCDF4.Dataset(partial, "w") as file:
         defined = []
         for group, content in groups.items():
             parts = iter([content] if isinstance(content, xr.Dataset) else content)
@@ -90,6 +90,15 @@ class _Later:
     def add(self, source: Any, target: Any, region: None = None) -> None:  # noqa: ARG002
         """A variable's values, and the variable in the file."""
         self.writes.append((source, target))
+
+
+@contextmanager
+def _told(path: str | os.PathLike[str]) -> Iterator[None]:
+    """What the NetCDF and HDF5 layers raise in place of an OSError, above all of a full disk."""
+    try:
+        yield
+    except RuntimeError as error:
+        raise InputError(f"cannot write {path}: {error}; the disk may be full") from error
 
 
 def _append(target: Any, start: int, parts: Iterator[xr.Dataset]) -> None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -15,30 +16,31 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from gaugeblock.auditing.baseline import compared, kept_baseline, read_baseline
-from gaugeblock.auditing.collect import collect, discard, fingerprint
+from gaugeblock.auditing.collect import collect, collect_part, discard, fingerprint
 from gaugeblock.auditing.config import AuditConfig, PolicyLike, TrialsTable, as_policy, as_trials_table
 from gaugeblock.auditing.estimator_from import as_estimator
 from gaugeblock.auditing.explain import explained
 from gaugeblock.auditing.identity import identity, versions
 from gaugeblock.auditing.kept_seed import kept_seed
-from gaugeblock.auditing.ledger import check_ledger, entered
+from gaugeblock.auditing.ledger import Entry, check_ledger, entered
 from gaugeblock.auditing.looks import earlier_trials, look_at, look_key, stored_looks
 from gaugeblock.auditing.observation import read_observation, trials_around
 from gaugeblock.auditing.phases import end_phase, ended
 from gaugeblock.auditing.provenance import FORMAT, digests, finished_audit, named, title
 from gaugeblock.auditing.result import Audit, write_arrays
-from gaugeblock.auditing.samples import untrusted
+from gaugeblock.auditing.samples import Plan, untrusted
 from gaugeblock.auditing.trials_from import any_trials
 from gaugeblock.auditing.watch import Watch, watched
 from gaugeblock.core.arrays import numbers, plain
 from gaugeblock.core.atomic import made_folder
 from gaugeblock.core.digest import digest, file_digest
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.processors import kinds
 from gaugeblock.core.progress import Progress, shown
-from gaugeblock.estimators.protocol import Confined, Listed
+from gaugeblock.estimators.protocol import Confined, Estimator, Listed
 from gaugeblock.reports.machine import plain as plain_data
 from gaugeblock.simulators.from_function import as_simulator
-from gaugeblock.simulators.protocol import HasLikelihood
+from gaugeblock.simulators.protocol import HasLikelihood, Simulator
 from gaugeblock.validate import Policy, make_trials, run_validators
 from gaugeblock.validate import judge as judged
 from gaugeblock.validate.findings_file import read_findings
@@ -68,6 +70,8 @@ def audit(
     densities: bool | None = None,
     ledger: str | os.PathLike[str] | None = None,
     release: bool = False,
+    executor: Executor | None = None,
+    allow_mixed: bool = False,
     command: str = "",
 ) -> Audit:
     """Audit an estimator on a simulator: simulate, estimate, validate, judge, report.
@@ -116,64 +120,66 @@ def audit(
         File in which every audit of a project is entered; the verdict says how many came before this one.
     release : bool
         Whether the estimator is final: its truths are drawn from a seed that the ledger has not seen.
+    executor : concurrent.futures.Executor, optional
+        What fills blocks of trials: a `ProcessPoolExecutor` of spawned processes, dask.distributed's
+        ``client.get_executor()``, mpi4py's, loky's, Parsl's. Its processes have to see the folder `out`.
+        None: this process. The bits are the same.
+    allow_mixed : bool
+        Whether blocks may be made on different kinds of processors, which gives up equal bits.
 
     Raises
     ------
     InputError
         If anything given cannot be used, simulator and estimator do not fit, or one of them fails.
     """
-    if hasattr(estimator, "simulate") and not hasattr(estimator, "sample"):
-        raise InputError(
-            f"the estimator is a {type(estimator).__name__}, which simulates; "
-            "the order is (estimator, simulator)"
-        )
     rules = as_policy(policy)
     chosen = None if validators is None else tuple(validators)
     check_validators(chosen or ())
     table = as_trials_table(trials, draws=draws, seed=seed)
-    if release and ledger is None:
-        raise InputError(
-            "a release audit draws a seed that its ledger has not seen: give one with --ledger FILE"
-        )
-    if release and "seed" in table.model_fields_set:
-        raise InputError("a release audit draws its own seed: leave out --seed, and seed of [trials]")
-    if ledger is not None:
-        check_ledger(Path(ledger))
     earlier = None if baseline is None else read_baseline(Path(baseline))
     watching = anytime or table.anytime
     observed = read_observation(table.observation if observation is None else observation)
-    simulated = as_simulator(simulator, prior=prior, names=names)
-    dense = isinstance(simulated, HasLikelihood) if densities is None else densities
-    estimating = as_estimator(estimator, simulated, densities=dense)
-    plan = table.plan()
-    # What the caller made is the caller's to end.
-    with (
-        ended(None if estimating is estimator else estimating),
-        shown(progress) as tell,
-        _workplace(out) as folder,
-    ):
-        subjects = {
-            "simulator": {**named(simulator), **identity(simulated)},
-            "estimator": {**named(estimator), **identity(estimating)},
-        }
-        drawn = False
-        if untrusted(estimating) and "seed" not in table.model_fields_set and not release:
-            # A stranger that can foresee the seed could draw the truths again.
-            kept = fingerprint(simulated, estimating, replace(plan, seed=0))
-            plan, drawn = replace(plan, seed=kept_seed(folder / CHUNKS, kept)), True
-        entry = None
-        if ledger is not None:
-            entry = entered(
-                Path(ledger), subjects, rules, seed=plan.seed, trials=plan.number, release=release
-            )
-            plan = replace(plan, seed=entry.seed)
+    begin = _begun(
+        estimator,
+        simulator,
+        table,
+        rules,
+        prior=prior,
+        names=names,
+        densities=densities,
+        ledger=ledger,
+        release=release,
+        out=out,
+        progress=progress,
+        side_by_side=executor is not None,
+    )
+    with begin as run:
+        simulated, estimating, plan, folder, tell = (
+            run.simulator,
+            run.estimator,
+            run.plan,
+            run.folder,
+            run.tell,
+        )
+        subjects, entry = run.subjects, run.entry
         watch = Watch(rules, plan.seed) if watching else None
         stopped: dict[str, Any] = {"anytime": True} if watching else {}
         same = {**subjects, "trials": {**vars(plan), **stopped}}
         known = earlier_trials(folder, same)
+        work = fingerprint(simulated, estimating, plan)
         tree = collect(
-            simulated, estimating, plan, folder / CHUNKS, watch=watch, progress=tell, earlier=known
+            simulated,
+            estimating,
+            plan,
+            folder / CHUNKS,
+            key=work,
+            watch=watch,
+            progress=tell,
+            earlier=known,
+            executor=executor,
+            allow_mixed=allow_mixed,
         )
+        made_on = kinds(folder / CHUNKS / work, mixed=allow_mixed)
         if observed is not None:
             tell("around the observation", 0, 1)
             around = trials_around(simulated, estimating, observed.data, seed=plan.seed, block=plan.block)
@@ -182,7 +188,7 @@ def audit(
         number = tree.sizes["trial"]
         if watching:
             stopped["used"] = number
-        key = look_key(same, rules, seed=None if drawn else plan.seed)
+        key = look_key(same, rules, seed=None if run.drawn else plan.seed)
         looked = () if entry is None else [look["trials"] for look in entry.line["looks"]]
         provenance: dict[str, Any] = {
             "command": command,
@@ -190,6 +196,8 @@ def audit(
             **subjects,
             "ledger": None if entry is None else entry.record,
             "trials": {**vars(plan), **stopped},
+            "processors": made_on,
+            "equal_bits": len(made_on) == 1,
         }
         resources: dict[str, Any] = {}
         if isinstance(estimating, Confined):
@@ -230,6 +238,8 @@ def audit_configured(
     baseline: str | os.PathLike[str] | None = None,
     ledger: str | os.PathLike[str] | None = None,
     release: bool = False,
+    executor: Executor | None = None,
+    allow_mixed: bool = False,
     command: str = "",
     progress: Progress | bool | None = None,
 ) -> Audit:
@@ -245,8 +255,139 @@ def audit_configured(
         validators=config.validators,
         ledger=ledger,
         release=release,
+        executor=executor,
+        allow_mixed=allow_mixed,
         command=command,
     )
+
+
+def audit_part(
+    config: AuditConfig,
+    out: str | os.PathLike[str],
+    part: tuple[int, int],
+    *,
+    policy: PolicyLike | None = None,
+    ledger: str | os.PathLike[str] | None = None,
+    release: bool = False,
+    executor: Executor | None = None,
+    allow_mixed: bool = False,
+    progress: Progress | bool | None = None,
+) -> int:
+    """Fill the blocks of part (i, N) of an audit, for `audit_configured` to finish; how many there are.
+
+    Raises
+    ------
+    InputError
+        As `audit`; or if parts of another plan are in the folder.
+    """
+    begin = _begun(
+        config.estimator.table,
+        config.simulator.table,
+        config.trials,
+        config.read_policy() if policy is None else as_policy(policy),
+        ledger=ledger,
+        release=release,
+        out=out,
+        progress=progress,
+        side_by_side=True,
+    )
+    with begin as run:
+        return collect_part(
+            run.simulator,
+            run.estimator,
+            run.plan,
+            run.folder / CHUNKS,
+            part,
+            progress=run.tell,
+            executor=executor,
+            allow_mixed=allow_mixed,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Run:
+    """An audit before its first trial: who is audited on what, the plan with its seed, and where."""
+
+    simulator: Simulator
+    estimator: Estimator
+    plan: Plan
+    subjects: Mapping[str, Any]
+    drawn: bool
+    entry: Entry | None
+    folder: Path
+    tell: Progress
+
+
+@contextmanager
+def _begun(
+    estimator: Any,
+    simulator: Any,
+    table: TrialsTable,
+    rules: Policy,
+    *,
+    out: str | os.PathLike[str] | None,
+    side_by_side: bool,
+    prior: Any = None,
+    names: Sequence[str] | None = None,
+    densities: bool | None = None,
+    ledger: str | os.PathLike[str] | None = None,
+    release: bool = False,
+    progress: Progress | bool | None = None,
+) -> Iterator[_Run]:
+    """An audit about to begin, entered in its ledger; what it holds open ends with the block."""
+    if hasattr(estimator, "simulate") and not hasattr(estimator, "sample"):
+        raise InputError(
+            f"the estimator is a {type(estimator).__name__}, which simulates; "
+            "the order is (estimator, simulator)"
+        )
+    if release and ledger is None:
+        raise InputError(
+            "a release audit draws a seed that its ledger has not seen: give one with --ledger FILE"
+        )
+    if release and "seed" in table.model_fields_set:
+        raise InputError("a release audit draws its own seed: leave out --seed, and seed of [trials]")
+    if ledger is not None:
+        check_ledger(Path(ledger))
+    simulated = as_simulator(simulator, prior=prior, names=names)
+    dense = isinstance(simulated, HasLikelihood) if densities is None else densities
+    estimating = as_estimator(estimator, simulated, densities=dense)
+    if side_by_side and untrusted(estimating):
+        raise InputError(
+            "an estimator that nobody vouches for answers one process alone, which sees to it that all draws "
+            "come before any density: leave out workers, scheduler, part and executor"
+        )
+    plan = table.plan()
+    # What the caller made is the caller's to end.
+    with (
+        ended(None if estimating is estimator else estimating),
+        shown(progress) as tell,
+        _workplace(out) as folder,
+    ):
+        subjects = {
+            "simulator": {**named(simulator), **identity(simulated)},
+            "estimator": {**named(estimator), **identity(estimating)},
+        }
+        drawn = False
+        if untrusted(estimating) and "seed" not in table.model_fields_set and not release:
+            # A stranger that can foresee the seed could draw the truths again.
+            kept = fingerprint(simulated, estimating, replace(plan, seed=0))
+            plan, drawn = replace(plan, seed=kept_seed(folder / CHUNKS, kept)), True
+        entry = None
+        if ledger is not None:
+            entry = entered(
+                Path(ledger), subjects, rules, seed=plan.seed, trials=plan.number, release=release
+            )
+            plan = replace(plan, seed=entry.seed)
+        yield _Run(
+            simulator=simulated,
+            estimator=estimating,
+            plan=plan,
+            subjects=subjects,
+            drawn=drawn,
+            entry=entry,
+            folder=folder,
+            tell=tell,
+        )
 
 
 def audit_draws(

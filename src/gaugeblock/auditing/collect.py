@@ -1,15 +1,21 @@
 """Trials collected: a simulator draws truths and data, an estimator answers, block after block on disk.
 
 Every block is written whole, under a key made of everything that decides its content, so an interrupted run
-goes on where it stopped, to the same bits, and never mixes trials of two configurations.
+goes on where it stopped, to the same bits, and never mixes trials of two configurations. Who makes a block,
+and when, decides nothing of it: several processes fill blocks side by side.
 """
 
 from __future__ import annotations
 
+import json
 import secrets
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from concurrent.futures import Executor
+from contextlib import closing
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import xarray as xr
 
@@ -24,8 +30,11 @@ from gaugeblock.auditing.samples import (
     untrusted,
 )
 from gaugeblock.auditing.watch import Watch
+from gaugeblock.core.atomic import made_folder, write_once
 from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.executors import each
+from gaugeblock.core.processors import kinds, one_kind
 from gaugeblock.core.progress import Progress
 from gaugeblock.core.streams import whole_blocks
 from gaugeblock.estimators.protocol import Estimator, has_density
@@ -34,7 +43,9 @@ from gaugeblock.simulators.protocol import HasLikelihood, Simulator
 from gaugeblock.validate.storage import open_groups, read_groups, write_groups
 from gaugeblock.validate.trials import IMPORTANCE, JOINT, group_trials, main_trials, trials_tree
 
+MAIN, DRAWN, DENSITIES = "trials", "importance draws", "densities"
 WEIGHING, LIKELIHOOD = "importance sampling", "joint likelihood"
+PARTS = "parts.json"
 
 
 def collect(
@@ -43,44 +54,97 @@ def collect(
     plan: Plan,
     folder: Path,
     *,
+    key: str | None = None,
     watch: Watch | None = None,
     progress: Progress | None = None,
     earlier: xr.DataTree | None = None,
+    executor: Executor | None = None,
+    allow_mixed: bool = False,
 ) -> xr.DataTree:
     """Trials of an estimator on a simulator, resumed from `folder` where it holds blocks of the same run.
 
-    The result does not depend on where a run was interrupted, and a longer run begins with a shorter
-    one's trials, which are taken from `earlier` where these are known; with a `watch` it stops at the end
-    of a block. An estimator that is `untrusted` gives all its draws before anything is said of densities.
+    The result depends neither on where a run was interrupted, nor on which process of an `executor` made
+    which block, and when; and a longer run begins with a shorter one's trials, which are taken from
+    `earlier` where these are known. With a `watch` it stops at the end of a block. An estimator that is
+    `untrusted` gives all its draws before anything is said of densities. `key` is the `fingerprint`, where
+    it was made already.
 
     Raises
     ------
     InputError
-        If the simulator gives data that are not finite, or the estimator draws of the wrong shape.
+        If the simulator gives data that are not finite, or the estimator draws of the wrong shape; if blocks
+        were made on other processors, unless `allow_mixed`; or the folder holds parts of another plan.
     """
-    work = folder / fingerprint(simulator, estimator, plan)
-    work.mkdir(parents=True, exist_ok=True)
-    blocks = _OnDisk(work, plan.block, progress)
+    key = key or fingerprint(simulator, estimator, plan)
+    known = folder / PARTS
+    if known.exists():
+        _same_plan(known, run_record(simulator, estimator, plan))
+    fill = _Fill.begun(simulator, estimator, plan, folder / key, allow_mixed)
+    blocks = _OnDisk(fill, executor, progress)
     for what, trials in _known(earlier, estimator):
         blocks.keep(what, trials)
-    main = blocks.joined("trials", plan.number, MainTrials(simulator, estimator, plan), watch=watch)
+    main = blocks.joined(MAIN, plan.number, watch=watch)
     plan = plan.at_most(main.sizes["trial"])
-    again = (simulator, estimator, plan, blocks.reader("trials"))
-    weighed = plan.importance_number if _weighable(simulator, estimator) else 0
+    weighed, likelihoods = _further(simulator, estimator, plan)
     importance, joint = None, None
     if weighed:
-        what = "importance draws" if untrusted(estimator) else WEIGHING
-        importance = blocks.joined(what, weighed, ImportanceTrials(*again))
+        importance = blocks.joined(DRAWN if untrusted(estimator) else WEIGHING, weighed)
     if untrusted(estimator):
         end_phase(estimator)
         if has_density(estimator):
-            main = blocks.joined("densities", plan.number, DensityTrials(*again))
+            main = blocks.joined(DENSITIES, plan.number)
         if weighed:
-            weigh = WeighedDraws(*again, blocks.reader("importance draws"))
-            importance = blocks.joined(WEIGHING, weighed, weigh)
-    if plan.joint_number and isinstance(simulator, HasLikelihood):
-        joint = blocks.joined(LIKELIHOOD, plan.joint_number, JointTrials(*again))
+            importance = blocks.joined(WEIGHING, weighed)
+    if likelihoods:
+        joint = blocks.joined(LIKELIHOOD, likelihoods)
     return trials_tree(main, importance, joint=joint)
+
+
+def collect_part(
+    simulator: Simulator,
+    estimator: Estimator,
+    plan: Plan,
+    folder: Path,
+    part: tuple[int, int],
+    *,
+    progress: Progress | None = None,
+    executor: Executor | None = None,
+    allow_mixed: bool = False,
+) -> int:
+    """Every N-th block from the i-th on, of a `part` (i, N), for `collect` to find; how many there are.
+
+    The first part to come writes down whose blocks they are, and parts of anything else are refused.
+
+    Raises
+    ------
+    InputError
+        As `collect`; or if an earlier part is of another plan, or simulator or estimator cannot be known
+        again in another process.
+    """
+    record = run_record(simulator, estimator, plan)
+    if not lasting(record):
+        raise InputError(
+            "the state of simulator or estimator cannot be told from another's, so that parts could not be "
+            "put together; give a file, a model folder or an object that can be pickled"
+        )
+    _same_plan(folder / PARTS, record)
+    work = folder / fingerprint(simulator, estimator, plan)
+    fill = _Fill.begun(simulator, estimator, plan, work, allow_mixed)
+    blocks, number = _OnDisk(fill, executor, progress), 0
+    weighed, likelihoods = _further(simulator, estimator, plan)
+    for what, trials in ((MAIN, plan.number), (WEIGHING, weighed), (LIKELIHOOD, likelihoods)):
+        mine = list(whole_blocks(trials, plan.block))[part[0] - 1 :: part[1]]
+        number += len(mine)
+        for _ in blocks.filled(what, mine, len(mine) * plan.block):
+            pass
+    return number
+
+
+def _further(simulator: Simulator, estimator: Estimator, plan: Plan) -> tuple[int, int]:
+    """Trials that get importance draws, and trials that get likelihoods."""
+    likely = isinstance(simulator, HasLikelihood)
+    weighable = likely and isinstance(simulator.prior, HasPriorDensity) and has_density(estimator)
+    return plan.importance_number if weighable else 0, plan.joint_number if likely else 0
 
 
 def _known(earlier: xr.DataTree | None, estimator: Estimator) -> Iterator[tuple[str, xr.Dataset]]:
@@ -88,83 +152,176 @@ def _known(earlier: xr.DataTree | None, estimator: Estimator) -> Iterator[tuple[
     if earlier is None or untrusted(estimator):
         return
     groups = {WEIGHING: group_trials(earlier, IMPORTANCE), LIKELIHOOD: group_trials(earlier, JOINT)}
-    yield "trials", main_trials(earlier)
+    yield MAIN, main_trials(earlier)
     yield from ((what, trials) for what, trials in groups.items() if trials is not None)
 
 
-def _weighable(simulator: Simulator, estimator: Estimator) -> bool:
-    known = isinstance(simulator, HasLikelihood) and isinstance(simulator.prior, HasPriorDensity)
-    return known and has_density(estimator)
+def run_record(simulator: Simulator, estimator: Estimator, plan: Plan) -> dict[str, Any]:
+    """Everything that decides the bits of a run, but for the processor that makes them."""
+    return {
+        "simulator": identity(simulator),
+        "estimator": identity(estimator),
+        "plan": vars(plan),
+        "versions": versions(),
+    }
 
 
 def fingerprint(simulator: Simulator, estimator: Estimator, plan: Plan) -> str:
     """Key of everything that decides the bits of a run, as sixteen hexadecimal digits.
 
     It never comes again for a simulator or an estimator whose state cannot be told from another's: a run of
-    such a thing starts afresh, and does not mix the draws of two networks.
+    such a thing starts afresh, and does not mix the draws of two networks. The processor is not in it: who
+    makes the first block enters it beside the blocks, and no other kind adds to them unasked (`one_kind`).
     """
-    parts = {"simulator": identity(simulator), "estimator": identity(estimator)}
-    content = {
-        **parts,
-        "once": [secrets.token_hex(8) for part in parts.values() if not lasting(part)],
-        "plan": vars(plan),
-        "versions": versions(),
-    }
-    return digest(content)[:16]
+    record = run_record(simulator, estimator, plan)
+    once = [secrets.token_hex(8) for name in ("simulator", "estimator") if not lasting(record[name])]
+    return digest({**record, "once": once})[:16]
+
+
+def _same_plan(path: Path, record: dict[str, Any]) -> None:
+    """Enter whose parts these are, where nobody has, and refuse those of anything else."""
+    made_folder(path.parent)
+    mine = json.loads(json.dumps(record, default=str))
+    content = json.dumps({name: mine[name] for name in ("plan", "versions")} | {"digest": digest(mine)})
+    try:
+        kept = json.loads(write_once(path, content.encode()))
+        if kept["digest"] == digest(mine):
+            return
+        other = [
+            f"{key} {kept[name].get(key)} there, {mine[name].get(key)} here"
+            for name in ("plan", "versions")
+            for key in {**kept[name], **mine[name]}
+            if kept[name].get(key) != mine[name].get(key)
+        ]
+    except (ValueError, KeyError, TypeError, AttributeError):
+        other = ["its record is damaged"]
+    said = "; ".join(other) or "another simulator or estimator"
+    raise InputError(
+        f"{path.parent} holds parts of another plan ({said}): give the same options, or another --out"
+    )
+
+
+@dataclass(frozen=True)
+class _Fill:
+    """Fills any block of a run: all that a process needs for it."""
+
+    simulator: Simulator
+    estimator: Estimator
+    plan: Plan
+    work: Path
+    allow_mixed: bool
+    versions: dict[str, str]
+
+    @classmethod
+    def begun(
+        cls, simulator: Simulator, estimator: Estimator, plan: Plan, work: Path, allow_mixed: bool
+    ) -> _Fill:
+        made_folder(work)
+        kinds(work, mixed=allow_mixed)
+        return cls(simulator, estimator, plan, work.resolve(), allow_mixed, versions())
+
+    def __call__(self, block: tuple[str, range]) -> None:
+        """Write a block where there is none; one that is made twice has the same bits twice."""
+        path = self.path(*block)
+        if _intact(path):
+            return
+        if self.versions != _versions_here():
+            raise InputError(_other_versions(self.versions, _versions_here()))
+        what, trials = block
+        made = self._maker(what)(trials)
+        one_kind(self.work, mixed=self.allow_mixed)
+        write_groups({"": made}, path)
+
+    def path(self, what: str, trials: range | None = None) -> Path:
+        """File of a block, or of all together."""
+        name = what.replace(" ", "-")
+        return self.work / (f"{name}.nc" if trials is None else f"{name}-{trials.start:08d}.nc")
+
+    def _maker(self, what: str) -> Blocks:
+        again = (self.simulator, self.estimator, self.plan, self._reader(MAIN))
+        if what == MAIN:
+            return MainTrials(*again[:3])
+        if what == DENSITIES:
+            return DensityTrials(*again)
+        if what == LIKELIHOOD:
+            return JointTrials(*again)
+        if what == WEIGHING and untrusted(self.estimator):
+            return WeighedDraws(*again, self._reader(DRAWN))
+        return ImportanceTrials(*again)
+
+    def _reader(self, what: str) -> Blocks:
+        return lambda trials: _read(self.path(what, trials))
+
+
+@cache
+def _versions_here() -> dict[str, str]:
+    return versions()
+
+
+def _other_versions(there: dict[str, str], here: dict[str, str]) -> str:
+    other = [
+        f"{name} {here.get(name, 'absent')}, not {there.get(name, 'absent')}"
+        for name in {**there, **here}
+        if there.get(name) != here.get(name)
+    ]
+    return f"a worker has other versions than this process ({'; '.join(other)}): install the same there"
 
 
 @dataclass(frozen=True)
 class _OnDisk:
-    """Blocks of `size` trials as files of the folder `work`, each whole."""
+    """Blocks of trials as files, filled by an executor's processes, or here."""
 
-    work: Path
-    size: int
+    fill: _Fill
+    executor: Executor | None
     progress: Progress | None
 
-    def joined(self, what: str, number: int, make: Blocks, *, watch: Watch | None = None) -> xr.Dataset:
+    def joined(self, what: str, number: int, *, watch: Watch | None = None) -> xr.Dataset:
         """The first `number` trials, or fewer where the `watch` has seen enough; damaged blocks anew."""
         stop = number
-        for trials in whole_blocks(number, self.size):
-            self._say(what, trials.start, number)
-            path = self._path(what, trials)
-            if not _intact(path):
-                write_groups({"": make(trials)}, path)
-            if watch is None:
-                continue
-            stop = min(trials.stop, number)
-            if watch.see(self._cut(what, trials, number)) and watch.confirm(self._together(what, stop)):
-                break
-        self._say(what, number, number)
+        blocks = list(whole_blocks(number, self.fill.plan.block))
+        with closing(self.filled(what, blocks, number)) as filled:
+            for trials in filled:
+                if watch is None:
+                    continue
+                stop = min(trials.stop, number)
+                if watch.see(self._cut(what, trials, number)) and watch.confirm(self._together(what, stop)):
+                    break
         return self._together(what, stop)
+
+    def filled(self, what: str, blocks: list[range], number: int) -> Generator[range]:
+        """Each block in its order, once it is on disk."""
+        missing = [trials for trials in blocks if not _intact(self.fill.path(what, trials))]
+        done = set(blocks) - set(missing)
+        tasks = ((what, trials) for trials in missing)
+        with closing(each(self.fill, tasks, folder=self.fill.work, executor=self.executor)) as making:
+            self._say(what, len(done), number)
+            for trials in blocks:
+                while trials not in done:
+                    done.add(next(making)[1])
+                    self._say(what, len(done), number)
+                yield trials
 
     def keep(self, what: str, earlier: xr.Dataset) -> None:
         """Write the whole blocks of an earlier run, as if they had been made here; what is cut off is not."""
-        for trials in whole_blocks(earlier.sizes["trial"], self.size):
-            path = self._path(what, trials)
+        one_kind(self.fill.work, mixed=self.fill.allow_mixed)
+        for trials in whole_blocks(earlier.sizes["trial"], self.fill.plan.block):
+            path = self.fill.path(what, trials)
             if trials.stop <= earlier.sizes["trial"] and not _intact(path):
                 block = earlier.isel(trial=slice(trials.start, trials.stop)).drop_encoding()
                 write_groups({"": block}, path)
 
-    def reader(self, what: str) -> Blocks:
-        """Reads whole blocks back."""
-        return lambda trials: _read(self._path(what, trials))
-
     def _together(self, what: str, number: int) -> xr.Dataset:
         """One file out of all blocks: small ones are read back into memory, large ones stay there."""
-        parts = (self._cut(what, trials, number) for trials in whole_blocks(number, self.size))
-        whole = write_groups({"": parts}, self._path(what))
+        parts = (self._cut(what, trials, number) for trials in whole_blocks(number, self.fill.plan.block))
+        whole = write_groups({"": parts}, self.fill.path(what))
         return open_groups(whole, what="Trials", own=True)[""].drop_encoding()
 
     def _cut(self, what: str, trials: range, number: int) -> xr.Dataset:
-        return _read(self._path(what, trials)).isel(trial=slice(number - trials.start))
-
-    def _path(self, what: str, trials: range | None = None) -> Path:
-        name = what.replace(" ", "-")
-        return self.work / (f"{name}.nc" if trials is None else f"{name}-{trials.start:08d}.nc")
+        return _read(self.fill.path(what, trials)).isel(trial=slice(number - trials.start))
 
     def _say(self, what: str, done: int, number: int) -> None:
         if self.progress is not None:
-            self.progress(what, done, number)
+            self.progress(what, min(done * self.fill.plan.block, number), number)
 
 
 def _read(path: Path) -> xr.Dataset:
@@ -181,8 +338,9 @@ def _intact(path: Path) -> bool:
 
 
 def discard(folder: Path) -> None:
-    """Remove the blocks below `folder` and their seeds, once what they were for is written."""
-    for path in sorted([*folder.glob("*/*.nc"), *folder.glob("*.seed")]):
+    """Remove the blocks below `folder` and what was kept beside them, once what they were for is written."""
+    kept = ("*/*.nc", "*/processor*.json", "*/sent-*.pickle", PARTS, "*.seed")
+    for path in sorted(found for pattern in kept for found in folder.glob(pattern)):
         path.unlink(missing_ok=True)
         if path.parent != folder and not any(path.parent.iterdir()):
             path.parent.rmdir()

@@ -19,6 +19,7 @@ from gaugeblock.core.atomic import write_atomically
 from gaugeblock.core.digest import digest, file_digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.foreign import read_json
+from gaugeblock.core.processors import processor
 from gaugeblock.reports.machine import plain
 from gaugeblock.validate.looks import Looks
 from gaugeblock.validate.policy import Policy
@@ -83,11 +84,13 @@ def stored_looks(verdict: Mapping[str, Any]) -> Looks:
 def earlier_trials(folder: Path, record: Mapping[str, Any]) -> xr.DataTree | None:
     """The finished trials in a folder that begin an audit of this record, or None where they do not.
 
-    They have to be those that the verdict beside them was found from, made by the same versions.
+    They have to be those that the verdict beside them was found from, made by the same versions on the same
+    processor.
     """
     try:
         audited = finished_audit(folder)["provenance"]
         same = _same(audited) == _same(plain(record)) and lasting(_same(audited))
+        same = same and audited.get("processors") == [processor()]
         if not same or audited.get("format") != FORMAT or audited.get("versions") != versions():
             return None
         path = folder / "trials.nc"

@@ -16,13 +16,16 @@ from gaugeblock.cli.check import check
 from gaugeblock.cli.discover import EXIT_CODES as DISCOVER_EXIT_CODES
 from gaugeblock.cli.discover import discover
 from gaugeblock.cli.options import (
+    AllowMixed,
     Baseline,
     Debug,
     Ledger,
     Out,
+    Part,
     PolicyName,
     Quiet,
     Release,
+    Scheduler,
     Seed,
     Settings,
     SimulatorName,
@@ -32,6 +35,7 @@ from gaugeblock.cli.options import (
     StrangerPath,
     StrangerPython,
     Trust,
+    Workers,
     command,
     stranger_settings,
 )
@@ -108,6 +112,10 @@ def audit(
     baseline: Baseline = None,
     ledger: Ledger = None,
     release: Release = False,
+    workers: Workers = 1,
+    scheduler: Scheduler = None,
+    part: Part = None,
+    allow_mixed: AllowMixed = False,
     quiet: Quiet = False,
     debug: Debug = False,  # noqa: ARG001 - read by main()
 ) -> None:
@@ -117,8 +125,9 @@ def audit(
     --estimator it audits a file that nobody vouches for: that runs in a sandbox, and sees data only.
     An interrupted audit goes on where it stopped when the same command runs again.
     """
-    from gaugeblock.auditing.audit import audit_configured, audit_draws
+    from gaugeblock.auditing.audit import audit_configured, audit_draws, audit_part
     from gaugeblock.auditing.config import read_config
+    from gaugeblock.core.executors import opened, parse_part
     from gaugeblock.core.settings import parse_settings
 
     if trials is not None and (ledger is not None or release):
@@ -134,6 +143,12 @@ def audit(
         builder=estimator_builder,
         trust=trust,
     )
+    if trials is not None and (workers > 1 or scheduler or part or allow_mixed):
+        raise GaugeblockError(
+            "draws from disk leave nothing to fill: leave out --workers, --scheduler, --part and "
+            "--allow-mixed, or --trials"
+        )
+    wanted = None if part is None else parse_part(part)
     if changes and config is None and simulator is None:
         raise GaugeblockError("say what the estimator is for: --simulator NAME, or a configuration")
     if simulator is not None:
@@ -153,10 +168,20 @@ def audit(
         "command": command(),
         "progress": not quiet,
     }
-    if trials is None:
-        result = audit_configured(chosen, ledger=ledger, release=release, **said)
-    else:
-        result = audit_draws(trials, seed=seed or 0, validators=chosen.validators, **said)
+    if trials is not None:
+        _finish(audit_draws(trials, seed=seed or 0, validators=chosen.validators, **said), out)
+    with opened(workers=workers, scheduler=scheduler) as (executor, line):
+        if line and not quiet:
+            typer.echo(line, err=True)
+        said |= {"ledger": ledger, "release": release, "executor": executor, "allow_mixed": allow_mixed}
+        if wanted is None:
+            result = audit_configured(chosen, **said)
+        else:
+            del said["baseline"], said["command"]
+            number = audit_part(chosen, part=wanted, **said)
+    if wanted is not None:
+        typer.echo(f"part {part}: {number} blocks are filled; the same command without --part finishes")
+        return
     _finish(result, out)
 
 

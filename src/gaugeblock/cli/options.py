@@ -32,6 +32,21 @@ Release = Annotated[
     bool,
     typer.Option("--release", help="The estimator is final: draw truths from a fresh seed. Needs --ledger."),
 ]
+Workers = Annotated[
+    int, typer.Option("--workers", metavar="N", help="Processes side by side; the bits are the same.")
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option("--scheduler", metavar="ADDRESS", help="Of dask.distributed, whose workers see --out."),
+]
+Part = Annotated[
+    str | None,
+    typer.Option("--part", metavar="i/N", help="Fill part i of N only, for a job array; without it, finish."),
+]
+AllowMixed = Annotated[
+    bool,
+    typer.Option("--allow-mixed", help="Different processors may fill blocks; gives up equal bits."),
+]
 StrangerPath = Annotated[
     Path | None,
     typer.Option("--estimator", metavar="PATH", help="Audit somebody else's estimator, in a sandbox."),

@@ -76,3 +76,32 @@ def write_atomically(path: str | os.PathLike[str], content: bytes | str) -> None
     data = content.encode() if isinstance(content, str) else content
     with atomic_path(path) as temporary:
         temporary.write_bytes(data)
+
+
+def write_once(path: str | os.PathLike[str], content: bytes) -> bytes:
+    r"""Write `content` unless somebody has written first; what is there then, whoever it was.
+
+    Raises
+    ------
+    InputError
+        If the folder does not exist or cannot be written to, or the disk is full.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "plan"
+    >>> write_once(path, b"mine"), write_once(path, b"theirs")
+    (b'mine', b'mine')
+    """
+    target = Path(path)
+    temporary = target.with_name(f".{target.name}.{os.getpid()}.{secrets.token_hex(4)}")
+    try:
+        if not target.exists():
+            write_atomically(temporary, content)
+            # A link, unlike a new name, fails where there is one already.
+            with suppress(FileExistsError):
+                os.link(temporary, target)
+        return target.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot write {target}: {error.strerror or error}") from error
+    finally:
+        with suppress(OSError):
+            temporary.unlink()

@@ -1,0 +1,250 @@
+"""The one seam for every engine: tasks go through an `Executor` of `concurrent.futures`, or are done here.
+
+Whoever works sees the same folder, and what a task makes is a file in it, whole or not there: a process that
+dies, or does a task a second time, changes nothing. One thread a process, here too: the order of sums, and so
+the bits, must not hang on how many cores a machine has.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import multiprocessing
+import os
+import pickle
+import platform
+import re
+import secrets
+import signal
+import threading
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from gaugeblock.core.atomic import write_atomically
+from gaugeblock.core.errors import MOST, GaugeblockError, InputError, one_line, require
+
+Task = TypeVar("Task")
+
+# Seconds that a scheduler has to answer.
+PATIENCE = 20
+SINGLE = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMEXPR_NUM_THREADS", "NPROC")
+"""What linear algebra, OpenMP and XLA take for the number of cores, as they are loaded."""
+
+
+def each(
+    work: Callable[[Task], object],
+    tasks: Iterable[Task],
+    *,
+    folder: Path,
+    executor: Executor | None = None,
+) -> Generator[Task]:
+    """Do ``work(task)`` for every task, and give each once it is done, in whatever order; here in theirs.
+
+    `work` goes to the executor's processes once, through a file in `folder`, which they must see; it leaves
+    what it makes there too. Ending early cancels what has not begun.
+
+    Raises
+    ------
+    InputError
+        If work cannot be sent, or a process dies or cannot do it; what gaugeblock says itself passes.
+    """
+    if executor is None:
+        with one_thread():
+            for task in tasks:
+                work(task)
+                yield task
+        return
+    waiting: dict[Future[None], Task] = {}
+    with _sent(work, folder) as call:
+        try:
+            waiting |= {executor.submit(call, task): task for task in tasks}
+            for done in as_completed(waiting):
+                done.result()
+                yield waiting[done]
+        except GaugeblockError:
+            raise
+        except Exception as error:
+            said = one_line(f"{type(error).__name__}: {error}".rstrip(": "), most=MOST)
+            raise InputError(
+                f"a worker could not go on ({said}); the same command run again goes on where it stopped"
+            ) from error
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
+@dataclass(frozen=True)
+class _Sent:
+    """Work in a file: small enough to go with every task, and nothing but what was written there."""
+
+    path: Path
+    sha256: str
+
+    def __call__(self, task: Any) -> None:
+        with one_thread():
+            _received(self.path, self.sha256)(task)
+
+
+@contextmanager
+def _sent(work: Callable[[Any], object], folder: Path) -> Iterator[_Sent]:
+    try:
+        content = _pickler().dumps(work)
+    except Exception as error:  # anything may happen in a stranger's attributes
+        raise InputError(
+            f"what is audited cannot be sent to other processes ({one_line(error, most=MOST)}); define it in "
+            "a module, pip install 'gaugeblock[distributed]', or leave the workers out"
+        ) from None
+    path = folder.resolve() / f"sent-{secrets.token_hex(8)}.pickle"
+    write_atomically(path, content)
+    try:
+        yield _Sent(path, hashlib.sha256(content).hexdigest())
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def _pickler() -> Any:
+    """What can send closures and what was defined in a notebook, where it is installed."""
+    try:
+        return require("cloudpickle", "distributed")
+    except ImportError:
+        return pickle
+
+
+# The last work that came to this process, by its digest: it is read once, and several threads may ask.
+_LATEST: dict[str, Callable[[Any], object]] = {}
+_READING = threading.Lock()
+
+
+def _received(path: Path, sha256: str) -> Callable[[Any], object]:
+    with _READING:
+        if sha256 not in _LATEST:
+            try:
+                content = path.read_bytes()
+            except OSError as error:
+                raise InputError(
+                    f"a worker on {platform.node()} cannot read {path} ({error.strerror or error}); every "
+                    "worker must see the folder: give one that they share with --out"
+                ) from None
+            # Not unpickled before it is known to be what was sent.
+            if hashlib.sha256(content).hexdigest() != sha256:
+                raise InputError(f"{path}: is not what was written; nobody else may write to the folder")
+            try:
+                work = pickle.loads(content)
+            except Exception as error:
+                raise InputError(
+                    f"a worker on {platform.node()} cannot load what is audited "
+                    f"({one_line(f'{type(error).__name__}: {error}', most=MOST)}); install it there too"
+                ) from None
+            _LATEST.clear()
+            _LATEST[sha256] = work
+        return _LATEST[sha256]
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Linear algebra and OpenMP of what is loaded by now on one thread, torch's included."""
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1):
+        yield
+
+
+@contextmanager
+def opened(
+    *, workers: int = 1, scheduler: str | None = None, renewed: int | None = None
+) -> Iterator[tuple[Executor | None, str]]:
+    """An executor and a line about it: none for one worker, spawned processes, or a dask scheduler's workers.
+
+    A spawned process makes way for another after `renewed` tasks.
+
+    Raises
+    ------
+    InputError
+        If there is no scheduler at the address, or the number of workers is none.
+    MissingExtraError
+        Without dask.distributed, where a scheduler is asked for.
+    """
+    if workers < 1:
+        raise InputError(f"--workers {workers}: must be 1 or more")
+    if scheduler is not None:
+        if workers > 1:
+            raise InputError("--workers are processes here, --scheduler has its own: give one of them")
+        with _client(scheduler) as client:
+            count = len(client.ncores())
+            yield client.get_executor(), f"{count} workers at {scheduler}; dashboard: {client.dashboard_link}"
+    elif workers == 1:
+        yield None, ""
+    else:
+        with _single_threads():
+            context = multiprocessing.get_context("spawn")
+            pool = ProcessPoolExecutor(workers, context, _begin, max_tasks_per_child=renewed)
+            try:
+                yield pool, f"{workers} workers"
+            finally:
+                pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _client(address: str) -> Iterator[Any]:
+    distributed = require("distributed", "distributed")
+    try:
+        client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
+    except Exception as error:
+        said = one_line(f"{type(error).__name__}: {error}", most=MOST)
+        raise InputError(
+            f"--scheduler {address}: no scheduler answers there ({said}); `dask scheduler` prints its "
+            "address, as in tcp://10.0.0.1:8786"
+        ) from None
+    with client:
+        yield client
+
+
+@contextmanager
+def _single_threads() -> Iterator[None]:
+    """What processes that begin now inherit."""
+    before = {name: os.environ.get(name) for name in SINGLE}
+    os.environ.update(dict.fromkeys(SINGLE, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def _begin() -> None:
+    """A spawned process: an interrupt is its parent's to handle, and it does not outlive that one."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+
+    def follow() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
+
+
+def parse_part(text: str) -> tuple[int, int]:
+    """Which part of how many, counted from 1.
+
+    >>> parse_part("2/8")
+    (2, 8)
+
+    Raises
+    ------
+    InputError
+        If it is not i/N with i from 1 to N.
+    """
+    match = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text.strip())
+    if match is None:
+        raise InputError(f"--part {text}: must be i/N, as in --part 3/8")
+    part, of = int(match[1]), int(match[2])
+    if not 1 <= part <= of:
+        raise InputError(f"--part {text}: parts are counted from 1 to {of}")
+    return part, of

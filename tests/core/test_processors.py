@@ -1,0 +1,62 @@
+import re
+from pathlib import Path
+
+import pytest
+
+from gaugeblock.core import processors
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.processors import kinds, one_kind, processor
+
+
+def test_a_processor_says_what_it_is() -> None:
+    assert re.fullmatch(r"\w+ .+, vectors [0-9a-f]{8} \((cpu|gpu|cuda|tpu)\)", processor())
+    assert processor() == processor()
+
+
+def test_vector_instructions_and_device_are_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    table = "model name : Chip 9\nflags : fpu {} sse2 avx\nmodel name : Chip 9\n"
+    found = []
+    for extra in ("tsc", "avx512f", "fma"):
+        processors._chip.cache_clear()
+        monkeypatch.setattr(Path, "read_text", lambda *_, extra=extra, **__: table.format(extra))
+        found.append(processor())
+    monkeypatch.setitem(processors.sys.modules, "jax", type("jax", (), {"default_backend": lambda: "gpu"}))
+    found.append(processor())
+    processors._chip.cache_clear()
+    assert len(set(found)) == 4
+    assert all("Chip 9" in name for name in found)
+    assert found[-1].endswith("(gpu)")
+
+
+def on(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.setattr(processors, "processor", lambda: name)
+
+
+def test_another_kind_is_refused_by_name_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert kinds(tmp_path) == []
+    on(monkeypatch, "Chip A")
+    one_kind(tmp_path)
+    one_kind(tmp_path)
+    on(monkeypatch, "Chip B")
+    with pytest.raises(InputError, match=r"was made on Chip A, and \S+ is Chip B.*--allow-mixed"):
+        one_kind(tmp_path)
+    assert kinds(tmp_path) == ["Chip A"]
+
+
+def test_mixed_kinds_are_all_known_and_stay_mixed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("Chip A", "Chip B", "Chip C", "Chip A", "Chip B"):
+        on(monkeypatch, name)
+        one_kind(tmp_path, mixed=True)
+    found = kinds(tmp_path, mixed=True)
+    assert found[0] == "Chip A"
+    assert sorted(found) == ["Chip A", "Chip B", "Chip C"]
+    with pytest.raises(InputError, match="made on Chip A and on Chip"):
+        kinds(tmp_path)
+
+
+def test_a_damaged_record_is_told(tmp_path: Path) -> None:
+    (tmp_path / processors.FIRST).write_bytes(b"{")
+    with pytest.raises(InputError, match=r"processor.json cannot be read"):
+        one_kind(tmp_path)
