@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -24,6 +25,10 @@ IN_MEMORY = 1 << 28
 APPENDED = "trial"
 # Values per block: 32 MiB of doubles. Part of what makes a run repeatable to the bit.
 VALUES = 1 << 22
+
+
+# NetCDF and HDF5 are not made for several threads; writing may read, so one thread may come twice.
+_ALONE = threading.RLock()
 
 
 def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
@@ -54,7 +59,7 @@ def write_groups(
     # One handle for all groups: opening the file again for each costs more than writing it.
     # Everything is defined before anything is written: the library goes through all groups of the file
     # whenever it turns from one to the other.
-    with _told(path), atomic_path(path) as partial, netCDF4.Dataset(partial, "w") as file:
+    with _ALONE, _told(path), atomic_path(path) as partial, netCDF4.Dataset(partial, "w") as file:
         defined = []
         for group, content in groups.items():
             parts = iter([content] if isinstance(content, xr.Dataset) else content)
@@ -148,7 +153,11 @@ def open_groups(path: str | os.PathLike[str], *, what: str, own: bool = False) -
 def _groups(
     path: str | os.PathLike[str], *, what: str, limit: int | None, own: bool
 ) -> dict[str, xr.Dataset]:
-    source = Path(path)
+    with _ALONE:
+        return _groups_alone(Path(path), what=what, limit=limit, own=own)
+
+
+def _groups_alone(source: Path, *, what: str, limit: int | None, own: bool) -> dict[str, xr.Dataset]:
     if not source.exists():
         raise InputError(f"{source}: no such file; give the path of a {what} file in NetCDF format")
     if not source.is_file():

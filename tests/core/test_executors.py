@@ -84,6 +84,22 @@ def test_one_thread_here_too_and_only_as_long_as_it_lasts(tmp_path: Path) -> Non
         assert {pool["num_threads"] for pool in threadpool_info()} == {2}
 
 
+def test_a_process_of_several_threads_does_one_task_at_a_time(tmp_path: Path) -> None:
+    busy: list[int] = []
+
+    class Alone:
+        def __call__(self, task: int) -> None:
+            busy.append(task)
+            time.sleep(0.01)
+            assert busy == [task], "two at a time"
+            assert {pool["num_threads"] for pool in threadpool_info()} == {1}
+            busy.clear()
+
+    with ThreadPoolExecutor(4) as threads, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(executors, "_received", lambda path, sha256: Alone())
+        assert sorted(each(print, range(8), folder=tmp_path, executor=threads)) == list(range(8))
+
+
 def test_work_is_read_once_by_a_process(tmp_path: Path) -> None:
     work = partial(square, tmp_path)
     with ThreadPoolExecutor(2) as threads, executors._sent(work, tmp_path) as sent:

@@ -84,7 +84,9 @@ class _Sent:
     sha256: str
 
     def __call__(self, task: Any) -> None:
-        with one_thread():
+        # A process with several threads does one task at a time too: threads are limited for all of it, and
+        # nobody knows whether somebody's simulator can be called from several.
+        with _WORKING, one_thread():
             _received(self.path, self.sha256)(task)
 
 
@@ -113,34 +115,33 @@ def _pickler() -> Any:
         return pickle
 
 
-# The last work that came to this process, by its digest: it is read once, and several threads may ask.
+# The last work that came to this process, by its digest: it is read once.
 _LATEST: dict[str, Callable[[Any], object]] = {}
-_READING = threading.Lock()
+_WORKING = threading.Lock()
 
 
 def _received(path: Path, sha256: str) -> Callable[[Any], object]:
-    with _READING:
-        if sha256 not in _LATEST:
-            try:
-                content = path.read_bytes()
-            except OSError as error:
-                raise InputError(
-                    f"a worker on {platform.node()} cannot read {path} ({error.strerror or error}); every "
-                    "worker must see the folder: give one that they share with --out"
-                ) from None
-            # Not unpickled before it is known to be what was sent.
-            if hashlib.sha256(content).hexdigest() != sha256:
-                raise InputError(f"{path}: is not what was written; nobody else may write to the folder")
-            try:
-                work = pickle.loads(content)
-            except Exception as error:
-                raise InputError(
-                    f"a worker on {platform.node()} cannot load what is audited "
-                    f"({one_line(f'{type(error).__name__}: {error}', most=MOST)}); install it there too"
-                ) from None
-            _LATEST.clear()
-            _LATEST[sha256] = work
-        return _LATEST[sha256]
+    if sha256 not in _LATEST:
+        try:
+            content = path.read_bytes()
+        except OSError as error:
+            raise InputError(
+                f"a worker on {platform.node()} cannot read {path} ({error.strerror or error}); every "
+                "worker must see the folder: give one that they share with --out"
+            ) from None
+        # Not unpickled before it is known to be what was sent.
+        if hashlib.sha256(content).hexdigest() != sha256:
+            raise InputError(f"{path}: is not what was written; nobody else may write to the folder")
+        try:
+            work = pickle.loads(content)
+        except Exception as error:
+            raise InputError(
+                f"a worker on {platform.node()} cannot load what is audited "
+                f"({one_line(f'{type(error).__name__}: {error}', most=MOST)}); install it there too"
+            ) from None
+        _LATEST.clear()
+        _LATEST[sha256] = work
+    return _LATEST[sha256]
 
 
 @contextmanager
