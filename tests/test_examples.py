@@ -63,8 +63,8 @@ def test_draws_from_disk_under_a_policy_of_ones_own(tmp_path: Path) -> None:
 
 def test_nested_sampling_is_audited_like_any_other(tmp_path: Path) -> None:
     pytest.importorskip("ultranest")
-    few = ("--set", "trials.number=10", "--set", "estimator.live_points=50")
-    done = audit("audit-nested-sampling.toml", *few, "--out", tmp_path)
+    few = [f"--set={name}=50" for name in ("estimator.live_points", "estimator.min_effective_draws")]
+    done = audit("audit-nested-sampling.toml", "--set", "trials.number=10", *few, "--out", tmp_path)
     # Ten trials settle nothing; that they are enough to call it broken would be news.
     assert done.returncode in (0, 3), done.stdout + done.stderr
 

@@ -60,9 +60,12 @@ def floored(share: Any) -> Any:
     return namespace(share).where(share.real > LEAST_SHARE, share, LEAST_SHARE)
 
 
-def start(zero: Any, infected: float) -> tuple[Any, Any, Any]:
-    """Infections so far, infected now and returned to the susceptible, as shares of the population."""
-    return zero, zero + infected, zero
+def start(zero: Any, infected: float, drive: Drive) -> tuple[Any, Any, Any]:
+    """Infections so far, infected now and returned to the susceptible, as shares of the population.
+
+    Where nobody returns that is a plain number, which costs the steps nothing.
+    """
+    return zero, zero + infected, 0.0 if drive.waning is None else zero
 
 
 def step(state: tuple[Any, Any, Any], drive: Drive, number: Any, infected: float) -> tuple[Any, Any, Any]:
@@ -74,8 +77,7 @@ def step(state: tuple[Any, Any, Any], drive: Drive, number: Any, infected: float
         new = contact * susceptible * now
         if drive.mixing is not None:
             new = new * floored(susceptible) ** drive.mixing
-        removed = infected + case - now - returned
-        back = 0.0 * now if drive.waning is None else drive.waning * removed
+        back = 0.0 if drive.waning is None else drive.waning * (infected + case - now - returned)
         return new, new - drive.recovery * now, back
 
     def moved(by: float, slopes: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
@@ -93,7 +95,7 @@ def step(state: tuple[Any, Any, Any], drive: Drive, number: Any, infected: float
 
 def weekly(drive: Drive, weeks: int, infected: float) -> Any:
     """New infections of each week as shares of the population, ``(..., weeks)``; `infected` at the start."""
-    state = start(np.zeros_like(drive.contact), infected)
+    state = start(np.zeros_like(drive.contact), infected, drive)
     found = np.empty((*np.shape(drive.contact), weeks), dtype=np.asarray(drive.contact).dtype)
     for week in range(weeks):
         before = state[0]
@@ -115,6 +117,6 @@ def weekly_jax(drive: Drive, weeks: int, infected: float) -> Any:
         after = jax.lax.fori_loop(0, STEPS_PER_WEEK, one_step, state)
         return after, after[0] - state[0]
 
-    begin = start(jnp.zeros_like(drive.contact), infected)
+    begin = start(jnp.zeros_like(drive.contact), infected, drive)
     _, found = jax.lax.scan(one_week, begin, jnp.arange(weeks) * float(STEPS_PER_WEEK))
     return jnp.moveaxis(found, 0, -1)
