@@ -6,12 +6,15 @@ import subprocess
 import sys
 import time
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Iterator
 from importlib import metadata
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
+from gaugeblock.cli.commands import main
 from gaugeblock.validate import main_trials, make_trials, read_trials, write_trials
 
 FILES = (
@@ -19,7 +22,14 @@ FILES = (
     "model_card.md",
     "looks.json",
 )
+ROOT = Path(__file__).resolve().parents[2]
 TOY = ("--set", "simulator.name=linear_gaussian", "--set", "estimator.name=exact")
+
+
+class Said(NamedTuple):
+    returncode: int
+    stdout: str
+    stderr: str
 
 
 def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -31,6 +41,25 @@ def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProc
         timeout=300,
         cwd=cwd,
     )
+
+
+@pytest.fixture
+def inside(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Iterator[Callable[..., Said]]:
+    """The command line in this process, which has imported everything already."""
+    interrupt = signal.getsignal(signal.SIGINT)
+
+    def call(*arguments: object, cwd: Path = ROOT) -> Said:
+        monkeypatch.chdir(cwd)
+        monkeypatch.setattr(sys, "argv", ["gaugeblock", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        code = ended.value.code
+        return Said(code if isinstance(code, int) else int(code is not None), *capsys.readouterr())
+
+    yield call
+    signal.signal(signal.SIGINT, interrupt)
 
 
 def gaussian_trials(path: Path, *, width: float = 1.0, number: int = 3000) -> Path:
@@ -59,43 +88,47 @@ def test_an_exact_estimator_passes_and_leaves_all_files(tmp_path: Path) -> None:
     ElementTree.parse(tmp_path / "junit.xml")
 
 
-def test_draws_from_disk_pass_fail_or_stay_undecided(tmp_path: Path) -> None:
-    good = run("audit", "--trials", gaussian_trials(tmp_path / "good.nc"), "--out", tmp_path / "good")
+def test_draws_from_disk_pass_fail_or_stay_undecided(tmp_path: Path, inside: Callable[..., Said]) -> None:
+    good = inside("audit", "--trials", gaussian_trials(tmp_path / "good.nc"), "--out", tmp_path / "good")
     assert good.returncode == 0, good.stdout + good.stderr
     assert "not checked  importance.ess" in good.stdout
-    bad = run("audit", "--trials", gaussian_trials(tmp_path / "bad.nc", width=0.7), "--out", tmp_path / "bad")
+    bad = inside(
+        "audit", "--trials", gaussian_trials(tmp_path / "bad.nc", width=0.7), "--out", tmp_path / "bad"
+    )
     assert bad.returncode == 1
     assert "sbc.log_width[a]" in bad.stdout
-    few = run("audit", "--trials", gaussian_trials(tmp_path / "few.nc", number=50), "--out", tmp_path / "few")
+    few = inside(
+        "audit", "--trials", gaussian_trials(tmp_path / "few.nc", number=50), "--out", tmp_path / "few"
+    )
     assert few.returncode == 3
     assert json.loads((tmp_path / "few" / "verdict.json").read_text())["verdict"] == "INCONCLUSIVE"
 
 
-def test_a_release_is_entered_in_its_ledger(tmp_path: Path) -> None:
+def test_a_release_is_entered_in_its_ledger(tmp_path: Path, inside: Callable[..., Said]) -> None:
     small = ("--set", "trials.number=20", "--validator", "draws", "--ledger", tmp_path / "ledger.json")
-    assert run("audit", *TOY, *small, "--out", tmp_path / "first").returncode == 3
-    done = run("audit", *TOY, *small, "--release", "--out", tmp_path / "second")
+    assert inside("audit", *TOY, *small, "--out", tmp_path / "first").returncode == 3
+    done = inside("audit", *TOY, *small, "--release", "--out", tmp_path / "second")
     assert "The 2nd audit of this simulator under this policy: 1 earlier one, of 1 estimator." in done.stdout
     first, second = json.loads((tmp_path / "ledger.json").read_text())["audits"]
     assert (first["release"], second["release"]) == (False, True)
     assert second["looks"] == [{"trials": 20, "outcome": "INCONCLUSIVE"}]
     written = json.loads((tmp_path / "second" / "verdict.json").read_text())["provenance"]
     assert written["seed"] == second["seed"] != first["seed"]
-    assert run("verify", tmp_path / "second").returncode == 0
+    assert inside("verify", tmp_path / "second").returncode == 0
 
 
-def test_the_gate_judges_again_without_sampling(tmp_path: Path) -> None:
+def test_the_gate_judges_again_without_sampling(tmp_path: Path, inside: Callable[..., Said]) -> None:
     file = gaussian_trials(tmp_path / "good.nc")
-    assert run("audit", "--trials", file, "--out", tmp_path / "first").returncode == 0
-    again = run("gate", tmp_path / "first", "--policy", "strict", "--out", tmp_path / "second")
+    assert inside("audit", "--trials", file, "--out", tmp_path / "first").returncode == 0
+    again = inside("gate", tmp_path / "first", "--policy", "strict", "--out", tmp_path / "second")
     assert again.returncode == 3
     assert (tmp_path / "first" / "verdict.json").read_text().count("PASS") > 1
     written = json.loads((tmp_path / "second" / "verdict.json").read_text())
     assert written["provenance"]["policy"]["tolerance"]["bias"] == 0.05
 
 
-def test_a_validator_can_be_chosen(tmp_path: Path) -> None:
-    done = run(
+def test_a_validator_can_be_chosen(tmp_path: Path, inside: Callable[..., Said]) -> None:
+    done = inside(
         "audit", "--trials", gaussian_trials(tmp_path / "t.nc"), "--validator", "coverage", "--out", tmp_path
     )
     ids = [gate["id"] for gate in json.loads((tmp_path / "verdict.json").read_text())["gates"]]
@@ -124,12 +157,12 @@ def test_a_validator_can_be_chosen(tmp_path: Path) -> None:
         (["audit", "--trials", "whole.nc", "--ledger", "l.json"], "leave out --ledger and --release"),
         (["gate", "."], "trials.nc: no such file"),
         (["train", "nowhere.toml"], "nowhere.toml"),
-        (["audit", "--set", "estimator.path=nowhere", *TOY[:2]], "nowhere/model.json: No such file"),
+        (["audit", "--set", "estimator.path=nowhere", *TOY[:2]], "nowhere/model.json: cannot be read"),
         (["frobnicate"], "No such command"),
     ],
 )
 def test_bad_input_gets_a_line_exit_2_and_writes_nothing(
-    arguments: list[str], complaint: str, tmp_path: Path
+    arguments: list[str], complaint: str, tmp_path: Path, inside: Callable[..., Said]
 ) -> None:
     if "train" in arguments or "estimator.path=nowhere" in arguments:
         pytest.importorskip("sbi")
@@ -140,7 +173,7 @@ def test_bad_input_gets_a_line_exit_2_and_writes_nothing(
     broken["theta_true"][3, 1] = np.nan
     broken.to_netcdf(tmp_path / "nan.nc")
     before = sorted(os.listdir(tmp_path))
-    done = run(*arguments, cwd=tmp_path)
+    done = inside(*arguments, cwd=tmp_path)
     assert done.returncode == 2
     assert complaint in done.stderr
     assert "Traceback" not in done.stderr
@@ -169,19 +202,29 @@ class Slow(Exact):
 """
 
 
+INTERRUPTED = (
+    *(sys.executable, "-m", "gaugeblock", "audit", "--set", "simulator.name=linear_gaussian"),
+    *("--set", "estimator.name=slow:Slow", "--set", "trials.number=100", "--set", "trials.block=10"),
+    *("--quiet", "--out", "out"),
+)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[int, dict[str, bytes]]:
+    """Exit code and files of a run that nothing stopped."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    (folder / "slow.py").write_text(SLOW)
+    done = subprocess.run(INTERRUPTED, cwd=folder, check=False, capture_output=True, timeout=300)
+    return done.returncode, {name: (folder / "out" / name).read_bytes() for name in FILES}
+
+
 @pytest.mark.parametrize("blow", [signal.SIGKILL, signal.SIGINT])
-def test_interrupted_and_run_again_gives_the_same_bytes(blow: signal.Signals, tmp_path: Path) -> None:
+def test_interrupted_and_run_again_gives_the_same_bytes(
+    blow: signal.Signals, tmp_path: Path, undisturbed: tuple[int, dict[str, bytes]]
+) -> None:
     (tmp_path / "slow.py").write_text(SLOW)
-    command = [
-        *(sys.executable, "-m", "gaugeblock", "audit", "--set", "simulator.name=linear_gaussian"),
-        *("--set", "estimator.name=slow:Slow", "--set", "trials.number=100", "--set", "trials.block=10"),
-        *("--quiet", "--out", "out"),
-    ]
-    undisturbed = subprocess.run(command, cwd=tmp_path, check=False, capture_output=True, timeout=300)
-    kept = {name: (tmp_path / "out" / name).read_bytes() for name in FILES}
-    for name in FILES:
-        (tmp_path / "out" / name).unlink()
-    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+    run = subprocess.Popen(INTERRUPTED, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE)
+    with run as process:
         deadline = time.monotonic() + 120
         while len(list(tmp_path.glob("out/.chunks/*/trials-*.nc"))) < 3:
             assert time.monotonic() < deadline
@@ -192,9 +235,8 @@ def test_interrupted_and_run_again_gives_the_same_bytes(blow: signal.Signals, tm
     if blow is signal.SIGINT:
         assert said.decode().startswith("gaugeblock: interrupted")
     assert not any((tmp_path / "out" / name).exists() for name in FILES)
-    again = subprocess.run(command, cwd=tmp_path, check=False, capture_output=True, timeout=300)
-    assert again.returncode == undisturbed.returncode
-    assert {name: (tmp_path / "out" / name).read_bytes() for name in FILES} == kept
+    again = subprocess.run(INTERRUPTED, cwd=tmp_path, check=False, capture_output=True, timeout=300)
+    assert (again.returncode, {name: (tmp_path / "out" / name).read_bytes() for name in FILES}) == undisturbed
     assert sorted(os.listdir(tmp_path / "out")) == sorted(FILES)
 
 
@@ -204,15 +246,17 @@ def test_the_version() -> None:
     assert done.stdout == f"gaugeblock {metadata.version('gaugeblock')}\n"
 
 
-def test_arrays_of_numpy_are_audited_and_what_they_lack_is_said(tmp_path: Path) -> None:
+def test_arrays_of_numpy_are_audited_and_what_they_lack_is_said(
+    tmp_path: Path, inside: Callable[..., Said]
+) -> None:
     trials = main_trials(read_trials(gaussian_trials(tmp_path / "t.nc")))
     arrays = {name: trials[name].values for name in ("theta_true", "draws")}
     np.savez(tmp_path / "t.npz", **arrays, names=["a", "b"])
     options = ("--validator", "draws", "--validator", "sbc", "--out", tmp_path / "out")
-    done = run("audit", "--trials", tmp_path / "t.npz", *options)
+    done = inside("audit", "--trials", tmp_path / "t.npz", *options)
     assert "sbc.bias[b]" in (tmp_path / "out" / "verdict.json").read_text(), done.stderr
     np.savez(tmp_path / "less.npz", draws=arrays["draws"])
-    done = run("audit", "--trials", tmp_path / "less.npz", *options)
+    done = inside("audit", "--trials", tmp_path / "less.npz", *options)
     assert done.returncode == 2
     assert "no array theta_true; save theta_true (trial, parameter)" in done.stderr
     assert done.stderr.count("\n") == 1
