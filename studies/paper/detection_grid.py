@@ -73,29 +73,38 @@ def levels_of(
     response: str, flow_of: Callable[[str], Any], sizes: Mapping[str, Any]
 ) -> dict[str, DetectionLevel]:
     """Every level of a response, with its flow and its cells in their order."""
-    from gaugeblock.simulators.xray import family, published, reference
+    from gaugeblock.simulators.xray import published
 
-    bare, flow = reference(response), cache(flow_of)
-
-    # Exposures share what is compiled: every effect is, once.
-    @cache
-    def with_effect(name: str, strength: float) -> Any:
-        return bare.with_effect(family(name, strength))
-
+    flow = cache(flow_of)
     places = [(name, strength) for name in FAMILIES for strength in published.STRENGTHS[name]]
 
     def cell(index: int, seconds: float) -> tuple[str, float, Any]:
-        return (*places[index], with_effect(*places[index]).with_exposure(seconds))
+        return (*places[index], _with_effect(response, *places[index]).with_exposure(seconds))
 
     return {
         name: DetectionLevel(
-            simulator=bare.with_exposure(seconds),
+            simulator=_bare(response).with_exposure(seconds),
             flow=partial(flow, name),
             cell=partial(cell, seconds=seconds),
             sizes=sizes,
         )
         for name, seconds in published.EXPOSURES[response].items()
     }
+
+
+@cache
+def _bare(response: str) -> Any:
+    from gaugeblock.simulators.xray import reference
+
+    return reference(response)
+
+
+@cache
+def _with_effect(response: str, name: str, strength: float) -> Any:
+    """Exposures share what is compiled, and grids on one response: every effect is, once."""
+    from gaugeblock.simulators.xray import family
+
+    return _bare(response).with_effect(family(name, strength))
 
 
 def clean_of(response: str, name: str, level: DetectionLevel, pieces: Pieces, seed: int) -> Arrays:
