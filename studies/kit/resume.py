@@ -9,12 +9,9 @@ from __future__ import annotations
 
 import io
 import json
-import multiprocessing
-import sys
 import time
 import zipfile
-from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -26,6 +23,7 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.atomic import made_folder, write_atomically
 from gaugeblock.core.digest import digest
+from gaugeblock.core.executors import each, opened
 
 Arrays = dict[str, NDArray[Any]]
 Progress = Callable[[str, int, int], None]
@@ -44,8 +42,7 @@ TOGETHER = 150
 class Pieces:
     """Pieces in a folder of their own below `folder`, named by a digest of `key`.
 
-    Several `workers` are forked, so that what makes pieces may be a closure; once JAX, which has threads, is
-    loaded they are spawned, and it must be something that can be pickled.
+    Several `workers` are spawned processes; what makes pieces is sent to them, and may be a closure.
     """
 
     folder: Path
@@ -112,25 +109,11 @@ class Pieces:
         chosen = [path.stem for path in self.place.glob("*.npz")] if names is None else list(names)
         return float(sum((self._read(name) or {}).get(SPENT, np.zeros(())) for name in sorted(chosen)))
 
-    def _side_by_side(self, missing: Mapping[str, Callable[[], Any]]) -> Iterable[object]:
-        if self.workers == 1 or len(missing) < 2 * self.workers:
-            return (self._make(name, make) for name, make in missing.items())
-        return self._in_processes(missing)
-
-    def _in_processes(self, missing: Mapping[str, Callable[[], Any]]) -> Iterable[object]:
-        spawned = "jax" in sys.modules
-        pool = ProcessPoolExecutor(
-            self.workers,
-            multiprocessing.get_context("spawn" if spawned else "fork"),
-            _begin,
-            (replace(self, progress=None), dict(missing)),
-            max_tasks_per_child=TOGETHER if spawned else None,
-        )
-        try:
-            # Unlike those of a Pool, processes that cannot begin end this with an error, not with waiting.
-            yield from (made.result() for made in as_completed([pool.submit(_one, name) for name in missing]))
-        finally:
-            pool.shutdown(cancel_futures=True)
+    def _side_by_side(self, missing: Mapping[str, Callable[[], Any]]) -> Iterator[str]:
+        work = _Work(replace(self, progress=None), missing)
+        workers = self.workers if len(missing) >= 2 * self.workers else 1
+        with opened(workers=workers, renewed=TOGETHER) as (executor, _):
+            yield from each(work, list(missing), folder=self.place, executor=executor)
 
     def _make(self, name: str, make: Callable[[], Any]) -> None:
         start = time.process_time()
@@ -154,17 +137,15 @@ class Pieces:
             return None
 
 
-# What a worker works on: given once, as it begins.
-_CURRENT: list[tuple[Pieces, Mapping[str, Callable[[], Any]]]] = []
+@dataclass(frozen=True, eq=False)
+class _Work:
+    """Makes any piece that is wanted, in any process."""
 
+    pieces: Pieces
+    wanted: Mapping[str, Callable[[], Any]]
 
-def _begin(pieces: Pieces, wanted: Mapping[str, Callable[[], Any]]) -> None:
-    _CURRENT[:] = [(pieces, wanted)]
-
-
-def _one(name: str) -> None:
-    pieces, wanted = _CURRENT[0]
-    pieces._make(name, wanted[name])
+    def __call__(self, name: str) -> None:
+        self.pieces._make(name, self.wanted[name])
 
 
 def _arrays(make: Callable[..., Mapping[str, Any]], index: int, seed: np.random.SeedSequence) -> Arrays:

@@ -48,7 +48,6 @@ def test_examples_in_docstrings_run():
 
 
 def test_results_do_not_depend_on_workers(tmp_path):
-    """In processes of their own: workers are forked, which this one must not be once it has loaded JAX."""
     tables = []
     for workers in ("1", "2"):
         out = tmp_path / workers

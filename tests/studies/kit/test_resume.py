@@ -3,7 +3,6 @@
 import os
 import sys
 import time
-from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from pathlib import Path
 
@@ -77,20 +76,10 @@ def plain(index):
     return partial(eval, f"dict(index={index}, process=__import__('os').getpid(), none=float('nan'))", {})
 
 
-def spawning(monkeypatch):
-    """As if JAX were loaded; a spawned process finds the studies where `python -m studies` would."""
+@pytest.fixture
+def begun(monkeypatch):
+    """Processes find the studies where those of `python -m studies` would."""
     monkeypatch.syspath_prepend(Path(__file__).resolve().parents[3])
-    monkeypatch.setitem(sys.modules, "jax", sys)
-
-
-@pytest.fixture(params=["forked", "spawned"])
-def begun(request, monkeypatch):
-    """Processes are spawned where JAX is loaded, which it is or is not here by chance."""
-    if request.param == "spawned":
-        spawning(monkeypatch)
-    elif "jax" in sys.modules:
-        pytest.skip("an earlier test has loaded JAX, which forbids forking; test_study.py forks in any case")
-    return request.param
 
 
 @pytest.mark.usefixtures("begun")
@@ -106,18 +95,30 @@ def test_processes_side_by_side_make_the_same_pieces(tmp_path):
 
 
 @pytest.mark.usefixtures("begun")
+def test_processes_make_closures_too(tmp_path):
+    pytest.importorskip("cloudpickle")
+    pieces = Pieces(tmp_path / "two", {}, workers=2)
+    made = pieces.rows("draws", 40, 10, lambda rows, rng: {"x": rng.normal(size=rows.stop - rows.start)}, 3)
+    alone = Pieces(tmp_path / "one", {}).rows(
+        "draws", 40, 10, lambda rows, rng: {"x": rng.normal(size=rows.stop - rows.start)}, 3
+    )
+    assert made["x"].tobytes() == alone["x"].tobytes()
+    assert not list(tmp_path.rglob("*.pickle"))
+
+
+@pytest.mark.usefixtures("begun")
 def test_what_goes_wrong_in_a_process_ends_the_run_and_is_told(tmp_path):
     wanted = {str(index): partial(eval, "1 / 0", {}) for index in range(6)}
-    with pytest.raises(ZeroDivisionError):
+    with pytest.raises(InputError, match="ZeroDivisionError"):
         Pieces(tmp_path, {}, workers=2).made(wanted)
 
 
+@pytest.mark.usefixtures("begun")
 def test_processes_that_cannot_begin_end_the_run(tmp_path, monkeypatch):
     """A spawned process does not find a function of this file; it must not be waited for."""
-    spawning(monkeypatch)
     monkeypatch.setattr(plain, "__module__", "nowhere_to_be_found")
     monkeypatch.setitem(sys.modules, "nowhere_to_be_found", sys.modules[__name__])
-    with pytest.raises(BrokenProcessPool):
+    with pytest.raises(InputError, match="nowhere_to_be_found"):
         Pieces(tmp_path, {}, workers=2).made({str(index): partial(plain, index) for index in range(6)})
 
 
