@@ -72,6 +72,7 @@ class Counts(Engine):
         replicates: int,
         own: Mapping[str, LibraryEffect] | None = None,
         only: tuple[str, ...] = (),
+        energy: float | None = None,
         proposed: Candidates | None = None,
     ):
         self.sources, self.replicates = sources, replicates
@@ -79,7 +80,9 @@ class Counts(Engine):
         names = ("look", "quantiles", "held_out", "decoys", "amplitude")
         self._streams = dict(zip(names, rng.spawn(len(names)), strict=True))
         self.base = fit(self.simulator, sources.counts, scale=sources.scale, bank=16384, tries=16)
-        self.candidates = proposed or Candidates.of(self.simulator, self.base.theta, own=own, only=only)
+        self.candidates = proposed or Candidates.of(
+            self.simulator, self.base.theta, own=own, only=only, energy=energy
+        )
         self.entries = self.candidates.entries
         self.scheme = f"Poisson thinning, {self.thresholds.folds} folds"
 

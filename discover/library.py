@@ -96,6 +96,7 @@ class Candidates(Value):
         *,
         own: Mapping[str, LibraryEffect] | None = None,
         only: tuple[str, ...] = (),
+        energy: float | None = None,
     ) -> Candidates:
         """The simulator's own library, scaled for theta ``(n, parameter)``, and the user's effects.
 
@@ -105,11 +106,14 @@ class Candidates(Value):
             Further effects by name; one of the library's name takes its place.
         only : tuple of str
             Names to which the candidates are restricted; empty: all.
+        energy : float, optional
+            In keV as recorded, stated before the scan: only effects with an energy are proposed, there.
 
         Raises
         ------
         InputError
-            If neither the simulator nor the user proposes anything, or `only` names what is not there.
+            If neither the simulator nor the user proposes anything, `only` names what is not there, or no
+            effect can be at the stated energy.
         """
         entries: dict[str, LibraryEffect] = {}
         if isinstance(simulator, HasEffectLibrary):
@@ -124,4 +128,10 @@ class Candidates(Value):
             raise InputError(
                 f"discover: {type(simulator).__name__} has no effect_library(theta) and no effect was given"
             )
-        return cls(simulator, {key: e for key, e in entries.items() if not only or key in only})
+        chosen = {key: entry for key, entry in entries.items() if not only or key in only}
+        if energy is not None:
+            chosen = {key: entry for key, entry in chosen.items() if "energy" in entry.energies}
+            if not chosen:
+                raise InputError("discover: an energy was stated, and no effect that is searched for has one")
+            chosen = {key: entry.at_energy(energy) for key, entry in chosen.items()}
+        return cls(simulator, chosen)

@@ -26,6 +26,7 @@ def discover_source(
     seed: int = 0,
     effects: Mapping[str, LibraryEffect] | None = None,
     only: tuple[str, ...] = (),
+    energy: float | None = None,
     library: Candidates | None = None,
     replicates: int = 999,
     evidence: bool | None = False,
@@ -44,6 +45,9 @@ def discover_source(
         Effects of one's own beside the simulator's library.
     only : tuple of str
         Effects to which the search is restricted.
+    energy : float, optional
+        In keV at rest, stated before the scan: only effects with an energy are looked for, and only there,
+        so that one trial is paid for it, and one for each width that is scanned.
     library : Candidates, optional
         Candidates that an earlier search of the same simulator has worked in: nothing is compiled again.
     replicates : int
@@ -62,7 +66,10 @@ def discover_source(
     """
     step("fitting the model as it is")
     first, second, third = np.random.default_rng(seed).spawn(3)
-    engine = Counts(sources, rng=first, replicates=replicates, own=effects, only=only, proposed=library)
+    seen = None if energy is None else energy / (1.0 + float(sources.redshift[0]))
+    engine = Counts(
+        sources, rng=first, replicates=replicates, own=effects, only=only, energy=seen, proposed=library
+    )
     found = search(engine, step=step)
     made = recorded(engine, found)
     if evidence is not False and made.named_all:

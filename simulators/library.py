@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any, Literal
 
@@ -13,12 +13,15 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.values import Value
 from gaugeblock.simulators.effects import Effect
-from gaugeblock.simulators.marginals import Marginal
+from gaugeblock.simulators.marginals import Marginal, Uniform
 
 Origin = Literal["source", "instrument"]
 
 AT = 0.001
 """Share of a prior's range within which a value is at its end."""
+
+STATED = 0.01
+"""Share by which a fit may move an energy that was stated: what energy scales are off by."""
 
 FALL = 3.0
 """Nats that the prior loses with every factor of e beyond a usual range."""
@@ -105,6 +108,27 @@ class LibraryEffect(Value):
                 f"effect {self.name}: the prior of {self.amplitude} must hold {self.neutral:g} and "
                 f"{self.neutral + self.step:g}, it reaches from {low:g} to {high:g}"
             )
+
+    def at_energy(self, energy: float) -> LibraryEffect:
+        """The effect at an energy (keV) that was stated before the scan: no other is scanned, and a fit may
+        move it by a hundredth.
+
+        Raises
+        ------
+        InputError
+            If its prior does not hold that energy.
+        """
+        low, high = self.parameters["energy"].support
+        if not low < energy < high:
+            raise InputError(
+                f"effect {self.name}: energies from {low:g} to {high:g} keV can be stated, got {energy:g}"
+            )
+        near = Uniform(max(low, (1.0 - STATED) * energy), min(high, (1.0 + STATED) * energy))
+        return replace(
+            self,
+            parameters={**self.parameters, "energy": near},
+            scanned={**self.scanned, "energy": np.array([energy])},
+        )
 
     def at_limit(self, values: Mapping[str, float]) -> tuple[str, ...]:
         """Parameters whose values stand at a hard limit: the amplitude at either end but neutral, and `ends`.

@@ -1,9 +1,11 @@
 """The workflow on counts in which the effect is known: named, told apart, unnamed, or nothing to name."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
+from scipy.stats import binom, norm
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery import Candidates, Sources, discover_source
@@ -31,7 +33,7 @@ def run(library, hidden, data_seed, **options):
 @pytest.mark.parametrize(
     ("effect", "amplitude"),
     [
-        (Effect("line", {"energy": 3.3, "counts": 900.0}), 900.0),
+        (Effect("line", {"energy": 3.3, "counts": 200.0}), 900.0),
         (Effect("dip", {"energy": 1.7, "depth": 0.12}), 0.12),
         (Effect("dip", {"energy": 1.7, "depth": -0.12}), -0.12),
         (Effect("edge", {"energy": 2.4, "depth": 0.25}), 0.25),
@@ -98,12 +100,12 @@ def test_what_the_library_lacks_has_no_name(power_law, library):
 
 def test_neighbours_that_data_cannot_tell_apart_are_a_set(library):
     # An upward dip of 0.4 keV and a line of 0.15 keV are much alike while they are faint.
-    found = run(library, [Effect("line", {"energy": 3.3, "counts": 900.0})], 11)
+    found = run(library, [Effect("line", {"energy": 3.3, "counts": 200.0})], 11)
     assert {"line", "dip"} <= set(found.indistinguishable)
 
 
 def test_the_same_seed_gives_the_same_answer(library):
-    effect = Effect("line", {"energy": 3.3, "counts": 900.0})
+    effect = Effect("line", {"energy": 3.3, "counts": 200.0})
     first, again = (run(library, [effect], 11, seed=3) for _ in range(2))
     assert first.to_json() == again.to_json()
     assert first.tree.identical(again.tree)
@@ -131,3 +133,30 @@ def test_only_restricts_the_search(power_law):
 def test_bad_counts_are_refused(power_law, counts, message):
     with pytest.raises(InputError, match=message):
         Sources.of(power_law(), counts)
+
+
+def test_one_trial_is_paid_for_an_energy_that_was_stated_before_the_scan(power_law):
+    simulator, theta = power_law(), np.array([20_000.0, 1.5])
+    mean = simulator.with_effect(Effect("line", {"energy": 3.3, "counts": 200.0})).expected(theta)
+    sources = Sources.of(simulator, np.round(mean)[None], redshift=np.array([1.0]))
+    search = partial(discover_source, sources, only=("line",), replicates=999)
+    stated, scanned = search(energy=6.6).candidate("line"), search().candidate("line")
+    # At rest, so half of it as recorded; one standard normal against the largest of thirty-six.
+    assert stated.parameters["energy"] == pytest.approx(3.3, rel=0.01)
+    expected = norm.sf(stated.z)
+    assert 0.02 < expected < 0.1
+    low, high = binom.interval(0.999, 999, expected)
+    assert low <= 1000 * stated.p_global <= high + 1
+    assert scanned.p_global > 5 * stated.p_global
+    with pytest.raises(InputError, match="no effect that is searched for has one"):
+        discover_source(sources, only=("dip",), energy=6.6)
+    with pytest.raises(InputError, match=r"from 0\.6 to 7\.5 keV can be stated, got 8"):
+        search(energy=16.0)
+
+
+def test_a_fit_does_not_leave_an_energy_that_was_stated(power_law):
+    simulator, theta = power_law(), np.array([20_000.0, 1.5])
+    mean = simulator.with_effect(Effect("line", {"energy": 3.3, "counts": 9_000.0})).expected(theta)
+    found = discover_source(Sources.of(simulator, np.round(mean)[None]), energy=3.2, replicates=199)
+    assert 3.168 <= found.candidate("line").parameters["energy"] <= 3.232
+    assert [one.effect for one in found.candidates] == ["line"]

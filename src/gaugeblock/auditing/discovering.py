@@ -57,6 +57,7 @@ def discover(
     engine: Kind | None = None,
     effects: Mapping[str, LibraryEffect] | Sequence[LibraryEffect | str] = (),
     only: Sequence[str] = (),
+    energy: float | None = None,
     most: int = 1,
     simulations: int = 10_000,
     summaries: Callable[[Any], Any] | None = None,
@@ -92,6 +93,8 @@ def discover(
         simulator without it, `values` its parameters by name, ``(n,)`` each.
     only : sequence of str
         Effects to which the search is restricted.
+    energy : float, optional
+        Of one source, in keV at rest, stated before the scan: one trial is paid for it.
     most : int
         Most effects that are added by "simulations", where a second explains much that is none.
     simulations, summaries
@@ -144,14 +147,17 @@ def discover(
                 f"discover: a {type(what).__name__} without data; give discover(simulator, x), PHA files, "
                 "or a folder of them"
             )
+        one = len(groups) > 0 and engine != "catalogue" and sum(map(len, groups)) == 1
+        if energy is not None and not one:
+            raise InputError("discover: an energy can be stated of counts of one source")
         if not groups:
             found = discover_simulated(
                 simulator, np.asarray(x), most=most, simulations=simulations, summaries=summaries, **common
             )
         elif engine == "simulations":
             raise InputError("discover: engine 'simulations' takes a simulator and x")
-        elif engine != "catalogue" and sum(map(len, groups)) == 1:
-            found = discover_source(groups[0], evidence=evidence, e_value=True, **common)
+        elif one:
+            found = discover_source(groups[0], energy=energy, evidence=evidence, e_value=True, **common)
         elif engine == "counts":
             raise InputError(f"discover: engine 'counts' takes one source, got {sum(map(len, groups))}")
         else:

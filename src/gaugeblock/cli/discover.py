@@ -48,6 +48,12 @@ def discover(
     effect: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Search for this effect only; repeatable.")
     ] = None,
+    energy: Annotated[
+        float | None,
+        typer.Option(
+            metavar="KEV", help="Of a line or edge, at rest, stated before the scan: one trial is paid."
+        ),
+    ] = None,
     own: Annotated[
         list[str] | None,
         typer.Option(metavar="MODULE:OBJECT", help="An effect of your own beside the library; repeatable."),
@@ -90,6 +96,7 @@ def discover(
         regroup=regroup,
         effects=own or (),
         only=effect or (),
+        energy=energy,
         evidence=evidence,
         replicates=replicates,
         seed=seed or 0,
