@@ -23,12 +23,13 @@ from gaugeblock.discovery.locate.quantiles import CumulativeCounts, cumulative_c
 from gaugeblock.discovery.locate.windows import WindowScan, scan_windows
 from gaugeblock.discovery.name.beside import LEAST, effect_part, loses
 from gaugeblock.discovery.name.cox import confidence_set
+from gaugeblock.discovery.name.identified import identified
 from gaugeblock.discovery.name.null import largest_null
 from gaugeblock.discovery.name.profiles import Profile, profile
 from gaugeblock.discovery.name.score import ScoreTests, allowed, scores
 from gaugeblock.discovery.name.shapes import Templates, templates
 from gaugeblock.discovery.name.unnamed import Correction, correction, curves
-from gaugeblock.discovery.result import Amplitude, DataSaid, FitState, Region
+from gaugeblock.discovery.result import Amplitude, DataSaid, FitState, Identification, Region
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
 
@@ -276,6 +277,17 @@ class Counts(Engine):
         edges = self.sources.edges[part.start : part.stop]
         first, stop = np.searchsorted(share, [0.1 * share[-1], 0.9 * share[-1]])
         return float(edges[first].min()), float(edges[min(stop, len(edges) - 1)].max())
+
+    def identified(self, model: Profile, at: int) -> tuple[Identification, ...]:
+        """By the energy of the fit to all counts, at rest: no gain floats beside it."""
+        parts = [part for part in self.sources.segments if part.role == "source" and part.unit == "keV"]
+        entry, values = model.entries[at], model.added[at]
+        if not parts or not entry.known:
+            return ()
+        stretch = 1.0 + float(self.sources.redshift[0])
+        edges = self.sources.edges[parts[0].start : parts[0].stop]
+        band = (stretch * float(edges.min()), stretch * float(edges.max()))
+        return identified(stretch * values["energy"], entry.known, band)
 
     def located(self) -> Mapping[str, float]:
         """Global p of windows and of cumulative counts."""

@@ -21,6 +21,7 @@ from gaugeblock.discovery.result import (
     Catalogue,
     DataSaid,
     FitState,
+    Identification,
     Region,
 )
 from gaugeblock.simulators.library import LibraryEffect
@@ -309,6 +310,10 @@ class Engine(Protocol):
     def place(self, model: Any, at: int) -> tuple[float, float] | None:  # noqa: ARG002
         """Where an effect of a model does most, in keV; None where channels have no energies."""
         return None
+
+    def identified(self, model: Any, at: int) -> tuple[Identification, ...]:  # noqa: ARG002
+        """Known lines or edges that an effect of a model may be; none where nothing has an energy."""
+        return ()
 
     def amplitudes(self, rounds: Sequence[Round]) -> tuple[Amplitude, ...]:
         """The amplitude of every effect of the last round's best model."""

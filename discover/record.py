@@ -25,6 +25,7 @@ from gaugeblock.discovery.result import (
     EvidenceSaid,
     FitSaid,
     Gap,
+    Identification,
     Sides,
     Statement,
     UnderPrior,
@@ -93,6 +94,7 @@ def _statements(engine: Engine, found: Searched) -> tuple[Statement, ...]:
     limits = engine.at_edge(found.rounds) if model is not None else []
     for claim in found.decision.claims:
         entry, parameters, place, region = None, {}, None, None
+        known: tuple[Identification, ...] = ()
         if claim.at is None:
             shown = engine.regions_of(found.last) if made else engine.regions()
             region = next(iter(shown), None)
@@ -105,16 +107,17 @@ def _statements(engine: Engine, found: Searched) -> tuple[Statement, ...]:
             size = {one.parameter: Estimate(one.value, *one.interval)}
             both = {**one.others, **size}
             parameters = {name: both[name] for name in entry.parameters if name in both}
+            known = engine.identified(model, claim.at) if claim.certain else ()
         text = sentence(
             claim.alike, evidence=claim.evidence, certain=claim.certain, probability=claim.probability,
             parameters=parameters, units={} if entry is None else entry.units,
-            place=place, region=region, beyond=bool(made),
+            place=place, region=region, beyond=bool(made), known=known,
             limits=[name for effect, name in limits if effect == claim.effect],
         )  # fmt: skip
         low, high = (None, None) if place is None else place
         made.append(
             Statement(
-                claim.effect, claim.alike, claim.certain, claim.probability, claim.evidence, (),
+                claim.effect, claim.alike, claim.certain, claim.probability, claim.evidence, known,
                 parameters, low, high, text,
             )
         )  # fmt: skip

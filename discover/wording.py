@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from gaugeblock.discovery.held_out import UNNAMED
-from gaugeblock.discovery.result import Estimate, Region
+from gaugeblock.discovery.result import Estimate, Identification, Region
 
 _PHRASES = {
     "gain_slope": "a gain slope (channel energies off by a factor)",
@@ -54,6 +54,7 @@ def sentence(
     region: Region | None,
     limits: Sequence[str],
     beyond: bool,
+    known: Sequence[Identification] = (),
 ) -> str:
     """One claim in a sentence or two: what, how sure, how large, where.
 
@@ -83,6 +84,8 @@ def sentence(
         said += f" {whose} {shown} (90%, energies as recorded)."
     if place is not None:
         said += f" It acts at {place[0]:.4g} to {place[1]:.4g} keV."
+    for one in known[:1]:
+        said += f" At rest it would be {one.name} ({one.energy_kev:.5g} keV; chance {one.chance:.2g})."
     for name in limits:
         said += f" Its {name} stands at its limit: something larger, or of another kind, may be behind it."
     return said

@@ -29,6 +29,15 @@ FALL = 3.0
 TINY = 1e-300
 
 
+@dataclass(frozen=True)
+class Known:
+    """A line or edge with a name, at some energy (keV at rest); `rank` 0 is the commonest."""
+
+    name: str
+    energy: float
+    rank: int
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class LibraryEffect(Value):
     """A candidate for the effect that is missing.
@@ -69,6 +78,8 @@ class LibraryEffect(Value):
         Parameters other than the amplitude whose upper end is a hard limit: a value there is none.
     odds : float
         Prior odds, those of the commonest effects being 1.
+    known : tuple of Known
+        What the effect may be at its energy.
     kind : object
         Passed on in `Effect.kind`, for an effect of the user's own.
 
@@ -94,6 +105,7 @@ class LibraryEffect(Value):
     derived: Mapping[str, Callable[[Mapping[str, float]], float]] = field(default_factory=dict)
     ends: tuple[str, ...] = ()
     odds: float = 1.0
+    known: tuple[Known, ...] = ()
     kind: Any = None
 
     def __post_init__(self) -> None:

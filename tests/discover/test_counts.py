@@ -11,6 +11,7 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.discovery import Candidates, Sources, discover_source
 from gaugeblock.discovery.counts import Counts
 from gaugeblock.simulators.effects import Effect
+from gaugeblock.simulators.library import Known
 
 THETA = np.array([20_000.0, 1.5])
 
@@ -33,7 +34,7 @@ def run(library, hidden, data_seed, **options):
 @pytest.mark.parametrize(
     ("effect", "amplitude"),
     [
-        (Effect("line", {"energy": 3.3, "counts": 200.0}), 900.0),
+        (Effect("line", {"energy": 3.3, "counts": 900.0}), 900.0),
         (Effect("dip", {"energy": 1.7, "depth": 0.12}), 0.12),
         (Effect("dip", {"energy": 1.7, "depth": -0.12}), -0.12),
         (Effect("edge", {"energy": 2.4, "depth": 0.25}), 0.25),
@@ -100,12 +101,12 @@ def test_what_the_library_lacks_has_no_name(power_law, library):
 
 def test_neighbours_that_data_cannot_tell_apart_are_a_set(library):
     # An upward dip of 0.4 keV and a line of 0.15 keV are much alike while they are faint.
-    found = run(library, [Effect("line", {"energy": 3.3, "counts": 200.0})], 11)
+    found = run(library, [Effect("line", {"energy": 3.3, "counts": 900.0})], 11)
     assert {"line", "dip"} <= set(found.indistinguishable)
 
 
 def test_the_same_seed_gives_the_same_answer(library):
-    effect = Effect("line", {"energy": 3.3, "counts": 200.0})
+    effect = Effect("line", {"energy": 3.3, "counts": 900.0})
     first, again = (run(library, [effect], 11, seed=3) for _ in range(2))
     assert first.to_json() == again.to_json()
     assert first.tree.identical(again.tree)
@@ -160,3 +161,25 @@ def test_a_fit_does_not_leave_an_energy_that_was_stated(power_law):
     found = discover_source(Sources.of(simulator, np.round(mean)[None]), energy=3.2, replicates=199)
     assert 3.168 <= found.candidate("line").parameters["energy"] <= 3.232
     assert [one.effect for one in found.candidates] == ["line"]
+
+
+def test_a_line_is_told_by_its_name_where_that_is_no_chance(power_law):
+    simulator, theta = power_law(), np.array([200_000.0, 1.5])
+    known = (Known("toy alpha", 6.6, 0), Known("toy beta", 9.0, 1))
+    line = replace(simulator.effect_library(theta[None])["line"], known=known)
+    mean = simulator.with_effect(Effect("line", {"energy": 3.3, "counts": 60_000.0})).expected(theta)
+    sources = Sources.of(simulator, np.round(mean)[None], redshift=np.array([1.0]))
+    found = discover_source(sources, effects={"line": line}, only=("line",), replicates=199)
+    (said,) = found.statements[:1]
+    assert [one.name for one in said.identification] == ["toy alpha"]
+    assert said.identification[0].chance <= 0.01
+    assert "At rest it would be toy alpha (6.6 keV; chance" in said.text
+    assert found.to_json()["statements"][0]["identification"][0]["energy_kev"] == 6.6
+    # Where it is recorded nothing known is: the energy at rest counts.
+    here = replace(sources, redshift=np.array([0.0]))
+    assert (
+        discover_source(here, effects={"line": line}, only=("line",), replicates=199)
+        .statements[0]
+        .identification
+        == ()
+    )

@@ -8,6 +8,7 @@ import numpy as np
 
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.marginals import LogUniform, Uniform
+from gaugeblock.simulators.xray.library.known import absorption_edges, absorption_lines
 from gaugeblock.simulators.xray.library.scale import Scale, spaced
 
 
@@ -33,6 +34,7 @@ def absorption(scale: Scale) -> Iterator[LibraryEffect]:
         energies=("energy", "sigma"),
         usual={"strength": (0.0, 0.1)},
         ends=("sigma",),
+        known=absorption_lines(),
     )
     yield LibraryEffect(
         name="absorption_edge",
@@ -47,6 +49,7 @@ def absorption(scale: Scale) -> Iterator[LibraryEffect]:
         typical="optical depths of 0.05 to 1",
         energies=("energy",),
         usual={"depth": (0.0, 1.0)},
+        known=absorption_edges(),
     )
     yield LibraryEffect(
         name="partial_covering",

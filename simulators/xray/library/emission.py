@@ -8,6 +8,7 @@ import numpy as np
 
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.marginals import LogUniform, Uniform
+from gaugeblock.simulators.xray.library.known import emission_lines
 from gaugeblock.simulators.xray.library.scale import Scale, spaced
 
 PHOTONS = "photons/cm2/s"
@@ -46,6 +47,7 @@ def emission(scale: Scale) -> Iterator[LibraryEffect]:
             "relative width": lambda line: line["sigma"] / line["energy"],
         },
         ends=("sigma",),
+        known=emission_lines(),
     )
     bright = scale.rate / max(scale.added("soft_excess", {"kT": 0.1, "norm": 1.0}), 1e-300)
     yield LibraryEffect(
