@@ -8,7 +8,8 @@ from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from threading import Thread
+from typing import Any, ClassVar
 
 import pytest
 import xarray as xr
@@ -111,6 +112,39 @@ def test_neither_order_nor_who_made_what_matters(
     monkeypatch.setattr(Exact, "sample", None)
     monkeypatch.setattr(Exact, "sample_and_log_prob", None, raising=False)
     xr.testing.assert_identical(collected(tmp_path / "parts"), alone)
+
+
+class Slowly(Executor):
+    """Does last what was asked for first, one thing after the other, while others go on."""
+
+    def __init__(self) -> None:
+        self.waiting: list[tuple[Future[Any], Any]] = []
+
+    def submit(self, call: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        self.waiting.append((Future(), lambda: call(*args, **kwargs)))
+        if len(self.waiting) == PLAN.number // PLAN.block:
+            Thread(target=self._work).start()
+        return self.waiting[-1][0]
+
+    def _work(self) -> None:
+        for future, call in reversed(self.waiting):
+            call()
+            future.set_result(None)
+            time.sleep(0.02)
+
+
+def test_a_block_is_looked_at_once_it_is_there_and_in_its_turn(tmp_path: Path) -> None:
+    class Seeing:
+        trials: ClassVar[list[int]] = []
+
+        def see(self, block: xr.Dataset) -> bool:
+            self.trials += block["trial"].values.tolist()
+            return False
+
+    plan = replace(PLAN, importance_number=0, joint_number=0)
+    watch: Any = Seeing()
+    collected(tmp_path, plan=plan, executor=Slowly(), watch=watch)
+    assert watch.trials == list(range(70))
 
 
 class Mortal(Exact):

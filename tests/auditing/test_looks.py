@@ -9,9 +9,10 @@ from typing import Any
 import pytest
 
 import gaugeblock as gb
-from gaugeblock.auditing import collect
+from gaugeblock.auditing import collect, looks
 from gaugeblock.auditing.result import Audit
 from gaugeblock.auditing.verify import verify
+from gaugeblock.core import processors
 from gaugeblock.core.errors import InputError
 from gaugeblock.reports.reason import of_looks
 
@@ -45,6 +46,21 @@ def test_an_enlarged_audit_keeps_its_trials_to_the_byte(
     assert (tmp_path / "grown" / "trials.nc").read_bytes() == (tmp_path / "fresh" / "trials.nc").read_bytes()
     assert grown.verdict.looks.trials == (70, 130)
     assert not verify(tmp_path / "grown").differences
+
+
+def test_trials_of_another_processor_are_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They may round otherwise: all are made anew, and none are mixed."""
+    audited(tmp_path, 40)
+    made: list[range] = []
+    inner = collect.MainTrials.__call__
+    monkeypatch.setattr(
+        collect.MainTrials, "__call__", lambda self, trials: made.append(trials) or inner(self, trials)
+    )
+    for module in (looks, processors):
+        monkeypatch.setattr(module, "processor", lambda: "Chip B")
+    enlarged = audited(tmp_path, 80)
+    assert made == [range(first, first + 20) for first in (0, 20, 40, 60)]
+    assert enlarged.verdict.provenance["processors"] == ["Chip B"]
 
 
 def test_trials_of_another_audit_or_that_were_touched_are_not_kept(tmp_path: Path) -> None:
