@@ -25,6 +25,10 @@ REACH = 4.5
 """How far the profile goes on either side, in standard errors."""
 
 
+JUMPS = 1e-6
+"""Standard error, in a prior's coordinate, below which it is the derivative that is wrong."""
+
+
 @dataclass(frozen=True, eq=False)
 class Place:
     """An effect inside a simulator that has it: `index` is the amplitude's place in theta."""
@@ -92,8 +96,9 @@ def estimates(prior: Any, fitted: Fit, *, level: float = 0.9) -> dict[str, Estim
     made = {}
     for i, name in enumerate(prior.names):
         value = float(fitted.theta[0, i])
-        # Where counts do not change with a parameter they say nothing of it.
-        ends = (float(low[i]), float(high[i])) if errors[i] > 2e-9 else (None, None)
+        # Nothing is said where counts do not change with a parameter, or jump: a line narrower than the
+        # response's bins moves from one into the next.
+        ends = (float(low[i]), float(high[i])) if errors[i] > JUMPS else (None, None)
         made[name] = Estimate(value, *ends)
     return made
 

@@ -1,9 +1,11 @@
 """The held-out amplitude: its interval holds the truth as often as it says."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from gaugeblock.discovery.confirm.amplitude import Place, held_out_amplitude, profile_interval
+from gaugeblock.discovery.confirm.amplitude import Place, estimates, held_out_amplitude, profile_interval
 from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.library import Candidates
 from gaugeblock.discovery.sources import Sources
@@ -58,3 +60,23 @@ def test_at_a_bound_the_interval_ends_there(power_law):
     found = profile_interval(placed(line), counts[0], 1.0, fitted)
     assert found.interval[0] == pytest.approx(0.0, abs=1e-3)
     assert found.interval[1] > 0.0
+
+
+def test_estimates_have_fishers_intervals_and_none_where_counts_jump(power_law):
+    simulator = power_law()
+    found = fit(simulator, simulator.expected(THETA[None]), start=THETA[None])
+    said = estimates(simulator.prior, found)
+    # By differences of the mean: the information on log norm and index, and its inverse.
+    steps = np.array([[1.0001, 0.0], [1.0, 0.0001]])
+    mean = simulator.expected(THETA)
+    slopes = [(simulator.expected(THETA * [one, 1] + [0, two]) - mean) / 1e-4 for one, two in steps]
+    covariance = np.linalg.inv([[(a * b / mean).sum() for a in slopes] for b in slopes])
+    half = 1.6449 * np.sqrt(np.diag(covariance))
+    ends = [(one.low, one.high) for one in said.values()]
+    assert np.log(ends[0]) - np.log(THETA[0]) == pytest.approx([-half[0], half[0]], rel=0.01)
+    assert np.subtract(ends[1], THETA[1]) == pytest.approx([-half[1], half[1]], rel=0.01)
+    # A derivative that is a jump: what it promises of the index nobody can know.
+    jumpy = replace(found, jacobian=found.jacobian * [1.0, 1e9])
+    assert estimates(simulator.prior, jumpy)["index"].low is None
+    still = replace(found, jacobian=found.jacobian * [1.0, 0.0])
+    assert estimates(simulator.prior, still)["index"].low is None
