@@ -161,6 +161,8 @@ def test_a_fit_does_not_leave_an_energy_that_was_stated(power_law):
     found = discover_source(Sources.of(simulator, np.round(mean)[None]), energy=3.2, replicates=199)
     assert 3.168 <= found.candidate("line").parameters["energy"] <= 3.232
     assert [one.effect for one in found.candidates] == ["line"]
+    above = discover_source(Sources.of(simulator, np.round(mean)[None]), energy=3.4, replicates=199)
+    assert 3.366 <= above.candidate("line").parameters["energy"] <= 3.434
 
 
 def test_a_line_is_told_by_its_name_where_that_is_no_chance(power_law):
@@ -172,7 +174,9 @@ def test_a_line_is_told_by_its_name_where_that_is_no_chance(power_law):
     found = discover_source(sources, effects={"line": line}, only=("line",), replicates=199)
     (said,) = found.statements[:1]
     assert [one.name for one in said.identification] == ["toy alpha"]
-    assert said.identification[0].chance <= 0.01
+    # Two lists, the first of one line, along the band at rest: 1 to 16 keV.
+    away = abs(2.0 * found.fit.after.parameters["line_1.energy"].value - 6.6)
+    assert said.identification[0].chance == pytest.approx(2 * 2.0 * away / 15.0, rel=1e-6)
     assert "At rest it would be toy alpha (6.6 keV; chance" in said.text
     assert found.to_json()["statements"][0]["identification"][0]["energy_kev"] == 6.6
     # Where it is recorded nothing known is: the energy at rest counts.
@@ -183,3 +187,9 @@ def test_a_line_is_told_by_its_name_where_that_is_no_chance(power_law):
         .identification
         == ()
     )
+    faint = simulator.with_effect(Effect("line", {"energy": 3.3, "counts": 2_050.0})).expected(theta)
+    unsure = discover_source(
+        replace(sources, counts=np.round(faint)[None]), effects={"line": line}, only=("line",)
+    )
+    assert (unsure.statements[0].effect, unsure.statements[0].certain) == ("line", False)
+    assert unsure.statements[0].identification == ()
