@@ -165,7 +165,9 @@ def test_workers_and_order_change_nothing(pytester, toy):
     }
     found = {}
     for name, arguments in runs.items():
-        result = pytester.runpytest_subprocess("--calibration-out", name, *arguments)
+        # Workers are processes of their own anyhow.
+        run = pytester.runpytest_subprocess if "-n" in arguments else pytester.runpytest_inprocess
+        result = run("--calibration-out", name, *arguments)
         result.assert_outcomes(passed=2, failed=1)
         # The section is printed once, in one order, and counts no test twice.
         shown = [line for line in result.stdout.lines if line.startswith("PASS test_flow.py")]
