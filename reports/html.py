@@ -69,6 +69,7 @@ def _card(verdict: Verdict, findings: Sequence[Finding], trials: xr.DataTree, ti
         "reason": reason(verdict),
         # Of a FAIL, what was seen and what to do; the rest stands in the table.
         "highlights": [gate.message for gate in verdict.gates if gate.outcome is Outcome.FAIL][:3],
+        "diagnosis": verdict.diagnosis,
         "facts": facts(trials),
         "groups": gate_groups(verdict, findings),
         "tally": tally(verdict),

@@ -35,7 +35,7 @@ def summary_markdown(verdict: Verdict, *, title: str) -> str:
     if missing:
         missing = ["", "**Not checked**", "", *missing]
     foot = ["", "Everything in full is in `report.html`; for machines, in `verdict.json`."]
-    foot = [*_caught(verdict), *_advice(verdict), *_compared(verdict), *foot]
+    foot = [*_diagnosed(verdict), *_caught(verdict), *_advice(verdict), *_compared(verdict), *foot]
     room = MAXIMUM_BYTES - _size(head) - _size(foot) - 500
     rows, rows_left_out = _fitting(rows, room - min(_size(missing), room // 4))
     missing, missing_left_out = _fitting(missing, room - _size(rows))
@@ -51,6 +51,11 @@ def _caught(verdict: Verdict) -> list[str]:
     said = caught(verdict)
     head = ["", f"**{_text(said[0])}**", ""] if said else []
     return [*head, *(f"- {_text(line)}" for line in said[1:])]
+
+
+def _diagnosed(verdict: Verdict) -> list[str]:
+    """What is wrong, and what may cause it."""
+    return [] if verdict.diagnosis is None else ["", f"**Diagnosis:** {_text(verdict.diagnosis['text'])}"]
 
 
 def _advice(verdict: Verdict) -> list[str]:

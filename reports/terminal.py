@@ -30,6 +30,8 @@ def terminal_summary(
         lines.append(of_the_ledger(verdict.provenance))
     lines += [f"  not checked  {item.id}: {item.why}" for item in verdict.not_checked]
     lines += [f"{'  ' * bool(place)}{line}" for place, line in enumerate(caught(verdict))]
+    if verdict.diagnosis is not None:
+        lines.append(f"Diagnosis: {verdict.diagnosis['text']}")
     for item in verdict.suggestions:
         lines += [f"Suggestion: {item.text}", *(f"    {line}" for line in item.toml.splitlines())]
     if verdict.baseline is not None:

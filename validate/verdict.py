@@ -122,8 +122,9 @@ class Control:
 class Verdict(Value):
     """Outcome over all gates, the gates, what could not be checked, and where it all came from.
 
-    `suggestions` say what may be the matter, `baseline` what is otherwise than in an earlier audit, and
-    `controls` which faults would have been caught; the outcome rests on none of them.
+    `suggestions` say what may be the matter, `baseline` what is otherwise than in an earlier audit,
+    `diagnosis` what is wrong, as plain data, and `controls` which faults would have been caught; the outcome
+    rests on none of them.
     """
 
     outcome: Outcome
@@ -133,6 +134,7 @@ class Verdict(Value):
     provenance: dict[str, Any] = field(default_factory=dict)
     suggestions: tuple[Suggestion, ...] = ()
     baseline: dict[str, Any] | None = None
+    diagnosis: dict[str, Any] | None = None
     controls: tuple[Control, ...] = ()
 
     def __repr__(self) -> str:
@@ -150,6 +152,7 @@ class Verdict(Value):
             "not_checked": [{"id": item.id, "why": item.why} for item in self.not_checked],
             "suggestions": [{"text": item.text, "toml": item.toml} for item in self.suggestions],
             "baseline": self.baseline,
+            "diagnosis": self.diagnosis,
             "controls": [control.to_json() for control in self.controls],
             "provenance": self.provenance,
         }

@@ -59,7 +59,7 @@ class ColumnLoss:
     def loss(self, order: Array, target: Array, reading: LayoutReading) -> Array:
         """Square error per trial, less what comes of there being so many draws only; NaN where unreadable."""
         flat = np.empty(self.draws.size)
-        flat[self.place] = _share_below(order, reading.read(self.ordered))
+        flat[self.place] = share_below(order, reading.read(self.ordered))
         share = flat.reshape(self.draws.shape)
         mean = np.einsum("td,td->t", self.weight, share)
         spread = np.einsum("td,td->t", self.weight, (share - mean[:, None]) ** 2)
@@ -80,7 +80,7 @@ def foretellings(theta_true: Array, draws: Array, *, weight: Array | None = None
     for parameter in range(number):
         truth = theta_true[:, parameter]
         order = np.sort(truth)
-        target = _share_below(order, truth)
+        target = share_below(order, truth)
         own = columns[parameter].loss(order, target, AS_IT_IS)
         for index, column in enumerate(columns):
             tried = [AS_IT_IS]
@@ -98,7 +98,7 @@ def foretellings(theta_true: Array, draws: Array, *, weight: Array | None = None
     return found
 
 
-def _share_below(order: Array, values: Array) -> Array:
+def share_below(order: Array, values: Array) -> Array:
     """Share of the sorted truths below each value, ties counted half; NaN of NaN."""
     below, upto = (np.searchsorted(order, values, side) for side in ("left", "right"))
     return np.where(np.isnan(values), np.nan, (below + upto) / (2 * len(order)))

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from gaugeblock.auditing.baseline import compared, kept_baseline, read_baseline
 from gaugeblock.auditing.collect import collect, collect_part, discard, fingerprint
 from gaugeblock.auditing.config import AuditConfig, PolicyLike, TrialsTable, as_policy, as_trials_table
+from gaugeblock.auditing.diagnosing import derived_diagnosis, with_diagnosis
 from gaugeblock.auditing.estimator_from import as_estimator
 from gaugeblock.auditing.explain import explained
 from gaugeblock.auditing.identity import identity, versions
@@ -41,7 +42,7 @@ from gaugeblock.estimators.protocol import Confined, Estimator, Listed
 from gaugeblock.reports.machine import plain as plain_data
 from gaugeblock.simulators.from_function import as_simulator
 from gaugeblock.simulators.protocol import HasLikelihood, Simulator
-from gaugeblock.validate import Policy, make_trials, run_validators
+from gaugeblock.validate import Outcome, Policy, make_trials, run_validators
 from gaugeblock.validate import judge as judged
 from gaugeblock.validate.findings_file import read_findings
 from gaugeblock.validate.looks import Looks
@@ -221,6 +222,7 @@ def audit(
             looks=look_at(None if out is None else folder, key, number, known=looked),
             resources=resources,
             progress=tell,
+            estimator=estimating,
         )
         if entry is not None:
             entry.ended(plan.number, result.outcome.value)
@@ -492,14 +494,14 @@ def judge(
         trials, findings, not_checked = audited.trials, audited.findings, audited.not_checked
         earlier, kept = dict(audited.verdict.provenance), audited.verdict.baseline
         baseline: Mapping[str, Any] | None = None if kept is None else kept["earlier"]
-        looks = audited.verdict.looks
+        looks, known = audited.verdict.looks, audited.verdict.diagnosis
     else:
         folder = Path(audited)
         trials = read_trials(folder / "trials.nc")
         findings, not_checked = read_findings(folder / "findings.nc")
         content = finished_audit(folder)
         earlier, baseline = content["provenance"], kept_baseline(content)
-        looks = stored_looks(content)
+        looks, known = stored_looks(content), content.get("diagnosis")
     chosen = int(earlier.get("seed") or 0) if seed is None else seed
     verdict = judged(findings, not_checked, rules, seed=chosen, looks=looks)
     plain_rules = rules.model_dump(mode="json")
@@ -511,6 +513,8 @@ def judge(
         "sha256": {**dict(earlier.get("sha256") or {}), "policy": digest(plain_rules)},
     }
     verdict = explained(replace(verdict, provenance=record), trials)
+    if known is not None or verdict.outcome is not Outcome.PASS:
+        verdict = derived_diagnosis(verdict, trials, known or {}, seed=int(earlier.get("seed") or 0))
     if baseline is not None:
         verdict = replace(verdict, baseline=compared(baseline, verdict, findings))
     result = Audit(trials, findings, not_checked, verdict)
@@ -531,6 +535,7 @@ def _judged(
     looks: Looks,
     progress: Progress,
     resources: Mapping[str, Any] = MappingProxyType({}),
+    estimator: Any = None,
 ) -> Audit:
     progress("validators", 0, 1)
     findings, not_checked = run_validators(trials, seed=seed, select=validators, levels=policy.levels)
@@ -553,6 +558,10 @@ def _judged(
     verdict = explained(replace(verdict, provenance=record), trials)
     if earlier is not None:
         verdict = replace(verdict, baseline=compared(earlier, verdict, findings))
+    if verdict.outcome is not Outcome.PASS:
+        progress("what is wrong", 0, 1)
+        verdict = with_diagnosis(verdict, trials, seed=seed, estimator=estimator)
+        progress("what is wrong", 1, 1)
     result = Audit(trials, findings, not_checked, verdict, resources)
     if out is not None:
         result.write_reports(out)

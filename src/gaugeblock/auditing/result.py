@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
 
+    from gaugeblock.diagnosis import Diagnosis
+
 RESOURCES = "resources.json"
 # Gates, and letters of one line, in what a terminal shows.
 SHOWN, LONGEST = 8, 160
@@ -152,6 +154,18 @@ class Audit(Value):
                 f"nothing was measured as {identifier!r}; {_near(identifier, list(known))}"
             )
         return draw(finding, gate, ax=ax)
+
+    def diagnose(self, estimator: Any = None) -> Diagnosis:
+        """What is wrong with the estimator: a symptom, its size, what may cause it, and the cure.
+
+        With the `estimator`, an object with ``sample(x, n, rng)``, it is called again: faults in what it is
+        called with (another unit, order or zero of the data) show only then.
+        """
+        from gaugeblock.diagnosis import diagnose
+
+        seed = int(self.verdict.provenance.get("seed") or 0)
+        sample = None if estimator is None else estimator.sample
+        return diagnose(self.trials, self.verdict, seed=seed, sample=sample)
 
     def save(self, folder: str | Path) -> Path:
         """Write trials, findings and all reports into a folder, made where missing: what `verify` reads.

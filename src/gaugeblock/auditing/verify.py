@@ -24,6 +24,7 @@ from gaugeblock.auditing.compare import (
     shortened,
     text_differences,
 )
+from gaugeblock.auditing.diagnosing import derived_diagnosis
 from gaugeblock.auditing.explain import explained
 from gaugeblock.auditing.identity import versions
 from gaugeblock.auditing.looks import stored_looks
@@ -90,7 +91,9 @@ def verify(
     tree = read_trials(source)
     near, notes = _nearness(record, tolerance)
     looks = stored_looks(audited)
-    findings, not_checked, verdict = _derived(tree, record, kept_baseline(audited), looks)
+    findings, not_checked, verdict = _derived(
+        tree, record, kept_baseline(audited), looks, audited.get("diagnosis")
+    )
     contents = rendered(verdict, findings, tree, title=title(record))
     lines = list(_digests(record, found, trials_sha256))
     lines += [f"verdict.json: provenance: {line}" for line in _recorded(record, tree)]
@@ -123,7 +126,11 @@ def _nearness(record: Mapping[str, Any], tolerance: float | None) -> tuple[float
 
 
 def _derived(
-    tree: xr.DataTree, record: Mapping[str, Any], earlier: Mapping[str, Any] | None, looks: Looks
+    tree: xr.DataTree,
+    record: Mapping[str, Any],
+    earlier: Mapping[str, Any] | None,
+    looks: Looks,
+    diagnosis: Mapping[str, Any] | None,
 ) -> tuple[tuple[Finding, ...], tuple[NotChecked, ...], Verdict]:
     """Findings and verdict, from the trials and what the record says of policy, seeds and validators."""
     where = "verdict.json: provenance"
@@ -141,6 +148,7 @@ def _derived(
     findings, not_checked = run_validators(tree, seed=seed, select=select, levels=policy.levels)
     verdict = judge(findings, not_checked, policy, seed=_seed(record, "judge_seed", seed), looks=looks)
     verdict = explained(replace(verdict, provenance=dict(record)), tree)
+    verdict = derived_diagnosis(verdict, tree, diagnosis, seed=seed)
     if earlier is not None:
         verdict = replace(verdict, baseline=compared(earlier, verdict, findings))
     return findings, not_checked, verdict

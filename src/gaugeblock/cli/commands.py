@@ -13,6 +13,8 @@ import typer
 
 from gaugeblock.cli.check import EXIT_CODES as CHECK_EXIT_CODES
 from gaugeblock.cli.check import check
+from gaugeblock.cli.diagnose import EXIT_CODES as DIAGNOSE_EXIT_CODES
+from gaugeblock.cli.diagnose import diagnose
 from gaugeblock.cli.discover import EXIT_CODES as DISCOVER_EXIT_CODES
 from gaugeblock.cli.discover import discover
 from gaugeblock.cli.options import (
@@ -77,6 +79,7 @@ def common(
 data_app = typer.Typer(no_args_is_help=True, help="Real responses, spectra and tables.")
 app.add_typer(data_app, name="data")
 app.command(epilog=CHECK_EXIT_CODES)(check)
+app.command(epilog=DIAGNOSE_EXIT_CODES)(diagnose)
 app.command(epilog=DISCOVER_EXIT_CODES)(discover)
 app.command(epilog=VERIFY_EXIT_CODES)(verify)
 app.command(context_settings=FORWARDED, hidden=True)(reproduce)

@@ -51,6 +51,8 @@ def blocked(audit: Audit, settings: GateSettings, folder: Path) -> str:
         )
     if len(gates) > ROWS:
         lines.append(f"and {len(gates) - ROWS} more")
+    if verdict.diagnosis is not None:
+        lines += ["", *textwrap.wrap(f"Diagnosis: {verdict.diagnosis['text']}", 100)]
     return "\n".join([*lines, "", f"Report: {folder / 'report.html'}"]).translate(_PLAIN)
 
 

@@ -1,0 +1,109 @@
+"""What may cause each symptom, and its cure: draws do not tell the causes of one symptom apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+
+class Cause(NamedTuple):
+    """A cause in the estimator's own making, and its cure."""
+
+    cause: str
+    cure: str
+
+
+CAUSES: Mapping[str, tuple[Cause, ...]] = {
+    "shift": (
+        Cause("training stopped early or at a poor optimum", "train longer, or from another seed"),
+        Cause("trained on simulations of another simulator or version", "simulate anew and retrain"),
+        Cause("an offset in a transform of the parameters", "check the transform between network and theta"),
+    ),
+    "scale too narrow": (
+        Cause("overfitted", "simulate more, stop on held-out loss, or use an ensemble"),
+        Cause("trained with less noise than the data have", "train on the simulator's own noise"),
+        Cause("a factor in the widths (variance for standard deviation, temperature)", "check the sampler"),
+    ),
+    "scale too wide": (
+        Cause("undertrained", "train longer, with a lower learning rate at the end, or on more simulations"),
+        Cause("information lost in the embedding or summaries", "a larger embedding, or better summaries"),
+        Cause("trained with more noise than the data have", "train on the simulator's own noise"),
+    ),
+    "skew": (
+        Cause("a density family without skewness", "a flow, or more transforms of it"),
+        Cause("undertrained", "train longer, or on more simulations"),
+    ),
+    "outliers": (
+        Cause("a flow whose tails or inverse go astray", "double precision, or other transforms"),
+        Cause("failed draws that are kept", "reject draws that are outside the prior or did not converge"),
+    ),
+    "clipped_tails": (
+        Cause("draws are clipped or rejected too early", "widen the limits of the sampler"),
+        Cause("a transform with bounded support", "let its tails be linear, or widen its bounds"),
+    ),
+    "few_distinct": (
+        Cause("resampled from few weighted draws", "draw more before resampling"),
+        Cause("a chain that hardly moves", "run it longer, or with another step"),
+    ),
+    "autocorrelated": (Cause("draws of a Markov chain", "thin it, or run it longer"),),
+    "columns": (Cause("parameters in another order", "reorder the columns, or [estimator.parameters]"),),
+    "unit": (Cause("another unit", "convert, or [estimator.parameters] with unit"),),
+    "log": (Cause("drawn in logarithms, or the other way round", "transform back before returning draws"),),
+    "sign": (Cause("another sign or direction", "flip it, or [estimator.parameters] with unit = -1"),),
+    "ignored_parameter": (
+        Cause(
+            "the data do not reach the network",
+            "look at scales of x and at the embedding",
+        ),
+        Cause("the prior is returned", "check that the posterior, not the proposal, is sampled"),
+        Cause("not trained", "train, or load the trained weights"),
+    ),
+    "correlations": (
+        Cause("parameters estimated one by one", "estimate them jointly"),
+        Cause("too few transforms", "a deeper flow, or another order of parameters"),
+        Cause("undertrained", "train longer, or on more simulations"),
+    ),
+    "missing_mode": (
+        Cause("a sampler that stays in one mode", "more chains or live points, started apart"),
+        Cause("a density family with one mode", "a flow with more transforms, or a mixture"),
+    ),
+    "mode_weights": (
+        Cause("modes weighted by how easily they are found", "nested sampling, or importance weights"),
+        Cause("undertrained", "train longer, or on more simulations"),
+    ),
+    "other_prior": (
+        Cause("trained on another prior", "retrain on the prior in use, or reweight draws by the ratio"),
+        Cause("sequential proposals without correction", "a loss that corrects for the proposal"),
+    ),
+    "truncated_prior": (Cause("trained on a part of the prior", "simulate from all of it and retrain"),),
+    "leakage": (Cause("a flow that does not know the prior's bounds", "reject draws outside it"),),
+    "x_scale": (
+        Cause("called with data in another unit than in training", "scale x as in training, in sample()"),
+        Cause("trained on data that were not scaled", "standardise x, and retrain"),
+    ),
+    "x_shift": (Cause("called with another zero than in training", "subtract what training subtracted"),),
+    "x_order": (Cause("called with data in another order than in training", "reorder x as in training"),),
+    "x_channel": (Cause("channels are exchanged", "reorder the channels as in training"),),
+    "x_noise": (Cause("trained with another noise", "train on the simulator's own noise"),),
+    "region": (
+        Cause("few simulations there", "simulate more of them, or weight them in training"),
+        Cause("data there beyond what the network can follow", "transform x, or use a larger embedding"),
+    ),
+    "knows_truth": (
+        Cause("the estimator has seen the truths, or draws them again from the seed", "use a fresh seed"),
+        Cause("draws are stored, or made for other data than they are called with", "draw afresh for each x"),
+    ),
+    "fixed_seed": (Cause("a seed is set inside sample()", "use the generator that sample() is given"),),
+    "log_q": (
+        Cause("a missing Jacobian", "add the log determinant of every transform"),
+        Cause("a density that is not normalised", "divide by the mass inside the prior"),
+    ),
+    "other": (),
+}
+
+
+def causes(symptom: str, *, wide: bool = False) -> tuple[Cause, ...]:
+    """Causes of a symptom; of `scale` those of too wide or too narrow draws."""
+    if symptom == "scale":
+        symptom = f"scale too {'wide' if wide else 'narrow'}"
+    return CAUSES.get(symptom, ())

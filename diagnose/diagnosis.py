@@ -1,0 +1,212 @@
+"""A diagnosis: what is wrong with an estimator, in a sentence, and what mending it in the draws changes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from gaugeblock.core.arrays import Array
+from gaugeblock.core.streams import generator
+from gaugeblock.core.values import Value
+from gaugeblock.diagnosis.cases import DRAWS, TRIALS, Cases
+from gaugeblock.diagnosis.causes import Cause, causes
+from gaugeblock.diagnosis.library.calls import Called, Sample
+from gaugeblock.diagnosis.repair import Repair, weighted
+from gaugeblock.diagnosis.workflow import Found, locate_and_name
+from gaugeblock.validate.learned.informed.data import data_of
+from gaugeblock.validate.prepared import Prepared
+from gaugeblock.validate.verdict import Outcome, Verdict
+
+# Fewer trials than these are not parted in three.
+LEAST_TRIALS = 150
+# Inputs that foretell the truths best, of more than so many.
+INPUTS = 48
+# What only the density of the draws is judged by.
+OF_THE_DENSITY = ("density", "importance")
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Diagnosis(Value):
+    """What is wrong with an estimator's draws.
+
+    `named` is the first symptom's id, "other" where something is wrong that the library lacks, None where
+    nothing is seen; `named_all` the symptoms in the order in which they are mended; `indistinguishable` the
+    others that these trials do not tell from it. `causes` are compatible with it, each with its cure.
+    `parameters` are sizes with 90% intervals, from trials that chose nothing. `gap` is by how many nats a
+    truth is told from draws, per trial, `before` and `after` the repair. `called` says whether the estimator
+    was called again.
+    """
+
+    named: str | None
+    text: str
+    named_all: tuple[str, ...] = ()
+    indistinguishable: tuple[str, ...] = ()
+    causes: tuple[Cause, ...] = ()
+    parameters: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    gap: tuple[float | None, float | None] = (None, None)
+    shows_in: Mapping[str, float] = field(default_factory=dict)
+    called: bool = False
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data with the contract's keys."""
+        return {
+            "named": self.named,
+            "named_all": list(self.named_all),
+            "indistinguishable": list(self.indistinguishable),
+            "causes": [{"cause": each.cause, "cure": each.cure} for each in self.causes],
+            "parameters": {
+                name: {"value": value, "low": low, "high": high}
+                for name, (value, low, high) in self.parameters.items()
+            },
+            "gap": {"before": self.gap[0], "after": self.gap[1]},
+            "shows_in": dict(self.shows_in),
+            "called": self.called,
+            "text": self.text,
+        }
+
+    def __repr__(self) -> str:
+        return f"<Diagnosis {self.named or 'nothing'}: {self.text}>"
+
+
+def diagnose(tree: xr.DataTree, verdict: Verdict, *, seed: int, sample: Sample | None = None) -> Diagnosis:
+    """Name what is wrong with the draws of some trials, of all that the library knows.
+
+    `sample` is the estimator's, ``(x, n, rng)`` to draws ``(batch, n, parameter)``, where it can be called
+    again: faults in what it is called with are looked for then too.
+
+    The same trials, verdict and seed give the same diagnosis.
+    """
+    prepared = Prepared(tree, seed)
+    if len(prepared.trial) < LEAST_TRIALS:
+        known = f"{len(prepared.trial)} trials with finite draws"
+        return Diagnosis(named=None, text=f"{known} do not say what is wrong: {LEAST_TRIALS} are needed.")
+    failed = {gate.id.partition(".")[0] for gate in verdict.gates if gate.outcome is Outcome.FAIL}
+    cases = cases_of(prepared)
+    again = None if sample is None else _again(prepared, cases, sample, seed)
+    found = locate_and_name(cases, seed=seed, failed=bool(failed - set(OF_THE_DENSITY)), again=again)
+    if found.named is None and not found.structural and failed and failed <= set(OF_THE_DENSITY):
+        return _density(verdict)
+    return _said(found, called=again is not None, alone=verdict.outcome is not Outcome.FAIL)
+
+
+def cases_of(prepared: Prepared) -> Cases:
+    """The first trials of an audit as cases: circular parameters cut open, weighted draws resampled."""
+    blocks, rows, number = [], 0, min(len(prepared.trial), TRIALS)
+    for block in prepared.blocks():
+        step = max(1, block.draws.shape[1] // DRAWS)
+        part = Cases(prepared.parameters, block.trial, block.theta_true, block.draws)
+        if block.weight is not None:
+            with np.errstate(divide="ignore"):
+                part = weighted(part, np.log(block.weight))
+        blocks.append(part.drawn(part.draws[:, ::step][:, :DRAWS]))
+        rows += len(block)
+        if rows >= number:
+            break
+    theta = np.concatenate([part.theta for part in blocks])[:number]
+    draws = np.concatenate([part.draws for part in blocks])[:number]
+    trial = np.concatenate([part.trial for part in blocks])[:number]
+    cases = Cases(prepared.parameters, trial, theta, draws)
+    data = data_of(prepared, np.arange(number))
+    if not data.values.shape[1]:
+        return cases
+    return Cases(prepared.parameters, trial, theta, draws, *_foretelling(data.values, data.names, theta))
+
+
+def _foretelling(values: Array, names: tuple[str, ...], theta: Array) -> tuple[Array, tuple[str, ...]]:
+    """The inputs that have most to do with the truths, or with their squares, where there are very many."""
+    if values.shape[1] <= INPUTS:
+        return values, names
+    half = len(theta) // 3
+    target = np.argsort(np.argsort(theta[:half], axis=0), axis=0) / half - 0.5
+    target = np.concatenate([target, target**2 - 1 / 12], axis=1)
+    known = values[:half] - values[:half].mean(axis=0)
+    related = np.abs(known.T @ target / np.maximum(known.std(axis=0), 1e-300)[:, None]).max(axis=1)
+    # The features at the end (total, components) stay.
+    chosen = np.sort(np.argsort(related, kind="stable")[::-1][:INPUTS])
+    return values[:, chosen], tuple(names[k] for k in chosen)
+
+
+def _again(prepared: Prepared, cases: Cases, sample: Sample, seed: int) -> Called | None:
+    if "x" not in prepared.main:
+        return None
+    rows = np.flatnonzero(prepared.unaffected)[: len(cases)]
+    order = np.argsort(cases.trial)
+    data = prepared.main["x"].isel(trial=slice(0, int(rows[-1]) + 1)).values[rows]
+    return Called(sample, data[order], cases.trial[order], int(generator(seed, "diagnosis").integers(2**62)))
+
+
+def _density(verdict: Verdict) -> Diagnosis:
+    """Draws that nothing is seen of, with a density that gates have failed."""
+    gate = next(gate for gate in verdict.gates if gate.outcome is Outcome.FAIL)
+    known = causes("log_q")
+    text = f"of the draws nothing is wrong that these trials show; their log density is: {gate.message}"
+    return Diagnosis(
+        named="log_q", named_all=("log_q",), causes=known, text=f"{text} {_cures(known)}",
+        parameters={gate.id: (gate.statistic, *gate.interval)},
+    )  # fmt: skip
+
+
+def _said(found: Found, *, called: bool, alone: bool) -> Diagnosis:
+    gap = (found.before[0], None if found.after is None else found.after[0])
+    mended: tuple[Repair, ...] = found.named.repairs if found.named else ()
+    both = (*found.structural, *mended)
+    if not both and not found.seen:
+        nothing = "nothing is seen to be wrong" if alone else "what is wrong is too small to be named"
+        size = f"{found.before[0]:.4f} +- {found.before[1]:.4f} nats a trial"
+        text = f"{nothing}: truths are told from draws by {size}."
+        return Diagnosis(named=None, text=text, gap=(gap[0], None), called=called)
+    if not both:
+        where = _strongest(found.kinds)
+        text = (
+            "something is wrong that the library has no name for: truths are told from draws by "
+            f"{found.before[0]:.3g} nats a trial{where}, and no repair takes nine tenths of it away."
+        )
+        best = min(found.tried[1:], key=lambda each: float(each.left.mean()), default=None)
+        if best is not None and best.share > 0:
+            text += f" {' and '.join(best.symptoms)} would take {best.share:.0%}."
+        return Diagnosis(named="other", text=text, gap=gap, shows_in=found.kinds, called=called)
+    ids = tuple(repair.symptom for repair in both)
+    others = tuple(dict.fromkeys(each.symptoms[0] for each in found.alike if each.symptoms[0] not in ids))
+    first = both[0]
+    wide = first.symptom == "scale" and float(np.mean(list(first.numbers.values()))) > 1
+    known = causes(first.symptom, wide=wide)
+    said = "; then ".join(repair.words for repair in both)
+    text = f"{said}."
+    if gap[1] is not None:
+        size = f"{max(gap[1], 0):.2g} instead of {found.before[0]:.2g} nats a trial"
+        text += f" Mended, truths are told from draws by {size}."
+    if others:
+        text += f" These trials do not tell it from: {', '.join(others)}."
+    return Diagnosis(
+        named=first.symptom, named_all=ids, indistinguishable=others, causes=known,
+        text=f"{text} {_cures(known)}", parameters=found.sizes, gap=gap, shows_in=found.kinds, called=called,
+    )  # fmt: skip
+
+
+def _cures(known: tuple[Cause, ...]) -> str:
+    if not known:
+        return ""
+    said = "; ".join(f"{each.cause}: {each.cure}" for each in known)
+    return f"Possible cause{'s' * (len(known) > 1)}: {said}."
+
+
+KINDS: Mapping[str, str] = {
+    "shape": "parameters one by one",
+    "tails": "tails",
+    "prior": "the place in the prior",
+    "support": "the ends of the prior",
+    "pairs": "pairs of parameters",
+    "joint": "all parameters together",
+    "data": "what the data say beyond the draws",
+    "regions": "some places and not in others",
+}
+
+
+def _strongest(kinds: Mapping[str, float]) -> str:
+    if not kinds or max(kinds.values()) <= 0:
+        return ""
+    return f", mostly in {KINDS[max(kinds, key=lambda kind: kinds[kind])]}"

@@ -1,0 +1,271 @@
+"""How far draws are from truths, in nats: what a flexible recalibration gains where it was not fitted.
+
+Of an exact posterior the truth and its draws are exchangeable: within a trial each of them is the truth with
+the same chance. A conditional logit on many functions of where a candidate lies (among the trial's draws, in
+the prior, against what the data say) foretells which one is the truth; its mean log score on other trials,
+against chance, is the disagreement. It is at least 0 for a flexible enough fit and its expectation at most 0
+where nothing is wrong; moments are not needed, and no estimator is too wrong to have it. Ridges of each kind
+of function are set by their evidence (MacKay 1992), so that what tells nothing costs nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from gaugeblock.core.arrays import Array
+from gaugeblock.core.streams import Rows
+from gaugeblock.diagnosis.cases import Cases, scores_in
+
+# Candidates beside the truth in each trial.
+CANDIDATES = 24
+# Half-widths beyond which a draw is a stray one.
+STRAY = 8.0
+# Parameters up to which all pairs and all regions are looked at.
+EVERY_PAIR = 12
+# Newton steps of a fit, rounds of its ridges in each, and the change of a coefficient at which it ends.
+NEWTON, EVIDENCE, NEGLIGIBLE = 8, 4, 0.01
+# A coefficient of a column of variance 1 is not expected beyond a few.
+LEAST_PRECISION = 0.3
+
+
+@dataclass(frozen=True)
+class Kinds:
+    """Which columns are of which kind: marginal shape, tails, pairs, place in the prior, regions, data."""
+
+    names: tuple[str, ...]
+    of: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What candidates are held against: truths of the fitting part, and what foretells them from the data.
+
+    `foretell` gives normal scores ``(n, parameter)`` from cases; None without data.
+    """
+
+    truths: Array
+    foretell: Callable[[Cases], Array] | None
+
+    @property
+    def range(self) -> tuple[Array, Array]:
+        """Lowest and highest that truths are expected to be, ``(parameter,)`` each.
+
+        That is beyond those that are known by four times what lies between neighbours on average, so that
+        a further truth lies outside hardly more often than its draws do.
+        """
+        low, high = self.truths.min(axis=0), self.truths.max(axis=0)
+        room = 4 * (high - low) / len(self.truths)
+        return low - room, high + room
+
+    @classmethod
+    def of(cls, cases: Cases) -> Reference:
+        """Made of cases before any repair."""
+        if cases.x is None:
+            return cls(cases.theta, None)
+        target = scores_in(cases.theta, cases.theta)
+        inputs = _Inputs.of(cases.x)
+        weights = _ridge(inputs(cases.x), target)
+        return cls(cases.theta, lambda other: inputs(_known(other)) @ weights)
+
+
+@dataclass(frozen=True)
+class _Inputs:
+    """Data as the regression sees them: a constant, normal scores, and their squares."""
+
+    reference: Array
+
+    @classmethod
+    def of(cls, x: Array) -> _Inputs:
+        return cls(x)
+
+    def __call__(self, x: Array) -> Array:
+        scores = scores_in(x, self.reference)
+        return np.concatenate([np.ones((len(x), 1)), scores, (scores**2 - 1) / np.sqrt(2)], axis=1)
+
+
+def _known(cases: Cases) -> Array:
+    assert cases.x is not None
+    return cases.x
+
+
+def _ridge(inputs: Array, target: Array) -> Array:
+    """Ridge regression ``(input, target)``, its strength by generalised cross-validation."""
+    left, size, right = linalg.svd(inputs, full_matrices=False)
+    projected = left.T @ target
+    best, weights = np.inf, np.zeros((inputs.shape[1], target.shape[1]))
+    n = len(inputs)
+    for ridge in n * 10.0 ** np.arange(-4, 3):
+        shrunk = size**2 / (size**2 + ridge)
+        left_over = ((target - left @ (shrunk[:, None] * projected)) ** 2).sum()
+        criterion = left_over / (n - shrunk.sum()) ** 2
+        if criterion < best:
+            best, weights = criterion, right.T @ ((size / (size**2 + ridge))[:, None] * projected)
+    return np.asarray(weights)
+
+
+def columns(cases: Cases, reference: Reference, seed: int) -> tuple[Array, Kinds]:
+    """Functions of truth and candidates ``(trial, 1 + candidate, column)``, the truth first.
+
+    Every one is symmetric in the truth and the draws, so that exchangeability survives.
+    """
+    rng = Rows(seed, "diagnosis candidates", cases.trial)
+    n, number, p = cases.draws.shape
+    together = np.concatenate([cases.theta[:, None], cases.draws], axis=1)
+    taken = np.argsort(rng.random((n, number)), axis=1)[:, : min(CANDIDATES, number)] + 1
+    taken = np.concatenate([np.zeros((n, 1), dtype=np.int64), taken], axis=1)
+    ordered, rank = _ranked(together, rng.random((n, number + 1)))
+    items = np.take_along_axis(together, taken[..., None], axis=1)
+    share = (np.take_along_axis(rank, taken[..., None], axis=1) + 0.5) / (number + 1)
+    at = 2 * share - 1
+    first, second, third, fourth, fifth = _legendre(at)
+    middle = ordered[:, (number + 1) // 2][:, None]
+    quarter = (number + 1) // 6
+    width = (ordered[:, -1 - quarter] - ordered[:, quarter])[:, None] / 2
+    far = np.abs(items - middle) > STRAY * width
+    edge = (share < 1 / (number + 1)) | (share > 1 - 1 / (number + 1))
+    place = scores_in(items, reference.truths)
+    prior_first, prior_second, prior_third, _, _ = _legendre(np.tanh(place / 1.5))
+    low, high = reference.range
+    outside = (items < low) | (items > high)
+    parts: list[tuple[str, Any]] = [
+        ("shape", np.concatenate([first, second, third, fourth, fifth], axis=2)),
+        ("tails", np.concatenate([edge, far.any(axis=2, keepdims=True)], axis=2)),
+        ("prior", np.concatenate([prior_first, prior_second, prior_third], axis=2)),
+        ("support", outside.any(axis=2, keepdims=True)),
+    ]
+    if 1 < p <= EVERY_PAIR:
+        one, other = np.triu_indices(p, 1)
+        parts += [
+            ("pairs", first[..., one] * first[..., other]),
+            ("pairs", second[..., one] * second[..., other]),
+        ]
+    if p > 1:
+        parts.append(("joint", _together(at)))
+    own = np.tanh(scores_in(middle, reference.truths) / 1.5)
+    regions = [own * first, own * second, _square(own) * first, _square(own) * second]
+    if cases.x is not None and reference.foretell is not None:
+        expected = reference.foretell(cases)[:, None]
+        among = scores_in(middle, reference.truths)
+        parts.append(("data", (expected - among) * first))
+        for known in _bright(cases):
+            regions += [known * first, known * second]
+    parts.append(("regions", np.concatenate(regions, axis=2)))
+    names = tuple(dict.fromkeys(name for name, _ in parts))
+    kinds = np.concatenate([np.full(part.shape[2], names.index(name)) for name, part in parts])
+    return np.concatenate([np.asarray(part, dtype=float) for _, part in parts], axis=2), Kinds(names, kinds)
+
+
+def _bright(cases: Cases) -> list[Array]:
+    """Of the first input, how large it is, and whether it is among the largest or smallest twentieth."""
+    assert cases.x is not None
+    known = scores_in(cases.x[:, :1], cases.x[:, :1])[:, None]
+    return [np.tanh(known / 1.5), _square(np.tanh(known / 1.5)), known > 1.645, known < -1.645]
+
+
+def _square(values: Array) -> Array:
+    return np.asarray(values**2 - 0.45)
+
+
+def _together(at: Array) -> Array:
+    """How far out in all parameters at once: Legendre polynomials of the rank of the sum of squares."""
+    radius = (at**2).sum(axis=2)
+    rank = np.argsort(np.argsort(radius, axis=1), axis=1) + 0.5
+    first, second, third, _, _ = _legendre(2 * rank / radius.shape[1] - 1)
+    return np.stack([first, second, third], axis=2)
+
+
+def _ranked(together: Array, shuffle: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Sorted values and each one's rank ``(trial, item, p)``, ties broken by the random numbers `shuffle`."""
+    order = np.argsort(together, axis=1, kind="stable")
+    ordered = np.take_along_axis(together, order, axis=1)
+    if (np.diff(ordered, axis=1) == 0).any():
+        order = np.lexsort((np.broadcast_to(shuffle[..., None], together.shape), together), axis=1)
+    rank = np.empty_like(order)
+    np.put_along_axis(rank, order, np.arange(together.shape[1])[None, :, None], axis=1)
+    return ordered, rank
+
+
+def _legendre(at: Array) -> tuple[Array, Array, Array, Array, Array]:
+    """Legendre polynomials 1 to 5, of mean square 1 on (-1, 1)."""
+    second = (3 * at**2 - 1) / 2
+    third = (5 * at**3 - 3 * at) / 2
+    fourth = (7 * at * third - 3 * second) / 4
+    fifth = (9 * at * fourth - 4 * third) / 5
+    return tuple(np.sqrt(2 * k + 1) * each for k, each in enumerate((at, second, third, fourth, fifth), 1))
+
+
+@dataclass(frozen=True)
+class Tilt:
+    """Log odds of being the truth, linear in the columns; made by `fit_tilt`."""
+
+    weight: Array
+    kinds: Kinds
+
+    def gains(self, values: Array) -> Array:
+        """Nats ``(trial,)`` by which the truth, the first candidate, is foretold better than by chance."""
+        score = values @ self.weight
+        score -= score.max(axis=1, keepdims=True)
+        return np.asarray(score[:, 0] - np.log(np.exp(score).mean(axis=1)))
+
+    def by_kind(self, values: Array) -> dict[str, float]:
+        """The mean gain of each kind of function by itself."""
+        return {
+            name: float(
+                Tilt(np.where(self.kinds.of == index, self.weight, 0.0), self.kinds).gains(values).mean()
+            )
+            for index, name in enumerate(self.kinds.names)
+        }
+
+
+def fit_tilt(values: Array, kinds: Kinds) -> Tilt:
+    """The conditional logit of values ``(trial, candidate, column)``, the truth first."""
+    n, number, size = values.shape
+    centred = values - values.mean(axis=1, keepdims=True)
+    scale = np.sqrt(np.einsum("tcf,tcf->f", centred, centred) / (n * number))
+    scale[scale < 1e-9] = np.inf
+    centred /= scale
+    flat = centred.reshape(n * number, size)
+    weight = np.zeros(size)
+    precision = np.full(size, LEAST_PRECISION)
+    for _ in range(NEWTON):
+        chance, _ = _chances(centred, weight)
+        mean = np.einsum("tc,tcf->tf", chance, centred)
+        spread = flat.T @ (flat * chance.reshape(-1, 1)) - mean.T @ mean
+        target = (centred[:, 0] - mean).sum(axis=0) + spread @ weight
+        for _ in range(EVIDENCE):
+            factor = linalg.cho_factor(spread + np.diag(precision))
+            new = linalg.cho_solve(factor, target)
+            known = 1 - precision * np.diag(linalg.cho_solve(factor, np.eye(size)))
+            for kind in range(len(kinds.names)):
+                mine = kinds.of == kind
+                ratio = known[mine].sum() / max(float((new[mine] ** 2).sum()), 1e-12)
+                precision[mine] = np.clip(ratio, LEAST_PRECISION, 1e8)
+        # A whole Newton step may go too far where truth and draws are far apart.
+        before = _posterior(centred, weight, precision)
+        share = 1.0
+        while share > 1e-3 and _posterior(centred, weight + share * (new - weight), precision) < before:
+            share /= 2
+        moved = share * float(np.abs(new - weight).max())
+        weight = weight + share * (new - weight)
+        if moved < NEGLIGIBLE:
+            break
+    return Tilt(weight / scale, kinds)
+
+
+def _chances(centred: Array, weight: Array) -> tuple[Array, Array]:
+    """Of each candidate to be the truth ``(trial, candidate)``, and the truth's logs ``(trial,)``."""
+    score = centred @ weight
+    score -= score.max(axis=1, keepdims=True)
+    chance = np.exp(score)
+    total = chance.sum(axis=1, keepdims=True)
+    return chance / total, score[:, 0] - np.log(total[:, 0])
+
+
+def _posterior(centred: Array, weight: Array, precision: Array) -> float:
+    return float(_chances(centred, weight)[1].sum() - (precision * weight**2).sum() / 2)

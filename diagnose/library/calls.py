@@ -1,0 +1,126 @@
+"""What an estimator is called with: data in another unit, shifted, in another order; and what it remembers.
+
+Only where the estimator can be called again. What is tried is tried on a few trials first.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.core.arrays import Array
+from gaugeblock.core.streams import Rng, generator
+from gaugeblock.diagnosis.cases import Cases
+from gaugeblock.diagnosis.repair import Repair
+from gaugeblock.diagnosis.scores import kernel_scores
+
+Sample = Callable[[NDArray[Any], int, Rng], Array]
+Turn = Callable[[Array], Array]
+
+# Trials and draws of each on which a way to call is tried, draws for those that go on, and how many do.
+TRIALS, DRAWS, MORE, KEPT = 100, 40, 64, 3
+# Paired standard errors from which another way to call is better, and seconds that all trying may take.
+BETTER, SECONDS = 4.0, 8.0
+FACTORS = tuple(10.0**power for power in range(-6, 7) if power)
+# Channels up to which every two are exchanged.
+MOST_CHANNELS = 6
+STEPS = (-5.0, -2.0, -1.0, 1.0, 2.0, 5.0)
+
+
+@dataclass(frozen=True)
+class Called:
+    """An estimator's `sample`, and the data ``(trial, ...)`` of all trials by their number."""
+
+    sample: Sample
+    data: NDArray[Any]
+    trial: NDArray[np.int64]
+    seed: int
+
+    def drawn(self, cases: Cases, turn: Turn, draws: int) -> Cases:
+        """The same cases with draws for their data, turned into something else."""
+        rows = np.searchsorted(self.trial, cases.trial)
+        rng = generator(self.seed, "diagnosis calls", draws, len(cases))
+        # What another unit overflows is a draw far out, and no warning of ours.
+        with np.errstate(all="ignore"):
+            found = np.asarray(self.sample(turn(self.data[rows].astype(float)), draws, rng), dtype=float)
+        middle = np.nanmedian(np.where(np.isfinite(found), found, np.nan), axis=(0, 1))
+        return cases.drawn(np.where(np.isfinite(found), found, np.nan_to_num(middle)))
+
+
+def calls(cases: Cases, again: Called) -> Sequence[Repair]:
+    """The few ways to call that do much better than the one that was used."""
+    few = cases.taken(slice(TRIALS))
+    unit = np.broadcast_to(np.maximum(few.theta.std(axis=0), np.finfo(float).tiny), few.theta.shape)
+    number = min(DRAWS, few.draws.shape[1])
+    before = kernel_scores(few.drawn(few.draws[:, :number]), unit).sum(axis=1)
+    began, found = time.monotonic(), []
+    for symptom, how, turn, size in _ways(again.data[np.searchsorted(again.trial, few.trial)]):
+        after = kernel_scores(again.drawn(few, turn, DRAWS), unit).sum(axis=1)
+        better = before - after
+        if better.mean() > BETTER * better.std(ddof=1) / np.sqrt(len(better)):
+            words = f"draws are right if the estimator is called with the data {how}"
+            found.append((float(after.mean()), symptom, words, turn, size))
+        if time.monotonic() - began > SECONDS:
+            break
+    found.sort(key=lambda each: each[0])
+    return [
+        Repair(symptom, partial(again.drawn, turn=turn, draws=MORE), words, size, neutral=1.0, variant=words)
+        for _, symptom, words, turn, size in found[:KEPT]
+    ]
+
+
+def knows_truth(cases: Cases, again: Called) -> Sequence[Repair]:
+    """Draws that were better than the estimator gives for the same data once more."""
+    few = cases.taken(slice(2 * TRIALS))
+    unit = few.half_width
+    number = min(DRAWS, few.draws.shape[1])
+    before = kernel_scores(few.drawn(few.draws[:, :number]), unit).sum(axis=1)
+    once_more = again.drawn(few, lambda x: x, number)
+    worse = kernel_scores(once_more, unit).sum(axis=1) - before
+    if worse.mean() <= BETTER * worse.std(ddof=1) / np.sqrt(len(worse)):
+        return []
+    ratio = float(np.median(once_more.half_width / unit))
+    words = f"asked again for the same data, the estimator gives other draws, {ratio:.3g} times as wide"
+    return [
+        Repair("knows_truth", lambda other: again.drawn(other, lambda x: x, MORE), words, {"ratio": ratio})
+    ]
+
+
+def _ways(x: NDArray[Any]) -> Iterator[tuple[str, str, Turn, dict[str, float]]]:
+    """Symptom, words, what is done to data, and its size."""
+    mean, spread = float(np.mean(x)), float(np.std(x)) or 1.0
+    each, wide = x.mean(axis=0), x.std(axis=0)
+    wide = np.where(wide > 0, wide, 1.0)
+    yield "x_scale", "channel by channel standardised", lambda v: (v - each) / wide, {}
+    yield "x_scale", "standardised as a whole", lambda v: (v - mean) / spread, {}
+    if (x >= 0).all():
+        yield "x_scale", "logarithms of one plus them", np.log1p, {}
+        yield "x_scale", "their square roots", np.sqrt, {}
+        yield "x_scale", "divided by their sum", _shares, {}
+    for factor in FACTORS:
+        yield "x_scale", f"times {factor:g}", partial(np.multiply, factor), {"factor": factor}
+    for step in STEPS:
+        yield "x_shift", f"plus {step * spread:.4g}", partial(np.add, step * spread), {"step": step * spread}
+    if x.ndim > 1 and x[0].size > 1:
+        yield "x_order", "in reverse order", lambda v: v[:, ::-1], {}
+    if x.ndim > 2:
+        yield "x_order", "with the first two axes exchanged", lambda v: v.swapaxes(1, 2), {}
+        yield "x_order", "with the last axis in reverse order", lambda v: v[..., ::-1], {}
+    if x.ndim == 2 and x.shape[1] <= MOST_CHANNELS:
+        for i, j in combinations(range(x.shape[1]), 2):
+            order = np.arange(x.shape[1])
+            order[[i, j]] = j, i
+            exchanged: Turn = partial(np.take, indices=order, axis=1)
+            yield "x_channel", f"with x[{i}] and x[{j}] exchanged", exchanged, {}
+
+
+def _shares(x: Array) -> Array:
+    total = x.reshape(len(x), -1).sum(axis=1)
+    return np.asarray(x / np.maximum(total, np.finfo(float).tiny).reshape(-1, *[1] * (x.ndim - 1)))

@@ -1,0 +1,201 @@
+"""What parameters have to do with each other, and modes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from gaugeblock.core.arrays import Array
+from gaugeblock.diagnosis.cases import Cases
+from gaugeblock.diagnosis.repair import Repair, weighted
+
+# A gap between draws that parts two modes, as a share of their range; each holds at least so much of them;
+# and so many trials have one.
+GAP, LEAST_MODE, LEAST_BIMODAL = 0.2, 0.04, 0.25
+# Half-widths by which a truth in a mode that is missing lies away, the least share and number of such truths,
+# and of those how many must be away in a parameter for it to count.
+AWAY, LEAST_MISSING, LEAST_FAR, LOST = 4.0, 0.03, 10, 0.3
+# Ways from one mode to another that are tried, and parameters up to which they may be exchanged.
+CARRIED, MOST_EXCHANGED = 3, 6
+
+
+def correlations(cases: Cases) -> Sequence[Repair]:
+    """The draws' rank correlations moved by what truths' ranks say they lack; marginals stay as they are."""
+    p = len(cases.names)
+    if p == 1:
+        return []
+    truth = np.corrcoef(special.ndtri(cases.ranks(cases.theta)), rowvar=False)
+    theirs = _correlation(_normal(cases.draws))
+    mean = theirs.mean(axis=0)
+    lack = truth - mean
+    one, other = np.triu_indices(p, 1)
+    numbers = {
+        f"{cases.names[i]}, {cases.names[j]}": float(lack[i, j]) for i, j in zip(one, other, strict=True)
+    }
+    strongest = int(np.abs(lack[one, other]).argmax())
+    i, j = int(one[strongest]), int(other[strongest])
+    how = "reversed" if mean[i, j] * truth[i, j] < 0 and abs(mean[i, j]) > 0.1 else "wrong"
+    words = (
+        f"correlations of the draws are {how}: of {cases.names[i]} and {cases.names[j]} {mean[i, j]:+.2f} "
+        f"where truths have {truth[i, j]:+.2f}"
+    )
+    return [
+        Repair("correlations", lambda c: _recoloured(c, lack=lack), words, numbers, variant="added"),
+        Repair("correlations", lambda c: _recoloured(c, whole=truth), words, numbers, variant="whole"),
+    ]
+
+
+def _normal(draws: Array) -> Array:
+    """Normal scores of the draws' ranks within their trial, ties in their order."""
+    rank = np.argsort(np.argsort(draws, axis=1, kind="stable"), axis=1, kind="stable")
+    table = special.ndtri((np.arange(draws.shape[1]) + 0.5) / draws.shape[1])
+    return np.asarray((table / table.std())[rank])
+
+
+def _correlation(scores: Array) -> Array:
+    return np.asarray(np.einsum("tdp,tdq->tpq", scores, scores) / scores.shape[1])
+
+
+def _recoloured(cases: Cases, *, lack: Array | float = 0.0, whole: Array | None = None) -> Cases:
+    """Each column's values in another order, so that rank correlations are what they should be."""
+    scores = _normal(cases.draws)
+    theirs = _correlation(scores)
+    wanted = theirs + lack if whole is None else np.broadcast_to(whole, theirs.shape)
+    values, vectors = np.linalg.eigh(wanted)
+    wanted_root = vectors * np.sqrt(np.maximum(values, 1e-3))[:, None, :]
+    own_values, own_vectors = np.linalg.eigh(theirs)
+    whitening = own_vectors / np.sqrt(np.maximum(own_values, 1e-3))[:, None, :]
+    # Symmetric square roots turn nothing that is right already.
+    colour = wanted_root @ np.swapaxes(vectors, 1, 2)
+    white = np.einsum("tdp,tpk->tdk", scores, whitening @ np.swapaxes(own_vectors, 1, 2))
+    coloured = np.einsum("tdk,tkp->tdp", white, colour)
+    rank = np.argsort(np.argsort(coloured, axis=1, kind="stable"), axis=1, kind="stable")
+    return cases.drawn(np.take_along_axis(np.sort(cases.draws, axis=1), rank, axis=1))
+
+
+def missing_mode(cases: Cases) -> Sequence[Repair]:
+    """A share of the draws carried to where far-away truths lie: mirrored, exchanged, or moved by a step."""
+    off = (cases.theta - cases.middle) / cases.half_width
+    far = np.asarray((np.abs(off) > AWAY).any(axis=1))
+    if far.mean() < LEAST_MISSING or far.sum() < LEAST_FAR:
+        return []
+    lost = (np.abs(off[far]) > AWAY).mean(axis=0) > LOST
+    if not lost.any():
+        return []
+    carriers = sorted(_carriers(cases.taken(far), lost), key=lambda each: each[0])[:CARRIED]
+    found = []
+    for _, what, turn, at, sign in carriers:
+        share = _share_there(cases, turn, at, far)
+        words = f"a mode is missing: {share:.0%} of the truths lie where draws come to lie that are {what}"
+        mended = partial(_carried, turn=turn, at=at, share=share, sign=sign)
+        found.append(Repair("missing_mode", mended, words, {"share": share}, variant=what))
+    return found
+
+
+def _carriers(far: Cases, lost: Array) -> Iterator[tuple[float, str, Array, Array, float]]:
+    """Ways from draws to far-away truths: how badly each fits, its name, matrix, step, and share upward."""
+    p = len(lost)
+    eye = np.eye(p)
+    ways = [("mirrored", np.diag(np.where(lost, -1.0, 1.0)))]
+    ways += [(f"mirrored in {far.names[k]}", np.diag(np.where(np.arange(p) == k, -1.0, 1.0)))
+             for k in np.flatnonzero(lost) if lost.sum() > 1]  # fmt: skip
+    for i, j in combinations(np.flatnonzero(lost), 2) if lost.sum() <= MOST_EXCHANGED else ():
+        for turned in (1.0, -1.0):
+            matrix = np.array(eye)
+            matrix[[i, j]] = turned * eye[[j, i]]
+            how = "exchanged" if turned > 0 else "exchanged and mirrored"
+            ways.append((f"{how} in {far.names[i]} and {far.names[j]}", matrix))
+    for what, turn in ways:
+        step = far.theta - far.middle @ turn.T
+        at = np.median(step, axis=0)
+        yield float(np.median(np.abs((step - at) / far.half_width)[:, lost])), what, turn, at, 1.0
+    step = far.theta - far.middle
+    axis = int(np.argmax(np.where(lost, np.median(np.abs(step) / far.half_width, axis=0), 0)))
+    upward = np.sign(step[:, axis : axis + 1])
+    at = np.median(step * upward, axis=0)
+    fit = float(np.median(np.abs((step * upward - at) / far.half_width)[:, lost]))
+    yield fit, "moved by a step", eye, at, float((upward > 0).mean())
+
+
+def _share_there(cases: Cases, turn: Array, at: Array, far: NDArray[np.bool_]) -> float:
+    """Share of truths that are far away, and nearer to the carried draws than to those that are there."""
+
+    def distance(middle: Array) -> Array:
+        return np.asarray((((cases.theta - middle) / cases.half_width) ** 2).sum(axis=1))
+
+    carried = cases.middle @ turn.T
+    there = np.minimum(distance(carried + at), distance(carried - at))
+    return float(np.clip((far & (there < distance(cases.middle))).mean(), 0.0, 0.9))
+
+
+def _carried(cases: Cases, turn: Array, at: Array, share: float, sign: float) -> Cases:
+    """A share of the draws carried by a matrix and a step, which a share `sign` of them takes upward."""
+    # Every so many-th draw: draws come in any order.
+    number = np.arange(cases.draws.shape[1])[None]
+    place = (number * 0.6180339887498949 + cases.trial[:, None] * 0.7548776662466927) % 1.0
+    up = np.where(place < share * sign, 1.0, -1.0)
+    moved = cases.draws @ turn.T + up[..., None] * at
+    return cases.drawn(np.where((place < share)[..., None], moved, cases.draws))
+
+
+def mode_weights(cases: Cases) -> Sequence[Repair]:
+    """Draws of two modes reweighted: the upper one, or the heavier one, by a factor."""
+    found = []
+    for column, name in enumerate(cases.names):
+        upper, parted = _upper(cases, column)
+        if parted.mean() < LEAST_BIMODAL:
+            continue
+        share = upper.mean(axis=1)
+        truth = _truth_upper(cases, column)
+        for kind in ("upper", "heavier"):
+            turned = np.ones(len(cases)) if kind == "upper" else np.sign(share - 0.5)
+            log_odds = _odds(share[parted], truth[parted], turned[parted])
+            odds = float(np.exp(-log_odds))
+            words = f"the {kind} mode of {name} has {odds:.3g} times the odds that truths give it"
+            mended = partial(_reweighed, column=column, kind=kind, log_odds=log_odds)
+            found.append(Repair("mode_weights", mended, words, {name: odds}, neutral=1.0, variant=kind))
+    return found
+
+
+def _reweighed(cases: Cases, column: int, kind: str, log_odds: float) -> Cases:
+    upper, parted = _upper(cases, column)
+    turn = 1.0 if kind == "upper" else np.sign(upper.mean(axis=1) - 0.5)[:, None]
+    return weighted(cases, np.where(parted[:, None], log_odds * turn * upper, 0.0))
+
+
+def _gap(cases: Cases, column: int) -> tuple[Array, NDArray[np.bool_]]:
+    """The middle of the widest gap of each trial's draws ``(trial,)``, and whether it parts two modes."""
+    values = np.sort(cases.draws[..., column], axis=1)
+    number = values.shape[1]
+    least = max(1, int(LEAST_MODE * number))
+    steps = np.diff(values, axis=1)[:, least - 1 : number - least]
+    widest = steps.argmax(axis=1)
+    size = np.take_along_axis(steps, widest[:, None], axis=1)[:, 0]
+    below = np.take_along_axis(values, widest[:, None] + least - 1, axis=1)[:, 0]
+    span = values[:, -1] - values[:, 0]
+    return below + size / 2, np.asarray(size > GAP * np.maximum(span, np.finfo(float).tiny))
+
+
+def _upper(cases: Cases, column: int) -> tuple[Array, NDArray[np.bool_]]:
+    at, parted = _gap(cases, column)
+    return (cases.draws[..., column] > at[:, None]).astype(float), parted
+
+
+def _truth_upper(cases: Cases, column: int) -> Array:
+    return (cases.theta[:, column] > _gap(cases, column)[0]).astype(float)
+
+
+def _odds(share: Array, truth: Array, turned: Array) -> float:
+    """The log odds ratio by maximum likelihood: Newton steps of a logistic regression with an offset."""
+    b = 0.0
+    known = special.logit(np.clip(share, 1e-3, 1 - 1e-3))
+    for _ in range(25):
+        chance = special.expit(known + b * turned)
+        slope = (turned * (truth - chance)).sum()
+        b += float(np.clip(slope / max((chance * (1 - chance)).sum(), 1e-9), -1, 1))
+    return float(np.clip(b, -6, 6))

@@ -1,0 +1,155 @@
+"""One parameter at a time: where draws lie, how wide, how lopsided, and how far out they reach."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from gaugeblock.core.arrays import Array
+from gaugeblock.diagnosis.cases import Cases
+from gaugeblock.diagnosis.repair import Repair, listed, root, rows_of
+
+# How far repairs are looked for: shifts in half-widths, logs of a stretch, and of a lopsided one.
+SHIFT, STRETCH, LOPSIDED = 30.0, np.log(40.0), np.log(6.0)
+# A draw is a stray one beyond so many half-widths; most that may be.
+STRAY, MOST_STRAY = 8.0, 0.2
+# Half-widths between median and mean from which draws are stretched about the mean too.
+BETWEEN = 0.3
+# Clipped: the outer share of draws that is looked at, and the largest share of the mass that may be missing.
+OUTER, MISSING = 0.02, 0.2
+
+
+def shift(cases: Cases) -> Sequence[Repair]:
+    """Draws moved until as many truths lie above their middle as below, in half-widths or in the unit."""
+    unit = cases.half_width
+    typical = np.median(unit, axis=0)
+    found = []
+    for in_widths in (True, False):
+        size = unit if in_widths else np.broadcast_to(typical, unit.shape)
+
+        def too_high(by: Array, size: Array = size) -> Array:
+            return np.asarray((cases.ranks(cases.theta - by * size) - 0.5).mean(axis=0))
+
+        at = root(too_high, np.full(len(cases.names), -SHIFT), np.full(len(cases.names), SHIFT))
+
+        def moved(other: Cases, at: Array = at, in_widths: bool = in_widths) -> Cases:
+            step = other.half_width if in_widths else np.broadcast_to(typical, other.half_width.shape)
+            return other.drawn(other.draws + (at * step)[:, None])
+
+        by = -at if in_widths else -at * typical
+        said = "of their half-widths" if in_widths else "in their own units"
+        found.append(
+            Repair(
+                "shift", moved, f"draws lie too high or low ({said}): {listed(cases.names, by, '{:+.3g}')}",
+                dict(zip(cases.names, by.tolist(), strict=True)), variant=said,
+            )
+        )  # fmt: skip
+    return found
+
+
+def scale(cases: Cases) -> Sequence[Repair]:
+    """Draws stretched until truths lie as far out as they do; of each parameter, or of all alike."""
+    middle = cases.middle
+    away = cases.theta - middle
+    p = len(cases.names)
+
+    def too_far(log: Array) -> Array:
+        at = 2 * cases.ranks(middle + away / np.exp(log)) - 1
+        return np.asarray((3 * at**2 - 1).mean(axis=0))
+
+    each = root(too_far, np.full(p, -STRETCH), np.full(p, STRETCH))
+    all_alike = root(
+        lambda log: np.broadcast_to(too_far(log).mean(), (p,)), np.full(p, -STRETCH), np.full(p, STRETCH)
+    )
+    found = [_stretched(cases.names, each, "each"), _stretched(cases.names, all_alike, "all alike")]
+    # Of two modes the median lies in one, the mean between them.
+    mean = cases.draws.mean(axis=1)
+    if np.median(np.abs(mean - middle) / cases.half_width) > BETWEEN:
+        away, middle = cases.theta - mean, mean
+        about = root(
+            lambda log: np.broadcast_to(too_far(log).mean(), (p,)), np.full(p, -STRETCH), np.full(p, STRETCH)
+        )
+        found.append(_stretched(cases.names, about, "about the mean"))
+    return found
+
+
+def _stretched(names: tuple[str, ...], log: Array, variant: str) -> Repair:
+    def stretched(cases: Cases) -> Cases:
+        about = cases.draws.mean(axis=1) if variant == "about the mean" else cases.middle
+        middle = about[:, None]
+        return cases.drawn(middle + np.exp(log) * (cases.draws - middle))
+
+    size = np.exp(-log)
+    kind = "narrow" if (size < 1).all() else "wide" if (size > 1).all() else "narrow or wide"
+    return Repair(
+        "scale", stretched, f"draws are too {kind}: {listed(names, size, neutral=1)}",
+        dict(zip(names, size.tolist(), strict=True)), neutral=1.0, variant=variant,
+    )  # fmt: skip
+
+
+def skew(cases: Cases) -> Sequence[Repair]:
+    """Draws above their median stretched, those below shrunk by the same factor, or the other way round."""
+    middle = cases.middle
+    away = cases.theta - middle
+    p = len(cases.names)
+    log = root(
+        lambda log: (cases.ranks(middle + away * np.exp(-log * np.sign(away))) - 0.5).mean(axis=0),
+        np.full(p, -LOPSIDED), np.full(p, LOPSIDED),
+    )  # fmt: skip
+
+    def bent(other: Cases) -> Cases:
+        centre = other.middle[:, None]
+        off = other.draws - centre
+        return other.drawn(centre + off * np.exp(log * np.sign(off)))
+
+    return [
+        Repair(
+            "skew", bent, f"draws are lopsided otherwise than truths: {listed(cases.names, log, '{:+.3g}')}",
+            dict(zip(cases.names, (-log).tolist(), strict=True)),
+        )
+    ]  # fmt: skip
+
+
+def stray(cases: Cases) -> NDArray[np.bool_]:
+    """Which draws ``(trial, draw)`` lie beyond eight half-widths in any parameter."""
+    unit = cases.half_width[:, None]
+    return np.asarray((np.abs(cases.draws - cases.middle[:, None]) > STRAY * unit).any(axis=2))
+
+
+def outliers(cases: Cases) -> Sequence[Repair]:
+    """Stray draws left out."""
+    share = float(stray(cases).mean())
+    if not 0 < share < MOST_STRAY:
+        return []
+    words = f"{share:.2%} of the draws lie more than {STRAY:g} half-widths out, where truths do not"
+    return [Repair("outliers", lambda other: rows_of(other, ~stray(other)), words, {"share": share})]
+
+
+def clipped_tails(cases: Cases) -> Sequence[Repair]:
+    """Tails drawn out as if a share of the mass on either side, of normal tails, had been cut off."""
+    in_order = cases.drawn(cases.ordered)
+
+    def wrong(log: Array) -> Array:
+        ends = _unclipped(in_order, float(np.exp(log[0]))).ranks(cases.theta)
+        return np.asarray(((ends < OUTER) | (ends > 1 - OUTER)).mean() - 2 * OUTER)[None]
+
+    low, high = np.log([1e-4]), np.log([MISSING])
+    if wrong(low)[0] <= 0:
+        return []
+    share = float(np.exp(root(wrong, low, high, steps=14)[0]))
+    words = f"the outer {share:.2g} of the probability is missing on either side of the draws"
+    return [Repair("clipped_tails", lambda other: _unclipped(other, share), words, {"share": share})]
+
+
+def _unclipped(cases: Cases, share: float) -> Cases:
+    """Each draw as far out as its rank would be if the mass that is missing were there."""
+    number = cases.draws.shape[1]
+    at = (np.arange(number) + 0.5) / number
+    inner = special.ndtri(share + (1 - 2 * share) * at)
+    stretch = np.divide(special.ndtri(at), inner, out=np.ones_like(inner), where=np.abs(inner) > 1e-9)
+    rank = np.argsort(np.argsort(cases.draws, axis=1, kind="stable"), axis=1, kind="stable")
+    middle = cases.middle[:, None]
+    return cases.drawn(middle + (cases.draws - middle) * stretch[rank])

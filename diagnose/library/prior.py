@@ -1,0 +1,83 @@
+"""The prior: another one, a part of it, or draws beyond it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.core.arrays import Array
+from gaugeblock.diagnosis.cases import Cases, scores_in
+from gaugeblock.diagnosis.disagreement import Kinds, Reference, fit_tilt
+from gaugeblock.diagnosis.repair import Repair, listed, rows_of, weighted
+
+# Candidates of a trial by which a ratio of priors is fitted.
+CANDIDATES = 64
+# Normal scores at which a ratio of priors is held constant: beyond there are no truths to fit it to.
+FARTHEST = 2.5
+# Share of the truths beyond all draws of all trials that no chance explains, and of draws beyond all truths.
+BEYOND, LEAKED = 0.01, 0.002
+
+
+def other_prior(cases: Cases, reference: Reference) -> Sequence[Repair]:
+    """Draws reweighted by a ratio of priors that is log-quadratic in the parameters' normal scores."""
+    draws = cases.draws[:, :CANDIDATES]
+    together = np.concatenate([cases.theta[:, None], draws], axis=1)
+    p = len(cases.names)
+    kinds = Kinds(("slope", "curvature"), np.repeat([0, 1], p))
+    tilt = fit_tilt(_polynomials(together, reference), kinds)
+    slope, curvature = tilt.weight[:p], tilt.weight[p:]
+    numbers = {f"slope of {name}": float(-b) for name, b in zip(cases.names, slope, strict=True)}
+    numbers |= {f"curvature of {name}": float(-c) for name, c in zip(cases.names, curvature, strict=True)}
+    words = (
+        "draws look like those of another prior: its log density differs, for a prior standard deviation, "
+        f"in {listed(cases.names, -slope, '{:+.2g}')}"
+    )
+
+    def reweighted(other: Cases) -> Cases:
+        return weighted(other, _polynomials(other.draws, reference) @ tilt.weight)
+
+    return [Repair("other_prior", reweighted, words, numbers)]
+
+
+def _polynomials(values: Array, reference: Reference) -> Array:
+    place = np.clip(scores_in(values, reference.truths), -FARTHEST, FARTHEST)
+    return np.concatenate([place, place**2], axis=-1)
+
+
+def truncated_prior(cases: Cases) -> Sequence[Repair]:
+    """Trials whose truth lies where the estimator never draws left out: nothing mends those."""
+    low, high = cases.draws.min(axis=(0, 1)), cases.draws.max(axis=(0, 1))
+    beyond = (cases.theta < low) | (cases.theta > high)
+    # Of a sound estimator draws reach as far as truths do, and there are many more of them.
+    worst = beyond.mean(axis=0)
+    if beyond.any(axis=1).mean() < BEYOND:
+        return []
+    named = [name for name, share in zip(cases.names, worst, strict=True) if share > BEYOND / len(worst)]
+    at = ", ".join(
+        f"{name} from {a:.4g} to {b:.4g}"
+        for name, a, b in zip(cases.names, low, high, strict=True)
+        if name in named
+    )
+    share = float(beyond.any(axis=1).mean())
+    words = f"{share:.1%} of the truths lie where the estimator never draws; it draws {at}"
+
+    def inside(other: Cases) -> Cases:
+        return other.taken(((other.theta >= low) & (other.theta <= high)).all(axis=1))
+
+    return [Repair("truncated_prior", inside, words, {"share": share})]
+
+
+def leakage(cases: Cases, reference: Reference) -> Sequence[Repair]:
+    """Draws beyond the range of all truths left out."""
+    low, high = reference.range
+
+    def inside(other: Cases) -> NDArray[np.bool_]:
+        return np.asarray(((other.draws >= low) & (other.draws <= high)).all(axis=2))
+
+    share = float(1 - inside(cases).mean())
+    if share < LEAKED:
+        return []
+    words = f"{share:.2%} of the draws lie beyond the range of the truths, outside the prior"
+    return [Repair("leakage", lambda other: rows_of(other, inside(other)), words, {"share": share})]

@@ -1,0 +1,78 @@
+"""What shows in the draws alone, whatever the truths: repeated ones, chains, the same random numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gaugeblock.core.arrays import Array
+from gaugeblock.diagnosis.cases import Cases
+from gaugeblock.diagnosis.repair import Repair
+from gaugeblock.validate.autocorrelation import draw_order
+
+# Fewer different draws than this share of them; more effective ones than this share are no chain.
+DISTINCT, WORTH = 0.9, 0.5
+# Of trials with the fewest different draws, the share that repeats some all the same; and least draws kept.
+FEWEST, LEAST_DRAWS = 0.02, 8
+# Mean square of where the same draw lies in all trials, against independent ones, from which it is the same.
+ALIKE = 4.0
+
+
+def few_distinct(cases: Cases) -> Sequence[Repair]:
+    """Draws that repeat each other though truths never do."""
+    if any(len(np.unique(column)) < 0.9 * len(column) for column in cases.theta.T):
+        return []  # a discrete parameter repeats by itself
+    first = np.sort(cases.draws[:300, :, 0], axis=1)
+    distinct = float((np.diff(first, axis=1) != 0).sum(axis=1).mean() + 1) / first.shape[1]
+    if distinct > DISTINCT:
+        return []
+    words = f"only {distinct:.0%} of the draws of a trial are different ones"
+    return [Repair("few_distinct", _different, words, {"share": distinct}, neutral=1.0)]
+
+
+def _different(cases: Cases) -> Cases:
+    """Each trial's different draws, as many as every trial has."""
+    n, number, _ = cases.draws.shape
+    order = np.argsort(cases.draws[..., 0], axis=1, kind="stable")
+    values = np.take_along_axis(cases.draws, order[..., None], axis=1)
+    new = np.ones((n, number), dtype=bool)
+    new[:, 1:] = (np.diff(values, axis=1) != 0).any(axis=2)
+    kept = max(int(np.quantile(new.sum(axis=1), FEWEST)), LEAST_DRAWS)
+    # Sorted draws that are cut off would be the lowest: taken in an order that has nothing to do with them.
+    lot = np.where(new, (order * 0.6180339887498949) % 1.0, 2.0)
+    chosen = np.argsort(lot, axis=1)[:, :kept]
+    return cases.drawn(np.take_along_axis(values, chosen[..., None], axis=1))
+
+
+def autocorrelated(cases: Cases) -> Sequence[Repair]:
+    """Draws that depend on their order, as chains do."""
+    order = draw_order(cases.draws)
+    number = cases.draws.shape[1]
+    if order.stride == 1 or order.worth > WORTH * number:
+        return []
+    words = f"draws depend on their order: {number} are worth {order.worth:.0f}"
+    return [
+        Repair(
+            "autocorrelated", lambda other: other.drawn(other.draws[:, :: order.stride]), words,
+            {"worth": float(order.worth)},
+        )
+    ]  # fmt: skip
+
+
+def fixed_seed(cases: Cases) -> Sequence[Repair]:
+    """Draws made of the same random numbers in every trial."""
+    share = _place(cases.draws)
+    if (np.diff(cases.draws[:50, :, 0], axis=1) >= 0).all():
+        return []  # sorted draws have the same place in every trial
+    n = len(cases)
+    square = float((n * 12 * (share.mean(axis=0) ** 2)).mean())
+    if square < ALIKE * max(1.0, 0.02 * n):
+        return []
+    words = "the draws of all trials are made of the same random numbers"
+    return [Repair("fixed_seed", lambda other: other, words, {"mean square": square})]
+
+
+def _place(draws: Array) -> Array:
+    """Rank share of each draw in its trial, from -1/2 to 1/2."""
+    return np.asarray((np.argsort(np.argsort(draws, axis=1), axis=1) + 0.5) / draws.shape[1] - 0.5)

@@ -1,0 +1,87 @@
+"""What a symptom is: a repair with few numbers, fitted to cases; and what repairs are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.core.arrays import Array
+from gaugeblock.diagnosis.cases import Cases
+
+
+# Parameters that a sentence names at most.
+SHOWN = 4
+
+
+@dataclass(frozen=True)
+class Repair:
+    """A fitted repair of the draws: cases in, cases out.
+
+    `numbers` are what was fitted, by name, and `neutral` the value of each at which the repair does nothing;
+    `words` says in half a sentence what the draws look like, `variant` which of a symptom's repairs it is;
+    `recovers` is the share of the disagreement that it must take away to be named, 0 where that it makes
+    draws better is enough, because it stands for something that draws alone cannot have.
+    """
+
+    symptom: str
+    apply: Callable[[Cases], Cases]
+    words: str
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    neutral: float = 0.0
+    variant: str = ""
+    recovers: float = 0.9
+
+
+def root(wrong: Callable[[Array], Array], low: Array, high: Array, *, steps: int = 30) -> Array:
+    """Where each component of a falling function crosses 0, by halving; the nearer end where it does not."""
+    low, high = np.array(low, dtype=float), np.array(high, dtype=float)
+    for _ in range(steps):
+        middle = (low + high) / 2
+        above = wrong(middle) > 0
+        low, high = np.where(above, middle, low), np.where(above, high, middle)
+    return (low + high) / 2
+
+
+def rows_of(cases: Cases, kept: NDArray[np.bool_]) -> Cases:
+    """Draws that are kept, and in place of those that are not the others in turn.
+
+    `kept` is ``(trial, draw)``; a trial of which nothing is kept stays as it is.
+    """
+    number = kept.sum(axis=1, keepdims=True)
+    order = np.argsort(~kept, axis=1, kind="stable")
+    turn = np.arange(kept.shape[1])[None] % np.maximum(number, 1)
+    index = np.where(number > 0, np.take_along_axis(order, turn, axis=1), np.arange(kept.shape[1])[None])
+    return cases.drawn(np.take_along_axis(cases.draws, index[..., None], axis=1))
+
+
+def weighted(cases: Cases, log_weight: Array) -> Cases:
+    """Draws resampled, evenly spaced, by weights ``(trial, draw)`` given as logs."""
+    weight = np.exp(log_weight - log_weight.max(axis=1, keepdims=True))
+    total = np.cumsum(weight, axis=1)
+    total /= total[:, -1:]
+    n, number = weight.shape
+    # Evenly spaced shares begin elsewhere in each trial; draws come in any order, so neighbours are no less
+    # different than others.
+    start = (cases.trial[:, None] * 0.6180339887498949) % 1.0
+    share = (np.arange(number)[None] + start) / number
+    # One search over all trials: those before lie below.
+    flat = (total + np.arange(n)[:, None]).ravel()
+    index = np.searchsorted(flat, (share + np.arange(n)[:, None]).ravel()).reshape(n, number)
+    index = np.minimum(index - np.arange(n)[:, None] * number, number - 1)
+    return cases.drawn(np.take_along_axis(cases.draws, index[..., None], axis=1))
+
+
+def listed(names: Sequence[str], sizes: Array, form: str = "{:.3g}", *, neutral: float = 0.0) -> str:
+    """Names with their sizes, the few that stand out from `neutral`: "a by 0.3, b by 0.2".
+
+    >>> listed(["a", "b", "c"], np.array([0.3, 0.01, -0.2])), listed(["a", "b"], np.array([0.8, 0.8]), neutral=1)
+    ('a by 0.3, c by -0.2', 'all by 0.8')
+    """
+    if len(names) > 1 and np.ptp(sizes) == 0:
+        return f"all by {form.format(sizes[0])}"
+    far = np.abs(sizes - neutral)
+    shown = [k for k in np.argsort(-far)[:SHOWN] if far[k] >= far.max() / 4]
+    return ", ".join(f"{names[k]} by {form.format(sizes[k])}" for k in sorted(shown))

@@ -1,0 +1,32 @@
+"""A proper score of draws of any shape: what a repair costs or gains in information, by parameter."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gaugeblock.core.arrays import Array
+from gaugeblock.diagnosis.cases import Cases
+
+DRAWS = 40
+
+
+def kernel_scores(cases: Cases, unit: Array) -> Array:
+    """Scores ``(trial, parameter)``, less is better: E k(X, y) - E k(X, X') / 2, k = log(1 + |x - y| / unit).
+
+    The kernel is conditionally negative definite (a Bernstein function of a distance), so the score is proper
+    (Gneiting & Raftery 2007) with whatever tails; `unit` ``(trial, parameter)`` must be the same for all that
+    are compared. Expectations over draws are without bias, whatever their number.
+    """
+    number = cases.draws.shape[1]
+    step = max(1, number // DRAWS)
+    draws = cases.draws[:, ::step][:, :DRAWS] / unit[:, None]
+    own = cases.theta / unit
+    used = draws.shape[1]
+    with np.errstate(over="ignore"):
+        to_truth = np.log1p(np.abs(draws - own[:, None])).mean(axis=1)
+        each = np.zeros_like(to_truth)
+        for apart in range(1, used // 2 + 1):
+            pairs = np.log1p(np.abs(draws - np.roll(draws, apart, axis=1))).mean(axis=1)
+            # Apart by half a turn, every pair comes twice.
+            each += pairs * (0.5 if 2 * apart == used else 1.0)
+    return np.asarray(to_truth - each / (used - 1))

@@ -1,0 +1,276 @@
+"""Locate, name, repair, confirm: what is wrong with draws, of all that the library knows, if anything is.
+
+Repairs are fitted on a third of the trials. On the second, each is held against two things: what is left of
+the disagreement between truths and draws (`disagreement`), and what it costs in a proper score. A symptom is
+named if its repair takes away nine tenths of the disagreement; among several that do, the best in both
+together, and beside it those that two paired errors do not tell from it. One that takes away a part may be
+followed by a second. From the third part come the gap before and after, and sizes with their intervals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import stats
+
+from gaugeblock.core.arrays import Array
+from gaugeblock.diagnosis.cases import Cases, thirds
+from gaugeblock.diagnosis.disagreement import Reference, columns, fit_tilt
+from gaugeblock.diagnosis.library import STRUCTURAL, SYMPTOMS
+from gaugeblock.diagnosis.library.calls import Called, calls, knows_truth
+from gaugeblock.diagnosis.repair import Repair
+from gaugeblock.diagnosis.scores import kernel_scores
+
+# The share of a disagreement that a repair must take away, and paired errors within which two are alike.
+RECOVERED, ALIKE = 0.9, 2.0
+# Standard errors from which a disagreement is one where no gate has failed, and where one has.
+SEEN, EXPECTED = 3.0, 1.0
+# What a repair must have taken away whatever the errors are.
+LEAST_SHARE = 0.5
+# Repairs that are followed by a second one, and what the first must have taken away; trials on which all are
+# tried at first, and the share of the disagreement that a second may leave there.
+FOLLOWED, PART = 3, 0.25
+FEW, PROMISING = 400, 0.3
+GROUPS = 10
+# Kinds of function that see parameters together, and what is said where only these see anything.
+TOGETHER = ("pairs", "joint")
+DEPENDENCE = Repair(
+    "correlations",
+    lambda cases: cases,
+    "parameters are right one by one, and depend on each other otherwise than truths do",
+)
+
+
+@dataclass(frozen=True)
+class Tried:
+    """One repair on the choosing part.
+
+    `left` ``(trial,)`` is the disagreement that is left, in nats, and `loss` that and what the repair costs
+    in information; `share` is the share of the disagreement that it takes away.
+    """
+
+    repairs: tuple[Repair, ...]
+    left: Array
+    loss: Array
+    share: float
+    mended: bool
+
+    @property
+    def symptoms(self) -> tuple[str, ...]:
+        """Ids, in the order in which they are mended."""
+        return tuple(repair.symptom for repair in self.repairs)
+
+
+@dataclass(frozen=True)
+class Found:
+    """What the workflow found, before it is put in words.
+
+    `gap` is the disagreement on the reporting part in nats a trial, before and after the repair, with errors;
+    `kinds` which kinds of function it shows in; `sizes` numbers of the named repair with 90% intervals.
+    """
+
+    structural: tuple[Repair, ...]
+    named: Tried | None
+    alike: tuple[Tried, ...]
+    tried: tuple[Tried, ...]
+    seen: bool
+    before: tuple[float, float]
+    after: tuple[float, float] | None
+    kinds: dict[str, float]
+    sizes: dict[str, tuple[float, float, float]]
+
+
+def locate_and_name(cases: Cases, *, seed: int, failed: bool, again: Called | None = None) -> Found:
+    """What is wrong with the draws of these cases, of all that the library knows.
+
+    `failed` says whether a gate has said that something is; `again` is the estimator, where it can be called.
+    """
+    structural = tuple(repair for fit in STRUCTURAL for repair in fit(cases))
+    if again is not None:
+        structural += tuple(knows_truth(cases, again))
+    # Draws that repeat each other depend on their order as well: what is wrong first is mended first.
+    structural = structural[:1]
+    for repair in structural:
+        cases = repair.apply(cases)
+    parts = _Parts.of(cases, seed, again)
+    original = parts.tried(())
+    mean, error = _mean(original.left)
+    limit = SEEN if structural or not failed else EXPECTED
+    # Of draws that are all made of the same numbers, trials tell nothing more.
+    alone = any(repair.symptom == "fixed_seed" for repair in structural)
+    if alone or mean <= limit * error:
+        return Found(structural, None, (), (original,), False, parts.gap(()), None, {}, {})
+    tried = [original, *parts.all_tried(parts.fitting, ())]
+    if not any(each.mended for each in tried):
+        for first in _firsts(tried):
+            tried += parts.all_tried(first.repairs[0].apply(parts.fitting), first.repairs)
+    if not any(each.mended for each in tried) and parts.only_joint:
+        tried.append(Tried((DEPENDENCE,), original.left, original.left, 0.0, True))
+    named, alike = _chosen([each for each in tried if each.mended])
+    after = None if named is None else parts.gap(named.repairs)
+    sizes = {} if named is None else _sizes(parts, named)
+    return Found(structural, named, alike, tuple(tried), True, parts.gap(()), after, parts.kinds, sizes)
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """The three parts, what they are held against, and how a repair does on the second."""
+
+    fitting: Cases
+    choosing: Cases
+    reporting: Cases
+    reference: Reference
+    seed: int
+    again: Called | None
+
+    @classmethod
+    def of(cls, cases: Cases, seed: int, again: Called | None) -> _Parts:
+        fitting, choosing, reporting = (cases.taken(rows) for rows in thirds(len(cases), seed))
+        # Where truths lie, all of them say; what the data foretell is learned on the fitting part alone.
+        reference = replace(Reference.of(fitting), truths=cases.theta)
+        return cls(fitting, choosing, reporting, reference, seed, again)
+
+    def all_tried(self, fitting: Cases, before: tuple[Repair, ...]) -> list[Tried]:
+        """Every repair, fitted to cases to which those before it have been applied, with these."""
+        done = {repair.symptom for repair in before} - {"region"}  # there may be two
+        found = [
+            repair
+            for name, fit in SYMPTOMS.items()
+            if name not in done
+            for repair in fit(fitting, self.reference)
+        ]
+        if self.again is not None and not before:
+            found += calls(fitting, self.again)
+        most = PROMISING if before else 1 - PART
+        return [self.tried((*before, repair)) for repair in found if self.promising((*before, repair), most)]
+
+    @cached_property
+    def only_joint(self) -> bool:
+        """Whether no more than a tenth of the disagreement shows in parameters one by one."""
+        values, kinds = columns(self.fitting, self.reference, self.seed)
+        if "joint" not in kinds.names:
+            return False
+        alone = ~np.isin(kinds.of, [kinds.names.index(name) for name in kinds.names if name in TOGETHER])
+        tilt = fit_tilt(values * alone, kinds)
+        left = tilt.gains(columns(self.choosing, self.reference, self.seed)[0] * alone)
+        excess, error = _mean(left - (1 - RECOVERED) * self.original)
+        return excess < ALIKE * error and float(left.mean()) < LEAST_SHARE * float(self.original.mean())
+
+    def promising(self, chosen: tuple[Repair, ...], most: float) -> bool:
+        """Whether a few trials leave it possible that no more than this share of the disagreement is left."""
+        if not chosen[-1].recovers:
+            return True
+        left = self.gains(chosen, self.fitting.taken(slice(FEW)), self.choosing.taken(slice(FEW)))[0]
+        mean, error = _mean(left)
+        return mean < most * float(self.original.mean()) + ALIKE * error
+
+    @cached_property
+    def original(self) -> Array:
+        """Nats ``(trial,)`` by which truths are told from draws as they are, on the choosing part."""
+        return self.gains((), self.fitting, self.choosing)[0]
+
+    @cached_property
+    def scored(self) -> Array:
+        """Scores ``(trial, parameter)`` of the draws as they are."""
+        return kernel_scores(self.choosing, self.choosing.half_width)
+
+    @cached_property
+    def kinds(self) -> dict[str, float]:
+        """In which kinds of function the disagreement shows."""
+        values, kinds = columns(self.fitting, self.reference, self.seed)
+        tilt = fit_tilt(values, kinds)
+        return tilt.by_kind(columns(self.choosing, self.reference, self.seed)[0])
+
+    def gains(self, chosen: Sequence[Repair], learned: Cases, other: Cases) -> tuple[Array, Cases]:
+        """The disagreement ``(trial,)`` of other cases once both are repaired, and those."""
+        for repair in chosen:
+            learned, other = repair.apply(learned), repair.apply(other)
+        tilt = fit_tilt(*columns(learned, self.reference, self.seed))
+        return tilt.gains(columns(other, self.reference, self.seed)[0]), other
+
+    def gap(self, chosen: Sequence[Repair]) -> tuple[float, float]:
+        """Disagreement and its error on the reporting part."""
+        return _mean(self.gains(chosen, self.fitting, self.reporting)[0])
+
+    def tried(self, chosen: tuple[Repair, ...]) -> Tried:
+        """How repairs do on the choosing part."""
+        original = self.original
+        if not chosen:
+            return Tried(chosen, original, original, 0.0, False)
+        found, repaired = self.gains(chosen, self.fitting, self.choosing)
+        kept = np.isin(self.choosing.trial, repaired.trial)
+        # Trials that a repair leaves out gain nothing, and cost what the others do.
+        left = np.full(len(original), found.mean())
+        left[kept] = found
+        before, after = self.scored[kept], kernel_scores(repaired, self.choosing.half_width[kept])
+        means = [np.maximum(each.mean(axis=0), np.finfo(float).tiny) for each in (before, after)]
+        cost = np.full(len(original), np.log(means[1] / means[0]).sum())
+        cost[kept] += (after / means[1] - before / means[0]).sum(axis=1)
+        allowed = 1 - min(repair.recovers for repair in chosen)
+        excess, error = _mean(left - allowed * original)
+        price, price_error = _mean(cost)
+        share = 1 - max(float(left.mean()), 0) / float(original.mean())
+        mended = share > LEAST_SHARE and excess < ALIKE * error and price < ALIKE * price_error
+        if allowed == 1:
+            better, error = _mean(left + cost - original)
+            mended = better < -SEEN * error
+        return Tried(chosen, left, left + cost, share, mended)
+
+
+def _mean(values: Array) -> tuple[float, float]:
+    """Mean and standard error."""
+    return float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))
+
+
+def _firsts(tried: Sequence[Tried]) -> list[Tried]:
+    """The best repair of each of the few symptoms that take away a part."""
+    found: dict[str, Tried] = {}
+    for each in sorted(tried, key=lambda each: float(each.loss.mean())):
+        if each.share > PART:
+            found.setdefault(each.symptoms[0], each)
+    return list(found.values())[:FOLLOWED]
+
+
+def _chosen(mended: Sequence[Tried]) -> tuple[Tried | None, tuple[Tried, ...]]:
+    """The best of those that mend, and those of other symptoms that paired errors do not tell from it."""
+    if not mended:
+        return None, ()
+    best = min(mended, key=lambda each: float(each.loss.mean()))
+    alike: dict[frozenset[str], Tried] = {frozenset(best.symptoms): best}
+    for each in sorted(mended, key=lambda each: float(each.loss.mean())):
+        further, error = _mean(each.loss - best.loss)
+        if further <= ALIKE * error:
+            alike.setdefault(frozenset(each.symptoms), each)
+    return best, tuple(alike.values())
+
+
+def _sizes(parts: _Parts, named: Tried) -> dict[str, tuple[float, float, float]]:
+    """Numbers of the named repairs fitted to trials that neither fitted nor chose them, with 90% intervals.
+
+    Errors by leaving out one of ten groups of trials at a time (Quenouille's jackknife).
+    """
+    found = {}
+    cases = parts.reporting
+    group = np.arange(len(cases)) % GROUPS
+    for repair in named.repairs:
+        whole = _fitted(cases, repair, parts.reference)
+        left_out = [_fitted(cases.taken(group != g), repair, parts.reference) for g in range(GROUPS)]
+        for name, value in whole.items():
+            others = np.array([each.get(name, np.nan) for each in left_out])
+            error = float(np.sqrt((GROUPS - 1) / GROUPS * ((others - others.mean()) ** 2).sum()))
+            reach = float(stats.t.ppf(0.95, GROUPS - 1)) * error
+            found[name] = (value, value - reach, value + reach)
+        cases = repair.apply(cases)
+        group = np.arange(len(cases)) % GROUPS
+    return found
+
+
+def _fitted(cases: Cases, wanted: Repair, reference: Reference) -> dict[str, float]:
+    """Numbers of the same repair of the same symptom, fitted to other cases."""
+    if wanted.symptom not in SYMPTOMS:
+        return dict(wanted.numbers)
+    same = (r for r in SYMPTOMS[wanted.symptom](cases, reference) if r.variant == wanted.variant)
+    return dict(next(same, replace(wanted, numbers={})).numbers)
