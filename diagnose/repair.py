@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.diagnosis.cases import Cases
 
-
 # Parameters that a sentence names at most.
 SHOWN = 4
 
@@ -77,7 +76,7 @@ def weighted(cases: Cases, log_weight: Array) -> Cases:
 def listed(names: Sequence[str], sizes: Array, form: str = "{:.3g}", *, neutral: float = 0.0) -> str:
     """Names with their sizes, the few that stand out from `neutral`: "a by 0.3, b by 0.2".
 
-    >>> listed(["a", "b", "c"], np.array([0.3, 0.01, -0.2])), listed(["a", "b"], np.array([0.8, 0.8]), neutral=1)
+    >>> listed(["a", "b", "c"], np.array([0.3, 0.01, -0.2])), listed(["a", "b"], np.array([0.8, 0.8]))
     ('a by 0.3, c by -0.2', 'all by 0.8')
     """
     if len(names) > 1 and np.ptp(sizes) == 0:
