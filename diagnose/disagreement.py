@@ -28,10 +28,12 @@ CANDIDATES = 24
 STRAY = 8.0
 # Parameters up to which all pairs and all regions are looked at.
 EVERY_PAIR = 12
-# Newton steps of a fit, rounds of its ridges in each, and the change of a coefficient at which it ends.
-NEWTON, EVIDENCE, NEGLIGIBLE = 8, 4, 0.01
-# A coefficient of a column of variance 1 is not expected beyond a few.
-LEAST_PRECISION = 0.3
+# The share of the time that a foretelling is taken to be worth nothing: no trial costs more than its log.
+DOUBT = 0.05
+# Newton steps of a fit, rounds of its ridges before them, and the change of a coefficient at which it ends.
+NEWTON, EVIDENCE, NEGLIGIBLE = 8, 10, 0.01
+# A coefficient of a column of variance 1 is not expected beyond a few; one that is smaller does not matter.
+LEAST_PRECISION, MOST_PRECISION = 0.3, 1e8
 
 
 @dataclass(frozen=True)
@@ -54,24 +56,36 @@ class Reference:
 
     @property
     def range(self) -> tuple[Array, Array]:
-        """Lowest and highest that truths are expected to be, ``(parameter,)`` each.
+        """Lowest and highest truths, ``(parameter,)`` each."""
+        return self.truths.min(axis=0), self.truths.max(axis=0)
 
-        That is beyond those that are known by four times what lies between neighbours on average, so that
-        a further truth lies outside hardly more often than its draws do.
+    def range_without(self, theta: Array) -> tuple[Array, Array]:
+        """The range of the other truths, for each of these ``(trial, parameter)``.
+
+        A truth lies outside the range of the others as often as a draw of its trial does.
         """
-        low, high = self.truths.min(axis=0), self.truths.max(axis=0)
-        room = 4 * (high - low) / len(self.truths)
-        return low - room, high + room
+        low, high = np.sort(self.truths, axis=0)[:2], np.sort(self.truths, axis=0)[-2:]
+        return np.where(theta <= low[0], low[1], low[0]), np.where(theta >= high[1], high[0], high[1])
 
     @classmethod
     def of(cls, cases: Cases) -> Reference:
         """Made of cases before any repair."""
         if cases.x is None:
             return cls(cases.theta, None)
-        target = scores_in(cases.theta, cases.theta)
-        inputs = _Inputs.of(cases.x)
-        weights = _ridge(inputs(cases.x), target)
-        return cls(cases.theta, lambda other: inputs(_known(other)) @ weights)
+        target, inputs = scores_in(cases.theta, cases.theta), _Inputs(cases.x)
+        seen = inputs(cases.x)
+        first = np.arange(len(cases)) < len(cases) // 2
+        weights = [_ridge(seen[rows], target[rows]) for rows in (~first, first, slice(None))]
+        halves = cases.trial[first], cases.trial[~first]
+
+        def foretell(other: Cases) -> Array:
+            values = inputs(_known(other))
+            # Of a truth that it has learned from, a regression would know more than the data say.
+            learned = [np.isin(other.trial, half) for half in halves]
+            each = [values @ weight for weight in weights]
+            return np.where(learned[0][:, None], each[0], np.where(learned[1][:, None], each[1], each[2]))
+
+        return cls(cases.theta, foretell)
 
 
 @dataclass(frozen=True)
@@ -79,10 +93,6 @@ class _Inputs:
     """Data as the regression sees them: a constant, normal scores, and their squares."""
 
     reference: Array
-
-    @classmethod
-    def of(cls, x: Array) -> _Inputs:
-        return cls(x)
 
     def __call__(self, x: Array) -> Array:
         scores = scores_in(x, self.reference)
@@ -131,8 +141,8 @@ def columns(cases: Cases, reference: Reference, seed: int) -> tuple[Array, Kinds
     edge = (share < 1 / (number + 1)) | (share > 1 - 1 / (number + 1))
     place = scores_in(items, reference.truths)
     prior_first, prior_second, prior_third, _, _ = _legendre(np.tanh(place / 1.5))
-    low, high = reference.range
-    outside = (items < low) | (items > high)
+    low, high = reference.range_without(cases.theta)
+    outside = (items < low[:, None]) | (items > high[:, None])
     parts: list[tuple[str, Any]] = [
         ("shape", np.concatenate([first, second, third, fourth, fifth], axis=2)),
         ("tails", np.concatenate([edge, far.any(axis=2, keepdims=True)], axis=2)),
@@ -209,9 +219,9 @@ class Tilt:
 
     def gains(self, values: Array) -> Array:
         """Nats ``(trial,)`` by which the truth, the first candidate, is foretold better than by chance."""
-        score = values @ self.weight
-        score -= score.max(axis=1, keepdims=True)
-        return np.asarray(score[:, 0] - np.log(np.exp(score).mean(axis=1)))
+        chance, _ = _chances(values, self.weight)
+        number = values.shape[1]
+        return np.asarray(np.log((1 - DOUBT) * chance[:, 0] * number + DOUBT))
 
     def by_kind(self, values: Array) -> dict[str, float]:
         """The mean gain of each kind of function by itself."""
@@ -231,31 +241,39 @@ def fit_tilt(values: Array, kinds: Kinds) -> Tilt:
     scale[scale < 1e-9] = np.inf
     centred /= scale
     flat = centred.reshape(n * number, size)
-    weight = np.zeros(size)
-    precision = np.full(size, LEAST_PRECISION)
-    for _ in range(NEWTON):
+    weight, precision = np.zeros(size), np.full(size, LEAST_PRECISION)
+    for step in range(NEWTON):
         chance, _ = _chances(centred, weight)
         mean = np.einsum("tc,tcf->tf", chance, centred)
         spread = flat.T @ (flat * chance.reshape(-1, 1)) - mean.T @ mean
-        target = (centred[:, 0] - mean).sum(axis=0) + spread @ weight
-        for _ in range(EVIDENCE):
-            factor = linalg.cho_factor(spread + np.diag(precision))
-            new = linalg.cho_solve(factor, target)
-            known = 1 - precision * np.diag(linalg.cho_solve(factor, np.eye(size)))
-            for kind in range(len(kinds.names)):
-                mine = kinds.of == kind
-                ratio = known[mine].sum() / max(float((new[mine] ** 2).sum()), 1e-12)
-                precision[mine] = np.clip(ratio, LEAST_PRECISION, 1e8)
+        gradient = (centred[:, 0] - mean).sum(axis=0)
+        if not step:
+            # Where truths are hardly told from draws this is exact; where they are, no ridge matters much.
+            precision = _by_evidence(spread, gradient, kinds)
+        along = linalg.solve(spread + np.diag(precision), gradient - precision * weight, assume_a="pos")
         # A whole Newton step may go too far where truth and draws are far apart.
-        before = _posterior(centred, weight, precision)
-        share = 1.0
-        while share > 1e-3 and _posterior(centred, weight + share * (new - weight), precision) < before:
+        before, share = _posterior(centred, weight, precision), 1.0
+        while share > 1e-3 and _posterior(centred, weight + share * along, precision) < before:
             share /= 2
-        moved = share * float(np.abs(new - weight).max())
-        weight = weight + share * (new - weight)
-        if moved < NEGLIGIBLE:
+        weight = weight + share * along
+        if share * float(np.abs(along).max()) < NEGLIGIBLE:
             break
     return Tilt(weight / scale, kinds)
+
+
+def _by_evidence(spread: Array, gradient: Array, kinds: Kinds) -> Array:
+    """Precisions ``(column,)``, one of each kind, that make the quadratic expansion at 0 likeliest."""
+    size = len(gradient)
+    precision = np.full(size, LEAST_PRECISION)
+    for _ in range(EVIDENCE):
+        factor = linalg.cho_factor(spread + np.diag(precision))
+        weight = linalg.cho_solve(factor, gradient)
+        known = 1 - precision * np.diag(linalg.cho_solve(factor, np.eye(size)))
+        for kind in range(len(kinds.names)):
+            mine = kinds.of == kind
+            ratio = known[mine].sum() / max(float((weight[mine] ** 2).sum()), 1e-12)
+            precision[mine] = np.clip(ratio, LEAST_PRECISION, MOST_PRECISION)
+    return precision
 
 
 def _chances(centred: Array, weight: Array) -> tuple[Array, Array]:

@@ -35,6 +35,7 @@ LEAST_SHARE = 0.5
 FOLLOWED, PART = 3, 0.25
 FEW, PROMISING = 400, 0.3
 GROUPS = 10
+LEAST_DRAWS = 20
 # Kinds of function that see parameters together, and what is said where only these see anything.
 TOGETHER = ("pairs", "joint")
 DEPENDENCE = Repair(
@@ -99,8 +100,8 @@ def locate_and_name(cases: Cases, *, seed: int, failed: bool, again: Called | No
     original = parts.tried(())
     mean, error = _mean(original.left)
     limit = SEEN if structural or not failed else EXPECTED
-    # Of draws that are all made of the same numbers, trials tell nothing more.
-    alone = any(repair.symptom == "fixed_seed" for repair in structural)
+    # Of draws that are all made of the same numbers, or of very few, trials tell nothing more.
+    alone = any(repair.symptom == "fixed_seed" for repair in structural) or cases.draws.shape[1] < LEAST_DRAWS
     if alone or mean <= limit * error:
         return Found(structural, None, (), (original,), False, parts.gap(()), None, {}, {})
     tried = [original, *parts.all_tried(parts.fitting, ())]
@@ -213,7 +214,9 @@ class _Parts:
         excess, error = _mean(left - allowed * original)
         price, price_error = _mean(cost)
         share = 1 - max(float(left.mean()), 0) / float(original.mean())
-        mended = share > LEAST_SHARE and excess < ALIKE * error and price < ALIKE * price_error
+        # Foretelling worse than by chance on other trials is no sign that nothing is left.
+        trusted = left.mean() > -SEEN * _mean(left)[1]
+        mended = trusted and share > LEAST_SHARE and excess < ALIKE * error and price < ALIKE * price_error
         if allowed == 1:
             better, error = _mean(left + cost - original)
             mended = better < -SEEN * error

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy import stats
 
-from gaugeblock.core.arrays import Array
 from gaugeblock.diagnosis.cases import Cases
 from gaugeblock.diagnosis.repair import Repair
 from gaugeblock.validate.autocorrelation import draw_order
@@ -15,8 +15,9 @@ from gaugeblock.validate.autocorrelation import draw_order
 DISTINCT, WORTH = 0.9, 0.5
 # Of trials with the fewest different draws, the share that repeats some all the same; and least draws kept.
 FEWEST, LEAST_DRAWS = 0.02, 8
-# Mean square of where the same draw lies in all trials, against independent ones, from which it is the same.
-ALIKE = 4.0
+# Trials whose draws are compared, and the mean square of where the same draw lies in all of them, against
+# that of independent ones, from which it is the same.
+TRIALS, ALIKE = 500, 4.0
 
 
 def few_distinct(cases: Cases) -> Sequence[Repair]:
@@ -62,17 +63,13 @@ def autocorrelated(cases: Cases) -> Sequence[Repair]:
 
 def fixed_seed(cases: Cases) -> Sequence[Repair]:
     """Draws made of the same random numbers in every trial."""
-    share = _place(cases.draws)
-    if (np.diff(cases.draws[:50, :, 0], axis=1) >= 0).all():
+    few = cases.draws[:TRIALS]
+    if (np.diff(few[..., 0], axis=1) >= 0).all():
         return []  # sorted draws have the same place in every trial
-    n = len(cases)
+    n = len(few)
+    share = (stats.rankdata(few, axis=1) - 0.5) / few.shape[1] - 0.5
     square = float((n * 12 * (share.mean(axis=0) ** 2)).mean())
     if square < ALIKE * max(1.0, 0.02 * n):
         return []
     words = "the draws of all trials are made of the same random numbers"
     return [Repair("fixed_seed", lambda other: other, words, {"mean square": square})]
-
-
-def _place(draws: Array) -> Array:
-    """Rank share of each draw in its trial, from -1/2 to 1/2."""
-    return np.asarray((np.argsort(np.argsort(draws, axis=1), axis=1) + 0.5) / draws.shape[1] - 0.5)
