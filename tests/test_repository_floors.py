@@ -16,6 +16,7 @@ FLOORS = {
     "validate": 2,
     "stranger": 2,
     "discovery": 3,
+    "diagnosis": 3,
     "reports": 4,
     "auditing": 5,
     "cli": 6,
@@ -51,6 +52,10 @@ INSIDE = {
     ),
     "stranger": (("limits", "wire", "usage", "system_calls", "material"), ("stranger",)),
     "discovery": (("coordinates", "sources", "library", "fitting", "locate"), ("record", "searches")),
+    "diagnosis": (
+        ("cases", "repair", "disagreement", "scores", "causes", "library"),
+        ("workflow", "diagnosis"),
+    ),
     "reports": (
         ("words", "page", "section", "markdown", "svg", "machine"),
         ("html", "write", "terminal"),

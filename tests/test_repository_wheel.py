@@ -18,6 +18,7 @@ ROOT = Path(__file__).resolve().parent.parent
 ROOMS = {
     **{room: room for room in ("validate", "estimators", "simulators", "reports", "stranger")},
     "discover": "discovery",
+    "diagnose": "diagnosis",
 }
 """Folders at the root, and the names that they are installed under."""
 

@@ -20,6 +20,8 @@ GAP, LEAST_MODE, LEAST_BIMODAL = 0.2, 0.04, 0.25
 # Half-widths by which a truth in a mode that is missing lies away, the least share and number of such truths,
 # and of those how many must be away in a parameter for it to count.
 AWAY, LEAST_MISSING, LEAST_FAR, LOST = 4.0, 0.03, 10, 0.3
+# Where nearly all truths lie elsewhere, no mode is there.
+MOST_MISSING = 0.8
 # Ways from one mode to another that are tried, and parameters up to which they may be exchanged.
 CARRIED, MOST_EXCHANGED = 3, 6
 
@@ -91,6 +93,8 @@ def missing_mode(cases: Cases) -> Sequence[Repair]:
     found = []
     for _, what, turn, at, sign in carriers:
         share = _share_there(cases, turn, at, far)
+        if not 0 < share < MOST_MISSING:
+            continue
         words = f"a mode is missing: {share:.0%} of the truths lie where draws come to lie that are {what}"
         mended = partial(_carried, turn=turn, at=at, share=share, sign=sign)
         found.append(Repair("missing_mode", mended, words, {"share": share}, variant=what))
@@ -130,7 +134,7 @@ def _share_there(cases: Cases, turn: Array, at: Array, far: NDArray[np.bool_]) -
 
     carried = cases.middle @ turn.T
     there = np.minimum(distance(carried + at), distance(carried - at))
-    return float(np.clip((far & (there < distance(cases.middle))).mean(), 0.0, 0.9))
+    return float((far & (there < distance(cases.middle))).mean())
 
 
 def _carried(cases: Cases, turn: Array, at: Array, share: float, sign: float) -> Cases:

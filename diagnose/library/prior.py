@@ -18,6 +18,8 @@ CANDIDATES = 64
 FARTHEST = 2.5
 # Share of the truths beyond all draws of all trials that no chance explains, and of draws beyond all truths.
 BEYOND, LEAKED = 0.01, 0.002
+# With more than this share of the truths beyond, it is another fault.
+MOST_BEYOND = 0.8
 
 
 def other_prior(cases: Cases, reference: Reference) -> Sequence[Repair]:
@@ -52,7 +54,7 @@ def truncated_prior(cases: Cases) -> Sequence[Repair]:
     beyond = (cases.theta < low) | (cases.theta > high)
     # Of a sound estimator draws reach as far as truths do, and there are many more of them.
     worst = beyond.mean(axis=0)
-    if beyond.any(axis=1).mean() < BEYOND:
+    if not BEYOND <= beyond.any(axis=1).mean() <= MOST_BEYOND:
         return []
     named = [name for name, share in zip(cases.names, worst, strict=True) if share > BEYOND / len(worst)]
     at = ", ".join(

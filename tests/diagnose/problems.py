@@ -11,7 +11,7 @@ from gaugeblock.diagnosis.cases import Cases
 
 
 def exact(seed: int, *, trials: int = 900, draws: int = 64, rho: float = 0.6) -> Cases:
-    """Three parameters of a normal prior, three data, noise of a size that varies: posteriors in closed form."""
+    """Three parameters of a normal prior, three data, noise of a size that varies: all in closed form."""
     rng = np.random.default_rng(seed)
     prior = np.full((3, 3), rho) + (1 - rho) * np.eye(3)
     theta = rng.multivariate_normal(np.zeros(3), prior, size=trials)

@@ -1,0 +1,117 @@
+"""What an estimator is called with, and what it remembers."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import gaugeblock as gb
+
+SMALL = {"trials": 600, "draws": 60, "progress": False}
+PRIOR = gb.Prior({"a": gb.Normal(0.0, 1.0), "b": gb.Normal(2.0, 1.0)})
+
+
+def simulate(theta, rng):
+    return theta + 0.5 * rng.normal(size=theta.shape)
+
+
+def right(x, n, rng):
+    mean = (np.asarray(x) / 0.25 + [0.0, 2.0]) / 5
+    return mean[:, None] + np.sqrt(0.2) * rng.standard_normal((len(x), n, 2))
+
+
+CALLS = {
+    "x_scale": lambda x, n, rng: right(np.asarray(x) / 100, n, rng),
+    "x_shift": lambda x, n, rng: right(np.asarray(x) - 2 * np.std(x), n, rng),
+    "x_order": lambda x, n, rng: right(np.asarray(x)[:, ::-1], n, rng),
+}
+
+
+@pytest.mark.parametrize("symptom", CALLS)
+def test_how_the_estimator_should_be_called_is_found_by_calling_it(symptom):
+    result = gb.audit(CALLS[symptom], simulate, prior=PRIOR, **SMALL)
+    said = result.verdict.diagnosis
+    assert result.outcome == "FAIL"
+    # Another zero of the data moves normal posteriors as another zero of the draws does.
+    equal = {"x_shift": {"x_shift", "shift"}}.get(symptom, {symptom})
+    assert equal & {said["named"], *said["indistinguishable"]}
+    assert said["called"]
+
+
+def test_draws_alone_do_not_show_how_the_estimator_is_called():
+    result = gb.audit(CALLS["x_scale"], simulate, prior=PRIOR, **SMALL)
+    found = result.diagnose()
+    assert not found.called
+    assert found.named != "x_scale"
+
+
+class Remembers:
+    """Gives draws around the truths it was told of, and honest ones for anything else."""
+
+    def __init__(self):
+        self.truths = {}
+
+    def sample(self, x, n, rng):
+        rows = [self.truths.pop(np.asarray(row).tobytes(), None) for row in x]
+        found = right(x, n, rng)
+        for row, truth in enumerate(rows):
+            if truth is not None:
+                found[row] = truth + 0.1 * (found[row] - found[row].mean(axis=0) + 0.4 * rng.normal(size=2))
+        return found
+
+
+def test_an_estimator_that_knows_the_truths_gives_itself_away_when_it_is_asked_again():
+    knowing = Remembers()
+
+    def leaking(theta, rng):
+        x = simulate(theta, rng)
+        knowing.truths.update({row.tobytes(): truth for row, truth in zip(x, theta, strict=True)})
+        return x
+
+    said = gb.audit(knowing, leaking, prior=PRIOR, **SMALL).verdict.diagnosis
+    assert said is None or said["named"] == "knows_truth"
+
+
+def test_the_diagnosis_stands_in_every_output_and_is_derived_again(tmp_path, capsys):
+    from gaugeblock.auditing.verify import verify
+    from gaugeblock.cli.commands import main
+
+    rng = np.random.default_rng(3)
+    theta = PRIOR.sample(600, rng)
+    x = simulate(theta, rng)
+    draws = right(x, 60, rng)[..., ::-1]
+    result = gb.audit_draws(theta, draws, x=x, names=["a", "b"], out=tmp_path / "out", progress=False)
+    content = json.loads((tmp_path / "out" / "verdict.json").read_text())["diagnosis"]
+    assert content["named"] == "columns"
+    assert set(content) >= {"named", "indistinguishable", "causes", "parameters", "gap", "text"}
+    assert set(content["gap"]) == {"before", "after"}
+    assert content["gap"]["after"] < 0.1 * content["gap"]["before"]
+    assert all(set(each) == {"value", "low", "high"} for each in content["parameters"].values())
+    assert "a is in the column of b" in content["text"]
+    for name in ("summary.md", "report.html"):
+        assert "is in the column of" in (tmp_path / "out" / name).read_text()
+    assert result.diagnose().to_json() == content
+    assert verify(tmp_path / "out").differences == ()
+    before = (tmp_path / "out" / "verdict.json").read_bytes()
+    with pytest.raises(SystemExit) as ended:
+        main(["diagnose", str(tmp_path / "out")])
+    assert ended.value.code == 0
+    assert "is in the column of" in capsys.readouterr().out
+    assert (tmp_path / "out" / "verdict.json").read_bytes() == before
+
+
+def test_a_pass_has_none_until_it_is_asked_for(tmp_path):
+    result = gb.audit(right, simulate, prior=PRIOR, trials=2500, draws=100, progress=False, out=tmp_path)
+    assert result.outcome == "PASS"
+    assert result.verdict.diagnosis is None
+    assert result.diagnose().named is None
+
+
+def test_too_few_trials_say_so():
+    rng = np.random.default_rng(3)
+    theta = PRIOR.sample(60, rng)
+    found = gb.audit_draws(theta, right(simulate(theta, rng), 40, rng) + 5, names=["a", "b"], progress=False)
+    assert found.outcome == "FAIL"
+    assert "150 are needed" in found.diagnose().text
