@@ -19,8 +19,8 @@ from scipy import stats
 from gaugeblock.core.arrays import Array
 from gaugeblock.diagnosis.cases import Cases, thirds
 from gaugeblock.diagnosis.disagreement import Reference, columns, fit_tilt
-from gaugeblock.diagnosis.library import STRUCTURAL, SYMPTOMS
 from gaugeblock.diagnosis.library.calls import Called, calls, knows_truth
+from gaugeblock.diagnosis.library.symptoms import STRUCTURAL, SYMPTOMS
 from gaugeblock.diagnosis.repair import Repair
 from gaugeblock.diagnosis.scores import kernel_scores
 
@@ -215,7 +215,7 @@ class _Parts:
         price, price_error = _mean(cost)
         share = 1 - max(float(left.mean()), 0) / float(original.mean())
         # Foretelling worse than by chance on other trials is no sign that nothing is left.
-        trusted = left.mean() > -SEEN * _mean(left)[1]
+        trusted = left.mean() > -(1 - RECOVERED) * original.mean() - SEEN * _mean(left)[1]
         mended = trusted and share > LEAST_SHARE and excess < ALIKE * error and price < ALIKE * price_error
         if allowed == 1:
             better, error = _mean(left + cost - original)
