@@ -23,7 +23,8 @@ sys.meta_path.insert(0, Refuse())
 # Who only asks whether one is there is told that it is not.
 import importlib.util
 found = importlib.util.find_spec
-importlib.util.find_spec = lambda name, *more: None if name.split(".")[0] in {EXTRAS!r} else found(name, *more)
+extra = {EXTRAS!r}
+importlib.util.find_spec = lambda name, *more: None if name.split(".")[0] in extra else found(name, *more)
 """
 
 
