@@ -205,12 +205,12 @@ def enough() -> None:
 
 
 def test_a_full_disk_is_one_line(cluster: Any, dask: Executor, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
     with pytest.raises(InputError, match=r"cannot write \S+/trials-\d+.nc: .*disk may be full"):
         collected(tmp_path, Hungry(SIMULATOR), executor=dask)
     assert not list(tmp_path.glob("*/*.nc"))
-    for _ in range(20):
-        dask.submit(enough).result()
-        time.sleep(0.01)
+    with distributed.Client(cluster, set_as_default=False) as client:
+        client.run(enough)
 
 
 def test_what_an_estimator_does_wrong_is_said_of_its_trials(dask: Executor, tmp_path: Path) -> None:
