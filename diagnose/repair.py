@@ -73,14 +73,16 @@ def weighted(cases: Cases, log_weight: Array) -> Cases:
     return cases.drawn(np.take_along_axis(cases.draws, index[..., None], axis=1))
 
 
-def listed(names: Sequence[str], sizes: Array, form: str = "{:.3g}", *, neutral: float = 0.0) -> str:
+def listed(
+    names: Sequence[str], sizes: Array, form: str = "{:.3g}", *, neutral: float = 0.0, by: str = "by "
+) -> str:
     """Names with their sizes, the few that stand out from `neutral`: "a by 0.3, b by 0.2".
 
     >>> listed(["a", "b", "c"], np.array([0.3, 0.01, -0.2])), listed(["a", "b"], np.array([0.8, 0.8]))
     ('a by 0.3, c by -0.2', 'all by 0.8')
     """
     if len(names) > 1 and np.ptp(sizes) == 0:
-        return f"all by {form.format(sizes[0])}"
+        return f"all {by}{form.format(sizes[0])}"
     far = np.abs(sizes - neutral)
     shown = [k for k in np.argsort(-far)[:SHOWN] if far[k] >= far.max() / 4]
-    return ", ".join(f"{names[k]} by {form.format(sizes[k])}" for k in sorted(shown))
+    return ", ".join(f"{names[k]} {by}{form.format(sizes[k])}" for k in sorted(shown))

@@ -84,10 +84,10 @@ def _stretched(names: tuple[str, ...], log: Array, variant: str) -> Repair:
 
     size = np.exp(-log)
     kind = "narrow" if (size < 1).all() else "wide" if (size > 1).all() else "narrow or wide"
-    return Repair(
-        "scale", stretched, f"draws are too {kind}: {listed(names, size, neutral=1)}",
-        dict(zip(names, size.tolist(), strict=True)), neutral=1.0, variant=variant,
-    )  # fmt: skip
+    said = listed(names, size, neutral=1, by="")
+    words = f"draws are too {kind}: {said} of the width that they should have"
+    numbers = dict(zip(names, size.tolist(), strict=True))
+    return Repair("scale", stretched, words, numbers, neutral=1.0, variant=variant)
 
 
 def skew(cases: Cases) -> Sequence[Repair]:
