@@ -8,4 +8,5 @@ if [[ ! ${INPUT_EXTRAS:-} =~ ^[a-z0-9_,\ -]*$ ]]; then
 fi
 requirement=$GITHUB_ACTION_PATH
 [[ -z ${INPUT_EXTRAS// /} ]] || requirement+="[${INPUT_EXTRAS// /}]"
-python -m pip install --quiet --disable-pip-version-check "$requirement"
+# -P: what lies in the working directory is not imported in place of what is installed.
+python -P -m pip install --quiet --disable-pip-version-check "$requirement"

@@ -61,13 +61,21 @@ arguments=(audit --quiet "--out=$out")
 [[ -z ${INPUT_LEDGER:-} ]] || arguments+=("--ledger=$INPUT_LEDGER")
 [[ $INPUT_RELEASE == false ]] || arguments+=(--release)
 while IFS= read -r line; do
+    [[ -z $line ]] && continue
+    [[ $line =~ ^[A-Za-z_][A-Za-z0-9_.]*$ ]] || refuse "allow-module must be names of modules, one a line"
+    arguments+=("--allow-module=$line")
+done <<<"${INPUT_ALLOW_MODULE:-}"
+while IFS= read -r line; do
     [[ -z ${line// /} ]] || arguments+=("--set=$line")
 done <<<"${INPUT_SET:-}"
 [[ -z ${INPUT_CONFIG:-} ]] || arguments+=(-- "$INPUT_CONFIG")
 
 # A line of output that looks like a command to the runner (::add-mask:: and its like) must not be one.
+started=$(mktemp)
 echo "::stop-commands::$mark"
-python -m gaugeblock "${arguments[@]}"
+# -P: what lies in the working directory is imported for none of gaugeblock's own modules. A module that was allowed
+# is looked for there, after everything that is installed.
+python -P -m gaugeblock "${arguments[@]}"
 code=$?
 echo
 echo "::$mark::"
@@ -78,6 +86,17 @@ case $code in
     3) verdict=INCONCLUSIVE ;;
     *) verdict=ERROR ;;
 esac
+# An exit code alone is nobody's verdict: this run has to have written one, and the same.
+if [[ $verdict != ERROR ]]; then
+    read_verdict='import json, sys; print(json.load(open(sys.argv[1], encoding="utf-8"))["verdict"])'
+    written=$(python -I -c "$read_verdict" "$out/verdict.json" 2>/dev/null)
+    if [[ $written != "$verdict" || ! $out/verdict.json -nt $started || ! -s $out/report.html || ! -s $out/summary.md ]]; then
+        echo "gaugeblock action: exit code $code, but no reports of this run that say $verdict" >&2
+        verdict=ERROR
+        code=2
+    fi
+fi
+rm -f "$started"
 output verdict "$verdict"
 output exit-code "$code"
 output out "$out"

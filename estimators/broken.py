@@ -246,7 +246,7 @@ class Broken(Shown):
 
             base = build_estimator(base, simulator)
         used = chosen.size if size is None else float(size)
-        self._name, self._fault, self._size, self._base = fault, chosen, used, base
+        self._name, self._fault, self._size, self.base = fault, chosen, used, base
         self._ingredients = Ingredients(base, simulator, np.nan if used is None else used)
         self.autocorrelated = bool(getattr(base, "autocorrelated", False))
         known = fault != "prior" or isinstance(simulator.prior, HasPriorDensity)
@@ -268,7 +268,7 @@ class Broken(Shown):
             "estimator": "broken",
             "fault": self._name,
             "size": self._size,
-            "base": description(self._base),
+            "base": description(self.base),
         }
 
 

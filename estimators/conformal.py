@@ -72,13 +72,13 @@ class Conformal(Shown):
                 f"conformal: needs number >= {2 * TAIL} and draws >= {2 * TAIL}, got {number} and {draws}"
             )
         require_prior(simulator.prior, HasBijections, "estimator conformal")
-        self._base, self._simulator = base, simulator
+        self.base, self._simulator = base, simulator
         self._seed, self._number, self._draws = int(seed), int(number), int(draws)
 
     @property
     def autocorrelated(self) -> bool:
         """Whether the base's draws of one trial are a Markov chain."""
-        return bool(getattr(self._base, "autocorrelated", False))
+        return bool(getattr(self.base, "autocorrelated", False))
 
     @cached_property
     def _scores(self) -> Array:
@@ -87,7 +87,7 @@ class Conformal(Shown):
         for trials in whole_blocks(self._number, CHUNK):
             truth = self._simulator.prior.sample(len(trials), self._rng("truth", trials))
             x = np.asarray(self._simulator.simulate(truth, self._rng("data", trials)))
-            drawn = self._unbounded(self._base.sample(x, self._draws, self._rng("draws", trials)))
+            drawn = self._unbounded(self.base.sample(x, self._draws, self._rng("draws", trials)))
             wrong = ~np.isfinite(drawn).all(axis=(1, 2))
             if wrong.any():
                 raise InputError(
@@ -107,7 +107,7 @@ class Conformal(Shown):
 
     def sample(self, x: ArrayLike, n: int, rng: Rng) -> Array:
         """Recalibrated draws, ``(batch, n, parameter)``; NaN where the base's are NaN or infinite."""
-        drawn = np.asarray(self._base.sample(x, max(n, self._draws), rng), dtype=float)
+        drawn = np.asarray(self.base.sample(x, max(n, self._draws), rng), dtype=float)
         wrong = ~np.isfinite(drawn).all(axis=1, keepdims=True)
         z = self._unbounded(np.where(wrong, 0.0, drawn))
         # Independent levels in the order of the base's draws: each parameter's are exchangeable.
@@ -124,7 +124,7 @@ class Conformal(Shown):
             "number": self._number,
             "draws": self._draws,
             "seed": self._seed,
-            "base": description(self._base),
+            "base": description(self.base),
         }
 
 

@@ -99,7 +99,7 @@ class ImportanceRefined(Shown):
                 "importance_refined: needs oversample >= 1 and evidence_draws >= 2, "
                 f"got {oversample} and {evidence_draws}"
             )
-        self._base, self._simulator = base, simulator
+        self.base, self._simulator = base, simulator
         self._oversample, self._evidence_draws = int(oversample), int(evidence_draws)
 
     def log_target(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
@@ -110,7 +110,7 @@ class ImportanceRefined(Shown):
 
     def weights(self, x: ArrayLike, n: int, rng: Rng) -> WeightedDraws:
         """`n` draws of the base for each row of x, with weights, effective sample size and evidence."""
-        draws, log_q = sample_and_log_prob(self._base, x, n, rng)
+        draws, log_q = sample_and_log_prob(self.base, x, n, rng)
         log_weight = self.log_target(draws, x) - log_q
         with np.errstate(invalid="ignore"):  # a row whose every weight is zero: NaN, and so collapsed
             total = logsumexp(log_weight, axis=-1)
@@ -144,5 +144,5 @@ class ImportanceRefined(Shown):
             "estimator": "importance_refined",
             "oversample": self._oversample,
             "evidence_draws": self._evidence_draws,
-            "base": description(self._base),
+            "base": description(self.base),
         }

@@ -101,6 +101,23 @@ CAPABILITIES: tuple[type, ...] = (
 )
 
 
+def layers(estimator: object) -> list[object]:
+    """An estimator and what it wraps, outermost first: wrappers keep that as `base`.
+
+    How far an estimator is trusted, what runs for it and what is recorded of that is so of every layer.
+    """
+    found: list[object] = []
+    while estimator is not None and all(estimator is not known for known in found):
+        found.append(estimator)
+        estimator = getattr(estimator, "base", None)
+    return found
+
+
+def untrusted(estimator: object) -> bool:
+    """Whether nobody vouches for it or for what it wraps: draws and densities are asked for apart."""
+    return any(getattr(layer, "untrusted", False) is True for layer in layers(estimator))
+
+
 def has_density(estimator: object) -> bool:
     """Whether the estimator can say how probable its draws are."""
     return isinstance(estimator, HasDensity | SamplesWithDensity)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from gaugeblock.reports.ledger import ELSEWHERE, UNKNOWN, of_the_ledger
 from gaugeblock.reports.words import count, listed
@@ -18,7 +19,8 @@ def reason(verdict: Verdict) -> str:
     data = of_the_data(verdict) if verdict.outcome is Outcome.PASS else ""
     unknown = ELSEWHERE if verdict.looks.number > 1 else UNKNOWN
     before = of_the_ledger(verdict.provenance, unknown=unknown)
-    said = [f"{_why(verdict)}{_stopped(verdict)}", data, of_looks(verdict), before]
+    trust = of_trust(verdict.provenance)
+    said = [f"{_why(verdict)}{_stopped(verdict)}", data, of_looks(verdict), before, trust]
     return " ".join(filter(None, said))
 
 
@@ -42,6 +44,13 @@ def of_looks(verdict: Verdict) -> str:
     if looks.anew:
         said.append("Looks in its folder at another estimator, policy or seed are not counted.")
     return " ".join(said)
+
+
+def of_trust(provenance: Mapping[str, Any]) -> str:
+    """What lowers the worth of the verdict: trust that was given, a seed that was known, mere claims."""
+    record = provenance.get("trust")
+    said = record.get("caveats") if isinstance(record, Mapping) else None
+    return " ".join(map(str, said)) if isinstance(said, list) else ""
 
 
 def _stopped(verdict: Verdict) -> str:

@@ -10,7 +10,7 @@ from gaugeblock.core.errors import one_line
 from gaugeblock.reports.baseline import comparison
 from gaugeblock.reports.controls import caught
 from gaugeblock.reports.ledger import of_the_ledger
-from gaugeblock.reports.reason import of_looks, of_the_data
+from gaugeblock.reports.reason import of_looks, of_the_data, of_trust
 from gaugeblock.validate import Outcome, Verdict
 
 SHOWN = 20
@@ -26,6 +26,8 @@ def terminal_summary(
     lines = verdict_lines(verdict, shown=SHOWN)
     if looks := of_looks(verdict):
         lines.append(looks)
+    if trust := of_trust(verdict.provenance):
+        lines.append(f"Caveat: {trust}")
     if verdict.provenance.get("ledger"):
         lines.append(of_the_ledger(verdict.provenance))
     lines += [f"  not checked  {item.id}: {item.why}" for item in verdict.not_checked]

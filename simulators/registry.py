@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from typing import Any, cast
 
 from gaugeblock.core.errors import InputError, MissingExtraError
+from gaugeblock.core.trust import check_module, check_object
 from gaugeblock.simulators.protocol import Simulator
 
 # name -> (module, object in it, extra of gaugeblock that brings what the module imports)
@@ -116,11 +117,13 @@ def load_object(spec: str, kind: str) -> Any:
     Raises
     ------
     InputError
-        If the module cannot be imported or holds no such object.
+        If the module cannot be imported or holds no such object, or its code is not to run here
+        (`gaugeblock.core.trust`).
     """
     module_name, _, attribute = spec.partition(":")
     if not module_name or not attribute:
         raise InputError(f"{kind} {spec!r}: expected module:object, for example mypackage.model:simulator")
+    check_module(module_name, spec, kind)
     try:
         with _working_directory_importable():
             module = importlib.import_module(module_name)
@@ -136,6 +139,7 @@ def load_object(spec: str, kind: str) -> Any:
                 f"{kind} {spec!r}: {module_name} has no {attribute}; check what follows the colon"
             )
         target = getattr(target, part)
+    check_object(target, spec, kind)
     return target
 
 

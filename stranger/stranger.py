@@ -111,7 +111,7 @@ class Claims:
         )
 
 
-TRUSTED = "none, trusted by --i-trust-this-estimator"
+TRUSTED = "none: trusted by whoever ran the audit"
 SEEDS = 1 << 62
 
 

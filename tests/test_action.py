@@ -156,7 +156,7 @@ def test_paths_with_anything_in_them_are_paths(place, runner):
     "name",
     [
         *("config", "trials-file", "policy", "seed", "trials", "release", "set"),
-        *("working-directory", "fail-on-inconclusive"),
+        *("working-directory", "fail-on-inconclusive", "allow-module"),
     ],
 )
 @pytest.mark.parametrize("value", [NASTY, "--help", "-x"])
@@ -171,8 +171,12 @@ def test_a_value_is_never_run_and_never_an_option(name, value, place, runner):
 
 
 STUB = """
+[[ $1 == -I ]] && { echo FAIL; exit; }
 for argument in "$@"; do [[ $argument == --out=* ]] && out=${argument#--out=}; done
 mkdir -p "$out"
+sleep 0.05
+echo '{"verdict": "FAIL"}' >"$out/verdict.json"
+echo page >"$out/report.html"
 """
 
 

@@ -48,17 +48,17 @@ class Widened:
                 f"importance: the estimator draws {', '.join(own)}; the extended simulator has "
                 f"{', '.join(names)}: give an estimator of the simulator without the effects"
             )
-        self._base, self._size = base, len(own)
+        self.base, self._size = base, len(own)
         self._added = Prior({name: simulator.prior.marginals[name] for name in names[self._size :]})
 
     def sample_and_log_prob(self, x: ArrayLike, n: int, rng: Rng) -> tuple[Array, Array]:
         """Draws ``(batch, n, parameter)`` and their log density ``(batch, n)``."""
-        known, log_q = sample_and_log_prob(self._base, x, n, rng)
+        known, log_q = sample_and_log_prob(self.base, x, n, rng)
         added = self._added.from_unit_cube(rng.random((len(known), n, self._added.size)))
         return np.concatenate([known, added], axis=-1), log_q + self._added.log_prob(added)
 
     def log_prob(self, theta: ArrayLike, x: ArrayLike) -> Array:
         """Log density ``(batch, n)`` of theta ``(batch, n, parameter)``."""
         points = np.asarray(theta, dtype=float)
-        known = np.asarray(self._base.log_prob(points[..., : self._size], x))
+        known = np.asarray(self.base.log_prob(points[..., : self._size], x))
         return np.asarray(known + self._added.log_prob(points[..., self._size :]))

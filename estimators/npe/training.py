@@ -9,7 +9,7 @@ import os
 import shutil
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from sbi.inference import NPE as Inference
 from gaugeblock.core.atomic import write_atomically
 from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.trust import modules_in, only_named
 from gaugeblock.estimators.npe.bank import Bank, Progress, describe_simulator, fingerprint, stream
 from gaugeblock.estimators.npe.config import NetworkTable, TrainingConfig, TrainingTable, read_config
 from gaugeblock.estimators.npe.estimator import NPE
@@ -196,12 +197,13 @@ def run_training(
     overrides: Mapping[str, Any] | None = None,
     seed: int | None = None,
     replace: bool = False,
+    allow_modules: Iterable[str] = (),
     progress: Progress | None = None,
 ) -> Path:
     """What ``gaugeblock train CONFIG.toml`` does; returns the model folder.
 
-    `overrides` are keys such as ``training.steps``; `out` and `seed` go before what the file says; `replace`
-    a model that is there.
+    `overrides` are keys such as ``training.steps``; `allow_modules` are modules that the file may name;
+    `out` and `seed` go before what the file says; `replace` a model that is there.
 
     Raises
     ------
@@ -219,7 +221,8 @@ def run_training(
     settings = "".join(f" --set {name}={json.dumps(value)}" for name, value in changes.items())
     place = f" --out {out}" if out is not None else ""
     command = f"gaugeblock train {config_path}{place}{settings}"
-    simulator = as_simulator(config.simulator.table)
+    with only_named({*allow_modules, *modules_in(changes)}):
+        simulator = as_simulator(config.simulator.table)
     train(simulator, config, folder=target, replace=replace, progress=progress, command=command)
     return Path(target)
 

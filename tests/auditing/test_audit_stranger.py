@@ -169,7 +169,7 @@ def test_without_a_sandbox_the_command_ends_with_two_and_a_remedy(theirs: Any, t
     )
     assert trusted.returncode == 3, trusted.stderr
     record = json.loads((tmp_path / "gaugeblock-audit" / "verdict.json").read_text())["provenance"]
-    assert record["confinement"]["sandbox"] == "none, trusted by --i-trust-this-estimator"
+    assert record["confinement"]["sandbox"] == "none: trusted by whoever ran the audit"
 
 
 def test_what_is_lacking_is_one_line(theirs: Any, tmp_path: Path) -> None:

@@ -38,7 +38,7 @@ def test_the_report_has_a_chapter_on_it(passing):
 
 
 def test_a_sandbox_is_claimed_only_where_there_was_one(passing):
-    trusted = "none, trusted by --i-trust-this-estimator"
+    trusted = "none: trusted by whoever ran the audit"
     for sandbox, says, never in (
         ({"program": "bubblewrap"}, "What contained it is the sandbox.", "Nothing contained it"),
         (trusted, "Nothing contained it", "What contained it"),

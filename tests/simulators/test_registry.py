@@ -129,7 +129,7 @@ def test_a_user_s_own(own, spec, options, high):
         ("own_simulators:ready", {"width": 2.0}, "ready-made and takes no options, got width"),
         ("own_simulators:Coin", {"depth": 2.0}, "depth.*its options are: width"),
         ("own_simulators:number", {}, "is a int: neither ready-made nor callable"),
-        ("own_simulators:lacking", {}, "without prior and simulate"),
+        ("own_simulators:lacking", {}, "is Python's own"),
     ],
 )
 def test_mistakes_are_one_clear_line(own, spec, options, words):

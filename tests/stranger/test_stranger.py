@@ -136,8 +136,8 @@ def test_without_a_sandbox_only_by_the_word(
     one = Stranger(file(), simulator, trust=True)
     try:
         assert one.sample(X, 3, np.random.default_rng(1)).shape == (2, 3, 2)
-        assert one.describe()["sandbox"] == "none, trusted by --i-trust-this-estimator"
-        assert one.confinement()["sandbox"] == "none, trusted by --i-trust-this-estimator"
+        assert one.describe()["sandbox"] == "none: trusted by whoever ran the audit"
+        assert one.confinement()["sandbox"] == "none: trusted by whoever ran the audit"
     finally:
         one.close()
 

@@ -29,8 +29,9 @@ from gaugeblock.auditing.observation import read_observation, trials_around
 from gaugeblock.auditing.phases import end_phase, ended
 from gaugeblock.auditing.provenance import FORMAT, digests, finished_audit, named, title
 from gaugeblock.auditing.result import Audit, write_arrays
-from gaugeblock.auditing.samples import Plan, untrusted
+from gaugeblock.auditing.samples import Plan
 from gaugeblock.auditing.trials_from import any_trials
+from gaugeblock.auditing.trusted import DRAWS, trust_record, with_densities
 from gaugeblock.auditing.watch import Watch, watched
 from gaugeblock.core.arrays import numbers, plain
 from gaugeblock.core.atomic import made_folder
@@ -38,7 +39,8 @@ from gaugeblock.core.digest import digest, file_digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.processors import kinds
 from gaugeblock.core.progress import Progress, shown
-from gaugeblock.estimators.protocol import Confined, Estimator, Listed
+from gaugeblock.core.trust import only_named
+from gaugeblock.estimators.protocol import Confined, Estimator, Listed, layers, untrusted
 from gaugeblock.reports.machine import plain as plain_data
 from gaugeblock.simulators.from_function import as_simulator
 from gaugeblock.simulators.protocol import HasLikelihood, Simulator
@@ -201,13 +203,16 @@ def audit(
             "equal_bits": len(made_on) == 1,
         }
         resources: dict[str, Any] = {}
-        if isinstance(estimating, Confined):
-            confinement = dict(estimating.confinement())
-            # What was used differs from run to run, and so stays out of everything that must not.
-            resources = dict(confinement.pop("used", {}))
-            provenance["confinement"] = confinement
-        if isinstance(estimating, Listed):
-            provenance["listing"] = estimating.listing()
+        for layer in layers(estimating):
+            if isinstance(layer, Confined):
+                confinement = dict(layer.confinement())
+                # What was used differs from run to run, and so stays out of everything that must not.
+                resources = dict(confinement.pop("used", {}))
+                provenance["confinement"] = confinement
+            if isinstance(layer, Listed):
+                provenance["listing"] = layer.listing()
+        given = "seed" in table.model_fields_set and not release
+        provenance["trust"] = trust_record(simulated, estimating, seed_given=given)
         end_phase(estimating)
         if observed is not None:
             provenance["observation"] = observed.record
@@ -246,21 +251,22 @@ def audit_configured(
     progress: Progress | bool | None = None,
 ) -> Audit:
     """`audit` as a configuration says; a `policy` takes the place of the configuration's."""
-    return audit(
-        config.estimator.table,
-        config.simulator.table,
-        trials=config.trials,
-        policy=config.read_policy() if policy is None else policy,
-        out=out,
-        baseline=baseline,
-        progress=progress,
-        validators=config.validators,
-        ledger=ledger,
-        release=release,
-        executor=executor,
-        allow_mixed=allow_mixed,
-        command=command,
-    )
+    with only_named(config.modules):
+        return audit(
+            config.estimator.table,
+            config.simulator.table,
+            trials=config.trials,
+            policy=config.read_policy() if policy is None else policy,
+            out=out,
+            baseline=baseline,
+            progress=progress,
+            validators=config.validators,
+            ledger=ledger,
+            release=release,
+            executor=executor,
+            allow_mixed=allow_mixed,
+            command=command,
+        )
 
 
 def audit_part(
@@ -293,7 +299,7 @@ def audit_part(
         progress=progress,
         side_by_side=True,
     )
-    with begin as run:
+    with only_named(config.modules), begin as run:
         return collect_part(
             run.simulator,
             run.estimator,
@@ -463,7 +469,7 @@ def audit_draws(
             rules,
             seed=seed,
             validators=None if validators is None else tuple(validators),
-            provenance={"command": command, "seed": seed, "trials": record},
+            provenance={"command": command, "seed": seed, "trials": record, "trust": DRAWS},
             out=folder,
             earlier=earlier,
             looks=Looks(trials=(tree.sizes["trial"],)),
@@ -545,6 +551,7 @@ def _judged(
         {
             "ledger": None,
             **provenance,
+            "trust": with_densities(provenance.get("trust"), findings),
             "title": title(provenance),
             "format": FORMAT,
             "policy": policy.model_dump(mode="json"),

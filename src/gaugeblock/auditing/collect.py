@@ -27,7 +27,6 @@ from gaugeblock.auditing.samples import (
     JointTrials,
     MainTrials,
     Plan,
-    untrusted,
 )
 from gaugeblock.auditing.watch import Watch
 from gaugeblock.core.atomic import made_folder, write_once
@@ -37,7 +36,7 @@ from gaugeblock.core.executors import each
 from gaugeblock.core.processors import kinds, one_kind
 from gaugeblock.core.progress import Progress
 from gaugeblock.core.streams import whole_blocks
-from gaugeblock.estimators.protocol import Estimator, has_density
+from gaugeblock.estimators.protocol import Estimator, has_density, untrusted
 from gaugeblock.simulators.prior import HasPriorDensity
 from gaugeblock.simulators.protocol import HasLikelihood, Simulator
 from gaugeblock.validate.storage import open_groups, read_groups, write_groups

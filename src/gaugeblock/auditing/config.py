@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
 from gaugeblock.auditing.samples import Plan
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.settings import apply_settings
 from gaugeblock.core.tables import Named, Table, checked, read_toml
+from gaugeblock.core.trust import modules_in, refuse_trust
 from gaugeblock.validate.policy import SHIPPED, Policy, make_policy, read_policy
 from gaugeblock.validate.validators import check_validators
 
@@ -132,6 +133,13 @@ class AuditConfig(Table):
     trials: TrialsTable = TrialsTable()
     policy: dict[str, Any] = Field(default_factory=dict)
     validators: tuple[str, ...] | None = None
+    # Modules that whoever read a file named besides; None where there was no file.
+    _modules: frozenset[str] | None = PrivateAttr(default=None)
+
+    @property
+    def modules(self) -> frozenset[str] | None:
+        """Modules that may load though nobody declares them; None for any."""
+        return self._modules
 
     @classmethod
     def build(cls, table: Mapping[str, Any], *, where: str = "configuration") -> AuditConfig:
@@ -163,11 +171,14 @@ def read_config(
     *,
     settings: Mapping[str, Any] | None = None,
     draws_given: bool = False,
+    allow_modules: Iterable[str] = (),
 ) -> AuditConfig:
     """Read an audit's TOML (none: the reference case) with dotted `settings` put over it.
 
-    Paths inside the file are relative to the file. With `draws_given` (trials from disk) nothing is simulated
-    or sampled, so only the policy and the choice of validators have a say.
+    Paths inside the file are relative to the file. Modules that it names load only if they are in
+    `allow_modules` or in `settings`, or an installed package declares them (`gaugeblock.core.trust`). With
+    `draws_given` (trials from disk) nothing is simulated or sampled, so only the policy and the choice of
+    validators have a say.
 
     Raises
     ------
@@ -177,17 +188,17 @@ def read_config(
     """
     where = "command line" if path is None else str(path)
     table = {} if path is None else _anchored(read_toml(path), Path(path).resolve().parent)
-    if "trust" in (table.get("estimator") or {}):
-        raise InputError(
-            f"{where}: estimator.trust cannot be said by a file; say --i-trust-this-estimator yourself"
-        )
+    refuse_trust(table, where)
     table = apply_settings(table, settings or {})
     idle = [name for name in ("simulator", "estimator", "trials") if name in table]
     if draws_given and idle:
         raise InputError(
             f"{where}: {idle[0]} has no say where draws are given; only policy and validators do"
         )
-    return AuditConfig.build(_completed(table), where=where)
+    config = AuditConfig.build(_completed(table), where=where)
+    if path is not None:
+        config._modules = frozenset(allow_modules) | modules_in(settings or {})
+    return config
 
 
 _PATHS = (

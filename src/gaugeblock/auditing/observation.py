@@ -12,14 +12,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.auditing.samples import checked, log_prior_and_likelihood, untrusted
+from gaugeblock.auditing.samples import checked, log_prior_and_likelihood
 from gaugeblock.core.arrays import Array, numbers
 from gaugeblock.core.digest import digest, file_digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.foreign import read_array
 from gaugeblock.core.streams import Rng, generator, whole_blocks
 from gaugeblock.estimators._rows import resample
-from gaugeblock.estimators.protocol import Estimator, has_density, sample_and_log_prob
+from gaugeblock.estimators.protocol import Estimator, has_density, sample_and_log_prob, untrusted
 from gaugeblock.simulators.prior import HasPriorDensity, require_prior
 from gaugeblock.simulators.protocol import HasLikelihood, LikelihoodSimulator, Simulator
 from gaugeblock.validate.joint.importance import log_weights

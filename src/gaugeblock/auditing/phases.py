@@ -13,14 +13,15 @@ import xarray as xr
 
 from gaugeblock.auditing.samples import Again, Blocks, Plan, checked
 from gaugeblock.core.errors import blamed
-from gaugeblock.estimators.protocol import Closable, Estimator, HasDensity, Phased
+from gaugeblock.estimators.protocol import Closable, Estimator, HasDensity, Phased, layers
 from gaugeblock.simulators.protocol import Simulator
 
 
 def end_phase(estimator: object) -> None:
     """Let it forget what it was asked so far, where it can be made to."""
-    if isinstance(estimator, Phased):
-        estimator.end_phase()
+    for layer in layers(estimator):
+        if isinstance(layer, Phased):
+            layer.end_phase()
 
 
 @contextmanager
@@ -29,8 +30,9 @@ def ended(estimator: object) -> Iterator[None]:
     try:
         yield
     finally:
-        if isinstance(estimator, Closable):
-            estimator.close()
+        for layer in layers(estimator):
+            if isinstance(layer, Closable):
+                layer.close()
 
 
 class DensityTrials(Again):

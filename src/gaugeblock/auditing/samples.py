@@ -13,7 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError, blamed
 from gaugeblock.core.streams import Rng, generator
-from gaugeblock.estimators.protocol import Estimator, HasDensity, has_density, sample_and_log_prob
+from gaugeblock.estimators.protocol import (
+    Estimator,
+    HasDensity,
+    has_density,
+    sample_and_log_prob,
+    untrusted,
+)
 from gaugeblock.simulators.prior import HasPriorDensity, Prior
 from gaugeblock.simulators.protocol import LikelihoodSimulator, Simulator
 from gaugeblock.validate.trials import make_trials
@@ -47,11 +53,6 @@ class Plan:
             importance_number=min(self.importance_number, number),
             joint_number=min(self.joint_number, number),
         )
-
-
-def untrusted(estimator: object) -> bool:
-    """Whether nobody vouches for it, so that draws and densities have to be asked for apart."""
-    return bool(getattr(estimator, "untrusted", False))
 
 
 def checked(values: ArrayLike, shape: tuple[int, ...], what: str = "draws") -> Array:

@@ -19,6 +19,7 @@ from gaugeblock.cli.discover import EXIT_CODES as DISCOVER_EXIT_CODES
 from gaugeblock.cli.discover import discover
 from gaugeblock.cli.options import (
     AllowMixed,
+    AllowModule,
     Baseline,
     Debug,
     Ledger,
@@ -102,6 +103,7 @@ def audit(
     estimator_format: StrangerFormat = None,
     estimator_builder: StrangerBuilder = None,
     trust: Trust = False,
+    allow_module: AllowModule = None,
     out: Out = Path("gaugeblock-audit"),
     policy: PolicyName = None,
     seed: Seed = None,
@@ -163,7 +165,9 @@ def audit(
         changes["trials.anytime"] = True
     if validator:
         changes["validators"] = validator
-    chosen = read_config(config, settings=changes, draws_given=trials is not None)
+    chosen = read_config(
+        config, settings=changes, draws_given=trials is not None, allow_modules=allow_module or ()
+    )
     said: dict[str, Any] = {
         "out": out,
         "policy": chosen.read_policy() if policy is None else policy,
@@ -257,6 +261,7 @@ def train(
     seed: Seed = None,
     replace: Annotated[bool, typer.Option("--replace", help="Replace the model that is there.")] = False,
     settings: Settings = None,
+    allow_module: AllowModule = None,
     quiet: Quiet = False,
     debug: Debug = False,  # noqa: ARG001
 ) -> None:
@@ -274,6 +279,7 @@ def train(
             config,
             out=out,
             overrides=parse_settings(settings or []),
+            allow_modules=allow_module or (),
             seed=seed,
             replace=replace,
             progress=tell,

@@ -18,6 +18,14 @@ PolicyName = Annotated[
     str | None,
     typer.Option("--policy", metavar="P.toml", help="Policy: default, strict or a TOML file."),
 ]
+AllowModule = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--allow-module",
+        metavar="NAME",
+        help="A module of yours that the configuration may name; repeatable.",
+    ),
+]
 Debug = Annotated[bool, typer.Option("--debug", help="Show a traceback with an error.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress on stderr.")]
 Baseline = Annotated[
