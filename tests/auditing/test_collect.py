@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from gaugeblock.auditing.collect import collect, discard, fingerprint
+from gaugeblock.auditing.collect import collect, fingerprint
 from gaugeblock.auditing.identity import identity
 from gaugeblock.auditing.samples import Plan
+from gaugeblock.auditing.workplace import discard
 from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.exact import Exact
 from gaugeblock.simulators import build_simulator

@@ -15,8 +15,9 @@ import pytest
 import xarray as xr
 
 import gaugeblock as gb
-from gaugeblock.auditing.collect import collect, collect_part, discard
+from gaugeblock.auditing.collect import collect, collect_part
 from gaugeblock.auditing.samples import Plan
+from gaugeblock.auditing.workplace import discard
 from gaugeblock.core import processors
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.executors import opened

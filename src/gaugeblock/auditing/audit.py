@@ -6,7 +6,7 @@ import os
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -16,7 +16,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from gaugeblock.auditing.baseline import compared, kept_baseline, read_baseline
-from gaugeblock.auditing.collect import collect, collect_part, discard, fingerprint
+from gaugeblock.auditing.collect import collect, collect_part, fingerprint
 from gaugeblock.auditing.config import AuditConfig, PolicyLike, TrialsTable, as_policy, as_trials_table
 from gaugeblock.auditing.diagnosing import derived_diagnosis, with_diagnosis
 from gaugeblock.auditing.estimator_from import as_estimator
@@ -33,6 +33,7 @@ from gaugeblock.auditing.samples import Plan
 from gaugeblock.auditing.trials_from import any_trials
 from gaugeblock.auditing.trusted import DRAWS, trust_record, with_densities
 from gaugeblock.auditing.watch import Watch, watched
+from gaugeblock.auditing.workplace import alone_in, discard, refuse_links
 from gaugeblock.core.arrays import numbers, plain
 from gaugeblock.core.atomic import made_folder
 from gaugeblock.core.digest import digest, file_digest
@@ -155,6 +156,7 @@ def audit(
         out=out,
         progress=progress,
         side_by_side=executor is not None,
+        alone=True,
     )
     with begin as run:
         simulated, estimating, plan, folder, tell = (
@@ -298,6 +300,7 @@ def audit_part(
         out=out,
         progress=progress,
         side_by_side=True,
+        alone=False,
     )
     with only_named(config.modules), begin as run:
         return collect_part(
@@ -335,6 +338,7 @@ def _begun(
     *,
     out: str | os.PathLike[str] | None,
     side_by_side: bool,
+    alone: bool,
     prior: Any = None,
     names: Sequence[str] | None = None,
     densities: bool | None = None,
@@ -369,7 +373,7 @@ def _begun(
     with (
         ended(None if estimating is estimator else estimating),
         shown(progress) as tell,
-        _workplace(out) as folder,
+        _workplace(out, alone=alone) as folder,
     ):
         subjects = {
             "simulator": {**named(simulator), **identity(simulated)},
@@ -576,10 +580,13 @@ def _judged(
 
 
 @contextmanager
-def _workplace(out: str | os.PathLike[str] | None) -> Iterator[Path]:
+def _workplace(out: str | os.PathLike[str] | None, *, alone: bool) -> Iterator[Path]:
     """The folder that is written to; without one a temporary folder, which is gone afterwards."""
     if out is not None:
-        yield made_folder(out)
+        folder = made_folder(out)
+        refuse_links(folder / CHUNKS)
+        with alone_in(folder) if alone else nullcontext():
+            yield folder
         return
     with tempfile.TemporaryDirectory(prefix="gaugeblock-") as temporary:
         yield Path(temporary)

@@ -334,14 +334,3 @@ def _intact(path: Path) -> bool:
     except InputError:
         return False
     return True
-
-
-def discard(folder: Path) -> None:
-    """Remove the blocks below `folder` and what was kept beside them, once what they were for is written."""
-    kept = ("*/*.nc", "*/processor*.json", "*/sent-*.pickle", PARTS, "*.seed")
-    for path in sorted(found for pattern in kept for found in folder.glob(pattern)):
-        path.unlink(missing_ok=True)
-        if path.parent != folder and not any(path.parent.iterdir()):
-            path.parent.rmdir()
-    if folder.is_dir() and not any(folder.iterdir()):
-        folder.rmdir()

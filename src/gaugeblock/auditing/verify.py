@@ -24,6 +24,7 @@ from gaugeblock.auditing.compare import (
     shortened,
     text_differences,
 )
+from gaugeblock.auditing.config import PolicyLike, as_policy
 from gaugeblock.auditing.diagnosing import derived_diagnosis
 from gaugeblock.auditing.explain import explained
 from gaugeblock.auditing.identity import versions
@@ -36,6 +37,7 @@ from gaugeblock.reports import rendered
 from gaugeblock.validate import (
     Finding,
     NotChecked,
+    Policy,
     Verdict,
     check_validators,
     judge,
@@ -45,29 +47,38 @@ from gaugeblock.validate import (
     write_findings,
 )
 from gaugeblock.validate.looks import Looks
+from gaugeblock.validate.policy import SHIPPED
 from gaugeblock.validate.storage import read_groups
 from gaugeblock.validate.trials import main_trials
 
 
 @dataclass(frozen=True)
 class Verification:
-    """What differs, one line each; what to know about the comparison; and the digest of the trials."""
+    """What differs, one line each; what to know about the comparison; the digest of the trials.
+
+    `outcome` is what trials, policy and seed give; `policy` says in words which one that is.
+    """
 
     differences: tuple[str, ...]
     notes: tuple[str, ...]
     trials_sha256: str
+    outcome: str
+    policy: str
 
 
 def verify(
     folder: Path,
     *,
     trials: Path | None = None,
+    policy: PolicyLike | None = None,
     trials_sha256: str | None = None,
+    estimator_sha256: str | None = None,
     tolerance: float | None = None,
 ) -> Verification:
     """Compare every derived file of an audit with what its trials, policy and seed give.
 
-    `trials` is the Trials file, where it is not in the folder; `trials_sha256` its digest as it was kept
+    `trials` is the Trials file, where it is not in the folder; `policy` the one that the audit should have
+    been judged by, whatever its folder says; `trials_sha256` and `estimator_sha256` digests as they were kept
     elsewhere; `tolerance` the relative difference of numbers to accept: by default none, or where the
     libraries' versions are not those of the audit, 1e-6.
 
@@ -96,6 +107,7 @@ def verify(
     )
     contents = rendered(verdict, findings, tree, title=title(record))
     lines = list(_digests(record, found, trials_sha256))
+    lines += _expected(record, policy, estimator_sha256)
     lines += [f"verdict.json: provenance: {line}" for line in _recorded(record, tree)]
     stored = folder / "findings.nc"
     if looks.trials and looks.trials[-1] != main_trials(tree).sizes["trial"]:
@@ -107,7 +119,35 @@ def verify(
         lines += _prefixed(stored, _finding_differences(stored, findings, not_checked, near))
     for name, content in contents.items():
         lines += _prefixed(folder / name, _file_differences(folder / name, content, near))
-    return Verification(tuple(lines), notes, found)
+    used = make_policy(_table(record, "policy"), source="verdict.json: provenance.policy")
+    return Verification(tuple(lines), notes, found, verdict.outcome.value, policy_in_words(used))
+
+
+def policy_in_words(policy: Policy) -> str:
+    """Which policy that is: a shipped one, or how it differs from the default.
+
+    >>> policy_in_words(make_policy({"tolerance": {"bias": 9.0}}, source="mine"))
+    "a policy of the audit's own, which differs from the default: tolerance.bias is 9.0, by default 0.1"
+    """
+    content = policy.model_dump(mode="json")
+    for name in SHIPPED:
+        if content == as_policy(name).model_dump(mode="json"):
+            return f"the {name} policy"
+    changed = plain_differences(content, as_policy("default").model_dump(mode="json"), near=0.0)
+    said = "; ".join(line.replace("should be", "by default") for line in shortened(list(changed)))
+    return f"a policy of the audit's own, which differs from the default: {said}"
+
+
+def _expected(record: Mapping[str, Any], policy: PolicyLike | None, estimator: str | None) -> Iterator[str]:
+    """Whether policy and estimator are those that somebody asks for."""
+    if policy is not None:
+        wanted = as_policy(policy).model_dump(mode="json")
+        for line in plain_differences(_table(record, "policy"), wanted, near=0.0):
+            yield f"verdict.json: provenance: policy: {line} in the policy that was asked for"
+    stated = _table(record, "sha256").get("estimator")
+    kept = None if estimator is None else _digest(estimator, "--estimator-sha256")
+    if kept not in (None, stated):
+        yield f"verdict.json: sha256.estimator is {stated}, not the {kept} that was kept elsewhere"
 
 
 def _nearness(record: Mapping[str, Any], tolerance: float | None) -> tuple[float, tuple[str, ...]]:
@@ -173,10 +213,15 @@ def _digests(record: Mapping[str, Any], found: str, kept: str | None) -> Iterato
     if stated != found:
         yield f"trials.nc: has sha256 {found}, verdict.json says {stated}"
     if kept is not None:
-        if not re.fullmatch(r"[0-9a-fA-F]{64}", kept.strip()):
-            raise InputError(f"--trials-sha256 {kept}: must be 64 hexadecimal digits, as the audit printed")
-        if kept.strip().lower() != found:
-            yield f"trials.nc: has sha256 {found}, not the {kept.strip().lower()} that was kept elsewhere"
+        wanted = _digest(kept, "--trials-sha256")
+        if wanted != found:
+            yield f"trials.nc: has sha256 {found}, not the {wanted} that was kept elsewhere"
+
+
+def _digest(kept: str, option: str) -> str:
+    if not re.fullmatch(r"[0-9a-fA-F]{64}", kept.strip()):
+        raise InputError(f"{option} {kept}: must be 64 hexadecimal digits, as the audit printed")
+    return kept.strip().lower()
 
 
 def _recorded(record: Mapping[str, Any], tree: xr.DataTree) -> Iterator[str]:

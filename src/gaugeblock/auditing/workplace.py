@@ -1,0 +1,87 @@
+"""Where an audit works: a folder of its own, in which nobody else does at the same time, and no links."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from gaugeblock.core.errors import InputError
+
+LOCK = ".audit-lock"
+# What audits leave in their folders of blocks; nothing else is ever removed.
+_BLOCK = (
+    r"\.?(trials|importance-draws|densities|importance-sampling|joint-likelihood)"
+    r"(-\d{8})?(\.\d+\.[0-9a-f]{8})?\.nc"
+)
+_OWN = re.compile(
+    rf"[0-9a-f]{{16}}/({_BLOCK}|\.?processor[\w.-]*\.json|sent-[0-9a-f]{{16}}\.pickle)"
+    r"|parts\.json|[0-9a-f]{16}\.seed"
+)
+
+
+def refuse_links(work: Path) -> None:
+    """Refuse a folder of blocks that is a link, or holds links: what they lead to is not the audit's.
+
+    Raises
+    ------
+    InputError
+        If it is or does.
+    """
+    for path in (work, *(work.iterdir() if work.is_dir() else ())):
+        if path.is_symlink():
+            raise InputError(f"{path}: is a link, and an audit works in folders of its own alone; remove it")
+
+
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Keep other audits out of `folder` for as long as the block runs.
+
+    Raises
+    ------
+    InputError
+        If another audit is at work there.
+    """
+    import fcntl
+
+    path = folder / LOCK
+    while True:
+        try:
+            handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            # Some file systems of clusters have no locks.
+            if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
+                os.close(handle)
+                raise InputError(
+                    f"{folder}: another audit is at work there; wait for its end, or give another --out"
+                ) from None
+        # Whoever had the lock before may have removed the file that was waited for.
+        if os.fstat(handle).st_nlink:
+            break
+        os.close(handle)
+    try:
+        yield
+    finally:
+        path.unlink(missing_ok=True)
+        os.close(handle)
+
+
+def discard(work: Path) -> None:
+    """Remove an audit's own blocks and what was kept beside them, once what they were for is written."""
+    if work.is_symlink() or not work.is_dir():
+        return
+    for path in sorted([*work.glob("*"), *work.glob("*/*")]):
+        linked = path.is_symlink() or path.parent.is_symlink()
+        if not linked and path.is_file() and _OWN.fullmatch(path.relative_to(work).as_posix()):
+            path.unlink(missing_ok=True)
+    for place in (*(path for path in work.iterdir() if path.is_dir() and not path.is_symlink()), work):
+        own = place == work or re.fullmatch(r"[0-9a-f]{16}", place.name)
+        if own and not any(place.iterdir()):
+            place.rmdir()
