@@ -145,13 +145,13 @@ def test_around_an_observation_it_is_said_who_chose_the_truths(simulator: Any) -
 
 
 def test_the_seed_is_of_nobodys_choice_and_kept_for_its_owner(tmp_path: Path) -> None:
-    folder = tmp_path / "chunks"
-    seed = kept_seed(folder, "one")
-    assert seed == kept_seed(folder, "one")
-    assert len({kept_seed(folder, str(number)) for number in range(20)} | {seed}) == 21
+    one, folder = "f" * 16, tmp_path / "chunks"
+    seed = kept_seed(folder, one)
+    assert seed == kept_seed(folder, one)
+    assert len({kept_seed(folder, f"{number:016x}") for number in range(20)} | {seed}) == 21
     assert all(path.stat().st_mode & 0o777 == 0o600 for path in folder.iterdir())
-    (folder / "one.seed").write_text("")
-    assert kept_seed(folder, "one") != seed
+    (folder / f"{one}.seed").write_text("")
+    assert kept_seed(folder, one) != seed
     discard(folder)
     assert not folder.exists()
 

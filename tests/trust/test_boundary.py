@@ -6,7 +6,16 @@ import ast
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-ROOMS = ("src/gaugeblock", "validate", "estimators", "simulators", "discover", "reports", "stranger")
+ROOMS = (
+    "src/gaugeblock",
+    "validate",
+    "estimators",
+    "simulators",
+    "discover",
+    "diagnose",
+    "reports",
+    "stranger",
+)
 PARSERS = {
     "np.load", "json.load", "pickle.load", "pickle.loads", "torch.load", "gzip.open", "zipfile.ZipFile",
     "netCDF4.Dataset", "xr.open_groups", "xr.open_dataset", "xr.open_datatree", "fits.open", "tomllib.load",

@@ -14,8 +14,8 @@ from gaugeblock.auditing.explain import explained
 from gaugeblock.auditing.looks import stored_looks
 from gaugeblock.auditing.provenance import finished_audit
 from gaugeblock.auditing.result import Audit
-from gaugeblock.auditing.samples import untrusted
 from gaugeblock.diagnosis import diagnose
+from gaugeblock.estimators.protocol import untrusted
 from gaugeblock.validate import Verdict, judge, make_policy, read_trials
 from gaugeblock.validate.findings_file import read_findings
 
