@@ -50,7 +50,8 @@ def read_bytes(path: str | os.PathLike[str], *, most: int, remedy: str = "") -> 
             known = os.fstat(file.fileno())
             if not stat.S_ISREG(known.st_mode):
                 raise InputError(f"{path}: cannot be read (it is not a file){mend}")
-            content = file.read(most + 1) if known.st_size <= most else None
+            # So much is set aside at once: never more than there is.
+            content = file.read(known.st_size + 1) if known.st_size <= most else None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error}){mend}") from None
     if content is None or len(content) > most:
@@ -123,7 +124,9 @@ def read_arrays(path: str | os.PathLike[str], *, most: int = ARRAYS) -> dict[str
                 # No more is inflated than the archive said that there is.
                 with archive.open(member) as stream:
                     found[name] = _array(stream, member.file_size, f"{path}: {name}")
-    except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError) as error:
+    except InputError:
+        raise
+    except (zipfile.BadZipFile, zlib.error, *DAMAGED, NotImplementedError, RuntimeError, OSError) as error:
         raise InputError(f"{path}: cannot be read as NumPy arrays ({' '.join(str(error).split())})") from None
     return found
 
