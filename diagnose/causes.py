@@ -56,7 +56,7 @@ CAUSES: Mapping[str, tuple[Cause, ...]] = {
             "look at scales of x and at the embedding",
         ),
         Cause("the prior is returned", "check that the posterior, not the proposal, is sampled"),
-        Cause("not trained", "train, or load the trained weights"),
+        Cause("undertrained, or not trained at all", "train longer, or load the trained weights"),
     ),
     "correlations": (
         Cause("parameters estimated one by one", "estimate them jointly"),

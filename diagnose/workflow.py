@@ -111,6 +111,8 @@ def locate_and_name(cases: Cases, *, seed: int, failed: bool, again: Called | No
     if not any(each.mended for each in tried) and parts.only_joint:
         tried.append(Tried((DEPENDENCE,), original.left, original.left, 0.0, True))
     named, alike = _chosen([each for each in tried if each.mended])
+    if named is not None and not parts.confirmed(named.repairs):
+        named, alike = None, ()
     after = None if named is None else parts.gap(named.repairs)
     sizes = {} if named is None else _sizes(parts, named)
     return Found(structural, named, alike, tuple(tried), True, parts.gap(()), after, parts.kinds, sizes)
@@ -191,6 +193,18 @@ class _Parts:
             learned, other = repair.apply(learned), repair.apply(other)
         tilt = fit_tilt(*columns(learned, self.reference, self.seed))
         return tilt.gains(columns(other, self.reference, self.seed)[0]), other
+
+    def confirmed(self, chosen: Sequence[Repair]) -> bool:
+        """Whether repairs take half of the disagreement away on trials that did not choose them either.
+
+        What stands for something that draws cannot have is not asked.
+        """
+        if chosen == (DEPENDENCE,) or not all(repair.recovers for repair in chosen):
+            return True
+        before = self.gains((), self.fitting, self.reporting)[0]
+        after = self.gains(chosen, self.fitting, self.reporting)[0]
+        excess = float(after.mean()) - (1 - LEAST_SHARE) * float(before.mean())
+        return excess < _mean(after)[1]
 
     def gap(self, chosen: Sequence[Repair]) -> tuple[float, float]:
         """Disagreement and its error on the reporting part."""

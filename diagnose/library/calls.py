@@ -49,7 +49,8 @@ class Called:
         rng = generator(self.seed, "diagnosis calls", draws, len(cases))
         # What another unit overflows is a draw far out, and no warning of ours.
         with np.errstate(all="ignore"):
-            found = np.asarray(self.sample(turn(self.data[rows].astype(float)), draws, rng), dtype=float)
+            data = np.ascontiguousarray(turn(self.data[rows].astype(float)))
+            found = np.asarray(self.sample(data, draws, rng), dtype=float)
         middle = np.nanmedian(np.where(np.isfinite(found), found, np.nan), axis=(0, 1))
         return cases.drawn(np.where(np.isfinite(found), found, np.nan_to_num(middle)))
 
@@ -62,7 +63,10 @@ def calls(cases: Cases, again: Called) -> Sequence[Repair]:
     before = kernel_scores(few.drawn(few.draws[:, :number]), unit).sum(axis=1)
     began, found = time.monotonic(), []
     for symptom, how, turn, size in _ways(again.data[np.searchsorted(again.trial, few.trial)]):
-        after = kernel_scores(again.drawn(few, turn, DRAWS), unit).sum(axis=1)
+        try:
+            after = kernel_scores(again.drawn(few, turn, DRAWS), unit).sum(axis=1)
+        except Exception:
+            continue
         better = before - after
         if better.mean() > BETTER * better.std(ddof=1) / np.sqrt(len(better)):
             words = f"draws are right if the estimator is called with the data {how}"

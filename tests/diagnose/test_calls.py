@@ -116,3 +116,13 @@ def test_too_few_trials_say_so():
     found = gb.audit_draws(theta, right(simulate(theta, rng), 40, rng) + 5, names=["a", "b"], progress=False)
     assert found.outcome == "FAIL"
     assert "150 are needed" in found.diagnose().text
+
+
+def test_an_estimator_that_refuses_other_data_is_no_error():
+    def strict(x, n, rng):
+        if np.abs(x).max() > 20:
+            raise ValueError("these are no data of mine")
+        return right(x, n, rng) + 1.0
+
+    said = gb.audit(strict, simulate, prior=PRIOR, **SMALL).verdict.diagnosis
+    assert said["named"] == "shift"
