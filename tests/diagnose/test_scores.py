@@ -1,0 +1,47 @@
+"""The score is proper, and without bias in the number of draws."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gaugeblock.diagnosis.cases import Cases
+from gaugeblock.diagnosis.scores import kernel_scores
+
+
+def cases(trials, draws, scale=1.0, shift=0.0):
+    rng = np.random.default_rng([7, draws])
+    values = rng.standard_t(2, size=(trials, draws + 1, 1))
+    return Cases(("a",), np.arange(trials), values[:, 0], values[:, 1:] * scale + shift)
+
+
+def slowly(theta, draws, unit):
+    """The definition, pair by pair."""
+    found = []
+    for truth, values in zip(theta[:, 0], draws[..., 0], strict=True):
+        n = len(values)
+        pairs = [np.log1p(abs(a - b) / unit) for i, a in enumerate(values) for b in values[i + 1 :]]
+        found.append(np.mean(np.log1p(np.abs(values - truth) / unit)) - np.sum(pairs) / (n * (n - 1)))
+    return np.array(found)
+
+
+@pytest.mark.parametrize("draws", [2, 5, 8])
+def test_it_is_what_its_definition_says(draws):
+    few = cases(6, draws)
+    assert kernel_scores(few, np.full((6, 1), 0.7))[:, 0] == pytest.approx(slowly(few.theta, few.draws, 0.7))
+
+
+def test_its_mean_does_not_depend_on_the_number_of_draws():
+    means = []
+    for number in (3, 40):
+        score = kernel_scores(cases(20000, number), np.ones((20000, 1)))[:, 0]
+        means.append((score.mean(), score.std() / np.sqrt(len(score))))
+    (one, first), (other, second) = means
+    assert abs(one - other) < 4 * np.hypot(first, second)
+
+
+@pytest.mark.parametrize("wrong", [{"scale": 0.6}, {"scale": 1.7}, {"shift": 0.6}])
+def test_the_right_law_scores_best_with_heavy_tails(wrong):
+    right, other = cases(4000, 40), cases(4000, 40, **wrong)
+    worse = (kernel_scores(other, np.ones((4000, 1))) - kernel_scores(right, np.ones((4000, 1))))[:, 0]
+    assert worse.mean() > 4 * worse.std() / np.sqrt(len(worse))
