@@ -125,6 +125,15 @@ def test_fixed_and_free_agree(simulator, theta, free, values):
     assert np.abs(jacobian[..., -1]).max() > 0
 
 
+def test_what_is_added_before_a_fixed_gain_is_added_once(simulator, theta):
+    """Background and gain: worked into one matrix where both are fixed, evaluated where the gain is free."""
+    added = simulator.with_effect(Effect("background", {"level": 0.02, "index": 0.5}))
+    fixed = added.with_effect(Effect("gain_slope", {"slope": 1.02}))
+    free = added.with_effect(Effect("gain_slope", {"slope": Uniform(0.95, 1.05)}))
+    rows = np.column_stack([theta, np.full(len(theta), 1.02)])
+    np.testing.assert_allclose(fixed.expected(theta), free.expected(rows), rtol=1e-10)
+
+
 def test_some_parameters_free_and_some_fixed(simulator, theta):
     mixed = simulator.with_effect(
         Effect("emission_line", {"energy": 6.4, "sigma": 0.05, "norm": Uniform(0, 1e-3)})

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy import stats
 
-from gaugeblock.validate.family import Judgeable, bounds
+from gaugeblock.validate.family import Judgeable, bounds, pass_level
 from gaugeblock.validate.finding import MeanFinding
-from gaugeblock.validate.forecast import forecast
+from gaugeblock.validate.forecast import GROWTH, LOOKS, forecast
 
 TOLERANCE = 0.1
 
@@ -39,3 +40,32 @@ def test_what_lies_on_the_edge_is_said_to():
     near = forecast(clear, bound, look=1, seed=1)
     assert str(near) == f"{near.low:,} to {near.high:,} would"
     assert 400 < near.low < 1500
+
+
+def test_a_range_is_that_of_futures_followed_one_by_one():
+    """A fault that is hardly known, in a loop that draws trials' means for one future after the other."""
+    n, sd = 30, 0.8
+    noise = np.random.default_rng(8).normal(size=(1, n))
+    noise = sd * (noise - noise.mean()) / noise.std()
+    item = Judgeable(finding=mean_of(noise), low=-TOLERANCE, high=TOLERANCE)
+    (bound,) = bounds([item], budget=0.05, number=1, seed=1)
+    found = forecast(item, bound, look=1, seed=1)
+    rng, error = np.random.default_rng(9), sd / np.sqrt(n)
+    reach = stats.norm.ppf(pass_level(2))
+    settled = []
+    for _ in range(2000):
+        fault, total, before = rng.normal(0, error), 0.0, n
+        for look in range(1, LOOKS + 1):
+            after = n * GROWTH**look
+            total += (after - before) * fault + np.sqrt(after - before) * rng.normal(0, sd)
+            mean, spread, before = total / after, sd / np.sqrt(after), after
+            if (
+                abs(mean) + reach * spread <= TOLERANCE
+                or abs(mean) - bound.next_critical * spread > TOLERANCE
+            ):
+                break
+        settled.append(after)
+    low, high = np.quantile(settled, [0.1, 0.9])
+    # A tenth of 500 futures lies within a look or two of where a tenth of all does.
+    assert low / GROWTH**2 <= found.low <= low * GROWTH**2
+    assert high / GROWTH**3 <= found.high <= high * GROWTH**3
