@@ -1,0 +1,87 @@
+"""How far draws are from truths: at chance where nothing is wrong, and what it must be where all is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from gaugeblock.diagnosis.cases import Cases, scores_in
+from gaugeblock.diagnosis.disagreement import CANDIDATES, Reference, columns, fit_tilt
+
+
+def noise(seed, trials, draws=40, inputs=0):
+    rng = np.random.default_rng([11, seed])
+    values = rng.normal(size=(trials, draws + 1, 1))
+    cases = Cases(("a",), np.arange(trials), values[:, 0], values[:, 1:])
+    return replace(cases, x=rng.normal(size=(trials, inputs))) if inputs else cases
+
+
+def test_a_regression_knows_no_more_of_the_truths_that_it_learned_from():
+    cases = noise(1, 160, inputs=30)
+    expected = Reference.of(cases).foretell(cases)[:, 0]
+    # Of inputs that say nothing a fit of 60 coefficients to its own truths would make a correlation of 0.5.
+    assert abs(np.corrcoef(expected, cases.theta[:, 0])[0, 1]) < 0.25
+
+
+def test_a_truth_lies_outside_the_range_of_the_others_as_often_as_its_draws():
+    outside = []
+    for seed in range(300):
+        cases = noise(seed, 20)
+        reference = Reference.of(cases)
+        values, kinds = columns(cases, reference, seed)
+        column = values[..., kinds.of == kinds.names.index("support")][..., 0]
+        outside.append((column[:, 0].sum(), column[:, 1:].mean() * 20))
+    truths, draws = np.mean(outside, axis=0)
+    # Two of 21 values are the ends, so one in ten or so of 20 trials' truths.
+    assert truths == pytest.approx(2.0, abs=0.01)
+    assert draws == pytest.approx(20 * 2 / 21, rel=0.1)
+
+
+def test_what_is_gained_is_what_the_law_says():
+    """Draws of the upper half only: the truth is below all of them half of the time."""
+    rng = np.random.default_rng(2)
+    theta = rng.normal(size=(4000, 1))
+    draws = np.abs(rng.normal(size=(4000, 200, 1)))
+    cases = Cases(("a",), np.arange(4000), theta, draws)
+    reference = Reference.of(cases)
+    first, second = cases.taken(slice(2000)), cases.taken(slice(2000, None))
+    tilt = fit_tilt(*columns(first, reference, 1))
+    gains = tilt.gains(columns(second, reference, 1)[0])
+    # A candidate below 0 is the truth for certain, and half of the truths are; of the others nothing is known.
+    possible = 0.5 * np.log(CANDIDATES + 1)
+    assert 0.8 * possible < gains.mean() < possible + 3 * gains.std() / np.sqrt(len(gains))
+
+
+def test_an_exact_posterior_gains_nothing_in_the_mean():
+    means = []
+    for seed in range(60):
+        cases = noise(seed, 200)
+        reference = Reference.of(cases)
+        tilt = fit_tilt(*columns(cases.taken(slice(100)), reference, seed))
+        means.append(tilt.gains(columns(cases.taken(slice(100, None)), reference, seed)[0]).mean())
+    z = np.mean(means) / (np.std(means, ddof=1) / np.sqrt(len(means)))
+    assert z < 3
+    assert np.mean(means) > -0.02
+
+
+@pytest.mark.parametrize("size", [3, 40])
+def test_ranks_are_those_of_a_sort(size):
+    rng = np.random.default_rng(3)
+    draws = rng.integers(0, 6, size=(50, size, 2)).astype(float)
+    at = rng.integers(-1, 8, size=(50, 2)).astype(float)
+    cases = Cases(("a", "b"), np.arange(50), at, draws)
+    below = (draws < at[:, None]).sum(axis=1) + (draws <= at[:, None]).sum(axis=1)
+    assert cases.ranks(at) == pytest.approx((below + 1) / (2 * (size + 1)))
+    assert cases.middle == pytest.approx(np.median(draws, axis=1))
+    low, high = np.quantile(draws, [0.16, 0.84], axis=1)
+    assert np.where(high > low, cases.half_width, 0) == pytest.approx((high - low) / 2)
+
+
+def test_normal_scores_are_of_the_share_below():
+    reference = np.array([[1.0], [2.0], [3.0]])
+    assert scores_in(np.array([[0.0], [2.0], [9.0]]), reference)[:, 0] == pytest.approx(
+        stats.norm.ppf([1 / 8, 4 / 8, 7 / 8])
+    )
