@@ -50,7 +50,7 @@ def test_what_is_gained_is_what_the_law_says():
     first, second = cases.taken(slice(2000)), cases.taken(slice(2000, None))
     tilt = fit_tilt(*columns(first, reference, 1))
     gains = tilt.gains(columns(second, reference, 1)[0])
-    # A candidate below 0 is the truth for certain, and half of the truths are; of the others nothing is known.
+    # A candidate below 0 is the truth for certain, as half of the truths are; of the others nothing is known.
     possible = 0.5 * np.log(CANDIDATES + 1)
     assert 0.8 * possible < gains.mean() < possible + 3 * gains.std() / np.sqrt(len(gains))
 
