@@ -8,7 +8,10 @@ import tokenize
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-ROOMS = ("validate", "estimators", "simulators", "discover", "reports", "stranger", "studies", "src")
+ROOMS = (
+    *("validate", "estimators", "simulators", "discover", "diagnose", "reports", "stranger", "studies"),
+    "src",
+)
 SILENT = {getattr(tokenize, name) for name in ("COMMENT", "NL", "NEWLINE", "INDENT", "DEDENT", "ENDMARKER")}
 
 

@@ -6,6 +6,7 @@ import os
 import threading
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import xarray as xr
 
 from gaugeblock.core.atomic import atomic_path
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.foreign import ARRAYS, read_bytes
 from gaugeblock.core.hdf5 import check_hdf5
 
 SCHEMA_VERSION = 1
@@ -162,9 +164,16 @@ def _groups_alone(source: Path, *, what: str, limit: int | None, own: bool) -> d
         raise InputError(f"{source}: no such file; give the path of a {what} file in NetCDF format")
     if not source.is_file():
         raise InputError(f"{source}: is not a file; give the path of a {what} file in NetCDF format")
-    check_netcdf(source, inflate=not own)
+    classic = _is_classic(source)
+    if not classic:
+        check_hdf5(source, inflate=not own)
     try:
-        opened = xr.open_groups(source, engine="netcdf4", decode_times=False)
+        if classic:
+            # SciPy's reader is plain Python, follows nothing, and holds no more than the file does.
+            content = BytesIO(read_bytes(source, most=ARRAYS))
+            opened = {"/": xr.open_dataset(content, engine="scipy", decode_times=False)}
+        else:
+            opened = dict(xr.open_groups(source, engine="netcdf4", decode_times=False))
         large = {name for name, dataset in opened.items() if limit is not None and dataset.nbytes > limit}
         try:
             for name, dataset in opened.items():
@@ -183,18 +192,11 @@ def _groups_alone(source: Path, *, what: str, limit: int | None, own: bool) -> d
     return groups
 
 
-def check_netcdf(path: Path, *, inflate: bool = True) -> None:
-    """Refuse a file that is not plainly safe to give to the NetCDF library.
-
-    Raises
-    ------
-    InputError
-        In one line that names the file.
-    """
+def _is_classic(path: Path) -> bool:
+    """Whether a file is of the kind before NetCDF-4, which is not HDF5."""
     with suppress(OSError), open(path, "rb") as file:
-        if file.read(len(CLASSIC)) == CLASSIC:
-            raise InputError(f"{path}: cannot be read as NetCDF-4; it is of the classic kind, write it anew")
-    check_hdf5(path, inflate=inflate)
+        return file.read(len(CLASSIC)) == CLASSIC
+    return False
 
 
 def _read_through(dataset: xr.Dataset) -> None:

@@ -26,7 +26,7 @@ PARSERS = {
 ALLOWED = {
     "src/gaugeblock/core/executors.py": {"pickle.loads"},  # between processes of one run
     "src/gaugeblock/core/foreign.py": {"zipfile.ZipFile", "fits.open"},
-    "validate/storage.py": {"netCDF4.Dataset", "xr.open_groups"},
+    "validate/storage.py": {"netCDF4.Dataset", "xr.open_groups", "xr.open_dataset"},
     "src/gaugeblock/auditing/trials_from/reading.py": {"netCDF4.Dataset"},
     "estimators/npe/bank.py": {"np.load"},
     "simulators/xray/data.py": {"zipfile.ZipFile"},

@@ -18,13 +18,16 @@ from pathlib import Path
 import netCDF4
 import numpy as np
 import pytest
+import xarray as xr
 
+import gaugeblock as gb
 from gaugeblock.auditing.config import read_config
 from gaugeblock.auditing.trials_from import any_trials
 from gaugeblock.core import foreign
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.hdf5 import Limits, check_hdf5
 from gaugeblock.validate import read_trials
+from gaugeblock.validate.storage import read_groups
 
 Hostile = Callable[[str], Path]
 
@@ -97,8 +100,8 @@ def test_a_small_file_that_declares_gigabytes(tmp_path: Path) -> None:
     refused(tmp_path / "huge.nc", r"declares 3\.2 GB of values in a file of")
 
 
-@pytest.mark.attack("arrays of too many axes, texts without number, classic NetCDF", "refused, exit 2")
-def test_axes_texts_and_the_classic_kind(tmp_path: Path) -> None:
+@pytest.mark.attack("arrays of too many axes, texts without number", "refused, exit 2")
+def test_axes_and_texts(tmp_path: Path) -> None:
     with netCDF4.Dataset(tmp_path / "axes.nc", "w") as file:
         names = [f"d{k}" for k in range(9)]
         for name in names:
@@ -109,8 +112,40 @@ def test_axes_texts_and_the_classic_kind(tmp_path: Path) -> None:
         file.createDimension("parameter", 20_000)
         file.createVariable("parameter", str, ("parameter",))
     refused(tmp_path / "texts.nc", "20,000 texts")
-    netCDF4.Dataset(tmp_path / "classic.nc", "w", format="NETCDF3_CLASSIC").close()
-    refused(tmp_path / "classic.nc", "classic")
+
+
+def _classic(path: Path) -> xr.Dataset:
+    rng = np.random.default_rng(1)
+    trials = xr.Dataset(
+        {
+            "theta_true": (("trial", "parameter"), rng.normal(size=(40, 2))),
+            "draws": (("trial", "draw", "parameter"), rng.normal(size=(40, 30, 2))),
+        },
+        coords={"parameter": ["a", "b"]},
+    )
+    trials.to_netcdf(path, engine="scipy")
+    return trials
+
+
+def test_the_classic_kind_is_read_by_a_reader_of_its_own(tmp_path: Path) -> None:
+    written = _classic(tmp_path / "classic.nc")
+    read = read_groups(tmp_path / "classic.nc", what="Trials")[""]
+    assert read["draws"].values == pytest.approx(written["draws"].values, rel=0, abs=0)
+    assert [str(name) for name in read["parameter"].values] == ["a", "b"]
+    assert gb.audit_draws(tmp_path / "classic.nc", progress=False).trials["draws"].shape == (40, 30, 2)
+
+
+@pytest.mark.attack("classic NetCDF cut off, or that declares gigabytes", "refused, exit 2")
+def test_a_classic_file_holds_no_more_than_there_is(tmp_path: Path) -> None:
+    _classic(tmp_path / "classic.nc")
+    content = (tmp_path / "classic.nc").read_bytes()
+    for length in (5, 60, 200, len(content) // 2):
+        (tmp_path / "cut.nc").write_bytes(content[:length])
+        refused(tmp_path / "cut.nc", "cannot be read as NetCDF")
+    declared = content.index(b"trial") + 8
+    huge = content[:declared] + (2**31 - 1).to_bytes(4, "big") + content[declared + 4 :]
+    (tmp_path / "huge.nc").write_bytes(huge)
+    refused(tmp_path / "huge.nc", "cannot be read as NetCDF")
 
 
 @pytest.mark.attack("a NetCDF file cut off, or with any byte changed", "refused, or read as what it says")

@@ -15,8 +15,8 @@ from gaugeblock.auditing.trials_from.arviz import POSTERIOR, RANKS, trials_from_
 from gaugeblock.core.arrays import numbers
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.foreign import read_arrays
+from gaugeblock.core.hdf5 import check_hdf5
 from gaugeblock.validate.check import check_trials
-from gaugeblock.validate.storage import check_netcdf
 from gaugeblock.validate.trials import make_trials, read_trials, trials_tree
 
 OPTIONAL = (
@@ -56,7 +56,7 @@ def _has_groups_of_arviz(path: Path) -> bool:
     import netCDF4
 
     try:
-        check_netcdf(path, inflate=False)
+        check_hdf5(path, inflate=False)
         with netCDF4.Dataset(path) as file:
             ours = TRIALS & set(file.variables)
             return not ours and bool({POSTERIOR, *RANKS} & set(file.groups))
