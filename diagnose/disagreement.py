@@ -26,7 +26,7 @@ from gaugeblock.diagnosis.cases import Cases, scores_in
 CANDIDATES = 24
 # Half-widths beyond which a draw is a stray one.
 STRAY = 8.0
-# Parameters up to which all pairs and all regions are looked at.
+# Parameters up to which all orders, pairs and regions are looked at; beyond, columns grow with parameters.
 EVERY_PAIR = 12
 # The share of the time that a foretelling is taken to be worth nothing: no trial costs more than its log.
 DOUBT = 0.05
@@ -143,13 +143,14 @@ def columns(cases: Cases, reference: Reference, seed: int) -> tuple[Array, Kinds
     prior_first, prior_second, prior_third, _, _ = _legendre(np.tanh(place / 1.5))
     low, high = reference.range_without(cases.theta)
     outside = (items < low[:, None]) | (items > high[:, None])
+    few = p <= EVERY_PAIR
     parts: list[tuple[str, Any]] = [
-        ("shape", np.concatenate([first, second, third, fourth, fifth], axis=2)),
+        ("shape", np.concatenate([first, second, third, fourth, fifth] if few else [first, second], axis=2)),
         ("tails", np.concatenate([edge, far.any(axis=2, keepdims=True)], axis=2)),
-        ("prior", np.concatenate([prior_first, prior_second, prior_third], axis=2)),
+        ("prior", np.concatenate([prior_first, prior_second, prior_third] if few else [prior_first], axis=2)),
         ("support", outside.any(axis=2, keepdims=True)),
     ]
-    if 1 < p <= EVERY_PAIR:
+    if p > 1 and few:
         one, other = np.triu_indices(p, 1)
         parts += [
             ("pairs", first[..., one] * first[..., other]),
@@ -158,12 +159,13 @@ def columns(cases: Cases, reference: Reference, seed: int) -> tuple[Array, Kinds
     if p > 1:
         parts.append(("joint", _together(at)))
     own = np.tanh(scores_in(middle, reference.truths) / 1.5)
-    regions = [own * first, own * second, _square(own) * first, _square(own) * second]
+    regions = [own * first, own * second]
+    regions += [_square(own) * first, _square(own) * second] if few else []
     if cases.x is not None and reference.foretell is not None:
         expected = reference.foretell(cases)[:, None]
         among = scores_in(middle, reference.truths)
         parts.append(("data", (expected - among) * first))
-        for known in _bright(cases):
+        for known in _bright(cases) if few else ():
             regions += [known * first, known * second]
     parts.append(("regions", np.concatenate(regions, axis=2)))
     names = tuple(dict.fromkeys(name for name, _ in parts))
