@@ -96,7 +96,7 @@ def test_findings_file_that_is_none(tree, tmp_path):
     with pytest.raises(InputError, match="holds no findings"):
         read_findings(tmp_path / "t.nc")
     (tmp_path / "bad.nc").write_bytes(b"\x89HDF\r\n\x1a\n1234")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="not read here"):
         read_findings(tmp_path / "bad.nc")
     with pytest.raises(InputError, match="no such file"):
         read_findings(tmp_path / "missing.nc")

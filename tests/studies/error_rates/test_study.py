@@ -48,6 +48,8 @@ def test_examples_in_docstrings_run():
 
 
 def test_results_do_not_depend_on_workers(tmp_path):
+    # A study's closures go to other processes.
+    pytest.importorskip("cloudpickle")
     tables = []
     for workers in ("1", "2"):
         out = tmp_path / workers
