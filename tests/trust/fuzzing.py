@@ -1,0 +1,118 @@
+"""Mutated files of all kinds, each read in a fork of this process; what became of them, as JSON.
+
+``python -m tests.trust.fuzzing FOLDER NUMBER``: a process of its own, warm and with one thread, because one
+in which JAX runs already must not fork.
+"""
+
+from __future__ import annotations
+
+import gzip
+import io
+import json
+import os
+import resource
+import signal
+import sys
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from gaugeblock.auditing.config import read_config
+from gaugeblock.auditing.provenance import finished_audit
+from gaugeblock.auditing.trials_from import any_trials
+from gaugeblock.core.errors import InputError
+
+SECONDS, MEMORY = 20, 2 << 30
+HOSTILE = Path(__file__).parent / "hostile"
+TOML = b"""
+validators = ["draws", "sbc"]
+simulator = {name = "linear_gaussian", parameters = 1, data = 1}
+trials = {number = 10, draws = 10, seed = 3}
+[policy]
+base = "strict"
+[policy.tolerance]
+bias = 0.2
+"""
+JSON = (
+    b'{"verdict": "PASS", "gates": [], "provenance": {"seed": 1, "format": 2, "policy": {"tolerance": {}}}}'
+)
+
+
+def arrays() -> bytes:
+    rng, kept = np.random.default_rng(1), io.BytesIO()
+    np.savez_compressed(kept, theta_true=rng.normal(size=(9, 2)), draws=rng.normal(size=(9, 20, 2)))
+    return kept.getvalue()
+
+
+def mutated(content: bytes, rng: np.random.Generator) -> bytes:
+    """Some bytes changed, cut out, doubled or set to what breaks lengths, or the end lost."""
+    found = bytearray(content)
+    for _ in range(int(rng.integers(1, 6))):
+        place, kind = int(rng.integers(len(found))), int(rng.integers(5))
+        size = int(rng.integers(1, 17))
+        if kind == 0:
+            found[place] ^= 1 << int(rng.integers(8))
+        elif kind == 1:
+            found[place : place + size] = bytes([int(rng.choice([0, 1, 127, 128, 255]))]) * size
+        elif kind == 2:
+            del found[place : place + size]
+        elif kind == 3:
+            found[place:place] = found[place : place + size]
+        else:
+            found[place : place + size] = rng.bytes(size)
+        if not found:
+            break
+    return bytes(found[: int(rng.integers(len(found)))] if found and rng.random() < 0.1 else found)
+
+
+def outcome(read: Callable[[Path], object], path: Path) -> str:
+    """What became of one file, in a process of its own: read, refused, or how that ended."""
+    child = os.fork()
+    if child == 0:
+        code = 3
+        try:
+            signal.signal(signal.SIGALRM, signal.SIG_DFL)
+            signal.alarm(SECONDS)
+            used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+            resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
+            read(path)
+            code = 0
+        except InputError as error:
+            code = 1 if "\n" not in str(error) else 4
+        except BaseException:
+            code = 3
+        finally:
+            os._exit(code)
+    status = os.waitpid(child, 0)[1]
+    if os.WIFSIGNALED(status):
+        return f"killed by {signal.Signals(os.WTERMSIG(status)).name}"
+    return {0: "read", 1: "refused", 4: "several lines"}.get(os.WEXITSTATUS(status), "another error")
+
+
+KINDS: dict[str, tuple[bytes, Callable[[Path], object]]] = {
+    "trials.nc": (gzip.decompress((HOSTILE / "sound.nc.gz").read_bytes()), any_trials),
+    "trials.npz": (arrays(), any_trials),
+    "audit.toml": (TOML, read_config),
+    "verdict.json": (JSON, lambda path: finished_audit(path.parent)),
+}
+
+
+def fuzzed(folder: Path, number: int) -> dict[str, dict[str, int]]:
+    """How often each outcome came, by kind of file; the sound files first, under ``"sound"``."""
+    found = {"sound": Counter[str]()} | {name: Counter[str]() for name in KINDS}
+    for name, (content, read) in KINDS.items():
+        (folder / name).write_bytes(content)
+        found["sound"][f"{name} {outcome(read, folder / name)}"] += 1
+    rng = np.random.default_rng(20)
+    for place in range(number):
+        name = list(KINDS)[place % len(KINDS)]
+        content, read = KINDS[name]
+        (folder / name).write_bytes(mutated(content, rng))
+        found[name][outcome(read, folder / name)] += 1
+    return {name: dict(counts) for name, counts in found.items()}
+
+
+if __name__ == "__main__":
+    sys.stdout.write(json.dumps(fuzzed(Path(sys.argv[1]), int(sys.argv[2]))))
