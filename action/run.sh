@@ -13,8 +13,23 @@ output() { # NAME VALUE, whatever characters the value has
     printf '%s<<%s\n%s\n%s\n' "$1" "$mark" "$2" "$mark" >>"$GITHUB_OUTPUT"
 }
 
+annotate() { # error|warning TEXT: one line beside the job, whatever characters the text has
+    local text
+    text=$(tr -s '[:cntrl:]' ' ' <<<"${2:0:900}")
+    text=${text%% }
+    printf '::%s title=gaugeblock::%s\n' "$1" "${text//%/%25}"
+}
+
+explain() { # TEXT: why there is no verdict, in the summary; as a block of code, in which nothing is a link or a picture
+    local text
+    text=$(tr -s '[:cntrl:]' ' ' <<<"${1:0:900}")
+    printf 'gaugeblock could not audit:\n\n    %s\n' "${text%% }" >>"$GITHUB_STEP_SUMMARY"
+}
+
 refuse() {
     echo "gaugeblock action: $1" >&2
+    annotate error "$1"
+    explain "$1"
     output verdict ERROR
     output exit-code 2
     exit 2
@@ -72,11 +87,14 @@ done <<<"${INPUT_SET:-}"
 
 # A line of output that looks like a command to the runner (::add-mask:: and its like) must not be one.
 started=$(mktemp)
+errors=$(mktemp)
 echo "::stop-commands::$mark"
 # -P: what lies in the working directory is imported for none of gaugeblock's own modules. A module that was allowed
 # is looked for there, after everything that is installed.
-python -P -m gaugeblock "${arguments[@]}"
-code=$?
+{
+    python -P -m gaugeblock "${arguments[@]}" 2>&1 1>&3 3>&- | tee "$errors" >&2 3>&-
+    code=${PIPESTATUS[0]}
+} 3>&1
 echo
 echo "::$mark::"
 
@@ -86,30 +104,47 @@ case $code in
     3) verdict=INCONCLUSIVE ;;
     *) verdict=ERROR ;;
 esac
+reason=
 # An exit code alone is nobody's verdict: this run has to have written one, and the same.
 if [[ $verdict != ERROR ]]; then
     read_verdict='import json, sys; print(json.load(open(sys.argv[1], encoding="utf-8"))["verdict"])'
     written=$(python -I -c "$read_verdict" "$out/verdict.json" 2>/dev/null)
     if [[ $written != "$verdict" || ! $out/verdict.json -nt $started || ! -s $out/report.html || ! -s $out/summary.md ]]; then
-        echo "gaugeblock action: exit code $code, but no reports of this run that say $verdict" >&2
+        reason="exit code $code, but no reports of this run that say $verdict"
+        echo "gaugeblock action: $reason" >&2
         verdict=ERROR
         code=2
     fi
 fi
-rm -f "$started"
+if [[ $verdict == ERROR && -z $reason ]]; then
+    reason=$(grep '^gaugeblock: ' "$errors" | tail -n 1)
+    reason=${reason#gaugeblock: }
+    : "${reason:=exit code $code, and not a word; the log of this step may say more}"
+elif [[ $verdict == FAIL || $verdict == INCONCLUSIVE ]]; then
+    read_reason='
+import json, sys
+gates = json.load(open(sys.argv[1], encoding="utf-8"))["gates"]
+those = [gate for gate in gates if gate["verdict"] == sys.argv[2] and (gate["required"] or sys.argv[2] == "FAIL")]
+more = [f"and {len(those) - 2} more gates"] * (len(those) > 2)
+print(" | ".join([gate["id"] + ": " + gate["message"] for gate in those[:2]] + more))'
+    reason=$(python -I -c "$read_reason" "$out/verdict.json" "$verdict" 2>/dev/null)
+fi
+rm -f "$started" "$errors"
 output verdict "$verdict"
 output exit-code "$code"
 output out "$out"
 if [[ $verdict == ERROR ]]; then
     # An earlier audit's report in the same folder is not this one's.
     output report ""
-    echo "gaugeblock could not audit (exit code $code); the log of this step says why." >>"$GITHUB_STEP_SUMMARY"
+    explain "$reason"
+    annotate error "$reason"
 else
     output report "$out/report.html"
     publish "$out/summary.md"
 fi
 if [[ $verdict == INCONCLUSIVE && $INPUT_FAIL_ON_INCONCLUSIVE == false ]]; then
-    echo "::warning title=gaugeblock::INCONCLUSIVE: these trials do not settle whether the estimator is calibrated"
+    annotate warning "INCONCLUSIVE: these trials do not settle whether the estimator is calibrated. $reason"
     exit 0
 fi
+[[ $verdict == FAIL || $verdict == INCONCLUSIVE ]] && annotate error "$verdict: $reason"
 exit "$code"

@@ -1,20 +1,28 @@
-"""What peers and gaugeblock take for the same, one after the other in one run: python benchmarks/peers.py
+"""What peers and gaugeblock take for the same, side by side in one run: python benchmarks/peers.py [TASK ...]
 
-A row a task: CPU seconds of each (of all its threads; set OMP_NUM_THREADS=1), the best of three, or of one
-where the peer takes long, and their ratio. Every peer is asked in its documented way. `tox -e bench-peers`
-installs them.
+A row a task: CPU seconds of each (of all its threads; set OMP_NUM_THREADS=1), the best of equal repeats,
+taken in turns after one of each that counts for nothing (imports, compilation), and their ratio: below 1 the
+peer is faster. Every peer is asked in its fastest documented way. `tox -e bench` installs them; --out FILE
+keeps the figures as JSON, with versions and processor.
 """
 
 from __future__ import annotations
 
+import argparse
+import json
 import os
 import sys
 import time
 import warnings
 from collections.abc import Callable
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from gaugeblock.core.processors import processor
 
 os.environ.setdefault("KERAS_BACKEND", "torch")
 Task = tuple[str, str, Callable[[], Any], Callable[[], Any], int]
@@ -170,31 +178,251 @@ def thread_errors(rng: np.random.Generator) -> Task:
     )
 
 
-TASKS = (sbc_ranks, ecdf_band, gamma_null, mmd_null, psis, expected_coverage, thread_errors)
+def c2st(rng: np.random.Generator) -> Task:
+    import torch
+    from sbi.utils.metrics import c2st as theirs
+
+    from gaugeblock.validate.learned.two_sample import classifier_two_sample
+
+    one, other = rng.normal(size=(2000, 5)), rng.normal(0.1, 1, size=(2000, 5))
+    there = [torch.as_tensor(sample, dtype=torch.float32) for sample in (one, other)]
+    return (
+        "C2ST by a network, 2,000 against 2,000 points of 5; ours with a p-value",
+        "sbi",
+        lambda: theirs(*there, classifier="mlp"),
+        lambda: classifier_two_sample(one, other, rng=rng),
+        2,
+    )
 
 
-def seconds(function: Callable[[], Any], times: int) -> float:
-    taken = []
-    for _ in range(times):
-        start = time.process_time()
-        function()
-        taken.append(time.process_time() - start)
-    return min(taken)
+def tarp(rng: np.random.Generator) -> Task:
+    from tarp import get_tarp_coverage
+
+    from gaugeblock.validate.joint.pool import make_pool
+    from gaugeblock.validate.joint.tarp import distance_pit
+
+    truth, draws = rng.normal(size=(1000, 5)), rng.normal(size=(1000, 250, 5))
+    there = np.ascontiguousarray(draws.transpose(1, 0, 2))
+    references = rng.uniform(-3, 3, size=(1000, 1, 5))
+    return (
+        "TARP, 1,000 trials x 250 draws x 5",
+        "tarp",
+        lambda: get_tarp_coverage(there, truth, norm=True),
+        lambda: distance_pit(make_pool(truth, draws), references, rng),
+        5,
+    )
 
 
-def main(chosen: list[str]) -> None:
+def joint_coverage(rng: np.random.Generator) -> Task:
+    """Ours: TARP about eight references, projections and their gaps, each with intervals."""
+    from pted import pted_coverage_test
+
+    from gaugeblock.validate import make_trials, run_validators, trials_tree
+
+    truth, draws = rng.normal(size=(500, 5)), rng.normal(size=(500, 250, 5))
+    there = np.ascontiguousarray(draws.transpose(1, 0, 2))
+    tree = trials_tree(make_trials(truth, draws, [f"p{k}" for k in range(5)]))
+    return (
+        "joint coverage, 500 trials x 250 draws x 5",
+        "pted",
+        lambda: pted_coverage_test(truth, there, permutations=200),
+        lambda: run_validators(tree, seed=1, select=("joint",)),
+        2,
+    )
+
+
+@cache
+def shipped() -> tuple[Any, Any, Any]:
+    """The shipped flow and 200 spectra, as an array and as a tensor."""
+    import torch
+
+    import gaugeblock as gb
+    from gaugeblock.simulators.xray import reference
+
+    spectrum = reference()
+    theta = spectrum.prior.sample(200, np.random.default_rng(2))
+    x = np.asarray(spectrum.simulate(theta, np.random.default_rng(3)), dtype=float)
+    return gb.load("shipped:epic-pn-medium"), x, torch.as_tensor(x)
+
+
+def flow_draws(rng: np.random.Generator) -> Task:
+    import torch
+
+    flow, x, data = shipped()
+
+    def theirs() -> Any:
+        with torch.inference_mode():
+            return flow.network.sample_and_log_prob(torch.Size([250]), condition=data)
+
+    what = "draws of the shipped flow and their densities, 200 spectra x 250"
+    return what, "sbi", theirs, lambda: flow.sample_and_log_prob(x, 250, rng), 2
+
+
+def flow_density(rng: np.random.Generator) -> Task:
+    import torch
+
+    flow, x, data = shipped()
+    theta = flow.sample(x, 250, rng)
+    there = torch.as_tensor(rng.normal(size=(250, 200, 5)), dtype=torch.float32)
+
+    def theirs() -> Any:
+        with torch.inference_mode():
+            return flow.network.log_prob(there, condition=data)
+
+    what = "densities of the shipped flow, 200 spectra x 250"
+    return what, "sbi", theirs, lambda: flow.log_prob(theta, x), 3
+
+
+@cache
+def spectra() -> tuple[Any, Any, Any, dict[str, Any]]:
+    """The reference spectrum, jaxspec's model and observation of it, and a thousand parameters."""
+    import jax
+    from jaxspec.data.util import load_example_obsconf
+    from jaxspec.model.additive import Blackbodyrad, Powerlaw
+    from jaxspec.model.multiplicative import Tbabs
+
+    from gaugeblock.simulators.xray import reference
+
+    spectrum = reference()
+    theta = spectrum.prior.sample(1000, np.random.default_rng(4))
+    with jax.enable_x64(True):
+        model = Tbabs() * (Powerlaw() + Blackbodyrad())
+        return spectrum, model, load_example_obsconf("NGC7793_ULX4_PN"), theta
+
+
+def xray_simulation(rng: np.random.Generator) -> Task:
+    import jax
+    from jaxspec.data.util import fakeit_for_multiple_parameters
+
+    spectrum, model, observation, theta = spectra()
+    given = dict(zip(spectrum.prior.names, theta.T, strict=True))
+
+    def theirs() -> Any:
+        with jax.enable_x64(True):
+            return np.asarray(fakeit_for_multiple_parameters(observation, model, given))
+
+    return (
+        "1,000 spectra simulated, EPIC-pn; jaxspec compiles at each call",
+        "jaxspec",
+        theirs,
+        lambda: spectrum.simulate(theta, rng),
+        3,
+    )
+
+
+def xray_likelihood(rng: np.random.Generator) -> Task:
+    """jaxspec's log likelihood compiled once over a batch, as its samplers run it."""
+    import jax
+    import numpyro.distributions as dist
+    from jaxspec.fit import BayesianModel
+
+    spectrum, model, observation, theta = spectra()
+    names = [f"spectrum.{name}" for name in spectrum.prior.names]
+    given = dict(zip(names, theta.T, strict=True))
+    with jax.enable_x64(True):
+        prior = {name: dist.Uniform(0.0, 1e3) for name in names}
+        compiled = jax.jit(BayesianModel(model, prior, observation).log_likelihood_per_obs)
+    x = np.asarray(spectrum.simulate(theta[:1], rng))[0]
+
+    def theirs() -> Any:
+        with jax.enable_x64(True):
+            return jax.block_until_ready(compiled(given))
+
+    return (
+        "1,000 log likelihoods of one spectrum, EPIC-pn",
+        "jaxspec",
+        theirs,
+        lambda: spectrum.log_likelihood(theta, x),
+        5,
+    )
+
+
+def whole_audit(rng: np.random.Generator) -> Task:
+    """The flow of a user: what sbi's own checks take, and what the default audit does beyond them."""
+    import torch
+    from sbi.diagnostics import check_sbc, check_tarp, run_sbc, run_tarp
+    from sbi.inference import NPE
+
+    import gaugeblock as gb
+
+    torch.manual_seed(0)
+    prior = torch.distributions.MultivariateNormal(torch.zeros(3), torch.eye(3))  # nothing to leak from
+
+    def simulate(theta: Any, rng: np.random.Generator) -> Any:
+        return np.repeat(theta, 2, axis=1) + 0.3 * rng.normal(size=(len(theta), 6))
+
+    theta = prior.sample((3000,))
+    x = torch.as_tensor(simulate(theta.numpy(), rng), dtype=torch.float32)
+    trainer = NPE(prior, show_progress_bars=False)
+    with torch.enable_grad():  # BayesFlow switches gradients off for the whole process
+        trainer.append_simulations(theta, x).train(max_num_epochs=20, training_batch_size=200)
+    posterior = trainer.build_posterior()
+    number, draws = 200, 250
+    truth = prior.sample((number,))
+    data = torch.as_tensor(simulate(truth.numpy(), rng), dtype=torch.float32)
+
+    def theirs() -> None:
+        settings = {"num_posterior_samples": draws, "show_progress_bar": False}
+        ranks, averages = run_sbc(truth, data, posterior, **settings)
+        check_sbc(ranks, truth, averages, num_posterior_samples=draws)
+        check_tarp(*run_tarp(truth, data, posterior, **settings))
+        run_sbc(truth, data, posterior, reduce_fns=posterior.log_prob, **settings)
+
+    def ours() -> None:
+        trials = {"number": number, "draws": draws, "importance_number": 0, "joint_number": 0}
+        gb.audit(posterior, simulate, prior=prior, trials=trials, seed=1, progress=False)
+
+    return (
+        "SBC, TARP and expected coverage of a flow, 200 trials x 250 draws; ours the whole default audit",
+        "sbi",
+        theirs,
+        ours,
+        1,
+    )
+
+
+TASKS = (
+    *(sbc_ranks, ecdf_band, gamma_null, mmd_null, psis, expected_coverage, thread_errors),
+    *(c2st, tarp, joint_coverage, flow_draws, flow_density, xray_simulation, xray_likelihood, whole_audit),
+)
+PEERS = ("sbi", "arviz-stats", "bayesflow", "nestcheck", "tarp", "pted", "jaxspec")
+
+
+def seconds(function: Callable[[], Any]) -> float:
+    start = time.process_time()
+    function()
+    return time.process_time() - start
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("task", nargs="*", help=", ".join(make.__name__ for make in TASKS))
+    parser.add_argument("--out", type=Path, help="the same as JSON, with versions and processor")
+    arguments = parser.parse_args()
+    if unknown := set(arguments.task) - {make.__name__ for make in TASKS}:
+        parser.error(f"no task {', '.join(sorted(unknown))}")
     print("| task | peer | peer (CPU s) | gaugeblock (CPU s) | ratio |\n|---|---|---|---|---|")
+    versions = {name: version(name) for name in (*PEERS, "gaugeblock")}
+    rows: list[dict[str, Any]] = []
     for make in TASKS:
-        if chosen and make.__name__ not in chosen:
+        if arguments.task and make.__name__ not in arguments.task:
             continue
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             what, peer, theirs, ours, times = make(np.random.default_rng(1))
-            ours()  # what is imported or compiled on a first call is nobody's cost
-            theirs_took, ours_took = seconds(theirs, times), seconds(ours, 3)
-        print(f"| {what} | {peer} | {theirs_took:.3g} | {ours_took:.3g} | {theirs_took / ours_took:.3g} |")
+            # What is imported or compiled on a first call is nobody's cost.
+            theirs(), ours()
+            taken = [(seconds(theirs), seconds(ours)) for _ in range(times)]
+        there, here = (min(column) for column in zip(*taken, strict=True))
+        print(f"| {what} | {peer} | {there:.3g} | {here:.3g} | {there / here:.3g} |")
         sys.stdout.flush()
+        rows.append(
+            {"task": make.__name__, "what": what, "peer": peer, "peer_s": there, "gaugeblock_s": here}
+        )
+        if arguments.out:
+            said = {"processor": processor(), "versions": versions, "rows": rows}
+            arguments.out.write_text(json.dumps(said, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

@@ -4,6 +4,10 @@ The mirror of `discovery`: a library of faults, each with a repair of the draws,
 if that is what is wrong.
 """
 
-from gaugeblock.diagnosis.diagnosis import Diagnosis, diagnose
+from gaugeblock.diagnosis.cases import Cases
+from gaugeblock.diagnosis.causes import Cause
+from gaugeblock.diagnosis.diagnosis import Diagnosis, Fault, diagnose
+from gaugeblock.diagnosis.repair import Repair, mends
+from gaugeblock.diagnosis.repaired import Repaired
 
-__all__ = ["Diagnosis", "diagnose"]
+__all__ = ["Cases", "Cause", "Diagnosis", "Fault", "Repair", "Repaired", "diagnose", "mends"]

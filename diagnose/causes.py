@@ -13,6 +13,9 @@ class Cause(NamedTuple):
     cure: str
 
 
+# Standard deviations of data beyond which, or beyond the inverse of which, networks learn little from them.
+UNSCALED = 30.0
+
 CAUSES: Mapping[str, tuple[Cause, ...]] = {
     "shift": (
         Cause("training stopped early or at a poor optimum", "train longer, or from another seed"),
@@ -97,13 +100,33 @@ CAUSES: Mapping[str, tuple[Cause, ...]] = {
     "log_q": (
         Cause("a missing Jacobian", "add the log determinant of every transform"),
         Cause("a density that is not normalised", "divide by the mass inside the prior"),
+        Cause("another likelihood or prior than the simulator's", "compare the two at the same theta and x"),
+    ),
+    "unused": (  # what the data say beyond the draws, where nothing takes it away
+        Cause("information lost in the embedding or summaries", "a larger embedding, or better summaries"),
+        Cause("undertrained", "train longer, with a lower learning rate at the end, or on more simulations"),
     ),
     "other": (),
 }
 
 
-def causes(symptom: str, *, wide: bool = False) -> tuple[Cause, ...]:
-    """Causes of a symptom; of `scale` those of too wide or too narrow draws."""
+def causes(
+    symptom: str, *, wide: bool = False, spread: tuple[float, float] | None = None
+) -> tuple[Cause, ...]:
+    """Causes of a symptom; of `scale` those of too wide or too narrow draws.
+
+    `spread` is the least and the largest standard deviation of the data's channels: data that no network
+    likes to see as they are stand first among what may keep them from reaching it.
+    """
     if symptom == "scale":
         symptom = f"scale too {'wide' if wide else 'narrow'}"
-    return CAUSES.get(symptom, ())
+    found = CAUSES.get(symptom, ())
+    if (
+        symptom in ("ignored_parameter", "unused")
+        and spread is not None
+        and max(spread[1], 1 / spread[0]) > UNSCALED
+    ):
+        low, high = spread
+        said = f"x is not scaled: its standard deviations are {low:.3g} to {high:.3g}"
+        return (Cause(said, "standardise x, in training and in sample()"), *found)
+    return found

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import generator
 from gaugeblock.core.values import Value
 from gaugeblock.diagnosis.cases import DRAWS, TRIALS, Cases
-from gaugeblock.diagnosis.causes import Cause, causes
+from gaugeblock.diagnosis.causes import CAUSES, Cause, causes
 from gaugeblock.diagnosis.library.calls import Called, Sample
-from gaugeblock.diagnosis.repair import Repair, weighted
+from gaugeblock.diagnosis.library.symptoms import SYMPTOMS, Fit
+from gaugeblock.diagnosis.repair import Repair, plain_repair, weighted
 from gaugeblock.diagnosis.workflow import Found, locate_and_name
 from gaugeblock.validate.learned.informed.data import data_of
 from gaugeblock.validate.prepared import Prepared
@@ -29,6 +31,18 @@ INPUTS = 48
 OF_THE_DENSITY = ("density", "importance")
 
 
+@dataclass(frozen=True)
+class Fault:
+    """A fault of a user's own: what fits its repairs, and what may cause it.
+
+    `fit` takes `Cases` of the fitting part and the `Reference` of all, and gives repairs that may be tried:
+    none where there is no sign of the fault.
+    """
+
+    fit: Fit
+    causes: tuple[Cause, ...] = ()
+
+
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Diagnosis(Value):
     """What is wrong with an estimator's draws.
@@ -37,8 +51,9 @@ class Diagnosis(Value):
     nothing is seen; `named_all` the symptoms in the order in which they are mended; `indistinguishable` the
     others that these trials do not tell from it. `causes` are compatible with it, each with its cure.
     `parameters` are sizes with 90% intervals, from trials that chose nothing. `gap` is by how many nats a
-    truth is told from draws, per trial, `before` and `after` the repair. `called` says whether the estimator
-    was called again.
+    truth is told from draws, per trial, `before` and `after` the repair; `repair` is that as plain data, in
+    the order in which it is applied, empty where draws cannot be mended, and `seed` that of the trials.
+    `called` says whether the estimator was called again, `faults` which faults of the user's were looked for.
     """
 
     named: str | None
@@ -50,6 +65,9 @@ class Diagnosis(Value):
     gap: tuple[float | None, float | None] = (None, None)
     shows_in: Mapping[str, float] = field(default_factory=dict)
     called: bool = False
+    repair: tuple[Mapping[str, Any], ...] = ()
+    seed: int | None = None
+    faults: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Plain data with the contract's keys."""
@@ -65,6 +83,9 @@ class Diagnosis(Value):
             "gap": {"before": self.gap[0], "after": self.gap[1]},
             "shows_in": dict(self.shows_in),
             "called": self.called,
+            "repair": [dict(each) for each in self.repair],
+            "seed": self.seed,
+            "faults": list(self.faults),
             "text": self.text,
         }
 
@@ -72,14 +93,38 @@ class Diagnosis(Value):
         return f"<Diagnosis {self.named or 'nothing'}: {self.text}>"
 
 
-def diagnose(tree: xr.DataTree, verdict: Verdict, *, seed: int, sample: Sample | None = None) -> Diagnosis:
+def diagnose(
+    tree: xr.DataTree,
+    verdict: Verdict,
+    *,
+    seed: int,
+    sample: Sample | None = None,
+    faults: Mapping[str, Fault] | None = None,
+) -> Diagnosis:
     """Name what is wrong with the draws of some trials, of all that the library knows.
 
     `sample` is the estimator's, ``(x, n, rng)`` to draws ``(batch, n, parameter)``, where it can be called
-    again: faults in what it is called with are looked for then too.
+    again: faults in what it is called with are looked for then too. `faults` are a user's own, by id, which
+    stand beside the library's.
 
     The same trials, verdict and seed give the same diagnosis.
+
+    Raises
+    ------
+    InputError
+        If a fault of the user's bears an id of the library's.
     """
+    own = dict(faults or {})
+    taken = sorted(set(own) & {*SYMPTOMS, *CAUSES})
+    if taken:
+        raise InputError(f"faults: {taken[0]} is the library's own: give yours another id")
+    found = _diagnosed(tree, verdict, seed=seed, sample=sample, own=own)
+    return replace(found, seed=seed, faults=tuple(own))
+
+
+def _diagnosed(
+    tree: xr.DataTree, verdict: Verdict, *, seed: int, sample: Sample | None, own: Mapping[str, Fault]
+) -> Diagnosis:
     prepared = Prepared(tree, seed)
     if len(prepared.trial) < LEAST_TRIALS:
         known = f"{len(prepared.trial)} trials with finite draws"
@@ -87,10 +132,14 @@ def diagnose(tree: xr.DataTree, verdict: Verdict, *, seed: int, sample: Sample |
     failed = {gate.id.partition(".")[0] for gate in verdict.gates if gate.outcome is Outcome.FAIL}
     cases = cases_of(prepared)
     again = None if sample is None else _again(prepared, cases, sample, seed)
-    found = locate_and_name(cases, seed=seed, failed=bool(failed - set(OF_THE_DENSITY)), again=again)
+    found = locate_and_name(
+        cases, seed=seed, failed=bool(failed - set(OF_THE_DENSITY)), again=again,
+        own={name: fault.fit for name, fault in own.items()},
+    )  # fmt: skip
     if found.named is None and not found.structural and failed and failed <= set(OF_THE_DENSITY):
         return _density(verdict)
-    return _said(found, called=again is not None, alone=verdict.outcome is not Outcome.FAIL)
+    alone = verdict.outcome is not Outcome.FAIL
+    return _said(found, own, called=again is not None, alone=alone, spread=_spread(prepared))
 
 
 def cases_of(prepared: Prepared) -> Cases:
@@ -150,7 +199,24 @@ def _density(verdict: Verdict) -> Diagnosis:
     )  # fmt: skip
 
 
-def _said(found: Found, *, called: bool, alone: bool) -> Diagnosis:
+def _spread(prepared: Prepared) -> tuple[float, float] | None:
+    """The least and the largest standard deviation of the data's channels that vary; None without data."""
+    if "x" not in prepared.main:
+        return None
+    few = np.asarray(prepared.main["x"].isel(trial=slice(0, LEAST_TRIALS)).values, dtype=float)
+    sd = few.reshape(len(few), -1).std(axis=0)
+    varies = sd[np.isfinite(sd) & (sd > 0)]
+    return (float(varies.min()), float(varies.max())) if len(varies) else None
+
+
+def _said(
+    found: Found,
+    own: Mapping[str, Fault],
+    *,
+    called: bool,
+    alone: bool,
+    spread: tuple[float, float] | None,
+) -> Diagnosis:
     gap = (found.before[0], None if found.after is None else found.after[0])
     mended: tuple[Repair, ...] = found.named.repairs if found.named else ()
     both = (*found.structural, *mended)
@@ -168,15 +234,22 @@ def _said(found: Found, *, called: bool, alone: bool) -> Diagnosis:
         best = min(found.tried[1:], key=lambda each: float(each.left.mean()), default=None)
         if best is not None and best.share > 0:
             text += f" {' and '.join(best.symptoms)} would take {best.share:.0%}."
-        return Diagnosis(named="other", text=text, gap=gap, shows_in=found.kinds, called=called)
+        known = causes("unused", spread=spread) if _kind(found.kinds) == "data" else ()
+        return Diagnosis(
+            named="other", text=f"{text} {_cures(known)}".strip(), gap=gap, shows_in=found.kinds,
+            called=called, causes=known,
+        )  # fmt: skip
     ids = tuple(repair.symptom for repair in both)
     others = tuple(dict.fromkeys(each.symptoms[0] for each in found.alike if each.symptoms[0] not in ids))
     first = both[0]
     wide = first.symptom == "scale" and float(np.mean(list(first.numbers.values()))) > 1
-    known = causes(first.symptom, wide=wide)
+    known = (
+        own[first.symptom].causes if first.symptom in own else causes(first.symptom, wide=wide, spread=spread)
+    )
     said = "; then ".join(repair.words for repair in both)
     text = f"{said}."
-    if gap[1] is not None:
+    # What stands for information that was not used is no repair.
+    if gap[1] is not None and all(repair.recovers for repair in both):
         size = f"{max(gap[1], 0):.2g} instead of {found.before[0]:.2g} nats a trial"
         text += f" Mended, truths are told from draws by {size}."
     if others:
@@ -184,6 +257,7 @@ def _said(found: Found, *, called: bool, alone: bool) -> Diagnosis:
     return Diagnosis(
         named=first.symptom, named_all=ids, indistinguishable=others, causes=known,
         text=f"{text} {_cures(known)}", parameters=found.sizes, gap=gap, shows_in=found.kinds, called=called,
+        repair=plain_repair(found.repairs),
     )  # fmt: skip
 
 
@@ -207,6 +281,10 @@ KINDS: Mapping[str, str] = {
 
 
 def _strongest(kinds: Mapping[str, float]) -> str:
-    if not kinds or max(kinds.values()) <= 0:
-        return ""
-    return f", mostly in {KINDS[max(kinds, key=lambda kind: kinds[kind])]}"
+    strongest = _kind(kinds)
+    return f", mostly in {KINDS[strongest]}" if strongest else ""
+
+
+def _kind(kinds: Mapping[str, float]) -> str | None:
+    """The kind of function in which most of a disagreement shows; None where it shows in none."""
+    return max(kinds, key=lambda kind: kinds[kind]) if kinds and max(kinds.values()) > 0 else None

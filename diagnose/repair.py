@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
+from inspect import signature
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.core.errors import InputError
 from gaugeblock.diagnosis.cases import Cases
 
 # Parameters that a sentence names at most.
@@ -19,10 +23,14 @@ SHOWN = 4
 class Repair:
     """A fitted repair of the draws: cases in, cases out.
 
+    Where `apply` is a `partial` of a function of this library, it is plain data (`as_data`), and an estimator
+    can be mended by it; else it stands for what draws cannot be given.
+
     `numbers` are what was fitted, by name, and `neutral` the value of each at which the repair does nothing;
     `words` says in half a sentence what the draws look like, `variant` which of a symptom's repairs it is;
     `recovers` is the share of the disagreement that it must take away to be named, 0 where that it makes
-    draws better is enough, because it stands for something that draws alone cannot have.
+    draws better is enough, because it stands for something that draws alone cannot have; `turn` what is done
+    to the data ``(batch, ...)`` first, of a repair that calls the estimator.
     """
 
     symptom: str
@@ -32,6 +40,67 @@ class Repair:
     neutral: float = 0.0
     variant: str = ""
     recovers: float = 0.9
+    turn: Callable[[Array], Array] | None = None
+
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+MENDING: dict[str, Callable[..., Any]] = {}
+"""What repairs are made of, by name: functions of cases, or of data, and of plain keyword arguments."""
+
+
+def mends(function: Function) -> Function:
+    """A function that repairs may be partials of, so that they can be written down."""
+    MENDING[function.__name__] = function
+    return function
+
+
+def plain_repair(repairs: Sequence[Repair]) -> tuple[dict[str, Any], ...]:
+    """Repairs in their order as plain data; none where one of them stands for what draws cannot be given."""
+    found = tuple(as_data(repair.turn or repair.apply) for repair in repairs)
+    return tuple(each for each in found if each is not None) if None not in found else ()
+
+
+def as_data(apply: Callable[..., Any]) -> dict[str, Any] | None:
+    """A repair's `apply` as plain data, arrays as lists; None where it is no partial of the library.
+
+    >>> @mends
+    ... def doubled(cases, by): ...
+    >>> as_data(partial(doubled, by=np.array([1.0, 2.0])))
+    {'function': 'doubled', 'by': [1.0, 2.0]}
+    """
+    if not isinstance(apply, partial) or MENDING.get(apply.func.__name__) is not apply.func or apply.args:
+        return None
+    found: dict[str, Any] = {"function": apply.func.__name__}
+    for name, value in apply.keywords.items():
+        if isinstance(value, partial):
+            value = as_data(value)
+            if value is None:
+                return None
+        found[name] = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+    return found
+
+
+def from_data(data: object, *, where: str) -> Callable[..., Any]:
+    """The `apply` that `as_data` wrote down.
+
+    Raises
+    ------
+    InputError
+        If this version has no such repair, or the arguments are not its own.
+    """
+    if not isinstance(data, Mapping) or data.get("function") not in MENDING:
+        name = data.get("function") if isinstance(data, Mapping) else data
+        raise InputError(f"{where}: no repair of this version: {str(name)[:60]!r}; diagnose the audit again")
+    function = MENDING[str(data["function"])]
+    given = {name: value for name, value in data.items() if name != "function"}
+    if set(given) != set(signature(function).parameters) - {"cases", "x"}:
+        raise InputError(f"{where}: {data['function']} does not take {', '.join(given) or 'nothing'}")
+    for name, value in given.items():
+        if isinstance(value, Mapping):
+            given[name] = from_data(value, where=where)
+        elif isinstance(value, list):
+            given[name] = np.array(value)
+    return partial(function, **given)
 
 
 def root(wrong: Callable[[Array], Array], low: Array, high: Array, *, steps: int = 30) -> Array:

@@ -9,7 +9,7 @@ followed by a second. From the third part come the gap before and after, and siz
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -20,7 +20,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.diagnosis.cases import Cases, thirds
 from gaugeblock.diagnosis.disagreement import Reference, columns, fit_tilt
 from gaugeblock.diagnosis.library.calls import Called, calls, knows_truth
-from gaugeblock.diagnosis.library.symptoms import STRUCTURAL, SYMPTOMS
+from gaugeblock.diagnosis.library.symptoms import STRUCTURAL, SYMPTOMS, Fit
 from gaugeblock.diagnosis.repair import Repair
 from gaugeblock.diagnosis.scores import kernel_scores
 
@@ -70,7 +70,8 @@ class Found:
     """What the workflow found, before it is put in words.
 
     `gap` is the disagreement on the reporting part in nats a trial, before and after the repair, with errors;
-    `kinds` which kinds of function it shows in; `sizes` numbers of the named repair with 90% intervals.
+    `kinds` which kinds of function it shows in; `sizes` numbers of the named repair with 90% intervals;
+    `repairs` all that is wrong in its order, fitted to all cases.
     """
 
     structural: tuple[Repair, ...]
@@ -82,12 +83,21 @@ class Found:
     after: tuple[float, float] | None
     kinds: dict[str, float]
     sizes: dict[str, tuple[float, float, float]]
+    repairs: tuple[Repair, ...] = ()
 
 
-def locate_and_name(cases: Cases, *, seed: int, failed: bool, again: Called | None = None) -> Found:
+def locate_and_name(
+    cases: Cases,
+    *,
+    seed: int,
+    failed: bool,
+    again: Called | None = None,
+    own: Mapping[str, Fit] | None = None,
+) -> Found:
     """What is wrong with the draws of these cases, of all that the library knows.
 
-    `failed` says whether a gate has said that something is; `again` is the estimator, where it can be called.
+    `failed` says whether a gate has said that something is; `again` is the estimator, where it can be called;
+    `own` are symptoms beside the library's.
     """
     structural = tuple(repair for fit in STRUCTURAL for repair in fit(cases))
     if again is not None:
@@ -96,14 +106,14 @@ def locate_and_name(cases: Cases, *, seed: int, failed: bool, again: Called | No
     structural = structural[:1]
     for repair in structural:
         cases = repair.apply(cases)
-    parts = _Parts.of(cases, seed, again)
+    parts = _Parts.of(cases, seed, again, {**SYMPTOMS, **(own or {})})
     original = parts.tried(())
     mean, error = _mean(original.left)
     limit = SEEN if structural or not failed else EXPECTED
     # Of draws that are all made of the same numbers, or of very few, trials tell nothing more.
     alone = any(repair.symptom == "fixed_seed" for repair in structural) or cases.draws.shape[1] < LEAST_DRAWS
     if alone or mean <= limit * error:
-        return Found(structural, None, (), (original,), False, parts.gap(()), None, {}, {})
+        return Found(structural, None, (), (original,), False, parts.gap(()), None, {}, {}, structural)
     tried = [original, *parts.all_tried(parts.fitting, ())]
     if not any(each.mended for each in tried):
         for first in _firsts(tried):
@@ -115,7 +125,10 @@ def locate_and_name(cases: Cases, *, seed: int, failed: bool, again: Called | No
         named, alike = None, ()
     after = None if named is None else parts.gap(named.repairs)
     sizes = {} if named is None else _sizes(parts, named)
-    return Found(structural, named, alike, tuple(tried), True, parts.gap(()), after, parts.kinds, sizes)
+    repairs = (*structural, *(() if named is None else _refitted(parts, cases, named.repairs)))
+    return Found(
+        structural, named, alike, tuple(tried), True, parts.gap(()), after, parts.kinds, sizes, repairs
+    )
 
 
 @dataclass(frozen=True)
@@ -128,20 +141,21 @@ class _Parts:
     reference: Reference
     seed: int
     again: Called | None
+    symptoms: Mapping[str, Fit]
 
     @classmethod
-    def of(cls, cases: Cases, seed: int, again: Called | None) -> _Parts:
+    def of(cls, cases: Cases, seed: int, again: Called | None, symptoms: Mapping[str, Fit]) -> _Parts:
         fitting, choosing, reporting = (cases.taken(rows) for rows in thirds(len(cases), seed))
         # Where truths lie, all of them say; what the data foretell is learned on the fitting part alone.
         reference = replace(Reference.of(fitting), truths=cases.theta)
-        return cls(fitting, choosing, reporting, reference, seed, again)
+        return cls(fitting, choosing, reporting, reference, seed, again, symptoms)
 
     def all_tried(self, fitting: Cases, before: tuple[Repair, ...]) -> list[Tried]:
         """Every repair, fitted to cases to which those before it have been applied, with these."""
         done = {repair.symptom for repair in before} - {"region"}  # there may be two
         found = [
             repair
-            for name, fit in SYMPTOMS.items()
+            for name, fit in self.symptoms.items()
             if name not in done
             for repair in fit(fitting, self.reference)
         ]
@@ -273,8 +287,8 @@ def _sizes(parts: _Parts, named: Tried) -> dict[str, tuple[float, float, float]]
     cases = parts.reporting
     group = np.arange(len(cases)) % GROUPS
     for repair in named.repairs:
-        whole = _fitted(cases, repair, parts.reference)
-        left_out = [_fitted(cases.taken(group != g), repair, parts.reference) for g in range(GROUPS)]
+        whole = _numbers(parts, cases, repair)
+        left_out = [_numbers(parts, cases.taken(group != g), repair) for g in range(GROUPS)]
         for name, value in whole.items():
             others = np.array([each.get(name, np.nan) for each in left_out])
             error = float(np.sqrt((GROUPS - 1) / GROUPS * ((others - others.mean()) ** 2).sum()))
@@ -285,9 +299,24 @@ def _sizes(parts: _Parts, named: Tried) -> dict[str, tuple[float, float, float]]
     return found
 
 
-def _fitted(cases: Cases, wanted: Repair, reference: Reference) -> dict[str, float]:
-    """Numbers of the same repair of the same symptom, fitted to other cases."""
-    if wanted.symptom not in SYMPTOMS:
-        return dict(wanted.numbers)
-    same = (r for r in SYMPTOMS[wanted.symptom](cases, reference) if r.variant == wanted.variant)
-    return dict(next(same, replace(wanted, numbers={})).numbers)
+def _numbers(parts: _Parts, cases: Cases, wanted: Repair) -> dict[str, float]:
+    """Numbers of the same repair, fitted to other cases; none where it is not there."""
+    found = _fitted(parts, cases, wanted)
+    return {} if found is None else dict(found.numbers)
+
+
+def _fitted(parts: _Parts, cases: Cases, wanted: Repair) -> Repair | None:
+    """The same repair of the same symptom, fitted to other cases."""
+    if wanted.symptom not in parts.symptoms:
+        return wanted
+    fit = parts.symptoms[wanted.symptom]
+    return next((r for r in fit(cases, parts.reference) if r.variant == wanted.variant), None)
+
+
+def _refitted(parts: _Parts, cases: Cases, wanted: Sequence[Repair]) -> tuple[Repair, ...]:
+    """Named repairs fitted to all cases, one after the other: what an estimator is mended by."""
+    found = []
+    for repair in wanted:
+        found.append(_fitted(parts, cases, repair) or repair)
+        cases = found[-1].apply(cases)
+    return tuple(found)

@@ -15,6 +15,10 @@ from gaugeblock.simulators.protocol import HasJacobian, poisson_log_likelihood
 TINY = 1e-12
 """Smallest mean that a residual is divided by."""
 
+DIFFERENCES, WIDTH = 64, 1e-5
+"""Fits of no more rows than `DIFFERENCES` take derivatives as differences of the expected counts, `WIDTH` to
+either side in each of the `Coordinates`: compiling a derivative would take longer than all of the fit."""
+
 BLOCK = 1024
 """Sources fitted side by side: bounds memory."""
 
@@ -148,6 +152,7 @@ def _best(
         iterations,
     )
     position, objective, converged = place
+    compiled = len(position) > DIFFERENCES
     pick = np.arange(sources) * tries + np.argmin(objective.reshape(sources, tries), axis=1)
     position, objective, converged = position[pick], objective[pick], converged[pick]
     theta = coordinates.theta(position)
@@ -155,7 +160,7 @@ def _best(
     return Fit(
         theta,
         expected,
-        _jacobian(simulator, coordinates, position, scale),
+        _jacobian(simulator, coordinates, position, scale, compiled),
         coordinates.precision,
         poisson_log_likelihood(np.maximum(expected, TINY), counts),
         objective,
@@ -184,7 +189,8 @@ def _climb(
     value, mean = objective(position, active)
     damping = np.full(len(position), 1e-3)
     converged = np.zeros(len(position), dtype=bool)
-    jacobian = _jacobian(simulator, coordinates, position, scale) if iterations else np.empty(0)
+    compiled = len(position) > DIFFERENCES
+    jacobian = _jacobian(simulator, coordinates, position, scale, compiled) if iterations else np.empty(0)
     for number in range(iterations):
         gradient, information = _normal_equations(
             jacobian, counts[active], mean[active], position[active], coordinates.precision
@@ -208,7 +214,7 @@ def _climb(
         # Where a step was refused the derivatives are those of before.
         if moved.any():
             rows = active[moved]
-            jacobian[moved] = _jacobian(simulator, coordinates, position[rows], scale[rows])
+            jacobian[moved] = _jacobian(simulator, coordinates, position[rows], scale[rows], compiled)
     return position, value, converged
 
 
@@ -245,13 +251,14 @@ def _step(
     return step, 0.5 * (step * pull).sum(axis=1)
 
 
-def _jacobian(simulator: Any, coordinates: Coordinates, position: Array, scale: Array) -> Array:
+def _jacobian(
+    simulator: Any, coordinates: Coordinates, position: Array, scale: Array, compiled: bool
+) -> Array:
     """Derivative of the expected counts by the coordinates, ``(source, channel, parameter)``."""
-    if isinstance(simulator, HasJacobian):
+    if compiled and isinstance(simulator, HasJacobian):
         by_theta = np.asarray(simulator.jacobian(coordinates.theta(position)))
         return by_theta * coordinates.slope(position)[:, None, :] * scale[:, None, None]
-    width = 1e-5
-    moves = np.concatenate([np.eye(position.shape[1]), -np.eye(position.shape[1])]) * width
+    moves = np.concatenate([np.eye(position.shape[1]), -np.eye(position.shape[1])]) * WIDTH
     around = coordinates.clip(position[:, None, :] + moves)
     mean = np.asarray(simulator.expected(coordinates.theta(around).reshape(-1, position.shape[1])))
     mean = mean.reshape(len(position), 2, position.shape[1], -1)

@@ -35,9 +35,6 @@ from gaugeblock.discovery.wording import sentence
 from gaugeblock.discovery.workflow import Searched
 from gaugeblock.validate.finding import NotChecked
 
-COUNTS = 20_000
-"""Counts from which nested sampling is left out unless it is asked for: its cost grows with the data."""
-
 SPLITS = 5
 
 
@@ -194,21 +191,14 @@ def _tree(engine: Engine, found: Searched) -> xr.DataTree:
     return xr.DataTree.from_dict(groups)
 
 
-def with_evidence(
-    made: Discovery, engine: Counts, found: Searched, *, rng: np.random.Generator, always: bool
-) -> Discovery:
+def with_evidence(made: Discovery, engine: Counts, found: Searched, *, rng: np.random.Generator) -> Discovery:
     """Delta log Z of the first named effect and its prior sensitivity: beside the gap, never as the gap.
 
-    What cannot be computed is listed under `not_checked`, with the reason; so is, unless `always`, what
-    would take many minutes.
+    What cannot be computed is listed under `not_checked`, with the reason.
     """
     best, sources = found.rounds[0].best, engine.sources
     counts = sources.counts[0]
     try:
-        if counts.sum() > COUNTS and not always:
-            raise InputError(
-                f"{int(counts.sum()):,} counts: nested sampling would take minutes; ask for it (evidence)"
-            )
         if sources.scale[0] != 1.0:
             raise InputError("the simulator's exposure is not the spectrum's; evidence needs them equal")
         entry, model = best.candidate.entry, best.candidate.simulator

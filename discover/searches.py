@@ -29,7 +29,7 @@ def discover_source(
     energy: float | None = None,
     library: Candidates | None = None,
     replicates: int = 999,
-    evidence: bool | None = False,
+    evidence: bool = False,
     e_value: bool = False,
     step: Step = quiet,
 ) -> Discovery:
@@ -52,8 +52,8 @@ def discover_source(
         Candidates that an earlier search of the same simulator has worked in: nothing is compiled again.
     replicates : int
         Simulated data sets behind every global p, which is never below 1 / (replicates + 1).
-    evidence : bool or None
-        Whether to run nested sampling with and without the first named effect; None: where it is quick.
+    evidence : bool
+        Whether to run nested sampling with and without the first named effect: minutes, for many counts.
     e_value : bool
         Whether to add a split likelihood ratio of the named effects against the model without them.
     step : callable
@@ -72,9 +72,9 @@ def discover_source(
     )
     found = search(engine, step=step)
     made = recorded(engine, found)
-    if evidence is not False and made.named_all:
+    if evidence and made.named_all:
         step("evidence with and without the effect, by nested sampling")
-        made = with_evidence(made, engine, found, rng=second, always=bool(evidence))
+        made = with_evidence(made, engine, found, rng=second)
     if e_value and made.named_all:
         step("split likelihood ratio of the named effects")
         made = with_e_value(made, engine, found, rng=third)

@@ -118,6 +118,21 @@ def untrusted(estimator: object) -> bool:
     return any(getattr(layer, "untrusted", False) is True for layer in layers(estimator))
 
 
+def check_fresh(estimator: object, seed: int) -> None:
+    """Refuse an audit on the trials that an estimator, or what it wraps, was repaired on.
+
+    Raises
+    ------
+    InputError
+        If `seed` is that of those trials.
+    """
+    if any(getattr(layer, "seed_of_repair", None) == seed for layer in layers(estimator)):
+        raise InputError(
+            f"the repaired estimator was repaired on the trials of seed {seed}, which would judge the repair "
+            f"by itself: audit it on others, as with seed = {seed + 1}"
+        )
+
+
 def has_density(estimator: object) -> bool:
     """Whether the estimator can say how probable its draws are."""
     return isinstance(estimator, HasDensity | SamplesWithDensity)

@@ -17,6 +17,7 @@ ESTIMATORS: Table = {
     "nuts": ("gaugeblock.estimators.nuts", "Nuts", "nuts"),
     "conformal": ("gaugeblock.estimators.conformal", "Conformal", None),
     "importance_refined": ("gaugeblock.estimators.importance_refined", "ImportanceRefined", None),
+    "repaired": ("gaugeblock.diagnosis.repaired", "Repaired", None),
     "stranger": ("gaugeblock.stranger.stranger", "build", None),
     "broken": ("gaugeblock.estimators.broken", "Broken", None),
 }

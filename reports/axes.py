@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gaugeblock.core.errors import InputError, require
-from gaugeblock.reports.pictures import CalibrationMap, Curve, Histogram, Intervals, picture
+from gaugeblock.reports.pictures import CalibrationMap, Curve, Histogram, Intervals, Points, picture
 from gaugeblock.reports.words import number, p_equals, short
 from gaugeblock.validate import Finding, Gate, Outcome
 
@@ -34,8 +34,7 @@ def draw(finding: Finding | None, gate: Gate | None, *, ax: Axes | None = None) 
             gate.message if gate is not None else f"{finding.id if finding else 'it'} holds a p-value alone"
         )
         raise InputError(f"there is nothing to draw: {said}")
-    pyplot = require("matplotlib.pyplot", "report")
-    axes: Axes = pyplot.subplots(layout="constrained")[1] if ax is None else ax
+    axes = new_axes(ax)
     match shown:
         case Histogram():
             _histogram(shown, axes)
@@ -48,7 +47,31 @@ def draw(finding: Finding | None, gate: Gate | None, *, ax: Axes | None = None) 
     name = gate.id if gate is not None else finding.id if finding is not None else ""
     p_value = p_equals(finding.p_value) if finding is not None and gate is None else ""
     said = gate.outcome if gate is not None else p_value
-    axes.set_title(f"{name}: {said}" if said else name, fontsize="medium")
+    return _titled(axes, f"{name}: {said}" if said else name)
+
+
+def draw_points(shown: Points, *, ax: Axes | None = None) -> Axes:
+    """A picture of trials themselves on `ax`, or on new axes.
+
+    Raises
+    ------
+    MissingExtraError
+        Without matplotlib.
+    """
+    axes = new_axes(ax)
+    _points(shown, axes)
+    return _titled(axes, shown.name)
+
+
+def new_axes(ax: Axes | None) -> Axes:
+    """The axes themselves, or new ones."""
+    pyplot = require("matplotlib.pyplot", "report")
+    axes: Axes = pyplot.subplots(layout="constrained")[1] if ax is None else ax
+    return axes
+
+
+def _titled(axes: Axes, title: str) -> Axes:
+    axes.set_title(title, fontsize="medium")
     for text in axes.findobj(require("matplotlib.text", "report").Text):
         text.set_parse_math(False)  # a dollar in somebody's name is a dollar
     return axes
@@ -73,6 +96,19 @@ def _histogram(shown: Histogram, axes: Axes) -> None:
         axes.axvline(place, color="black", ls=style, lw=1.2, label=f"{text} {short(place)}")
     axes.set(xlabel=shown.x_label, ylabel="trials")
     axes.legend(fontsize="small", framealpha=0.7)
+
+
+def _points(shown: Points, axes: Axes) -> None:
+    if shown.band is not None:
+        axes.axhspan(*shown.band, color=ACCENT, alpha=0.1, lw=0)
+        axes.axhline(0, color=INK, lw=0.8, ls=":")
+    if shown.diagonal is not None:
+        axes.plot(shown.diagonal, shown.diagonal, color=INK, lw=0.8, ls=":")
+    axes.plot(shown.x, shown.y, ".", color=ACCENT, ms=3, alpha=0.5)
+    if shown.mark is not None:
+        axes.plot(*shown.mark, "x", color="black", ms=9, mew=2, label="truth")
+        axes.legend(fontsize="small", framealpha=0.7)
+    axes.set(xlabel=f"{shown.x_label}\n{shown.remark}", ylabel=shown.y_label)
 
 
 def _map(shown: CalibrationMap, axes: Axes, gate: Gate | None) -> None:

@@ -8,13 +8,13 @@ from markupsafe import Markup
 from gaugeblock.core.arrays import Array
 from gaugeblock.reports.pictures import CalibrationMap
 from gaugeblock.reports.svg import Frame, tag
-from gaugeblock.reports.words import number, short
+from gaugeblock.reports.words import cut, number, short
 
-WIDTH, HEIGHT, STRIP = 420.0, 270.0, 120.0
+WIDTH, HEIGHT, STRIP = 360.0, 240.0, 120.0
 # Room that a written number, and the label of a threshold, need.
 ROOM, LINE, LETTER = 34.0, 13.0, 6.5
-# A name longer than this is cut along the upright axis; the remark has all of it.
-LETTERS = 34
+# Names longer than these are cut along the upright axis and the other; the remark has all of them.
+LETTERS, WIDE = 26, 40
 
 
 def calibration_picture(shown: CalibrationMap, *, limit: float, key: str) -> Markup:
@@ -25,7 +25,7 @@ def calibration_picture(shown: CalibrationMap, *, limit: float, key: str) -> Mar
     strip = len(shown.y_edge) == 2
     frame = Frame(
         x=(0.0, 1.0), y=(0.0, 1.0), width=WIDTH, height=STRIP if strip else HEIGHT,
-        left=20.0 if strip else 74.0, bottom=44.0,
+        left=20.0 if strip else 84.0, bottom=44.0,
     )  # fmt: skip
     across, down = frame.across(shown.x_edge), frame.down(shown.y_edge)
     marks = []
@@ -46,10 +46,11 @@ def calibration_picture(shown: CalibrationMap, *, limit: float, key: str) -> Mar
         note = tag("title", f"{int(shown.n[row, column]):,} trials: gap {written}")
         marks.append(tag("g", note, box, text if inside else ""))
     y_label = shown.y_label
-    cut = y_label if len(y_label) <= LETTERS else y_label[: LETTERS - 1] + "\N{HORIZONTAL ELLIPSIS}"
     x_ticks = _ticks(shown.x_edge, shown.x_cut, across)
     y_ticks = {} if strip else _ticks(shown.y_edge, shown.y_cut, down)
-    marks.append(frame.axes(shown.x_label, cut, x_ticks=x_ticks, y_ticks=y_ticks))
+    marks.append(
+        frame.axes(cut(shown.x_label, WIDE), cut(y_label, LETTERS), x_ticks=x_ticks, y_ticks=y_ticks)
+    )
     marks.append(tag("path", d=_outline(shown.worst, across, down), class_="worst"))
     largest = np.unravel_index(int(np.abs(shown.counted).argmax()), shown.gap.shape)
     description = (
@@ -60,11 +61,11 @@ def calibration_picture(shown: CalibrationMap, *, limit: float, key: str) -> Mar
     return frame.drawing(marks, key=key, title=f"Calibration map of {shown.name}", description=description)
 
 
-def _ticks(edge: Array, cut: Array, place: Array) -> dict[float, str]:
+def _ticks(edge: Array, thresholds: Array, place: Array) -> dict[float, str]:
     """Thresholds at the edges between cells; those too near to one before are left out."""
     found: dict[float, str] = {}
     last = -np.inf if place[0] < place[-1] else np.inf
-    for share, value, at in zip(edge[1:-1], cut, place[1:-1], strict=True):
+    for share, value, at in zip(edge[1:-1], thresholds, place[1:-1], strict=True):
         text = short(float(value))
         room = LETTER * len(text) + 4 if place[0] < place[-1] else LINE
         if abs(at - last) >= room:

@@ -9,25 +9,34 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import ArrayLike
 
-from gaugeblock.reports.pictures import Curve, Histogram
+from gaugeblock.reports.pictures import Curve, Histogram, Intervals
 from gaugeblock.reports.svg import Frame, tag
-from gaugeblock.reports.words import count, number, short
+from gaugeblock.reports.words import count, cut, number, short
 from gaugeblock.validate.finding import Sense
 
 _POINTS = 400  # more than this on one line cannot be seen at the size it is drawn
 
 
-def curve_with_band(curve: Curve, *, key: str, name: str, half_height: float | None = None) -> Markup:
-    """A curve around zero with its band; `half_height` makes panels comparable."""
+# Places of a curve that say what they are when a pointer is over them.
+_HOVERED = 24
+
+
+def curve_with_band(
+    curve: Curve, *, key: str, name: str, half_height: float | None = None, failed: bool = False
+) -> Markup:
+    """A curve around zero with its band and what is tolerated; `half_height` makes panels comparable.
+
+    Red says that its gate `failed`, amber that it leaves the band of exact ones and no more.
+    """
     x_label, y_label = curve.x_label, curve.y_label
-    whole = [curve.x, curve.y, curve.low, curve.high]
-    beyond = np.maximum(whole[1] - whole[3], whole[2] - whole[1])
+    beyond = np.maximum(curve.y - curve.high, curve.low - curve.y)
     outside = int(np.sum(beyond > 0))
     # Thinned evenly, but never so that the points farthest out go missing.
     shown = np.linspace(0, len(beyond) - 1, min(_POINTS, len(beyond))).astype(int)
-    shown = np.unique([*shown, int(np.argmax(beyond)), int(np.argmax(np.abs(whole[1])))])
-    across, middle, lower, upper = (values[shown] for values in whole)
-    half = half_height or half_height_of(middle, lower, upper)
+    shown = np.unique([*shown, int(np.argmax(beyond)), int(np.argmax(np.abs(curve.y)))])
+    across, middle, lower, upper = (values[shown] for values in (curve.x, curve.y, curve.low, curve.high))
+    edge = None if curve.tolerated is None else curve.tolerated[shown]
+    half = half_height or half_height_of(middle, lower, upper, *([] if edge is None else [edge]))
     frame = Frame(x=(0.0, 1.0), y=(-half, half))
     farthest = int(np.argmax(np.abs(middle)))
     left = f"outside its band at {count(outside, 'point')}" if outside else "inside its band everywhere"
@@ -35,16 +44,70 @@ def curve_with_band(curve: Curve, *, key: str, name: str, half_height: float | N
         f"{y_label} against {x_label}. Largest deviation {number(float(middle[farthest]), 3)} "
         f"at {number(float(across[farthest]), 2)}; {left}."
     )
-    astray = " astray" if outside else ""
+    kind = " astray" if failed else " noticed" if outside else ""
     marks = [
         frame.band(across, lower, upper),
         frame.axes(x_label, y_label),
         frame.line([0.0, 1.0], [0.0, 0.0], "zero"),
-        frame.line(across, middle, f"line{astray}"),
+        *([] if edge is None else [frame.line(across, side * edge, "tolerance") for side in (-1, 1)]),
+        frame.line(across, middle, f"line{kind}"),
     ]
     if curve.points:
-        marks.append(frame.dots(across, middle, f"points{astray}"))
+        marks.append(frame.dots(across, middle, f"points{kind}"))
+    told = np.unique(np.linspace(0, len(across) - 1, min(_HOVERED, len(across))).astype(int))
+    texts = [_told(curve, float(across[i]), float(middle[i])) for i in told]
+    marks.append(frame.hovered(across[told], middle[told], texts))
     return frame.drawing(marks, key=key, title=name, description=description)
+
+
+def _told(curve: Curve, x: float, y: float) -> str:
+    """What a place of a curve says when a pointer is over it."""
+    if curve.points:
+        return f"level {short(x)}: covers {number(x + y, 3)} ({number(y, 3, sign=True)})"
+    return f"rank {number(x, 2)}: {number(y, 3, sign=True)}"
+
+
+def forest(picture: Intervals, *, key: str, failed: bool) -> Markup:
+    """Components' estimates with their intervals, against what is tolerated."""
+    bounds = [*picture.low, *picture.high, *picture.estimate, 0.0]
+    limits = [edge for edge in picture.tolerated or () if math.isfinite(edge)]
+    finite = [float(value) for value in (*bounds, *limits) if math.isfinite(value)]
+    margin = 0.06 * (max(finite) - min(finite) or 1.0)
+    number_of = len(picture.rows)
+    frame = Frame(
+        x=(min(finite) - margin, max(finite) + margin), y=(0.0, float(number_of)), width=360.0,
+        left=136.0, height=46.0 + max(18 * number_of, 40),
+    )  # fmt: skip
+    marks = []
+    if picture.tolerated is not None:
+        low, high = (min(max(edge, frame.x[0]), frame.x[1]) for edge in picture.tolerated)
+        marks.append(frame.band([low, high], [0.0, 0.0], [frame.y[1]] * 2, "tolerated"))
+    places = [number_of - index - 0.5 for index in range(number_of)]
+    names = dict(zip(places, (cut(name, 20) for name in picture.rows), strict=True))
+    marks.append(frame.axes(picture.x_label, "", y_ticks=names))
+    marks += [frame.upright(edge, "", "tolerance") for edge in limits]
+    if frame.x[0] < 0 < frame.x[1]:
+        marks.append(frame.upright(0.0, "", "zero"))
+    rows = zip(places, picture.estimate, picture.low, picture.high, strict=True)
+    for at, estimate, low, high in rows:
+        if not math.isfinite(estimate):
+            continue
+        off = failed and not _meets((low, high), picture.tolerated)
+        ends = [low if math.isfinite(low) else frame.x[0], high if math.isfinite(high) else frame.x[1]]
+        marks.append(frame.line(ends, [at, at], "line astray" if off else "line"))
+        marks.append(frame.dots([estimate], [at], "points astray" if off else "points"))
+    texts = [
+        f"{short(float(value))} ({short(float(low))} to {short(float(high))})"
+        for value, low, high in zip(picture.estimate, picture.low, picture.high, strict=True)
+    ]
+    marks.append(frame.rows_hovered(places, texts))
+    told = [f"{name}: {text}" for name, text in zip(picture.rows, texts, strict=True)]
+    description = f"{picture.x_label}. {'; '.join(told)}."
+    return frame.drawing(marks, key=key, title=picture.name, description=description)
+
+
+def _meets(interval: tuple[float, float], tolerated: tuple[float, float] | None) -> bool:
+    return tolerated is None or (interval[0] <= tolerated[1] and interval[1] >= tolerated[0])
 
 
 def half_height_of(*curves: ArrayLike) -> float:

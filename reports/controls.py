@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from gaugeblock.reports.section import Panel, Section
 from gaugeblock.reports.svg import Frame, tag
-from gaugeblock.reports.words import short
+from gaugeblock.reports.words import cut, short
 from gaugeblock.validate import Verdict
 from gaugeblock.validate.verdict import Control
 
@@ -85,7 +85,7 @@ def _picture(kind: str, controls: Sequence[Control]) -> Markup:
     marks = []
     if tolerance is not None:
         marks.append(frame.band([0.0, tolerance], [0.0, 0.0], [frame.y[1]] * 2, "tolerated"))
-    labels = {at: _shortened(control.parameter or "all parameters") for at, control in middle.items()}
+    labels = {at: cut(control.parameter or "all parameters", 17) for at, control in middle.items()}
     marks.append(frame.axes(shown[0].unit, "", y_ticks=labels))
     for at, control in middle.items():
         y = float(frame.down(at))
@@ -101,7 +101,3 @@ def _picture(kind: str, controls: Sequence[Control]) -> Markup:
     sizes = "; ".join(f"{control.parameter or 'all'} {short(control.size)}" for control in shown)
     description = f"{sentence(controls)}. Smallest sizes: {sizes}."
     return frame.drawing(marks, key=f"control-{kind}", title=HEADINGS[kind], description=description)
-
-
-def _shortened(name: str) -> str:
-    return name if len(name) <= 17 else f"{name[:8]}…{name[-8:]}"

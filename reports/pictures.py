@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import xarray as xr
+from scipy import special
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.reports.words import number, parameter_of, short, unit
@@ -29,7 +30,8 @@ MOST = 30
 class Curve:
     """A curve around zero over [0, 1], and the band that holds it when all is well; all ``(n,)``.
 
-    `points` says that it was computed at few places, which are worth a mark each.
+    `points` says that it was computed at few places, which are worth a mark each; `tolerated` ``(n,)`` is how
+    far from zero the policy lets it be, where it says so.
     """
 
     name: str
@@ -41,6 +43,21 @@ class Curve:
     y_label: str
     points: bool = False
     remark: str = ""
+    tolerated: Array | None = None
+
+
+def rank_tolerance(rank: Array, bias: float, log_width: float) -> Array:
+    """How far the ECDF of ranks lies from uniform at the edge of what is tolerated, for normal posteriors.
+
+    Off by `bias` half-widths (sd), or exp(`log_width`) times too narrow or wide: whichever is farther out at
+    each `rank` ``(n,)``.
+
+    >>> rank_tolerance(np.array([0.0, 0.5, 1.0]), 0.1, 0.1).round(3).tolist()
+    [0.0, 0.04, 0.0]
+    """
+    score = special.ndtri(np.clip(rank, 1e-12, 1 - 1e-12))
+    edges = [score + bias, *(score * math.exp(side * log_width) for side in (-1, 1))]
+    return np.asarray(np.max([np.abs(special.ndtr(edge) - rank) for edge in edges], axis=0).round(12))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,6 +106,21 @@ class Intervals:
     x_label: str
     tolerated: tuple[float, float] | None = None
     inner: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Points:
+    """Points ``(n,)``; a `diagonal` to lie along, a `band` to lie in, or a `mark` to lie around."""
+
+    name: str
+    x: Array
+    y: Array
+    x_label: str
+    y_label: str
+    remark: str = ""
+    diagonal: tuple[float, float] | None = None
+    band: tuple[float, float] | None = None
+    mark: tuple[float, float] | None = None
 
 
 Picture = list[Curve] | Histogram | CalibrationMap | Intervals
@@ -206,6 +238,17 @@ def tolerated(gate: Gate, sense: str) -> tuple[float, float]:
     """The range that an estimate must stay in, by the side on which it is bounded."""
     low = {"at-least": gate.tolerance, "two-sided": -gate.tolerance}.get(sense, -math.inf)
     return low, math.inf if sense == "at-least" else gate.tolerance
+
+
+def farthest(shown: Intervals, most: int) -> Intervals:
+    """The rows that lie farthest outside of what is tolerated, at most so many, in their order."""
+    low, high = shown.tolerated or (0.0, 0.0)
+    outside = np.maximum(low - shown.estimate, shown.estimate - high)
+    kept = np.sort(np.argsort(-np.nan_to_num(outside, nan=-np.inf), kind="stable")[:most])
+    return replace(
+        shown, rows=tuple(shown.rows[i] for i in kept), estimate=shown.estimate[kept], low=shown.low[kept],
+        high=shown.high[kept],
+    )  # fmt: skip
 
 
 def intervals(finding: Finding | None, gate: Gate | None) -> Intervals | None:

@@ -88,15 +88,15 @@ def _why(verdict: Verdict) -> str:
             f"{len(unsettled):,} of {count(len(required), 'required gate')} could not be decided: "
             f"{listed([gate.id for gate in unsettled], most=4)}."
         )
-        said.append(_settled_by(unsettled))
+        said.append(settled_by(unsettled))
     return " ".join(part for part in said if part)
 
 
-def _settled_by(unsettled: Sequence[Gate]) -> str:
+def settled_by(unsettled: Sequence[Gate]) -> str:
     """How many trials settle all that is open, as far as that can be foretold."""
     wanted = [gate.trials_to_settle for gate in unsettled]
     known = [round_up(trials) for trials in wanted if trials is not None]
-    if len(known) < len(wanted):
+    if not known or len(known) < len(wanted):
         return ""
     ranges = [gate.trials_to_settle_range for gate in unsettled]
     lows = [found[0] for found in ranges if found is not None and found[0] is not None]

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from markupsafe import Markup
 
-from gaugeblock.reports.charts import gate_bar
+from gaugeblock.reports.calibration import calibration_picture
+from gaugeblock.reports.charts import curve_with_band, forest, gate_bar, histogram
+from gaugeblock.reports.figures import tolerated_coverage
 from gaugeblock.reports.machine import unjudged
+from gaugeblock.reports.pictures import CalibrationMap, Histogram, Intervals, farthest, picture
+from gaugeblock.reports.section import Panel
 from gaugeblock.reports.words import (
     NOTHING,
     decimals_for,
@@ -44,6 +48,7 @@ class GateRow:
     bar: Markup | None
     message: str
     required: bool
+    panels: tuple[Panel, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -79,10 +84,18 @@ class ReportedGroup:
     rows: tuple[ReportedRow, ...]
 
 
-def gate_groups(verdict: Verdict, findings: Sequence[Finding]) -> list[GateGroup]:
-    """Gates by the question they ask, in the order in which the questions first come."""
+# Failing gates that are drawn, pictures of one, and rows of a picture.
+DRAWN, PICTURES, ROWS = 8, 2, 8
+
+
+def gate_groups(verdict: Verdict, findings: Sequence[Finding], *, drawn: bool = False) -> list[GateGroup]:
+    """Gates by the question they ask, in the order in which the questions first come.
+
+    With `drawn`, those that FAIL come with what is behind them as pictures.
+    """
     by_id = {finding.id: finding for finding in findings}
     together: dict[str, list[tuple[int, Gate]]] = {}
+    failing = [gate.id for gate in verdict.gates if gate.outcome is Outcome.FAIL][: DRAWN if drawn else 0]
     for index, gate in enumerate(verdict.gates):
         together.setdefault(gate.id.partition("[")[0], []).append((index, gate))
     groups = []
@@ -96,13 +109,59 @@ def gate_groups(verdict: Verdict, findings: Sequence[Finding]) -> list[GateGroup
                 question=question(members[0][1], found[0] if found else None),
                 unit=unit(found[0].quantity) if found else "",
                 caveats=tuple(dict.fromkeys(caveat for finding in found for caveat in finding.caveats)),
-                rows=tuple(_gate_row(index, gate, by_id.get(gate.id), decimals) for index, gate in members),
+                rows=tuple(
+                    _gate_row(index, gate, by_id.get(gate.id), decimals, gate.id in failing)
+                    for index, gate in members
+                ),
             )
         )
     return groups
 
 
-def _gate_row(index: int, gate: Gate, finding: Finding | None, decimals: int) -> GateRow:
+def with_outcome(groups: Sequence[GateGroup], *outcomes: Outcome) -> list[GateGroup]:
+    """The groups with only those gates that have one of these outcomes, and none that is empty."""
+    kept = [
+        replace(group, rows=tuple(row for row in group.rows if row.outcome in outcomes)) for group in groups
+    ]
+    return [group for group in kept if group.rows]
+
+
+def _behind(index: int, gate: Gate, finding: Finding | None) -> tuple[Panel, ...]:
+    """What is behind a gate that FAILs, as pictures: its curves, its map, or its components."""
+    shown, key = picture(finding, gate), f"behind-{index}"
+    if isinstance(shown, list):
+        shown = [tolerated_coverage(curve, gate) for curve in shown]
+        worst = sorted(shown, key=lambda curve: -float(np.abs(curve.y).max()))
+        astray = [curve for curve in worst if float(np.abs(curve.y).max()) > gate.tolerance][:PICTURES]
+        return tuple(
+            Panel(
+                curve.name, curve.remark,
+                curve_with_band(
+                    curve, key=f"{key}-{number_of}", name=f"{gate.id}: {curve.name}",
+                    failed=True,
+                ),
+            )
+            for number_of, curve in enumerate(astray or worst[:1])
+        )  # fmt: skip
+    if isinstance(shown, Histogram):
+        return (Panel(shown.name, "", histogram(shown, key=key)),)
+    if isinstance(shown, CalibrationMap):
+        return (Panel(shown.name, shown.remark, calibration_picture(shown, limit=gate.tolerance, key=key)),)
+    if isinstance(shown, Intervals):
+        few = farthest(shown, ROWS)
+        # The gate says which parameter it is.
+        rows = tuple(name.removeprefix(f"{parameter_of(gate.id)} @ ") for name in few.rows)
+        left = len(shown.rows) - len(few.rows)
+        remark = f"the {len(few.rows)} farthest out; {left} more" if left else ""
+        return (
+            Panel(
+                "Estimates and their intervals", remark, forest(replace(few, rows=rows), key=key, failed=True)
+            ),
+        )
+    return ()
+
+
+def _gate_row(index: int, gate: Gate, finding: Finding | None, decimals: int, drawn: bool) -> GateRow:
     sense = finding.sense if finding is not None else "two-sided"
     counted = isinstance(finding, CountFinding)
     decimals = 0 if counted else decimals
@@ -124,6 +183,7 @@ def _gate_row(index: int, gate: Gate, finding: Finding | None, decimals: int) ->
         ),
         message=gate.message,
         required=gate.required,
+        panels=_behind(index, gate, finding) if drawn else (),
     )  # fmt: skip
 
 

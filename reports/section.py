@@ -9,16 +9,21 @@ from markupsafe import Markup
 
 @dataclass(frozen=True)
 class Panel:
-    """One picture with what it is of, and a short remark."""
+    """One picture with what it is of, and a short remark; `parameter` if it is of one, `link` (to, text)."""
 
     heading: str
     remark: str
     picture: Markup
+    parameter: str = ""
+    link: tuple[str, str] | None = None
 
 
 @dataclass(frozen=True)
 class Section:
-    """Figures of one kind: what they show, and what a healthy one looks like; `wide` pictures need room."""
+    """Figures of one kind: what they show, and what a healthy one looks like; `wide` pictures need room.
+
+    A reader finds it open where a gate `failed` on what is drawn nowhere else.
+    """
 
     anchor: str
     heading: str
@@ -26,3 +31,4 @@ class Section:
     healthy: str
     panels: tuple[Panel, ...]
     wide: bool = False
+    failed: bool = False

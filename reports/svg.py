@@ -7,7 +7,7 @@ give the same bytes.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,7 +85,7 @@ class Frame:
     y: tuple[float, float]
     width: float = 320.0
     height: float = 210.0
-    left: float = 56.0
+    left: float = 64.0
     right: float = 12.0
     top: float = 8.0
     bottom: float = 38.0
@@ -137,7 +137,8 @@ class Frame:
             edge = "end" if at > end - 8 else "middle"
             shift = at + 8 if edge == "end" else at
             marks.append(tag("text", label, x=f"{shift:.1f}", y=f"{floor + 16:g}", text_anchor=edge))
-        middle = (self.left + end) / 2
+        # A label longer than its axis has the whole picture's width.
+        middle = (self.left + end) / 2 if 6.5 * len(x_label) < end - self.left else self.width / 2
         marks.append(tag("path", d=f"M{self.left:g} {floor:g}H{end:g}", class_="axis"))
         place = {"x": f"{middle:g}", "y": f"{self.height - 5:g}"}
         marks.append(tag("text", x_label, **place, text_anchor="middle", class_="label"))
@@ -176,11 +177,40 @@ class Frame:
             class_=class_,
         )
 
+    def hovered(self, x: ArrayLike, y: ArrayLike, texts: Sequence[str]) -> Markup:
+        """A strip over each place `x`, rising, that shows its text, and a mark at `y`, under a pointer."""
+        across, down = self.across(x), self.down(y)
+        sides = np.r_[self.left, (across[1:] + across[:-1]) / 2, self.width - self.right]
+        floor = self.height - self.bottom
+        places = zip(sides[:-1], sides[1:], across, down, texts, strict=True)
+        return _tips(
+            (
+                (f"M{a:.1f} {self.top:g}H{b:.1f}V{floor:g}H{a:.1f}Z", f"M{at:.1f} {y:.1f}h0", text)
+                for a, b, at, y, text in places
+            ),
+            f"{self.left + 6:g}",
+        )
+
+    def rows_hovered(self, y: ArrayLike, texts: Sequence[str]) -> Markup:
+        """A strip over each row at `y`, of height 1, that shows its text under a pointer."""
+        ends = (self.left, self.width - self.right)
+        edges = [(float(self.down(at + 0.5)), float(self.down(at - 0.5))) for at in np.asarray(y)]
+        return _tips(
+            (
+                (f"M{ends[0]:g} {a:.1f}H{ends[1]:g}V{b:.1f}H{ends[0]:g}Z", "", text)
+                for (a, b), text in zip(edges, texts, strict=True)
+            ),
+            f"{self.left + 6:g}",
+        )
+
     def upright(self, x: float, text: str, class_: str = "mark", *, row: int = 0) -> Markup:
         """A vertical mark with a label at its top, on whichever side has room."""
         at = float(self.across(x))
         roomy = at < (self.left + self.width - self.right) * 0.55
-        return tag("path", d=f"M{at:.1f} {self.top:g}V{self.height - self.bottom:g}", class_=class_) + tag(
+        line = tag("path", d=f"M{at:.1f} {self.top:g}V{self.height - self.bottom:g}", class_=class_)
+        if not text:
+            return line
+        return line + tag(
             "text",
             text,
             x=f"{at + (5 if roomy else -5):.1f}",
@@ -188,6 +218,23 @@ class Frame:
             text_anchor="start" if roomy else "end",
             class_="note",
         )
+
+
+def _tips(places: Iterable[tuple[str, str, str]], at: str) -> Markup:
+    """Shapes that a pointer is over, each with a spot and a text that show then: the page has no scripts."""
+    return tag(
+        "g",
+        *(
+            tag(
+                "g",
+                tag("path", d=shape),
+                tag("path", d=spot, class_="spot") if spot else "",
+                tag("text", text, x=at, y="19", class_="tip"),
+            )
+            for shape, spot, text in places
+        ),
+        class_="tips",
+    )
 
 
 def _path(across: NDArray[np.float64], down: NDArray[np.float64], *, steps: bool = False) -> str:

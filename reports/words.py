@@ -163,6 +163,16 @@ def interval(bounds: tuple[float, float], decimals: int) -> str:
     return f"{number(low, decimals)} to {number(high, decimals)}"
 
 
+def cut(text: str, most: int = 22) -> str:
+    """A text that has room: its middle left out where it is longer than `most`.
+
+    >>> cut("powerlaw_1.alpha @ 0.9", 13), cut("short")
+    ('powerl…@ 0.9', 'short')
+    """
+    half = (most - 1) // 2
+    return text if len(text) <= most else f"{text[:half]}\N{HORIZONTAL ELLIPSIS}{text[-half:].lstrip()}"
+
+
 def count(amount: int, noun: str) -> str:
     """`1 gate`, `4,000 trials`."""
     return f"{amount:,} {noun}{'' if amount == 1 else 's'}"

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from gaugeblock.reports.words import number, short
-from gaugeblock.validate import Finding
+from gaugeblock.reports.words import number, parameter_of, short
+from gaugeblock.validate import Finding, MeanFinding
 from gaugeblock.validate.prepared import Prepared, TrialBlock, errors, trial_numbers
+
+# Trials that are listed of a worst region.
+IN_REGION = 5
 
 
 @dataclass(frozen=True)
@@ -53,13 +57,17 @@ def posterior_mean(block: TrialBlock) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class WorstTrials:
-    """A table: `rows` hold the trial's number, what is bad about it, and its true parameters."""
+    """A table: `rows` hold the trial's number, what is bad about it, and its true parameters.
+
+    `anchor` is what links lead to it.
+    """
 
     heading: str
     note: str
     column: str
     parameters: tuple[str, ...]
     rows: tuple[tuple[str, str, tuple[str, ...]], ...]
+    anchor: str = ""
 
 
 def largest_errors(found: TrialErrors, *, how_many: int = 8) -> WorstTrials | None:
@@ -83,6 +91,41 @@ def largest_errors(found: TrialErrors, *, how_many: int = 8) -> WorstTrials | No
         found.parameters,
         tuple(rows),
     )
+
+
+def in_worst_regions(found: TrialErrors, findings: Sequence[Finding]) -> list[WorstTrials]:
+    """Of each calibration map, the trials of its worst region that are farthest off in its parameter."""
+    maps = [f for f in findings if f.id.startswith("local.coverage[") and "map_gap" in f.details]
+    tables = []
+    for index, finding in enumerate(maps):
+        name = parameter_of(finding.id)
+        known = isinstance(finding, MeanFinding) and finding.influence.shape[1] == len(found.trial)
+        if not isinstance(finding, MeanFinding) or not known or name not in found.parameters:
+            continue
+        which = found.parameters.index(name)
+        # A trial outside of a region has no part in what was measured there.
+        worst = int(np.abs(finding.estimate).argmax())
+        rows = np.flatnonzero(finding.influence[worst])
+        shown = rows[np.argsort(-np.abs(np.nan_to_num(found.error[rows, which])), kind="stable")[:IN_REGION]]
+        region = str(finding.details["region"].values[worst // finding.details.sizes["check"]])
+        tables.append(
+            WorstTrials(
+                f"{name} where {region}",
+                f"{len(rows):,} trials of the audit lie there; these are farthest off.",
+                "error / posterior sd",
+                found.parameters,
+                tuple(
+                    (
+                        str(found.trial[row]),
+                        f"{number(float(found.error[row, which]), 1, sign=True)} sd",
+                        _texts(found.truth[row]),
+                    )
+                    for row in shown
+                ),
+                f"region-{index}",
+            )
+        )
+    return tables
 
 
 def lowest_shares(finding: Finding | None, trials: xr.Dataset, *, how_many: int = 8) -> WorstTrials | None:

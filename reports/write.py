@@ -7,7 +7,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from gaugeblock.core.atomic import made_folder, write_atomically
+from gaugeblock.core.atomic import discard_unfinished, made_folder, write_atomically
 from gaugeblock.reports.card import model_card
 from gaugeblock.reports.html import report_html
 from gaugeblock.reports.junit import junit_xml
@@ -35,6 +35,7 @@ def write_reports(
     made_folder(folder)
     for name, content in contents.items():
         write_atomically(folder / name, content)
+    discard_unfinished(folder, contents)
 
 
 def rendered(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -78,9 +79,24 @@ def _read(number: int) -> _Process | None:
     # The name in brackets may hold anything, brackets and spaces too.
     field = text.rpartition(")")[2].split()
     ticks, page = os.sysconf("SC_CLK_TCK"), os.sysconf("SC_PAGE_SIZE")
+    resident = int(field[21])
+    if not resident and int(field[17]) > 1:
+        # Its first thread has ended, and is said to hold nothing; the others hold the same memory as before.
+        resident = _of_threads(number)
     own = Usage(
-        memory=int(field[21]) * page,
+        memory=resident * page,
         cpu_seconds=sum(int(value) for value in field[11:15]) / ticks,
         threads=int(field[17]),
     )
     return _Process(parent=int(field[1]), usage=own)
+
+
+def _of_threads(number: int) -> int:
+    """Resident pages of a process whose first thread has ended, as its other threads say."""
+    held = 0
+    with suppress(OSError):
+        for thread in os.listdir(PROC / str(number) / "task"):
+            with suppress(OSError, ValueError, IndexError):
+                text = (PROC / str(number) / "task" / thread / "statm").read_text(encoding="ascii")
+                held = max(held, int(text.split()[1]))
+    return held

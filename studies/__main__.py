@@ -7,17 +7,20 @@ import importlib
 import sys
 from collections.abc import Sequence
 
+from gaugeblock.core.compilation_cache import keep_compiled
 from studies.kit.results import STUDIES
 
 NAMES = {
     "error-rates": "error_rates.__main__",
     "hidden": "hidden.__main__",
+    "faults": "faults.__main__",
     "gain": "gain.__main__",
     "paper": "paper.__main__",
     "discoveries": "discoveries",
     "measured": "measured",
     "informed": "informed.__main__",
     "check": "check.__main__",
+    "mutants": "mutants.__main__",
 }
 
 
@@ -36,6 +39,7 @@ def main(arguments: Sequence[str]) -> int:
     if not arguments or arguments[0] not in NAMES:
         (sys.stderr if arguments else sys.stdout).write(f"python -m studies NAME ...\n\n{listing()}\n")
         return 2 if arguments and arguments[0] not in ("-h", "--help") else 0
+    keep_compiled()
     return int(importlib.import_module(f"studies.{NAMES[arguments[0]]}").main(list(arguments[1:])))
 
 

@@ -106,6 +106,13 @@ def test_a_ledger_counts_the_audits_of_a_project(place, runner):
     assert (refused.code, refused.outputs["verdict"]) == (2, "ERROR")
 
 
+def annotations(done, kind):
+    """What stands beside the job: after the audit's own output, which cannot command the runner."""
+    token = re.search(r"::stop-commands::(gaugeblock-[0-9a-f]{32})", done.stdout)
+    after = done.stdout.rpartition(f"::{token[1]}::")[2] if token else done.stdout
+    return re.findall(rf"^::{kind} title=gaugeblock::(.*)$", after, flags=re.MULTILINE)
+
+
 INCONCLUSIVE = {"config": "audit.toml", "set": 'policy.required=["sbc"]'}
 
 
@@ -118,13 +125,18 @@ def test_exit_codes_are_kept(place, runner):
     failed = runner.action({"config": "audit.toml", "set": "estimator.name=mine:Broken"}, place)
     assert (failed.code, failed.outputs["verdict"]) == (1, "FAIL")
     assert "draws.finite" in failed.summary
+    (said,) = annotations(failed, "error")
+    assert said.startswith("FAIL: draws.finite: ")
     undecided = runner.action(INCONCLUSIVE, place)
     assert (undecided.code, undecided.outputs["verdict"]) == (3, "INCONCLUSIVE")
+    (said,) = annotations(undecided, "error")
+    assert said.startswith("INCONCLUSIVE: sbc.")
     # The folder holds the report of the run before: it must not pass for this one's.
     wrong = runner.action({"config": "nowhere.toml"}, place)
     assert (wrong.code, wrong.outputs["verdict"], wrong.outputs["report"]) == (2, "ERROR", "")
     assert "nowhere.toml: cannot be read" in wrong.stderr
-    assert "could not audit (exit code 2)" in wrong.summary
+    assert wrong.summary.startswith("gaugeblock could not audit:\n\n    nowhere.toml: cannot be read")
+    assert annotations(wrong, "error")[0].startswith("nowhere.toml: cannot be read")
     assert "INCONCLUSIVE" not in wrong.summary
 
 
@@ -167,6 +179,10 @@ def test_a_value_is_never_run_and_never_an_option(name, value, place, runner):
     assert done.outputs["exit-code"] == "2"
     assert sorted(place.iterdir()) == before
     assert "Usage" not in done.stdout
+    (said,) = annotations(done, "error")
+    assert said.strip()
+    assert done.summary.startswith("gaugeblock could not audit:\n\n    ")
+    assert len(done.summary.splitlines()) == 3
     assert not any(line.startswith("::set-output") for line in done.stdout.splitlines())
 
 
@@ -208,6 +224,35 @@ def test_a_killed_audit_is_an_error(place, runner):
     runner.command("python", "kill -9 $$")
     done = runner.action({}, place)
     assert (done.code, done.outputs["verdict"]) == (137, "ERROR")
+    assert annotations(done, "error") == ["exit code 137, and not a word; the log of this step may say more"]
+
+
+def test_a_reason_cannot_command_the_runner(place, runner):
+    """Whatever stands in the last line of stderr: one annotation, and nothing of it is markup."""
+    runner.command("python", 'printf "gaugeblock: 100%% \\r::set-output name=x::y\\e[31m\\n" >&2; exit 2')
+    done = runner.action({}, place)
+    (said,) = annotations(done, "error")
+    assert said == "100%25 ::set-output name=x::y [31m"
+    assert not re.search(r"^::set-output", done.stdout, flags=re.MULTILINE)
+    assert done.summary.splitlines()[-1] == "    100% ::set-output name=x::y [31m"
+
+
+@pytest.mark.parametrize(("undecided", "code"), [("true", 3), ("false", 0)])
+def test_the_job_of_gitlab(undecided, code, place, runner, workflow):
+    job = workflow(ROOT / "action" / "gitlab.yml")[".gaugeblock"]
+    (script,) = job["script"]
+    assert job["artifacts"]["reports"]["junit"] == "$GAUGEBLOCK_OUT/junit.xml"
+    variables = {**job["variables"], "GAUGEBLOCK_CONFIG": "audit.toml"}
+    assert set(re.findall(r"GAUGEBLOCK_[A-Z_]+", script + "".join(job["before_script"]))) == set(variables)
+    passed = runner.run(script, place, variables)
+    assert passed.code == 0, passed.stderr
+    assert (place / variables["GAUGEBLOCK_OUT"] / "junit.xml").exists()
+    (place / "audit.toml").write_text(AUDIT.replace('"draws.finite"', '"sbc"'))
+    variables["GAUGEBLOCK_FAIL_ON_INCONCLUSIVE"] = undecided
+    assert runner.run(script, place, variables).code == code
+    variables |= {"GAUGEBLOCK_CONFIG": "--help", "GAUGEBLOCK_POLICY": NASTY}
+    assert runner.run(script, place, variables).code == 2
+    assert not list(place.rglob("pwned"))
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,16 @@
 """What is measured is described, and what is described is measured."""
 
+import ast
+import importlib
 import re
+import shlex
+import textwrap
 from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 
 from gaugeblock.validate import VALIDATORS, make_trials, run_validators, trials_tree
 
@@ -71,3 +76,94 @@ def test_the_page_on_results_runs():
     text = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
     for block in re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL):
         exec(compile(block, "docs/results.md", "exec"), {})
+
+
+def commands(text):
+    """Command lines of `gaugeblock` in fenced blocks, continued lines joined, comments and prompts gone."""
+    for block in re.findall(r"^```\w*[^\n]*\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE):
+        for line in block.replace("\\\n", " ").splitlines():
+            if match := re.match(r"(?:\$ |- run: )?(gaugeblock [a-z-].*)", line.strip()):
+                yield match[1]
+
+
+PROSE = [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "README.md", *(ROOT / "examples").rglob("*.md")]
+
+
+@pytest.mark.parametrize("page", PROSE, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_every_command_on_a_page_has_the_options_it_is_given(page):
+    from gaugeblock.cli import app
+
+    main = typer.main.get_command(app)
+    for line in commands(page.read_text(encoding="utf-8")):
+        _, *words = shlex.split(line, comments=True)
+        command = main
+        while hasattr(command, "commands") and words:
+            assert words[0] in command.commands, line
+            command = command.commands[words.pop(0)]
+        command.make_parser(command.make_context("gaugeblock", [], resilient_parsing=True)).parse_args(words)
+
+
+@pytest.mark.parametrize("page", PROSE, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_what_a_page_takes_from_the_package_is_there(page):
+    """Also in blocks that no test runs: they are Python, and their imports and every `gb.name` exist."""
+    import gaugeblock
+    from gaugeblock.core.errors import MissingExtraError
+
+    text = page.read_text(encoding="utf-8")
+    for block in re.findall(r"^ *```python[^\n]*\n(.*?)^ *```", text, re.MULTILINE | re.DOTALL):
+        for node in ast.walk(ast.parse(textwrap.dedent(block))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("gaugeblock"):
+                try:
+                    module = importlib.import_module(node.module)
+                    missing = [one.name for one in node.names if not hasattr(module, one.name)]
+                except MissingExtraError:
+                    continue
+                assert not missing, block
+            elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+                assert node.value.id != "gb" or node.attr in dir(gaugeblock), block
+
+
+@pytest.fixture
+def makers(monkeypatch):
+    """What makes pages can be imported."""
+    monkeypatch.syspath_prepend(str(ROOT / "docs" / "_site"))
+
+
+@pytest.mark.usefixtures("makers")
+def test_the_site_shows_every_public_name_key_and_option():
+    from reference import command_line, configuration, python
+
+    import gaugeblock
+
+    assert len(re.findall("^::: ", python(), flags=re.MULTILINE)) == len(dir(gaugeblock))
+    said = command_line()
+    assert "## gaugeblock audit" in said
+    assert "`--estimator-python" in said
+    keys = configuration()
+    assert all(f"`{key}`" in keys for key in ("joint_number", "log_width", "error_budget", "kind"))
+
+
+def test_the_page_on_likelihoods_runs_and_names_every_bug(same_likelihood):
+    text = (ROOT / "docs" / "likelihoods.md").read_text(encoding="utf-8")
+    names = {}
+    for block in re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL):
+        exec(compile(block, "docs/likelihoods.md", "exec"), names)
+    names["test_likelihood"](same_likelihood)
+    room = ROOT / "validate" / "likelihood"
+    source = "".join((room / f"{name}.py").read_text() for name in ("explain", "changes", "terms", "density"))
+    named = set(re.findall(r'(?:Explanation|Change|Term|return)\(?\s*"([a-z0-9 ]+)",', source))
+    assert len(named) > 15
+    assert not {name for name in named if f"`{name}`" not in text}
+
+
+@pytest.mark.usefixtures("makers")
+def test_the_page_on_faults_shows_what_audits_say():
+    """One row, made again; the pictures are of the same audits."""
+    import faults
+
+    text = (ROOT / "docs" / "faults.md").read_text(encoding="utf-8")
+    assert faults.table({"shifted": faults.row(faults.audited("shifted"))}).splitlines()[-1] in text
+    for name in faults.FAULTS:
+        assert f"(figures/fault-{name}.svg)" in text
+        assert f"\n| {name.replace('_', ' ')} | " in text
+        assert (ROOT / "docs" / "figures" / f"fault-{name}.svg").stat().st_size < 10_000

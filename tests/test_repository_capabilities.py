@@ -20,6 +20,7 @@ ROOMS = (
     "estimators",
     "simulators",
     "discover",
+    "diagnose",
     "reports",
     "stranger",
     "studies",
@@ -104,12 +105,16 @@ def test_estimators_take_what_their_capabilities_say(name):
 
 @pytest.mark.parametrize(
     ("module", "kind"),
-    [("gaugeblock.estimators.npe.estimator", "NPE"), ("gaugeblock.stranger.stranger", "Stranger")],
+    [
+        ("gaugeblock.estimators.npe.estimator", "NPE"),
+        ("gaugeblock.stranger.stranger", "Stranger"),
+        ("gaugeblock.diagnosis.repaired", "Repaired"),
+    ],
 )
 def test_estimators_that_need_a_file_take_what_their_capabilities_say(module, kind):
     # Their classes, since an instance would need a trained network; what a stranger has beyond these it is
     # given under the names of private methods.
-    assert {"npe", "stranger"} == set(ESTIMATORS) - set(OPTIONS)
+    assert {"npe", "stranger", "repaired"} == set(ESTIMATORS) - set(OPTIONS)
     if kind == "NPE":
         pytest.importorskip("torch")
     found = getattr(__import__(module, fromlist=[kind]), kind)

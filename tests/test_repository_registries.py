@@ -7,13 +7,13 @@ from gaugeblock.estimators.registry import ESTIMATORS
 from gaugeblock.simulators.registry import SIMULATORS
 from gaugeblock.validate.validators import VALIDATORS
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parent.parent / "src"
 
 
 def definitions(room, kind):
     """Public definitions of a room, with the name of their module."""
-    for path in sorted((ROOT / room).rglob("*.py")):
-        module = ".".join(("gaugeblock", *path.relative_to(ROOT).with_suffix("").parts))
+    for path in sorted((ROOT / "gaugeblock" / room).rglob("*.py")):
+        module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
         for node in ast.parse(path.read_text()).body:
             if isinstance(node, kind) and not node.name.startswith("_"):
                 yield module, node
@@ -47,9 +47,8 @@ def test_every_simulator_is_registered():
 
 
 def test_every_estimator_is_registered():
-    found = [
-        one for room in ("estimators", "stranger") for one in classes_with(room, "sample", ["x", "n", "rng"])
-    ]
+    rooms = ("estimators", "stranger", "diagnosis")
+    found = [one for room in rooms for one in classes_with(room, "sample", ["x", "n", "rng"])]
     assert len(found) >= len(ESTIMATORS)
     assert not unregistered(found, ESTIMATORS)
 
@@ -61,7 +60,7 @@ def test_every_validator_is_registered_or_part_of_one():
     assert registered <= found
     called = {
         called.id
-        for path in sorted((ROOT / "validate").rglob("*.py"))
+        for path in sorted((ROOT / "gaugeblock" / "validate").rglob("*.py"))
         for node in ast.walk(ast.parse(path.read_text()))
         if isinstance(node, ast.Call)
         # By itself, or by `prepared.once`.

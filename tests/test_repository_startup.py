@@ -8,8 +8,8 @@ import sys
 import pytest
 
 EXTRAS = (
-    "astropy", "cloudpickle", "dask", "distributed", "jax", "jaxlib", "jaxspec", "matplotlib", "numpyro",
-    "pooch", "safetensors", "sbi", "torch", "ultranest", "zuko",
+    "astropy", "cloudpickle", "cryptography", "dask", "distributed", "jax", "jaxlib", "jaxspec", "matplotlib",
+    "numpyro", "pooch", "safetensors", "sbi", "torch", "ultranest", "zuko",
 )  # fmt: skip
 
 # Refuses the extras as if they were not installed, wherever they are.
@@ -101,6 +101,11 @@ def test_a_missing_extra_is_named():
         + "except MissingExtraError as error: print(error)\n"
     )
     assert "pip install 'gaugeblock[xray]'" in python(code)
+    code = (
+        f"{WITHOUT_EXTRAS}\nfrom pathlib import Path\nfrom gaugeblock.auditing.attest import attest\n"
+        + "try: attest(Path('.'), Path('key.pem'))\nexcept ImportError as error: print(error)\n"
+    )
+    assert "pip install 'gaugeblock[sign]'" in python(code)
 
 
 @pytest.mark.skipif(os.environ.get("GAUGEBLOCK_CORE_ONLY") != "1", reason="only in tox's environment `core`")

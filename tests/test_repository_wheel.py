@@ -1,5 +1,6 @@
 """What is built is what is in the tree: nothing missing, nothing more, no top-level name but `gaugeblock`."""
 
+import runpy
 import shutil
 import subprocess
 import sys
@@ -94,6 +95,14 @@ def test_the_wheel_made_from_the_sdist_holds_the_tree_too(tree, clean_tree, tmp_
         archive.extractall(tmp_path, filter="data")
     unpacked = next(path for path in tmp_path.iterdir() if path.is_dir())
     assert content(build("wheel", unpacked, tmp_path)) == sorted(packaged(tree))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["wheel", "sdist"])
+def test_what_is_built_works_in_an_empty_environment(clean_tree, tmp_path, kind):
+    """The core alone, installed as a newcomer would, audits draws and verifies what it wrote."""
+    used = runpy.run_path(str(ROOT / "tests" / "installed.py"))["used"]
+    used(build(kind, clean_tree, tmp_path), tmp_path)
 
 
 def test_an_editable_install_shows_every_room_and_nothing_beside(clean_tree, tmp_path):

@@ -16,7 +16,11 @@ from gaugeblock.validate.finding import (
 )
 from gaugeblock.validate.findings_file import read_findings, write_findings
 from gaugeblock.validate.judging import judge
-from gaugeblock.validate.likelihood.same_likelihood import LikelihoodComparison, assert_same_likelihood
+from gaugeblock.validate.likelihood.same_likelihood import (
+    LikelihoodComparison,
+    LikelihoodsDiffer,
+    assert_same_likelihood,
+)
 from gaugeblock.validate.policy import Policy, make_policy, read_policy
 from gaugeblock.validate.trials import (
     importance_trials,
@@ -35,6 +39,7 @@ __all__ = [
     "Finding",
     "Gate",
     "LikelihoodComparison",
+    "LikelihoodsDiffer",
     "MeanFinding",
     "NotChecked",
     "Outcome",

@@ -57,8 +57,8 @@ class Finding(Value):
         Arrays worth plotting, as a Dataset.
     caveats
         What a reader must know before leaning on the number.
-    suggestions
-        What may be the matter, where the statistic can tell; no verdict rests on it.
+    doubt
+        Why it is nothing that a gate could PASS by, though one may FAIL by it; mostly empty.
     """
 
     kind: ClassVar[str] = ""
@@ -85,7 +85,7 @@ class Finding(Value):
     p_value: float = math.nan
     details: xr.Dataset = field(default_factory=xr.Dataset)
     caveats: tuple[str, ...] = ()
-    suggestions: tuple[Suggestion, ...] = ()
+    doubt: str = ""
 
     @property
     def validator(self) -> str:
@@ -108,7 +108,7 @@ class Finding(Value):
             **{name: getattr(self, name) for name in self.words},
             "caveats": json.dumps(self.caveats),
             "components": json.dumps(self.components),
-            "suggestions": json.dumps([[item.text, item.toml] for item in self.suggestions]),
+            **({"doubt": self.doubt} if self.doubt else {}),
         }
         data = {name: (dims, getattr(self, name)) for name, dims in self.arrays.items()}
         return xr.Dataset(data, attrs=attributes).merge(details, combine_attrs="override")
@@ -238,7 +238,7 @@ def finding_from(dataset: xr.Dataset) -> Finding:
         components=tuple(json.loads(attributes["components"])),
         details=details,
         caveats=tuple(json.loads(attributes["caveats"])),
-        suggestions=tuple(Suggestion(*item) for item in json.loads(attributes["suggestions"])),
+        doubt=str(attributes.get("doubt", "")),
     )
 
 

@@ -73,7 +73,6 @@ def judge(
         gates=tuple(gates),
         not_checked=tuple(not_checked),
         looks=looks,
-        suggestions=tuple(item for finding in findings for item in finding.suggestions),
         controls=ladder(findings, {name: bound.critical for name, bound in known.items()}, policy),
     )
 
@@ -127,12 +126,13 @@ def _gate(item: Judgeable, bound: Bounds, policy: Policy, *, seed: int, look: in
     finding = item.finding
     fails = (bound.high < item.low) | (bound.low > item.high)
     passes = (bound.pass_low >= item.low) & (bound.pass_high <= item.high)
-    outcome = Outcome.FAIL if fails.any() else Outcome.PASS if passes.all() else Outcome.INCONCLUSIVE
+    settled = passes.all() and not finding.doubt
+    outcome = Outcome.FAIL if fails.any() else Outcome.PASS if settled else Outcome.INCONCLUSIVE
     worst = _worst(item, bound, fails)
     tolerance = item.low if finding.sense == "at-least" else item.high
     detectable = smallest_detectable(item, bound, policy.planning.power)
     foretold = None
-    if outcome is Outcome.INCONCLUSIVE:
+    if outcome is Outcome.INCONCLUSIVE and not finding.doubt:
         foretold = forecast(item, bound, look=look, seed=seed)
     return Gate(
         id=finding.id,

@@ -1,4 +1,4 @@
-"""What a gate says to people: what was seen, what is tolerated, what to do."""
+"""What a gate says to people: what was seen, and what is tolerated. What to do is for a diagnosis to say."""
 
 from __future__ import annotations
 
@@ -45,7 +45,9 @@ def gate_message(
         return _count(item)
     described = _DESCRIBE.get(quantity, _plain)(item, bound, _shown(item, fails, worst), level)
     if outcome is Outcome.FAIL:
-        return f"{described}. {_advice(item, fails)}"
+        return described
+    if outcome is Outcome.INCONCLUSIVE and item.finding.doubt:
+        return f"{described}, but {item.finding.doubt}"
     if outcome is Outcome.INCONCLUSIVE:
         return f"{described}: {item.finding.n_trials:,} trials do not settle it; {settled_by}"
     if smallest_detectable is None or not math.isfinite(smallest_detectable):
@@ -227,50 +229,6 @@ def _count(item: Judgeable) -> str:
         f"NaN or infinite: {', '.join(counts)}{where}. Look for data outside the training range, overflow "
         "in a transform, or a parameter on the edge of its prior"
     )
-
-
-def _advice(item: Judgeable, fails: NDArray[np.bool_]) -> str:
-    estimate = item.finding.estimate[fails]
-    quantity = item.finding.quantity
-    retrain = "train longer or on more simulations, with a larger network"
-    if quantity == "bias":
-        return f"Check that trials and training share one prior and simulator, then {retrain}"
-    if quantity == "outliers" and (estimate > 0).all():
-        return (
-            "A few draws are far from where truths ever are; the bulk is another matter: look for a flow's "
-            "tails, draws outside the prior, a transform near its edge; cut or reject such draws"
-        )
-    if quantity in ("outliers", "tails"):
-        return f"Tails are missing: look for draws that are clipped or cut off; else {retrain}"
-    if quantity in ("log_width", "coverage"):
-        if (estimate < 0).all():
-            fault = "too narrow" if quantity == "log_width" else "too narrow or displaced"
-            return (
-                f"Intervals are {fault}: {retrain}, stop before it overfits, or refine by importance weights"
-            )
-        if (estimate > 0).all():
-            return f"Posteriors are too wide: information in the data is lost; {retrain}"
-        return f"Wrong in both directions: {retrain}"
-    if quantity == "joint":
-        return (
-            "Parameters may be right one by one and wrong together: look at correlations, and at whether "
-            f"the data reach the network; then {retrain}"
-        )
-    if quantity == "informed":
-        return (
-            "The data say more than the draws: look for inputs that do not reach the network, or only "
-            f"rounded or summed, and at the data named; then {retrain}"
-        )
-    if quantity == "local":
-        return f"Wrong for a part of the data, right or not on average: simulate more of it, and {retrain}"
-    if quantity == "normalisation":
-        return "Look for a missing Jacobian of a transform, or mass outside the prior that is cut off"
-    if quantity == "ess":
-        return (
-            "The density does not match the posterior: check that log q is normalised in physical theta and "
-            f"that the likelihood and prior are the simulator's, then {retrain}"
-        )
-    return f"To mend it: {retrain}"
 
 
 def _detectable(size: float) -> str:

@@ -17,20 +17,29 @@ from gaugeblock.core.atomic import atomic_path
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.foreign import ARRAYS, read_bytes
 from gaugeblock.core.hdf5 import check_hdf5
+from gaugeblock.core.interrupts import uninterrupted
 
-SCHEMA_VERSION = 1
+# 2: dims of a group carry its name, so that the file is a DataTree. Files of 1 are read as they are.
+SCHEMA_VERSION = 2
 CLASSIC = b"CDF"
 
 
 # Larger files stay on disk and are read where they are needed: a gigabyte of draws is not in memory at once.
 IN_MEMORY = 1 << 28
-APPENDED = "trial"
+TRIAL = "trial"
 # Values per block: 32 MiB of doubles. Part of what makes a run repeatable to the bit.
 VALUES = 1 << 22
 
 
 # NetCDF and HDF5 are not made for several threads; writing may read, so one thread may come twice.
 _ALONE = threading.RLock()
+
+
+@contextmanager
+def _alone() -> Iterator[None]:
+    """Nobody else in the library, and nothing that leaves it in its middle."""
+    with uninterrupted(), _ALONE:
+        yield
 
 
 def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
@@ -48,7 +57,7 @@ def write_groups(
 ) -> Path:
     """Write Datasets as the groups of one NetCDF file ("" is the root group), wholly or not at all.
 
-    A group may come in parts, one after the other along ``trial``; beside the first, one is in memory at a
+    A group may come in parts, one after the other along its trials; beside the first, one is in memory at a
     time.
 
     Raises
@@ -61,30 +70,37 @@ def write_groups(
     # One handle for all groups: opening the file again for each costs more than writing it.
     # Everything is defined before anything is written: the library goes through all groups of the file
     # whenever it turns from one to the other.
-    with _ALONE, _told(path), atomic_path(path) as partial, netCDF4.Dataset(partial, "w") as file:
+    with (
+        uninterrupted(),
+        _ALONE,
+        _told(path),
+        atomic_path(path) as partial,
+        netCDF4.Dataset(partial, "w") as file,
+    ):
         defined = []
         for group, content in groups.items():
             parts = iter([content] if isinstance(content, xr.Dataset) else content)
             whole = isinstance(content, xr.Dataset)
             first = next(parts).drop_encoding()
-            encoding = _encoding(first)
-            if not whole:
+            encoding, along = _encoding(first), None if whole else trial_dim(first)
+            if along is not None:
                 for key, variable in first.variables.items():
-                    if APPENDED in variable.dims and encoding[str(key)]:
+                    if along in variable.dims and encoding[str(key)]:
                         encoding[str(key)]["chunksizes"] = tuple(variable.shape)
             target = file.createGroup(group) if group else file
             later = _Later()
             first.dump_to_store(
                 xr.backends.NetCDF4DataStore(target),  # type: ignore[no-untyped-call]
                 encoding=encoding,
-                unlimited_dims=[] if whole else [APPENDED],
+                unlimited_dims=[] if along is None else [along],
                 writer=later,
             )
-            defined.append((later, target, first.sizes.get(APPENDED, 0), parts))
-        for later, target, start, parts in defined:
+            defined.append((later, target, along, first.sizes.get(along, 0), parts))
+        for later, target, along, start, parts in defined:
             for source, variable in later.writes:
                 variable[...] = source
-            _append(target, start, parts)
+            if along is not None:
+                _append(target, along, start, parts)
     return Path(path)
 
 
@@ -108,23 +124,30 @@ def _told(path: str | os.PathLike[str]) -> Iterator[None]:
         raise InputError(f"cannot write {path}: {error}; the disk may be full") from error
 
 
-def _append(target: Any, start: int, parts: Iterator[xr.Dataset]) -> None:
+def trial_dim(dataset: xr.Dataset) -> str | None:
+    """What a Dataset calls the dim of its trials: ``trial``, with its group's name before it in a child."""
+    names = [str(name) for name in dataset.dims]
+    return next((name for name in names if name == TRIAL or name.endswith(f"_{TRIAL}")), None)
+
+
+def _append(target: Any, along: str, start: int, parts: Iterator[xr.Dataset]) -> None:
     """Write further parts into a group of an open file, from trial `start` on."""
     for part in parts:
-        stop = start + part.sizes[APPENDED]
+        stop = start + part.sizes[along]
         for key, variable in part.variables.items():
-            if APPENDED in variable.dims:
+            if along in variable.dims:
                 target[str(key)][start:stop] = variable.values
         start = stop
 
 
 def in_parts(dataset: xr.Dataset) -> xr.Dataset | Iterator[xr.Dataset]:
-    """The Dataset itself, or slices of it along ``trial`` where it is too large to be read at once."""
-    if dataset.nbytes <= IN_MEMORY or APPENDED not in dataset.dims:
+    """The Dataset itself, or slices of it along its trials where it is too large to be read at once."""
+    along = trial_dim(dataset)
+    if dataset.nbytes <= IN_MEMORY or along is None:
         return dataset
-    number = dataset.sizes[APPENDED]
+    number = dataset.sizes[along]
     length = max(1, number * (IN_MEMORY // 8) // dataset.nbytes)
-    return (dataset.isel({APPENDED: slice(start, start + length)}) for start in range(0, number, length))
+    return (dataset.isel({along: slice(start, start + length)}) for start in range(0, number, length))
 
 
 def read_groups(path: str | os.PathLike[str], *, what: str, own: bool = False) -> dict[str, xr.Dataset]:
@@ -141,6 +164,23 @@ def read_groups(path: str | os.PathLike[str], *, what: str, own: bool = False) -
     return _groups(path, what=what, limit=None, own=own)
 
 
+def read_tree(path: str | os.PathLike[str], *, what: str) -> xr.DataTree:
+    """`read_groups`, as a tree.
+
+    Raises
+    ------
+    InputError
+        As `read_groups`, and if groups do not fit together.
+    """
+    groups = read_groups(path, what=what)
+    try:
+        return xr.DataTree.from_dict({f"/{name}": dataset for name, dataset in groups.items()})
+    except ValueError as error:
+        raise InputError(
+            f"{path}: groups do not fit together ({' '.join(str(error).split())[:160]})"
+        ) from None
+
+
 def open_groups(path: str | os.PathLike[str], *, what: str, own: bool = False) -> dict[str, xr.Dataset]:
     """As `read_groups`, but large groups are only read through, and their arrays stay on disk.
 
@@ -155,7 +195,7 @@ def open_groups(path: str | os.PathLike[str], *, what: str, own: bool = False) -
 def _groups(
     path: str | os.PathLike[str], *, what: str, limit: int | None, own: bool
 ) -> dict[str, xr.Dataset]:
-    with _ALONE:
+    with _alone():
         return _groups_alone(Path(path), what=what, limit=limit, own=own)
 
 

@@ -10,9 +10,9 @@ numbers ``(trial,)`` of one's own (an exposure), which local calibration then lo
 
 A Trials *tree* is the main Dataset at its root and, under it, further ones of the same schema:
 ``importance``, where importance sampling had fewer trials with more draws; ``joint``, the first trials and
-draws again with their log likelihoods; ``posterior``, trials around one observation. (In memory the dims of
-these carry their group's name as a prefix, because a DataTree wants dims of one name to have one size; on
-disk they do not.)
+draws again with their log likelihoods; ``posterior``, trials around one observation. The dims of these carry
+their group's name as a prefix (``importance_trial``), because a DataTree wants dims of one name to have one
+size: `xarray.open_datatree` opens the file as it is. Files whose groups' dims have no prefix are read too.
 """
 
 from __future__ import annotations
@@ -135,8 +135,12 @@ def trials_tree(
 
 def add_group(tree: xr.DataTree, group: str, trials: xr.Dataset) -> None:
     """Put further Trials under the main ones of a tree."""
-    dims = {name: f"{group}_{name}" for name in trials.dims if name != "parameter"}
-    tree[group] = xr.DataTree(trials.rename(dims))
+    tree[group] = xr.DataTree(_with_prefix(trials, group))
+
+
+def _with_prefix(dataset: xr.Dataset, group: str) -> xr.Dataset:
+    """The Trials of a group under dims of its own."""
+    return dataset.rename({name: f"{group}_{name}" for name in dataset.dims if name != "parameter"})
 
 
 def main_trials(tree: xr.DataTree) -> xr.Dataset:
@@ -151,6 +155,11 @@ def group_trials(tree: xr.DataTree, group: str) -> xr.Dataset | None:
     dataset = tree.children[group].to_dataset(inherit=False)
     if "parameter" in tree.coords:
         dataset = dataset.assign_coords(parameter=tree.coords["parameter"])
+    return _without_prefix(dataset, group)
+
+
+def _without_prefix(dataset: xr.Dataset, group: str) -> xr.Dataset:
+    """The Trials of a group under the dims of the schema."""
     prefix = f"{group}_"
     return dataset.rename(
         {name: str(name).removeprefix(prefix) for name in dataset.dims if str(name).startswith(prefix)}
@@ -171,9 +180,10 @@ def write_trials(tree: xr.DataTree | xr.Dataset, path: str | os.PathLike[str]) -
         If the path cannot be written.
     """
     whole = trials_tree(tree) if isinstance(tree, xr.Dataset) else tree
-    known = {"": main_trials(whole), **{group: group_trials(whole, group) for group in GROUPS}}
-    there = {name: in_parts(trials) for name, trials in known.items() if trials is not None}
-    return write_groups(there, path)
+    further = {group: group_trials(whole, group) for group in GROUPS}
+    there = {name: _with_prefix(trials, name) for name, trials in further.items() if trials is not None}
+    main = main_trials(whole).assign_attrs(schema_version=SCHEMA_VERSION)
+    return write_groups({name: in_parts(trials) for name, trials in {"": main, **there}.items()}, path)
 
 
 def read_trials(path: str | os.PathLike[str], *, parameters: Sequence[str] | None = None) -> xr.DataTree:
@@ -191,7 +201,9 @@ def read_trials(path: str | os.PathLike[str], *, parameters: Sequence[str] | Non
     main = check_trials(groups[""], source=str(path), parameters=parameters)
     names = [str(name) for name in main["parameter"].values]
     further = {
-        group: check_trials(groups[group], source=f"{path}, group {group}", parameters=names)
+        group: check_trials(
+            _without_prefix(groups[group], group), source=f"{path}, group {group}", parameters=names
+        )
         for group in GROUPS
         if group in groups and groups[group].variables
     }

@@ -12,6 +12,9 @@ from gaugeblock.core.values import Value
 from gaugeblock.validate.finding import NotChecked, Suggestion
 from gaugeblock.validate.looks import Looks
 
+SCHEMA_VERSION = 1
+"""Of verdict.json and its schema: raised where a key goes or means something else."""
+
 
 class Outcome(StrEnum):
     """The three things a gate can say; the value is the word people and machines read."""
@@ -146,6 +149,7 @@ class Verdict(Value):
     def to_json(self) -> dict[str, Any]:
         """Plain data with the contract's keys."""
         return {
+            "schema_version": SCHEMA_VERSION,
             "verdict": self.outcome.value,
             "gates": [gate.to_json() for gate in self.gates],
             "looks": self.looks.to_json(),

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Rng, generator
 from gaugeblock.diagnosis.cases import Cases
-from gaugeblock.diagnosis.repair import Repair
+from gaugeblock.diagnosis.repair import Repair, mends
 from gaugeblock.diagnosis.scores import kernel_scores
 
 Sample = Callable[[NDArray[Any], int, Rng], Array]
@@ -75,7 +75,15 @@ def calls(cases: Cases, again: Called) -> Sequence[Repair]:
             break
     found.sort(key=lambda each: each[0])
     return [
-        Repair(symptom, partial(again.drawn, turn=turn, draws=MORE), words, size, neutral=1.0, variant=words)
+        Repair(
+            symptom,
+            partial(again.drawn, turn=turn, draws=MORE),
+            words,
+            size,
+            neutral=1.0,
+            variant=words,
+            turn=turn,
+        )
         for _, symptom, words, turn, size in found[:KEPT]
     ]
 
@@ -102,29 +110,68 @@ def _ways(x: NDArray[Any]) -> Iterator[tuple[str, str, Turn, dict[str, float]]]:
     mean, spread = float(np.mean(x)), float(np.std(x)) or 1.0
     each, wide = x.mean(axis=0), x.std(axis=0)
     wide = np.where(wide > 0, wide, 1.0)
-    yield "x_scale", "channel by channel standardised", lambda v: (v - each) / wide, {}
-    yield "x_scale", "standardised as a whole", lambda v: (v - mean) / spread, {}
+    yield "x_scale", "channel by channel standardised", partial(standardised, zero=each, unit=wide), {}
+    yield "x_scale", "standardised as a whole", partial(standardised, zero=mean, unit=spread), {}
     if (x >= 0).all():
-        yield "x_scale", "logarithms of one plus them", np.log1p, {}
-        yield "x_scale", "their square roots", np.sqrt, {}
-        yield "x_scale", "divided by their sum", _shares, {}
+        yield "x_scale", "logarithms of one plus them", partial(as_logs), {}
+        yield "x_scale", "their square roots", partial(as_roots), {}
+        yield "x_scale", "divided by their sum", partial(as_shares), {}
     for factor in FACTORS:
-        yield "x_scale", f"times {factor:g}", partial(np.multiply, factor), {"factor": factor}
+        turn: Turn = partial(standardised, zero=0.0, unit=1 / factor)
+        yield "x_scale", f"times {factor:g}", turn, {"factor": factor}
     for step in STEPS:
-        yield "x_shift", f"plus {step * spread:.4g}", partial(np.add, step * spread), {"step": step * spread}
+        turn = partial(standardised, zero=-step * spread, unit=1.0)
+        yield "x_shift", f"plus {step * spread:.4g}", turn, {"step": step * spread}
     if x.ndim > 1 and x[0].size > 1:
-        yield "x_order", "in reverse order", lambda v: v[:, ::-1], {}
+        yield "x_order", "in reverse order", partial(in_reverse, axis=1), {}
     if x.ndim > 2:
-        yield "x_order", "with the first two axes exchanged", lambda v: v.swapaxes(1, 2), {}
-        yield "x_order", "with the last axis in reverse order", lambda v: v[..., ::-1], {}
+        yield "x_order", "with the first two axes exchanged", partial(transposed), {}
+        yield "x_order", "with the last axis in reverse order", partial(in_reverse, axis=-1), {}
     if x.ndim == 2 and x.shape[1] <= MOST_CHANNELS:
         for i, j in combinations(range(x.shape[1]), 2):
             order = np.arange(x.shape[1])
             order[[i, j]] = j, i
-            exchanged: Turn = partial(np.take, indices=order, axis=1)
-            yield "x_channel", f"with x[{i}] and x[{j}] exchanged", exchanged, {}
+            yield "x_channel", f"with x[{i}] and x[{j}] exchanged", partial(exchanged, order=order), {}
 
 
-def _shares(x: Array) -> Array:
+@mends
+def standardised(x: Array, zero: Array | float, unit: Array | float) -> Array:
+    """Data less a zero, in a unit."""
+    return np.asarray((x - zero) / unit)
+
+
+@mends
+def as_logs(x: Array) -> Array:
+    """Logarithms of one plus the data."""
+    return np.log1p(x)
+
+
+@mends
+def as_roots(x: Array) -> Array:
+    """Square roots of the data."""
+    return np.sqrt(x)
+
+
+@mends
+def in_reverse(x: Array, axis: int) -> Array:
+    """Data in reverse order along an axis."""
+    return np.flip(x, axis)
+
+
+@mends
+def transposed(x: Array) -> Array:
+    """Data with their first two axes exchanged."""
+    return x.swapaxes(1, 2)
+
+
+@mends
+def exchanged(x: Array, order: NDArray[np.int64]) -> Array:
+    """Channels in another order."""
+    return x[:, order]
+
+
+@mends
+def as_shares(x: Array) -> Array:
+    """Data divided by their sum."""
     total = x.reshape(len(x), -1).sum(axis=1)
     return np.asarray(x / np.maximum(total, np.finfo(float).tiny).reshape(-1, *[1] * (x.ndim - 1)))

@@ -12,7 +12,7 @@ from scipy import special
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.diagnosis.cases import Cases
-from gaugeblock.diagnosis.repair import Repair, weighted
+from gaugeblock.diagnosis.repair import Repair, mends, weighted
 
 # A gap between draws that parts two modes, as a share of their range; each holds at least so much of them;
 # and so many trials have one.
@@ -47,8 +47,8 @@ def correlations(cases: Cases) -> Sequence[Repair]:
         f"where truths have {truth[i, j]:+.2f}"
     )
     return [
-        Repair("correlations", lambda c: _recoloured(c, lack=lack), words, numbers, variant="added"),
-        Repair("correlations", lambda c: _recoloured(c, whole=truth), words, numbers, variant="whole"),
+        Repair("correlations", partial(recoloured, by=mend, added=added), words, numbers, variant=variant)
+        for variant, mend, added in (("added", lack, True), ("whole", truth, False))
     ]
 
 
@@ -63,11 +63,12 @@ def _correlation(scores: Array) -> Array:
     return np.asarray(np.einsum("tdp,tdq->tpq", scores, scores) / scores.shape[1])
 
 
-def _recoloured(cases: Cases, *, lack: Array | float = 0.0, whole: Array | None = None) -> Cases:
-    """Each column's values in another order, so that rank correlations are what they should be."""
+@mends
+def recoloured(cases: Cases, by: Array, added: bool) -> Cases:
+    """Each column's values in another order: rank correlations `by`, or their own with `by` added."""
     scores = _normal(cases.draws)
     theirs = _correlation(scores)
-    wanted = theirs + lack if whole is None else np.broadcast_to(whole, theirs.shape)
+    wanted = theirs + by if added else np.broadcast_to(by, theirs.shape)
     values, vectors = np.linalg.eigh(wanted)
     wanted_root = vectors * np.sqrt(np.maximum(values, 1e-3))[:, None, :]
     own_values, own_vectors = np.linalg.eigh(theirs)
@@ -96,7 +97,7 @@ def missing_mode(cases: Cases) -> Sequence[Repair]:
         if not 0 < share < MOST_MISSING:
             continue
         words = f"a mode is missing: {share:.0%} of the truths lie where draws come to lie that are {what}"
-        mended = partial(_carried, turn=turn, at=at, share=share, sign=sign)
+        mended = partial(carried, turn=turn, at=at, share=share, sign=sign)
         found.append(Repair("missing_mode", mended, words, {"share": share}, variant=what))
     return found
 
@@ -130,14 +131,17 @@ def _share_there(cases: Cases, turn: Array, at: Array, far: NDArray[np.bool_]) -
     """Share of truths that are far away, and nearer to the carried draws than to those that are there."""
 
     def distance(middle: Array) -> Array:
-        return np.asarray((((cases.theta - middle) / cases.half_width) ** 2).sum(axis=1))
+        # Of draws that hardly differ it is too large for a number, and so far away.
+        with np.errstate(over="ignore"):
+            return np.asarray((((cases.theta - middle) / cases.half_width) ** 2).sum(axis=1))
 
     carried = cases.middle @ turn.T
     there = np.minimum(distance(carried + at), distance(carried - at))
     return float((far & (there < distance(cases.middle))).mean())
 
 
-def _carried(cases: Cases, turn: Array, at: Array, share: float, sign: float) -> Cases:
+@mends
+def carried(cases: Cases, turn: Array, at: Array, share: float, sign: float) -> Cases:
     """A share of the draws carried by a matrix and a step, which a share `sign` of them takes upward."""
     # Every so many-th draw: draws come in any order.
     number = np.arange(cases.draws.shape[1])[None]
@@ -161,12 +165,14 @@ def mode_weights(cases: Cases) -> Sequence[Repair]:
             log_odds = _odds(share[parted], truth[parted], turned[parted])
             odds = float(np.exp(-log_odds))
             words = f"the {kind} mode of {name} has {odds:.3g} times the odds that truths give it"
-            mended = partial(_reweighed, column=column, kind=kind, log_odds=log_odds)
+            mended = partial(reweighed, column=column, kind=kind, log_odds=log_odds)
             found.append(Repair("mode_weights", mended, words, {name: odds}, neutral=1.0, variant=kind))
     return found
 
 
-def _reweighed(cases: Cases, column: int, kind: str, log_odds: float) -> Cases:
+@mends
+def reweighed(cases: Cases, column: int, kind: str, log_odds: float) -> Cases:
+    """Draws of one of two modes weighted by odds."""
     upper, parted = _upper(cases, column)
     turn = 1.0 if kind == "upper" else np.sign(upper.mean(axis=1) - 0.5)[:, None]
     return weighted(cases, np.where(parted[:, None], log_odds * turn * upper, 0.0))

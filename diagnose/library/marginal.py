@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from scipy import special
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.diagnosis.cases import Cases
-from gaugeblock.diagnosis.repair import Repair, listed, root, rows_of
+from gaugeblock.diagnosis.repair import Repair, listed, mends, root, rows_of
 
 # How far repairs are looked for: shifts in half-widths, logs of a stretch, and of a lopsided one.
 SHIFT, STRETCH, LOPSIDED = 30.0, np.log(40.0), np.log(6.0)
@@ -35,19 +36,23 @@ def shift(cases: Cases) -> Sequence[Repair]:
 
         at = root(too_high, np.full(len(cases.names), -SHIFT), np.full(len(cases.names), SHIFT))
 
-        def moved(other: Cases, at: Array = at, in_widths: bool = in_widths) -> Cases:
-            step = other.half_width if in_widths else np.broadcast_to(typical, other.half_width.shape)
-            return other.drawn(other.draws + (at * step)[:, None])
-
         by = -at if in_widths else -at * typical
         said = "of their half-widths" if in_widths else "in their own units"
         found.append(
             Repair(
-                "shift", moved, f"draws lie too high or low ({said}): {listed(cases.names, by, '{:+.3g}')}",
+                "shift", partial(moved, by=by, in_widths=in_widths),
+                f"draws lie too high or low ({said}): {listed(cases.names, by, '{:+.3g}')}",
                 dict(zip(cases.names, by.tolist(), strict=True)), variant=said,
             )
         )  # fmt: skip
     return found
+
+
+@mends
+def moved(cases: Cases, by: Array, in_widths: bool) -> Cases:
+    """Draws moved back by so many half-widths, or so much."""
+    step = by * cases.half_width if in_widths else np.broadcast_to(by, cases.half_width.shape)
+    return cases.drawn(cases.draws - step[:, None])
 
 
 def scale(cases: Cases) -> Sequence[Repair]:
@@ -77,17 +82,20 @@ def scale(cases: Cases) -> Sequence[Repair]:
 
 
 def _stretched(names: tuple[str, ...], log: Array, variant: str) -> Repair:
-    def stretched(cases: Cases) -> Cases:
-        about = cases.draws.mean(axis=1) if variant == "about the mean" else cases.middle
-        middle = about[:, None]
-        return cases.drawn(middle + np.exp(log) * (cases.draws - middle))
-
     size = np.exp(-log)
     kind = "narrow" if (size < 1).all() else "wide" if (size > 1).all() else "narrow or wide"
     said = listed(names, size, neutral=1, by="")
     words = f"draws are too {kind}: {said} of the width that they should have"
     numbers = dict(zip(names, size.tolist(), strict=True))
-    return Repair("scale", stretched, words, numbers, neutral=1.0, variant=variant)
+    mend = partial(stretched, by=np.exp(log), about="mean" if variant == "about the mean" else "median")
+    return Repair("scale", mend, words, numbers, neutral=1.0, variant=variant)
+
+
+@mends
+def stretched(cases: Cases, by: Array, about: str) -> Cases:
+    """Draws stretched about their mean or median."""
+    middle = (cases.draws.mean(axis=1) if about == "mean" else cases.middle)[:, None]
+    return cases.drawn(middle + by * (cases.draws - middle))
 
 
 def skew(cases: Cases) -> Sequence[Repair]:
@@ -100,17 +108,21 @@ def skew(cases: Cases) -> Sequence[Repair]:
         np.full(p, -LOPSIDED), np.full(p, LOPSIDED),
     )  # fmt: skip
 
-    def bent(other: Cases) -> Cases:
-        centre = other.middle[:, None]
-        off = other.draws - centre
-        return other.drawn(centre + off * np.exp(log * np.sign(off)))
-
     return [
         Repair(
-            "skew", bent, f"draws are lopsided otherwise than truths: {listed(cases.names, log, '{:+.3g}')}",
+            "skew", partial(bent, by=log),
+            f"draws are lopsided otherwise than truths: {listed(cases.names, log, '{:+.3g}')}",
             dict(zip(cases.names, (-log).tolist(), strict=True)),
         )
     ]  # fmt: skip
+
+
+@mends
+def bent(cases: Cases, by: Array) -> Cases:
+    """Draws stretched above their median, and shrunk below, by the exponential of `by`."""
+    centre = cases.middle[:, None]
+    off = cases.draws - centre
+    return cases.drawn(centre + off * np.exp(by * np.sign(off)))
 
 
 def stray(cases: Cases) -> NDArray[np.bool_]:
@@ -125,7 +137,13 @@ def outliers(cases: Cases) -> Sequence[Repair]:
     if not 0 < share < MOST_STRAY:
         return []
     words = f"{share:.2%} of the draws lie more than {STRAY:g} half-widths out, where truths do not"
-    return [Repair("outliers", lambda other: rows_of(other, ~stray(other)), words, {"share": share})]
+    return [Repair("outliers", partial(without_stray), words, {"share": share})]
+
+
+@mends
+def without_stray(cases: Cases) -> Cases:
+    """Stray draws replaced by the others."""
+    return rows_of(cases, ~stray(cases))
 
 
 def clipped_tails(cases: Cases) -> Sequence[Repair]:
@@ -133,7 +151,7 @@ def clipped_tails(cases: Cases) -> Sequence[Repair]:
     in_order = cases.drawn(cases.ordered)
 
     def wrong(log: Array) -> Array:
-        ends = _unclipped(in_order, float(np.exp(log[0]))).ranks(cases.theta)
+        ends = unclipped(in_order, float(np.exp(log[0]))).ranks(cases.theta)
         return np.asarray(((ends < OUTER) | (ends > 1 - OUTER)).mean() - 2 * OUTER)[None]
 
     low, high = np.log([1e-4]), np.log([MISSING])
@@ -141,10 +159,11 @@ def clipped_tails(cases: Cases) -> Sequence[Repair]:
         return []
     share = float(np.exp(root(wrong, low, high, steps=14)[0]))
     words = f"the outer {share:.2g} of the probability is missing on either side of the draws"
-    return [Repair("clipped_tails", lambda other: _unclipped(other, share), words, {"share": share})]
+    return [Repair("clipped_tails", partial(unclipped, share=share), words, {"share": share})]
 
 
-def _unclipped(cases: Cases, share: float) -> Cases:
+@mends
+def unclipped(cases: Cases, share: float) -> Cases:
     """Each draw as far out as its rank would be if the mass that is missing were there."""
     number = cases.draws.shape[1]
     at = (np.arange(number) + 0.5) / number

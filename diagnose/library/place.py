@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.diagnosis.cases import Cases, scores_in
 from gaugeblock.diagnosis.disagreement import Reference
 from gaugeblock.diagnosis.library.marginal import scale, shift
-from gaugeblock.diagnosis.repair import Repair
+from gaugeblock.diagnosis.repair import Repair, mends
 
 # Where a region may begin or end, as shares of the trials.
 CUTS = (0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95)
@@ -53,27 +54,30 @@ def region(cases: Cases) -> Sequence[Repair]:
         return []
     _, column, cut, is_above = best
 
-    def inside_of(other: Cases) -> NDArray[np.bool_]:
-        values = _places(other)[1][:, column]
-        return np.asarray((values > cut) == is_above)
-
-    share = float(inside_of(cases).mean())
-    here = cases.taken(inside_of(cases))
+    side = _inside(cases, column, cut, is_above)
+    share, here = float(side.mean()), cases.taken(side)
     where = f"{names[column]} {'>' if is_above else '<='} {cut:.4g}"
     found = []
     for repair in (*shift(here)[:1], *scale(here)[:1]):
-
-        def only_there(other: Cases, repair: Repair = repair) -> Cases:
-            side = inside_of(other)
-            if not side.any():
-                return other
-            draws = np.array(other.draws)
-            draws[side] = repair.apply(other.taken(side)).draws
-            return other.drawn(draws)
-
         words = f"where {where} ({share:.0%} of the trials) {repair.words}"
-        found.append(replace(repair, symptom="region", apply=only_there, words=words, variant=repair.symptom))
+        mend = partial(only_there, mend=repair.apply, place=column, cut=cut, above=is_above)
+        found.append(replace(repair, symptom="region", apply=mend, words=words, variant=repair.symptom))
     return found
+
+
+@mends
+def only_there(cases: Cases, mend: Callable[[Cases], Cases], place: int, cut: float, above: bool) -> Cases:
+    """Draws mended on one side of a threshold."""
+    side = _inside(cases, place, cut, above)
+    if not side.any():
+        return cases
+    draws = np.array(cases.draws)
+    draws[side] = mend(cases.taken(side)).draws
+    return cases.drawn(draws)
+
+
+def _inside(cases: Cases, place: int, cut: float, above: bool) -> NDArray[np.bool_]:
+    return np.asarray((_places(cases)[1][:, place] > cut) == above)
 
 
 def ignored_parameter(cases: Cases, reference: Reference) -> Sequence[Repair]:

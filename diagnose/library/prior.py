@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,12 +11,14 @@ from numpy.typing import NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.diagnosis.cases import Cases, scores_in
 from gaugeblock.diagnosis.disagreement import Kinds, Reference, fit_tilt
-from gaugeblock.diagnosis.repair import Repair, listed, rows_of, weighted
+from gaugeblock.diagnosis.repair import Repair, listed, mends, rows_of, weighted
 
 # Candidates of a trial by which a ratio of priors is fitted.
 CANDIDATES = 64
 # Normal scores at which a ratio of priors is held constant: beyond there are no truths to fit it to.
 FARTHEST = 2.5
+# Quantiles of truths among which values are placed.
+SHARES = (np.arange(256) + 0.5) / 256
 # Share of the truths beyond all draws of all trials that no chance explains, and of draws beyond all truths.
 BEYOND, LEAKED = 0.01, 0.002
 # With more than this share of the truths beyond, it is another fault.
@@ -28,7 +31,8 @@ def other_prior(cases: Cases, reference: Reference) -> Sequence[Repair]:
     together = np.concatenate([cases.theta[:, None], draws], axis=1)
     p = len(cases.names)
     kinds = Kinds(("slope", "curvature"), np.repeat([0, 1], p))
-    tilt = fit_tilt(_polynomials(together, reference), kinds)
+    few = np.quantile(reference.truths, SHARES, axis=0)
+    tilt = fit_tilt(_polynomials(together, few), kinds)
     slope, curvature = tilt.weight[:p], tilt.weight[p:]
     numbers = {f"slope of {name}": float(-b) for name, b in zip(cases.names, slope, strict=True)}
     numbers |= {f"curvature of {name}": float(-c) for name, c in zip(cases.names, curvature, strict=True)}
@@ -37,14 +41,18 @@ def other_prior(cases: Cases, reference: Reference) -> Sequence[Repair]:
         f"in {listed(cases.names, -slope, '{:+.2g}')}"
     )
 
-    def reweighted(other: Cases) -> Cases:
-        return weighted(other, _polynomials(other.draws, reference) @ tilt.weight)
-
-    return [Repair("other_prior", reweighted, words, numbers)]
+    mend = partial(reweighted, truths=few, weight=tilt.weight)
+    return [Repair("other_prior", mend, words, numbers)]
 
 
-def _polynomials(values: Array, reference: Reference) -> Array:
-    place = np.clip(scores_in(values, reference.truths), -FARTHEST, FARTHEST)
+@mends
+def reweighted(cases: Cases, truths: Array, weight: Array) -> Cases:
+    """Draws reweighted by a log-quadratic function of their normal scores among truths."""
+    return weighted(cases, _polynomials(cases.draws, truths) @ weight)
+
+
+def _polynomials(values: Array, truths: Array) -> Array:
+    place = np.clip(scores_in(values, truths), -FARTHEST, FARTHEST)
     return np.concatenate([place, place**2], axis=-1)
 
 
@@ -75,11 +83,18 @@ def leakage(cases: Cases, reference: Reference) -> Sequence[Repair]:
     """Draws beyond the range of all truths left out."""
     low, high = reference.range
 
-    def inside(other: Cases) -> NDArray[np.bool_]:
-        return np.asarray(((other.draws >= low) & (other.draws <= high)).all(axis=2))
-
-    share = float(1 - inside(cases).mean())
+    share = float(1 - _inside(cases, low, high).mean())
     if share < LEAKED:
         return []
     words = f"{share:.2%} of the draws lie beyond the range of the truths, outside the prior"
-    return [Repair("leakage", lambda other: rows_of(other, inside(other)), words, {"share": share})]
+    return [Repair("leakage", partial(cut, low=low, high=high), words, {"share": share})]
+
+
+@mends
+def cut(cases: Cases, low: Array, high: Array) -> Cases:
+    """Draws outside a range replaced by the others."""
+    return rows_of(cases, _inside(cases, low, high))
+
+
+def _inside(cases: Cases, low: Array, high: Array) -> NDArray[np.bool_]:
+    return np.asarray(((cases.draws >= low) & (cases.draws <= high)).all(axis=2))

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from scipy import stats
 
 from gaugeblock.diagnosis.cases import Cases
-from gaugeblock.diagnosis.repair import Repair
+from gaugeblock.diagnosis.repair import Repair, mends
 from gaugeblock.validate.autocorrelation import draw_order
 
 # Fewer different draws than this share of them; more effective ones than this share are no chain.
@@ -29,10 +30,11 @@ def few_distinct(cases: Cases) -> Sequence[Repair]:
     if distinct > DISTINCT:
         return []
     words = f"only {distinct:.0%} of the draws of a trial are different ones"
-    return [Repair("few_distinct", _different, words, {"share": distinct}, neutral=1.0)]
+    return [Repair("few_distinct", partial(different), words, {"share": distinct}, neutral=1.0)]
 
 
-def _different(cases: Cases) -> Cases:
+@mends
+def different(cases: Cases) -> Cases:
     """Each trial's different draws, as many as every trial has."""
     n, number, _ = cases.draws.shape
     order = np.argsort(cases.draws[..., 0], axis=1, kind="stable")
@@ -55,10 +57,16 @@ def autocorrelated(cases: Cases) -> Sequence[Repair]:
     words = f"draws depend on their order: {number} are worth {order.worth:.0f}"
     return [
         Repair(
-            "autocorrelated", lambda other: other.drawn(other.draws[:, :: order.stride]), words,
+            "autocorrelated", partial(thinned, stride=int(order.stride)), words,
             {"worth": float(order.worth)},
         )
     ]  # fmt: skip
+
+
+@mends
+def thinned(cases: Cases, stride: int) -> Cases:
+    """Every so many-th draw."""
+    return cases.drawn(cases.draws[:, ::stride])
 
 
 def fixed_seed(cases: Cases) -> Sequence[Repair]:

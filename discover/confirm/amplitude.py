@@ -25,7 +25,7 @@ REACH = 4.5
 """How far the profile goes on either side, in standard errors."""
 
 
-JUMPS = 1e-6
+JUMPS = 1e-5
 """Standard error, in a prior's coordinate, below which it is the derivative that is wrong."""
 
 

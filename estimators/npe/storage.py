@@ -14,7 +14,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load as load_tensors
 from safetensors.torch import save as save_tensors
 
-from gaugeblock.core.atomic import write_atomically
+from gaugeblock.core.atomic import discard_unfinished, write_atomically
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.foreign import WEIGHTS as MOST
 from gaugeblock.core.foreign import read_bytes, read_json
@@ -64,6 +64,7 @@ def save(
     write_atomically(place / WEIGHTS, weights)
     # Last, because it holds the checksum: a folder cut off in between is refused by `load`.
     write_atomically(place / DESCRIPTION, json.dumps(description, indent=1, allow_nan=False) + "\n")
+    discard_unfinished(place, (WEIGHTS, DESCRIPTION))
 
 
 def load(path: str | os.PathLike[str], simulator: Simulator | None = None) -> NPE:

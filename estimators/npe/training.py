@@ -95,6 +95,7 @@ def train_published(
 
 
 FEATURE_ROWS = 20_000
+KEY = "key"
 CURVE_POINTS = 100
 
 
@@ -186,7 +187,7 @@ def train(
     }
     save(place, network, shape, simulator.prior, record)
     _draw_curve(place / "training.png", record["curve"])
-    shutil.rmtree(work, ignore_errors=True)
+    _end(work)
     return load(place, simulator)
 
 
@@ -229,16 +230,29 @@ def run_training(
 
 def _begin(place: Path, work: Path, key: str, replace: bool) -> None:
     """Claim the folder for one training; what else lies in `work` says itself what it is of."""
-    stated = work / "key"
+    stated = work / KEY
     try:
         if not (stated.is_file() and stated.read_text(encoding="ascii") == key):
-            if (work.exists() or (place / DESCRIPTION).exists()) and not replace:
-                what = "the unfinished training of another model" if work.exists() else "a model"
+            unfinished = work.exists() and (not work.is_dir() or any(work.iterdir()))
+            if (unfinished or (place / DESCRIPTION).exists()) and not replace:
+                what = "the unfinished training of another model" if unfinished else "a model"
                 raise InputError(f"{place}: holds {what}; give --replace to replace it, or another folder")
             work.mkdir(parents=True, exist_ok=True)
             write_atomically(stated, key)
     except OSError as error:
         raise InputError(f"cannot write {place}: {error.strerror or error}") from None
+
+
+def _end(work: Path) -> None:
+    """Remove what a training went on from, its key at last: killed in between, it is known as its own."""
+    for path in work.iterdir():
+        if path.name == KEY:
+            continue
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
+    shutil.rmtree(work, ignore_errors=True)
 
 
 def _thinned(curve: Mapping[str, Any]) -> dict[str, Any]:

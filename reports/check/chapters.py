@@ -6,7 +6,7 @@ from markupsafe import Markup, escape
 
 from gaugeblock.reports.check.effect_code import effect_code
 from gaugeblock.reports.check.figures import panels
-from gaugeblock.reports.check.sentences import effect_words, name, where
+from gaugeblock.reports.check.sentences import along, effect_words, name, next_in_line, where
 from gaugeblock.reports.discovery.chapter import Chapter, Heading, RowGroup, RowTable
 from gaugeblock.reports.section import Panel
 from gaugeblock.reports.words import NOTHING, number, probability, short
@@ -22,18 +22,23 @@ def chapters(answer: Answer) -> list[Chapter]:
     """Where, what was looked at, what would have been seen, what it is, what it does to the posterior."""
     made = [_where(answer), _views(answer), _ladder(answer)]
     if answer.outcome is Outcome.FAIL:
-        made += [_effects(answer), *([_posterior(answer)] if answer.moved else [])]
+        made += [
+            _effects(answer),
+            *([_posterior(answer)] if answer.moved or answer.along is not None else []),
+        ]
     return made
 
 
 def _where(answer: Answer) -> Chapter:
     astray = answer.where.astray
     rows = tuple(_place(place) for place in (astray or answer.where.places[:PLACES_BESIDE])[:SHOWN])
+    instead = tuple(_place(place) for place in next_in_line(answer)) if astray else ()
     table = RowTable(
         "Places",
         (Heading("Where", number=False), Heading("Seen in", number=False), Heading("Observed"),
          Heading("Expected"), Heading("Departure"), Heading("p, over all places")),
-        (RowGroup("" if astray else "The farthest ones, none of them beyond what simulations do", rows),),
+        (RowGroup("" if astray else "The farthest ones, none of them beyond what simulations do", rows),
+         *([RowGroup("Where it might lie instead", instead)] if instead else [])),
         "Every next place is judged with those above it as expected. In simulations departures are "
         "standard normal.",
     )  # fmt: skip
@@ -71,8 +76,9 @@ def _views(answer: Answer) -> Chapter:
         (Heading("View", number=False), Heading("What it looks at", number=False), Heading("p alone"),
          Heading("p, for that there are several")),
         (RowGroup("", rows),),
-        f"The p-value above, {probability(answer.p_value)}, is the rank of the observation's oddest view "
-        "among the oddest views of all fresh simulations.",
+        f"The p-value above, {probability(answer.p_value)}, is the observation's rank among all "
+        "fresh simulations in the weighted harmonic mean of p alone: small where one view is sure, or "
+        "several agree.",
     )  # fmt: skip
     return Chapter(
         "views", "Views", "In how many ways it was looked at",
@@ -144,20 +150,37 @@ def _code(name: str, answer: Answer) -> str:
 
 
 def _posterior(answer: Answer) -> Chapter:
-    rows = tuple(
-        (one.parameter, f"{short(one.before[0])} ± {short(one.before[1])}",
-         f"{short(one.after[0])} ± {short(one.after[1])}", number(one.shift, 2, sign=True))
-        for one in answer.moved
-    )  # fmt: skip
-    table = RowTable(
-        "Posterior",
-        (Heading("Parameter", number=False), Heading("As observed"), Heading("Without what disagrees"),
-         Heading("Moved, in sd")),
-        (RowGroup("", rows),),
-        "Disagreeing places are replaced by what the others lead one to expect.",
-    )  # fmt: skip
+    tables = []
+    if answer.along is not None:
+        pulls = sorted(answer.along.pulls.items(), key=lambda one: -abs(one[1]))
+        pulled = tuple((name, number(pull, 2, sign=True)) for name, pull in pulls[:SHOWN])
+        tables.append(
+            RowTable(
+                "Along parameters",
+                (Heading("Parameter", number=False), Heading("Moved by what disagrees, in sd")),
+                (RowGroup("", pulled),),
+                "By a regression on simulations near the observation without what disagrees.",
+            )
+        )
+    if answer.moved:
+        rows = tuple(
+            (one.parameter, f"{short(one.before[0])} ± {short(one.before[1])}",
+             f"{short(one.after[0])} ± {short(one.after[1])}", number(one.shift, 2, sign=True))
+            for one in answer.moved
+        )  # fmt: skip
+        tables.append(
+            RowTable(
+                "Posterior",
+                (Heading("Parameter", number=False), Heading("As observed"),
+                 Heading("Without what disagrees"), Heading("Moved, in sd")),
+                (RowGroup("", rows),),
+                "Disagreeing places are replaced by what the others lead one to expect.",
+            )
+        )  # fmt: skip
+    lead = "A parameter that moves little can be used with the part left out; one that moves far rests on it."
+    if answer.along is not None:
+        said = along(answer.along)
+        lead = f"{said[:1].upper()}{said[1:]}; what is left, parameters cannot explain. {lead}"
     return Chapter(
-        "posterior", "Posterior", "What the disagreeing part does to the posterior",
-        "A parameter that moves little can be used with the part left out; one that moves far rests on it.",
-        (), (table,),
-    )  # fmt: skip
+        "posterior", "Posterior", "What the disagreeing part does to the posterior", lead, (), tuple(tables)
+    )

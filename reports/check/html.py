@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from gaugeblock.reports.check.chapters import chapters
 from gaugeblock.reports.check.sentences import HEADLINES, check_lines
+from gaugeblock.reports.headline import Headline
 from gaugeblock.reports.page import render
 from gaugeblock.reports.words import count, probability, short
 from gaugeblock.validate import Outcome
@@ -16,23 +16,13 @@ from gaugeblock.validate.observation.answer import Answer
 TITLE = "Could the simulator have made this?"
 
 
-@dataclass(frozen=True)
-class Headline:
-    """What stands at the top."""
-
-    word: str
-    kind: str
-    paragraph: str
-    figures: tuple[tuple[str, str, str], ...]
-
-
 def check_html(answer: Answer, provenance: Mapping[str, Any]) -> str:
     """The whole page as text."""
     return render(
         "check.html",
         title=title(provenance),
         headline=_headline(answer),
-        remarks=list(answer.remarks),
+        remarks=[],
         facts=facts(answer),
         causes=[],
         chapters=chapters(answer),
@@ -50,8 +40,11 @@ def check_card(answer: Answer, provenance: Mapping[str, Any]) -> str:
         title=title(provenance),
         outcome=answer.outcome.value,
         headline=f"{HEADLINES[answer.outcome]}.",
-        reason=f"p = {probability(answer.p_value)}".replace("= <", "<"),
-        highlights=[_sentence(line) for line in lines[1:]],
+        reason=" ".join(
+            [f"p = {probability(answer.p_value)}.".replace("= <", "<"), *map(_sentence, lines[1:])]
+        ),
+        answers=None,
+        picture=None,
         facts=facts(answer),
         groups=[],
         tally="",

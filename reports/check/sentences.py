@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from gaugeblock.reports.words import count, listed, p_equals, short
+from gaugeblock.reports.words import count, listed, number, p_equals, short
 from gaugeblock.validate import Outcome
+from gaugeblock.validate.observation.along import Along
 from gaugeblock.validate.observation.answer import Answer
 from gaugeblock.validate.observation.generic import Tried
 from gaugeblock.validate.observation.ladder import Seen
@@ -25,6 +26,8 @@ EFFECTS = {
     "stretch": "the last axis stretched by {}",
 }
 PLACES = 3
+# Residuals, standard normal in simulations, beyond which a place is not in doubt.
+CERTAIN = 5.0
 
 
 def check_lines(answer: Answer) -> list[str]:
@@ -35,6 +38,7 @@ def check_lines(answer: Answer) -> list[str]:
     ]
     if answer.outcome is Outcome.FAIL:
         lines += [oddest(answer), *([where(answer)] if answer.where.astray else []), name(answer)]
+        lines += [along(answer.along)] if answer.along is not None else []
     else:
         lines.append(would_see(answer))
     return lines
@@ -53,7 +57,30 @@ def where(answer: Answer) -> str:
         return "no coordinate departs farther than somewhere in simulations"
     if not astray:
         return "no single coordinate stands out: the disagreement is spread over many"
-    return f"where: {listed([place_words(place) for place in astray], most=PLACES)}"
+    said = f"where: {listed([place_words(place) for place in astray], most=PLACES)}"
+    instead = [place.name for place in next_in_line(answer)]
+    return f"{said}; it might be {listed(instead, last='or')} instead" if instead else said
+
+
+def next_in_line(answer: Answer) -> tuple[Place, ...]:
+    """Places of the data that are not astray but would explain most in place of those that are.
+
+    None where a place departs so far that nothing else could.
+    """
+    if any(abs(place.departure) > CERTAIN for place in answer.where.astray):
+        return ()
+    rest = [place for place in answer.where.places if place.family == DATA and not place.astray]
+    return tuple(rest[: max(0, PLACES - len(answer.where.astray))])
+
+
+def along(one: Along) -> str:
+    """Which part of a disagreement parameters absorb, and what that does to them."""
+    parameter, pull = one.farthest
+    return (
+        f"{one.share:.0%} of the disagreement lies along directions that parameters can absorb: "
+        f"it moves {parameter} by {number(pull, 1, sign=True)} sd"
+        + (", the others by less" if len(one.pulls) > 1 else "")
+    )
 
 
 def place_words(place: Place) -> str:

@@ -1,17 +1,18 @@
-"""The chapters with data, model and residual: as the model was, and with what was added."""
+"""The chapter with data, model and residual: as the model was, and with what was added."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from gaugeblock.reports.discovery.chapter import Chapter, LeftOut
-from gaugeblock.reports.discovery.phrases import energy_range
+from gaugeblock.reports.discovery.phrases import energy_range, finite
 from gaugeblock.reports.discovery.read import Missing, Stretch, floats, group, parts, texts
 from gaugeblock.reports.discovery.spectrum_figure import (
+    Line,
     Span,
     residual_height,
     shown_residual,
@@ -20,12 +21,12 @@ from gaugeblock.reports.discovery.spectrum_figure import (
 from gaugeblock.reports.section import Panel
 from gaugeblock.reports.words import number
 
-_KEYS = (
-    ("datum", "counts, with the root of the counts as error"),
-    ("model", "model"),
-    ("region more", "more counts than chance allows"),
-    ("region less", "fewer"),
-)
+_KEYS = (("datum", "counts, with the root of the counts as error"),)
+_MODEL = (("model", "model"),)
+_MODELS = (("model was", "model before"), ("model", "model after"))
+_COMPONENTS = (("component", "its components"),)
+_LINES = (("identified", "identified lines"),)
+_SPANS = (("region more", "more counts than chance allows"), ("region less", "fewer"))
 _REBINNED = (
     "Points are channels put together for the eye only; every number on this page comes from the channels "
     "as they are. Residuals are z, corrected for the parameters that were fitted; of an exact model's, 95% "
@@ -33,53 +34,73 @@ _REBINNED = (
 )
 
 
-def before_chapter(tree: xr.DataTree, model: str, sources: int) -> Chapter | LeftOut:
-    """Data, the model as it was, and what is left."""
-    lead = f"The counts and {model}, fitted without any further effect.{_summed(sources)} {_REBINNED}"
-    return _chapter(tree, "before", lead)
-
-
-def after_chapter(tree: xr.DataTree, model: str, sources: int) -> Chapter | LeftOut:
-    """Data, the model with what was added, and what is left."""
-    lead = (
-        f"The same counts and {model}, fitted again, with the same regions marked.{_summed(sources)} "
-        "Flat residuals alone prove nothing: any effect with enough freedom flattens them. What counts is "
+def spectrum_chapter(
+    tree: xr.DataTree, summary: Mapping[str, Any], *, models: tuple[str, str], sources: int, added: bool
+) -> Chapter | LeftOut:
+    """Data, the model as it was and, where anything was `added`, the one with it; and what each leaves."""
+    wanted = ("after", "residual_after") if added else ()
+    title = "Data and model before and after" if added else "Data and model"
+    data = group(tree, "spectrum", *wanted)
+    if isinstance(data, Missing):
+        return LeftOut(title, data.why)
+    lead = f"The counts and {models[0]}, fitted without any further effect"
+    if added:
+        lead += f", and {models[1]}, fitted again"
+    flat = (
+        " Flat residuals alone prove nothing: any effect with enough freedom flattens them. What counts is "
         "the gap on held-out data, below."
     )
-    return _chapter(tree, "after", lead, "after", "residual_after")
+    lead = f"{lead}.{_summed(sources)} {_REBINNED}{flat if added else ''}"
+    spans, lines = _spans(tree), identified(summary)
+    components = _COMPONENTS if added and "components" in data else ()
+    keys = (
+        *_KEYS,
+        *(_MODELS if added else _MODEL),
+        *components,
+        *(_LINES if lines else ()),
+        *(_SPANS if spans else ()),
+    )
+    panels = _panels(data, spans, lines, added=added)
+    return Chapter("spectrum", "Spectrum", title, lead, panels, keys=keys, layout="full")
+
+
+def identified(summary: Mapping[str, Any]) -> tuple[Line, ...]:
+    """Lines that statements identify, by name and energy; the likeliest name of each statement."""
+    found = []
+    for statement in summary.get("statements") or []:
+        for item in (statement.get("identification") or [])[:1]:
+            energy = finite(item.get("energy_kev"))
+            if energy is not None:
+                found.append(Line(energy, str(item.get("name"))))
+    return tuple(found)
 
 
 def _summed(sources: int) -> str:
     return f" Sum of {sources:,} sources." if sources > 1 else ""
 
 
-def _chapter(tree: xr.DataTree, which: str, lead: str, *wanted: str) -> Chapter | LeftOut:
-    data, title = group(tree, "spectrum", *wanted), f"Data and model {which}"
-    if isinstance(data, Missing):
-        return LeftOut(title, data.why)
-    spans = _spans(tree)
-    keys = _KEYS if spans else _KEYS[:2]
-    panels = _panels(data, which, spans)
-    return Chapter(which, which.capitalize(), title, lead, panels, keys=keys, layout="full")
-
-
-def _panels(data: xr.Dataset, which: str, spans: Sequence[tuple[str, Span]]) -> tuple[Panel, ...]:
+def _panels(
+    data: xr.Dataset, spans: Sequence[tuple[str, Span]], lines: Sequence[Line], *, added: bool
+) -> tuple[Panel, ...]:
     made = []
     for index, part in enumerate(parts(data)):
-        counts, before = (floats(data, name)[part.where] for name in ("counts", "before"))
-        expected, residual = (floats(data, name)[part.where] for name in (which, f"residual_{which}"))
-        # Before and after share the scale of before, or the eye would not see the gap shrink.
-        first = floats(data, "residual_before")[part.where]
-        half = residual_height(shown_residual(part, counts, before, first))
-        if which == "after":
-            half = max(half, residual_height(shown_residual(part, counts, expected, residual)))
+        held = {
+            name: floats(data, name)[part.where]
+            for name in ("counts", *(f"{kind}{when}" for when in ("before", "after")[: 1 + added]
+                                     for kind in ("", "residual_")))
+        }  # fmt: skip
+        after = (held["after"], held["residual_after"]) if added else None
+        pairs = [(held["before"], held["residual_before"]), *([after] if after else [])]
+        # Before and after share a scale, or the eye would not see the gap shrink.
+        half = max(residual_height(shown_residual(part, held["counts"], *pair)) for pair in pairs)
         picture = spectrum_figure(
-            part, counts, expected, residual,
+            part, held["counts"], *pairs[0], after=after, lines=lines if part.role != "background" else (),
             spans=[span for name, span in spans if name == part.name],
-            components=_components(data, part) if which == "after" else None,
-            half_height=half, key=f"{which}-{index}", name=f"{part.name}: data and model {which}",
+            components=_components(data, part) if added else None,
+            half_height=half, key=f"spectrum-{index}", name=f"{part.name}: data and model",
         )  # fmt: skip
-        made.append(Panel(_heading(part), _remark(counts, expected, residual), picture))
+        remark = _remark(held["counts"], [residual for _, residual in pairs])
+        made.append(Panel(_heading(part), remark, picture))
     return tuple(made)
 
 
@@ -87,12 +108,10 @@ def _heading(part: Stretch) -> str:
     return f"{part.name} (background region)" if part.role == "background" else part.name
 
 
-def _remark(counts: Any, expected: Any, residual: Any) -> str:
-    beyond = float(np.mean(np.abs(residual) > 2))
-    return (
-        f"{counts.sum():,.0f} counts, {expected.sum():,.0f} expected, in {len(counts):,} channels; "
-        f"{number(100 * beyond, 1)}% of channels beyond ±2"
-    )
+def _remark(counts: Any, residuals: Sequence[Any]) -> str:
+    beyond = [f"{number(100 * float(np.mean(np.abs(residual) > 2)), 1)}%" for residual in residuals]
+    said = f"{beyond[0]} before, {beyond[1]} after" if len(beyond) > 1 else beyond[0]
+    return f"{counts.sum():,.0f} counts in {len(counts):,} channels; beyond ±2: {said}"
 
 
 def _components(data: xr.Dataset, part: Stretch) -> dict[str, Any] | None:

@@ -3,28 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 from gaugeblock.discovery.wording import effect_phrase, effect_words
 from gaugeblock.reports.discovery.phrases import digits_of, energy_range, finite, global_p, pick, with_unit
+from gaugeblock.reports.headline import Headline
 from gaugeblock.reports.words import listed, number
 
 MEASURE = "mean Poisson deviance per channel"
 """What a gap is, unless a discovery says otherwise."""
 
 Kind = Literal["named", "set", "unnamed", "withdrawn", "nothing"]
-
-
-@dataclass(frozen=True)
-class Headline:
-    """One word or two in large letters, the statements, a paragraph, and a few figures beside their names."""
-
-    kind: Kind
-    word: str
-    statements: tuple[str, ...]
-    paragraph: str
-    figures: tuple[tuple[str, str, str], ...]
 
 
 def headline(summary: Mapping[str, Any]) -> Headline:
@@ -45,7 +34,7 @@ def headline(summary: Mapping[str, Any]) -> Headline:
     else:
         word = " + ".join(repeated(name, effect_words(name), names) for name in dict.fromkeys(names))
         said = [_where(summary), *_gap(summary)]
-    return Headline(kind, word, texts, " ".join(part for part in said if part), figures(summary))
+    return Headline(kind, word, " ".join(part for part in said if part), figures(summary), texts)
 
 
 def kind_of(summary: Mapping[str, Any]) -> Kind:

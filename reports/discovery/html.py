@@ -9,10 +9,10 @@ from typing import Any
 
 import xarray as xr
 
-from gaugeblock.core.atomic import atomic_path, made_folder, write_atomically
+from gaugeblock.core.atomic import atomic_path, discard_unfinished, made_folder, write_atomically
 from gaugeblock.discovery import Discovery
 from gaugeblock.discovery.wording import effect_words
-from gaugeblock.reports.discovery.before_after import after_chapter, before_chapter
+from gaugeblock.reports.discovery.before_after import spectrum_chapter
 from gaugeblock.reports.discovery.best_fit import fit_chapter
 from gaugeblock.reports.discovery.candidate_chapter import candidate_chapter
 from gaugeblock.reports.discovery.catalogue import catalogue_chapter
@@ -72,6 +72,7 @@ def write_discovery(found: Discovery, out: Path | str) -> None:
     content = discovery_html(found.tree, summary)
     # A file name in the data may hold bytes that are no text; they must not stop the report.
     write_atomically(folder / "report.html", content.encode("utf-8", "replace"))
+    discard_unfinished(folder, ("discovery.json", "discovery.nc", "report.html"))
 
 
 def _chapters(tree: xr.DataTree, summary: Mapping[str, Any]) -> list[Chapter | LeftOut]:
@@ -83,11 +84,11 @@ def _chapters(tree: xr.DataTree, summary: Mapping[str, Any]) -> list[Chapter | L
     # A simulator that can only simulate expects nothing of a channel.
     counted = finite(pick(summary, "data", "counts")) is not None
     made = [
-        before_chapter(tree, before, sources) if counted else None,
+        spectrum_chapter(tree, summary, models=(before, after), sources=sources, added=added)
+        if counted
+        else None,
         located_chapter(tree, summary),
         candidate_chapter(tree, summary),
-        # What is not there because nothing was found is no gap in the report.
-        after_chapter(tree, after, sources) if added and counted else None,
         fit_chapter(summary),
         shape_chapter(tree) if counted and (unnamed or joined) else None,
         held_out_chapter(tree, summary) if added or "held_out" in tree.children else None,

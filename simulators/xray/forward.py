@@ -18,12 +18,15 @@ from gaugeblock.simulators.xray.rate import Rate
 FLOOR = 1e-6
 """Smallest expected counts per channel; jaxspec's own, so that the two likelihoods agree."""
 
-CHUNK = 1024
-"""Most spectra evaluated at once: bounds memory, whatever the batch."""
+CHUNK = 256
+"""Most spectra evaluated at once: bounds memory, whatever the batch, and what fits into a cache is faster."""
 
 SMALLEST = 32
 """Smallest batch ever evaluated. Below it, matrix products take other paths and round differently; from
 here on a spectrum's expected counts have the same bits whatever batch it comes in."""
+
+PIECES = 16
+"""Most pieces that a batch is cut into before a larger size is compiled."""
 
 FEW = 4
 """Smallest batch of derivatives."""
@@ -40,35 +43,56 @@ class Compiled:
 
     `function` maps one row of each argument, and numbers that all rows share, to an array. Padding
     repeats the last row, so nothing is evaluated that nobody asked about; only `smallest`, eight
-    times that and `chunk` are ever compiled: compiling takes longer than evaluating what is padded.
-    A batch is cut into pieces of the smallest of these that takes no more than four.
+    times that, if it is less, and `chunk` are ever compiled: compiling takes longer than what is padded.
+    A batch is cut into pieces of the smallest of these that takes no more than `PIECES`.
+
+    Arrays that the function holds, such as a response, are handed over at every call: worked into the
+    program they would be held once for each that is compiled, and kept on disk with each.
     """
 
     def __init__(
         self, function: Callable[..., Any], rows: int, *, chunk: int = CHUNK, smallest: int = SMALLEST
     ):
-        import jax
-
         self._chunk = chunk
         self._sizes = (*(size for size in (smallest, 8 * smallest) if size < chunk), chunk)
-        self._compiled = jax.jit(jax.vmap(function, in_axes=(*(0,) * rows, None)))
+        self._function, self._rows = function, rows
+        self._constants: list[Any] = []
+        self._compiled: Any = None
 
     @property
     def compilations(self) -> int:
         """How many batch shapes have been compiled so far."""
-        return int(self._compiled._cache_size())
+        return 0 if self._compiled is None else int(self._compiled._cache_size())
 
     def __call__(self, shared: Any, *rows: NDArray[np.float64]) -> NDArray[np.float64]:
         """Values for each row, stacked; at least one row. `shared` is a number, or a tree of arrays."""
         pieces = []
-        step = next((size for size in self._sizes if len(rows[0]) <= 4 * size), self._chunk)
+        step = next((size for size in self._sizes if len(rows[0]) <= PIECES * size), self._chunk)
         with double_precision():
+            if self._compiled is None:
+                self._trace(shared, *(row[0] for row in rows))
             for start in range(0, len(rows[0]), step):
                 part = [row[start : start + step] for row in rows]
                 size = len(part[0])
                 part = [np.concatenate([p, np.repeat(p[-1:], step - size, axis=0)]) for p in part]
-                pieces.append(np.asarray(self._compiled(*part, shared))[:size])
+                pieces.append(np.asarray(self._compiled(self._constants, shared, *part))[:size])
         return np.concatenate(pieces)
+
+    def _trace(self, shared: Any, *row: NDArray[np.float64]) -> None:
+        """Find out what the function does, once for all batch sizes, and which arrays it holds."""
+        import jax
+        import jax.numpy as jnp
+
+        # Whoever calls may be tracing: the constants must not belong to that trace.
+        with jax.core.eval_context():
+            traced = jax.make_jaxpr(self._function)(*row, shared)
+            self._constants = [jnp.asarray(constant) for constant in traced.consts]
+
+        def evaluate(constants: Any, shared: Any, *row: Any) -> Any:
+            (values,) = jax.core.eval_jaxpr(traced.jaxpr, constants, *row, *jax.tree.leaves(shared))
+            return values
+
+        self._compiled = jax.jit(jax.vmap(evaluate, in_axes=(None, None, *(0,) * self._rows)))
 
 
 class ForwardModel:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
@@ -23,7 +23,7 @@ class BackgroundShape:
     Attributes
     ----------
     knots : ndarray, shape (knot,)
-        Energies in keV, from the lowest channel's edge to the highest's.
+        Energies in keV, from the lowest channel's edge to the highest's, or of those where it was recorded.
     lines : ndarray, shape (line, 2)
         Energy and standard deviation in keV of every bump; its height is added to the log rate.
     basis : ndarray, shape (channel, node, knot + line)
@@ -54,9 +54,11 @@ class BackgroundShape:
         places = np.asarray(knots, dtype=float)
         nodes = 0.5 * (low + high)[:, None] + 0.5 * (high - low)[:, None] * _NODES
         spline = CubicSpline(np.log(places), np.eye(len(places)), bc_type="natural")
+        # Beyond the knots lie channels in which nothing was recorded: see `ENDED`.
+        inside = nodes.clip(places[0], places[-1])
         bumps = np.asarray(lines, dtype=float).reshape(-1, 2)
         height = np.exp(-0.5 * ((nodes[..., None] - bumps[:, 0]) / bumps[:, 1]) ** 2)
-        basis = np.concatenate([spline(np.log(nodes)), height], axis=-1)
+        basis = np.concatenate([spline(np.log(inside)), height], axis=-1)
         return cls(places, bumps, basis, 0.5 * np.asarray(width, dtype=float)[:, None] * _WEIGHTS)
 
     def rate(self, log_rate: Any) -> Any:
@@ -80,6 +82,13 @@ ERRORS = 5.0
 NARROWEST, WIDEST = 0.2, 2.0
 """Smallest and largest standard deviation of the prior, in the logarithm of the rate."""
 
+
+ENDED, SILENT = 4.0, 1e-6
+"""Root of the deviance that an end of the recording must win over a rate that fades; what is left beyond it.
+
+A spline cannot follow a step: where a background's file ends at 10 keV, it would miss counts below the end
+and expect too many above.
+"""
 
 LINES = 8
 """Most lines that are set on the smooth shape."""
@@ -151,10 +160,14 @@ class MeasuredBackground:
         span = bounds[:, 1] - bounds[:, 0] if width is None else np.asarray(width, dtype=float)
         if not (np.isfinite(exposure) and exposure > 0):
             raise InputError(f"background: exposure must be a positive number of seconds, got {exposure}")
-        places = [_places(found, bounds, number) for number in KNOTS] if knots is None else [knots]
-        shapes = [BackgroundShape.over(bounds, span, energies) for energies in places]
-        fits = [(shape, *_likeliest(shape, found, exposure / share)) for shape in shapes]
-        shape, log_rate, error, left = min(fits, key=lambda fit: fit[3] + 2.0 * len(fit[0].knots))
+        fit = _smooth(found, bounds, span, exposure / share, knots)
+        recorded = _recorded(found)
+        if knots is None and recorded.any() and not recorded.all():
+            narrow = np.where(recorded, span, SILENT * span)
+            ended = _smooth(found, bounds, narrow, exposure / share, None, recorded)
+            if _criterion(fit) - _criterion(ended) > ENDED**2:
+                fit, span = ended, narrow
+        shape, log_rate, error, left = fit
         while knots is None and len(shape.lines) < LINES:
             line = _line(shape, log_rate, found, exposure / share, bounds)
             with_line = BackgroundShape.over(bounds, span, shape.knots, [*shape.lines.tolist(), line])
@@ -167,6 +180,36 @@ class MeasuredBackground:
         names += [f"background_1.line_{k + 1}" for k in range(len(shape.lines))]
         marginals = zip(names, log_rate.tolist(), sd.tolist(), strict=True)
         return cls(shape, share, Prior({name: Normal(m, s) for name, m, s in marginals}))
+
+
+Fit = tuple[BackgroundShape, Array, Array, float]
+"""A shape, its log rates, their standard errors, and the deviance."""
+
+
+def _smooth(
+    counts: Array,
+    edges: Array,
+    width: Array,
+    seconds: Array,
+    knots: ArrayLike | None,
+    inside: NDArray[np.bool_] | slice = slice(None),
+) -> Fit:
+    """The best fit without lines: with these knots, or as many as counts ask for in the channels `inside`."""
+    chosen = (
+        [_places(counts[inside], edges[inside], number) for number in KNOTS] if knots is None else [knots]
+    )
+    shapes = [BackgroundShape.over(edges, width, places) for places in chosen]
+    return min(((shape, *_likeliest(shape, counts, seconds)) for shape in shapes), key=_criterion)
+
+
+def _criterion(fit: Fit) -> float:
+    """Akaike's."""
+    return fit[3] + 2.0 * len(fit[0].knots)
+
+
+def _recorded(counts: Array) -> NDArray[np.bool_]:
+    """Channels ``(channel,)`` from the first with a count to the last."""
+    return np.asarray((np.cumsum(counts) > 0) & (np.cumsum(counts[::-1])[::-1] > 0))
 
 
 def _line(

@@ -22,7 +22,8 @@ _PLACES = {
     "auditing.planned": ("plan",),
     "auditing.result": ("Audit",),
     "auditing.trials_from": (
-        *("trials_from_arviz", "trials_from_bayesflow", "trials_from_numpyro", "trials_from_sbi"),
+        *("to_arviz", "trials_from_arviz", "trials_from_bayesflow", "trials_from_numpyro"),
+        *("trials_from_samplers", "trials_from_sbi"),
     ),
     "core.errors": ("InputError",),
     "simulators": (
@@ -53,9 +54,11 @@ if TYPE_CHECKING:
     from gaugeblock.auditing.estimator_from import load as load
     from gaugeblock.auditing.planned import plan as plan
     from gaugeblock.auditing.result import Audit as Audit
+    from gaugeblock.auditing.trials_from import to_arviz as to_arviz
     from gaugeblock.auditing.trials_from import trials_from_arviz as trials_from_arviz
     from gaugeblock.auditing.trials_from import trials_from_bayesflow as trials_from_bayesflow
     from gaugeblock.auditing.trials_from import trials_from_numpyro as trials_from_numpyro
+    from gaugeblock.auditing.trials_from import trials_from_samplers as trials_from_samplers
     from gaugeblock.auditing.trials_from import trials_from_sbi as trials_from_sbi
     from gaugeblock.core.errors import InputError as InputError
     from gaugeblock.simulators import Beta as Beta

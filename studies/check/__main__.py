@@ -34,10 +34,12 @@ def sizes(found: dict[str, Arrays]) -> xr.Dataset:
         "high": ("simulator", high),
     }
     for kind in ("outlier", "bump"):
-        seen = np.stack([one[f"{kind} seen"].sum(axis=0) for one in found.values()])
-        right = np.stack([(one[f"{kind} seen"] * one[f"{kind} right"]).sum(axis=0) for one in found.values()])
-        table[f"{kind}_seen"] = (("simulator", "size"), seen)
-        table[f"{kind}_right"] = (("simulator", "size"), right)
+        seen = [one[f"{kind} seen"] for one in found.values()]
+        # What is rejected without anything planted into it says nothing of where that was.
+        told = [part * (one["p"] > LEVEL)[:, None] for part, one in zip(seen, found.values(), strict=True)]
+        right = [part * one[f"{kind} right"] for part, one in zip(told, found.values(), strict=True)]
+        for name, parts in (("seen", seen), ("told", told), ("right", right)):
+            table[f"{kind}_{name}"] = (("simulator", "size"), np.stack([part.sum(axis=0) for part in parts]))
     return xr.Dataset(table, coords={"simulator": list(found), "size": list(SIZES)})
 
 

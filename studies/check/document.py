@@ -28,8 +28,8 @@ def size_table(table: xr.Dataset) -> str:
         for kind in ("outlier", "bump"):
             for size in table["size"].values:
                 seen = int(one[f"{kind}_seen"].sel(size=size))
-                right = int(one[f"{kind}_right"].sel(size=size))
-                cells.append(f"{seen / number:.0%}; {right / seen:.0%}" if seen else "0%")
+                told, right = (int(one[f"{kind}_{which}"].sel(size=size)) for which in ("told", "right"))
+                cells.append(f"{seen / number:.0%}; {right / told:.0%}" if told else f"{seen / number:.0%}")
         rows.append(cells)
     large = [f"{size:g}" for size in table["size"].values]
     header = [
@@ -40,9 +40,9 @@ def size_table(table: xr.Dataset) -> str:
     said = (
         f"{int(table.attrs['batches'])} batches, each with views learned on {int(table.attrs['learned']):,} "
         f"simulations and {int(table.attrs['fresh']):,} others to be ranked among, all of its own. Of what "
-        "was planted, in spreads: share seen; share of these with the right coordinate among the first three "
-        "named. A bump is three coordinates wide along each axis. Made by "
-        f"`{command_of(table)}`."
+        "was planted, in spreads: share seen; share of these (where nothing is seen without it) with the "
+        "right coordinate among the first three named. A bump is three coordinates wide along each axis. "
+        f"Made by `{command_of(table)}`."
     )
     return f"{page.table(header, rows)}\n\n{said}"
 

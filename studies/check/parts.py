@@ -45,11 +45,14 @@ def batch(
     reference = views(Sets(drawn(simulator, fresh, rng))).scores
     observed = drawn(simulator, observations, rng)
     scores = views(Sets(observed)).scores
-    found = {"p": np.array([ranked(np.vstack([one, reference])).p_value for one in scores])}
+    found = {"p": np.array([ranked(np.vstack([one, reference]), views.weights).p_value for one in scores])}
     scale = Scale.of(x)
     for kind in ("outlier", "bump"):
         made = [_planted(observed, scale, kind, size, rng) for size in SIZES]
-        rows = [p_values_against(reference, views(Sets(planted)).scores) <= LEVEL for planted, _ in made]
+        rows = [
+            p_values_against(reference, views(Sets(planted)).scores, views.weights) <= LEVEL
+            for planted, _ in made
+        ]
         right = [_named(views, planted, place, kind) for planted, place in made]
         found[f"{kind} seen"] = np.stack(rows, axis=1).astype(float)
         found[f"{kind} right"] = np.stack(right, axis=1).astype(float)
@@ -98,7 +101,7 @@ def _powers(
     found: dict[str, list[float]] = {"ours": [], "alone": [], "theirs": []}
     for x in cases.values():
         scores = views(Sets(x)).scores
-        found["ours"].append(float(np.mean(p_values_against(reference, scores) <= LEVEL)))
+        found["ours"].append(float(np.mean(p_values_against(reference, scores, views.weights) <= LEVEL)))
         alone = p_values_against(reference[:, only], scores[:, only])
         found["alone"].append(float(np.mean(alone <= LEVEL)))
         found["theirs"].append(float(np.mean(other(x) > limit)))

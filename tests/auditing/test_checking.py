@@ -1,6 +1,7 @@
 """`gaugeblock.check`: what it says, of which it is right, and what it refuses."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from scipy import stats
 import gaugeblock as gb
 from gaugeblock.auditing.checking import check
 from gaugeblock.estimators import build_estimator
+from gaugeblock.reports.check import check_lines
 from gaugeblock.reports.check.effect_code import effect_code
 from gaugeblock.simulators import build_simulator
 from gaugeblock.validate.observation.planted import possible
@@ -86,6 +88,17 @@ def test_an_outlier_fails_is_placed_and_named(failed):
     assert "features: distance" in failed.to_frame().index
 
 
+def test_where_else_it_might_be_is_said_while_it_is_in_doubt(failed):
+    place = failed.answer.where.places[0]
+    assert place.departure > 5
+    assert "instead" not in repr(failed)
+    where = failed.answer.where
+    doubtful = replace(where, places=(replace(place, departure=4.0), *where.places[1:]))
+    said = check_lines(replace(failed.answer, where=doubtful))[2]
+    rest = [one.name for one in where.places if not one.astray and one.family == "data"]
+    assert said.endswith(f"; it might be {rest[0]} or {rest[1]} instead")
+
+
 def test_the_posterior_moves_back_without_what_disagrees(outlier, failed):
     clean = outlier.copy()
     clean[9] -= 3.0
@@ -94,6 +107,23 @@ def test_the_posterior_moves_back_without_what_disagrees(outlier, failed):
         assert abs(moved.after[0] - mean) < abs(moved.before[0] - mean) + 0.02
         assert moved.after[0] == pytest.approx(mean, abs=0.08)
     assert failed.answer.moved[0].shift < -0.5
+
+
+def test_the_split_along_parameters_is_that_of_least_squares(failed):
+    """An outlier of 3 in one of 24 readings with noise of 0.3: by the textbook."""
+    design = np.stack([np.ones(24), TIMES])
+    posterior = np.linalg.inv(design @ design.T / 0.09 + np.diag([1 / 9.0, 1.0]))
+    size = failed.answer.where.observed[9] - failed.answer.where.expected[0][9]
+    moved = posterior @ design[:, 9] * size / 0.09
+    pulls = failed.answer.along.pulls
+    for i, name in enumerate(("level", "slope")):
+        assert pulls[name] == pytest.approx(moved[i] / posterior[i, i] ** 0.5, abs=0.5)
+    assert failed.answer.along.share < 0.15
+    for one in failed.answer.moved:
+        assert pulls[one.parameter] == pytest.approx(-one.shift, abs=0.6)
+    content = failed.to_json()["along_parameters"]
+    assert content["pulls"] == pulls
+    assert f"{failed.answer.along.share:.0%} of the disagreement lies along" in repr(failed)
 
 
 def test_what_is_left_after_fitting_sees_what_a_wide_prior_hides():
@@ -128,9 +158,9 @@ def test_views_are_learned_on_other_simulations_than_those_that_are_ranked(monke
     from gaugeblock.auditing import checking
 
     class Kept(checking.Predictive):
-        def data(self, number):
-            seen[self.purpose] = made = super().data(number)
-            return made
+        def pairs(self, number):
+            theta, seen[self.purpose] = super().pairs(number)
+            return theta, seen[self.purpose]
 
     monkeypatch.setattr(checking, "Predictive", Kept)
     check(line, made(1), prior=PRIOR, seed=2, **SMALL)
@@ -249,6 +279,9 @@ def test_files_are_what_the_result_says(failed, tmp_path):
     assert content["p_value"] == failed.p_value
     page = (tmp_path / "report.html").read_text()
     assert "time 17" not in page
+    assert 'class="astray"' in page
+    # Rings, not discs: a rule for circles takes their filling away.
+    assert "svg :is(path, circle, rect).astray:not(.line, .points) { fill: none;" in page
     assert "The lines that turn the best guess into an Effect" in page
     assert len(repr(failed)) < 2000
     assert "FAIL" in failed._repr_html_()

@@ -77,6 +77,29 @@ def test_the_table_has_a_row_for_each_gate(result: Audit) -> None:
     assert (frame["verdict"] == "FAIL").sum() == sum(g.outcome == "FAIL" for g in result.verdict.gates)
 
 
+def test_the_other_table_has_a_row_for_every_component_measured(result: Audit) -> None:
+    frame = result.to_frame(findings=True)
+    assert set(frame.index) == {finding.id for finding in result.findings}
+    assert len(frame) == sum(len(finding.estimate) for finding in result.findings)
+    assert not frame.loc["sbc.uniform[right]", "judged"]
+    assert frame.loc["sbc.bias[narrow]", "estimate"] == result["sbc.bias[narrow]"].statistic
+
+
+def test_everything_that_was_measured_can_be_drawn_on_axes_of_ones_own(result: Audit) -> None:
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    figure, axes = pyplot.subplots()
+    for identifier in (*(finding.id for finding in result.findings), "recovery[right]", "contraction[right]"):
+        axes.clear()
+        assert result.plot(identifier, ax=axes) is axes
+        assert axes.has_data()
+    pyplot.close(figure)
+
+
+def test_trials_go_to_arviz(result: Audit) -> None:
+    assert result.to_arviz()["posterior"].sizes["trial"] == 2000
+    assert result.to_arviz(trial=5)["posterior"].sizes["draw"] == 100
+
+
 def test_the_repr_is_short_and_says_what_did_not_pass(result: Audit) -> None:
     shown = repr(result)
     assert len(shown) < 2000

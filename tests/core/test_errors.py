@@ -48,6 +48,14 @@ def test_who_failed_is_blamed_and_what_we_say_ourselves_is_not():
     assert passed.value is ours
 
 
+def test_an_error_without_words_says_where_it_was_raised(tmp_path):
+    flow = tmp_path / "flow.py"
+    flow.write_text("x = 0\nassert x > 0\n")
+    said = r"^it failed on data of shape \(2,\): AssertionError: assert x > 0 \(flow.py, line 2\)$"
+    with pytest.raises(InputError, match=said), blamed("it", "data of shape (2,)"):
+        exec(compile(flow.read_text(), flow, "exec"), {})
+
+
 @pytest.mark.parametrize(
     "letter", [*map(chr, range(32)), "\x7f", "\x9b", "\u202e", "\u2028", "\u200b", "\ud800"]
 )

@@ -4,9 +4,9 @@ import itertools
 
 import numpy as np
 import pytest
-from scipy.stats import kstest
+from scipy.stats import binom, kstest
 
-from gaugeblock.core.streams import ROWS, Rows, generator, whole_blocks
+from gaugeblock.core.streams import ROWS, Rows, binomial_quantile, generator, multinomial, whole_blocks
 
 DRAWS = {
     "random": lambda rows, n: rows.random((n, 3)),
@@ -81,3 +81,33 @@ def test_whole_blocks_hold_every_trial_once(number, size):
     assert [trial for block in blocks for trial in block][:number] == list(range(number))
     assert {len(block) for block in blocks} == {size}
     assert len(blocks) == -(-number // size)
+
+
+@pytest.mark.parametrize(("number", "probability"), [(7, 0.3), (400, 0.02), (4000, 0.68), (19_999, 0.999)])
+def test_binomial_quantiles_are_scipys(number, probability):
+    """Just below and above each step of SciPy's distribution function, where there is any probability."""
+    k = np.arange(number + 1)
+    below = binom.cdf(k, number, probability)
+    k, below = k[(below > 1e-5) & (below < 1 - 1e-5)], below[(below > 1e-5) & (below < 1 - 1e-5)]
+    np.testing.assert_array_equal(binomial_quantile(below * (1 - 1e-9), number, probability), k)
+    np.testing.assert_array_equal(binomial_quantile(below + 1e-9 * (1 - below), number, probability), k + 1)
+
+
+def test_binomial_quantiles_at_the_ends():
+    uniform = np.array([0.0, 0.4, np.nextafter(1.0, 0.0)])
+    assert binomial_quantile(uniform, 0, 0.5).tolist() == [0, 0, 0]
+    assert binomial_quantile(uniform, 5, 0.0).tolist() == [0, 0, 0]
+    assert binomial_quantile(uniform, 5, 1.0).tolist() == [5, 5, 5]
+    assert binomial_quantile(uniform, 5, 0.5).tolist() == [0, 2, 5]
+
+
+def test_multinomial_counts_have_their_moments():
+    """Means within five standard errors of n p, covariances within 5% of the largest of n (p I - p p')."""
+    cells, n = np.array([0.05, 0.3, 0.15, 0.5]), 60
+    counts = multinomial(np.random.default_rng(3), n, cells, (10_000, 2)).reshape(-1, 4)
+    assert (counts.sum(axis=1) == n).all()
+    assert (counts >= 0).all()
+    error = np.sqrt(n * cells * (1 - cells) / len(counts))
+    assert (np.abs(counts.mean(axis=0) - n * cells) < 5 * error).all()
+    expected = n * (np.diag(cells) - np.outer(cells, cells))
+    np.testing.assert_allclose(np.cov(counts.T), expected, atol=0.05 * expected.max())

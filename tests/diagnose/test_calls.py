@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import gaugeblock as gb
+from gaugeblock.auditing.estimator_from import LibraryEstimator
 
 SMALL = {"trials": 600, "draws": 60, "progress": False}
 PRIOR = gb.Prior({"a": gb.Normal(0.0, 1.0), "b": gb.Normal(2.0, 1.0)})
@@ -126,3 +127,53 @@ def test_an_estimator_that_refuses_other_data_is_no_error():
 
     said = gb.audit(strict, simulate, prior=PRIOR, **SMALL).verdict.diagnosis
     assert said["named"] == "shift"
+
+
+def test_data_that_nobody_scaled_are_said_to_be_where_draws_ignore_them():
+    def prior_itself(x, n, rng):
+        return PRIOR.sample(len(x) * n, rng).reshape(len(x), n, 2)
+
+    for factor, said in ((1e5, True), (1.0, False), (1e-3, True)):
+        result = gb.audit(prior_itself, lambda t, r, f=factor: simulate(t, r) * f, prior=PRIOR, **SMALL)
+        found = result.verdict.diagnosis
+        assert found["named"] == "ignored_parameter"
+        assert ("x is not scaled: its standard deviations are" in found["text"]) is said
+        assert "Mended" not in found["text"]
+        assert found["repair"] == []
+
+
+def test_a_sampler_that_rejects_for_ever_is_given_seconds_only_where_data_are_tried_on_it():
+    class Model:
+        patience = 600.0
+
+        def describe(self):
+            return {"library": "none"}
+
+        def sample(self, x, n, seed):
+            seen.append(self.patience)
+            return np.zeros((len(x), n, 2))
+
+    seen, model = [], Model()
+    estimator = LibraryEstimator(model)
+    estimator.sample_briefly(np.zeros((2, 2)), 3, np.random.default_rng(1))
+    estimator.sample(np.zeros((2, 2)), 3, np.random.default_rng(1))
+    assert seen[0] <= 10
+    assert seen[1] == 600.0
+
+
+def test_information_that_no_repair_finds_has_causes_all_the_same():
+    """Only the sign of the data reaches the estimator: exact given that, and far from what they say."""
+
+    def coarse(x, n, rng):
+        # Truths whose data have the same signs, drawn anew: the posterior given the signs alone.
+        theta = PRIOR.sample(200 * n, rng)
+        sign = simulate(theta, rng) > [0, 2]
+        mine = np.asarray(x) / 100 > [0, 2]
+        return np.stack([rng.choice(theta[(sign == row).all(axis=1)], n) for row in mine])
+
+    result = gb.audit(coarse, lambda t, r: 100 * simulate(t, r), prior=PRIOR, **SMALL)
+    found = result.verdict.diagnosis
+    assert found["named"] == "other"
+    assert "what the data say beyond the draws" in found["text"]
+    assert found["causes"][0]["cause"].startswith("x is not scaled")
+    assert any("embedding" in each["cause"] for each in found["causes"])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from tests.diagnose.problems import FAULTS, about_middle, exact, lighter, one_sign, two_modes, width
 
+from gaugeblock.diagnosis import workflow
 from gaugeblock.diagnosis.cases import Cases
 from gaugeblock.diagnosis.workflow import locate_and_name
 
@@ -30,6 +31,23 @@ def test_a_fault_is_named(name):
     assert len(named(found)) <= 3
     if found.after is not None and wanted != "ignored_parameter":
         assert found.after[0] < 0.2 * found.before[0] + 2 * found.after[1]
+
+
+@pytest.mark.parametrize(("left", "holds"), [(0.3, True), (0.8, False)])
+def test_a_name_has_to_take_half_away_on_trials_that_did_not_choose_it(left, holds, monkeypatch):
+    gains = workflow._Parts.gains
+
+    def of_the_last_third(self, chosen, learned, other):
+        found, repaired = gains(self, chosen, learned, other)
+        if chosen and other is self.reporting:
+            found = left * gains(self, (), learned, other)[0]
+        return found, repaired
+
+    monkeypatch.setattr(workflow._Parts, "gains", of_the_last_third)
+    cases = exact(SEED)
+    found = found_in(cases, about_middle(cases, 0.6))
+    assert (found.named is not None) == holds
+    assert any(each.mended for each in found.tried)
 
 
 @pytest.mark.parametrize(("wanted", "fault"), [("missing_mode", one_sign), ("mode_weights", lighter)])

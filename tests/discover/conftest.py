@@ -46,6 +46,10 @@ class PowerLaw:
                 mean = mean + value["counts"][..., None] * bell(value["energy"], 0.15) * WIDTHS
             if effect.name == "dip":
                 mean = mean * (1.0 + value["depth"][..., None] * bell(value["energy"], 0.4))
+            if effect.name == "effective_area":
+                mean = mean * (
+                    1.0 + value["area"][..., None] * bell(value["energy"], value["width"][..., None])
+                )
             if effect.name == "edge":
                 mean = mean * np.exp(-value["depth"][..., None] * (value["energy"][..., None] < CENTRES))
         return np.maximum(mean, 1e-9)

@@ -9,6 +9,7 @@ from gaugeblock.discovery import Sources, discover_catalogue
 from gaugeblock.discovery.held_out import HeldOut
 from gaugeblock.simulators import Uniform
 from gaugeblock.simulators.effects import Effect
+from gaugeblock.simulators.library import LibraryEffect
 
 
 def catalogue(power_law, hidden, *, number=60, seed=1, counts=10_000.0):
@@ -42,8 +43,66 @@ def test_says_that_it_stays_with_the_detector(dip):
 
 
 def test_an_error_of_the_amplitude_that_falls_with_the_number(dip):
-    error = dip.tree["catalogue"]["amplitude_error"].values
-    assert np.all(np.diff(error) <= 0)
+    """Nothing is floated here: as one over the root of the number, at 60 sources as the profile says."""
+    error, number = (dip.tree["catalogue"][name].values for name in ("amplitude_error", "number"))
+    np.testing.assert_allclose(error * np.sqrt(number), error[0] * np.sqrt(number[0]), rtol=1e-9)
+    stated = dip.to_json()["amplitude"][0]
+    assert error[0] * np.sqrt(number[0] / 60) == pytest.approx(stated["standard_error"], rel=0.2)
+    low, high = stated["interval"]
+    assert high - low == pytest.approx(2 * 1.645 * stated["standard_error"], rel=0.05)
+    # The score's z is of the same error: a dip of 0.12 has moved 60 sources by some 50 of them.
+    z = (stated["value"] - stated["neutral"]) / stated["standard_error"]
+    assert dip.to_json()["catalogue"]["z"] == pytest.approx(z, rel=0.2)
+
+
+@pytest.fixture(scope="module")
+def bumps(power_law):
+    """The same dip, where every area may be off by broad bumps of 2%, held as nuisances that all share."""
+    area = LibraryEffect(
+        name="effective_area",
+        parameters={"energy": Uniform(0.6, 7.5), "width": Uniform(0.1, 5.0), "area": Uniform(-0.5, 0.5)},
+        amplitude="area",
+        neutral=0.0,
+        step=0.02,
+        scanned={"energy": np.geomspace(0.7, 7.0, 8), "width": np.array([3.0])},
+        cause="area",
+        typical="2%",
+        origin="instrument",
+    )
+    sources = catalogue(power_law, Effect("dip", {"energy": 1.7, "depth": -0.12}))
+    return discover_catalogue([sources], effects={"effective_area": area}, replicates=99)
+
+
+def test_an_error_beside_nuisances_that_all_share(bumps):
+    """Information added up source by source, the prior of bumps once: at the node, without the dip, what is
+    foretold for other numbers of sources; at the truth, what the profile states.
+    """
+    rng = np.random.default_rng(1)
+    theta = np.stack([1e4 * np.exp(rng.uniform(-1, 1, 60)), rng.uniform(0.5, 2.5, 60)], axis=1)
+    edges = np.geomspace(0.5, 8.0, 61)
+    at = np.sqrt(edges[1:] * edges[:-1])
+    centres = np.geomspace(0.7, 7.0, 8)
+    areas = [np.exp(-0.5 * ((at - c) / (0.6 * np.log(10) / 7 * c)) ** 2) for c in centres]
+
+    def error(number, energy, depth):
+        scale = 1 + depth * np.exp(-0.5 * ((at - energy) / 0.4) ** 2)
+        shapes = np.stack([np.exp(-0.5 * ((at - energy) / 0.4) ** 2) / scale, *areas], axis=1)
+        told = np.zeros((9, 9))
+        for norm, index in theta:
+            mean = norm * at**-index * np.diff(edges) * scale
+            own = np.stack([np.ones(60), np.log(at)], axis=1)
+            of, cross = own.T @ (mean[:, None] * own), own.T @ (mean[:, None] * shapes)
+            told += shapes.T @ (mean[:, None] * shapes) - cross.T @ np.linalg.solve(of, cross)
+        prior = np.diag([0.0, *[0.02**-2] * 8])
+        return np.sqrt(np.linalg.inv(number / 60 * told + prior)[0, 0])
+
+    assert bumps.named == "dip"
+    table = bumps.tree["catalogue"]
+    node = np.geomspace(0.7, 7.0, 36)[14]
+    foretold = [error(number, node, 0.0) for number in table["number"].values]
+    np.testing.assert_allclose(table["amplitude_error"].values, foretold, rtol=0.05)
+    low, high = bumps.to_json()["amplitude"][0]["beside_nuisances"]["interval"]
+    assert (high - low) / (2 * 1.645) == pytest.approx(error(60, 1.7, -0.12), rel=0.1)
 
 
 def test_nothing_shared_is_nothing_named(power_law):

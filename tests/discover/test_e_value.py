@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from gaugeblock.core.errors import InputError
 from gaugeblock.discovery import Candidates, Sources, discover_source
 from gaugeblock.simulators.effects import Effect
 
@@ -45,3 +46,15 @@ def test_two_effects_pay_twice(library):
 
 def test_where_nothing_is_named_there_is_none(library):
     assert searched(library, [], e_value=True).e_value is None
+
+
+def test_where_it_cannot_be_had_it_is_said_and_the_name_stays(library, monkeypatch):
+    def refused(*_, **__):
+        raise InputError("no halves of this")
+
+    monkeypatch.setattr("gaugeblock.discovery.record.split_likelihood_ratio", refused)
+    hidden = [Effect("edge", {"energy": 2.4, "depth": 0.25})]
+    found = searched(library, hidden, e_value=True)
+    assert found.named == "edge"
+    assert found.e_value is None
+    assert [(one.id, one.why) for one in found.not_checked] == [("e_value", "no halves of this")]

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import minimize
 
 from gaugeblock.discovery.coordinates import Coordinates
-from gaugeblock.discovery.fitting import fit
+from gaugeblock.discovery.fitting import DIFFERENCES, fit
 from gaugeblock.simulators import LogUniform, Normal, Prior, Uniform
 from gaugeblock.simulators.protocol import poisson_log_likelihood
 
@@ -88,3 +88,26 @@ def test_coordinates_go_there_and_back():
     np.testing.assert_allclose(slope[:, 1], 4.0, rtol=1e-6)
     np.testing.assert_allclose(slope[:, 2], 0.5, rtol=1e-6)
     assert coordinates.precision.tolist() == [0.0, 0.0, 1.0]
+
+
+def test_few_rows_take_differences_many_a_derivative_and_both_agree(power_law):
+    asked, energy = [], np.sqrt(power_law().segments()[0].edges.prod(axis=1))
+
+    class WithJacobian:
+        def __init__(self):
+            self.prior, self.expected = power_law().prior, power_law().expected
+
+        def jacobian(self, theta):
+            asked.append(len(theta))
+            mean = self.expected(theta)
+            return np.stack([mean / theta[:, :1], -np.log(energy) * mean], axis=-1)
+
+    counts = power_law().simulate(np.repeat(THETA, 30, axis=0), np.random.default_rng(5))
+    start = np.repeat([[1000.0, 1.0]], 90, axis=0)
+    few = fit(WithJacobian(), counts[:DIFFERENCES], start=start[:DIFFERENCES])
+    assert not asked
+    many = fit(WithJacobian(), counts, start=start)
+    assert asked[0] == 90
+    np.testing.assert_allclose(few.theta, many.theta[:DIFFERENCES], rtol=1e-4)
+    same = many.jacobian[:DIFFERENCES]
+    np.testing.assert_allclose(few.jacobian, same, rtol=1e-3, atol=1e-3 * same.max())

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
+from gaugeblock.diagnosis import Diagnosis
 from gaugeblock.estimators import ESTIMATORS, Estimator, build_estimator
 from gaugeblock.estimators.protocol import Closable, HasDensity, HasEvidence
 from gaugeblock.simulators import build_simulator
@@ -28,6 +29,9 @@ class Case:
     trials: int | None = None
 
 
+NOTHING = Diagnosis(
+    named="shift", text="by nothing", repair=({"function": "moved", "by": [0.0], "in_widths": False},)
+)
 CASES = {
     "exact": Case(trials=1000),
     "conformal": Case(options={"base": {"name": "exact"}, "seed": 5, "draws": 200}, trials=1000),
@@ -43,6 +47,7 @@ CASES = {
     "npe": Case(needs="sbi"),
     "stranger": Case(options={"format": "python"}, trials=1000),
     "broken": Case(options={"fault": "narrow"}),
+    "repaired": Case(options={"base": {"name": "exact"}, "diagnosis": NOTHING}, trials=1000),
 }
 
 

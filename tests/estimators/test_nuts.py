@@ -42,7 +42,8 @@ def test_it_reports_on_itself(run):
     assert run.draws.shape == (64, 250, 5)
     assert run.divergences.shape == run.acceptance.shape == run.step_size.shape == (64,)
     assert run.divergences.dtype == np.int64
-    assert run.divergences.sum() < 64
+    # Of 16,000 steps of a Gaussian posterior none diverges; a sampler whose steps are too long has hundreds.
+    assert run.divergences.sum() <= 8
     assert np.all((run.acceptance > 0.6) & (run.acceptance < 1.0))
     assert np.all(run.step_size > 0)
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from gaugeblock import make_trials, to_arviz
 from gaugeblock.validate.marginal.discrete_ranks import rank_ecdf_test
 from gaugeblock.validate.marginal.uniformity import ecdf_test
 
@@ -87,3 +88,16 @@ def test_ours_is_of_its_size_on_the_same_samples(uniform_samples):
     """Exceeded with probability 1e-3 by a test of size 5%."""
     rejected = sum(ecdf_test(sample).p_value <= 0.05 for sample in uniform_samples)
     assert rejected <= stats.binom.ppf(0.999, 4000, 0.05)
+
+
+def test_arviz_plots_draws_our_trials_in_three_lines(peer):
+    """The whole of them, and the posterior of one."""
+    plots = peer("arviz_plots")
+    rng = np.random.default_rng(3)
+    theta = rng.normal(size=(300, 2))
+    trials = make_trials(theta, theta[:, None] + rng.normal(size=(300, 60, 2)), ["a", "b"], x=theta)
+    whole, one = to_arviz(trials), to_arviz(trials, trial=3)
+    assert {"a", "b"} <= set(plots.plot_ecdf_pit(whole, backend="none").viz["p_value_text"].data_vars)
+    assert plots.plot_ppc_pit(whole, backend="none").viz["ecdf_lines"]["a"].item() is not None
+    for plot in (plots.plot_forest, plots.plot_pair):
+        assert plot(one, backend="none").viz is not None

@@ -10,6 +10,7 @@ import shutil
 import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -116,6 +117,7 @@ FLAGS = [
 # forbids every script has been taken out.
 PROBE = """<script>
 addEventListener("load", () => {
+  document.querySelectorAll("details").forEach(fold => { fold.open = true; });
   const boxes = [...document.querySelectorAll("svg")].map(svg => {
     const box = svg.getBoundingClientRect();
     return [svg.getAttribute("class") || "key", box.width, box.height];
@@ -127,9 +129,18 @@ addEventListener("load", () => {
       return box.left < frame.left - 1 || box.right > frame.right + 1 || box.bottom > frame.bottom + 1;
     }).map(text => text.textContent);
   });
+  const onEachOther = [...document.querySelectorAll("svg.chart")].flatMap(svg => {
+    const seen = [...svg.querySelectorAll("text")].filter(
+      text => text.textContent.trim() && getComputedStyle(text).visibility !== "hidden"
+    ).map(text => [text.textContent, text.getBoundingClientRect()]);
+    return seen.flatMap(([one, a], place) => seen.slice(0, place).filter(([, b]) =>
+      Math.min(a.right, b.right) - Math.max(a.left, b.left) > 1 &&
+      Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > 3
+    ).map(([other]) => [one, other]));
+  });
   const word = document.querySelector(".verdict .word");
   const found = {
-    boxes, cutOff: texts,
+    boxes, cutOff: texts, onEachOther,
     width: innerWidth, content: document.documentElement.scrollWidth,
     fetched: performance.getEntriesByType("resource").map(entry => entry.name),
     wordSize: parseFloat(getComputedStyle(word).fontSize),
@@ -195,3 +206,50 @@ def probed() -> Callable[[Path], Path]:
         return copy
 
     return probe
+
+
+# Python packages that carry axe's script, the newest first.
+CARRIERS = ("axe_playwright_python", "axe_core_python")
+RUN = """
+addEventListener("load", async () => {
+  document.querySelectorAll("details").forEach(fold => { fold.open = true; });
+  const found = await axe.run(document, {resultTypes: ["violations", "passes"]});
+  const place = document.createElement("pre");
+  place.id = "measured";
+  place.textContent = JSON.stringify({
+    passed: found.passes.length,
+    violations: found.violations.map(one => [one.id, one.nodes.length, one.nodes[0].html.slice(0, 200)]),
+  });
+  document.body.append(place);
+});
+"""
+
+
+@pytest.fixture(scope="session")
+def axe(missing: Callable[[str], None]) -> str | None:
+    for name in CARRIERS:
+        spec = find_spec(name)
+        path = Path(str(spec.origin)).with_name("axe.min.js") if spec is not None else None
+        if path is not None and path.is_file():
+            return path.read_text()
+    return missing("axe-core is not installed: pip install axe-core-python")
+
+
+@pytest.fixture(scope="session")
+def violations(axe: str, chromium: Callable[..., Visit]) -> Callable[..., list]:
+    """`violations(page)`: what axe-core finds wrong with a page when all of it is open."""
+
+    def judged(page: Path, *flags: str) -> list:
+        text, taken = re.subn(
+            r'<meta http-equiv="Content-Security-Policy"[^>]*>',
+            lambda _: f"<script>{axe}</script><script>{RUN}</script>",
+            page.read_text(),
+        )
+        assert taken == 1
+        copy = page.with_name("judged.html")
+        copy.write_text(text)
+        found = chromium(copy, "--dump-dom", "--virtual-time-budget=60000", *flags).measured
+        assert found["passed"] > 20, "axe did not run"
+        return found["violations"]
+
+    return judged

@@ -47,6 +47,7 @@ def test_every_picture_has_a_size_nothing_overflows_and_nothing_is_fetched(page,
     assert charts
     assert min(box[1] for box in charts) > 200, "a chart too small to be read"
     assert measured["cutOff"] == []
+    assert measured["onEachOther"] == []
     assert measured["fetched"] == []
     assert measured["wordTop"] < 250
     assert measured["wordSize"] > 30
@@ -64,6 +65,13 @@ def test_a_phone_s_width_does_not_overflow(page, chromium, probed, tmp_path):
     assert measured["content"] <= 390, "the page scrolls sideways"
     assert min(box[1] for box in measured["boxes"] if box[0] == "chart") > 200
     assert measured["cutOff"] == []
+    assert measured["onEachOther"] == []
+
+
+def test_labels_on_each_other_would_be_seen(page, chromium, probed):
+    label = '<svg class="chart" width="90" height="20"><text y="12">one</text><text y="14">two</text></svg>'
+    page.write_text(page.read_text().replace("</main>", f"{label}</main>"))
+    assert chromium(probed(page), "--dump-dom").measured["onEachOther"] == [["two", "one"]]
 
 
 PASS_ON = """
@@ -110,3 +118,28 @@ def test_the_screenshot_is_not_blank(page, chromium, tmp_path):
         shares.append(inked((tmp_path / name).read_bytes()))
     assert shares[0] > 0.01
     assert shares[1] < 0.005
+
+
+@pytest.mark.parametrize("kind", ["failing", "undecided"])
+def test_it_prints_on_four_pages(request, chromium, tmp_path, kind):
+    audit = request.getfixturevalue(kind)
+    write_reports(audit.verdict, audit.findings, audit.trials, tmp_path, title="An audit")
+    page = tmp_path / "report.html"
+    chromium(page, f"--print-to-pdf={tmp_path / 'page.pdf'}", "--no-pdf-header-footer")
+    pages = re.findall(rb"/Type\s*/Page\b", (tmp_path / "page.pdf").read_bytes())
+    assert 1 <= len(pages) <= 4
+
+
+@pytest.mark.parametrize(("picked", "shown"), [("0", {"1", "2"}), ("2", {"2"})])
+def test_a_picked_parameter_hides_the_others(page, chromium, picked, shown):
+    said = """<script>addEventListener("load", () => {
+      document.getElementById("pick-PICKED").checked = true;
+      document.querySelectorAll("details").forEach(fold => { fold.open = true; });
+      const seen = [...document.querySelectorAll("[data-p]")].filter(one => one.offsetParent !== null);
+      const place = document.createElement("pre");
+      place.id = "measured"; place.textContent = JSON.stringify([...new Set(seen.map(one => one.dataset.p))]);
+      document.body.append(place);
+    });</script>""".replace("PICKED", picked)
+    policy = r'<meta http-equiv="Content-Security-Policy"[^>]*>'
+    page.write_text(re.sub(policy, lambda _: said, page.read_text()))
+    assert set(chromium(page, "--dump-dom").measured) == shown

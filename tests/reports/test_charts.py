@@ -1,11 +1,12 @@
 import re
+from dataclasses import replace
 from xml.etree import ElementTree as tree
 
 import numpy as np
 import pytest
 
-from gaugeblock.reports.charts import curve_with_band, gate_bar, histogram, scatter
-from gaugeblock.reports.pictures import Curve, Histogram
+from gaugeblock.reports.charts import curve_with_band, forest, gate_bar, histogram, scatter
+from gaugeblock.reports.pictures import Curve, Histogram, Intervals, farthest
 from gaugeblock.reports.svg import Frame, round_ticks, tag
 
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
@@ -69,10 +70,10 @@ def test_without_an_estimate_or_a_scale_there_is_no_bar(statistic, tolerance):
     assert gate_bar(statistic, (0, 1), (0, 1), tolerance, "two-sided", key="k", name="n") is None
 
 
-def curve(y):
+def curve(y, *, failed=False):
     x = np.linspace(0, 1, len(y))
     shown = Curve(name="n", x=x, y=y, low=-np.ones_like(y), high=np.ones_like(y), x_label="x", y_label="y")
-    return curve_with_band(shown, key="k", name="n")
+    return curve_with_band(shown, key="k", name="n", failed=failed)
 
 
 def test_a_curve_that_leaves_its_band_is_said_and_drawn_to_do_so():
@@ -80,7 +81,29 @@ def test_a_curve_that_leaves_its_band_is_said_and_drawn_to_do_so():
     assert "inside its band everywhere" in inside
     assert "outside its band at 25 points" in outside
     assert elements(inside, "line")
-    assert elements(outside, "line astray")
+    assert elements(outside, "line noticed"), "red is what FAILs, and nothing else"
+    assert elements(curve(np.r_[np.zeros(25), 2 * np.ones(25)], failed=True), "line astray")
+
+
+def test_a_pointer_over_a_curve_is_told_its_numbers():
+    tips = re.findall(r'class="tip">([^<]*)<', curve(np.linspace(0, 0.5, 50)))
+    assert len(tips) == 24
+    assert tips[0] == "rank 0.00: 0.000"
+    assert tips[-1] == "rank 1.00: +0.500"
+
+
+def test_a_forest_is_red_where_an_interval_is_wholly_outside():
+    shown = Intervals(
+        name="f", rows=("in", "near", "out"), estimate=np.array([0.0, 0.15, 0.5]),
+        low=np.array([-0.05, 0.05, 0.4]), high=np.array([0.05, 0.25, 0.6]), x_label="bias",
+        tolerated=(-0.1, 0.1),
+    )  # fmt: skip
+    drawn = forest(shown, key="f", failed=True)
+    assert len(elements(drawn, "line")) == 2
+    assert len(elements(drawn, "line astray")) == 1
+    assert "out: 0.5 (0.4 to 0.6)" in drawn
+    assert farthest(shown, 2).rows == ("near", "out")
+    assert farthest(replace(shown, estimate=np.array([-0.9, 0.15, 0.5])), 1).rows == ("in",)
 
 
 def test_a_long_curve_is_thinned_but_still_said_right():

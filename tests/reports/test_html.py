@@ -5,10 +5,16 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+from gaugeblock.auditing.diagnosing import with_diagnosis
+from gaugeblock.diagnosis.cases import thirds
 from gaugeblock.reports import report_html
-from gaugeblock.validate import Outcome, main_trials, make_trials, trials_tree
+from gaugeblock.reports.answers import UNNAMED
+from gaugeblock.reports.html import by_reason
+from gaugeblock.reports.mended import before_and_after
+from gaugeblock.reports.worst import in_worst_regions, trial_errors
+from gaugeblock.validate import Outcome, main_trials, make_trials, run_validators, trials_tree
 
-VOID = {"meta", "link", "br"}
+VOID = {"meta", "link", "br", "input"}
 
 
 class Page(HTMLParser):
@@ -139,7 +145,117 @@ def test_no_section_is_empty_when_there_is_nothing_at_all(passing):
     verdict = replace(passing.verdict, gates=(), not_checked=(), provenance={}, outcome=Outcome.INCONCLUSIVE)
     verdict = replace(verdict, controls=())
     page = Page(report_html(verdict, [], passing.trials, title="x"))
-    assert [a["id"] for tag, a in page.tags if tag == "section"] == ["errors", "worst", "provenance"]
+    assert [a["id"] for tag, a in page.tags if tag == "section"] == [
+        "pictures",
+        "errors",
+        "worst",
+        "provenance",
+    ]
+
+
+@pytest.fixture(scope="module")
+def diagnosed(failing):
+    return replace(failing, verdict=with_diagnosis(failing.verdict, failing.trials, seed=5))
+
+
+def test_causes_and_cures_stand_first_and_without_a_diagnosis_there_are_none(failing, diagnosed):
+    before, after = page_of(failing).text, page_of(diagnosed).text
+    assert diagnosed.verdict.diagnosis["named"] == "scale"
+    assert UNNAMED in before
+    assert UNNAMED not in after
+    causes = diagnosed.verdict.diagnosis["causes"]
+    assert causes
+    first_gate = after.index("What was asked, and the answers")
+    for each in causes:
+        assert after.index(f"If {each['cause']}: {each['cure']}") < first_gate
+    assert after.index("before and after the repair") < first_gate
+
+
+def test_ranks_are_drawn_before_and_after_on_trials_that_chose_nothing(diagnosed, passing):
+    panel = before_and_after(diagnosed.verdict, diagnosed.trials)
+    assert "1,000 trials that did not choose the repair" in panel.remark
+    said = re.search(
+        r"from (\S+) to (\S+) of an even share before the repair, from (\S+) to (\S+) after", panel.picture
+    )
+    low, high, mended_low, mended_high = map(float, said.groups())
+    # Posteriors 0.7 times as wide: the outermost of twenty bins hold 2 Phi(-1.645 * 0.7) / 0.1 = 2.5 shares.
+    assert 2.1 < high < 2.9
+    assert low < 0.85
+    assert mended_low > 0.6
+    assert mended_high < 1.5
+    # The same by hand, on the trials that neither fitted nor chose.
+    main = main_trials(diagnosed.trials)
+    rows = thirds(main.sizes["trial"], 5)[2]
+    below = (main["draws"].values < main["theta_true"].values[:, None]).sum(axis=1)[rows]
+    shares = [np.histogram((column + 0.5) / 101, 20, (0, 1))[0] / 50 for column in below.T]
+    assert [low, high] in [[round(each.min(), 2), round(each.max(), 2)] for each in shares]
+
+
+def test_the_parameter_drawn_is_the_one_that_repairs_in_turn_even_out(passing):
+    """Posteriors of `b` half as wide: twice a repair of 1.414 mends them, once does not."""
+    rng = np.random.default_rng(8)
+    x = rng.normal(size=(900, 2))
+    draws = x[:, None] + rng.normal(size=(900, 80, 2)) * [1.0, 0.5]
+    tree = trials_tree(make_trials(x + rng.normal(size=x.shape), draws, ["a", "b"]))
+    step = {"function": "stretched", "about": "median", "by": [1.0, 2**0.5]}
+    unevenness = []
+    for steps in ([step], [step, step]):
+        told = replace(passing.verdict, diagnosis={"repair": steps, "seed": 0, "gap": {}})
+        panel = before_and_after(told, tree)
+        assert "Ranks of b," in panel.heading
+        unevenness.append(float(re.search(r"to (\S+) after it", panel.picture).group(1)))
+    assert unevenness[0] > 1.7 > unevenness[1]
+    assert before_and_after(passing.verdict, passing.trials) is None
+
+
+@pytest.mark.parametrize(
+    "repair", [[{"function": "of another version"}], [], [{"function": "stretched", "about": "mean"}]]
+)
+def test_a_repair_that_is_not_known_leaves_no_picture(diagnosed, repair):
+    told = diagnosed.verdict.diagnosis | {"repair": repair}
+    assert before_and_after(replace(diagnosed.verdict, diagnosis=told), diagnosed.trials) is None
+
+
+def test_passed_gates_are_folded_and_failed_ones_have_their_picture(failing):
+    text = report_html(failing.verdict, failing.findings, failing.trials, title="x")
+    shown = text[text.index('<div class="failing">') : text.index("Passed")]
+    failed = [gate for gate in failing.verdict.gates if gate.outcome is Outcome.FAIL]
+    assert shown.count("<article") == len(failed) > 0
+    assert shown.count("<svg viewBox") == 0
+    assert shown.count('class="chart"') >= len([gate for gate in failed if np.isfinite(gate.tolerance)])
+    passed = text[text.index("Passed") : text.index('id="pictures"')]
+    assert passed.count('class="gate PASS"') == sum(g.outcome is Outcome.PASS for g in failing.verdict.gates)
+    assert text.count("<details open") + text.count('class="fold" open') <= 1
+
+
+def test_trials_of_the_worst_region_lie_in_it():
+    """Posteriors of `a` lie too high where the datum is large: so do the trials that are listed."""
+    rng = np.random.default_rng(1)
+    x = rng.normal(size=(1500, 1))
+    theta = x + rng.normal(size=x.shape)
+    draws = x[:, None] + rng.normal(size=(1500, 60, 1))
+    draws[x[:, 0] > 0.8] += 1.5
+    tree = trials_tree(make_trials(theta, draws, ["a"], x=x))
+    findings, _ = run_validators(tree, seed=1, select=["local"])
+    table = in_worst_regions(trial_errors(tree), findings)[0]
+    assert table.anchor == "region-0"
+    assert len(table.rows) == 5
+    assert min(x[int(trial), 0] for trial, _, _ in table.rows) > 0.5
+    assert all(said.startswith("+") for _, said, _ in table.rows)
+
+
+def test_checks_that_lack_the_same_share_a_line(undecided):
+    lines = by_reason(undecided.verdict)
+    assert len(lines) < len(undecided.verdict.not_checked)
+    assert sorted(name for _, names in lines for name in names) == sorted(
+        item.id for item in undecided.verdict.not_checked
+    )
+
+
+def test_the_page_is_small(diagnosed, make_audit):
+    many = make_audit(n=600, draws=40, names=tuple(f"p{i}" for i in range(12)), width=0.6)
+    for audit in (diagnosed, many):
+        assert len(report_html(audit.verdict, audit.findings, audit.trials, title="x")) < 1_000_000
 
 
 def test_draws_that_are_all_nan_still_give_a_page(make_audit, passing):

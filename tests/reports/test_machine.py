@@ -20,7 +20,7 @@ def test_it_is_strict_json_with_the_contract_s_keys(audit):
     assert content["verdict"] == audit.verdict.outcome.value
     assert set(content) == {
         *("verdict", "gates", "not_checked", "provenance", "reported"),
-        *("suggestions", "baseline", "diagnosis", "controls", "looks"),
+        *("suggestions", "baseline", "diagnosis", "controls", "looks", "schema_version"),
     }
     keys = {"kind", "parameter", "size", "unit", "caught", "text", "power", "tolerance", "rungs"}
     assert all(set(control) == keys for control in content["controls"])

@@ -101,17 +101,20 @@ def test_batch_and_place_in_it_change_no_bit(simulator, theta, size):
     )
 
 
-def test_no_batch_size_makes_it_compile_beyond_three_shapes(theta):
+def test_no_batch_size_makes_it_compile_beyond_two_shapes(theta):
     fresh = reference(level="faint")
     fresh.expected(theta[:1])
     assert fresh.forward.compilations == 1
-    for size in range(1, 1100, 90):
-        fresh.expected(theta[:size])
-    assert fresh.forward.compilations == 3  # 32, 256, 1024
+    for size in (1, 91, 512):
+        fresh.expected(np.resize(theta, (size, theta.shape[1])))
+    assert fresh.forward.compilations == 1  # many small pieces cost less than another size
+    for size in (513, 4096, 4097):
+        fresh.expected(np.resize(theta, (size, theta.shape[1])))
+    assert fresh.forward.compilations == 2  # 32, 256
     for exposure in (1.0, 1e3, 1e7):
         other = fresh.with_exposure(exposure)
         other.expected(theta[:40])
-        assert other.forward.compilations == 3
+        assert other.forward.compilations == 2
 
 
 def test_exposure_scales_and_the_floor_holds(simulator, theta):
@@ -194,3 +197,14 @@ def test_importing_simulators_imports_no_jax():
     program = "import sys, gaugeblock.simulators; assert not {'jax', 'jaxspec', 'astropy'} & set(sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_what_a_model_holds_is_handed_over_and_not_compiled_in(theta):
+    fresh = reference(level="faint")
+    fresh.expected(theta[:1])
+    compiled = fresh.forward._expected
+    transfer = fresh.response.with_exposure(1.0).transfer
+    assert sum(one.nbytes for one in compiled._constants) >= transfer[:, transfer.any(axis=0)].nbytes
+    with double_precision():
+        lowered = compiled._compiled.lower(compiled._constants, 1.0, theta[:32])
+    assert len(lowered.as_text()) < transfer.nbytes / 8

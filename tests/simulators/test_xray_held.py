@@ -13,6 +13,7 @@ pytestmark = pytest.mark.usefixtures("xray_data")
 
 EFFECTS = {
     "gain": (Effect("gain_slope", {"slope": Uniform(0.9, 1.1)}), [0.985]),
+    "resolution": (Effect("resolution", {"variance": Uniform(0.0, 0.02)}), [0.0025]),
     "area": (Effect("effective_area", {"energy": 2.0, "width": 0.3, "depth": Uniform(-0.5, 0.5)}), [0.1]),
 }
 

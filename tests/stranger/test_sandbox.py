@@ -196,3 +196,22 @@ def test_an_installation_is_shown_under_every_name_that_leads_there(tmp_path: Pa
     found = find_interpreter(environment / "bin" / "python")
     assert found.executable == environment / "bin" / "python"
     assert set(found.folders) == {environment, latest, installation}
+
+
+def test_an_environment_of_copies_shows_the_installation_that_it_names(tmp_path: Path) -> None:
+    """No link leads there (`venv --copies`): its configuration says where the library lies."""
+    installation, environment = tmp_path / "python-3.11.9", tmp_path / "environment"
+    (installation / "lib" / "python3.11").mkdir(parents=True)
+    (installation / "lib" / "python3.11" / "os.py").write_text("")
+    (environment / "bin").mkdir(parents=True)
+    for python in (environment / "bin" / "python", installation / "bin" / "python"):
+        python.parent.mkdir(exist_ok=True)
+        python.write_bytes(Path(sys.executable).resolve().read_bytes())
+        python.chmod(0o755)
+    said = f"version = 3.11.9\nhome = {installation / 'bin'}\nexecutable = {tmp_path / 'other' / 'python'}\n"
+    (environment / "pyvenv.cfg").write_text(said)
+    found = find_interpreter(environment / "bin" / "python")
+    assert found.executable == environment / "bin" / "python"
+    assert set(found.folders) == {environment, environment / "bin" / "python", installation}
+    (environment / "pyvenv.cfg").write_text("version = 3.11.9\n")
+    assert installation not in find_interpreter(environment / "bin" / "python").folders

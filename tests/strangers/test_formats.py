@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import stats
 
 FORMATS = Path(__file__).resolve().parents[2] / "stranger" / "child" / "formats"
 
@@ -206,3 +207,51 @@ def test_classes_of_a_module_that_is_not_installed(tmp_path):
     (tmp_path / "networks.py").rename(tmp_path / "kept" / "networks.py")
     assert "needs the module networks, which this Python lacks" in python(tmp_path, READ)
     assert python(tmp_path, READ, "kept/networks.py") == "3"
+
+
+LAW = """
+import equinox
+import jax
+import jax.numpy as jnp
+
+
+class Law(equinox.Module):
+    slope: jax.Array
+
+    def sample(self, key, shape, condition):
+        mean = condition @ self.slope
+        return mean + 0.1 * jax.random.normal(key, (*shape, *mean.shape))
+
+    def log_prob(self, theta, condition):
+        return jax.scipy.stats.norm.logpdf(theta, condition @ self.slope, 0.1).sum(axis=-1)
+
+
+def make(options):
+    return Law(jnp.zeros((2, 2)))
+"""
+
+
+def test_leaves_of_an_equinox_module_with_its_builder(load, tmp_path, monkeypatch):
+    """Two data sets at a time: draws belong to their data, no two share their noise, and densities too."""
+    equinox = pytest.importorskip("equinox")
+    monkeypatch.setenv("JAX_PLATFORMS", "cpu")
+    builder = tmp_path / "law.py"
+    builder.write_text(LAW)
+    slope = np.array([[1.0, -0.5], [0.3, 2.0]], dtype=np.float32)
+    equinox.tree_serialise_leaves(tmp_path / "law.eqx", slope)
+    model = load("jax_leaves", tmp_path / "law.eqx", builder=f"{builder}:make", parameters=["a", "b"])
+    monkeypatch.setitem(type(model).sample.__globals__, "AT_ONCE", 1000)
+    x = np.random.default_rng(1).normal(size=(7, 2))
+    draws = model.sample(x, 500, 3)
+    assert draws.shape == (7, 500, 2)
+    assert draws.dtype == np.float64
+    noise = (draws - (x @ slope)[:, None]) / 0.1
+    np.testing.assert_allclose(noise.mean(axis=1), 0.0, atol=4.5 / 500**0.5)
+    np.testing.assert_allclose(noise.std(axis=1), 1.0, atol=0.15)
+    assert np.abs(np.corrcoef(noise[..., 0]) - np.eye(7)).max() < 0.25
+    np.testing.assert_array_equal(model.sample(x, 500, 3), draws)
+    assert not np.isclose(model.sample(x, 500, 4), draws).all(axis=-1).any()
+    density = stats.norm.logpdf(draws, (x @ slope)[:, None], 0.1).sum(axis=-1)
+    np.testing.assert_allclose(model.log_prob(draws, x), density, atol=1e-3)
+    assert model.describe()["parameters"] == ["a", "b"]
+    assert "equinox" in model.describe()["versions"]

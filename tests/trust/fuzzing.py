@@ -7,6 +7,7 @@ in which JAX runs already must not fork.
 from __future__ import annotations
 
 import gzip
+import importlib.util
 import io
 import json
 import os
@@ -16,6 +17,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -91,12 +93,69 @@ def outcome(read: Callable[[Path], object], path: Path) -> str:
     return {0: "read", 1: "refused", 4: "several lines"}.get(os.WEXITSTATUS(status), "another error")
 
 
+def spectrum() -> bytes:
+    """A spectrum as OGIP has it."""
+    from astropy.io import fits
+
+    columns = [
+        fits.Column("CHANNEL", "J", array=np.arange(1, 41)),
+        fits.Column("COUNTS", "J", array=np.arange(40) % 7),
+        fits.Column("GROUPING", "I", array=np.tile([1, -1], 20)),
+    ]
+    table = fits.BinTableHDU.from_columns(columns, name="SPECTRUM")
+    table.header.update(EXPOSURE=1000.0, DETCHANS=40, RESPFILE="none", HDUCLAS2="TOTAL")
+    return written(table)
+
+
+def response() -> bytes:
+    """A response whose rows are of different lengths, which lie apart from the table."""
+    from astropy.io import fits
+
+    edges = np.linspace(0.5, 5.0, 31)
+    rows = [np.full(1 + k % 5, 1 / (1 + k % 5)) for k in range(30)]
+    columns = [
+        fits.Column("ENERG_LO", "E", unit="keV", array=edges[:-1]),
+        fits.Column("ENERG_HI", "E", unit="keV", array=edges[1:]),
+        fits.Column("N_GRP", "I", array=np.ones(30)),
+        fits.Column("F_CHAN", "I", array=1 + np.arange(30)),
+        fits.Column("N_CHAN", "I", array=[len(row) for row in rows]),
+        fits.Column("MATRIX", "PE()", array=np.array(rows, dtype=object)),
+    ]
+    bounds = [
+        fits.Column("CHANNEL", "J", array=np.arange(1, 41)),
+        fits.Column("E_MIN", "E", unit="keV", array=np.linspace(0.5, 5.5, 41)[:-1]),
+        fits.Column("E_MAX", "E", unit="keV", array=np.linspace(0.5, 5.5, 41)[1:]),
+    ]
+    return written(
+        fits.BinTableHDU.from_columns(columns, name="MATRIX"),
+        fits.BinTableHDU.from_columns(bounds, name="EBOUNDS"),
+    )
+
+
+def written(*tables: Any) -> bytes:
+    """A FITS file with these extensions."""
+    from astropy.io import fits
+
+    kept = io.BytesIO()
+    fits.HDUList([fits.PrimaryHDU(), *tables]).writeto(kept)
+    return kept.getvalue()
+
+
 KINDS: dict[str, tuple[bytes, Callable[[Path], object]]] = {
     "trials.nc": (gzip.decompress((HOSTILE / "sound.nc.gz").read_bytes()), any_trials),
     "trials.npz": (arrays(), any_trials),
     "audit.toml": (TOML, read_config),
     "verdict.json": (JSON, lambda path: finished_audit(path.parent)),
 }
+if importlib.util.find_spec("astropy") is not None:
+    from gaugeblock.simulators.xray.files import load
+    from gaugeblock.simulators.xray.pha import load_pha
+    from gaugeblock.simulators.xray.rmf import read_rmf
+
+    KINDS |= {
+        "source.pha": (spectrum(), lambda path: load_pha("PHA", path)),
+        "source.rmf": (response(), lambda path: load("RMF", path, read_rmf)),
+    }
 
 
 def fuzzed(folder: Path, number: int) -> dict[str, dict[str, int]]:

@@ -9,9 +9,17 @@ ROOT = Path(__file__).resolve().parents[2]
 BEGIN, END = "<!-- attacks: from tests/trust -->\n", "<!-- attacks end -->\n"
 ROOMS = {
     "test_files.py": "files",
+    "test_corpus.py": "files",
     "test_configurations.py": "configurations",
     "test_action.py": "the action",
+    "test_estimators.py": "estimators",
     "test_records.py": "records",
+    "test_marks.py": "records",
+    "test_rerun.py": "records",
+    "test_commitments.py": "records",
+    "test_statements.py": "records",
+    "test_faults.py": "the machine",
+    "test_kills.py": "the machine",
 }
 
 

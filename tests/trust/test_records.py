@@ -99,6 +99,19 @@ def test_only_an_audits_own_blocks_are_removed(tmp_path: Path) -> None:
     assert left == {f"{key.name}/{name}" for name in theirs} | {"data/trials.nc"}
 
 
+@pytest.mark.attack(
+    "what killed audits left, and files of somebody's beside it", "the first removed, and nothing else"
+)
+def test_what_a_killed_audit_left_is_removed(tmp_path: Path) -> None:
+    names = ("trials.nc", "findings.nc", "verdict.json", "report.html", "model_card.md", "looks.json")
+    left = [".{}.77.0123abcd.{}".format(*name.split(".")) for name in names]
+    theirs = [".thesis.77.0123abcd.nc", ".trials.nc", ".trials.77.0123abcd.txt", ".verdict.7.0123abc.json"]
+    for name in left + theirs:
+        (tmp_path / name).write_text("precious")
+    audited(tmp_path)
+    assert {path.name for path in tmp_path.glob(".*")} == set(theirs)
+
+
 HOLD = """
 import sys, time
 from pathlib import Path

@@ -86,3 +86,23 @@ def test_circular_parameters_are_cut_open_opposite_their_mean():
     narrow = angle[:, :1] + 0.3 * (draws - truth[:, None])  # a posterior 0.3 times as wide, across the seam
     truth, draws = unwrap_circular(angle[:, 0] + 0.3 * rng.normal(size=(5000, 1)), narrow, {0: 2 * np.pi})
     assert stats.kstest(randomised_pit(truth, draws, rng)[:, 0], "uniform").pvalue < 1e-9
+
+
+def test_unequal_weights_count_as_they_weigh():
+    """A loop over trials with ties: draws below count with their weight, the truth as one effective draw."""
+    rng = np.random.default_rng(8)
+    truth, draws = rng.integers(0, 5, (12, 2)).astype(float), rng.integers(0, 5, (12, 9, 2)).astype(float)
+    weight = rng.gamma(0.7, size=(12, 9))
+    found = randomised_pit(truth, draws, np.random.default_rng(9), weight=weight)
+    lot = np.random.default_rng(9).random((12, 2))
+    for trial in range(12):
+        own = sum(w * w for w in weight[trial]) / sum(weight[trial])
+        for k in range(2):
+            below = sum(
+                w for w, d in zip(weight[trial], draws[trial, :, k], strict=True) if d < truth[trial, k]
+            )
+            tied = sum(
+                w for w, d in zip(weight[trial], draws[trial, :, k], strict=True) if d == truth[trial, k]
+            )
+            expected = (below + (tied + own) * lot[trial, k]) / (sum(weight[trial]) + own)
+            np.testing.assert_allclose(found[trial, k], expected, rtol=1e-12)

@@ -47,6 +47,31 @@ def test_tree_survives_the_disk_bit_for_bit(tmp_path):
     assert os.listdir(tmp_path) == ["trials.nc"]
 
 
+@pytest.mark.parametrize("in_memory", [1 << 28, 100])
+def test_xarray_opens_the_file_as_it_is(tmp_path, monkeypatch, in_memory):
+    """Also where the groups are of other sizes, and where they came in parts."""
+    monkeypatch.setattr("gaugeblock.validate.storage.IN_MEMORY", in_memory)
+    tree = trials_tree(trials(), trials().isel(trial=slice(3)), joint=trials().isel(trial=slice(2)))
+    path = write_trials(tree, tmp_path / "t.nc")
+    with xr.open_datatree(path) as opened:
+        assert opened.attrs["schema_version"] == 2
+        assert set(opened.children) == {"importance", "joint"}
+        assert opened["joint"].sizes["joint_trial"] == 2
+        assert "trial" not in opened["importance"].to_dataset(inherit=False).dims
+        shown = opened["importance"]["draws"]
+        assert shown.dims == ("importance_trial", "importance_draw", "parameter")
+        np.testing.assert_array_equal(shown, trials()["draws"].values[:3])
+
+
+def test_files_of_the_version_before_are_read(tmp_path):
+    old = {"/": trials().assign_attrs(schema_version=1), "/importance": trials().isel(trial=slice(3))}
+    for group, dataset in old.items():
+        dataset.to_netcdf(tmp_path / "old.nc", group=group, mode="w" if group == "/" else "a")
+    found = read_trials(tmp_path / "old.nc")
+    assert main_trials(found).equals(trials())
+    assert importance_trials(found).equals(trials().isel(trial=slice(3)))
+
+
 def test_a_tree_without_importance_trials_has_none(tmp_path):
     path = write_trials(trials(), tmp_path / "t.nc")
     assert importance_trials(read_trials(path)) is None
@@ -105,7 +130,7 @@ def test_files_that_are_not_netcdf_missing_or_folders(tmp_path):
 
 
 def test_newer_and_senseless_schema_versions(tmp_path):
-    for version, said in ((2, "schema_version 2 is newer"), ("one", "must be the whole number")):
+    for version, said in ((3, "schema_version 3 is newer"), ("one", "must be the whole number")):
         trials().assign_attrs(schema_version=version).to_netcdf(tmp_path / "v.nc", engine="netcdf4")
         with pytest.raises(InputError, match=said):
             read_trials(tmp_path / "v.nc")

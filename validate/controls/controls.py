@@ -34,7 +34,7 @@ from gaugeblock.validate.learned.informed.informed import WITHOUT_DATA
 from gaugeblock.validate.learned.informed.learning import learn
 from gaugeblock.validate.learned.informed.pools import pools_of
 from gaugeblock.validate.learned.learned import LEAST_TRIALS as LEAST_TAUGHT
-from gaugeblock.validate.local.declared import location
+from gaugeblock.validate.local.declared import in_terms_of_x, location
 from gaugeblock.validate.local.local import local
 from gaugeblock.validate.marginal.half_widths import bias_finding, half_widths, log_width_finding
 from gaugeblock.validate.prepared import Prepared, pit
@@ -130,7 +130,8 @@ def region_of(prepared: Prepared) -> tuple[str, NDArray[np.bool_]]:
         high, low = np.quantile(column, [1 - 1 / SHARE, 1 / SHARE])
         for sign, edge, member in (("least", high, column >= high), ("most", low, column <= low)):
             if eighth / 2 <= member.sum() <= 2 * eighth:
-                return f"{name} is at {sign} {edge:.3g}", np.asarray(member)
+                told = in_terms_of_x(prepared, name, column, order)
+                return f"{told} is at {sign} {edge:.3g}", np.asarray(member)
     # Ties leave no such end: the first trials by their number.
     return f"the trial is one of the first {eighth:.0f}", np.argsort(order) < eighth
 

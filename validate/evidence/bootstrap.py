@@ -87,8 +87,10 @@ def thread_bootstrap(
     from_prior = np.isneginf(threads.start)
     for group in (np.flatnonzero(from_prior), np.flatnonzero(~from_prior)):
         if len(group):
-            even = np.full(len(group), 1 / len(group))
-            counts[:, group] = rng.multinomial(len(group), even, size=replicates)
+            # Not by `multinomial`, whose numbers hang on the version of NumPy.
+            for row in counts:
+                chosen = (rng.random(len(group)) * len(group)).astype(np.int64)
+                row[group] = np.bincount(chosen, minlength=len(group))
     step = _replicates_at_a_time(threads)
     found = [
         log_evidence_of_threads(threads, counts[start : start + step][:, threads.thread])

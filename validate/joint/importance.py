@@ -1,11 +1,13 @@
 """Importance sampling: how many draws of the estimator are worth as much as draws of the posterior.
 
 Weights are likelihood x prior / q at the draws, as stored with the trials (natural logs, physical theta).
-ESS and k-hat are blind to a constant error of log q, which shifts the log evidence alone.
+ESS and k-hat are blind to a constant error of log q, which shifts the log evidence alone; and to draws that
+are not of log q at all, so that nothing is said where the draws do not confirm it (`normalisation`).
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
+from gaugeblock.validate.joint.normalisation import unconfirmed
 from gaugeblock.validate.joint.psis import pareto_khat
 from gaugeblock.validate.prepared import Prepared, count_not_finite, trial_numbers
 from gaugeblock.validate.quantiles import quantile_finding
@@ -22,6 +25,7 @@ from gaugeblock.validate.storage import block_length
 NEEDED = ("log_q", "log_likelihood", "log_prior")
 IDS = ("importance.ess", "importance.khat", "importance.evidence")
 KHAT_LIMIT = 0.7
+UNCONFIRMED = "the draws do not confirm that log q is their density: {}"
 # Values that the fit of k-hat holds per draw, roughly: blocks are so much shorter.
 SPREAD = 16
 
@@ -102,14 +106,22 @@ def importance(prepared: Prepared) -> list[Finding | NotChecked]:
         said = (
             f"{(~finite).sum()} of {len(finite)} trials have NaN or infinite draws or log_q; left out here",
         )
+    summary, doubt = _summarised(trials, finite), unconfirmed(prepared, trials, finite)
+    found = summary_findings(
+        summary,
+        draws=trials.sizes["draw"],
+        trial=trial_numbers(trials)[finite],
+        population=population,
+        caveats=said,
+    )
+    if not doubt:
+        return [*found]
+    # Draws that are worth little by weights that nothing confirms are wrong, or their density is.
     return [
-        *summary_findings(
-            _summarised(trials, finite),
-            draws=trials.sizes["draw"],
-            trial=trial_numbers(trials)[finite],
-            population=population,
-            caveats=said,
-        )
+        replace(finding, doubt=UNCONFIRMED.format(doubt))
+        if finding.id == IDS[0]
+        else NotChecked(finding.id, UNCONFIRMED.format(doubt))
+        for finding in found
     ]
 
 

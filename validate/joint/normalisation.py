@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
+from scipy import special
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.check import circular_parameters
@@ -17,6 +18,7 @@ from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.joint.dense_ratio import bent_draws, least_draws, log_density_ratio
 from gaugeblock.validate.joint.psis import pareto_khat
 from gaugeblock.validate.prepared import Prepared, TrialBlock
+from gaugeblock.validate.storage import block_length
 
 ID = "density.normalisation"
 REFERENCE = "reciprocal importance sampling: Gelfand & Dey 1994; Robert & Wraith 2009, arXiv:0907.5123"
@@ -29,6 +31,8 @@ KHAT_LIMIT = 0.5
 CERTAIN = 2.0
 # Trials below which a tail index is not to be had.
 KHAT_TRIALS = 200
+# Nat (a factor of two) from which on, for certain, draws and log q are taken to be of two densities.
+REFUTED = 0.7
 UNRELIABLE = (
     "the estimate, {:+.2f} nat, is not to be relied on ({}): posteriors are thinner or more curved than so "
     "few draws resolve, or log q fluctuates; more draws per trial would tell"
@@ -45,19 +49,111 @@ def ratios(block: TrialBlock) -> Array:
         return np.empty((len(block), 0))
     if discrete(block.prepared):
         return np.empty((len(block), 0))
-    truth = block.prepared.theta_true
-    low, high = truth.min(axis=0), truth.max(axis=0)
-    circular = list(circular_parameters(block.prepared.main))
-    low[circular], high[circular] = -np.inf, np.inf
+    low, high = _range(block.prepared)
     found = log_density_ratio(block.draws, block.log_q, low=low, high=high)
     return np.column_stack([found, (~np.isfinite(block.log_q)).sum(axis=1)])
 
 
 def discrete(prepared: Prepared) -> list[str]:
     """Parameters of which twenty trials have fewer different draws than one trial has draws."""
-    draws = prepared.main["draws"].isel(trial=slice(0, 20)).values
-    distinct = [np.unique(draws[..., k]).size for k in range(draws.shape[2])]
-    return [name for name, n in zip(prepared.parameters, distinct, strict=True) if n < draws.shape[1]]
+    return _steps(prepared.main)
+
+
+def _steps(trials: xr.Dataset) -> list[str]:
+    draws = trials["draws"].isel(trial=slice(0, 20)).values
+    names = map(str, trials["parameter"].values)
+    return [name for k, name in enumerate(names) if np.unique(draws[..., k]).size < draws.shape[1]]
+
+
+def unconfirmed(prepared: Prepared, trials: xr.Dataset, kept: NDArray[np.bool_]) -> str:
+    """Why the draws of the `kept` ones of `trials` do not confirm their log q; empty where they do.
+
+    Weights are likelihood x prior / log q: where log q is the exact posterior, which anybody can compute,
+    they are all the same, wherever the draws lie.
+    """
+    number, parameters = trials.sizes["draw"], len(prepared.parameters)
+    if "weight" in trials:
+        return "draws are weighted, and log q is not the density of what the weights represent"
+    if number < least_draws(parameters):
+        return f"it takes {least_draws(parameters)} draws for {parameters} parameters, and there are {number}"
+    steps = _steps(trials)
+    if steps:
+        return f"{', '.join(steps)} takes few values"
+    low, high = _range(prepared)
+    ratio, lack, length = [], [], block_length(number * parameters)
+    for start in range(0, trials.sizes["trial"], length):
+        rows, own = slice(start, start + length), kept[start : start + length]
+        part = trials[["draws", "log_q"]].isel(trial=rows)
+        draws, log_q = (part[name].values[own] for name in ("draws", "log_q"))
+        ratio.append(log_density_ratio(draws, log_q, low=low, high=high))
+        lack.append(lacking_density(draws, log_q))
+    log_ratio, lacking = np.concatenate(ratio), np.concatenate(lack)
+    above = lacking.mean() - CERTAIN * lacking.std() / np.sqrt(len(lacking))
+    if above > REFUTED:
+        return f"log q is {lacking.mean():.2f} nat lower at the draws than that of any density as wide"
+    if np.count_nonzero(np.isfinite(log_ratio)) < LEAST_TRIALS:
+        return "too few draws lie dense, or within the range of the truths"
+    finding, why = _held(log_ratio, number, parameters)
+    estimate, error = finding.estimate[0], finding.standard_error[0]
+    if why:
+        return why
+    wrong = abs(estimate) - CERTAIN * error > REFUTED
+    return f"draws and log q differ by {estimate:+.2f} nat where the draws are dense" if wrong else ""
+
+
+def lacking_density(draws: ArrayLike, log_q: ArrayLike) -> Array:
+    """Nat by which log q is lower at its draws than that of any density of their covariance, ``(trial,)``.
+
+    Minus the mean log density is a density's entropy, and of all densities of one covariance a Gaussian's is
+    the largest: on average none of log q's own draws is above 0, whatever its shape, but for the noise of the
+    covariance, of which what a Gaussian's has on average is taken off.
+
+    >>> rng = np.random.default_rng(0)
+    >>> draws = rng.normal(size=(400, 100, 2))
+    >>> bool(abs(lacking_density(draws, -0.5 * (draws**2).sum(axis=2) - np.log(2 * np.pi)).mean()) < 0.03)
+    True
+    """
+    theta, density = np.asarray(draws, dtype=float), np.asarray(log_q, dtype=float)
+    number, parameters = theta.shape[1:]
+    sd = theta.std(axis=1, ddof=1)
+    sd = np.where(sd > 0, sd, 1.0)
+    away = (theta - theta.mean(axis=1, keepdims=True)) / sd[:, None]
+    scatter = np.swapaxes(away, 1, 2) @ away / (number - 1)
+    noise = special.digamma(0.5 * (number - 1 - np.arange(parameters))).sum()
+    noise += parameters * np.log(2 / (number - 1))
+    log_determinant = np.linalg.slogdet(scatter)[1] + 2 * np.log(sd).sum(axis=1) - noise
+    gaussian = 0.5 * (parameters * (1 + np.log(2 * np.pi)) + log_determinant)
+    return np.asarray(-density.mean(axis=1) - gaussian)
+
+
+def _range(prepared: Prepared) -> tuple[Array, Array]:
+    """From where to where truths lie, beyond which draws say nothing of log q."""
+    truth = prepared.theta_true
+    low, high = truth.min(axis=0), truth.max(axis=0)
+    circular = list(circular_parameters(prepared.main))
+    low[circular], high[circular] = -np.inf, np.inf
+    return low, high
+
+
+def _held(
+    log_ratio: Array,
+    number: int,
+    parameters: int,
+    *,
+    trial: NDArray[np.int64] | None = None,
+    caveats: tuple[str, ...] = (),
+) -> tuple[Finding, str]:
+    """The finding for ratios of `number` draws, and why it is not to be relied on; empty where it is."""
+    finding = normalisation_finding(log_ratio, trial=trial, caveats=caveats)
+    khat = tail_index(log_ratio)
+    estimate, error = finding.estimate[0], finding.standard_error[0]
+    if khat > KHAT_LIMIT:
+        return finding, UNRELIABLE.format(estimate, f"tail index {khat:.1f}")
+    bent = bent_draws(parameters)
+    if number < bent and estimate < -CERTAIN * error:
+        # An ellipsoid that bulges out of a crescent finds too little density, and only ever too little.
+        return finding, UNRELIABLE.format(estimate, f"{number} draws, below {bent}")
+    return finding, ""
 
 
 def density(prepared: Prepared) -> list[Finding | NotChecked]:
@@ -83,17 +179,10 @@ def density(prepared: Prepared) -> list[Finding | NotChecked]:
     said = prepared.caveats
     if found[:, 1].any():
         said = (*said, f"{int(found[:, 1].sum())} draw(s) have a log q that is not finite; left out here")
-    finding = normalisation_finding(log_ratio, trial=prepared.trial, caveats=said)
-    khat = tail_index(log_ratio)
-    estimate, error = finding.estimate[0], finding.standard_error[0]
-    if khat > KHAT_LIMIT:
-        return [NotChecked(ID, UNRELIABLE.format(estimate, f"tail index {khat:.1f}"))]
-    number = prepared.kept_draws
-    bent = bent_draws(len(prepared.parameters))
-    if number < bent and estimate < -CERTAIN * error:
-        # An ellipsoid that bulges out of a crescent finds too little density, and only ever too little.
-        return [NotChecked(ID, UNRELIABLE.format(estimate, f"{number} draws, below {bent}"))]
-    return [finding]
+    finding, why = _held(
+        log_ratio, prepared.kept_draws, len(prepared.parameters), trial=prepared.trial, caveats=said
+    )
+    return [NotChecked(ID, why) if why else finding]
 
 
 def tail_index(log_ratio: ArrayLike) -> float:

@@ -1,6 +1,6 @@
-"""Layout: a permuted, rescaled, shifted or log-scaled column of draws shows as such, with what to do.
+"""Layout: a permuted, rescaled, shifted or log-scaled column of draws shows as such.
 
-It is reported and never judged; the gates say whether the draws are right, this says what may be the matter.
+It is reported and never judged: the gates say whether the draws are right, a diagnosis what is the matter.
 """
 
 from __future__ import annotations
@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate.finding import Finding, NotChecked, PValueFinding, Suggestion
-from gaugeblock.validate.layout.assignment import suggested
+from gaugeblock.validate.finding import Finding, NotChecked, PValueFinding
 from gaugeblock.validate.layout.rank_loss import EVERYWHERE, Foretelling, foretellings
 from gaugeblock.validate.layout.readings import AS_IT_IS
 from gaugeblock.validate.p_values import lower_tail
@@ -82,7 +81,6 @@ def layout_finding(
             coords={"layout_parameter": list(names), "layout_column": columns},
         ),
         caveats=caveats,
-        suggestions=_suggestions(names, suggested(found, number)),
     )
 
 
@@ -99,30 +97,6 @@ def _most_better(found: Sequence[Foretelling], parameter: int) -> Foretelling:
     mine = [f for f in found if f.parameter == parameter]
     others = [f for f in mine if f.column != parameter or f.reading != AS_IT_IS]
     return max(others or mine, key=lambda f: f.gain)
-
-
-def _suggestions(names: Sequence[str], wrong: Sequence[Foretelling]) -> tuple[Suggestion, ...]:
-    """All of it as one suggestion, because it is one table that has to be written."""
-    if not wrong:
-        return ()
-    said, lines = [], []
-    for f in wrong:
-        parts = []
-        if f.column != f.parameter:
-            parts.append(f"is in column {f.column}, where {names[f.column]} is expected")
-        if f.reading != AS_IT_IS:
-            parts.append(f"is drawn as {f.reading.words()}")
-        said.append(f"{names[f.parameter]} {' and '.join(parts)}")
-        entries = [f"index = {f.column}", *f.reading.entries()]
-        lines.append(f"{toml_key(names[f.parameter])} = {{ {', '.join(entries)} }}")
-    text = f"The draws look as if {'; '.join(said)} (columns are counted from 0)."
-    return (Suggestion(text, "\n".join(["[estimator.parameters]", *lines])),)
-
-
-def toml_key(name: str) -> str:
-    """A key of TOML, in quotes."""
-    escaped = name.replace("\\", "\\\\").replace('"', '\\"')
-    return '"' + "".join(f"\\u{ord(c):04x}" if ord(c) < 32 or ord(c) == 127 else c for c in escaped) + '"'
 
 
 def _affordable(parameters: int) -> int:

@@ -18,7 +18,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.core.streams import generator
+from gaugeblock.core.streams import binomial_quantile, generator
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked, PValueFinding
 from gaugeblock.validate.learned.learned import LEAST_TRIALS, LearnedRanks, learned_from
 from gaugeblock.validate.levels import LEVELS
@@ -117,7 +117,10 @@ def accuracy_finding(ranks: LearnedRanks, *, seed: int, caveats: tuple[str, ...]
     members = np.bincount(ranks.draws_above + ranks.truth_above, minlength=draws + 2)
     chance = np.arange(draws + 2) / (draws + 1)
     rng = generator(seed, "accuracy", n, draws)
-    null = rng.binomial(members, chance, size=(REPLICATES, draws + 2)).sum(axis=1)
+    null = np.zeros(REPLICATES, dtype=np.int64)
+    for number, probability in zip(members.tolist(), chance.tolist(), strict=True):
+        if number:
+            null += binomial_quantile(rng.random(REPLICATES), number, probability)
     exceeded = np.count_nonzero(null >= np.count_nonzero(ranks.truth_above))
     return PValueFinding(
         id="c2st.accuracy",

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -13,12 +14,14 @@ from numpy.typing import NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.values import Value
-from gaugeblock.validate.likelihood.likelihood_hint import hint
-
-LogDensity = Callable[[Any, Any], Any]
+from gaugeblock.validate.likelihood.density import as_density, evaluated, excess
+from gaugeblock.validate.likelihood.explain import Case, Explanation, explain
+from gaugeblock.validate.likelihood.places import where
 
 _EDGE = 1e-9
 """Unit coordinate that stands for an end of the prior where the end itself is infinite."""
+_UNDERFLOW = -600.0
+"""Logarithms below some -708 to -745 are those of zero."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -26,7 +29,8 @@ class LikelihoodComparison(Value):
     """Where two log likelihoods were compared, and the worst place.
 
     `excess` is the largest difference in units of what was tolerated there: up to 1 they agree. `theta` and
-    `x` are the worst place, `first` and `second` the two values, `points` how many places there were.
+    `x` are the worst place, `first` and `second` the two values, `points` how many places there were,
+    `wrapped` which of the two takes one theta at a time and was called row by row.
     """
 
     points: int
@@ -35,11 +39,23 @@ class LikelihoodComparison(Value):
     x: NDArray[Any]
     first: float
     second: float
+    wrapped: tuple[str, ...] = field(default=(), kw_only=True)
 
     @property
     def relative(self) -> float:
-        """The worst difference, relative to the larger value."""
+        """The worst difference, relative to the larger value; infinite where one of them is not finite."""
+        if not math.isfinite(self.first - self.second):
+            return math.inf
         return abs(self.first - self.second) / max(abs(self.first), abs(self.second), 1e-300)
+
+
+class LikelihoodsDiffer(AssertionError):
+    """Two log likelihoods differ. `name` is the bug's, None where nothing accounts for all of it."""
+
+    def __init__(self, message: str, name: str | None, explanations: tuple[Explanation, ...] = ()):
+        super().__init__(message)
+        self.name = name
+        self.explanations = explanations
 
 
 def assert_same_likelihood(
@@ -50,23 +66,26 @@ def assert_same_likelihood(
     rtol: float = 1e-9,
     *,
     magnitude: Callable[[Any, Any], Any] | None = None,
+    constants: Mapping[str, float] | None = None,
     points: int = 64,
     seed: int = 0,
 ) -> LikelihoodComparison:
     """Assert that two codes compute the same normalised log likelihood, wherever the prior may go.
 
     Compared at the prior's centre, at its corners (or, in more than six dimensions, at both ends of every
-    axis) and at `points` evenly spread places; single evaluations are held against batched ones.
+    axis) and at `points` evenly spread places; of a prior without a quantile function at its draws. Batches
+    are held against single evaluations and against batches in another order.
 
     Parameters
     ----------
     a, b
         Callables ``(theta (..., parameter), x (..., *data_shape)) -> (...)``, natural logs, float64; or
-        objects with such a method `log_likelihood`. Where they also have a `prior` or a method
-        ``log_prior(theta)``, that is compared with `prior` too.
+        objects with such a method `log_likelihood`. One that takes a single theta ``(parameter,)`` only is
+        called row by row. Where they also have a `prior` or a method ``log_prior(theta)``, that is compared
+        with `prior` too.
     prior
-        Object with `names` and ``from_unit_cube(u)``, the bijection from the unit cube to physical theta;
-        `log_prob` where a prior is to be compared. `gaugeblock.simulators.Prior` is one.
+        Object with `names` and ``from_unit_cube(u)``, the map from the unit cube to physical theta, or
+        ``sample(n, rng)``; `log_prob` where a prior is to be compared. `gaugeblock.Prior` is one.
     data
         Array ``(n, *data_shape)`` of data sets, each of which is used, or a callable ``(theta, rng)`` that
         simulates one for each row of theta.
@@ -75,13 +94,17 @@ def assert_same_likelihood(
     magnitude
         ``(theta, x) -> (...)``, the sum of the absolute values of the summands of the log likelihood. Give it
         where the data are so large that the summands cancel; the difference is then relative to it.
+    constants
+        Numbers that the codes hold, such as ``{"exposure": 2e4}``: one that is applied twice, or in one code
+        alone, is then called by its name.
     points, seed
         How many places besides the corners, and the seed of the `rng` that `data` is called with.
 
     Raises
     ------
-    AssertionError
-        With the worst theta, both values, the relative difference, and a hint at the likely cause.
+    LikelihoodsDiffer
+        An AssertionError with the worst theta, both values, the relative difference, and the bug's name where
+        one accounts for every difference within `rtol`.
     InputError
         If there is nothing to compare: no data, or something that cannot be called.
 
@@ -99,45 +122,133 @@ def assert_same_likelihood(
     >>> assert_same_likelihood(ours, dropped, prior, np.array([[0.3]]))
     Traceback (most recent call last):
     ...
-    AssertionError: the two log likelihoods differ...
+    gaugeblock.validate.likelihood.same_likelihood.LikelihoodsDiffer: the two log likelihoods differ...
     """
-    theta = _places(prior, points)
-    x = _data_sets(data, theta, seed)
+    theta = places(prior, points=points, seed=seed)
+    x = data_sets(data, theta, seed)
     rows = max(len(theta), len(x))
     theta, x = _cycle(theta, rows), _cycle(x, rows)
-    density_a, density_b = _density(a), _density(b)
-    _check_prior("the first", a, prior, theta, rtol)
-    _check_prior("the second", b, prior, theta, rtol)
-    first = _evaluate("the first", density_a, theta, x, rtol)
-    second = _evaluate("the second", density_b, theta, x, rtol)
-    size = np.maximum(1.0, np.maximum(np.abs(first), np.abs(second)))
-    if magnitude is not None:
-        size = np.maximum(size, np.asarray(magnitude(theta, x), dtype=float))
-    excess = _excess(first, second, rtol * size)
-    worst = int(np.argmax(excess))
+    return compare(a, b, prior, theta, x, rtol, magnitude=magnitude, constants=constants)
+
+
+def compare(
+    a: Any,
+    b: Any,
+    prior: Any,
+    theta: Array,
+    x: NDArray[Any],
+    rtol: float,
+    *,
+    magnitude: Callable[[Any, Any], Any] | None = None,
+    constants: Mapping[str, float] | None = None,
+    named: bool = True,
+) -> LikelihoodComparison:
+    """As `assert_same_likelihood`, on given rows ``(row, parameter)`` and ``(row, *data_shape)``.
+
+    A difference is explained if it is to be `named`.
+    """
+    densities = as_density(a), as_density(b)
+    evaluations = []
+    for who, given, density in (("the first", a, densities[0]), ("the second", b, densities[1])):
+        _check_prior(who, given, prior, theta, rtol)
+        code, values, fault = evaluated(who, density, theta, x, rtol)
+        if fault is not None:
+            raise LikelihoodsDiffer(fault[1], fault[0])
+        evaluations.append((code, values))
+    (first, first_values), (second, second_values) = evaluations
+    case = Case(
+        first, second, theta, x, first_values, second_values,
+        rtol, tuple(prior.names), prior, magnitude, constants or {},
+    )  # fmt: skip
+    worst = int(np.argmax(case.excess))
     found = LikelihoodComparison(
-        rows, float(excess[worst]), theta[worst], x[worst], float(first[worst]), float(second[worst])
+        len(theta),
+        float(case.excess[worst]),
+        theta[worst],
+        x[worst],
+        float(case.a[worst]),
+        float(case.b[worst]),
+        wrapped=tuple(who for who, code in (("the first", first), ("the second", second)) if code.wrapped),
     )
     if found.excess > 1.0:
-        place = ", ".join(f"{n}={float(t)!r}" for n, t in zip(prior.names, found.theta, strict=True))
-        raise AssertionError(
-            f"the two log likelihoods differ by {found.relative:.3g} (relative; tolerated {rtol:g}) at "
-            f"{int(np.sum(excess > 1.0))} of {rows} places. Worst: {place}; the first gives "
-            f"{found.first!r}, the second {found.second!r}. Hint: "
-            + hint(density_a, density_b, theta, x, worst, tolerance=rtol * float(size[worst]))
-        )
+        raise _differ(case, found, named)
     return found
 
 
-def _places(prior: Any, points: int) -> Array:
+def _differ(case: Case, found: LikelihoodComparison, named: bool) -> LikelihoodsDiffer:
+    differs = case.excess > 1.0
+    place = ", ".join(f"{n}={float(t)!r}" for n, t in zip(case.names, found.theta, strict=True))
+    alone = "".join(f" ({who} takes one theta at a time and was called row by row)" for who in found.wrapped)
+    size = (
+        f" by {found.relative:.3g} (relative; tolerated {case.rtol:g})"
+        if math.isfinite(found.relative)
+        else ""
+    )
+    head = (
+        f"the two log likelihoods differ{size} at "
+        f"{int(np.sum(differs))} of {found.points} places{alone}. Worst: {place}; the first gives "
+        f"{found.first!r}, the second {found.second!r}. "
+    )
+    if not named:
+        return LikelihoodsDiffer(head, None)
+    told = explain(case)
+    if told:
+        also = f" (the same as: {'; or '.join(each.words for each in told[1:4])})" if told[1:] else ""
+        return LikelihoodsDiffer(
+            f"{head}What explains all of it: {told[0].words}{also}", told[0].name, tuple(told)
+        )
+    name, words = _not_finite(case)
+    if name is None:
+        at = where(differs, case.theta, case.x, case.names)
+        words = f"Nothing here explains it{': they differ ' + at if at else ''}; look where they differ most"
+    return LikelihoodsDiffer(head + words, name)
+
+
+def _not_finite(case: Case) -> tuple[str | None, str]:
+    """Whether one is NaN or infinite where the other is not, where that is, and what else there is."""
+    for values, others, who in ((case.b, case.a, "the second"), (case.a, case.b, "the first")):
+        bad = ~np.isfinite(values) & (np.isfinite(others) | (np.isnan(values) & ~np.isnan(others)))
+        if who == "the first":
+            bad |= np.isnan(values) & np.isnan(others)
+        if not bad.any():
+            continue
+        kinds = " or ".join(dict.fromkeys(str(value) for value in values[bad]))
+        finite = np.isfinite(others)
+        words = f"{who} is {kinds} at {int(bad.sum())} places"
+        if (np.isnan(others) & bad).any():
+            words = f"both are {kinds} at {int(bad.sum())} places"
+        at = where(bad, case.theta, case.x, case.names)
+        if (
+            finite[bad].all()
+            and others[bad].max() < _UNDERFLOW
+            and others[finite & ~bad].min(initial=0.0) > others[bad].max()
+        ):
+            at = (
+                f"just where the other is below {others[bad].max():.0f}: a likelihood that underflows before "
+                "its logarithm"
+            )
+        rest = case.rows(~bad)
+        also = ""
+        if len(rest.a) and float(np.max(rest.excess)) > 1.0:
+            more = explain(rest)
+            also = "; elsewhere " + (
+                more[0].words if more else "they differ too, and nothing here explains it"
+            )
+        return "not finite", f"What is wrong: {words}{', ' + at if at else ''}{also}"
+    return None, ""
+
+
+def places(prior: Any, *, points: int, seed: int) -> Array:
     """Centre, corners and evenly spread places of the prior, ``(place, parameter)`` in physical units."""
     from scipy.stats import qmc
 
     if not callable(getattr(prior, "from_unit_cube", None)):
-        raise InputError(
-            "assert_same_likelihood: needs the prior's quantile function (unit cube), which this one has "
-            "not; give gaugeblock.Prior"
-        )
+        if not callable(getattr(prior, "sample", None)):
+            raise InputError(
+                "assert_same_likelihood: needs the prior's quantile function (unit cube) or its draws, "
+                "sample(n, rng), of which this one has neither; give gaugeblock.Prior"
+            )
+        return np.asarray(prior.sample(points + 5, np.random.default_rng(seed)), dtype=float)
     dimension = len(prior.names)
     if dimension <= 6:
         corners = np.array(list(itertools.product((0.0, 1.0), repeat=dimension)))
@@ -146,13 +257,24 @@ def _places(prior: Any, points: int) -> Array:
         corners[np.arange(2 * dimension), np.repeat(np.arange(dimension), 2)] = np.tile([0.0, 1.0], dimension)
     # An unscrambled Halton sequence: even, and the same each time; its first point is a corner already.
     spread = qmc.Halton(dimension, scramble=False).random(points + 1)[1:]
-    unit = np.concatenate([np.full((1, dimension), 0.5), corners, spread])
+    return from_cube(prior, np.concatenate([np.full((1, dimension), 0.5), corners, spread]))
+
+
+def from_cube(prior: Any, unit: Array) -> Array:
+    """Theta of places in the unit cube, just inside where an end is infinite."""
     theta = np.asarray(prior.from_unit_cube(unit), dtype=float)
     inside = np.asarray(prior.from_unit_cube(np.clip(unit, _EDGE, 1.0 - _EDGE)), dtype=float)
     return np.where(np.isfinite(theta), theta, inside)
 
 
-def _data_sets(data: Any, theta: Array, seed: int) -> NDArray[Any]:
+def data_sets(data: Any, theta: Array, seed: int) -> NDArray[Any]:
+    """Data ``(n, *data_shape)``: those given, or one simulated for each row of theta.
+
+    Raises
+    ------
+    InputError
+        If there are none, or not one for each row.
+    """
     x = np.asarray(data(theta, np.random.default_rng(seed)) if callable(data) else data)
     if x.ndim == 0 or len(x) == 0:
         raise InputError("data: needs an array (n, *data_shape) with n > 0, or a callable (theta, rng)")
@@ -165,58 +287,22 @@ def _cycle(array: NDArray[Any], rows: int) -> NDArray[Any]:
     return np.take(array, np.arange(rows) % len(array), axis=0)
 
 
-def _density(given: Any) -> LogDensity:
-    density = getattr(given, "log_likelihood", given)
-    if not callable(density):
-        raise InputError(f"{given!r}: neither a callable (theta, x) nor an object with log_likelihood")
-    return density  # type: ignore[no-any-return]
-
-
 def _check_prior(who: str, given: Any, prior: Any, theta: Array, rtol: float) -> None:
     own = getattr(given, "prior", None)
     if own is not None and tuple(own.names) != tuple(prior.names):
-        raise AssertionError(
-            f"the prior of {who} is over {', '.join(own.names)}, the one given over {', '.join(prior.names)}"
+        raise LikelihoodsDiffer(
+            f"the prior of {who} is over {', '.join(own.names)}, the one given over {', '.join(prior.names)}",
+            "prior",
         )
     log_prior = own.log_prob if own is not None else getattr(given, "log_prior", None)
     if log_prior is None:
         return
     value, expected = np.asarray(log_prior(theta)), np.asarray(prior.log_prob(theta))
-    excess = _excess(value, expected, rtol * np.maximum(1.0, np.abs(expected)))
-    worst = int(np.argmax(excess))
-    if excess[worst] > 1.0:
-        raise AssertionError(
+    beyond = excess(value, expected, rtol * np.maximum(1.0, np.abs(expected)))
+    worst = int(np.argmax(beyond))
+    if beyond[worst] > 1.0:
+        raise LikelihoodsDiffer(
             f"the prior of {who} is not the one given: log density {float(value[worst])!r} against "
-            f"{float(expected[worst])!r} at {', '.join(prior.names)} = {theta[worst].tolist()}"
+            f"{float(expected[worst])!r} at {', '.join(prior.names)} = {theta[worst].tolist()}",
+            "prior",
         )
-
-
-def _evaluate(who: str, density: LogDensity, theta: Array, x: NDArray[Any], rtol: float) -> Array:
-    """Log likelihoods of the batch, after holding some of them against single evaluations."""
-    batched = density(theta, x)
-    for n, found, shape in ((-1, batched, theta.shape[:-1]), (0, density(theta[0], x[0]), ())):
-        found = np.asarray(found)
-        what = "a batch" if n < 0 else "a single theta"
-        if found.shape != shape:
-            raise AssertionError(f"{who} returns shape {found.shape} for {what}, expected {shape}")
-        if found.dtype != np.float64:
-            raise AssertionError(
-                f"{who} returns {found.dtype} for {what}, expected float64 (in JAX: enable x64 around "
-                "building, tracing and calling)"
-            )
-    values = np.asarray(batched)
-    for row in np.unique(np.linspace(0, len(theta) - 1, 5).astype(int)):
-        single = float(np.asarray(density(theta[row], x[row])))
-        if _excess(values[row], np.float64(single), rtol * max(1.0, abs(single))) > 1.0:
-            raise AssertionError(
-                f"{who} gives {float(values[row])!r} in a batch and {single!r} alone, at theta "
-                f"{theta[row].tolist()}: its rows are not independent of each other"
-            )
-    return values
-
-
-def _excess(first: Any, second: Any, tolerance: Any) -> Any:
-    """Difference over tolerance; equal infinities agree, NaN never does."""
-    with np.errstate(invalid="ignore"):
-        excess = np.abs(first - second) / tolerance
-    return np.where(first == second, 0.0, np.where(np.isnan(excess), np.inf, excess))

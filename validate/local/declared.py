@@ -109,8 +109,12 @@ def _correlation(one: Array, other: Array) -> Array:
     return np.asarray(np.abs(first.T @ second) / np.where(scale > 0, scale, np.inf))
 
 
+def in_terms_of_x(prepared: Prepared, name: str, column: Array, taught: Rows) -> str:
+    """The name of a feature `column` ``(trial,)``; a principal component names its main channel."""
+    return _named(name, column, _channels(prepared, taught), taught)
+
+
 def _named(name: str, column: Array, seen: Declared, taught: Rows) -> str:
-    """A principal component by the channel that it goes with most."""
     if not name.startswith("component ") or not seen.names:
         return name
     most = int(_correlation(column[taught, None], seen.values[taught])[0].argmax())

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from gaugeblock.core.values import Value
+from gaugeblock.validate.observation.along import Along
 from gaugeblock.validate.observation.generic import ALIKE, Tried
 from gaugeblock.validate.observation.ladder import POWER, Seen
 from gaugeblock.validate.observation.where import Where
@@ -63,9 +64,9 @@ class Answer(Value):
     ladder: tuple[Seen, ...]
     effects: tuple[Tried, ...]
     moved: tuple[Moved, ...] = ()
+    along: Along | None = None
     has_effects: bool = False
     codes: Mapping[str, str] = field(default_factory=dict)
-    remarks: tuple[str, ...] = ()
     not_checked: tuple[tuple[str, str], ...] = ()
 
     @property
@@ -120,7 +121,7 @@ class Answer(Value):
             "effects": [asdict(one) for one in self.effects],
             "named": self.alike[0].name if self.alike else None,
             "indistinguishable": [one.name for one in self.alike],
+            "along_parameters": None if self.along is None else asdict(self.along),
             "posterior_without": [{**asdict(one), "shift": one.shift} for one in self.moved],
-            "remarks": list(self.remarks),
             "not_checked": [{"id": name, "why": why} for name, why in self.not_checked],
         }  # fmt: skip

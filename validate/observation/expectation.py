@@ -26,8 +26,9 @@ LEVEL_FROM, TOGETHER = 20, 0.3
 # Components farther out than simulations go are taken there.
 FARTHEST = 3.5
 # Stretches are tried around so many of the farthest coordinates, of these widths along every axis. What
-# a coordinate that is left out has to explain, and what a stretch of several has to beyond that.
-CANDIDATES, WIDTHS, PRICE, SEVERAL = 6, (1, 2, 3, 4, 6, 9), 4.0, 9.0
+# a coordinate that is left out has to explain (a stretch counts as one more than it has), and what a stretch
+# of several has to beyond that. Residuals below the last are no longer odd.
+CANDIDATES, WIDTHS, PRICE, SEVERAL, USUAL = 6, (1, 2, 3, 4, 6, 9), 2.0, 13.0, 3.0
 # Mean of log |e| of a standard normal e, and the least |e| that is told from 0.
 LOG_ABSOLUTE, LEAST = -0.6351814227307392, 1e-3
 
@@ -38,14 +39,16 @@ class Residuals:
 
     `left` ``(n, coordinate)``: what is left of each coordinate given all others. `white` ``(n, coordinate)``:
     the same decorrelated, each still at its place. `whole` ``(n, coordinate)``: the scores themselves,
-    decorrelated; `leading` ``(n, k)`` their largest components. `level` ``(n,)``: log of how large what is
-    left is on the whole, against what the components lead one to expect.
+    decorrelated; `leading` ``(n, k)`` their largest components, `standing` ``(n, k)`` the same, each times
+    the share of its variance that stands above the usual component's. `level` ``(n,)``: log of how large what
+    is left is on the whole, against what the components lead one to expect.
     """
 
     left: Array
     white: Array
     whole: Array
     leading: Array
+    standing: Array
     level: Array
 
 
@@ -90,6 +93,7 @@ class Expectation:
     precision: Array
     root: Array
     leads: Array
+    share: Array
     regression: Regression
     means: Array
     scales: Array
@@ -109,6 +113,8 @@ class Expectation:
         values = _stiffened(np.maximum(variances, 0.0), strength)
         number = min(COMPONENTS, size - 1)
         leads = (basis / np.sqrt(values))[:, ::-1][:, :number]
+        # Components that vary no more than most others are noise, in which distances drown.
+        share = np.clip(1 - np.median(values) / values[::-1][:number], 0.0, 1.0)
         regression = Regression(
             0.7 * rng.standard_normal((number, FUNCTIONS)) / max(number, 1) ** 0.5,
             rng.standard_normal(FUNCTIONS),
@@ -117,7 +123,8 @@ class Expectation:
         linear = (z - centre) @ precision / np.diag(precision)
         usual = np.maximum(linear[:half].std(axis=0), 1e-12)
         made = cls(
-            centre, precision, (basis / np.sqrt(values)) @ basis.T, leads, regression, np.zeros((0, size)),
+            centre, precision, (basis / np.sqrt(values)) @ basis.T, leads, share, regression,
+            np.zeros((0, size)),
             np.zeros((0, size)), usual, _own_level(linear[:half] / usual), np.zeros(0),
             NormalScores((), (), np.zeros((0, 2))), np.eye(size),
         )  # fmt: skip
@@ -137,7 +144,7 @@ class Expectation:
         normal = scored(left)
         values, basis = np.linalg.eigh(np.atleast_2d(np.cov(normal[half:].T)) + 1e-3 * np.eye(size))
         return cls(
-            centre, precision, made.root, leads, regression, np.stack(means, axis=1),
+            centre, precision, made.root, leads, share, regression, np.stack(means, axis=1),
             np.stack(scales, axis=1), usual, made.levelled, made._learned_level(leading, level, half), scored,
             (basis / np.sqrt(values)) @ basis.T,
         )  # fmt: skip
@@ -152,6 +159,7 @@ class Expectation:
             white=np.asarray(left @ self.whitening),
             whole=np.asarray((z - self.centre) @ self.root),
             leading=leading,
+            standing=leading * self.share,
             level=np.asarray(level - functions @ self.level),
         )
 
@@ -170,24 +178,39 @@ class Expectation:
 
         The oddest is the one without which least is left of the others, every coordinate left out at its
         price: what stands beside an outlier may depart as far, and of a bump the edges depart most. Every
-        next one is judged with those before it as expected. `grid` is how the coordinates lie.
+        next one is judged with those before it as expected; once nothing odd is left, those follow that would
+        have explained most in place of the first. `grid` is how the coordinates lie.
         """
         found: list[tuple[tuple[int, ...], float]] = []
+        instead: list[tuple[int, ...]] = []
         mended, open_ = z.copy(), np.ones(len(z), dtype=bool)
         while open_.any() and len(found) < most:
             residual = np.where(open_, self.residuals(mended[None]).left[0], 0.0)
-            tried = _stretches(residual, grid, open_)
-            without = np.stack([self._without(mended, np.array(one)) for one in tried])
-            kept = np.repeat(open_[None], len(tried), axis=0)
-            for row, one in zip(kept, tried, strict=True):
-                row[list(one)] = False
-            remaining = squares(np.where(kept, self.residuals(without).left, 0.0))
-            price = np.array([PRICE * len(one) + SEVERAL * (len(one) > 1) for one in tried])
-            best = int(np.argmin(remaining + price))
-            members = list(tried[best])
-            found.append((tried[best], float(residual[members][np.argmax(np.abs(residual[members]))])))
-            open_[members], mended = False, without[best]
+            instead = [one for one in instead if open_[list(one)].all()]
+            if instead and np.abs(residual).max() < USUAL:
+                chosen = instead[0]
+            else:
+                tried, cost, without = self._left_out(mended, residual, grid, open_)
+                order = np.argsort(cost)
+                chosen, mended = tried[order[0]], without[order[0]]
+                instead = instead if found else [tried[i] for i in order[1:]]
+            members = list(chosen)
+            found.append((chosen, float(residual[members][np.argmax(np.abs(residual[members]))])))
+            open_[members] = False
         return found
+
+    def _left_out(
+        self, z: Array, residual: Array, grid: tuple[int, ...], open_: NDArray[np.bool_]
+    ) -> tuple[list[tuple[int, ...]], Array, Array]:
+        """Stretches, what is left of the others without each with its price, and the scores without it."""
+        tried = _stretches(residual, grid, open_)
+        without = np.stack([self._without(z, np.array(one)) for one in tried])
+        kept = np.repeat(open_[None], len(tried), axis=0)
+        for row, one in zip(kept, tried, strict=True):
+            row[list(one)] = False
+        remaining = squares(np.where(kept, self.residuals(without).left, 0.0))
+        price = [PRICE * (1 + len(one)) + SEVERAL * (len(one) > 1) for one in tried]
+        return tried, remaining + np.array(price), without
 
     def _without(self, z: Array, gone: NDArray[np.intp]) -> Array:
         """Scores ``(coordinate,)`` with some of them where a linear prediction from the others puts them."""

@@ -1,8 +1,9 @@
 """The rank of an observation among fresh simulations, over all views at once, exact for any n.
 
 Observed and fresh data sets are exchangeable if the simulator could have made the observation. Each view
-ranks all n + 1 of them; a data set is as odd as the view makes it in which it is oddest; and the p-value is
-the observation's rank in that. The same goes for groups of data sets drawn from what is exchangeable.
+ranks all n + 1 of them; a data set is as odd as the weighted harmonic mean of its views' p-values says, which
+is small where one view is sure or where several agree; and the p-value is the observation's rank in that. The
+same goes for groups of data sets drawn from what is exchangeable.
 """
 
 from __future__ import annotations
@@ -14,12 +15,18 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 
+# Ranks as they are up to the largest hundredth, beyond that as an exponential tail goes on that begins at the
+# largest tenth: or a view could say no more than 1 / n, however far away the observation is.
+INNER, OUTER = (2, 0.01), (10, 0.1)
+LEAST = -600.0
+
 
 @dataclass(frozen=True, eq=False)
 class Ranked:
     """Joint p-value, at least 1/(n + 1), and that of each view alone `single` ``(view,)``, not corrected.
 
-    `corrected` ``(view,)``: the share of all data sets whose oddest view is as odd as this one.
+    `corrected` ``(view,)``: the share of all data sets that are as odd over all views as this one makes the
+    observation by itself.
     """
 
     p_value: float
@@ -29,11 +36,15 @@ class Ranked:
     @property
     def oddest(self) -> int:
         """The view that says most."""
-        return int(np.argmin(self.single))
+        return int(np.argmin(self.corrected))
 
 
-def ranked(scores: Array) -> Ranked:
-    """Of scores ``(1 + n, view)``, the observation first, larger the odder.
+def ranked(scores: Array, weights: Array | None = None) -> Ranked:
+    """Of scores ``(1 + n, view)``, the observation first, larger the odder; `weights` ``(view,)`` or equal.
+
+    References
+    ----------
+    Wilson (2019), PNAS 116, 1195 (the harmonic mean of p-values, here ranked and so exact).
 
     >>> scores = np.random.default_rng(0).normal(size=(1000, 5))
     >>> scores[0, 3] = 9.0
@@ -41,49 +52,36 @@ def ranked(scores: Array) -> Ranked:
     >>> found.oddest, found.p_value < 0.01, found.p_value >= 1 / 1000
     (3, True, True)
     """
-    tail = _tails(scores)
-    oddness = _oddness(scores, tail)
-    least = tail.min(axis=1)
+    surprise = _surprise(scores, scores, weights)
+    oddness = np.sort(np.logaddexp.reduce(surprise, axis=1))
     number = len(scores)
-    corrected = (least[:, None] <= tail[0][None] + 0.5 / number).mean(axis=0)
-    p_value = float(np.count_nonzero(oddness <= oddness[0]) / number)
-    corrected[int(np.argmin(tail[0]))] = p_value
-    return Ranked(p_value, tail[0], corrected)
+    own = np.append(surprise[0], np.logaddexp.reduce(surprise[0]))
+    above = (number - np.searchsorted(oddness, own)) / number
+    return Ranked(float(above[-1]), (scores >= scores[0]).mean(axis=0), above[:-1])
 
 
-def p_values_against(reference: Array, planted: Array) -> Array:
+def p_values_against(reference: Array, planted: Array, weights: Array | None = None) -> Array:
     """Joint p-values ``(m,)`` of further scores ``(m, view)``, each against reference ``(n, view)``."""
-    number = len(reference)
-    least = np.sort(_tails(reference).min(axis=1))
-    ordered = np.sort(reference, axis=0)
-    tail = np.full(len(planted), np.inf)
-    for view in range(reference.shape[1]):
-        above = number - np.searchsorted(ordered[:, view], planted[:, view])
-        tail = np.minimum(tail, (1 + above) / (1 + number))
-    # A tie counts as half: all that are oddest in some view lie at the same least tail.
-    above = np.searchsorted(least, tail + 0.5 / number, side="right")
-    below = np.searchsorted(least, tail - 0.5 / number, side="left")
-    return np.asarray((1 + 0.5 * (above + below)) / (1 + number))
+    oddness = np.sort(np.logaddexp.reduce(_surprise(reference, reference, weights), axis=1))
+    planted_oddness = np.logaddexp.reduce(_surprise(reference, planted, weights), axis=1)
+    above = len(reference) - np.searchsorted(oddness, planted_oddness)
+    return np.asarray((1 + above) / (1 + len(reference)))
 
 
-def _tails(scores: Array) -> Array:
-    """Share of all that are at least as odd, ``(n, view)``; equal ones count."""
+def _surprise(reference: Array, scores: Array, weights: Array | None) -> Array:
+    """Log of weight / p ``(m, view)``, p the share of reference ``(n, view)`` as odd, smooth far out."""
+    number, views = reference.shape
+    share = np.full(views, 1.0 / views) if weights is None else np.asarray(weights) / np.sum(weights)
+    inner, outer = (min(max(least, int(part * number)), number) for least, part in (INNER, OUTER))
     made = np.empty(scores.shape)
-    for view, column in enumerate(scores.T):
+    for view, column in enumerate(reference.T):
         ordered = np.sort(column)
-        made[:, view] = (len(column) - np.searchsorted(ordered, column)) / len(column)
+        tail = np.maximum(number - np.searchsorted(ordered, scores[:, view]), 1) / number
+        edge, begin = ordered[-inner], ordered[-outer]
+        fall = max((edge - begin) / np.log(outer / inner), 1e-300)
+        beyond = np.maximum(np.log(inner / number) - (scores[:, view] - edge) / fall, LEAST)
+        made[:, view] = np.log(share[view]) - np.where(scores[:, view] > edge, beyond, np.log(tail))
     return made
-
-
-def _oddness(scores: Array, tail: Array) -> NDArray[np.int64]:
-    """The place of each in the order of its oddest view; ties by how far beyond all others it lies there."""
-    centre, high = np.quantile(scores, [0.5, 0.9], axis=0)
-    beyond = (scores - centre) / np.maximum(high - centre, 1e-300)
-    least = tail.min(axis=1)
-    far = np.where(tail <= least[:, None], beyond, -np.inf).max(axis=1)
-    # Both keys as one integer, equal where both are.
-    keys = np.stack([least, -far], axis=1)
-    return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
 def groups(observed: int, fresh: int, number: int, rng: np.random.Generator) -> NDArray[np.intp]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gaugeblock.core.arrays import Array, plain
-from gaugeblock.core.errors import InputError, one_line
+from gaugeblock.core.errors import InputError, blamed
 from gaugeblock.validate.observation.coordinates import Coordinates
 from gaugeblock.validate.observation.scores import SmoothScores
 from gaugeblock.validate.observation.sets import Sets
@@ -70,12 +70,8 @@ def said(function: Function, sets: Sets, name: str) -> Array:
     InputError
         If it fails, or gives anything but finite numbers for each.
     """
-    try:
+    with blamed(name, f"data of shape {sets.x.shape}"):
         made = plain(function(sets.x), what=name)
-    except InputError:
-        raise
-    except Exception as error:
-        raise InputError(f"{name} failed on data of shape {sets.x.shape}: {one_line(error)}") from error
     if made.shape[:1] != (len(sets),) or not np.isfinite(made).all():
         raise InputError(
             f"{name}: gave shape {made.shape} for {len(sets)} data sets; it must give finite numbers, (n,) "

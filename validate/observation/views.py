@@ -28,6 +28,9 @@ NEIGHBOURS = 5
 COARSE = 8
 # Up to so many coordinates, distances are taken in all of them, else in the leading components.
 WHOLE = 12
+# Families count alike; in each, how much a view counts that does not count once. What shows in a single
+# coordinate shows in no other view, and nothing is as sure of the whole as the distance.
+COUNTS = {"distance": 2.0, "largest": 3.0}
 WAYS = {
     "distance": "how far it lies from the middle of the simulations, given how they vary together",
     "remainder": "how much is left of all coordinates, given the others: too much, or too little",
@@ -45,12 +48,14 @@ class Rows:
 
     `scores` ``(n, view)``, larger the odder; `left` ``(n, coordinate)`` by family whose columns are the
     data's coordinates: what is left of each, given all others, standard normal in simulations; `signed`
-    ``(n, k)``: the same data sets in numbers with a sign, for populations and for comparing effects.
+    ``(n, k)``: the same data sets in numbers with a sign, for populations and for comparing effects; `space`
+    ``(n, k)``: where distances between them are taken.
     """
 
     scores: Array
     left: Mapping[str, Array]
     signed: Array
+    space: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +128,7 @@ def _remainder(found: Residuals) -> Array:
 
 def _space(found: Residuals) -> Array:
     """Where distances are taken: in all coordinates, or in the leading components where these are many."""
-    return found.whole if found.whole.shape[1] <= WHOLE else found.leading
+    return found.whole if found.whole.shape[1] <= WHOLE else found.standing
 
 
 def _boxes(white: Array, grid: tuple[int, ...]) -> Array:
@@ -234,9 +239,16 @@ class Views:
         kinds = [called(name, way) for name, family in self.families.items() for way in family.ways]
         return (*kinds, *self.own)
 
+    @property
+    def weights(self) -> Array:
+        """How much each view counts: every family alike, functions of the user's as one of them."""
+        families = [[COUNTS.get(way, 1.0) for way in family.ways] for family in self.families.values()]
+        families.append([1.0] * len(self.own))
+        return np.concatenate([np.divide(each, max(sum(each), 1.0)) for each in families])
+
     def __call__(self, sets: Sets) -> Rows:
         """Scores and residuals of data sets."""
-        scores, left, signed = [], {}, []
+        scores, left, signed, space = [], {}, [], np.zeros((len(sets), 0))
         for name, table in self.tables(sets).items():
             family = self.families.get(name)
             if family is None:
@@ -246,9 +258,9 @@ class Views:
             if self.tables.grid(name) or name == DATA:
                 left[name] = found.left
             if name == DATA:
-                signed = [_signed(found, family.grid)]
+                signed, space = [_signed(found, family.grid)], _space(found)
         scores += [np.abs(_one(f, sets, name) - self.middle[name]) for name, f in self.own.items()]
-        return Rows(np.column_stack(scores), left, np.concatenate(signed, axis=1))
+        return Rows(np.column_stack(scores), left, np.concatenate(signed, axis=1), space)
 
 
 def _one(function: Function, sets: Sets, name: str) -> Array:

@@ -93,7 +93,9 @@ def located(views: Views, x: NDArray[np.generic], rows: Rows, groups: NDArray[np
     middle = observed.mean(axis=0)
     seen: set[int] = set()
     places: list[Place] = []
-    for name, members, value in sorted(found, key=lambda one: -abs(one[2])):
+    # What is not astray keeps the order in which it would explain what is.
+    far = {value: abs(value) * (_p_value(worst, value) <= 1 - LEVEL) for _, _, value in found}
+    for name, members, value in sorted(found, key=lambda one: -far[one[2]]):
         if seen & set(members) or len(places) == MOST:
             continue
         seen |= set(members)

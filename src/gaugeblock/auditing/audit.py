@@ -17,6 +17,8 @@ from numpy.typing import ArrayLike
 
 from gaugeblock.auditing.baseline import compared, kept_baseline, read_baseline
 from gaugeblock.auditing.collect import collect, collect_part, fingerprint
+from gaugeblock.auditing.commitment import committed, content_of
+from gaugeblock.auditing.commitment import opened as commitment_opened
 from gaugeblock.auditing.config import AuditConfig, PolicyLike, TrialsTable, as_policy, as_trials_table
 from gaugeblock.auditing.diagnosing import derived_diagnosis, with_diagnosis
 from gaugeblock.auditing.estimator_from import as_estimator
@@ -41,7 +43,7 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.core.processors import kinds
 from gaugeblock.core.progress import Progress, shown
 from gaugeblock.core.trust import only_named
-from gaugeblock.estimators.protocol import Confined, Estimator, Listed, layers, untrusted
+from gaugeblock.estimators.protocol import Confined, Estimator, Listed, check_fresh, layers, untrusted
 from gaugeblock.reports.machine import plain as plain_data
 from gaugeblock.simulators.from_function import as_simulator
 from gaugeblock.simulators.protocol import HasLikelihood, Simulator
@@ -76,6 +78,7 @@ def audit(
     release: bool = False,
     executor: Executor | None = None,
     allow_mixed: bool = False,
+    commitment: tuple[Path, Path] | None = None,
     command: str = "",
 ) -> Audit:
     """Audit an estimator on a simulator: simulate, estimate, validate, judge, report.
@@ -130,6 +133,8 @@ def audit(
         None: this process. The bits are the same.
     allow_mixed : bool
         Whether blocks may be made on different kinds of processors, which gives up equal bits.
+    commitment : (path, path), optional
+        What `commit` wrote, and a text that came later: the seed is made of both.
 
     Raises
     ------
@@ -157,6 +162,7 @@ def audit(
         progress=progress,
         side_by_side=executor is not None,
         alone=True,
+        commitment=commitment,
     )
     with begin as run:
         simulated, estimating, plan, folder, tell = (
@@ -200,6 +206,7 @@ def audit(
             "seed": plan.seed,
             **subjects,
             "ledger": None if entry is None else entry.record,
+            **({} if run.commitment is None else {"commitment": run.commitment}),
             "trials": {**vars(plan), **stopped},
             "processors": made_on,
             "equal_bits": len(made_on) == 1,
@@ -249,6 +256,7 @@ def audit_configured(
     release: bool = False,
     executor: Executor | None = None,
     allow_mixed: bool = False,
+    commitment: tuple[Path, Path] | None = None,
     command: str = "",
     progress: Progress | bool | None = None,
 ) -> Audit:
@@ -267,8 +275,31 @@ def audit_configured(
             release=release,
             executor=executor,
             allow_mixed=allow_mixed,
+            commitment=commitment,
             command=command,
         )
+
+
+def commit(config: AuditConfig, path: Path, *, policy: PolicyLike | None = None) -> None:
+    """Write down what is to be audited, before the text exists that its seed is made of (`audit`).
+
+    Raises
+    ------
+    InputError
+        As `audit`; if the configuration has a seed; or if the file is a commitment to something else.
+    """
+    begin = _begun(
+        config.estimator.table,
+        config.simulator.table,
+        config.trials,
+        config.read_policy() if policy is None else as_policy(policy),
+        out=None,
+        side_by_side=False,
+        alone=True,
+        commitment=(path, None),
+    )
+    with only_named(config.modules), begin:
+        pass
 
 
 def audit_part(
@@ -325,6 +356,7 @@ class _Run:
     subjects: Mapping[str, Any]
     drawn: bool
     entry: Entry | None
+    commitment: Mapping[str, Any] | None
     folder: Path
     tell: Progress
 
@@ -345,6 +377,7 @@ def _begun(
     ledger: str | os.PathLike[str] | None = None,
     release: bool = False,
     progress: Progress | bool | None = None,
+    commitment: tuple[Path, Path | None] | None = None,
 ) -> Iterator[_Run]:
     """An audit about to begin, entered in its ledger; what it holds open ends with the block."""
     if hasattr(estimator, "simulate") and not hasattr(estimator, "sample"):
@@ -358,6 +391,8 @@ def _begun(
         )
     if release and "seed" in table.model_fields_set:
         raise InputError("a release audit draws its own seed: leave out --seed, and seed of [trials]")
+    if commitment is not None and (release or "seed" in table.model_fields_set):
+        raise InputError("a commitment makes its own seed: leave out --seed, seed of [trials], and --release")
     if ledger is not None:
         check_ledger(Path(ledger))
     simulated = as_simulator(simulator, prior=prior, names=names)
@@ -379,11 +414,19 @@ def _begun(
             "simulator": {**named(simulator), **identity(simulated)},
             "estimator": {**named(estimator), **identity(estimating)},
         }
-        drawn = False
-        if untrusted(estimating) and "seed" not in table.model_fields_set and not release:
+        drawn, kept_commitment = False, None
+        if commitment is not None:
+            content = content_of(subjects, rules, plan)
+            if commitment[1] is None:
+                committed(commitment[0], content)
+            else:
+                kept_commitment = commitment_opened(commitment[0], commitment[1], content)
+                plan = replace(plan, seed=kept_commitment["seed"])
+        elif untrusted(estimating) and "seed" not in table.model_fields_set and not release:
             # A stranger that can foresee the seed could draw the truths again.
             kept = fingerprint(simulated, estimating, replace(plan, seed=0))
             plan, drawn = replace(plan, seed=kept_seed(folder / CHUNKS, kept)), True
+        check_fresh(estimating, plan.seed)
         entry = None
         if ledger is not None:
             entry = entered(
@@ -397,6 +440,7 @@ def _begun(
             subjects=subjects,
             drawn=drawn,
             entry=entry,
+            commitment=kept_commitment,
             folder=folder,
             tell=tell,
         )

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gaugeblock.auditing.ways_on import Doubting, Narrowed, doubting, narrowed
 from gaugeblock.core.atomic import made_folder, write_atomically
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.values import Value
@@ -98,6 +99,21 @@ class Check(Value):
             made / "report.html", check_html(self.answer, self.provenance).encode("utf-8", "replace")
         )
         return made
+
+    def without(self, simulator: Any, *, prior: Any = None) -> Narrowed:
+        """The simulator without the places that disagree, to retrain and to audit; ``.of(x)`` of data.
+
+        Raises
+        ------
+        InputError
+            If no place of the data disagrees, or none would be left.
+        """
+        return narrowed(simulator, self.answer, prior=prior)
+
+    @staticmethod
+    def doubting(simulator: Any, *, prior: Any = None, noise: Any = None) -> Doubting:
+        """The simulator with extra noise as a last parameter, of prior `noise`, to retrain and audit."""
+        return doubting(simulator, prior=prior, noise=noise)
 
     def __repr__(self) -> str:
         first, *lines = self.lines

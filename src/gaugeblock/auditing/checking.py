@@ -27,6 +27,7 @@ from gaugeblock.simulators.from_function import as_simulator
 from gaugeblock.simulators.protocol import Extensible, Simulator
 from gaugeblock.simulators.segments import Segmented
 from gaugeblock.validate.observation import Sets
+from gaugeblock.validate.observation.along import Along, along
 from gaugeblock.validate.observation.answer import Answer, Moved, View
 from gaugeblock.validate.observation.coordinates import Coordinates
 from gaugeblock.validate.observation.generic import Tried, compared
@@ -159,6 +160,7 @@ class _Looked:
     groups: NDArray[np.intp]
     together: Together
     statistics: Array
+    weights: Array
 
 
 class _Run:
@@ -178,7 +180,7 @@ class _Run:
         self.trials = trials
         self.answering = Answering(simulator, estimator, draws=draws, seed=seed)
         tell("simulating", 0, simulations)
-        self.learned = Predictive(simulator, seed, "learned").data(simulations)
+        self.theta, self.learned = Predictive(simulator, seed, "learned").pairs(simulations)
         self.shape = self.learned.shape[1:]
         self.observed = _as_sets(observed, self.shape)
         # Several observations need others enough to stand in for them.
@@ -199,12 +201,12 @@ class _Run:
                 f"{', '.join(ladder)}"
             )
         looked = self.look(coordinates, given)
-        found = ranked(looked.statistics)
+        found = ranked(looked.statistics, looked.weights)
         names = looked.together.names(len(self.observed))
         where = located(looked.views, self.observed, looked.rows, looked.groups)
         scale = Scale.of(self.learned)
         failed = found.p_value <= self.level
-        order = np.argsort(found.single, kind="stable")
+        order = np.lexsort((found.single, found.corrected))
         label = coordinates.labels
         return Answer(
             p_value=found.p_value,
@@ -225,6 +227,7 @@ class _Run:
             ladder=self.ladder(looked, ladder, scale),
             effects=self.effects(looked, scale) if failed else (),
             moved=self.moved(looked.views, where) if failed else (),
+            along=self.along(looked.views, where) if failed else None,
             has_effects=isinstance(self.simulator, Extensible),
             codes={name: one.code for name, one in possible(self.shape, ladder=False).items()},
             not_checked=() if self.estimator is not None else (
@@ -241,8 +244,9 @@ class _Run:
         both = np.concatenate([self.observed, self.fresh])
         rows = views(self.answering.sets(both, "ranked"))
         made = groups(len(self.observed), len(self.fresh), self.trials, generator(self.seed, "check groups"))
-        together = Together.learned(views.names, rows)
-        return _Looked(views, rows, made, together, together(rows, made))
+        together = Together.learned(views.names, rows, generator(self.seed, "check together"))
+        weights = together.weights(views.weights, len(self.observed))
+        return _Looked(views, rows, made, together, together(rows, made), weights)
 
     def ladder(self, looked: _Looked, kinds: Mapping[str, Discrepancy], scale: Scale) -> tuple[Seen, ...]:
         """The smallest discrepancy of each kind that would have been seen."""
@@ -262,7 +266,7 @@ class _Run:
                     one(base, amplitude, scale, noise), f"planted {kind} {amplitude:g}"
                 )
                 planted = looked.together(looked.views(sets), members)
-                return share(p_values_against(looked.statistics[1:], planted), self.level)
+                return share(p_values_against(looked.statistics[1:], planted, looked.weights), self.level)
 
             found.append(smallest_seen(kind, one.says, power_at))
         self.tell("planting discrepancies", len(kinds), len(kinds))
@@ -278,7 +282,9 @@ class _Run:
         def at(name: str, amplitude: float) -> tuple[Array, float]:
             rng = generator(self.seed, f"check effect {name}", round(1000 * (amplitude + 100)))
             rows = views(Sets(kinds[name](base, amplitude, scale, rng)))
-            return rows.signed, float(np.median(p_values_against(rows.scores, observed.scores)))
+            return rows.signed, float(
+                np.median(p_values_against(rows.scores, observed.scores, views.weights))
+            )
 
         self.tell("trying effects", 0, 1)
         found = compared(
@@ -286,6 +292,23 @@ class _Run:
         )
         self.tell("trying effects", 1, 1)
         return found
+
+    def along(self, views: Views, where: Where) -> Along | None:
+        """The part of what disagrees that parameters could absorb; None where it has no place."""
+        gone = where.members
+        if len(self.observed) > 1 or not gone:
+            return None
+        family, coordinates = views.families[DATA], views.tables.coordinates
+        scores = family.values(coordinates(self.observed))[0]
+        filled = family.expectation.filled(scores, gone)
+        return along(
+            scores - filled,
+            filled,
+            family.values(coordinates(self.learned)),
+            self.theta,
+            self.simulator.prior.names,
+            family.expectation.leads,
+        )
 
     def moved(self, views: Views, where: Where) -> tuple[Moved, ...]:
         """The posterior with the disagreeing coordinates replaced by what the others lead one to expect."""

@@ -20,6 +20,7 @@ from typing import Any
 import xarray as xr
 
 from gaugeblock.auditing.identity import identity, lasting, versions
+from gaugeblock.auditing.marks import enter_key, key_name, mark, marked
 from gaugeblock.auditing.phases import DensityTrials, WeighedDraws, end_phase
 from gaugeblock.auditing.samples import (
     Blocks,
@@ -29,7 +30,8 @@ from gaugeblock.auditing.samples import (
     Plan,
 )
 from gaugeblock.auditing.watch import Watch
-from gaugeblock.core.atomic import made_folder, write_once
+from gaugeblock.auditing.workplace import private_folder
+from gaugeblock.core.atomic import write_once
 from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.executors import each
@@ -179,7 +181,7 @@ def fingerprint(simulator: Simulator, estimator: Estimator, plan: Plan) -> str:
 
 def _same_plan(path: Path, record: dict[str, Any]) -> None:
     """Enter whose parts these are, where nobody has, and refuse those of anything else."""
-    made_folder(path.parent)
+    private_folder(path.parent)
     mine = json.loads(json.dumps(record, default=str))
     content = json.dumps({name: mine[name] for name in ("plan", "versions")} | {"digest": digest(mine)})
     try:
@@ -210,14 +212,15 @@ class _Fill:
     work: Path
     allow_mixed: bool
     versions: dict[str, str]
+    key: str
 
     @classmethod
     def begun(
         cls, simulator: Simulator, estimator: Estimator, plan: Plan, work: Path, allow_mixed: bool
     ) -> _Fill:
-        made_folder(work)
+        private_folder(private_folder(work.parent) / work.name)
         kinds(work, mixed=allow_mixed)
-        return cls(simulator, estimator, plan, work.resolve(), allow_mixed, versions())
+        return cls(simulator, estimator, plan, work.resolve(), allow_mixed, versions(), enter_key(work))
 
     def __call__(self, block: tuple[str, range]) -> None:
         """Write a block where there is none; one that is made twice has the same bits twice."""
@@ -226,10 +229,13 @@ class _Fill:
             return
         if self.versions != _versions_here():
             raise InputError(_other_versions(self.versions, _versions_here()))
+        if self.key != key_name():
+            enter_key(self.work)  # which says what is the matter
         what, trials = block
         made = self._maker(what)(trials)
         one_kind(self.work, mixed=self.allow_mixed)
         write_groups({"": made}, path)
+        mark(path)
 
     def path(self, what: str, trials: range | None = None) -> Path:
         """File of a block, or of all together."""
@@ -308,6 +314,7 @@ class _OnDisk:
             if trials.stop <= earlier.sizes["trial"] and not _intact(path):
                 block = earlier.isel(trial=slice(trials.start, trials.stop)).drop_encoding()
                 write_groups({"": block}, path)
+                mark(path)
 
     def _together(self, what: str, number: int) -> xr.Dataset:
         """One file out of all blocks: small ones are read back into memory, large ones stay there."""
@@ -324,11 +331,20 @@ class _OnDisk:
 
 
 def _read(path: Path) -> xr.Dataset:
+    """A block that is ours.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or somebody else put it there.
+    """
+    if not marked(path):
+        raise InputError(f"{path}: is not the block that was written; run the same command again")
     return read_groups(path, what="block of trials", own=True)[""]
 
 
 def _intact(path: Path) -> bool:
-    """Whether the block is on disk; a damaged one is not."""
+    """Whether the block is on disk; a damaged one is not, nor one that somebody else put there."""
     try:
         _read(path)
     except InputError:

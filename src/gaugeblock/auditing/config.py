@@ -203,7 +203,7 @@ def read_config(
 
 _PATHS = (
     ("simulator", ("pha", "rmf", "arf", "priors")),
-    ("estimator", ("path", "python")),
+    ("estimator", ("path", "python", "diagnosis")),
     ("trials", ("observation",)),
     ("policy", ("base",)),
 )
@@ -219,7 +219,10 @@ def _anchored(table: dict[str, Any], folder: Path) -> dict[str, Any]:
             anchored[name] = {**entry, **found}
     estimator = anchored.get("estimator")
     if isinstance(estimator, dict):
-        anchored["estimator"] = {**estimator, **_anchored_program(estimator, folder)}
+        estimator = {**estimator, **_anchored_program(estimator, folder)}
+        if isinstance(estimator.get("base"), dict):
+            estimator["base"] = _anchored({"estimator": estimator["base"]}, folder)["estimator"]
+        anchored["estimator"] = estimator
     return anchored
 
 

@@ -9,15 +9,11 @@ from typing import Any
 
 import xarray as xr
 
-from gaugeblock.auditing.baseline import compared, kept_baseline
 from gaugeblock.auditing.explain import explained
-from gaugeblock.auditing.looks import stored_looks
-from gaugeblock.auditing.provenance import finished_audit
-from gaugeblock.auditing.result import Audit
+from gaugeblock.auditing.stored import stored_audit
 from gaugeblock.diagnosis import diagnose
 from gaugeblock.estimators.protocol import untrusted
-from gaugeblock.validate import Verdict, judge, make_policy, read_trials
-from gaugeblock.validate.findings_file import read_findings
+from gaugeblock.validate import Verdict
 
 
 def with_diagnosis(verdict: Verdict, trials: xr.DataTree, *, seed: int, estimator: Any = None) -> Verdict:
@@ -25,8 +21,10 @@ def with_diagnosis(verdict: Verdict, trials: xr.DataTree, *, seed: int, estimato
 
     An estimator that may be called again is; somebody else's in its sandbox is not.
     """
-    sample = None if estimator is None or untrusted(estimator) else estimator.sample
-    return replace(verdict, diagnosis=diagnose(trials, verdict, seed=seed, sample=sample).to_json())
+    known = estimator is not None and not untrusted(estimator)
+    sample = getattr(estimator, "sample_briefly", estimator.sample) if known else None
+    found = diagnose(trials, verdict, seed=seed, sample=sample)
+    return explained(replace(verdict, diagnosis=found.to_json()), trials)
 
 
 def diagnose_folder(folder: Path) -> str:
@@ -37,21 +35,10 @@ def diagnose_folder(folder: Path) -> str:
     InputError
         If the folder does not hold an audit of this version.
     """
-    content = finished_audit(folder)
-    record = content["provenance"]
-    trials = read_trials(folder / "trials.nc")
-    findings, not_checked = read_findings(folder / "findings.nc")
-    policy = make_policy(record["policy"], source=f"{folder / 'verdict.json'}: provenance.policy")
-    seed = int(record.get("seed") or 0)
-    verdict = judge(
-        findings, not_checked, policy, seed=int(record.get("judge_seed", seed)), looks=stored_looks(content)
-    )
-    verdict = explained(replace(verdict, provenance=record), trials)
-    earlier = kept_baseline(content)
-    if earlier is not None:
-        verdict = replace(verdict, baseline=compared(earlier, verdict, findings))
-    verdict = with_diagnosis(verdict, trials, seed=seed)
-    Audit(trials, findings, not_checked, verdict).write_reports(folder)
+    found = stored_audit(folder)
+    seed = int(found.verdict.provenance.get("seed") or 0)
+    verdict = with_diagnosis(found.verdict, found.trials, seed=seed)
+    replace(found, verdict=verdict).write_reports(folder)
     assert verdict.diagnosis is not None
     return str(verdict.diagnosis["text"])
 
@@ -61,10 +48,11 @@ def derived_diagnosis(
 ) -> Verdict:
     """The verdict with the diagnosis that an audit's record should hold.
 
-    One for which the estimator was called again cannot be derived from trials, and stays as it was stored.
+    One for which the estimator was called again, or faults of a user's were looked for, cannot be derived
+    from trials, and stays as it was stored.
     """
     if stored is None:
         return verdict
-    if stored.get("called"):
-        return replace(verdict, diagnosis=dict(stored))
+    if stored.get("called") or stored.get("faults"):
+        return explained(replace(verdict, diagnosis=dict(stored)), trials)
     return with_diagnosis(verdict, trials, seed=seed)

@@ -61,7 +61,7 @@ def discover(
     most: int = 1,
     simulations: int = 10_000,
     summaries: Callable[[Any], Any] | None = None,
-    evidence: bool | None = None,
+    evidence: bool = False,
     replicates: int = 999,
     seed: int = 0,
     out: str | os.PathLike[str] | None = None,
@@ -99,9 +99,9 @@ def discover(
         Most effects that are added by "simulations", where a second explains much that is none.
     simulations, summaries
         Of "simulations": how many at each state, and from data ``(n, ...)`` to numbers ``(n, k)``.
-    evidence : bool or None
-        Whether to run nested sampling for the evidence of the named effect of "counts"; None: where it is
-        quick.
+    evidence : bool
+        Whether to run nested sampling for the evidence of the named effect of "counts": it may take as long
+        as everything else, or much longer.
     replicates : int
         Simulated data sets behind every global p, which is never below 1 / (replicates + 1).
     seed : int

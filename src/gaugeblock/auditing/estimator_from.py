@@ -25,6 +25,8 @@ from gaugeblock.simulators.registry import load_object, made_for
 from gaugeblock.stranger.mapping import Mapping as ColumnMapping
 
 SHIPPED = "shipped:"
+# Seconds that an estimator which rejects its own draws may take for data that are tried on it.
+BRIEFLY = 5.0
 
 
 class FunctionEstimator:
@@ -65,6 +67,16 @@ class LibraryEstimator:
         seed = int(rng.integers(SEEDS))
         with seeded_globals(seed):
             return plain(self._model.sample(x, n, seed), what="the estimator's draws")
+
+    def sample_briefly(self, x: ArrayLike, n: int, rng: Rng) -> Array:
+        """As `sample`, for data that may be nothing that it was made for: it gives up after seconds."""
+        if not hasattr(self._model, "patience"):
+            return self.sample(x, n, rng)
+        usual, self._model.patience = self._model.patience, BRIEFLY
+        try:
+            return self.sample(x, n, rng)
+        finally:
+            self._model.patience = usual
 
     def __repr__(self) -> str:
         return f"LibraryEstimator({self._model.describe()['library']})"
@@ -113,7 +125,8 @@ def as_estimator(estimator: Any, simulator: Simulator, *, densities: bool = Fals
         An object with ``sample(x, n, rng)``; a posterior of sbi, or its trainer; a workflow or approximator
         of BayesFlow; a function ``(x, n, rng)``; a class of estimators, made with the simulator where it
         takes one; ``"shipped:NAME"``, a model folder, a name (``"exact"``, ``"module:object"``), a file of
-        somebody else's, which runs in a sandbox; or a table ``{"name": ..., ...options}``.
+        somebody else's, which runs in a sandbox; or a table ``{"name": ..., ...options}``, whose option
+        `base` may be any of these.
     simulator : Simulator
         What it is for.
     densities : bool
@@ -135,6 +148,8 @@ def as_estimator(estimator: Any, simulator: Simulator, *, densities: bool = Fals
         if not isinstance(name, str):
             raise InputError("the estimator's table needs a name, as in {'name': 'npe', 'path': 'trained'}")
         table = options.pop("parameters", None) if name != "stranger" else None
+        if "base" in options and not isinstance(options["base"], Mapping):
+            options["base"] = as_estimator(options["base"], simulator, densities=densities)
         made = _named(name, simulator, options)
         if table is None:
             return made

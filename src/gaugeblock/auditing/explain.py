@@ -8,8 +8,8 @@ from typing import Any
 
 import xarray as xr
 
+from gaugeblock.diagnosis.arrangement import arrangement, toml_key
 from gaugeblock.validate import Suggestion, Verdict
-from gaugeblock.validate.layout.layout import toml_key
 from gaugeblock.validate.trials import main_trials
 
 
@@ -43,7 +43,7 @@ def suggested_by_name(estimator: object, names: Sequence[str]) -> tuple[Suggesti
 
 
 def explained(verdict: Verdict, trials: xr.DataTree) -> Verdict:
-    """The verdict with what names alone suggest beside what the findings do."""
+    """The verdict with what to write: what names alone suggest, and what its diagnosis says."""
     names = [str(name) for name in main_trials(trials)["parameter"].values]
-    further = suggested_by_name(verdict.provenance.get("estimator"), names)
-    return replace(verdict, suggestions=(*verdict.suggestions, *further))
+    by_name = suggested_by_name(verdict.provenance.get("estimator"), names)
+    return replace(verdict, suggestions=(*by_name, *arrangement(verdict.diagnosis or {}, names)))

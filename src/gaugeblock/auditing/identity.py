@@ -28,6 +28,9 @@ def identity(thing: object) -> dict[str, Any]:
     record: dict[str, Any] = {"class": f"{kind.__module__}.{kind.__qualname__}"}
     if isinstance(thing, Described):
         record |= thing.describe()
+        base = getattr(thing, "base", None)
+        if base is not None and not isinstance(base, Described):
+            record["base"] = identity(base)  # which a wrapper can only call by its class
     else:
         try:
             record["state_sha256"] = hashlib.sha256(pickle.dumps(thing)).hexdigest()

@@ -6,6 +6,7 @@ import os
 import secrets
 from pathlib import Path
 
+from gaugeblock.auditing.workplace import private_folder
 from gaugeblock.core.errors import InputError
 
 BITS = 63
@@ -28,7 +29,7 @@ def kept_seed(folder: Path, key: str) -> int:
     """
     path = folder / f"{key}.seed"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        private_folder(folder)
         try:
             return int(path.read_text(encoding="ascii"))
         except (FileNotFoundError, ValueError):  # none, or one that was cut off before it was ever used

@@ -15,7 +15,7 @@ import xarray as xr
 
 from gaugeblock.auditing.identity import lasting, versions
 from gaugeblock.auditing.provenance import FORMAT, finished_audit, intrinsic
-from gaugeblock.core.atomic import write_atomically
+from gaugeblock.core.atomic import discard_unfinished, write_atomically
 from gaugeblock.core.digest import digest, file_digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.foreign import read_json
@@ -64,6 +64,7 @@ def look_at(folder: Path | None, key: str, number: int, *, known: Iterable[int] 
     if folder is not None and trials != found["trials"]:
         content = {**looks, key: {**found, "trials": trials}}
         write_atomically(folder / RECORD, json.dumps(content, indent=2, sort_keys=True) + "\n")
+        discard_unfinished(folder, (RECORD,))
     return Looks(
         trials=tuple(trials[: trials.index(number) + 1]),
         anew=found["anew"],

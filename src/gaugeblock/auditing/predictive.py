@@ -35,8 +35,13 @@ class Predictive(MainTrials):
 
     def data(self, number: int) -> NDArray[Any]:
         """So many data sets ``(number, *data_shape)``."""
-        blocks = [self.truth_and_data(trials)[1] for trials in whole_blocks(number, BLOCK)]
-        return np.concatenate(blocks)[:number]
+        return self.pairs(number)[1]
+
+    def pairs(self, number: int) -> tuple[Array, NDArray[Any]]:
+        """So many parameters ``(number, parameter)``, and data sets ``(number, *data_shape)``."""
+        blocks = [self.truth_and_data(trials) for trials in whole_blocks(number, BLOCK)]
+        theta, x = (np.concatenate(part)[:number] for part in zip(*blocks, strict=True))
+        return theta, x
 
 
 class Answering:

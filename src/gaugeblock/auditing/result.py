@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 from gaugeblock.auditing.provenance import title
-from gaugeblock.core.atomic import made_folder, write_atomically
+from gaugeblock.auditing.trials_from import to_arviz
+from gaugeblock.core.atomic import discard_unfinished, made_folder, write_atomically
 from gaugeblock.core.digest import file_digest
 from gaugeblock.core.errors import InputError, one_line
 from gaugeblock.core.values import Value
@@ -26,15 +27,16 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
 
-    from gaugeblock.diagnosis import Diagnosis
+    from gaugeblock.diagnosis import Diagnosis, Fault
 
 RESOURCES = "resources.json"
 # Gates, and letters of one line, in what a terminal shows.
 SHOWN, LONGEST = 8, 160
 COLUMNS = (
-    *("verdict", "component", "statistic", "low", "high", "tolerance", "p_value", "p_adjusted"),
-    *("n_trials", "smallest_detectable", "required", "message"),
+    *("verdict", "component", "statistic", "low", "high", "pass_low", "pass_high", "tolerance"),
+    *("p_value", "p_adjusted", "n_trials", "smallest_detectable", "trials_to_settle", "required", "message"),
 )
+NUMBERS = ("p_value", "p_adjusted", "smallest_detectable", "trials_to_settle")
 
 
 class UnknownGateError(InputError, KeyError):
@@ -121,51 +123,86 @@ class Audit(Value):
             'an audit is neither true nor false: ask for result.passed, or result.outcome == "FAIL"'
         )
 
-    def to_frame(self) -> pd.DataFrame:
-        """One row a gate, by its id: verdict, numbers and message; NaN where a number is not known."""
+    def to_frame(self, *, findings: bool = False) -> pd.DataFrame:
+        """One row a gate, by its id: verdict, numbers and message; NaN where a number is not known.
+
+        With `findings`, one row a component of everything that was measured, judged or not: estimate,
+        standard error, p-value, and what they are of.
+        """
         import pandas as pd
 
+        if findings:
+            return pd.DataFrame(
+                [
+                    {
+                        "id": finding.id, "component": name, "estimate": estimate, "standard_error": error,
+                        "p_value": finding.p_value, "n_trials": finding.n_trials,
+                        "quantity": finding.quantity, "judged": finding.id in self.gates,
+                        "claim": finding.claim, "null": finding.null,
+                    }
+                    for finding in self.findings
+                    for name, estimate, error in zip(
+                        finding.components, finding.estimate, finding.standard_error, strict=True
+                    )
+                ]
+            ).set_index("id")  # fmt: skip
         gates = self.verdict.gates
         index = pd.Index([gate.id for gate in gates], name="id", dtype=object)
         rows = [
-            {**vars(gate), "verdict": str(gate.outcome), "low": gate.interval[0], "high": gate.interval[1]}
+            {
+                **vars(gate), "verdict": str(gate.outcome),
+                "low": gate.interval[0], "high": gate.interval[1],
+                "pass_low": gate.pass_interval[0], "pass_high": gate.pass_interval[1],
+            }
             for gate in gates
-        ]
+        ]  # fmt: skip
         frame = pd.DataFrame(rows, index=index, columns=list(COLUMNS))
-        return frame.astype(dict.fromkeys(("p_value", "p_adjusted", "smallest_detectable"), float))
+        return frame.astype(dict.fromkeys(NUMBERS, float))
 
-    def plot(self, identifier: str, *, ax: Axes | None = None) -> Axes:
+    def to_arviz(self, *, trial: int | None = None) -> xr.DataTree:
+        """The trials in ArviZ's groups, on which its own functions work; see `trials_from.to_arviz`."""
+        return to_arviz(self.trials, trial=trial)
+
+    def plot(self, identifier: str, *, ax: Axes | None = None, trial: int | None = None) -> Axes:
         """The picture behind a gate, or behind a finding that no gate judges, drawn on `ax` or on new axes.
+
+        Of the trials themselves: ``recovery[a]``, ``contraction[a]`` (against z-score), and ``pairs[a, b]``
+        of one `trial`.
 
         Raises
         ------
         InputError
-            If there is neither gate nor finding of this id, or nothing of it to draw.
+            If there is nothing of this id, or nothing of it to draw.
         MissingExtraError
             Without matplotlib.
         """
-        from gaugeblock.reports.axes import draw
+        from gaugeblock.reports.axes import draw, draw_points
+        from gaugeblock.reports.trial_pictures import trial_picture, trial_picture_ids
 
+        of_trials = trial_picture_ids(self.trials)
+        if identifier in of_trials:
+            return draw_points(trial_picture(identifier, self.trials, trial=trial), ax=ax)
         finding = next((item for item in self.findings if item.id == identifier), None)
         gate = self.gates.get(identifier)
         if gate is None and finding is None:
-            known = dict.fromkeys([*self.gates, *(item.id for item in self.findings)])
+            known = dict.fromkeys([*self.gates, *(item.id for item in self.findings), *of_trials])
             raise UnknownGateError(
                 f"nothing was measured as {identifier!r}; {_near(identifier, list(known))}"
             )
         return draw(finding, gate, ax=ax)
 
-    def diagnose(self, estimator: Any = None) -> Diagnosis:
+    def diagnose(self, estimator: Any = None, *, faults: Mapping[str, Fault] | None = None) -> Diagnosis:
         """What is wrong with the estimator: a symptom, its size, what may cause it, and the cure.
 
         With the `estimator`, an object with ``sample(x, n, rng)``, it is called again: faults in what it is
-        called with (another unit, order or zero of the data) show only then.
+        called with (another unit, order or zero of the data) show only then. `faults` are your own, by id,
+        beside the library's: ``{"my_fault": Fault(fit, causes)}`` of `gaugeblock.diagnosis`.
         """
         from gaugeblock.diagnosis import diagnose
 
         seed = int(self.verdict.provenance.get("seed") or 0)
         sample = None if estimator is None else estimator.sample
-        return diagnose(self.trials, self.verdict, seed=seed, sample=sample)
+        return diagnose(self.trials, self.verdict, seed=seed, sample=sample, faults=faults)
 
     def save(self, folder: str | Path) -> Path:
         """Write trials, findings and all reports into a folder, made where missing: what `verify` reads.
@@ -187,6 +224,7 @@ class Audit(Value):
         if self.resources:
             used = json.dumps(dict(self.resources), indent=2, sort_keys=True)
             write_atomically(folder / RESOURCES, used + "\n")
+            discard_unfinished(folder, (RESOURCES,))
         called = title(self.verdict.provenance)
         write_reports(self.verdict, self.findings, self.trials, folder, title=called)
 
@@ -208,6 +246,7 @@ def write_arrays(
     (folder / "verdict.json").unlink(missing_ok=True)
     write_trials(trials, folder / "trials.nc")
     write_findings(findings, not_checked, folder / "findings.nc")
+    discard_unfinished(folder, ("trials.nc", "findings.nc"))
     return file_digest(folder / "trials.nc")
 
 

@@ -1,7 +1,7 @@
 """Verify: derive an audit's findings, verdict and reports again from its trials, and say what differs.
 
 An edit of any derived file shows, and so does one of trials.nc whose digest in verdict.json was not edited
-too. Whoever edits trials.nc can make everything else anew, and only a digest kept elsewhere tells.
+too. Whoever edits trials.nc can make everything else anew; a signature tells, or a digest kept elsewhere.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import re
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from typing import Any
 import xarray as xr
 
 from gaugeblock.auditing.baseline import compared, kept_baseline
+from gaugeblock.auditing.commitment import commitment_differences
 from gaugeblock.auditing.compare import (
     NEAR,
     dataset_differences,
@@ -30,9 +31,13 @@ from gaugeblock.auditing.explain import explained
 from gaugeblock.auditing.identity import versions
 from gaugeblock.auditing.looks import stored_looks
 from gaugeblock.auditing.provenance import FORMAT, digests, finished_audit, title
+from gaugeblock.auditing.rerun import rerun
+from gaugeblock.auditing.statement import statement_differences, vouched
 from gaugeblock.auditing.watch import watched
 from gaugeblock.core.digest import file_digest
+from gaugeblock.core.envelope import public_key
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.progress import Progress
 from gaugeblock.reports import rendered
 from gaugeblock.validate import (
     Finding,
@@ -74,23 +79,38 @@ def verify(
     trials_sha256: str | None = None,
     estimator_sha256: str | None = None,
     tolerance: float | None = None,
+    commitment: Path | None = None,
+    text: Path | None = None,
+    signer: Path | None = None,
+    statement: Path | None = None,
+    share: float | None = None,
+    allow_modules: Iterable[str] = (),
+    progress: Progress | None = None,
 ) -> Verification:
     """Compare every derived file of an audit with what its trials, policy and seed give.
 
     `trials` is the Trials file, where it is not in the folder; `policy` the one that the audit should have
     been judged by, whatever its folder says; `trials_sha256` and `estimator_sha256` digests as they were kept
-    elsewhere; `tolerance` the relative difference of numbers to accept: by default none, or where the
-    libraries' versions are not those of the audit, 1e-6.
+    elsewhere; `commitment` and `text` the files that its seed should be made of; `signer` the public key of
+    who should have signed the audit, in a `statement` that may lie elsewhere; `share` that of the draws to
+    be asked for again, beside all truths and data (`rerun`, which says what `allow_modules` is); `tolerance`
+    the relative difference of numbers to accept: by default none, or where the libraries' versions are not
+    those of the audit, 1e-6.
 
     Raises
     ------
     InputError
-        If the trials or verdict.json cannot be read, the latter names a policy or validator that is none, or
-        the audit is of gaugeblock 0.1.0.
+        If the trials, verdict.json or a key cannot be read, verdict.json names a policy or validator that is
+        none, or the audit is of gaugeblock 0.1.0.
+    MissingExtraError
+        Without cryptography, where a signer is given.
     """
     source = trials or folder / "trials.nc"
     if not source.exists():
         raise InputError(f"{source}: no such file; give the audit's Trials with --trials FILE.nc")
+    owner = None if signer is None else public_key(signer)
+    if owner is None and statement is not None:
+        raise InputError(f"--statement {statement}: say whose it should be: --signer PUBLIC.pem")
     audited = finished_audit(folder)
     record = audited["provenance"]
     if record.get("format", 1) != FORMAT:
@@ -108,7 +128,8 @@ def verify(
     contents = rendered(verdict, findings, tree, title=title(record))
     lines = list(_digests(record, found, trials_sha256))
     lines += _expected(record, policy, estimator_sha256)
-    lines += [f"verdict.json: provenance: {line}" for line in _recorded(record, tree)]
+    told = (*_recorded(record, tree), *commitment_differences(record, commitment=commitment, text=text))
+    lines += [f"verdict.json: provenance: {line}" for line in told]
     stored = folder / "findings.nc"
     if looks.trials and looks.trials[-1] != main_trials(tree).sizes["trial"]:
         lines.append(
@@ -119,6 +140,14 @@ def verify(
         lines += _prefixed(stored, _finding_differences(stored, findings, not_checked, near))
     for name, content in contents.items():
         lines += _prefixed(folder / name, _file_differences(folder / name, content, near))
+    if owner is not None:
+        told = tuple(statement_differences(folder, owner, statement=statement, trials=trials))
+        lines += shortened(list(told))
+        notes = notes if told else (*notes, vouched(owner))
+    if share is not None:
+        again = rerun(tree, record, share, near=near, allow_modules=allow_modules, progress=progress)
+        lines += again.differences
+        notes = (*notes, again.said)
     used = make_policy(_table(record, "policy"), source="verdict.json: provenance.policy")
     return Verification(tuple(lines), notes, found, verdict.outcome.value, policy_in_words(used))
 

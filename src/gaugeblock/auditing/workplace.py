@@ -9,17 +9,20 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from gaugeblock.core.atomic import made_folder
 from gaugeblock.core.errors import InputError
 
 LOCK = ".audit-lock"
-# What audits leave in their folders of blocks; nothing else is ever removed.
+# What audits leave in their folders of blocks; nothing else is ever removed. A kill leaves temporary files.
+_TEMPORARY = r"(\.\d+\.[0-9a-f]{8})?"
 _BLOCK = (
     r"\.?(trials|importance-draws|densities|importance-sampling|joint-likelihood)"
-    r"(-\d{8})?(\.\d+\.[0-9a-f]{8})?\.nc"
+    rf"(-\d{{8}})?{_TEMPORARY}\.(nc|mark)"
 )
 _OWN = re.compile(
-    rf"[0-9a-f]{{16}}/({_BLOCK}|\.?processor[\w.-]*\.json|sent-[0-9a-f]{{16}}\.pickle)"
-    r"|parts\.json|[0-9a-f]{16}\.seed"
+    rf"[0-9a-f]{{16}}/({_BLOCK}|\.?(processor[\w-]*\.json|key){_TEMPORARY}"
+    rf"|\.?sent-[0-9a-f]{{16}}{_TEMPORARY}\.pickle)"
+    rf"|\.?parts\.json{_TEMPORARY}|[0-9a-f]{{16}}\.seed"
 )
 
 
@@ -34,6 +37,33 @@ def refuse_links(work: Path) -> None:
     for path in (work, *(work.iterdir() if work.is_dir() else ())):
         if path.is_symlink():
             raise InputError(f"{path}: is a link, and an audit works in folders of its own alone; remove it")
+
+
+def private_folder(path: Path) -> Path:
+    """A folder that nobody but its owner can look into, made where missing.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made, is a link, or belongs to somebody else.
+    """
+    made_folder(path.parent)
+    try:
+        path.mkdir(mode=0o700, exist_ok=True)
+        handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+        try:
+            os.fchmod(handle, 0o700)
+        except OSError:
+            # Some file systems know no permissions; of somebody else's folder they say no.
+            if os.fstat(handle).st_uid != os.geteuid():
+                raise
+        finally:
+            os.close(handle)
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be made private to you ({error.strerror or error}); give another --out"
+        ) from None
+    return path
 
 
 @contextmanager

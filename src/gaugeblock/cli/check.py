@@ -9,9 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from gaugeblock.cli.options import (
-    Debug,
     Out,
-    Quiet,
     Seed,
     Settings,
     StrangerBuilder,
@@ -22,7 +20,8 @@ from gaugeblock.cli.options import (
     command,
     stranger_settings,
 )
-from gaugeblock.core.errors import InputError, printable
+from gaugeblock.cli.voice import hand_over, loud, say
+from gaugeblock.core.errors import InputError
 
 EXIT_CODES = "Exit codes: 0 PASS, 1 FAIL, 3 INCONCLUSIVE, 2 bad input or an internal error."
 
@@ -57,8 +56,6 @@ def check(
     settings: Settings = None,
     out: Out = Path("gaugeblock-check"),
     seed: Seed = None,
-    quiet: Quiet = False,
-    debug: Debug = False,  # noqa: ARG001 - read by main()
 ) -> None:
     """Could this simulator have made this observation?
 
@@ -91,11 +88,12 @@ def check(
         axes=axis or (),
         seed=seed or 0,
         out=out,
-        progress=not quiet,
+        progress=loud(),
         command=command(),
     )
-    typer.echo(printable("\n  ".join(found.lines)))
-    typer.echo(f"Report: {out / 'report.html'}")
+    say("\n  ".join(found.lines))
+    say(f"Report: {out / 'report.html'}")
+    hand_over(found.to_json())
     raise typer.Exit(found.outcome.exit_code)
 
 

@@ -2,31 +2,37 @@
 
 from __future__ import annotations
 
+import io
+import json
 import signal
 import sys
 import traceback
+from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from gaugeblock.cli.attest import EXIT_CODES as ATTEST_EXIT_CODES
+from gaugeblock.cli.attest import attest
 from gaugeblock.cli.check import EXIT_CODES as CHECK_EXIT_CODES
 from gaugeblock.cli.check import check
 from gaugeblock.cli.diagnose import EXIT_CODES as DIAGNOSE_EXIT_CODES
 from gaugeblock.cli.diagnose import diagnose
 from gaugeblock.cli.discover import EXIT_CODES as DISCOVER_EXIT_CODES
 from gaugeblock.cli.discover import discover
+from gaugeblock.cli.init import init
 from gaugeblock.cli.options import (
     AllowMixed,
     AllowModule,
     Baseline,
-    Debug,
+    Commit,
+    CommitText,
     Ledger,
     Out,
     Part,
     PolicyName,
-    Quiet,
     Release,
     Scheduler,
     Seed,
@@ -42,18 +48,22 @@ from gaugeblock.cli.options import (
     command,
     stranger_settings,
 )
+from gaugeblock.cli.report import EXIT_CODES as REPORT_EXIT_CODES
+from gaugeblock.cli.report import compare, report
 from gaugeblock.cli.reproduce import FORWARDED, reproduce
+from gaugeblock.cli.schema import schema
 from gaugeblock.cli.verify import EXIT_CODES as VERIFY_EXIT_CODES
 from gaugeblock.cli.verify import verify
+from gaugeblock.cli.voice import Commands, detail, hand_over, loud, refused, say, tell
 from gaugeblock.core.errors import GaugeblockError, one_line, printable
+from gaugeblock.core.interrupts import interrupt
 
 if TYPE_CHECKING:
     from gaugeblock.auditing.result import Audit
 
 EXIT_CODES = "Exit codes: 0 PASS, 1 FAIL, 3 INCONCLUSIVE, 2 bad input or an internal error."
 
-app = typer.Typer(
-    add_completion=False,
+app = Commands(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -77,12 +87,17 @@ def common(
     """Statistical validation of simulator-based estimators: PASS, FAIL or INCONCLUSIVE."""
 
 
-data_app = typer.Typer(no_args_is_help=True, help="Real responses, spectra and tables.")
+data_app = Commands(no_args_is_help=True, help="Real responses, spectra and tables.")
 app.add_typer(data_app, name="data")
 app.command(epilog=CHECK_EXIT_CODES)(check)
 app.command(epilog=DIAGNOSE_EXIT_CODES)(diagnose)
 app.command(epilog=DISCOVER_EXIT_CODES)(discover)
 app.command(epilog=VERIFY_EXIT_CODES)(verify)
+app.command(epilog=ATTEST_EXIT_CODES)(attest)
+app.command(epilog=REPORT_EXIT_CODES)(report)
+app.command(epilog=REPORT_EXIT_CODES)(compare)
+app.command()(init)
+app.command()(schema)
 app.command(context_settings=FORWARDED, hidden=True)(reproduce)
 
 
@@ -117,19 +132,21 @@ def audit(
     baseline: Baseline = None,
     ledger: Ledger = None,
     release: Release = False,
+    commit: Commit = None,
+    commit_text: CommitText = None,
     workers: Workers = 1,
     scheduler: Scheduler = None,
     part: Part = None,
     allow_mixed: AllowMixed = False,
-    quiet: Quiet = False,
-    debug: Debug = False,  # noqa: ARG001 - read by main()
 ) -> None:
     """Audit an estimator: simulate, estimate, validate, judge, report.
 
     Without a configuration it audits the flow that ships for XMM EPIC-pn spectra at medium counts. With
     --estimator it audits a file that nobody vouches for: that runs in a sandbox, and sees data only.
-    An interrupted audit goes on where it stopped when the same command runs again.
+    An interrupted audit goes on where it stopped when the same command runs again. With --commit alone it
+    writes down what is to be audited, and stops; with --commit-text too the seed is made of both files.
     """
+    from gaugeblock.auditing import audit as audits
     from gaugeblock.auditing.audit import audit_configured, audit_draws, audit_part
     from gaugeblock.auditing.config import read_config
     from gaugeblock.core.executors import opened, parse_part
@@ -168,26 +185,39 @@ def audit(
     chosen = read_config(
         config, settings=changes, draws_given=trials is not None, allow_modules=allow_module or ()
     )
+    if commit is None and commit_text is not None:
+        raise GaugeblockError("--commit-text goes with --commit FILE, what it was committed to")
+    if commit is not None:
+        if trials is not None or part is not None:
+            raise GaugeblockError("a commitment is to a whole audit: leave out --trials and --part")
+        if commit_text is None:
+            audits.commit(chosen, commit, policy=policy)
+            say(f"committed: {commit}; publish it, and audit with a text that comes later: --commit-text")
+            hand_over({"commitment": str(commit)})
+            return
     said: dict[str, Any] = {
         "out": out,
         "policy": chosen.read_policy() if policy is None else policy,
         "baseline": baseline,
         "command": command(),
-        "progress": not quiet,
+        "progress": loud(),
     }
     if trials is not None:
         _finish(audit_draws(trials, seed=seed or 0, validators=chosen.validators, **said), out)
     with opened(workers=workers, scheduler=scheduler) as (executor, line):
-        if line and not quiet:
-            typer.echo(line, err=True)
+        if line:
+            tell(line)
         said |= {"ledger": ledger, "release": release, "executor": executor, "allow_mixed": allow_mixed}
+        if commit is not None and commit_text is not None:
+            said["commitment"] = (commit, commit_text)
         if wanted is None:
             result = audit_configured(chosen, **said)
         else:
             del said["baseline"], said["command"]
             number = audit_part(chosen, part=wanted, **said)
     if wanted is not None:
-        typer.echo(f"part {part}: {number} blocks are filled; the same command without --part finishes")
+        say(f"part {part}: {number} blocks are filled; the same command without --part finishes")
+        hand_over({"part": part, "blocks": number})
         return
     _finish(result, out)
 
@@ -200,7 +230,6 @@ def gate(
         Path | None, typer.Option("--out", metavar="DIR", help="Folder for the files; default: DIR itself.")
     ] = None,
     seed: Seed = None,
-    debug: Debug = False,  # noqa: ARG001
 ) -> None:
     """Judge the findings of an earlier audit again, under another policy; nothing is sampled."""
     from gaugeblock.auditing.audit import judge
@@ -225,9 +254,7 @@ def plan(
         int | None, typer.Option(help="Draws per trial; default: enough to hide little.")
     ] = None,
     policy: PolicyName = None,
-    as_json: Annotated[bool, typer.Option("--json", help="JSON on stdout.")] = False,
     seed: Seed = None,
-    debug: Debug = False,  # noqa: ARG001
 ) -> None:
     """Plan an audit: trials and draws for a power, or the smallest fault that a number of trials detects.
 
@@ -246,10 +273,10 @@ def plan(
         policy=policy or "default",
         seed=seed or 0,
     )
-    if as_json:
-        typer.echo(planned.as_json(made))
-    else:
-        planned.print_table(made, sys.stdout)
+    hand_over(json.loads(planned.as_json(made)))
+    table = io.StringIO()
+    planned.print_table(made, table)
+    say(table.getvalue().rstrip("\n"))
 
 
 @app.command()
@@ -262,8 +289,6 @@ def train(
     replace: Annotated[bool, typer.Option("--replace", help="Replace the model that is there.")] = False,
     settings: Settings = None,
     allow_module: AllowModule = None,
-    quiet: Quiet = False,
-    debug: Debug = False,  # noqa: ARG001
 ) -> None:
     """Train a neural posterior estimator; writes model.safetensors and model.json.
 
@@ -274,7 +299,7 @@ def train(
     from gaugeblock.core.settings import parse_settings
     from gaugeblock.estimators.npe import run_training
 
-    with shown(not quiet) as tell:
+    with shown(loud()) as progress:
         folder = run_training(
             config,
             out=out,
@@ -282,52 +307,58 @@ def train(
             allow_modules=allow_module or (),
             seed=seed,
             replace=replace,
-            progress=tell,
+            progress=progress,
         )
-    typer.echo(f"trained: {folder}")
+    say(f"trained: {folder}")
+    hand_over({"model": str(folder)})
 
 
 @data_app.command()
-def fetch(
-    debug: Debug = False,  # noqa: ARG001
-    quiet: Quiet = False,
-) -> None:
+def fetch() -> None:
     """Put the reference case's responses, spectra and tables into the cache, each checked by sha256."""
     from gaugeblock.simulators.xray.data import fetch as run
 
-    def tell(line: str) -> None:
-        if not quiet:
-            typer.echo(line, err=True)
-
-    typer.echo(run(progress=tell).summary())
+    fetched = run(progress=tell)
+    say(fetched.summary())
+    hand_over(vars(fetched))
 
 
 def _finish(result: Audit, out: Path) -> None:
+    from gaugeblock.reports.machine import verdict_json
     from gaugeblock.reports.terminal import terminal_summary
 
-    typer.echo(printable(terminal_summary(result.verdict, out, resources=result.resources)))
+    say(terminal_summary(result.verdict, out, resources=result.resources))
+    for each in result.verdict.gates:
+        detail(f"  {each.outcome.value:<12} {each.id}: {each.message}")
+    hand_over(json.loads(verdict_json(result.verdict, result.findings)))
     raise typer.Exit(result.verdict.outcome.exit_code)
 
 
 def main() -> None:
     """Entry point of `gaugeblock`."""
-    run(app)
+    from gaugeblock.core.compilation_cache import keep_compiled
+
+    # Of a program that only imports us the settings are its own.
+    keep_compiled()
+    run(lambda: app(prog_name="gaugeblock"))
 
 
-def run(commands: typer.Typer) -> None:
+def run(commands: Callable[[], object]) -> None:
     """Run a command line: errors become one line on stderr and exit code 2."""
     signal.signal(signal.SIGINT, _interrupted)
     try:
         commands()
     except GaugeblockError as error:
         _fail(error, str(error))
+    except MemoryError as error:
+        _fail(error, "memory ran short; fewer trials a block (trials.block) or fewer draws take less")
     except Exception as error:
         _fail(error, f"internal error: {type(error).__name__}: {error} (--debug shows where)")
 
 
 def _interrupted(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001
     # Not KeyboardInterrupt: some versions of the parser turn that into exit code 1, which means FAIL.
-    raise GaugeblockError("interrupted; the same command run again goes on where it stopped")
+    interrupt()
 
 
 def _fail(error: Exception, line: str) -> None:
@@ -335,4 +366,5 @@ def _fail(error: Exception, line: str) -> None:
         typer.echo(printable("".join(traceback.format_exception(error))), nl=False, err=True)
     # There may be words in it of whoever wrote what is audited.
     typer.echo(f"gaugeblock: {one_line(line)}", err=True)
+    refused(one_line(line))
     sys.exit(2)

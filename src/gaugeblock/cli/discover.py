@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from gaugeblock.cli.options import Debug, Out, Quiet, Seed, command
-from gaugeblock.core.errors import printable
+from gaugeblock.cli.options import Out, Seed, command
+from gaugeblock.cli.voice import hand_over, loud, say
 
 EXIT_CODES = "Exit codes: 0 when the workflow ran to its end, whatever it found; 2 bad input."
 
@@ -60,16 +60,11 @@ def discover(
     ] = None,
     replicates: Annotated[int, typer.Option(min=99, help="Simulated data sets behind a global p.")] = 999,
     evidence: Annotated[
-        bool | None,
-        typer.Option(
-            "--evidence/--no-evidence",
-            help="Evidence of the named effect by nested sampling; default: up to 20,000 counts.",
-        ),
-    ] = None,
+        bool,
+        typer.Option("--evidence", help="Add the evidence of the named effect: nested sampling, slow."),
+    ] = False,
     out: Out = Path("gaugeblock-discovery"),
     seed: Seed = None,
-    quiet: Quiet = False,
-    debug: Debug = False,  # noqa: ARG001
 ) -> None:
     """Find where model and measured spectra disagree, name the missing effect, add it, test the name.
 
@@ -101,16 +96,17 @@ def discover(
         replicates=replicates,
         seed=seed or 0,
         out=out,
-        progress=not quiet,
+        progress=loud(),
         command=command(),
     )
     summary = found.to_json()
     top = headline(summary)
     for number, statement in enumerate(top.statements, 1):
-        typer.echo(printable(f"{number}. {statement}"))
-    typer.echo(printable(top.paragraph))
+        say(f"{number}. {statement}")
+    say(top.paragraph)
     for name, before, after in fit_rows(summary):
         if name.startswith("background_1.rate_"):
             continue  # as many as the background's channels; they are in the report
-        typer.echo(printable(f"  {name}: {before}" + (f"; after: {after}" if summary["named_all"] else "")))
-    typer.echo(f"report: {out / 'report.html'}")
+        say(f"  {name}: {before}" + (f"; after: {after}" if summary["named_all"] else ""))
+    say(f"report: {out / 'report.html'}")
+    hand_over(summary)

@@ -28,6 +28,8 @@ AllowModule = Annotated[
 ]
 Debug = Annotated[bool, typer.Option("--debug", help="Show a traceback with an error.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress on stderr.")]
+Verbose = Annotated[bool, typer.Option("--verbose", help="More on stderr: every gate, versions, seconds.")]
+Json = Annotated[bool, typer.Option("--json", help="One JSON document on stdout, and no prose.")]
 Baseline = Annotated[
     Path | None,
     typer.Option("--baseline", metavar="DIR", help="Folder of an earlier audit to compare with."),
@@ -39,6 +41,18 @@ Ledger = Annotated[
 Release = Annotated[
     bool,
     typer.Option("--release", help="The estimator is final: draw truths from a fresh seed. Needs --ledger."),
+]
+Commit = Annotated[
+    Path | None,
+    typer.Option("--commit", metavar="FILE", help="Commitment to what is audited, from before its seed."),
+]
+CommitText = Annotated[
+    Path | None,
+    typer.Option("--commit-text", metavar="FILE", help="Text that came later; the seed is of both."),
+]
+TrialsFile = Annotated[
+    Path | None,
+    typer.Option("--trials", metavar="FILE.nc", help="Its Trials, where they are not in DIR."),
 ]
 Workers = Annotated[
     int, typer.Option("--workers", metavar="N", help="Processes side by side; the bits are the same.")

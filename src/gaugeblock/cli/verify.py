@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from gaugeblock.cli.options import Debug, PolicyName
+from gaugeblock.cli.options import AllowModule, Commit, CommitText, PolicyName, TrialsFile
+from gaugeblock.cli.voice import hand_over, say
 from gaugeblock.core.errors import one_line
 
 EXIT_CODES = "Exit codes: 0 the same, 1 different, 2 cannot be read."
@@ -15,10 +17,7 @@ EXIT_CODES = "Exit codes: 0 the same, 1 different, 2 cannot be read."
 
 def verify(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a finished audit.")],
-    trials: Annotated[
-        Path | None,
-        typer.Option("--trials", metavar="FILE.nc", help="Its Trials, where they are not in DIR."),
-    ] = None,
+    trials: TrialsFile = None,
     policy: PolicyName = None,
     trials_sha256: Annotated[
         str | None,
@@ -34,7 +33,21 @@ def verify(
             min=0, max=0.01, help="Relative difference of numbers to accept; 1e-6 where versions differ."
         ),
     ] = None,
-    debug: Debug = False,  # noqa: ARG001 - read by main()
+    commit: Commit = None,
+    commit_text: CommitText = None,
+    signer: Annotated[
+        Path | None,
+        typer.Option(metavar="PUBLIC.pem", help="Key of who should have signed it: `gaugeblock attest`."),
+    ] = None,
+    statement: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="The signed statement; default: verdict.intoto.json in DIR."),
+    ] = None,
+    rerun: Annotated[
+        float | None,
+        typer.Option(metavar="SHARE", help="Draw truths, data and this share of draws again."),
+    ] = None,
+    allow_module: AllowModule = None,
 ) -> None:
     """Derive findings, verdict and reports again from an audit's trials, and say what differs."""
     from gaugeblock.auditing.verify import verify as run
@@ -46,16 +59,24 @@ def verify(
         trials_sha256=trials_sha256,
         estimator_sha256=estimator_sha256,
         tolerance=tolerance,
+        commitment=commit,
+        text=commit_text,
+        signer=signer,
+        statement=statement,
+        share=rerun,
+        allow_modules=allow_module or (),
     )
     # An audit's folder may be anybody's.
     for line in [*(f"note: {note}" for note in found.notes), *found.differences]:
-        typer.echo(one_line(line))
+        say(one_line(line))
     if found.differences:
-        typer.echo("DIFFERENT: what is listed above is not what the trials, the policy and the seed give")
+        signed = "" if signer is None else ", or not what was signed"
+        say(f"DIFFERENT: what is listed above is not what the trials, the policy and the seed give{signed}")
     else:
-        typer.echo("SAME: findings, verdict and reports are what the trials, the policy and the seed give")
-    typer.echo(one_line(f"{found.outcome} under {found.policy}"))
-    typer.echo(f"trials.nc sha256 {found.trials_sha256}")
-    if trials_sha256 is None:
-        typer.echo("An edit of trials.nc itself shows against a digest kept elsewhere: --trials-sha256 HEX")
+        say("SAME: findings, verdict and reports are what the trials, the policy and the seed give")
+    say(one_line(f"{found.outcome} under {found.policy}"))
+    say(f"trials.nc sha256 {found.trials_sha256}")
+    if trials_sha256 is None and signer is None:
+        say("An edit of trials.nc itself shows against a digest kept elsewhere: --trials-sha256 HEX")
+    hand_over({"same": not found.differences, **asdict(found)})
     raise typer.Exit(1 if found.differences else 0)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import ModuleType
 
 # Letters of other people's words that are shown.
@@ -42,8 +44,8 @@ def require(module: str, extra: str) -> ModuleType:
 
 
 @contextmanager
-def blamed(subject: str, trials: range) -> Iterator[None]:
-    """Say whose code failed, and on which trials; what gaugeblock itself says passes unchanged.
+def blamed(subject: str, on: range | str) -> Iterator[None]:
+    """Say whose code failed, and on what; what gaugeblock says, and short memory, pass unchanged.
 
     Raises
     ------
@@ -52,11 +54,18 @@ def blamed(subject: str, trials: range) -> Iterator[None]:
     """
     try:
         yield
-    except GaugeblockError:
+    except (GaugeblockError, MemoryError):
         raise
     except Exception as error:
-        said = one_line(f"{type(error).__name__}: {error}", most=MOST)
-        raise InputError(f"{subject} failed on trials {trials[0]} to {trials[-1]}: {said}") from error
+        said = one_line(f"{type(error).__name__}: {str(error) or _raised_at(error)}", most=MOST)
+        where = on if isinstance(on, str) else f"trials {on[0]} to {on[-1]}"
+        raise InputError(f"{subject} failed on {where}: {said}") from error
+
+
+def _raised_at(error: Exception) -> str:
+    """The line that raised an error without words, as a bare ``assert`` does."""
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{frame.line} ({Path(frame.filename).name}, line {frame.lineno})"
 
 
 def printable(text: str) -> str:

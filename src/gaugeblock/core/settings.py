@@ -28,7 +28,7 @@ def parse_settings(settings: Iterable[str]) -> dict[str, Any]:
             raise InputError(f"--set {entry}: expected table.key=value, as in simulator.level=bright")
         try:
             parsed[key] = tomllib.loads(f"value = {text}")["value"]
-        except tomllib.TOMLDecodeError:
+        except ValueError:
             parsed[key] = text.strip()
     return parsed
 

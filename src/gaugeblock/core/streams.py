@@ -12,6 +12,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import special
 
 from gaugeblock.core.arrays import Array
 
@@ -43,6 +44,47 @@ def whole_blocks(number: int, size: int) -> Iterator[range]:
     [range(0, 3), range(3, 6)]
     """
     return (range(first, first + size) for first in range(0, number, size))
+
+
+def binomial_quantile(uniform: Array, number: int, probability: float) -> NDArray[np.int64]:
+    """Binomial numbers of successes in `number`, out of uniform ones on [0, 1), of the same shape.
+
+    ``Generator.binomial`` and all that is made of it draw other numbers in another version of NumPy (2.5);
+    what is derived again elsewhere, and compared, must not.
+
+    >>> binomial_quantile(np.array([0.0, 0.5, 0.999]), 10, 0.5).tolist()
+    [0, 5, 9]
+    """
+    if number == 0 or probability <= 0:
+        return np.zeros(uniform.shape, dtype=np.int64)
+    if probability >= 1:
+        return np.full(uniform.shape, number, dtype=np.int64)
+    # Beyond nine standard deviations and a few there is nothing that a double could tell from nothing.
+    mean, reach = number * probability, 9 * np.sqrt(number * probability * (1 - probability)) + 40
+    k = np.arange(max(0, int(mean - reach)), min(number, int(mean + reach) + 1) + 1)
+    log_mass = special.gammaln(number + 1) - special.gammaln(k + 1) - special.gammaln(number - k + 1)
+    mass = np.exp(log_mass + k * np.log(probability) + (number - k) * np.log1p(-probability))
+    below = np.cumsum(mass)
+    step = np.searchsorted(below[:-1] / below[-1], uniform, side="right")
+    return np.asarray(k[0] + step, dtype=np.int64)
+
+
+def multinomial(rng: Rng, number: int, cells: Array, size: tuple[int, ...]) -> NDArray[np.int64]:
+    """Multinomial counts ``(*size, cell)``, by `binomial_quantile`.
+
+    >>> multinomial(np.random.default_rng(0), 12, np.array([0.5, 0.25, 0.25]), (3,)).sum(axis=1).tolist()
+    [12, 12, 12]
+    """
+    counts = np.zeros((*size, len(cells)), dtype=np.int64)
+    left, rest = np.full(size, number), 1.0
+    for cell, share in enumerate(cells[:-1].tolist()):
+        uniform, drawn = rng.random(size), counts[..., cell]
+        for value in np.unique(left).tolist():
+            same = left == value
+            drawn[same] = binomial_quantile(uniform[same], value, share / rest)
+        left, rest = left - drawn, rest - share
+    counts[..., -1] = left
+    return counts
 
 
 class Uniforms(Protocol):

@@ -9,9 +9,11 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from gaugeblock.core.errors import InputError
+from gaugeblock.core.errors import InputError, one_line
 from gaugeblock.core.foreign import read_text
 
+# No table of ours is nested more than a few times.
+DEPTH = 50
 Model = TypeVar("Model", bound=BaseModel)
 
 
@@ -46,12 +48,29 @@ def read_toml(path: str | os.PathLike[str], *, remedy: str = "give a TOML file")
     InputError
         If it cannot be read, with the remedy, or is not TOML.
     """
+    text = read_text(path, remedy=remedy)
     try:
-        return tomllib.loads(read_text(path, remedy=remedy))
-    except tomllib.TOMLDecodeError as error:
+        content = tomllib.loads(text)
+        if _deeper(content, DEPTH):
+            raise RecursionError
+    except ValueError as error:  # of the parser, or of a number with too many digits
         raise InputError(f"{path}: is not TOML: {error}") from None
     except RecursionError:
         raise InputError(f"{path}: is not TOML of ours: nested too deeply") from None
+    return content
+
+
+def _deeper(content: Any, depth: int) -> bool:
+    """Whether tables or lists hold more than so many others, one in the other."""
+    level = [content]
+    for _ in range(depth):
+        level = [
+            inner
+            for one in level
+            if isinstance(one, dict | list)
+            for inner in (one.values() if isinstance(one, dict) else one)
+        ]
+    return bool(level)
 
 
 def checked(model: type[Model], values: Mapping[str, Any], *, where: str) -> Model:
@@ -65,7 +84,7 @@ def checked(model: type[Model], values: Mapping[str, Any], *, where: str) -> Mod
     try:
         return model.model_validate(dict(values))
     except ValidationError as error:
-        raise InputError(f"{where}: {complaint(error, model)}") from None
+        raise InputError(one_line(f"{where}: {complaint(error, model)}")) from None
 
 
 def complaint(error: ValidationError, model: type[BaseModel]) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import traceback
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -16,6 +15,7 @@ import pytest
 import gaugeblock
 from gaugeblock.auditing.audit import CHUNKS, audit
 from gaugeblock.auditing.result import Audit
+from gaugeblock.auditing.workplace import discard
 from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import GaugeblockError
 from gaugeblock.testing.outcomes import CalibrationError, CalibrationFailed, CalibrationInconclusive, Note
@@ -99,7 +99,7 @@ class CalibrationGate:
         self, estimator: Any, simulator: Any, model: Mapping[str, Any], settings: GateSettings, folder: Path
     ) -> Audit:
         # Never resumed: what an object holds, a retrained network for example, is not part of its identity.
-        shutil.rmtree(folder / CHUNKS, ignore_errors=True)
+        discard(folder / CHUNKS)
         return audit(
             estimator,
             simulator,

@@ -1,4 +1,4 @@
-"""The pytest plugin: fixture `calibration_gate`, marker `calibration`, options, a section in the summary.
+"""The pytest plugin: two fixtures, the marker `calibration`, options, a section in the summary.
 
 pytest loads this file in every run of everybody who has gaugeblock installed, so it imports nothing heavier
 than pytest; the rest comes with the first test that asks for the fixture.
@@ -21,8 +21,15 @@ from gaugeblock.testing.outcomes import (
 
 if TYPE_CHECKING:
     from gaugeblock.testing.gate import CalibrationGate
+    from gaugeblock.validate.likelihood.same_likelihood import LikelihoodComparison
 
-__all__ = ["CalibrationError", "CalibrationFailed", "CalibrationInconclusive", "calibration_gate"]
+__all__ = [
+    "CalibrationError",
+    "CalibrationFailed",
+    "CalibrationInconclusive",
+    "calibration_gate",
+    "same_likelihood",
+]
 
 _NOTES = pytest.StashKey[list[Note]]()
 
@@ -82,6 +89,17 @@ def calibration_gate(
 
     notes = request.node.stash.setdefault(_NOTES, [])
     return CalibrationGate(request.node, tmp_path_factory, notes)
+
+
+@pytest.fixture
+def same_likelihood() -> Callable[..., LikelihoodComparison]:
+    """Hold two likelihood codes against each other: ``same_likelihood(ours, theirs, prior, simulate)``.
+
+    Over the whole prior, and on examples that hypothesis looks for; a difference fails the test by its name.
+    """
+    from gaugeblock.testing.same_likelihood import same_likelihood
+
+    return same_likelihood
 
 
 @pytest.hookimpl(hookwrapper=True)

@@ -12,6 +12,7 @@ that correction, for each x; `sample`, further keyword arguments of sbi's own `s
 Imports numpy, torch and sbi, and whatever the pickle names.
 """
 
+import inspect
 import pickle
 import random
 import warnings
@@ -55,12 +56,17 @@ def ready(found):
     return found
 
 
+PATIENCE = 600.0
+
+
 class Posterior:
     """Draws and, where they are normalised, densities of a posterior of sbi, in double precision."""
 
     def __init__(self, posterior, options):
         self.posterior, self.options = posterior, options
         self.kind = type(posterior).__name__
+        # Seconds that one call of sbi's may take to find draws inside the prior, of which there may be none.
+        self.patience = PATIENCE
         self.correction = int(options.get("correction_draws", 10_000))
         # An attribute only where it works: what a model can do is read off what it has.
         if normalised(posterior):
@@ -88,6 +94,8 @@ class Posterior:
         random.seed(seed)
         data = self._tensor(x)
         more = {"show_progress_bars": False, **self.options.get("sample", {})}
+        if "max_sampling_time" in inspect.signature(self.posterior.sample).parameters:
+            more.setdefault("max_sampling_time", self.patience)
         draws = []
         with warnings.catch_warnings():
             # How sbi divides its work is nothing that a reader could act on.

@@ -140,3 +140,19 @@ def test_what_cannot_be_done_is_said(noticed):
         split_likelihood_ratio(noticed, BASE, rng=rng)
     with pytest.raises(InputError, match="must have level, slope, curve, bump_1"):
         split_likelihood_ratio(replace(noticed, simulator=EXTENDED), BASE, rng=rng)
+
+
+def test_the_public_entry_judges_what_it_was_not_fitted_on():
+    """Null spectra, one split each: held-out halves give E[e] <= 1 and a mean log e of some -2.6, halves that
+    are judged by their own fits gain what they fitted."""
+    log_e = np.array(
+        [
+            split_likelihood_ratio(
+                Sources.of(BASE, counts), EXTENDED, rng=np.random.default_rng([11, k]), splits=1
+            ).log_e_values
+            for k, counts in enumerate(spectra(0.0, 24, 10))
+        ]
+    )
+    assert log_e.shape == (24, 2)
+    assert np.exp(log_e).mean() < 1.0
+    assert log_e.mean() < -1.9

@@ -7,12 +7,16 @@ import pytest
 
 from gaugeblock.auditing.collect import collect
 from gaugeblock.auditing.samples import Plan
+from gaugeblock.diagnosis import Diagnosis
 from gaugeblock.estimators import ESTIMATORS, build_estimator
 from gaugeblock.estimators.exact import Exact
 from gaugeblock.validate import judge, run_validators
 from gaugeblock.validate.policy import make_policy
 from gaugeblock.validate.validators import default_validators
 
+NOTHING = Diagnosis(
+    named="shift", text="by nothing", repair=({"function": "moved", "by": [0.0], "in_widths": False},)
+)
 OPTIONS = {
     "exact": {},
     "conformal": {"base": {"name": "exact"}, "seed": 5, "draws": 60},
@@ -21,6 +25,7 @@ OPTIONS = {
     "nuts": {"warmup": 60, "parallel": 8},
     "npe": {},
     "broken": {"fault": "narrow"},
+    "repaired": {"base": {"name": "exact"}, "diagnosis": NOTHING},
 }
 NEEDS = {"nested_sampling": "ultranest", "nuts": "numpyro", "npe": "sbi"}
 GATES = {"sbc.bias", "sbc.log_width", "coverage.central"}

@@ -91,7 +91,7 @@ def test_one_report_for_all(all_three, tmp_path):
         assert 'id="where"' in page
         assert 'id="what"' in page
         assert "no group" not in page
-        assert ('id="before"' in page) == (name != "simulations")
+        assert ('id="spectrum"' in page) == (name != "simulations")
 
 
 def test_a_discovery_is_told_in_few_words(all_three):

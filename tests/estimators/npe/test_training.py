@@ -1,5 +1,6 @@
 import json
 import os
+import shutil
 import signal as signals
 import subprocess
 import sys
@@ -12,7 +13,7 @@ from gaugeblock.core.errors import InputError
 torch = pytest.importorskip("torch")
 pytest.importorskip("sbi")
 
-from gaugeblock.estimators.npe import load, run_training, train  # noqa: E402
+from gaugeblock.estimators.npe import load, run_training, train, training  # noqa: E402
 from gaugeblock.estimators.npe.bank import Bank  # noqa: E402
 from gaugeblock.estimators.npe.storage import weights_of  # noqa: E402
 
@@ -244,3 +245,26 @@ def test_a_configuration_without_a_folder_gives_one_line(tmp_path, config):
     config.write_text(CONFIG.replace('output = "model"', ""))
     with pytest.raises(InputError, match="no folder for the model"):
         run_training(config)
+
+
+def test_its_key_is_the_last_that_a_finished_training_loses(tmp_path, monkeypatch):
+    """Killed while it clears up, it is known as its own; what is empty is nobody's."""
+    work = tmp_path / "training"
+    (work / "bank").mkdir(parents=True)
+    for name in ("key", "checkpoint.safetensors", "bank/scores.npy"):
+        (work / name).write_text("")
+    seen = []
+    remove = shutil.rmtree
+
+    def watched(path, **how):
+        seen.append(sorted(inner.name for inner in path.iterdir()))
+        remove(path, **how)
+
+    monkeypatch.setattr(training.shutil, "rmtree", watched)
+    training._end(work)
+    assert seen[-1] == ["key"]
+    assert not work.exists()
+    work.mkdir()
+    training._begin(tmp_path, work, "mine", replace=False)
+    with pytest.raises(InputError, match="the unfinished training of another model"):
+        training._begin(tmp_path, work, "another", replace=False)

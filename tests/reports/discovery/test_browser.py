@@ -25,6 +25,7 @@ def test_every_picture_has_a_size_nothing_overflows_and_nothing_is_fetched(page,
     assert min(box[1] for box in charts) > 200, "a chart too small to be read"
     assert [box for box in measured["boxes"] if not (box[1] > 5 and box[2] > 5)] == []
     assert measured["cutOff"] == []
+    assert measured["onEachOther"] == []
     assert measured["fetched"] == []
     assert measured["wordTop"] < 250
 
@@ -44,3 +45,7 @@ def test_dark_rooms_get_a_dark_page(page, chromium, probed):
     brightness = [sum(map(int, re.findall(r"\d+", colour)[:3])) for colour in (light, dark)]
     assert brightness[0] > 600
     assert brightness[1] < 150
+
+
+def test_nothing_keeps_anybody_from_reading_it(page, violations):
+    assert violations(page) == []

@@ -7,9 +7,10 @@ import xarray as xr
 from gaugeblock.core.errors import InputError
 from gaugeblock.reports.discovery import gain_headline
 from gaugeblock.reports.discovery.axes import energy_axis, linear_axis, log_axis
+from gaugeblock.reports.discovery.before_after import identified
 from gaugeblock.reports.discovery.read import Stretch
 from gaugeblock.reports.discovery.rebin import binned_residual, display_bins
-from gaugeblock.reports.discovery.spectrum_figure import Span, residual_height, spectrum_figure
+from gaugeblock.reports.discovery.spectrum_figure import Line, Span, residual_height, spectrum_figure
 
 
 def elements(picture, class_):
@@ -71,6 +72,41 @@ def test_a_region_is_shaded_where_it_lies():
     whole, half = (figure(counts, counts, spans=[Span(low, 8.0, True, "note")]) for low in (0.5, 2.0))
     widths = [float(elements(picture, "more")[0].get("width")) for picture in (whole, half)]
     assert widths[1] / widths[0] == pytest.approx(0.5, abs=0.01)  # 2 keV is the logarithmic middle
+
+
+def test_residuals_after_stand_below_those_before_on_the_same_scale():
+    counts = np.full(100, 50.0)
+    expected = np.where(np.arange(100) == 50, 10.0, 50.0)
+    picture = figure(counts, expected, after=(counts, np.zeros(100)), half_height=20.0)
+    _, before, after = (element.get("d") for element in elements(picture, "datum"))
+    heights = [
+        np.array([float(point.split()[1].partition("h")[0]) for point in drawn.split("M")[1:]])
+        for drawn in (before, after)
+    ]
+    assert np.ptp(heights[0]) > 20, "the residual before sticks out"
+    assert np.ptp(heights[1]) == 0
+    assert heights[1].min() > heights[0].max()
+    assert len(elements(picture, "model was")) == len(elements(picture, "model")) == 1
+
+
+def test_identified_lines_stand_where_they_are_and_their_names_beside_each_other():
+    counts = np.full(100, 50.0)
+    lines = [Line(2.0, "middle"), Line(2.01, "close by"), Line(30.0, "beyond")]
+    picture = figure(counts, counts, lines=lines)
+    drawn = elements(picture, "identified")
+    assert len(drawn) == 2
+    across = [float(element.get("d")[1:].split()[0]) for element in drawn]
+    assert across[0] == pytest.approx((66 + 948) / 2, abs=1)  # 2 keV is the logarithmic middle of 0.5 to 8
+    names = [(each.text, each.get("y")) for each in elements(picture, "note")]
+    assert [name for name, _ in names] == ["middle", "close by"]
+    assert names[0][1] != names[1][1], "one above the other"
+
+
+def test_lines_are_those_that_statements_identify():
+    named = [{"name": "Fe K", "energy_kev": 6.4, "chance": 0.01}, {"name": "less likely", "energy_kev": 6.5}]
+    summary = {"statements": [{"identification": named}, {"identification": []}, {}]}
+    assert identified(summary) == (Line(6.4, "Fe K"),)
+    assert identified({}) == ()
 
 
 def test_channels_without_counts_are_no_points_but_have_residuals():

@@ -63,7 +63,7 @@ def test_the_story_is_told_in_order(catalogue, summary):
     page = Page(discovery_html(catalogue, summary))
     well_formed(page)
     assert page.sections == [
-        "causes", "before", "where", "what", "after", "fit", "held-out", "amplitude", "catalogue", "evidence",
+        "spectrum", "where", "what", "fit", "held-out", "amplitude", "catalogue", "evidence", "causes",
         "not-checked", "provenance",
     ]  # fmt: skip
     for said in (
@@ -89,7 +89,7 @@ def test_without_any_group_the_summary_still_speaks(summary):
     page = Page(discovery_html(xr.DataTree(), summary))
     well_formed(page)
     assert {"what", "amplitude", "evidence", "not-checked"} <= set(page.sections)
-    assert not {"before", "after", "where", "held-out"} & set(page.sections)
+    assert not {"spectrum", "where", "held-out"} & set(page.sections)
 
 
 def test_an_empty_summary_is_no_error():

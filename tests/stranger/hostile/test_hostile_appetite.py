@@ -38,6 +38,21 @@ TAKES = {
         "used more memory than 0.2 GB",
         {"memory_gb": 0.2},
     ),
+    "memory of a process whose first thread has ended": (
+        """
+        import ctypes, mmap, threading
+        held = [mmap.mmap(-1, 10**7) for _ in range(50)]
+        def fill():
+            time.sleep(0.5)
+            for one in held:
+                one.write(bytes(10**7))
+            time.sleep(60)
+        threading.Thread(target=fill).start()
+        ctypes.CDLL(None).pthread_exit(None)
+        """,
+        "used more memory than 0.2 GB",
+        {"memory_gb": 0.2},
+    ),
     "processes": (
         """
         while True:

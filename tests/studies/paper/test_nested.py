@@ -18,17 +18,17 @@ def test_the_floor_is_the_scatter_of_the_mean_of_twelve_pairs():
 
 
 def test_fewer_live_points_make_errors_larger_by_their_root():
-    """What the twin relies on; the mean of ten bootstraps of 100 replicates errs by 2 per cent."""
+    """What the twin relies on; errors of runs scatter by 17 and 9 per cent, the ratio by 3.5."""
     rng = np.random.default_rng(2)
 
     def error(live):
         found = [
             perfect_run(lambda v: -5e4 * np.exp(2.0 * v / 5.0), live_points=live, depth=25.0, rng=rng)
-            for _ in range(10)
+            for _ in range(30)
         ]
         return np.mean([thread_bootstrap(run, rng=rng, replicates=100).error for run in found])
 
-    assert error(40) / error(160) == pytest.approx(2.0, rel=0.12)
+    assert error(40) / error(160) == pytest.approx(2.0, rel=0.14)
 
 
 def test_a_study_with_our_likelihood_has_our_rate_and_its_own_calls():

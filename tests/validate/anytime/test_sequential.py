@@ -226,3 +226,15 @@ def test_the_constant_of_these_tests():
     z = stats.norm.ppf((np.arange(100_000) + 0.5) / 100_000)
     assert np.minimum(z**2, CUT**2).mean() == pytest.approx(CUT_SQUARE, abs=2e-4)
     assert cut_square_ratio(0.0) == 1
+
+
+@pytest.mark.parametrize("parameters", [1, 4])
+def test_all_bets_together_stake_one_capital(parameters):
+    """Equal parts for each quantity, divided among its gates, components and sides: 1 in all, never more."""
+    gathered = gather(sequences([10, parameters], 40, parameters), DEFAULT)
+    staked = [np.exp(found.share) * found.inside[..., 0].size for found in gathered]
+    assert len(staked) == 2 * parameters + 1
+    np.testing.assert_allclose(staked, [*[1 / 3 / parameters] * (2 * parameters), 1 / 3], rtol=1e-12)
+    # A gate that has a part s of the capital FAILs alone when that part has grown to 1 / budget.
+    alone = gathered[0]
+    assert np.exp(alone.threshold(0.05) + alone.share) == pytest.approx(20.0)

@@ -1,6 +1,7 @@
 """Controls: exact whatever the draws are, faults of the size that is said, and sizes that are true."""
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -200,6 +201,9 @@ def test_the_region_is_at_one_end_of_the_feature_that_says_most():
     assert abs(truth[member].mean() - truth[~member].mean()) > 2
     where, member = region_of(prepared(truth, draws))
     assert "the location of theta_1" in where
+    apart = np.concatenate([x, -x, rng.standard_normal((2000, 4))], axis=1)
+    where, _ = region_of(prepared(truth, draws, x=apart))
+    assert re.match(r"component \d \(most of it x\[\d\]\) is at", where)
     flat, member = region_of(prepared(np.zeros((400, 1)), np.zeros((400, 30, 1))))
     assert "one of the first 50" in flat
     assert member.sum() == 50

@@ -162,3 +162,34 @@ def test_findings_survive_storage(gaussian_trials):
         assert isinstance(dataset, xr.Dataset)
         again = finding_from(dataset)
         np.testing.assert_array_equal(again.estimate, finding.estimate)
+
+
+def test_standard_error_of_capture_is_its_scatter():
+    """1,000 sets of 150 trials and 120 truths, so that prior and widths both tell; two-sided."""
+    rng = np.random.default_rng(2)
+    found = []
+    for _ in range(1000):
+        exact = np.exp(rng.normal(-1.2, 0.35, 150))
+        made = capture_finding(
+            "a", 1.1 * exact * np.exp(rng.normal(0, 0.2, 150)), exact, rng.normal(size=120)
+        )
+        found.append(made)
+    scatter = np.std([item.estimate[0] for item in found])
+    assert np.mean([item.standard_error[0] for item in found]) / scatter == pytest.approx(1, abs=0.11)
+
+
+def test_influences_of_both_are_those_of_leaving_trials_out():
+    """What a trial moves, by leaving it out: an oracle that shares nothing with the formula."""
+    rng = np.random.default_rng(3)
+    n = 400
+    exact, truth = np.exp(rng.normal(-1, 0.3, n)), rng.normal(size=n)
+    wide = exact * np.exp(rng.normal(0.1, 0.2, n))
+    shrunk = shrink_finding("a", wide, truth)
+    share = capture_finding("a", wide, exact, rng.normal(size=10**6))
+    prior = float(share.details["prior_sd"])
+    for trial in range(0, n, 40):
+        kept = np.arange(n) != trial
+        moved = wide[kept].mean() / truth[kept].std(ddof=1)
+        assert (n - 1) * (shrunk.estimate[0] - moved) == pytest.approx(shrunk.influence[0, trial], abs=0.03)
+        moved = (1 - wide[kept].mean() / prior) / (1 - exact[kept].mean() / prior)
+        assert (n - 1) * (share.estimate[0] - moved) == pytest.approx(share.influence[0, trial], abs=0.03)

@@ -50,7 +50,7 @@ def test_wilcoxon_with_ties_and_zeros():
     assert found.p_value == pytest.approx(stats.wilcoxon(many, correction=True).pvalue)
 
 
-@pytest.mark.parametrize("n", [8, 40])
+@pytest.mark.parametrize("n", [8, 40, 80])
 @pytest.mark.parametrize("test", PAIRED)
 def test_size_and_coverage(test, n):
     """400 null samples of heavy tails: 5% rejected at most, 95% of intervals hold 0 (limits at 1e-3)."""
@@ -60,6 +60,37 @@ def test_size_and_coverage(test, n):
     assert sum(result.p_value <= 0.05 for result in found) <= limit
     assert sum(not result.interval[0] <= 0 <= result.interval[1] for result in found) <= limit
     assert sum(result.p_value <= 0.05 for result in found) >= stats.binom.ppf(0.001, 400, 0.03)
+
+
+def rank_sum_law(n):
+    """Probabilities of the sum of those of 1..n that a coin chooses, by adding one rank after the other."""
+    law = np.ones(1)
+    for rank in range(1, n + 1):
+        padded = np.concatenate([law, np.zeros(rank)])
+        padded[rank:] += law
+        law = padded / 2
+    return law
+
+
+@pytest.mark.parametrize("n", [20, 50, 51, 80, 300])
+@pytest.mark.parametrize("level", [0.68, 0.95, 0.999])
+def test_intervals_and_p_values_below_and_above_the_table(n, level):
+    """Ends are pairwise means counted off by the exact law; beyond the table to one
+    in thirty of the count, and p to a tenth of itself."""
+    difference = np.random.default_rng([n, 5]).standard_t(3, n) + 0.2
+    found = wilcoxon_signed_rank(difference, np.zeros(n), level=level)
+    law = rank_sum_law(n)
+    cut = int(np.count_nonzero(np.cumsum(law) <= (1 - level) / 2 + 1e-12))
+    walsh = np.sort([(a + b) / 2 for i, a in enumerate(difference) for b in difference[i:]])
+    below, above = np.searchsorted(walsh, found.interval, side="right") - [0, 1]
+    slack = 0 if n <= 50 else 1 + 0.035 * cut
+    assert abs(below - cut) <= slack
+    assert abs(len(walsh) - above - cut) <= slack
+    assert found.difference == pytest.approx(np.median(walsh))
+    ranks = stats.rankdata(np.abs(difference))
+    smaller = int(min(ranks[difference > 0].sum(), ranks[difference < 0].sum()))
+    exact = min(1.0, 2 * law[: smaller + 1].sum())
+    assert found.p_value == pytest.approx(exact, rel=1e-9 if n <= 50 else 0.1, abs=1e-12)
 
 
 @pytest.mark.parametrize("test", PAIRED)

@@ -106,3 +106,40 @@ def test_bad_input():
         auc([np.nan], [1.0])
     with pytest.raises(InputError, match="detector, strength, m"):
         best_of_cells(np.zeros((2, 5)), np.zeros((3, 4, 5)), rng=rng)
+
+
+def test_adjusted_p_is_counted_from_permutations_made_one_by_one():
+    """Beside 600 permutations in a loop with SciPy's U: the law of the best cell and every cell's p; and the
+    p itself is (1 + how many permutations reach the cell) / (1 + permutations), by counting."""
+    rng = np.random.default_rng(7)
+    clean, suspicious = rng.normal(size=(2, 25)), rng.normal(size=(2, 3, 12))
+    suspicious[0, 1] += 0.9
+    found = best_of_cells(clean, suspicious, rng=rng, permutations=600)
+    assert found.null.shape == (600,)
+    for cell in np.ndindex(2, 3):
+        reached = sum(best >= found.auc[cell] - 1e-12 for best in found.null)
+        assert found.p_adjusted[cell] == pytest.approx((1 + reached) / 601)
+        u = stats.mannwhitneyu(suspicious[cell], clean[cell[0]]).statistic
+        assert found.auc[cell] == pytest.approx(u / (25 * 12))
+    pooled = np.concatenate([clean, suspicious.reshape(2, -1)], axis=1)
+    best = []
+    for _ in range(600):
+        mixed = pooled[:, rng.permutation(pooled.shape[1])]
+        parts = mixed[:, 25:].reshape(2, 3, 12)
+        cells = [(parts[c][:, None] > mixed[c[0], None, :25]).mean() for c in np.ndindex(2, 3)]
+        best.append(max(cells))
+    assert stats.ks_2samp(best, found.null).pvalue > 1e-4
+    assert np.mean(best) == pytest.approx(found.null.mean(), abs=0.015)
+
+
+def test_adjusted_p_is_neither_too_small_nor_too_large():
+    """250 nulls, 99 permutations: the smallest adjusted p of cells that score alike is uniform."""
+    rng = np.random.default_rng(8)
+    smallest = []
+    for _ in range(250):
+        score = rng.normal(size=(2, 30 + 2 * 15))
+        found = best_of_cells(score[:, :30], score[:, 30:].reshape(2, 2, 15), rng=rng, permutations=99)
+        smallest.append(found.p_adjusted.min())
+    for level in (0.1, 0.3, 0.6):
+        low, high = stats.binom.ppf([1e-4, 1 - 1e-4], 250, level)
+        assert low <= np.count_nonzero(np.array(smallest) <= level) <= high

@@ -1,14 +1,8 @@
-"""An honest posterior gets no suggestion, however little it knows; a wrong layout gets the one that mends it.
-
-The columns of a wrong layout are made from an exact posterior, so what should be suggested is known.
-"""
-
-import tomllib
+"""A column that foretells a parameter better than its own shows, and never does of an exact posterior."""
 
 import numpy as np
 import pytest
 
-from gaugeblock.stranger.mapping import Mapping
 from gaugeblock.validate import make_trials, read_findings, run_validators, write_findings
 from gaugeblock.validate.layout.layout import layout_finding, rank_correlation
 
@@ -29,13 +23,6 @@ def posterior(seed, *, noise=(0.5, 0.5, 0.5), correlation=0.0, skewed=False, n=2
     return (10**theta, 10**drawn) if skewed else (theta, drawn)
 
 
-def mended(finding, draws):
-    """The draws as the suggestion's TOML would have them."""
-    (suggestion,) = finding.suggestions
-    table = tomllib.loads(suggestion.toml)["estimator"]["parameters"]
-    return Mapping.of(table, NAMES, stranger=NAMES).to_simulator(draws)
-
-
 HONEST = {
     "independent": {},
     "strongly correlated": {"correlation": 0.98, "noise": (1.0, 1.0, 1.0)},
@@ -46,68 +33,25 @@ HONEST = {
 
 
 @pytest.mark.parametrize("kind", HONEST)
-def test_an_honest_posterior_gets_no_suggestion(kind):
-    """30 audits each: at the stated 0.5% per audit, one or more comes in 14% of such tests."""
+def test_of_an_honest_posterior_no_other_column_does_better(kind):
     found = [layout_finding(NAMES, *posterior(seed, n=100, **HONEST[kind])) for seed in range(30)]
-    assert sum(bool(finding.suggestions) for finding in found) == 0
     # At most 1.5 of 30 p-values are below 0.05 on average: seven or more come once in a thousand tests.
     assert sum(finding.p_value < 0.05 for finding in found) <= 6
 
 
-WRONG = {
-    "two swapped": lambda draws: draws[..., [1, 0, 2]],
-    "all in another order": lambda draws: draws[..., [2, 0, 1]],
-    "log10": lambda draws: np.stack([draws[..., 0], np.log10(draws[..., 1]), draws[..., 2]], -1),
-    "natural logs of all": lambda draws: np.log(draws),
-    "another unit": lambda draws: draws * np.array([1.0, 1.0, 1000.0]),
-    "degrees": lambda draws: draws * np.array([180 / np.pi, 1.0, 1.0]),
-    "swapped and log10": lambda draws: np.stack([np.log10(draws[..., 1]), draws[..., 0], draws[..., 2]], -1),
-}
-
-
-@pytest.mark.parametrize("skewed_noise", [(0.2, 0.3, 0.4), (0.5, 1.0, 2.0)])
-@pytest.mark.parametrize("kind", WRONG)
-def test_a_wrong_layout_gets_the_suggestion_that_mends_it(kind, skewed_noise):
-    for seed in range(2):
-        theta, draws = posterior(seed, skewed=True, noise=skewed_noise, n=300)
-        finding = layout_finding(NAMES, theta, WRONG[kind](draws))
-        assert finding.p_value < 0.005
-        np.testing.assert_allclose(mended(finding, WRONG[kind](draws)), draws, rtol=0.35)
-
-
-def test_a_shift_and_a_standardised_parameter():
-    theta, draws = posterior(1, n=300)
-    theta = theta * np.array([1.0, 17.0, 1.0]) + np.array([0.0, 400.0, 0.0])
-    true = draws * np.array([1.0, 17.0, 1.0]) + np.array([0.0, 400.0, 0.0])
-    finding = layout_finding(NAMES, theta, draws)
-    assert "b is drawn as (it - " in finding.suggestions[0].text
-    np.testing.assert_allclose(mended(finding, draws)[..., 1], true[..., 1], rtol=0.02)
-    shifted = true + np.array([3.0, 0.0, 0.0])
-    finding = layout_finding(NAMES, theta, shifted)
-    assert "a is drawn as it plus " in finding.suggestions[0].text
-    np.testing.assert_allclose(mended(finding, shifted)[..., 0], true[..., 0], atol=0.3)
-
-
-def test_an_exponentiated_parameter():
-    theta, draws = posterior(2, n=300)
-    finding = layout_finding(NAMES, theta, 10**draws)
-    assert "a is drawn as 10 to the power of it" in finding.suggestions[0].text
-    np.testing.assert_allclose(mended(finding, 10**draws), draws, atol=1e-9)
-
-
-@pytest.mark.parametrize("fault", ["narrow", "wide", "biased", "prior for one of two correlated"])
-def test_a_miscalibrated_estimator_in_the_right_layout_gets_none(fault):
-    theta, draws = posterior(3, correlation=0.9, n=300)
-    center = draws.mean(axis=1, keepdims=True)
-    changed = {
-        "narrow": center + 0.3 * (draws - center),
-        "wide": center + 2.0 * (draws - center),
-        "biased": draws + 0.5 * draws.std(axis=1, keepdims=True),
-        "prior for one of two correlated": np.concatenate(
-            [np.random.default_rng(4).standard_normal((*draws.shape[:2], 1)), draws[..., 1:]], axis=-1
-        ),
-    }[fault]
-    assert layout_finding(NAMES, theta, changed).suggestions == ()
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda draws: draws[..., [1, 0, 2]],
+        lambda draws: np.stack([draws[..., 0], np.log10(draws[..., 1]), draws[..., 2]], -1),
+        lambda draws: draws * np.array([1.0, 1.0, 1000.0]),
+    ],
+)
+def test_a_wrong_layout_shows(wrong):
+    theta, draws = posterior(1, skewed=True, noise=(0.2, 0.3, 0.4), n=300)
+    finding = layout_finding(NAMES, theta, wrong(draws))
+    assert finding.p_value < 0.005
+    assert finding.estimate.max() > 0.3
 
 
 def test_weighted_draws_count_by_their_weight():
@@ -115,8 +59,8 @@ def test_weighted_draws_count_by_their_weight():
     wrong = np.concatenate([draws, draws[..., [1, 0, 2]]], axis=1)
     weight = np.repeat([[1.0, 0.0]], draws.shape[1], axis=1).reshape(1, -1)
     weight = np.broadcast_to(np.repeat([1.0, 0.0], draws.shape[1]), wrong.shape[:2])
-    assert layout_finding(NAMES, theta, wrong, weight=weight).suggestions == ()
-    assert layout_finding(NAMES, theta, wrong, weight=1 - weight).suggestions != ()
+    assert layout_finding(NAMES, theta, wrong, weight=weight).p_value > 0.05
+    assert layout_finding(NAMES, theta, wrong, weight=1 - weight).p_value < 1e-6
 
 
 def test_a_parameter_that_never_changes_is_no_trouble():
@@ -124,7 +68,7 @@ def test_a_parameter_that_never_changes_is_no_trouble():
     theta, draws = theta.copy(), draws.copy()
     theta[:, 1] = draws[..., 1] = 2.0
     finding = layout_finding(NAMES, theta, draws)
-    assert finding.suggestions == ()
+    assert finding.p_value > 0.05
     assert np.isfinite(finding.estimate).all()
 
 
@@ -140,19 +84,9 @@ def test_it_runs_by_default_is_reported_only_and_survives_the_disk(tmp_path):
     findings, _ = run_validators(trials, seed=1, select=["layout"])
     (finding,) = findings
     assert (finding.id, finding.quantity, finding.kind) == ("layout.columns", "", "test")
-    assert finding.suggestions[0].text.startswith(
-        "The draws look as if a is in column 1, where b is expected"
-    )
+    assert finding.p_value < 1e-6
     path = write_findings(findings, (), tmp_path / "findings.nc")
-    assert read_findings(path)[0][0].suggestions == finding.suggestions
+    assert read_findings(path)[0][0].details.equals(finding.details)
     few, unchecked = run_validators(trials.isel(trial=slice(0, 20)), seed=1, select=["layout"])
     assert few == ()
     assert "20 trial(s) with finite draws; at least 50" in unchecked[0].why
-
-
-def test_a_hostile_name_stays_a_key_of_toml():
-    names = ('a"\n[x]', "b\\", "c")
-    theta, draws = posterior(8)
-    finding = layout_finding(names, theta, draws[..., [1, 0, 2]])
-    table = tomllib.loads(finding.suggestions[0].toml)["estimator"]["parameters"]
-    assert set(table) == set(names[:2])

@@ -53,44 +53,8 @@ def test_data_may_be_an_array_of_which_every_row_is_used():
         assert_same_likelihood(by_scipy, wrong_in_one, PRIOR, x)
 
 
-FAULTS = {
-    "dropped -log x!": (
-        lambda theta, x: by_hand(theta, x) + gammaln(np.asarray(x) + 1.0).sum(-1),
-        "a term of the data alone",
-    ),
-    "a constant": (
-        lambda theta, x: by_hand(theta, x) + 0.5 * np.log(2.0 * np.pi),
-        "the same -0.918939 everywhere",
-    ),
-    "the prior added": (
-        lambda theta, x: by_hand(theta, x) + PRIOR.log_prob(theta),
-        "does not depend on the data",
-    ),
-    "single precision": (
-        lambda theta, x: np.asarray(by_hand(theta, x), dtype=np.float32).astype(np.float64),
-        "single precision",
-    ),
-    "off by one channel": (
-        lambda theta, x: poisson.logpmf(x, np.roll(expected(theta), 1, axis=-1)).sum(-1),
-        "off by one",
-    ),
-    "parameters exchanged": (
-        lambda theta, x: by_hand(np.asarray(theta) * [1.0, 1.1], x),
-        "order and units of the parameters",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", FAULTS)
-def test_a_wrong_likelihood_is_found_and_its_cause_guessed(name):
-    wrong, cause = FAULTS[name]
-    with pytest.raises(AssertionError, match=r"Worst: norm=.*, index=.*Hint: ") as caught:
-        assert_same_likelihood(by_hand, wrong, PRIOR, simulate)
-    assert cause in str(caught.value)
-
-
 def test_float32_results_are_refused_by_their_type():
-    with pytest.raises(AssertionError, match="the second returns float32"):
+    with pytest.raises(AssertionError, match="the second returns float32, expected float64"):
         assert_same_likelihood(by_hand, lambda t, x: np.float32(by_hand(t, x)), PRIOR, simulate)
 
 
@@ -113,7 +77,7 @@ def test_nan_never_agrees_and_equal_infinities_do():
         return np.where(np.asarray(theta)[..., 1] > 1.5, -np.inf, by_hand(theta, x))
 
     assert_same_likelihood(bounded, bounded, PRIOR, simulate)
-    with pytest.raises(AssertionError, match="not finite"):
+    with pytest.raises(AssertionError, match=r"the second is -inf at 22 places, just where index >= 1\.5"):
         assert_same_likelihood(by_hand, bounded, PRIOR, simulate)
     nowhere = lambda theta, x: by_hand(theta, x) * np.nan  # noqa: E731
     with pytest.raises(AssertionError):

@@ -66,11 +66,45 @@ def test_looking_in_more_ways_has_its_price():
     assert found.corrected[0] > 0.4
 
 
+def test_oddness_is_the_weighted_harmonic_mean_of_the_shares():
+    """Row by row, from shares that are counted; the largest of each view goes on exponentially."""
+    scores = np.random.default_rng(8).gamma(1.0, size=(300, 6))
+    weights = np.array([1.0, 2.0, 5.0, 1.0, 1.0, 3.0])
+
+    def share(value, column):
+        down = sorted(column, reverse=True)
+        if value > down[2]:
+            fall = (down[2] - down[29]) / np.log(10.0)
+            return 0.01 * np.exp(-(value - down[2]) / fall)
+        return sum(other >= value for other in column) / 300
+
+    odd = [sum(w / share(row[i], scores[:, i]) for i, w in enumerate(weights)) for row in scores]
+    for first in range(300):
+        order = [first, *(i for i in range(300) if i != first)]
+        wanted = sum(one >= odd[first] * (1 - 1e-12) for one in odd) / 300
+        assert ranked(scores[order], weights).p_value == pytest.approx(wanted)
+
+
+def test_views_that_agree_say_more_than_one_and_weights_say_which_count():
+    rng = np.random.default_rng(9)
+    scores = rng.standard_normal((1000, 5))
+    high = np.quantile(scores, 0.97, axis=0)
+    scores[0] = np.where(np.arange(5) == 2, high, 0.0)
+    alone = ranked(scores).p_value
+    assert ranked(scores, np.array([1.0, 1.0, 9.0, 1.0, 1.0])).p_value < 0.7 * alone
+    assert ranked(scores, np.array([9.0, 1.0, 1.0, 1.0, 1.0])).p_value > alone
+    scores[0] = high
+    assert ranked(scores).p_value < 0.3 * alone
+    assert ranked(scores).single == pytest.approx([0.031] * 5, abs=0.002)
+
+
 def test_planted_scores_are_ranked_as_observed_ones_would_be():
     rng = np.random.default_rng(5)
     reference, planted = rng.standard_normal((300, 3)), 1.5 + rng.standard_normal((100, 3))
-    exact = np.array([ranked(np.vstack([row, reference])).p_value for row in planted])
-    assert np.abs(p_values_against(reference, planted) - exact).max() < 0.02
+    for weights in (None, np.array([1.0, 2.0, 7.0])):
+        exact = np.array([ranked(np.vstack([row, reference]), weights).p_value for row in planted])
+        assert np.abs(p_values_against(reference, planted, weights) - exact).max() < 0.02
+    assert p_values_against(reference, np.array([[99.0] * 3, [-99.0] * 3])).tolist() == [1 / 301, 1.0]
 
 
 def test_groups_hold_the_observed_first_and_everybody_as_often():

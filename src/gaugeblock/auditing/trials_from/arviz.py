@@ -89,7 +89,9 @@ def trials_from_arviz(
     first = posterior[wanted[0]]
     data = None if x is None else plain(x, what=f"{source}: x")
     for group in DATA if x is None else ():
-        variables = [groups[group][name] for name in groups[group].data_vars] if group in groups else []
+        # A variable called like a parameter is its truth, not data that it made (`to_arviz`).
+        held = groups[group].drop_vars(wanted, errors="ignore") if group in groups else xr.Dataset()
+        variables = list(held.data_vars.values())
         if variables:
             found_data = [per_trial(v, first, layout, group=group, source=source) for v in variables]
             flat = [part.reshape(len(part), -1) for part in found_data]

@@ -1,0 +1,1 @@
+"""Small wrong changes to lines that compute, drawn by a seed, and whether a test notices each."""

@@ -1,0 +1,198 @@
+"""Mutants: what operators change and leave alone, the draw, and that tests are asked as they say."""
+
+import subprocess
+from pathlib import Path
+
+import pytest
+from studies.kit.results import read_groups
+from studies.mutants.__main__ import equivalents, main
+from studies.mutants.bench import bench, committed
+from studies.mutants.document import counts
+from studies.mutants.operators import mutations
+from studies.mutants.places import ROOMS, Mutant, Tree, drawn
+
+from gaugeblock.core.errors import InputError
+
+CHANGES = [
+    ("variance for sd", "x.std(axis=0)", "(x.var(axis=0))"),
+    ("variance for sd", "np.sqrt(x)", "(x)"),
+    ("variance for sd", "x ** 2", "(x)"),
+    ("correction dropped", "x / (n - 1)", "x / ((n))"),
+    ("correction dropped", "np.var(x, ddof=1)", "np.var(x, ddof=0)"),
+    ("wrong tail", "law.sf(x)", "(law.cdf(x))"),
+    ("wrong tail", "x < y", "(x > y)"),
+    ("boundary", "x < y", "(x <= y)"),
+    ("boundary", "np.searchsorted(x, y, side='left')", "np.searchsorted(x, y, side='right')"),
+    ("unsorted", "np.sort(x)", "(x)"),
+    ("unsorted", "sorted(x)", "list(x)"),
+    ("wrong axis", "x.mean(axis=1)", "x.mean(axis=0)"),
+    ("stream reused", "generator(seed, 'noise', number)", "generator(seed, 'noise', 0)"),
+    ("stream reused", "rng.spawn(3)", "([rng] * (3))"),
+    ("swapped", "law(x, y, z=1)", "law(y, x, z=1)"),
+    ("swapped", "np.where(a, x, y)", "np.where(a, y, x)"),
+    ("weight dropped", "np.average(x, weights=w)", "np.average(x, weights=None)"),
+    ("weight dropped", "x * weight", "(x)"),
+    ("quantile turned", "np.quantile(x, q)", "np.quantile(x, 1 - (q))"),
+    ("quantile turned", "law.ppf(q)", "law.ppf(1 - (q))"),
+    ("log dropped", "np.log(x)", "(x)"),
+    ("sum for mean", "x.mean()", "(x.sum())"),
+    ("max for min", "np.maximum(x, 0.0)", "(np.minimum(x, 0.0))"),
+    ("off by one", "x[1:]", "x[2:]"),
+    ("off by one", "x[-1]", "x[(1)]"),
+    ("off by one", "range(n)", "range((n) - 1)"),
+    ("arithmetic", "x + y", "((x) - (y))"),
+    ("sign dropped", "-x", "(x)"),
+    ("boolean", "x and y", "((x) or (y))"),
+    ("constant", "0.5 * x", "0.75 * x"),
+    ("condition", "x if c else y", "((y) if (c) else (x))"),
+]
+
+SILENT = '''
+"""Text."""
+LIMIT = 3 + 4
+
+def f(x: Annotated[int, 1 + 1] = 5 - 1, *, y=f(-1)) -> Literal[1]:
+    """One, 1 + 1."""
+    if x < 1:
+        raise InputError(f"{x - 1} is too few")
+    assert x > 1, str(-x)
+    warn(x + 1)
+    z = f"{x - 1:.3f}"
+'''
+
+
+@pytest.mark.parametrize(("operator", "before", "after"), CHANGES)
+def test_each_operator_makes_the_change_that_it_is_named_for(operator, before, after):
+    source = f"def f(x):\n    found = {before}\n".encode()
+    made = [m.applied(source).decode() for m in mutations(source) if m.operator == operator]
+    assert f"def f(x):\n    found = {after}\n" in made
+
+
+def test_statements_and_answers_are_dropped():
+    source = b"def f(x):\n    x.sort()\n    x += 1\n    return x\n"
+    made = {m.applied(source) for m in mutations(source)}
+    assert b"def f(x):\n    pass\n    x += 1\n    return x\n" in made
+    assert b"def f(x):\n    x.sort()\n    pass\n    return x\n" in made
+    assert b"def f(x):\n    x.sort()\n    x += 1\n    return None\n" in made
+
+
+def test_what_computes_nothing_is_left_alone():
+    assert mutations(SILENT.encode()) == []
+
+
+def test_text_of_more_bytes_than_letters_moves_nothing():
+    source = "def f(x):\n    a = 'µµ'; return 'µ', x - 1\n".encode()
+    assert "def f(x):\n    a = 'µµ'; return 'µ', (x)\n".encode() in {
+        m.applied(source) for m in mutations(source)
+    }
+
+
+@pytest.fixture(scope="module")
+def toy(tmp_path_factory):
+    """A repository with one module and two files of tests, of which one has a test that always fails."""
+    root = tmp_path_factory.mktemp("toy")
+    files = {
+        "src/gaugeblock/__init__.py": "",
+        "src/gaugeblock/testing/plugin.py": "",
+        "validate/__init__.py": "",
+        "validate/spread.py": "def spread(x, n):\n    return sum(v * v for v in x) / (n - 1)\n\n\n"
+        "def size(x):\n    return abs(len(x))\n",
+        "validate/other.py": "from gaugeblock.validate.spread import spread\n\n\n"
+        "def twice(x):\n    return 2 * spread(x, 3)\n",
+        "tests/validate/test_spread.py": "from gaugeblock.validate.spread import size, spread\n\n\n"
+        "def test_always_fails():\n    assert spread([1.0, 2.0], 2) < 0\n\n\n"
+        "def test_spread():\n    assert spread([1.0, 2.0], 2) == 5\n\n\n"
+        "def test_size():\n    assert size([1, 2]) == 2\n",
+        "tests/validate/test_other.py": "from gaugeblock.validate.other import twice\n\n\n"
+        "def test_twice():\n    assert twice([1.0, 2.0]) == 5\n",
+        "tests/validate/test_unconcerned.py": "def test_nothing():\n    assert True\n",
+    }
+    for name, text in files.items():
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text(text)
+    (root / "src/gaugeblock/validate").symlink_to("../../validate")
+    git = ["git", "-C", str(root), "-c", "user.name=t", "-c", "user.email=t@example.org"]
+    for command in (["init", "-q"], ["add", "."], ["commit", "-q", "-m", "toy"]):
+        subprocess.run([*git, *command], check=True)
+    return root
+
+
+def mutant(toy, change):
+    """The mutant of spread.py that has this line."""
+    tree = Tree(toy)
+    path = toy / "validate/spread.py"
+    source = path.read_bytes()
+    (found,) = [m for m in mutations(source) if change.encode() in m.applied(source)]
+    return Mutant("validate", "validate/spread.py", found, "", "", tree.looking("gaugeblock.validate.spread"))
+
+
+def test_tests_are_asked_nearest_first(toy):
+    looking = Tree(toy).looking("gaugeblock.validate.spread")
+    assert looking == ("tests/validate/test_spread.py", "tests/validate/test_other.py")
+    assert Tree(toy).looking("gaugeblock.validate.other") == ("tests/validate/test_other.py",)
+
+
+def test_a_mutant_is_noticed_by_a_test_that_passes_without_it(toy):
+    at = bench(toy, committed(toy, "HEAD"))
+    before = (toy / "validate/spread.py").read_text()
+    noticed = at.judged(mutant(toy, "/ ((n))"), 60)
+    assert noticed["outcome"] == "noticed"
+    assert noticed["by"] == "tests/validate/test_spread.py::test_spread"
+    survived = at.judged(mutant(toy, "return (len(x))"), 60)
+    assert survived["outcome"] == "survived"
+    assert survived["passed"] == 3
+    # What was changed is as it was, in the copy, and nothing else was ever touched.
+    assert (at.copy / "validate/spread.py").read_text() == before == (toy / "validate/spread.py").read_text()
+
+
+def test_time_that_is_up_is_no_answer(toy):
+    at = bench(toy, committed(toy, "HEAD"))
+    endless = at.copy / "tests" / "test_endless.py"
+    endless.write_text("def test_endless():\n    while True:\n        pass\n")
+    assert at.run(("tests/test_endless.py",), 1.0)["outcome"] == "time was up"
+
+
+def test_tests_that_cannot_begin_notice_nothing(toy):
+    with pytest.raises(InputError, match="cannot begin"):
+        bench(toy, committed(toy, "HEAD")).begins(("tests/test_that_is_not_there.py",), 60)
+
+
+def test_a_run_is_kept_and_goes_on(toy, tmp_path, capsys, monkeypatch):
+    arguments = ["--repository", str(toy), "--out", str(tmp_path), "--seconds", "60"]
+    assert main([*arguments, "--number", "5"]) == 0
+    first = read_groups(tmp_path / "mutants.nc")["first"]
+    assert counts(first)["validate"][0] == len(first["mutant"]) == 1
+    assert sum(counts(first)["validate"][1:]) == 1
+    asked = []
+    judged = type(bench(toy, committed(toy, "HEAD"))).judged
+    monkeypatch.setattr(
+        "studies.mutants.bench.Bench.judged", lambda self, *given: asked.append(1) or judged(self, *given)
+    )
+    assert main([*arguments, "--number", "10"]) == 0
+    longer = read_groups(tmp_path / "mutants.nc")["first"]
+    assert longer["change"].values.tolist()[:1] == first["change"].values.tolist()
+    assert len(asked) == 1 == len(longer["mutant"]) - 1
+    assert main([*arguments, "--number", "10", "--so-far", "--draw", "second"]) == 0
+    groups = read_groups(tmp_path / "mutants.nc")
+    assert groups["second"].sizes["mutant"] == 0
+    assert groups["first"].identical(longer)
+
+
+def test_the_draw_is_of_equally_many_a_room_and_no_line_twice(toy):
+    tree, rooms = Tree(toy), {"a": ("validate",), "b": ("validate",)}
+    made = drawn(tree, 4, "seed", rooms=rooms)
+    assert [m.room for m in made] == ["a", "b"] * 2
+    assert made == drawn(tree, 4, "seed", rooms=rooms)
+    lines = [(m.file, m.mutation.line) for m in drawn(tree, 100, "seed", rooms={"a": ("validate",)})]
+    assert len(lines) == len(set(lines)) == 3
+    assert len({drawn(tree, 1, seed, rooms={"a": ("validate",)})[0] for seed in range(20)}) > 1
+
+
+def test_every_room_is_there_and_every_equivalent_has_a_reason():
+    root = Tree(Path(__file__).resolve().parents[2])
+    for folders in ROOMS.values():
+        assert root.files(*folders)
+    for (file, before, change), reason in equivalents().items():
+        assert before in (root.root / file).read_text(), f"{file}: there is no line {before}"
+        assert " -> " in change
+        assert reason

@@ -1,0 +1,47 @@
+"""A machine that gives no more: one line of its own, exit 2, and nothing half-written left behind."""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+LIMITED = """
+import resource, sys
+kind, most = getattr(resource, sys.argv.pop(1)), int(sys.argv.pop(1))
+import gaugeblock.cli, gaugeblock.auditing.audit, gaugeblock.validate, netCDF4, scipy.stats
+resource.setrlimit(kind, (most, most))
+sys.argv[0] = "gaugeblock"
+gaugeblock.cli.main()
+"""
+WORDS = ["--simulator", "linear_gaussian", "--set", "estimator.name=exact", "--quiet"]
+
+
+def limited(out: Path, kind: str, most: int, *words: str) -> subprocess.CompletedProcess[str]:
+    program = [sys.executable, "-c", LIMITED, kind, str(most), "audit", "--out", str(out), *WORDS, *words]
+    return subprocess.run(program, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.attack(
+    "a limit on the size of files, or a disk that is full", "one line, exit 2, no temporary file"
+)
+@pytest.mark.parametrize("most", [3_000, 60_000])
+def test_files_that_may_not_grow(tmp_path: Path, most: int) -> None:
+    done = limited(tmp_path / "out", "RLIMIT_FSIZE", most, "--set", "trials.number=400")
+    assert done.returncode == 2, done
+    assert done.stderr.startswith("gaugeblock: cannot write "), done.stderr
+    assert done.stderr.count("\n") == 1
+    assert [path.name for path in (tmp_path / "out").rglob(".*.nc")] == []
+
+
+@pytest.mark.attack("memory that runs short", "one line, exit 2")
+def test_memory_that_runs_short(tmp_path: Path) -> None:
+    held = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    words = ("--set", "trials.draws=400000", "--set", "trials.number=4000", "--set", "trials.block=4000")
+    done = limited(tmp_path / "out", "RLIMIT_AS", held + 2 * 10**9, *words)
+    assert done.returncode == 2, done
+    assert done.stderr.count("\n") == 1
+    assert "memory ran short" in done.stderr

@@ -1,0 +1,41 @@
+"""Views of a family, how much each counts, and where distances are taken."""
+
+import numpy as np
+import pytest
+
+from gaugeblock.validate.observation import Sets
+from gaugeblock.validate.observation.coordinates import Coordinates
+from gaugeblock.validate.observation.ranking import p_values_against
+from gaugeblock.validate.observation.views import Views
+
+
+def data(n, rng):
+    """Two numbers that vary much, seen in sixty noisy readings."""
+    return np.repeat(3.0 * rng.standard_normal((n, 2)), 30, axis=1) + rng.standard_normal((n, 60))
+
+
+@pytest.fixture(scope="module")
+def views():
+    rng = np.random.default_rng(1)
+    own = {"first": lambda x: x[:, 0], "last": lambda x: x[:, -1]}
+    return Views.learned(
+        Sets(data(1500, rng)), Coordinates.of((60,)), rng, summaries=lambda x: x[:, [0, 59]], own=own
+    )
+
+
+def test_families_count_alike_and_functions_of_ones_own_as_one(views):
+    weights = dict(zip(views.names, views.weights, strict=True))
+    assert sum(weights.values()) == pytest.approx(3.0)
+    assert weights["summaries: distance"] == pytest.approx(2 * weights["summaries: neighbours"])
+    assert weights["largest"] == pytest.approx(3 * weights["runs"])
+    assert weights["first"] == weights["last"] == pytest.approx(0.5)
+    assert sum(v for k, v in weights.items() if ":" not in k) == pytest.approx(2.0)
+
+
+def test_distances_are_taken_where_data_sets_vary_more_than_noise_does(views):
+    """A shift of both numbers by two sd: a test of two normal numbers sees 72%, one of six 51%."""
+    rng = np.random.default_rng(2)
+    reference, planted = views(Sets(data(999, rng))).scores, views(Sets(data(400, rng) + 6.0)).scores
+    for way in ("neighbours", "kernel"):
+        at = [views.names.index(way)]
+        assert np.mean(p_values_against(reference[:, at], planted[:, at]) <= 0.05) > 0.6
