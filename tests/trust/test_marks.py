@@ -14,7 +14,7 @@ import pytest
 import xarray as xr
 
 from gaugeblock.auditing.collect import PARTS, collect, collect_part
-from gaugeblock.auditing.marks import key_name, key_path
+from gaugeblock.auditing.marks import _key, key_name, key_path
 from gaugeblock.auditing.samples import Plan
 from gaugeblock.auditing.workplace import discard, private_folder
 from gaugeblock.core.errors import InputError
@@ -185,21 +185,43 @@ def test_the_work_folder_is_private(own: Path, tmp_path: Path) -> None:
     assert (work.parent / PARTS).exists()
 
 
-def test_a_folder_of_somebody_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.attack("a work folder, or a key, that belongs to another user, and an audit as root",
+                    "refused, exit 2, nothing in it touched")  # fmt: skip
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder to somebody else")
+def test_what_belongs_to_another_user(own: Path, tmp_path: Path) -> None:
+    work = filled(tmp_path / "out")
+    for folder in (work.parent, work):
+        before = {path: path.read_bytes() for path in work.iterdir()}
+        os.chown(folder, 65534, 65534)
+        with pytest.raises(InputError, match=rf"{folder}: .*it belongs to another user") as caught:
+            collected(work.parent)
+        assert "\n" not in str(caught.value)
+        assert {path: path.read_bytes() for path in work.iterdir()} == before
+        os.chown(folder, 0, 0)
+    collected(work.parent)
+    _key.cache_clear()
+    os.chown(own, 65534, 65534)
+    with pytest.raises(InputError, match="is no key that its owner alone can read"):
+        collected(tmp_path / "other")
+    _key.cache_clear()
+
+
+def test_a_private_folder_is_ones_own_and_no_link(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "open").mkdir(mode=0o755)
+    assert stat.S_IMODE(private_folder(tmp_path / "open").stat().st_mode) == 0o700
+    (tmp_path / "link").symlink_to(tmp_path / "open")
+    with pytest.raises(InputError, match="cannot be made private to you"):
+        private_folder(tmp_path / "link")
+
     def refuse(handle: int, mode: int) -> None:
         raise PermissionError(1, "Operation not permitted")
 
+    # Where the file system knows no permissions.
     monkeypatch.setattr(os, "fchmod", refuse)
-    # One's own, where the file system knows no permissions.
     assert private_folder(tmp_path / "own").is_dir()
     monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
     with pytest.raises(InputError, match="cannot be made private to you"):
         private_folder(tmp_path / "own")
-    (tmp_path / "link").symlink_to(tmp_path / "own")
-    monkeypatch.undo()
-    with pytest.raises(InputError, match="cannot be made private to you"):
-        private_folder(tmp_path / "link")
-    assert stat.S_IMODE(private_folder(tmp_path / "own").stat().st_mode) == 0o700
 
 
 def test_what_a_kill_leaves_is_removed(tmp_path: Path) -> None:

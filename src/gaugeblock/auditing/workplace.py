@@ -6,7 +6,7 @@ import errno
 import os
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from gaugeblock.core.atomic import made_folder
@@ -52,11 +52,12 @@ def private_folder(path: Path) -> Path:
         path.mkdir(mode=0o700, exist_ok=True)
         handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
         try:
-            os.fchmod(handle, 0o700)
-        except OSError:
-            # Some file systems know no permissions; of somebody else's folder they say no.
+            # Root could make it private, but not its owner forget what lies in it.
             if os.fstat(handle).st_uid != os.geteuid():
-                raise
+                raise PermissionError(errno.EPERM, "it belongs to another user")
+            # Some file systems know no permissions.
+            with suppress(OSError):
+                os.fchmod(handle, 0o700)
         finally:
             os.close(handle)
     except OSError as error:
