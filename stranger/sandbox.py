@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import secrets
 import shutil
@@ -24,6 +25,9 @@ USERS = (1 << 30, 1 << 29)
 SYSTEM = ("/bin", "/sbin", "/lib", "/lib32", "/lib64", "/libx32")
 # Where to look up shared libraries; nothing that says whose machine it is.
 CONFIGURATION = ("/etc/ld.so.cache", "/etc/alternatives")
+# What it may write to; and what puts up a second wall around it (Landlock), shown at its place.
+PRIVATE = ("/dev/shm", "/tmp")
+LANDLOCK, LANDLOCK_PLACE = Path(__file__).resolve().parent / "child" / "landlock.py", "/stranger/landlock.py"
 STANDARD_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 
 
@@ -32,13 +36,15 @@ class Sandbox:
     """How to run a program where it can do no harm; `made` by `working_sandbox`, which has tried it.
 
     `user` is the unprivileged user that a privileged caller becomes inside; None where an unprivileged caller
-    has a namespace of users.
+    has a namespace of users. `python` is the system's, which puts up Landlock; None where one of the two is
+    missing. Never the stranger's own: that one could leave it out.
     """
 
     bwrap: str
     prlimit: str
     setpriv: str
     user: int | None
+    python: str | None = None
 
     def words(
         self,
@@ -53,10 +59,11 @@ class Sandbox:
         All of it is read-only but a private /tmp.
         """
         configuration = {name: Path(name) for name in CONFIGURATION if Path(name).exists()}
-        bound = {"/usr": Path("/usr"), **configuration, **show}
+        launcher = {} if self.python is None else {LANDLOCK_PLACE: LANDLOCK}
+        bound = {"/usr": Path("/usr"), **launcher, **configuration, **show}
         words = [self.bwrap, *self._namespaces(), "--die-with-parent", "--new-session", "--clearenv"]
         words += ["--hostname", "stranger", "--proc", "/proc", "--dev", "/dev"]
-        for folder in ("/dev/shm", "/tmp"):
+        for folder in PRIVATE:
             words += ["--perms", "1777", "--size", str(limits.file_bytes), "--tmpfs", folder]
         for place in _parents(bound):
             words += ["--perms", "0755", "--dir", place]
@@ -67,7 +74,16 @@ class Sandbox:
         for name, value in environment.items():
             words += ["--setenv", name, value]
         words += ["--chdir", "/tmp", "--remount-ro", "/dev", "--remount-ro", "/", "--"]
-        return [*words, *self._unprivileged(), *limits.command(self.prlimit), *program]
+        held = [*self._unprivileged(), *limits.command(self.prlimit), *self._landlock(bound)]
+        return [*words, *held, *program]
+
+    def _landlock(self, bound: Iterable[str]) -> list[str]:
+        """What runs a program behind a second wall, with the rights that the mounts give it."""
+        if self.python is None:
+            return []
+        folders = [*(name for name in SYSTEM if Path(name).is_dir()), str(Path(LANDLOCK_PLACE).parent)]
+        rights = {"run": [*folders, *bound], "read": ["/proc"], "use": ["/dev"], "write": PRIVATE}
+        return [self.python, "-I", "-S", "-B", LANDLOCK_PLACE, json.dumps(rights)]
 
     def _namespaces(self) -> list[str]:
         if self.user is None:
@@ -89,7 +105,13 @@ class Sandbox:
         said = subprocess.run([self.bwrap, "--version"], capture_output=True, text=True, check=False)
         way = "namespace of users" if self.user is None else "unprivileged user of its own"
         calls = "filtered" if seccomp_filter() else "not filtered on this processor"
-        return {"program": said.stdout.strip(), "privileges": way, "system_calls": calls}
+        landlock = "not in force here" if self.python is None else "in force"
+        return {
+            "program": said.stdout.strip(),
+            "privileges": way,
+            "system_calls": calls,
+            "landlock": landlock,
+        }
 
     def works(self) -> str:
         """Empty if a program runs in it; else why not."""
@@ -135,7 +157,8 @@ def working_sandbox() -> Sandbox:
             "no sandbox for a stranger's estimator: bubblewrap does not work here "
             f"({' '.join(why.split())}); {INSTALL}"
         )
-    return sandbox
+    behind = replace(sandbox, python=shutil.which("python3", path=STANDARD_PATH))
+    return sandbox if behind.works() else behind
 
 
 def _system(path: Path) -> list[str]:

@@ -59,7 +59,8 @@ def test_it_sees_no_variable_of_ours(seen: Any, monkeypatch: pytest.MonkeyPatch)
 
 def test_it_sees_a_made_up_user_and_no_home(seen: Any, tmp_path: Path) -> None:
     assert seen("return open('/etc/passwd').read().split(':')[0]") == "stranger"
-    assert seen("return sorted(os.listdir('/etc'))")[-1] == "passwd"
+    names = ["hosts", "hostname", "machine-id", "resolv.conf", "shadow", "ssl"]
+    assert seen(f"return [n for n in {names} if os.path.exists('/etc/' + n)]") == ["hosts"]
     assert not seen(f"return os.path.exists({str(tmp_path / 'theirs.py')!r})")
     assert seen("return os.getuid()") not in (0, os.getuid())
     assert seen("return [l.split()[1] for l in open('/proc/self/status') if l.startswith('CapEff')]") == [
