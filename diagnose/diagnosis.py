@@ -17,6 +17,7 @@ from gaugeblock.diagnosis.cases import DRAWS, TRIALS, Cases
 from gaugeblock.diagnosis.causes import CAUSES, Cause, causes
 from gaugeblock.diagnosis.library.calls import Called, Sample
 from gaugeblock.diagnosis.library.symptoms import SYMPTOMS, Fit
+from gaugeblock.diagnosis.model_odds import model_odds, of_models
 from gaugeblock.diagnosis.repair import Repair, plain_repair, weighted
 from gaugeblock.diagnosis.workflow import Found, locate_and_name
 from gaugeblock.validate.learned.informed.data import data_of
@@ -129,6 +130,8 @@ def _diagnosed(
     if len(prepared.trial) < LEAST_TRIALS:
         known = f"{len(prepared.trial)} trials with finite draws"
         return Diagnosis(named=None, text=f"{known} do not say what is wrong: {LEAST_TRIALS} are needed.")
+    if of_models(prepared):
+        return Diagnosis(**model_odds(prepared))
     failed = {gate.id.partition(".")[0] for gate in verdict.gates if gate.outcome is Outcome.FAIL}
     cases = cases_of(prepared)
     again = None if sample is None else _again(prepared, cases, sample, seed)

@@ -30,7 +30,8 @@ def of_the_data(verdict: Verdict) -> str:
     Calibration alone is no answer: the prior is calibrated. Empty where the gate did not PASS or was not run.
     """
     if any(item.without_data for item in verdict.not_checked):
-        return "Calibrated; whether it uses the data could not be checked: the trials hold none."
+        head = "Whether" if verdict.outcome is Outcome.FAIL else "Calibrated; whether"
+        return f"{head} it uses the data could not be checked: the trials hold none."
     said = [gate.message for gate in verdict.gates if gate.id == DATA and gate.outcome is Outcome.PASS]
     return f"On the data: {said[0]}." if said else ""
 

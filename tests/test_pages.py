@@ -27,6 +27,8 @@ SAID = {
     "fault": "abs(mended.draws.mean()) < 0.05 and len(lost_sign(mended)) == 0",
     "gate": "Path('model.py').exists()",
     "ltu-ili": "result.trials.sizes['draw'] == 60 and result.outcome != 'FAIL' and callable(draw)",
+    "models": "result.outcome == 'PASS' and blocked.outcome == 'FAIL' and 'too flat' in "
+    "blocked.verdict.diagnosis['text'] and '0.851 of 2,000' in blocked['models.reliability[wide]'].message",
     "one-observation": "answer.outcome == 'FAIL' and answer.p_value == 0.001",
     "pymc": "result.trials.sizes['draw'] == 200 and result.outcome != 'FAIL'",
     "read-a-fail": "result.outcome == 'FAIL' and 'narrow' in cause.text",

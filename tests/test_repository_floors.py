@@ -63,7 +63,7 @@ INSIDE = {
     ),
     "auditing": (
         ("samples", "identity", "provenance", "baseline", "compare", "explain", "watch", "trials_from"),
-        ("attest", "audit", "discovering", "verify"),
+        ("attest", "audit", "model_choice", "discovering", "verify"),
     ),
 }
 """In every room: what lies below the rest of it, and what lies above."""

@@ -24,6 +24,7 @@ AXES: dict[str, tuple[str, ...]] = {
     "draws": ("trial", "draw", "parameter"),
     **dict.fromkeys(PER_DRAW, ("trial", "draw")),
     **dict.fromkeys((*PER_TRIAL, *EVIDENCE), ("trial",)),
+    "model_probability": ("trial", "model"),
 }
 
 

@@ -196,6 +196,19 @@ def _normalisation(item: Judgeable, bound: Bounds, shown: list[int], level: str)
     )
 
 
+def _models(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> str:
+    said = []
+    details = item.finding.details
+    for index in shown[:NAMED]:
+        name, _, stated = item.finding.components[index].rpartition(SEPARATOR)
+        gap, share = float(item.finding.estimate[index]), float(details["happened"].values[index])
+        said.append(
+            f"{name}: given {stated}, true in {share:.3f} of {int(details['number'].values[index]):,} trials "
+            f"(gap {gap:+.3f}, {level} {_range(bound, index, '{:+.3f}'.format)}; tolerated {item.high:g})"
+        )
+    return "; ".join(said)
+
+
 def _ess(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> str:
     index = shown[0]
     return (
@@ -244,6 +257,7 @@ _DETECTABLE: dict[str, Callable[[float], str]] = {
     "joint": lambda size: f"a gap of {size:.3f}",
     "local": lambda size: f"a gap of {size:.3f} in a twentieth of the trials",
     "informed": lambda size: f"a gap of {size:.3f}",
+    "models": lambda size: f"a gap of {size:.3f} in one bin",
     "normalisation": lambda size: f"an error of {size:.3f} nat",
     "ess": lambda size: f"an efficiency of {size:.1%}",
 }
@@ -257,6 +271,7 @@ _DESCRIBE: dict[str, Callable[[Judgeable, Bounds, list[int], str], str]] = {
     "joint": _gap,
     "local": _local,
     "informed": _informed,
+    "models": _models,
     "normalisation": _normalisation,
     "ess": _ess,
 }

@@ -24,8 +24,8 @@ class Tolerance(Table):
     """The largest fault that is tolerated, per quantity; for `ess` the least fraction.
 
     bias: half-widths of 68% intervals (of a Gaussian: sd). log_width: natural log of the factor by which
-    central intervals are too wide. coverage, joint, local, tails, informed: probability. normalisation:
-    natural log of a density. outliers: share of draws.
+    central intervals are too wide. coverage, joint, local, tails, informed, models: probability.
+    normalisation: natural log of a density. outliers: share of draws.
     """
 
     bias: Size
@@ -37,6 +37,7 @@ class Tolerance(Table):
     normalisation: Size
     outliers: Gap
     tails: Gap
+    models: Gap
     ess: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
 
 

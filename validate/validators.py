@@ -12,6 +12,7 @@ from gaugeblock.validate.anytime.anytime import WATCHED, anytime
 from gaugeblock.validate.controls.controls import controls
 from gaugeblock.validate.designs.identifiability import identifiability, posterior_sd
 from gaugeblock.validate.evidence.evidence import evidence
+from gaugeblock.validate.evidence.models import models
 from gaugeblock.validate.finding import Finding, NotChecked, SequenceFinding
 from gaugeblock.validate.joint.importance import importance
 from gaugeblock.validate.joint.joint import STATISTICS, joint
@@ -69,6 +70,7 @@ VALIDATORS: Mapping[str, Validator] = {
     "identifiability": Validator(identifiability, (posterior_sd,)),
     "controls": Validator(controls),
     "anytime": Validator(anytime, WATCHED, by_default=False),
+    "models": Validator(models, by_default=False),
 }
 
 

@@ -19,6 +19,7 @@ _PLACES = {
     "auditing.checking": ("check",),
     "auditing.discovering": ("discover",),
     "auditing.estimator_from": ("load",),
+    "auditing.model_choice": ("audit_models",),
     "auditing.planned": ("plan",),
     "auditing.result": ("Audit",),
     "auditing.trials_from": (
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     from gaugeblock.auditing.checking import check as check
     from gaugeblock.auditing.discovering import discover as discover
     from gaugeblock.auditing.estimator_from import load as load
+    from gaugeblock.auditing.model_choice import audit_models as audit_models
     from gaugeblock.auditing.planned import plan as plan
     from gaugeblock.auditing.result import Audit as Audit
     from gaugeblock.auditing.trials_from import to_arviz as to_arviz
