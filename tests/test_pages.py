@@ -27,6 +27,10 @@ SAID = {
     "fault": "abs(mended.draws.mean()) < 0.05 and len(lost_sign(mended)) == 0",
     "gate": "Path('model.py').exists()",
     "ltu-ili": "result.trials.sizes['draw'] == 60 and result.outcome != 'FAIL' and callable(draw)",
+    "mlflow": "passed.outcome == 'PASS' and failed.outcome == 'FAIL' and client.get_model_version_by_alias("
+    "'rate', 'deployed').run_id == sound and client.get_run(narrow).data.tags['gaugeblock.outcome'] == 'FAIL'"
+    " and client.get_run(sound).data.metrics['sbc.bias/rate'] == passed['sbc.bias[rate]'].statistic"
+    " and client.list_artifacts(sound, 'audit')",
     "models": "result.outcome == 'PASS' and blocked.outcome == 'FAIL' and 'too flat' in "
     "blocked.verdict.diagnosis['text'] and '0.851 of 2,000' in blocked['models.reliability[wide]'].message",
     "one-observation": "answer.outcome == 'FAIL' and answer.p_value == 0.001",
