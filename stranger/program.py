@@ -13,6 +13,7 @@ from typing import Any
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.stranger.material import Material
+from gaugeblock.stranger.sandbox import ROOT
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,6 @@ def _home(prefix: Path) -> Path | None:
 
 
 CHILD = Path(__file__).resolve().parent / "child"
-ROOT = "/stranger"
 MODEL, PYTHON = "{model}", "{python}"
 
 
@@ -157,8 +157,8 @@ def python_program(
         source = Path(setting["options"]["source"])
         said["format_options"]["source"] = source.name
         setting["options"]["source"] = places.of(source, "source")
-    server = f"{ROOT}/child" if places.inside else str(CHILD)
-    seen = {f"{ROOT}/child": CHILD, **{str(folder): folder for folder in interpreter.folders}}
+    server = f"{ROOT}/server" if places.inside else str(CHILD)
+    seen = {f"{ROOT}/server": CHILD, **{str(folder): folder for folder in interpreter.folders}}
     words = (str(interpreter.executable), "-I", "-B", f"{server}/serve.py", _json(setting))
     return Program(words=words, show={**places.show, **_outside_the_system(seen)}, said=said)
 

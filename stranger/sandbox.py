@@ -27,7 +27,10 @@ SYSTEM = ("/bin", "/sbin", "/lib", "/lib32", "/lib64", "/libx32")
 CONFIGURATION = ("/etc/ld.so.cache", "/etc/alternatives")
 # What it may write to; and what puts up a second wall around it (Landlock), shown at its place.
 PRIVATE = ("/dev/shm", "/tmp")
-LANDLOCK, LANDLOCK_PLACE = Path(__file__).resolve().parent / "child" / "landlock.py", "/stranger/landlock.py"
+LANDLOCK = Path(__file__).resolve().parent / "child" / "landlock.py"
+# Where a stranger finds itself: names as many machines have them, none of which says what this is.
+ROOT, HOST = "/srv", "localhost"
+LANDLOCK_PLACE = f"{ROOT}/landlock.py"
 STANDARD_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 
 
@@ -62,7 +65,7 @@ class Sandbox:
         launcher = {} if self.python is None else {LANDLOCK_PLACE: LANDLOCK}
         bound = {"/usr": Path("/usr"), **launcher, **configuration, **show}
         words = [self.bwrap, *self._namespaces(), "--die-with-parent", "--new-session", "--clearenv"]
-        words += ["--hostname", "stranger", "--proc", "/proc", "--dev", "/dev"]
+        words += ["--hostname", HOST, "--proc", "/proc", "--dev", "/dev"]
         for folder in PRIVATE:
             words += ["--perms", "1777", "--size", str(limits.file_bytes), "--tmpfs", folder]
         for place in _parents(bound):
@@ -81,7 +84,7 @@ class Sandbox:
         """What runs a program behind a second wall, with the rights that the mounts give it."""
         if self.python is None:
             return []
-        folders = [*(name for name in SYSTEM if Path(name).is_dir()), str(Path(LANDLOCK_PLACE).parent)]
+        folders = [*(name for name in SYSTEM if Path(name).is_dir()), ROOT]
         rights = {"run": [*folders, *bound], "read": ["/proc"], "use": ["/dev"], "write": PRIVATE}
         return [self.python, "-I", "-S", "-B", LANDLOCK_PLACE, json.dumps(rights)]
 

@@ -29,7 +29,7 @@ from gaugeblock.stranger.program import Places, own_program, python_program
 from gaugeblock.stranger.sandbox import working_sandbox
 from gaugeblock.stranger.wire import plain
 
-NAME = "stranger"
+USER = "user"
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 
 
@@ -43,8 +43,8 @@ def environment(limits: Limits) -> dict[str, str]:
         "PATH": "/usr/local/bin:/usr/bin:/bin",
         "HOME": "/tmp",
         "TMPDIR": "/tmp",
-        "USER": NAME,
-        "LOGNAME": NAME,
+        "USER": USER,
+        "LOGNAME": USER,
         "LANG": "C.UTF-8",
         "TZ": "UTC",
         "JAX_PLATFORMS": "cpu",
@@ -57,8 +57,8 @@ def system_files(material: Material, user: int | None) -> dict[str, Path]:
     """Files of /etc that programs ask for, with nothing of this machine's in them: place -> file."""
     number = 65534 if user is None else user
     texts = {
-        "passwd": f"{NAME}:x:{number}:{number}::/tmp:/bin/sh\n",
-        "group": f"{NAME}:x:{number}:\n",
+        "passwd": f"{USER}:x:{number}:{number}::/tmp:/bin/sh\n",
+        "group": f"{USER}:x:{number}:\n",
         "hosts": "127.0.0.1 localhost\n",
         "nsswitch.conf": "passwd: files\ngroup: files\nhosts: files\n",
     }

@@ -62,7 +62,17 @@ INSIDE = {
         ("html", "write", "terminal"),
     ),
     "auditing": (
-        ("samples", "identity", "provenance", "baseline", "compare", "explain", "watch", "trials_from"),
+        (
+            "asking",
+            "samples",
+            "identity",
+            "provenance",
+            "baseline",
+            "compare",
+            "explain",
+            "watch",
+            "trials_from",
+        ),
         ("attest", "audit", "model_choice", "discovering", "verify"),
     ),
 }

@@ -58,7 +58,7 @@ def test_it_sees_no_variable_of_ours(seen: Any, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_it_sees_a_made_up_user_and_no_home(seen: Any, tmp_path: Path) -> None:
-    assert seen("return open('/etc/passwd').read().split(':')[0]") == "stranger"
+    assert seen("return open('/etc/passwd').read().split(':')[0]") == "user"
     names = ["hosts", "hostname", "machine-id", "resolv.conf", "shadow", "ssl"]
     assert seen(f"return [n for n in {names} if os.path.exists('/etc/' + n)]") == ["hosts"]
     assert not seen(f"return os.path.exists({str(tmp_path / 'theirs.py')!r})")
@@ -83,7 +83,7 @@ def test_it_writes_to_a_private_folder_only(seen: Any, tmp_path: Path) -> None:
         "found = []\n    for name in {}:\n        try: open(name, 'w').close(); found.append(name)\n"
         "        except OSError: pass\n    return found"
     )
-    names = ["/tmp/x", "/x", "/usr/x", "/etc/x", "/dev/x", "/stranger/x", "/stranger/model/theirs.py"]
+    names = ["/tmp/x", "/x", "/usr/x", "/etc/x", "/dev/x", "/srv/x", "/srv/model/theirs.py"]
     assert seen(attempt.format([*names, str(tmp_path / "x")])) == ["/tmp/x"]
     assert not (tmp_path / "x").exists()
     assert not Path("/tmp/x").exists()

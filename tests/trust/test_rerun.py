@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -63,6 +64,23 @@ def test_an_honest_audit_is_the_same_again(finished: Path) -> None:
     assert done.exit_code == 0, done.output
     assert "the draws of 2 of 5 blocks" in done.output
     assert "1 in 40%" in done.output
+
+
+THEIRS = """
+import numpy as np
+def sample(x, n, seed):
+    return x[:, None, :] + np.random.default_rng(seed).normal(size=(len(x), n, 2))
+"""
+
+
+def test_a_stranger_is_asked_in_the_same_calls_again(sandbox: Any, tmp_path: Path) -> None:
+    (tmp_path / "theirs.py").write_text(THEIRS)
+    theirs = {"name": "stranger", "path": str(tmp_path / "theirs.py")}
+    trials = {**TABLE, "block": 20}
+    audit(theirs, SIMULATOR, trials=trials, out=tmp_path / "out", validators=CHECKS, progress=False)
+    found = verify(tmp_path / "out", share=1.0)
+    assert not found.differences
+    assert "the draws of 3 of 3 blocks" in found.notes[-1]
 
 
 @pytest.mark.attack("draws, data or truths made up, and all else with them", "DIFFERENT by --rerun")

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.auditing.asking import in_calls
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError, blamed
 from gaugeblock.core.streams import Rng, generator
@@ -121,8 +122,15 @@ class MainTrials:
         Those of a stranger are asked for after all draws (`phases`).
         """
         rng, density = self.rng(purpose, trials), None
+
+        def sample(rows: NDArray[np.intp]) -> Array:
+            shape = (len(rows), n, self.simulator.prior.size)
+            return checked(self.estimator.sample(x[rows], n, rng), shape)
+
         with blamed("the estimator", trials):
-            if untrusted(self.estimator) or not has_density(self.estimator):
+            if untrusted(self.estimator):
+                return in_calls(sample, len(trials), self.rng(f"{purpose} calls", trials)), None
+            if not has_density(self.estimator):
                 sampled = self.estimator.sample(x, n, rng)
             else:
                 sampled, answered = sample_and_log_prob(self.estimator, x, n, rng)

@@ -140,7 +140,7 @@ NEVER = {
 SPEECH = {
     "closes its output": "os.close(1)",
     "ends in the middle of a length": "target.write(bytes(2)); target.flush()",
-    "ends in the middle of an answer": "introduce(); request(); draws(); block(npy()[:900], len(npy()))",
+    "ends in the middle of an answer": "introduce(); request(); draws(); block(npy()[:200], len(npy()))",
     "dribbles": """
         target.write(bytes([0, 0, 9, 9]))
         while True: target.write(b" "); target.flush(); time.sleep(0.2)

@@ -52,10 +52,12 @@ def test_one_that_is_told_the_seed_has_it_but_none_can_know_it(
     attack: Callable[..., Any], place: Any
 ) -> None:
     known = TrialsTable().seed
-    told = attack(REPLAY.format(seed=known), "--seed", str(known), validator="sbc", number=20)
+    # Of calls of one trial each it knows which those are.
+    one = ("--set", "trials.block=1")
+    told = attack(REPLAY.format(seed=known), "--seed", str(known), *one, validator="sbc", number=20)
     assert furthest(place) < 0.01
     assert told.code == 3, told
-    done = attack(REPLAY.format(seed=known), validator="sbc", number=20)
+    done = attack(REPLAY.format(seed=known), *one, validator="sbc", number=20)
     assert furthest(place) > 1
     assert done.code == 1, done
 
@@ -83,7 +85,7 @@ def test_the_audit_computes_with_its_own_numpy(attack: Callable[..., Any]) -> No
             draws = honest(x, n, seed) + 100
             np.mean = np.median = np.sort = np.argsort = np.searchsorted = Liar()
             np.isfinite = np.isnan = lambda *a, **k: True
-            builtins.sum = builtins.min = builtins.max = lambda *a, **k: 0
+            builtins.sum = builtins.max = lambda *a, **k: 0
             return draws
         """,
         validator="sbc",
@@ -96,7 +98,7 @@ def test_the_audit_computes_with_its_own_numpy(attack: Callable[..., Any]) -> No
 REMEMBER = """
 import glob, hashlib, shutil
 drawn = set()
-PLACES = ["/tmp", "/dev/shm", "/var/tmp", os.getcwd(), os.path.dirname(__file__), "/stranger", "/run",
+PLACES = ["/tmp", "/dev/shm", "/var/tmp", os.getcwd(), os.path.dirname(__file__), "/srv", "/run",
           os.path.expanduser("~"), *sys.path]
 
 def keep():
@@ -107,7 +109,7 @@ def keep():
             pass
     for name in list(os.environ):
         os.environ["DRAWN_" + name[:9]] = str(len(drawn))
-    for path in (__file__, "/stranger/child/serve.py"):
+    for path in (__file__, "/srv/server/serve.py"):
         try:
             with open(path, "a") as file:
                 file.write("# drawn")
@@ -119,9 +121,12 @@ def keep():
         listener.listen()
         if os.fork() == 0:
             os.setsid()
-            while True:
-                made, _ = listener.accept()
-                made.send(b"drawn")
+            try:
+                while True:
+                    made, _ = listener.accept()
+                    made.send(b"drawn")
+            finally:
+                os._exit(0)
     except OSError:
         pass
 
@@ -180,9 +185,8 @@ def test_no_request_holds_more_than_it_needs(attack: Callable[..., Any], purpose
         def log_prob(theta, x):
             tell()
         """,
-        "--set",
-        "trials.importance_number=0",
+        *("--set", "trials.importance_number=0", "--set", "trials.block=1"),
     )
     # Ten draws and, somewhere among them, the truth.
-    expected = {"sample": "RuntimeError: x(10, 3)\n", "log_prob": "RuntimeError: theta(10, 11, 2) x(10, 3)\n"}
+    expected = {"sample": "RuntimeError: x(1, 3)\n", "log_prob": "RuntimeError: theta(1, 11, 2) x(1, 3)\n"}
     assert done.reason.endswith(expected[purpose])

@@ -61,7 +61,7 @@ def sample(x, n, seed):
         got.append(path)
     # The users that are known are made up.
     users = content("/etc/passwd").decode()
-    if users.count("\\n") != 1 or not users.startswith("stranger:"):
+    if users.count("\\n") != 1 or not users.startswith("user:"):
         got.append(users)
     # What belongs to it is there: its own file, alone.
     if len(os.listdir(os.path.dirname(__file__))) != 1:
@@ -168,7 +168,7 @@ def sample(x, n, seed):
 
 def test_nothing_outside_can_be_written(attack: Callable[..., Any], place: Any) -> None:
     places = [str(place.canary), str(place.out), os.getcwd(), str(Path.home()), "/usr/lib", "/usr/local/lib",
-              "/etc/passwd", "/etc", "/", "/dev", "/stranger", "/stranger/child/serve.py", "/stranger/model",
+              "/etc/passwd", "/etc", "/", "/dev", "/srv", "/srv/server/serve.py", "/srv/model",
               "/proc/sys/kernel/core_pattern", "/proc/sysrq-trigger", "/lib",
               "/var/tmp", "/run"]  # fmt: skip
     # What lies in /tmp itself it may make anew, in a /tmp of its own.
