@@ -5,7 +5,10 @@ import importlib
 import re
 import shlex
 import textwrap
+import threading
 from fnmatch import fnmatch
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import numpy as np
@@ -167,3 +170,24 @@ def test_the_page_on_faults_shows_what_audits_say():
         assert f"(figures/fault-{name}.svg)" in text
         assert f"\n| {name.replace('_', ' ')} | " in text
         assert (ROOT / "docs" / "figures" / f"fault-{name}.svg").stat().st_size < 10_000
+
+
+@pytest.mark.usefixtures("makers")
+def test_links_that_lead_nowhere_are_said(tmp_path):
+    import links
+
+    (tmp_path / "there.txt").write_text("here")
+    handler = partial(SimpleHTTPRequestHandler, directory=str(tmp_path))
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        at = f"http://127.0.0.1:{server.server_address[1]}"
+        page = tmp_path / "page.md"
+        page.write_text(f"[a]({at}/there.txt#part), [b]({at}/gone) and <{at}/there.txt>; [c](own.md)")
+        found = links.links([page])
+        assert found == {f"{at}/there.txt": ["page.md"], f"{at}/gone": ["page.md"]}
+        assert links.report(found).splitlines() == [
+            f"{at}/gone: 404 File not found (in page.md)",
+            "2 links, 1 of them lead nowhere",
+        ]
+        server.shutdown()
+    assert "2 links, none checked" in links.report(found)
