@@ -12,8 +12,7 @@ import pytest
 
 from gaugeblock.cli.commands import _interrupted
 from gaugeblock.core.atomic import atomic_path
-from gaugeblock.core.errors import GaugeblockError
-from gaugeblock.core.interrupts import interrupt, uninterrupted
+from gaugeblock.core.interrupts import Interrupted, interrupt, uninterrupted
 
 
 @pytest.fixture(autouse=True)
@@ -28,13 +27,13 @@ def send() -> None:
 
 
 def test_an_interrupt_ends_what_is_not_guarded() -> None:
-    with pytest.raises(GaugeblockError, match="interrupted; the same command run again"):
+    with pytest.raises(Interrupted, match="interrupted; the same command run again"):
         send()
 
 
 def test_a_file_that_is_being_written_is_written_whole(tmp_path: Path) -> None:
     reached = []
-    with pytest.raises(GaugeblockError, match="interrupted"):  # noqa: PT012 - where it is raised is the point
+    with pytest.raises(Interrupted, match="interrupted"):  # noqa: PT012 - where it is raised is the point
         with uninterrupted(), atomic_path(tmp_path / "block") as path:
             send()
             send()
@@ -52,7 +51,7 @@ def test_another_error_goes_first_and_the_interrupt_is_not_lost() -> None:
     with pytest.raises(ValueError, match="full"), uninterrupted():  # noqa: PT012
         send()
         raise ValueError("full")
-    with pytest.raises(GaugeblockError, match="interrupted"), uninterrupted():
+    with pytest.raises(Interrupted, match="interrupted"), uninterrupted():
         pass
 
 
@@ -67,7 +66,7 @@ def test_what_other_threads_write_holds_up_nothing() -> None:
     thread = threading.Thread(target=write)
     thread.start()
     inside.wait(10)
-    with pytest.raises(GaugeblockError, match="interrupted"):
+    with pytest.raises(Interrupted, match="interrupted"):
         interrupt()
     end.set()
     thread.join()

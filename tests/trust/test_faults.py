@@ -37,6 +37,34 @@ def test_files_that_may_not_grow(tmp_path: Path, most: int) -> None:
     assert [path.name for path in (tmp_path / "out").rglob(".*.nc")] == []
 
 
+INTERRUPTED = """
+import os, signal, sys
+from pathlib import Path
+from gaugeblock.cli.commands import run
+from gaugeblock.core.errors import blamed
+from gaugeblock.simulators.xray.files import load
+
+def stop(path):
+    os.kill(os.getpid(), signal.SIGINT)
+
+def simulate():
+    with blamed("the simulator", "trial 3"):
+        stop(None)
+
+run(simulate if sys.argv[1] == "simulator" else lambda: load("RMF", Path(__file__), stop))
+"""
+
+
+@pytest.mark.attack("an interrupt while a file is read, or while a simulator runs", "said to be one, exit 2")
+@pytest.mark.parametrize("during", ["file", "simulator"])
+def test_an_interrupt_is_not_a_fault_of_what_ran(tmp_path: Path, during: str) -> None:
+    (tmp_path / "interrupted.py").write_text(INTERRUPTED)
+    command = [sys.executable, str(tmp_path / "interrupted.py"), during]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr == "gaugeblock: interrupted; the same command run again goes on where it stopped\n"
+
+
 @pytest.mark.attack("memory that runs short", "one line, exit 2")
 def test_memory_that_runs_short(tmp_path: Path) -> None:
     held = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()

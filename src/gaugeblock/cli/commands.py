@@ -56,7 +56,7 @@ from gaugeblock.cli.verify import EXIT_CODES as VERIFY_EXIT_CODES
 from gaugeblock.cli.verify import verify
 from gaugeblock.cli.voice import Commands, detail, hand_over, loud, refused, say, tell
 from gaugeblock.core.errors import GaugeblockError, one_line, printable
-from gaugeblock.core.interrupts import interrupt
+from gaugeblock.core.interrupts import Interrupted, interrupt
 
 if TYPE_CHECKING:
     from gaugeblock.auditing.result import Audit
@@ -348,7 +348,7 @@ def run(commands: Callable[[], object]) -> None:
     signal.signal(signal.SIGINT, _interrupted)
     try:
         commands()
-    except GaugeblockError as error:
+    except (GaugeblockError, Interrupted) as error:
         _fail(error, str(error))
     except MemoryError as error:
         _fail(error, "memory ran short; fewer trials a block (trials.block) or fewer draws take less")
@@ -357,11 +357,10 @@ def run(commands: Callable[[], object]) -> None:
 
 
 def _interrupted(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001
-    # Not KeyboardInterrupt: some versions of the parser turn that into exit code 1, which means FAIL.
     interrupt()
 
 
-def _fail(error: Exception, line: str) -> None:
+def _fail(error: BaseException, line: str) -> None:
     if "--debug" in sys.argv:
         typer.echo(printable("".join(traceback.format_exception(error))), nl=False, err=True)
     # There may be words in it of whoever wrote what is audited.

@@ -6,7 +6,12 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from gaugeblock.core.errors import GaugeblockError
+
+class Interrupted(BaseException):
+    """Ctrl-C: no error of whatever ran just then, so that nobody who catches those takes it for one.
+
+    Not KeyboardInterrupt: some versions of the parser turn that into exit code 1, which means FAIL.
+    """
 
 
 class _State(threading.local):
@@ -24,13 +29,13 @@ def interrupt() -> None:
 
     Raises
     ------
-    GaugeblockError
+    Interrupted
         Which says how to go on.
     """
     if _STATE.depth:
         _STATE.waiting = True
         return
-    raise GaugeblockError("interrupted; the same command run again goes on where it stopped")
+    raise Interrupted("interrupted; the same command run again goes on where it stopped")
 
 
 @contextmanager
@@ -39,7 +44,7 @@ def uninterrupted() -> Iterator[None]:
 
     Raises
     ------
-    GaugeblockError
+    Interrupted
         At the end of the outermost block, if there was an interrupt and nothing else was raised.
     """
     _STATE.depth += 1
