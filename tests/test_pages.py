@@ -33,6 +33,7 @@ SAID = {
     " and client.list_artifacts(sound, 'audit')",
     "models": "result.outcome == 'PASS' and blocked.outcome == 'FAIL' and 'too flat' in "
     "blocked.verdict.diagnosis['text'] and '0.851 of 2,000' in blocked['models.reliability[wide]'].message",
+    "nautilus": "result.trials.sizes['draw'] == 200 and result.outcome != 'FAIL'",
     "one-observation": "answer.outcome == 'FAIL' and answer.p_value == 0.001",
     "pymc": "result.trials.sizes['draw'] == 200 and result.outcome != 'FAIL'",
     "read-a-fail": "result.outcome == 'FAIL' and 'narrow' in cause.text",
