@@ -188,27 +188,6 @@ def test_late_duplicates_change_nothing(dask: Executor, alone: xr.DataTree, tmp_
             xr.testing.assert_identical(tree.result(), alone)
 
 
-class Hungry(Exact):
-    """Fills the disk of its process: no file of it may grow any more."""
-
-    def sample(self, x: Any, n: int, rng: Any) -> Any:
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
-        return super().sample(x, n, rng)
-
-
-def test_a_full_disk_is_one_line(cluster: Any, dask: Executor, tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed")
-    with pytest.raises(InputError, match=r"cannot write \S+/trials-\d+.nc: .*disk may be full"):
-        collected(tmp_path, Hungry(SIMULATOR), executor=dask)
-    # Another worker may be in the middle of a file that has no name yet.
-    assert not list(tmp_path.glob("*/[!.]*.nc"))
-    with distributed.Client(cluster, set_as_default=False) as client:
-        # What was handed out and is still waiting would fill the disk again.
-        client.restart()
-
-
 def test_what_an_estimator_does_wrong_is_said_of_its_trials(dask: Executor, tmp_path: Path) -> None:
     class Wrong(Exact):
         def sample(self, x: Any, n: int, rng: Any) -> Any:
@@ -312,3 +291,21 @@ def test_an_estimator_nobody_vouches_for_answers_one_process(tmp_path: Path) -> 
 
     with ThreadPoolExecutor(1) as threads, pytest.raises(InputError, match="answers one process alone"):
         gb.audit(Stranger(SIMULATOR), SIMULATOR, executor=threads)
+
+
+class Hungry(Exact):
+    """Fills the disk of its process: no file of it may grow any more. Its workers are of no further use."""
+
+    def sample(self, x: Any, n: int, rng: Any) -> Any:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
+        return super().sample(x, n, rng)
+
+
+# The last that asks these workers.
+def test_a_full_disk_is_one_line(dask: Executor, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"cannot write \S+/trials-\d+.nc: .*disk may be full"):
+        collected(tmp_path, Hungry(SIMULATOR), executor=dask)
+    # Another worker may be in the middle of a file that has no name yet.
+    assert not list(tmp_path.glob("*/[!.]*.nc"))
