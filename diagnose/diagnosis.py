@@ -26,6 +26,8 @@ from gaugeblock.validate.verdict import Outcome, Verdict
 
 # Fewer trials than these are not parted in three.
 LEAST_TRIALS = 150
+# Trials whose order of draws is looked at, and draws of each.
+ORDERED, LONGEST = 300, 2000
 # Inputs that foretell the truths best, of more than so many.
 INPUTS = 48
 # What only the density of the draws is judged by.
@@ -138,6 +140,7 @@ def _diagnosed(
     found = locate_and_name(
         cases, seed=seed, failed=bool(failed - set(OF_THE_DENSITY)), again=again,
         own={name: fault.fit for name, fault in own.items()},
+        as_drawn=None if prepared.order.stride == 1 else _as_drawn(prepared, cases),
     )  # fmt: skip
     if found.named is None and not found.structural and failed and failed <= set(OF_THE_DENSITY):
         return _density(verdict)
@@ -166,6 +169,13 @@ def cases_of(prepared: Prepared) -> Cases:
     if not data.values.shape[1]:
         return cases
     return Cases(prepared.parameters, trial, theta, draws, *_foretelling(data.values, data.names, theta))
+
+
+def _as_drawn(prepared: Prepared, cases: Cases) -> Cases:
+    """The first of the cases with their draws as they came, where audits use every so many-th alone."""
+    rows = np.flatnonzero(prepared.unaffected)[:ORDERED]
+    first = prepared.main["draws"].isel(trial=slice(0, int(rows[-1]) + 1)).values[rows, :LONGEST]
+    return cases.taken(slice(ORDERED)).drawn(first.astype(float))
 
 
 def _foretelling(values: Array, names: tuple[str, ...], theta: Array) -> tuple[Array, tuple[str, ...]]:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.core.streams import Rows
+from gaugeblock.core.streams import Rows, generator
 from gaugeblock.diagnosis.cases import Cases, scores_in
 
 # Candidates beside the truth in each trial.
@@ -30,6 +30,8 @@ STRAY = 8.0
 EVERY_PAIR = 12
 # The share of the time that a foretelling is taken to be worth nothing: no trial costs more than its log.
 DOUBT = 0.05
+# Parts of the trials of which each is foretold by those before it.
+PARTS = 4
 # Newton steps of a fit, rounds of its ridges before them, and the change of a coefficient at which it ends.
 NEWTON, EVIDENCE, NEGLIGIBLE = 8, 10, 0.01
 # A coefficient of a column of variance 1 is not expected beyond a few; one that is smaller does not matter.
@@ -127,8 +129,7 @@ def columns(cases: Cases, reference: Reference, seed: int) -> tuple[Array, Kinds
     rng = Rows(seed, "diagnosis candidates", cases.trial)
     n, number, p = cases.draws.shape
     together = np.concatenate([cases.theta[:, None], cases.draws], axis=1)
-    taken = np.argsort(rng.random((n, number)), axis=1)[:, : min(CANDIDATES, number)] + 1
-    taken = np.concatenate([np.zeros((n, 1), dtype=np.int64), taken], axis=1)
+    taken = _taken(rng, n, number)
     ordered, rank = _ranked(together, rng.random((n, number + 1)))
     items = np.take_along_axis(together, taken[..., None], axis=1)
     share = (np.take_along_axis(rank, taken[..., None], axis=1) + 0.5) / (number + 1)
@@ -143,12 +144,13 @@ def columns(cases: Cases, reference: Reference, seed: int) -> tuple[Array, Kinds
     prior_first, prior_second, prior_third, _, _ = _legendre(np.tanh(place / 1.5))
     low, high = reference.range_without(cases.theta)
     outside = (items < low[:, None]) | (items > high[:, None])
+    beyond = _beyond_others(items, cases.draws)
     few = p <= EVERY_PAIR
     parts: list[tuple[str, Any]] = [
         ("shape", np.concatenate([first, second, third, fourth, fifth] if few else [first, second], axis=2)),
         ("tails", np.concatenate([edge, far.any(axis=2, keepdims=True)], axis=2)),
         ("prior", np.concatenate([prior_first, prior_second, prior_third] if few else [prior_first], axis=2)),
-        ("support", outside.any(axis=2, keepdims=True)),
+        ("support", np.stack([outside.any(axis=2), beyond.any(axis=2)], axis=2)),
     ]
     if p > 1 and few:
         one, other = np.triu_indices(p, 1)
@@ -173,11 +175,37 @@ def columns(cases: Cases, reference: Reference, seed: int) -> tuple[Array, Kinds
     return np.concatenate([np.asarray(part, dtype=float) for _, part in parts], axis=2), Kinds(names, kinds)
 
 
+def candidates(cases: Cases, seed: int) -> Array:
+    """The truth and the draws of each trial of which one is to be foretold ``(trial, 1 + candidate, p)``."""
+    n, number, _ = cases.draws.shape
+    taken = _taken(Rows(seed, "diagnosis candidates", cases.trial), n, number)
+    together = np.concatenate([cases.theta[:, None], cases.draws], axis=1)
+    return np.take_along_axis(together, taken[..., None], axis=1)
+
+
+def _taken(rng: Rows, trials: int, draws: int) -> NDArray[np.int64]:
+    """Places of the truth, and of some draws by lot, among both."""
+    lot = np.argsort(rng.random((trials, draws)), axis=1)[:, : min(CANDIDATES, draws)] + 1
+    return np.concatenate([np.zeros((trials, 1), dtype=np.int64), lot], axis=1)
+
+
 def _bright(cases: Cases) -> list[Array]:
     """Of the first input, how large it is, and whether it is among the largest or smallest twentieth."""
     assert cases.x is not None
     known = scores_in(cases.x[:, :1], cases.x[:, :1])[:, None]
     return [np.tanh(known / 1.5), _square(np.tanh(known / 1.5)), known > 1.645, known < -1.645]
+
+
+def _beyond_others(items: Array, draws: Array) -> NDArray[np.bool_]:
+    """Which candidates ``(trial, item, p)`` lie beyond the draws of all other trials."""
+
+    def of_others(each: Array) -> Array:
+        # The largest of all others is the largest of all, but for the trial that it is in.
+        order = np.sort(each, axis=0)
+        return np.asarray(np.where(each == order[-1], order[-2], order[-1]))
+
+    low, high = -of_others(-draws.min(axis=1)), of_others(draws.max(axis=1))
+    return np.asarray((items < low[:, None]) | (items > high[:, None]))
 
 
 def _square(values: Array) -> Array:
@@ -219,11 +247,14 @@ class Tilt:
     weight: Array
     kinds: Kinds
 
-    def gains(self, values: Array) -> Array:
-        """Nats ``(trial,)`` by which the truth, the first candidate, is foretold better than by chance."""
-        chance, _ = _chances(values, self.weight)
-        number = values.shape[1]
-        return np.asarray(np.log((1 - DOUBT) * chance[:, 0] * number + DOUBT))
+    def gains(self, values: Array, log_weight: Array | float = 0.0) -> Array:
+        """Nats ``(trial,)`` by which the truth, the first candidate, is foretold better than by chance.
+
+        Chance is even, or by weights of the candidates ``(trial, candidate)``, given as logs.
+        """
+        chance = _chances(values, self.weight, log_weight)[0][:, 0]
+        even = _chances(values, np.zeros_like(self.weight), log_weight)[0][:, 0]
+        return np.asarray(np.log((1 - DOUBT) * chance / np.maximum(even, np.finfo(float).tiny) + DOUBT))
 
     def by_kind(self, values: Array) -> dict[str, float]:
         """The mean gain of each kind of function by itself."""
@@ -235,8 +266,11 @@ class Tilt:
         }
 
 
-def fit_tilt(values: Array, kinds: Kinds) -> Tilt:
-    """The conditional logit of values ``(trial, candidate, column)``, the truth first."""
+def fit_tilt(values: Array, kinds: Kinds, log_weight: Array | float = 0.0) -> Tilt:
+    """The conditional logit of values ``(trial, candidate, column)``, the truth first.
+
+    Beside what candidates' weights ``(trial, candidate)``, given as logs, say already.
+    """
     n, number, size = values.shape
     centred = values - values.mean(axis=1, keepdims=True)
     scale = np.sqrt(np.einsum("tcf,tcf->f", centred, centred) / (n * number))
@@ -245,7 +279,7 @@ def fit_tilt(values: Array, kinds: Kinds) -> Tilt:
     flat = centred.reshape(n * number, size)
     weight, precision = np.zeros(size), np.full(size, LEAST_PRECISION)
     for step in range(NEWTON):
-        chance, _ = _chances(centred, weight)
+        chance, _ = _chances(centred, weight, log_weight)
         mean = np.einsum("tc,tcf->tf", chance, centred)
         spread = flat.T @ (flat * chance.reshape(-1, 1)) - mean.T @ mean
         gradient = (centred[:, 0] - mean).sum(axis=0)
@@ -254,13 +288,29 @@ def fit_tilt(values: Array, kinds: Kinds) -> Tilt:
             precision = _by_evidence(spread, gradient, kinds)
         along = linalg.solve(spread + np.diag(precision), gradient - precision * weight, assume_a="pos")
         # A whole Newton step may go too far where truth and draws are far apart.
-        before, share = _posterior(centred, weight, precision), 1.0
-        while share > 1e-3 and _posterior(centred, weight + share * along, precision) < before:
+        before, share = _posterior(centred, weight, precision, log_weight), 1.0
+        while share > 1e-3 and _posterior(centred, weight + share * along, precision, log_weight) < before:
             share /= 2
         weight = weight + share * along
         if share * float(np.abs(along).max()) < NEGLIGIBLE:
             break
     return Tilt(weight / scale, kinds)
+
+
+def evidence(cases: Cases, reference: Reference, seed: int) -> float:
+    """Nats by which truths are foretold better than by chance, a part of the trials after the other.
+
+    Each part is foretold by what those before it have taught, so its exponential is an e-value of all trials:
+    where nothing is wrong it exceeds 1 / alpha with chance alpha at most (Ville 1939; Grunwald et al. 2024),
+    of any shape and without standard errors.
+    """
+    values, kinds = columns(cases, reference, seed)
+    parts = np.array_split(generator(seed, "diagnosis evidence").permutation(len(cases)), PARTS)
+    found = 0.0
+    for known in range(1, PARTS):
+        tilt = fit_tilt(values[np.concatenate(parts[:known])], kinds)
+        found += float(tilt.gains(values[parts[known]]).sum())
+    return found
 
 
 def _by_evidence(spread: Array, gradient: Array, kinds: Kinds) -> Array:
@@ -278,14 +328,14 @@ def _by_evidence(spread: Array, gradient: Array, kinds: Kinds) -> Array:
     return precision
 
 
-def _chances(centred: Array, weight: Array) -> tuple[Array, Array]:
+def _chances(centred: Array, weight: Array, log_weight: Array | float = 0.0) -> tuple[Array, Array]:
     """Of each candidate to be the truth ``(trial, candidate)``, and the truth's logs ``(trial,)``."""
-    score = centred @ weight
+    score = centred @ weight + log_weight
     score -= score.max(axis=1, keepdims=True)
     chance = np.exp(score)
     total = chance.sum(axis=1, keepdims=True)
     return chance / total, score[:, 0] - np.log(total[:, 0])
 
 
-def _posterior(centred: Array, weight: Array, precision: Array) -> float:
-    return float(_chances(centred, weight)[1].sum() - (precision * weight**2).sum() / 2)
+def _posterior(centred: Array, weight: Array, precision: Array, log_weight: Array | float) -> float:
+    return float(_chances(centred, weight, log_weight)[1].sum() - (precision * weight**2).sum() / 2)

@@ -30,7 +30,9 @@ class Repair:
     `words` says in half a sentence what the draws look like, `variant` which of a symptom's repairs it is;
     `recovers` is the share of the disagreement that it must take away to be named, 0 where that it makes
     draws better is enough, because it stands for something that draws alone cannot have; `turn` what is done
-    to the data ``(batch, ...)`` first, of a repair that calls the estimator.
+    to the data ``(batch, ...)`` first, of a repair that calls the estimator; `log_weight`, of one that weighs
+    draws, gives from cases and values ``(trial, item, parameter)`` the logs of their weights, so that it is
+    judged without resampling, which few draws do not stand.
     """
 
     symptom: str
@@ -41,6 +43,7 @@ class Repair:
     variant: str = ""
     recovers: float = 0.9
     turn: Callable[[Array], Array] | None = None
+    log_weight: Callable[[Cases, Array], Array] | None = None
 
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -140,6 +143,18 @@ def weighted(cases: Cases, log_weight: Array) -> Cases:
     index = np.searchsorted(flat, (share + np.arange(n)[:, None]).ravel()).reshape(n, number)
     index = np.minimum(index - np.arange(n)[:, None] * number, number - 1)
     return cases.drawn(np.take_along_axis(cases.draws, index[..., None], axis=1))
+
+
+@mends
+def in_steps(cases: Cases, mend: Callable[[Cases], Cases], steps: Sequence[Sequence[float]]) -> Cases:
+    """Draws mended, and those of parameters with few values put at the nearest of them."""
+    mended = mend(cases)
+    draws = np.array(mended.draws)
+    for k, values in enumerate(steps):
+        if len(values):
+            known = np.asarray(values, dtype=float)
+            draws[..., k] = known[np.searchsorted((known[1:] + known[:-1]) / 2, draws[..., k])]
+    return mended.drawn(draws)
 
 
 def listed(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy import special
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.diagnosis.cases import Cases
@@ -10,23 +11,29 @@ from gaugeblock.diagnosis.cases import Cases
 DRAWS = 40
 
 
-def kernel_scores(cases: Cases, unit: Array) -> Array:
+def kernel_scores(cases: Cases, unit: Array, log_weight: Array | None = None) -> Array:
     """Scores ``(trial, parameter)``, less is better: E k(X, y) - E k(X, X') / 2, k = log(1 + |x - y| / unit).
 
     The kernel is conditionally negative definite (a Bernstein function of a distance), so the score is proper
     (Gneiting & Raftery 2007) with whatever tails; `unit` ``(trial, parameter)`` must be the same for all that
-    are compared. Expectations over draws are without bias, whatever their number.
+    are compared. Expectations over draws are without bias, whatever their number, and nearly so of draws with
+    weights ``(trial, draw)``, given as logs.
     """
     number = cases.draws.shape[1]
     step = max(1, number // DRAWS)
     draws = cases.draws[:, ::step][:, :DRAWS] / unit[:, None]
     own = cases.theta / unit
     used = draws.shape[1]
+    share = np.full((len(draws), used, 1), 1 / used)
+    if log_weight is not None:
+        share = special.softmax(log_weight[:, ::step][:, :DRAWS], axis=1)[..., None]
     with np.errstate(over="ignore"):
-        to_truth = np.log1p(np.abs(draws - own[:, None])).mean(axis=1)
+        to_truth = (share * np.log1p(np.abs(draws - own[:, None]))).sum(axis=1)
         each = np.zeros_like(to_truth)
         for apart in range(1, used // 2 + 1):
-            pairs = np.log1p(np.abs(draws - np.roll(draws, apart, axis=1))).mean(axis=1)
+            both = share * np.roll(share, apart, axis=1)
+            pairs = (both * np.log1p(np.abs(draws - np.roll(draws, apart, axis=1)))).sum(axis=1)
             # Apart by half a turn, every pair comes twice.
             each += pairs * (0.5 if 2 * apart == used else 1.0)
-    return np.asarray(to_truth - each / (used - 1))
+    different = np.maximum(1 - (share**2).sum(axis=1), np.finfo(float).tiny)
+    return np.asarray(to_truth - each / different)

@@ -1,33 +1,37 @@
 """Locate, name, repair, confirm: what is wrong with draws, of all that the library knows, if anything is.
 
-Repairs are fitted on a third of the trials. On the second, each is held against two things: what is left of
-the disagreement between truths and draws (`disagreement`), and what it costs in a proper score. A symptom is
-named if its repair takes away nine tenths of the disagreement; among several that do, the best in both
-together, and beside it those that two paired errors do not tell from it. One that takes away a part may be
-followed by a second. From the third part come the gap before and after, and sizes with their intervals.
+Trials are split in three. Repairs are fitted on the first part and judged on the second, and the other way
+round, by two things: what is left of the disagreement between truths and draws (`disagreement`), and what it
+costs in a proper score. A symptom is named if its repair takes away nine tenths of the disagreement; among
+several that do, the best in both together, and beside it those that two paired errors do not tell from it.
+One that takes away a part may be followed by a second. From the third part come the gap before and after, and
+sizes with their intervals.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from scipy import stats
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.diagnosis.cases import Cases, thirds
-from gaugeblock.diagnosis.disagreement import Reference, columns, fit_tilt
+from gaugeblock.diagnosis.disagreement import Reference, candidates, columns, evidence, fit_tilt
 from gaugeblock.diagnosis.library.calls import Called, calls, knows_truth
 from gaugeblock.diagnosis.library.symptoms import STRUCTURAL, SYMPTOMS, Fit
-from gaugeblock.diagnosis.repair import Repair
+from gaugeblock.diagnosis.repair import Repair, as_data, in_steps
 from gaugeblock.diagnosis.scores import kernel_scores
 
 # The share of a disagreement that a repair must take away, and paired errors within which two are alike.
 RECOVERED, ALIKE = 0.9, 2.0
-# Standard errors from which a disagreement is one where no gate has failed, and where one has.
-SEEN, EXPECTED = 3.0, 1.0
+# Standard errors of what is left within which nine tenths are taken away.
+WITHIN = 1.0
+# Nats of evidence from which a disagreement is one where no gate has failed, and where one has: odds of a
+# hundred and of three. And standard errors from which what stands for lost information is better.
+SEEN, EXPECTED, CERTAIN = float(np.log(100)), float(np.log(3)), 3.0
 # What a repair must have taken away whatever the errors are.
 LEAST_SHARE = 0.5
 # Repairs that are followed by a second one, and what the first must have taken away; trials on which all are
@@ -36,6 +40,8 @@ FOLLOWED, PART = 3, 0.25
 FEW, PROMISING = 400, 0.3
 GROUPS = 10
 LEAST_DRAWS = 20
+# A parameter with fewer different values than this share of the trials has steps.
+FEW_VALUES = 0.2
 # Kinds of function that see parameters together, and what is said where only these see anything.
 TOGETHER = ("pairs", "joint")
 DEPENDENCE = Repair(
@@ -47,13 +53,15 @@ DEPENDENCE = Repair(
 
 @dataclass(frozen=True)
 class Tried:
-    """One repair on the choosing part.
+    """Repairs one after the other, as they do on the first two parts, each fitted on the other of them.
 
-    `left` ``(trial,)`` is the disagreement that is left, in nats, and `loss` that and what the repair costs
-    in information; `share` is the share of the disagreement that it takes away.
+    `repairs` were fitted on the first part and `crossed` on the second; where the second gave none, that is
+    empty. `left` ``(trial,)`` is the disagreement that is left, in nats, and `loss` that and what the repairs
+    cost in information; `share` is the share of the disagreement that they take away.
     """
 
     repairs: tuple[Repair, ...]
+    crossed: tuple[Repair, ...]
     left: Array
     loss: Array
     share: float
@@ -93,33 +101,34 @@ def locate_and_name(
     failed: bool,
     again: Called | None = None,
     own: Mapping[str, Fit] | None = None,
+    as_drawn: Cases | None = None,
 ) -> Found:
     """What is wrong with the draws of these cases, of all that the library knows.
 
     `failed` says whether a gate has said that something is; `again` is the estimator, where it can be called;
-    `own` are symptoms beside the library's.
+    `own` are symptoms beside the library's; `as_drawn` are some cases with all their draws in their order,
+    where the others' have been thinned.
     """
-    structural = tuple(repair for fit in STRUCTURAL for repair in fit(cases))
-    if again is not None:
-        structural += tuple(knows_truth(cases, again))
+    structural = tuple(repair for fit in STRUCTURAL for repair in fit(as_drawn or cases))
+    if again is not None and not structural:
+        structural = tuple(knows_truth(cases, again))
     # Draws that repeat each other depend on their order as well: what is wrong first is mended first.
     structural = structural[:1]
-    for repair in structural:
+    for repair in structural if as_drawn is None else ():
         cases = repair.apply(cases)
     parts = _Parts.of(cases, seed, again, {**SYMPTOMS, **(own or {})})
-    original = parts.tried(())
-    mean, error = _mean(original.left)
     limit = SEEN if structural or not failed else EXPECTED
     # Of draws that are all made of the same numbers, or of very few, trials tell nothing more.
     alone = any(repair.symptom == "fixed_seed" for repair in structural) or cases.draws.shape[1] < LEAST_DRAWS
-    if alone or mean <= limit * error:
+    original = parts.tried((), ())
+    if alone or evidence(cases, parts.reference, seed) <= limit or original.left.mean() <= 0:
         return Found(structural, None, (), (original,), False, parts.gap(()), None, {}, {}, structural)
-    tried = [original, *parts.all_tried(parts.fitting, ())]
+    tried = [original, *parts.all_tried(original)]
     if not any(each.mended for each in tried):
         for first in _firsts(tried):
-            tried += parts.all_tried(first.repairs[0].apply(parts.fitting), first.repairs)
+            tried += parts.all_tried(first)
     if not any(each.mended for each in tried) and parts.only_joint:
-        tried.append(Tried((DEPENDENCE,), original.left, original.left, 0.0, True))
+        tried.append(Tried((DEPENDENCE,), (DEPENDENCE,), original.left, original.left, 0.0, True))
     named, alike = _chosen([each for each in tried if each.mended])
     if named is not None and not parts.confirmed(named.repairs):
         named, alike = None, ()
@@ -133,7 +142,7 @@ def locate_and_name(
 
 @dataclass(frozen=True)
 class _Parts:
-    """The three parts, what they are held against, and how a repair does on the second."""
+    """The three parts, what they are held against, and how a repair does on the first two."""
 
     fitting: Cases
     choosing: Cases
@@ -148,21 +157,33 @@ class _Parts:
         fitting, choosing, reporting = (cases.taken(rows) for rows in thirds(len(cases), seed))
         # Where truths lie, all of them say; what the data foretell is learned on the fitting part alone.
         reference = replace(Reference.of(fitting), truths=cases.theta)
+        steps = _steps(cases.theta)
+        if any(steps):
+            symptoms = {name: partial(_in_steps, fit=fit, steps=steps) for name, fit in symptoms.items()}
         return cls(fitting, choosing, reporting, reference, seed, again, symptoms)
 
-    def all_tried(self, fitting: Cases, before: tuple[Repair, ...]) -> list[Tried]:
+    def all_tried(self, before: Tried) -> list[Tried]:
         """Every repair, fitted to cases to which those before it have been applied, with these."""
-        done = {repair.symptom for repair in before} - {"region"}  # there may be two
-        found = [
-            repair
-            for name, fit in self.symptoms.items()
-            if name not in done
-            for repair in fit(fitting, self.reference)
-        ]
-        if self.again is not None and not before:
-            found += calls(fitting, self.again)
-        most = PROMISING if before else 1 - PART
-        return [self.tried((*before, repair)) for repair in found if self.promising((*before, repair), most)]
+        done = set(before.symptoms) - {"region"}  # there may be two
+        fitting, choosing = _repaired(self.fitting, before.repairs), self.choosing
+        if before.crossed or not before.repairs:
+            choosing = _repaired(choosing, before.crossed)
+        most = PROMISING if before.repairs else 1 - PART
+        tried = []
+        for name, fit in self.symptoms.items():
+            found = [] if name in done else fit(fitting, self.reference)
+            found = [each for each in found if self.promising((*before.repairs, each), most)]
+            crossed = {each.variant: each for each in fit(choosing, self.reference)} if found else {}
+            for each in found:
+                other = crossed.get(each.variant)
+                both = (
+                    (*before.crossed, other) if other and len(before.crossed) == len(before.repairs) else ()
+                )
+                tried.append(self.tried((*before.repairs, each), both))
+        if self.again is not None and not before.repairs:
+            # How the estimator is called has nothing fitted in it.
+            tried += [self.tried((each,), (each,)) for each in calls(fitting, self.again)]
+        return tried
 
     @cached_property
     def only_joint(self) -> bool:
@@ -171,8 +192,13 @@ class _Parts:
         if "joint" not in kinds.names:
             return False
         alone = ~np.isin(kinds.of, [kinds.names.index(name) for name in kinds.names if name in TOGETHER])
-        tilt = fit_tilt(values * alone, kinds)
-        left = tilt.gains(columns(self.choosing, self.reference, self.seed)[0] * alone)
+        other = columns(self.choosing, self.reference, self.seed)[0]
+        left = np.concatenate(
+            [
+                fit_tilt(one * alone, kinds).gains(two * alone)
+                for one, two in ((values, other), (other, values))
+            ]
+        )
         excess, error = _mean(left - (1 - RECOVERED) * self.original)
         return excess < ALIKE * error and float(left.mean()) < LEAST_SHARE * float(self.original.mean())
 
@@ -186,13 +212,19 @@ class _Parts:
 
     @cached_property
     def original(self) -> Array:
-        """Nats ``(trial,)`` by which truths are told from draws as they are, on the choosing part."""
-        return self.gains((), self.fitting, self.choosing)[0]
+        """Nats ``(trial,)`` by which truths are told from draws as they are, on the first two parts."""
+        return np.concatenate([self.gains((), one, two)[0] for one, two in self.halves])
+
+    @property
+    def halves(self) -> tuple[tuple[Cases, Cases], ...]:
+        """What is learned from, and what is foretold: the second part first."""
+        return (self.fitting, self.choosing), (self.choosing, self.fitting)
 
     @cached_property
-    def scored(self) -> Array:
-        """Scores ``(trial, parameter)`` of the draws as they are."""
-        return kernel_scores(self.choosing, self.choosing.half_width)
+    def scored(self) -> tuple[Array, Array]:
+        """Scores ``(trial, parameter)`` of the draws as they are, of what is foretold."""
+        found = [kernel_scores(each, each.half_width) for _, each in self.halves]
+        return found[0], found[1]
 
     @cached_property
     def kinds(self) -> dict[str, float]:
@@ -202,11 +234,16 @@ class _Parts:
         return tilt.by_kind(columns(self.choosing, self.reference, self.seed)[0])
 
     def gains(self, chosen: Sequence[Repair], learned: Cases, other: Cases) -> tuple[Array, Cases]:
-        """The disagreement ``(trial,)`` of other cases once both are repaired, and those."""
-        for repair in chosen:
-            learned, other = repair.apply(learned), repair.apply(other)
-        tilt = fit_tilt(*columns(learned, self.reference, self.seed))
-        return tilt.gains(columns(other, self.reference, self.seed)[0]), other
+        """The disagreement ``(trial,)`` of other cases once both are repaired, and those.
+
+        Draws that the last repair weighs stay as they are: candidates have the odds of their weights.
+        """
+        weigh = chosen[-1].log_weight if chosen else None
+        done = chosen if weigh is None else chosen[:-1]
+        both = [_repaired(each, done) for each in (learned, other)]
+        odds = [0.0 if weigh is None else weigh(each, candidates(each, self.seed)) for each in both]
+        (values, kinds), (others, _) = (columns(each, self.reference, self.seed) for each in both)
+        return fit_tilt(values, kinds, odds[0]).gains(others, odds[1]), both[1]
 
     def confirmed(self, chosen: Sequence[Repair]) -> bool:
         """Whether repairs take half of the disagreement away on trials that did not choose them either.
@@ -224,31 +261,68 @@ class _Parts:
         """Disagreement and its error on the reporting part."""
         return _mean(self.gains(chosen, self.fitting, self.reporting)[0])
 
-    def tried(self, chosen: tuple[Repair, ...]) -> Tried:
-        """How repairs do on the choosing part."""
+    def tried(self, chosen: tuple[Repair, ...], crossed: tuple[Repair, ...]) -> Tried:
+        """How repairs do on the first two parts, each of which is mended by those of the other."""
         original = self.original
         if not chosen:
-            return Tried(chosen, original, original, 0.0, False)
-        found, repaired = self.gains(chosen, self.fitting, self.choosing)
-        kept = np.isin(self.choosing.trial, repaired.trial)
-        # Trials that a repair leaves out gain nothing, and cost what the others do.
-        left = np.full(len(original), found.mean())
-        left[kept] = found
-        before, after = self.scored[kept], kernel_scores(repaired, self.choosing.half_width[kept])
-        means = [np.maximum(each.mean(axis=0), np.finfo(float).tiny) for each in (before, after)]
-        cost = np.full(len(original), np.log(means[1] / means[0]).sum())
-        cost[kept] += (after / means[1] - before / means[0]).sum(axis=1)
+            return Tried(chosen, crossed, original, original, 0.0, False)
+        lefts, costs = [], []
+        for each, (learned, other), scored in zip((chosen, crossed), self.halves, self.scored, strict=True):
+            left, cost = self._half(each, learned, other, scored)
+            lefts.append(left)
+            costs.append(cost)
+        left, cost = np.concatenate(lefts), np.concatenate(costs)
         allowed = 1 - min(repair.recovers for repair in chosen)
         excess, error = _mean(left - allowed * original)
         price, price_error = _mean(cost)
         share = 1 - max(float(left.mean()), 0) / float(original.mean())
         # Foretelling worse than by chance on other trials is no sign that nothing is left.
-        trusted = left.mean() > -(1 - RECOVERED) * original.mean() - SEEN * _mean(left)[1]
-        mended = trusted and share > LEAST_SHARE and excess < ALIKE * error and price < ALIKE * price_error
+        trusted = left.mean() > -(1 - RECOVERED) * original.mean() - CERTAIN * _mean(left)[1]
+        mended = trusted and share > LEAST_SHARE and excess < WITHIN * error and price <= ALIKE * price_error
         if allowed == 1:
             better, error = _mean(left + cost - original)
-            mended = better < -SEEN * error
-        return Tried(chosen, left, left + cost, share, mended)
+            mended = better < -CERTAIN * error
+        return Tried(chosen, crossed, left, left + cost, share, mended)
+
+    def _half(
+        self, chosen: tuple[Repair, ...], learned: Cases, other: Cases, scored: Array
+    ) -> tuple[Array, Array]:
+        """What is left ``(trial,)`` of the other half, and what it costs; as it was without a repair."""
+        found, repaired = self.gains(chosen, learned, other)
+        kept = np.isin(other.trial, repaired.trial)
+        # Trials that a repair leaves out gain nothing, and cost what the others do.
+        left = np.full(len(other), found.mean())
+        left[kept] = found
+        weigh = chosen[-1].log_weight if chosen else None
+        log_weight = None if weigh is None else weigh(repaired, repaired.draws)
+        before, after = scored[kept], kernel_scores(repaired, other.half_width[kept], log_weight)
+        means = [np.maximum(each.mean(axis=0), np.finfo(float).tiny) for each in (before, after)]
+        cost = np.full(len(other), np.log(means[1] / means[0]).sum())
+        cost[kept] += (after / means[1] - before / means[0]).sum(axis=1)
+        return left, cost
+
+
+def _steps(theta: Array) -> tuple[tuple[float, ...], ...]:
+    """The values of each parameter that has few; none of any other."""
+    found = [np.unique(column) for column in theta.T]
+    return tuple(tuple(each.tolist()) if len(each) < FEW_VALUES * len(theta) else () for each in found)
+
+
+def _in_steps(
+    cases: Cases, reference: Reference, fit: Fit, steps: tuple[tuple[float, ...], ...]
+) -> list[Repair]:
+    """Repairs after which parameters with few values have no others."""
+    found = fit(cases, reference)
+    return [
+        replace(each, apply=partial(in_steps, mend=each.apply, steps=steps)) if as_data(each.apply) else each
+        for each in found
+    ]
+
+
+def _repaired(cases: Cases, chosen: Sequence[Repair]) -> Cases:
+    for repair in chosen:
+        cases = repair.apply(cases)
+    return cases
 
 
 def _mean(values: Array) -> tuple[float, float]:

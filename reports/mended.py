@@ -41,6 +41,8 @@ def before_and_after(verdict: Verdict, trials: xr.DataTree) -> Panel | None:
     if any("x" in signature(repair).parameters for repair in repairs):
         return None  # what is done to the data shows only when the estimator is called again
     cases = cases_of(prepared)
+    if prepared.order.stride > 1:  # draws have been thinned already
+        repairs = repairs[1:]
     before = cases.taken(thirds(len(cases), int(given.get("seed") or 0))[2])
     after = before
     for repair in repairs:

@@ -28,10 +28,11 @@ Turn = Callable[[Array], Array]
 TRIALS, DRAWS, MORE, KEPT = 100, 40, 64, 3
 # Paired standard errors from which another way to call is better, and seconds that all trying may take.
 BETTER, SECONDS = 4.0, 8.0
-FACTORS = tuple(10.0**power for power in range(-6, 7) if power)
+FACTORS = tuple(10.0 ** (power / 2) for power in range(-12, 13) if power)
 # Channels up to which every two are exchanged.
 MOST_CHANNELS = 6
-STEPS = (-5.0, -2.0, -1.0, 1.0, 2.0, 5.0)
+STEPS = (-5.0, -3.0, -2.0, -1.0, -0.5, 0.5, 1.0, 2.0, 3.0, 5.0)
+CALLED = "draws are right if the estimator is called with the data"
 
 
 @dataclass(frozen=True)
@@ -69,11 +70,11 @@ def calls(cases: Cases, again: Called) -> Sequence[Repair]:
             continue
         better = before - after
         if better.mean() > BETTER * better.std(ddof=1) / np.sqrt(len(better)):
-            words = f"draws are right if the estimator is called with the data {how}"
-            found.append((float(after.mean()), symptom, words, turn, size))
+            found.append((float(after.mean()), symptom, f"{CALLED} {how}", turn, size))
         if time.monotonic() - began > SECONDS:
             break
     found.sort(key=lambda each: each[0])
+    found = [_refined(each, few, unit, again) for each in found[:KEPT]]
     return [
         Repair(
             symptom,
@@ -88,17 +89,46 @@ def calls(cases: Cases, again: Called) -> Sequence[Repair]:
     ]
 
 
+def _refined(
+    found: tuple[float, str, str, Turn, dict[str, float]], few: Cases, unit: Array, again: Called
+) -> tuple[float, str, str, Turn, dict[str, float]]:
+    """A factor or a step of the data between those that were tried, where that does better."""
+    score, symptom, words, turn, size = found
+    if not size:
+        return found
+    name, value = next(iter(size.items()))
+    for width in (0.5, 0.25, 0.12, 0.06, 0.03):
+        for other in (value * (1 - width), value * (1 + width)):
+            tried, said = _scaled(other) if name == "factor" else _moved(other)
+            try:
+                after = float(kernel_scores(again.drawn(few, tried, DRAWS), unit).sum(axis=1).mean())
+            except Exception:
+                continue
+            if after < score:
+                score, value, turn, words = after, other, tried, f"{CALLED} {said}"
+    return score, symptom, words, turn, {name: value}
+
+
+def _scaled(factor: float) -> tuple[Turn, str]:
+    return partial(standardised, zero=0.0, unit=1 / factor), f"times {factor:.3g}"
+
+
+def _moved(step: float) -> tuple[Turn, str]:
+    return partial(standardised, zero=-step, unit=1.0), f"plus {step:.4g}"
+
+
 def knows_truth(cases: Cases, again: Called) -> Sequence[Repair]:
     """Draws that were better than the estimator gives for the same data once more."""
     few = cases.taken(slice(2 * TRIALS))
-    unit = few.half_width
     number = min(DRAWS, few.draws.shape[1])
-    before = kernel_scores(few.drawn(few.draws[:, :number]), unit).sum(axis=1)
+    few = few.drawn(few.draws[:, :number])
     once_more = again.drawn(few, lambda x: x, number)
-    worse = kernel_scores(once_more, unit).sum(axis=1) - before
+    # In a unit that either would have given: of draws in their own unit, others always look worse.
+    unit = (few.half_width + once_more.half_width) / 2
+    worse = (kernel_scores(once_more, unit) - kernel_scores(few, unit)).sum(axis=1)
     if worse.mean() <= BETTER * worse.std(ddof=1) / np.sqrt(len(worse)):
         return []
-    ratio = float(np.median(once_more.half_width / unit))
+    ratio = float(np.median(once_more.half_width / few.half_width))
     words = f"asked again for the same data, the estimator gives other draws, {ratio:.3g} times as wide"
     return [
         Repair("knows_truth", lambda other: again.drawn(other, lambda x: x, MORE), words, {"ratio": ratio})
@@ -117,11 +147,11 @@ def _ways(x: NDArray[Any]) -> Iterator[tuple[str, str, Turn, dict[str, float]]]:
         yield "x_scale", "their square roots", partial(as_roots), {}
         yield "x_scale", "divided by their sum", partial(as_shares), {}
     for factor in FACTORS:
-        turn: Turn = partial(standardised, zero=0.0, unit=1 / factor)
-        yield "x_scale", f"times {factor:g}", turn, {"factor": factor}
+        turn, said = _scaled(factor)
+        yield "x_scale", said, turn, {"factor": factor}
     for step in STEPS:
-        turn = partial(standardised, zero=-step * spread, unit=1.0)
-        yield "x_shift", f"plus {step * spread:.4g}", turn, {"step": step * spread}
+        turn, said = _moved(step * spread)
+        yield "x_shift", said, turn, {"step": step * spread}
     if x.ndim > 1 and x[0].size > 1:
         yield "x_order", "in reverse order", partial(in_reverse, axis=1), {}
     if x.ndim > 2:

@@ -16,10 +16,13 @@ from gaugeblock.diagnosis.repair import Repair, mends, weighted
 
 # A gap between draws that parts two modes, as a share of their range; each holds at least so much of them;
 # and so many trials have one.
-GAP, LEAST_MODE, LEAST_BIMODAL = 0.2, 0.04, 0.25
+GAP, LEAST_MODE, LEAST_BIMODAL = 0.2, 0.04, 0.1
+# Gaps of which nine in ten hold one value are the same in all trials.
+SAME = 0.9
 # Half-widths by which a truth in a mode that is missing lies away, the least share and number of such truths,
 # and of those how many must be away in a parameter for it to count.
-AWAY, LEAST_MISSING, LEAST_FAR, LOST = 4.0, 0.03, 10, 0.3
+# Fewer truths lie between so many half-widths and those: else it is no mode but a tail.
+AWAY, LEAST_MISSING, LEAST_FAR, LOST, BETWEEN = 4.0, 0.03, 10, 0.3, 2.5
 # Where nearly all truths lie elsewhere, no mode is there.
 MOST_MISSING = 0.8
 # Ways from one mode to another that are tried, and parameters up to which they may be exchanged.
@@ -85,7 +88,8 @@ def missing_mode(cases: Cases) -> Sequence[Repair]:
     """A share of the draws carried to where far-away truths lie: mirrored, exchanged, or moved by a step."""
     off = (cases.theta - cases.middle) / cases.half_width
     far = np.asarray((np.abs(off) > AWAY).any(axis=1))
-    if far.mean() < LEAST_MISSING or far.sum() < LEAST_FAR:
+    between = (np.abs(off) > BETWEEN).any(axis=1).sum() - far.sum()
+    if far.mean() < LEAST_MISSING or far.sum() < LEAST_FAR or between > far.sum():
         return []
     lost = (np.abs(off[far]) > AWAY).mean(axis=0) > LOST
     if not lost.any():
@@ -155,32 +159,61 @@ def mode_weights(cases: Cases) -> Sequence[Repair]:
     """Draws of two modes reweighted: the upper one, or the heavier one, by a factor."""
     found = []
     for column, name in enumerate(cases.names):
-        upper, parted = _upper(cases, column)
+        at, size, parted = _gaps(cases, column)
         if parted.mean() < LEAST_BIMODAL:
             continue
-        share = upper.mean(axis=1)
-        truth = _truth_upper(cases, column)
+        # Where the same value parts modes everywhere, it does so too where draws are in one of them.
+        middle = float(np.median(at[parted]))
+        same = float((np.abs(at - middle) < size / 2)[parted].mean()) > SAME
+        cut = middle if same else float("nan")
+        upper, truth, there = _upper(cases, column, cut)
         for kind in ("upper", "heavier"):
-            turned = np.ones(len(cases)) if kind == "upper" else np.sign(share - 0.5)
-            log_odds = _odds(share[parted], truth[parted], turned[parted])
+            log_odds = _odds(upper[there], truth[there], _turned(upper, kind)[there])
             odds = float(np.exp(-log_odds))
             words = f"the {kind} mode of {name} has {odds:.3g} times the odds that truths give it"
-            mended = partial(reweighed, column=column, kind=kind, log_odds=log_odds)
-            found.append(Repair("mode_weights", mended, words, {name: odds}, neutral=1.0, variant=kind))
+            how = {"column": column, "kind": kind, "log_odds": log_odds, "cut": cut}
+            weigh = partial(_log_odds, **how)  # type: ignore[arg-type]
+            mend = partial(reweighed, **how)  # type: ignore[arg-type]
+            numbers = {name: odds}
+            found.append(Repair("mode_weights", mend, words, numbers, 1.0, kind, log_weight=weigh))
     return found
 
 
 @mends
-def reweighed(cases: Cases, column: int, kind: str, log_odds: float) -> Cases:
-    """Draws of one of two modes weighted by odds."""
-    upper, parted = _upper(cases, column)
-    turn = 1.0 if kind == "upper" else np.sign(upper.mean(axis=1) - 0.5)[:, None]
-    return weighted(cases, np.where(parted[:, None], log_odds * turn * upper, 0.0))
+def reweighed(cases: Cases, column: int, kind: str, log_odds: float, cut: float) -> Cases:
+    """Draws of one of two modes weighted by odds; they are parted at `cut`, or where each trial's gap is."""
+    return weighted(cases, _log_odds(cases, cases.draws, column, kind, log_odds, cut))
 
 
-def _gap(cases: Cases, column: int) -> tuple[Array, NDArray[np.bool_]]:
-    """The middle of the widest gap of each trial's draws ``(trial,)``, and whether it parts two modes."""
-    values = np.sort(cases.draws[..., column], axis=1)
+def _log_odds(cases: Cases, values: Array, column: int, kind: str, log_odds: float, cut: float) -> Array:
+    upper, _, there = _upper(cases, column, cut)
+    higher = values[..., column] > _parted_at(cases, column, cut)[0][:, None]
+    return np.where(there[:, None], log_odds * _turned(upper, kind)[:, None] * higher, 0.0)
+
+
+def _turned(upper: Array, kind: str) -> Array:
+    """Which way odds are turned ``(trial,)``: upward, or toward the mode that most draws are in."""
+    return np.ones(len(upper)) if kind == "upper" else np.sign(upper.mean(axis=1) - 0.5)
+
+
+def _parted_at(cases: Cases, column: int, cut: float) -> tuple[Array, NDArray[np.bool_]]:
+    """Where each trial's modes are parted ``(trial,)``, and whether they are."""
+    if np.isfinite(cut):
+        return np.full(len(cases), cut), np.ones(len(cases), dtype=bool)
+    at, _, parted = _gaps(cases, column)
+    return at, parted
+
+
+def _upper(cases: Cases, column: int, cut: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Which draws ``(trial, draw)`` and truths are in the upper mode, and which trials have two."""
+    at, there = _parted_at(cases, column, cut)
+    draws, truth = cases.draws[..., column] > at[:, None], cases.theta[:, column] > at
+    return draws.astype(float), truth.astype(float), there
+
+
+def _gaps(cases: Cases, column: int) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Middle and size of each trial's widest gap ``(trial,)``, and whether it parts two modes."""
+    values = cases.ordered[..., column]
     number = values.shape[1]
     least = max(1, int(LEAST_MODE * number))
     steps = np.diff(values, axis=1)[:, least - 1 : number - least]
@@ -188,24 +221,20 @@ def _gap(cases: Cases, column: int) -> tuple[Array, NDArray[np.bool_]]:
     size = np.take_along_axis(steps, widest[:, None], axis=1)[:, 0]
     below = np.take_along_axis(values, widest[:, None] + least - 1, axis=1)[:, 0]
     span = values[:, -1] - values[:, 0]
-    return below + size / 2, np.asarray(size > GAP * np.maximum(span, np.finfo(float).tiny))
+    return below + size / 2, size, np.asarray(size > GAP * np.maximum(span, np.finfo(float).tiny))
 
 
-def _upper(cases: Cases, column: int) -> tuple[Array, NDArray[np.bool_]]:
-    at, parted = _gap(cases, column)
-    return (cases.draws[..., column] > at[:, None]).astype(float), parted
+def _odds(upper: Array, truth: Array, turned: Array) -> float:
+    """The log odds ratio by maximum likelihood: which of a truth and its draws is the truth.
 
-
-def _truth_upper(cases: Cases, column: int) -> Array:
-    return (cases.theta[:, column] > _gap(cases, column)[0]).astype(float)
-
-
-def _odds(share: Array, truth: Array, turned: Array) -> float:
-    """The log odds ratio by maximum likelihood: Newton steps of a logistic regression with an offset."""
+    Newton steps of a conditional logit; trials that lie in one mode as a whole say nothing.
+    """
     b = 0.0
-    known = special.logit(np.clip(share, 1e-3, 1 - 1e-3))
+    above = upper.sum(axis=1) + truth
+    below = upper.shape[1] + 1 - above
     for _ in range(25):
-        chance = special.expit(known + b * turned)
+        odds = np.exp(b * turned)
+        chance = above * odds / (above * odds + below)
         slope = (turned * (truth - chance)).sum()
         b += float(np.clip(slope / max((chance * (1 - chance)).sum(), 1e-9), -1, 1))
     return float(np.clip(b, -6, 6))

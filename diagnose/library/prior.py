@@ -42,7 +42,12 @@ def other_prior(cases: Cases, reference: Reference) -> Sequence[Repair]:
     )
 
     mend = partial(reweighted, truths=few, weight=tilt.weight)
-    return [Repair("other_prior", mend, words, numbers)]
+    return [
+        Repair(
+            "other_prior", mend, words, numbers,
+            log_weight=lambda _, values: _polynomials(values, few) @ tilt.weight,
+        )
+    ]  # fmt: skip
 
 
 @mends

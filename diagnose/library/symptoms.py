@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from gaugeblock.diagnosis.cases import Cases
 from gaugeblock.diagnosis.disagreement import Reference
-from gaugeblock.diagnosis.library import columns, joint, marginal, place, prior, structure
+from gaugeblock.diagnosis.library import columns, joint, marginal, noise, place, prior, structure
 from gaugeblock.diagnosis.repair import Repair
 
 Fit = Callable[[Cases, Reference], Sequence[Repair]]
@@ -18,7 +18,8 @@ def _alone(fit: Callable[[Cases], Sequence[Repair]]) -> Fit:
 
 
 # What shows whatever the truths are: said whether or not anything is gained by mending it.
-STRUCTURAL = (structure.few_distinct, structure.autocorrelated, structure.fixed_seed)
+# The same random numbers everywhere may look like a chain, which they are not.
+STRUCTURAL = (structure.few_distinct, structure.fixed_seed, structure.autocorrelated)
 
 SYMPTOMS: Mapping[str, Fit] = {
     "shift": _alone(marginal.shift),
@@ -35,6 +36,7 @@ SYMPTOMS: Mapping[str, Fit] = {
     "missing_mode": _alone(joint.missing_mode),
     "mode_weights": _alone(joint.mode_weights),
     "other_prior": prior.other_prior,
+    "x_noise": noise.x_noise,
     "truncated_prior": _alone(prior.truncated_prior),
     "leakage": prior.leakage,
     "region": _alone(place.region),

@@ -15,6 +15,7 @@ from studies.faults.measure import run, so_far
 from studies.faults.score import apart, scored, table
 from studies.faults.seal import SIZES, opened, seal
 from studies.kit.command import carried_out, given, parser
+from studies.kit.commit import ROOT, committed, seed_of
 from studies.kit.results import RESULTS, record, write
 from studies.kit.resume import Pieces
 
@@ -28,12 +29,10 @@ def main(arguments: Sequence[str]) -> int:
     options.add_argument("steps", nargs="*", choices=[*STEPS, []], help="which steps; all of them if none")
     options.add_argument("--folder", type=Path, default=RESULTS / "sealed-faults", help="the sealed set")
     options.add_argument("--name", default="faults", help="of the table in --out")
-    options.add_argument("--generator-seed", type=int, help="in place of the system's entropy")
+    options.add_argument("--generator-seed", type=int, help="in place of the one that the commit gives")
     options.add_argument("--most", type=int, help="run no more than so many cases, the first by lot")
     options.add_argument("--so-far", action="store_true", help="score the cases that were run by now")
-    options.add_argument(
-        "--commit", default="", help="of the code that is measured, to be kept with the table"
-    )
+    options.add_argument("--commit", default="HEAD", help="of the code that is measured: draws the cases")
     for kind, number in SIZES.items():
         options.add_argument(f"--{kind}", type=int, default=number, help="cases of this kind")
     chosen = options.parse_args(arguments)
@@ -48,7 +47,10 @@ def main(arguments: Sequence[str]) -> int:
 def _step(step: str, chosen: argparse.Namespace, command: str) -> None:
     if step == "generate":
         sizes = {kind: getattr(chosen, kind) for kind in SIZES}
-        said = seal(chosen.folder, seed=chosen.generator_seed, sizes=sizes)
+        commit = committed(ROOT, chosen.commit)
+        own = chosen.generator_seed
+        seed = seed_of("faults", commit) if own is None else own
+        said = seal(chosen.folder, seed=seed, commit=commit, sizes=sizes)
         sys.stdout.write(json.dumps(said) + "\n")
     elif step == "run":
         with Bars() as bars:
@@ -67,7 +69,7 @@ def _score(chosen: argparse.Namespace, command: str) -> None:
         wanted = {f"{number:04d}": partial(apart, answers[number]) for number in sorted(found)}
         away = {int(name): value for name, value in kept.made(wanted).items()}
     rows = [row for number in sorted(found) for row in scored(answers[number], found[number], away[number])]
-    said = {"sealed": sealed, "generator_seed": str(seed), "commit": chosen.commit}
+    said = {"sealed": sealed, "generator_seed": str(seed)}
     made = table(rows).assign_attrs(record(command, chosen.seed, **said))
     write({"": made}, chosen.out / f"{chosen.name}.nc")
 

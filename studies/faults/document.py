@@ -199,7 +199,7 @@ def provenance(table: xr.Dataset) -> str:
     if run < sealed["cases"]:
         said = (
             f"**Only {run} of the {sealed['cases']} cases of the set are scored**, the first by lot: an "
-            "interim look. Of the others no answer was looked at; they can be run from the same commit."
+            "interim look. Of the others no answer was looked at."
         )
     kinds = ", ".join(
         f"{len(set(_part(table, kind=kind)['number'].values))} of {sealed[kind]} {word}"
@@ -207,9 +207,10 @@ def provenance(table: xr.Dataset) -> str:
     )
     errors = len(set(table.isel(row=table["error"].values != "")["number"].values))
     return (
-        f"{said} {kinds}; {errors} ended in an error and count as naming nothing. SHA-256 of seed, salt "
-        f"and answers `{sealed['key.json']}`; measured is commit `{table.attrs['commit'] or '?'}`; a fault "
-        f"is fair from {FAIR:g} sigma on. `{command_of(table)}`."
+        f"{said} {kinds}; {errors} ended in an error and count as naming nothing. SHA-256 of the key that "
+        f"holds the answers `{sealed['key.json']}`; measured is commit "
+        f"`{sealed.get('commit') or table.attrs['commit']}`; a fault is fair from {FAIR:g} sigma on. "
+        f"`{command_of(table)}`."
     )
 
 
@@ -224,7 +225,14 @@ MAKERS: Mapping[str, Callable[[xr.Dataset], str]] = {
 }
 
 
+PARTS: Mapping[str, tuple[str, ...]] = {
+    "faults": tuple(MAKERS),
+    "faults-first": ("provenance", "aims", "faults"),
+}
+"""What is shown of each set."""
+
+
 def document(out: Path, docs: Path) -> None:
     """Fill the page with what there is."""
-    for name, table in stored(["faults", "faults-development"], out).items():
-        page.fill(docs / PAGE, {f"{name} {part}": make(table) for part, make in MAKERS.items()})
+    for name, table in stored(list(PARTS), out).items():
+        page.fill(docs / PAGE, {f"{name} {part}": MAKERS[part](table) for part in PARTS[name]})

@@ -54,7 +54,11 @@ class _Case:
 
     def draws(self) -> Array:
         """Draws of the broken law ``(trial, draw, parameter)``."""
-        return self.law.of_scores(self.rng.standard_normal((SIMULATIONS, DRAWS, self.p)))
+        return self.law.of_scores(self.scores())
+
+    def scores(self) -> Array:
+        """Standard normal numbers ``(trial, draw, parameter)``."""
+        return self.rng.standard_normal((SIMULATIONS, DRAWS, self.p))
 
     # What each family makes of the law: log densities ``(trial,)`` by the family's numbers.
 
@@ -206,6 +210,33 @@ def _missing_mode(case: _Case) -> float:
     )
 
 
+def _x_noise(case: _Case) -> float:
+    """The law times a power of the likelihood, by which posteriors for two noises differ."""
+    laws = [case.problem.posterior(case.x, noisier=noisier) for noisier in (1.0, 2.0)]
+    points = np.concatenate([case.draws(), laws[0].of_scores(case.scores())], axis=1)
+
+    def of(law: Law, values: Array) -> Array:
+        found = [np.maximum(law.log_density(values[:, k]), LEAST) for k in range(values.shape[1])]
+        return np.stack(found, axis=1)
+
+    own = of(case.law, points)
+    # Where either of the two may have drawn it: the power may be below 0, and the law is narrow then.
+    drawn = np.logaddexp(own, of(laws[0], points)) - np.log(2)
+    likelihood = of(laws[0], points) - of(laws[1], points)
+    at_truth = (of(laws[0], case.theta[:, None]) - of(laws[1], case.theta[:, None]))[:, 0]
+    plain = case.log(case.theta)
+
+    def nats(log: float) -> float:
+        # Of a law for `ratio` times the noise; the other noise, of twice that, leaves 3/4 of the likelihood.
+        power = (1 - np.exp(-2 * log)) / 0.75
+        mass = special.logsumexp(own + power * likelihood - drawn, axis=1) - np.log(points.shape[1])
+        return case.nats(plain + power * at_truth - mass)
+
+    begun = min(np.linspace(-1.4, 1.4, 15), key=nats)
+    found = optimize.minimize_scalar(nats, bounds=(begun - 0.2, begun + 0.2), method="bounded").fun
+    return min(float(found), nats(0.0))
+
+
 def _columns(case: _Case) -> float:
     found = []
     for i, j in combinations(range(case.p), 2):
@@ -324,6 +355,7 @@ ALONE: Mapping[str, Callable[[_Case], float]] = {
     "leakage": _leakage,
     "clipped_tails": _clipped_tails,
     "other_prior": _other_prior,
+    "x_noise": _x_noise,
     "region": _region,
     "unit": _unit,
     "log": _log,

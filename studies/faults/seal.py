@@ -1,10 +1,9 @@
-"""Cases that nobody has seen: drawn from a key that stays outside, with the hash that was there first."""
+"""Cases that nobody has seen: drawn from the digest of the commit that is measured, and hashed."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import secrets
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,7 +17,7 @@ from studies.faults.catalogue import LACKING, LISTED, drawn
 from studies.faults.problems import PROBLEMS
 
 SIZES = {"listed": 600, "sound": 300, "lacking": 300}
-TRIALS, LARGE, SHARE = (1000, 100), (4000, 250), 0.05
+TRIALS, LARGE, SHARE = (1000, 150), (4000, 250), 0.05
 """Trials and draws of a case, of a few large ones, and which share these are."""
 
 KEY, SEAL = "key.json", "seal.json"
@@ -56,14 +55,13 @@ def answers(seed: int, sizes: Mapping[str, int]) -> list[Answer]:
     return found
 
 
-def seal(folder: Path, *, seed: int | None, sizes: Mapping[str, int]) -> dict[str, Any]:
-    """Write the key, which holds seed, salt and answers, and the seal, which holds its hash."""
+def seal(folder: Path, *, seed: int, commit: str, sizes: Mapping[str, int]) -> dict[str, Any]:
+    """Write the key, which holds the answers, and the seal, which holds its hash."""
     if (folder / KEY).exists():
         raise InputError(f"{folder}: a set is sealed there already; a second try takes a folder of its own")
-    chosen = secrets.randbits(63) if seed is None else seed
-    made = [asdict(answer) for answer in answers(chosen, sizes)]
-    content = json.dumps({"seed": chosen, "salt": secrets.token_hex(16), "answers": made})
-    said = {"cases": len(made), **sizes, KEY: hashlib.sha256(content.encode()).hexdigest()}
+    made = [asdict(answer) for answer in answers(seed, sizes)]
+    content = json.dumps({"seed": seed, "commit": commit, "answers": made})
+    said = {"cases": len(made), **sizes, "commit": commit, KEY: hashlib.sha256(content.encode()).hexdigest()}
     made_folder(folder)
     write_atomically(folder / KEY, content)
     write_atomically(folder / SEAL, json.dumps(said, indent=2) + "\n")

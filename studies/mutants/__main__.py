@@ -16,9 +16,10 @@ import xarray as xr
 from gaugeblock.core.digest import digest
 from gaugeblock.core.progress import Bars
 from studies.kit.command import carried_out, given, parser
+from studies.kit.commit import committed
 from studies.kit.results import STUDIES, read_groups, record, write
 from studies.kit.resume import Pieces
-from studies.mutants.bench import bench, committed, copied
+from studies.mutants.bench import bench, copied
 from studies.mutants.document import document
 from studies.mutants.places import Mutant, Tree, drawn
 

@@ -23,25 +23,6 @@ ONE_TEST = 120
 """Seconds after which a test hangs. What a change makes endless has been noticed."""
 
 
-def committed(root: Path, name: str) -> str:
-    """The commit that a name stands for.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
-    done = subprocess.run(
-        ["git", "-C", str(root), "rev-parse", "--verify", "-q", f"{name}^{{commit}}"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    if done.returncode:
-        raise InputError(f"{root}: no commit is called {name}; mutants are drawn from what is committed")
-    return done.stdout.strip()
-
-
 def copied(root: Path, commit: str, folder: Path) -> Path:
     """A clone at a commit."""
     subprocess.run(["git", "clone", "-q", "--shared", "--no-checkout", str(root), str(folder)], check=True)

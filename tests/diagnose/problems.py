@@ -157,6 +157,29 @@ def same_numbers(cases: Cases, rng: np.random.Generator) -> Array:
     return np.asarray(middle + size * rng.normal(size=(1, *cases.draws.shape[1:])))
 
 
+def noisier(cases: Cases, rng: np.random.Generator) -> Array:
+    """Draws of the posteriors for 1.6 times the noise."""
+    assert cases.x is not None
+    prior = 0.6 * np.ones((3, 3)) + 0.4 * np.eye(3)
+    weight = 1 / (1.6 * cases.x[:, 3]) ** 2
+    covariance = np.linalg.inv(np.linalg.inv(prior) + weight[:, None, None] * np.eye(3))
+    mean = np.einsum("tij,tj->ti", covariance, weight[:, None] * cases.x[:, :3])
+    return np.stack(
+        [
+            rng.multivariate_normal(m, c, size=cases.draws.shape[1])
+            for m, c in zip(mean, covariance, strict=True)
+        ]
+    )
+
+
+def from_part_of_the_prior(cases: Cases, rng: np.random.Generator) -> Array:
+    """None of the first parameter below -1.5, where one in fifteen truths is."""
+    found = np.array(cases.draws)
+    below = -1.5 + 0.1 * rng.exponential(size=found.shape[:2])
+    found[..., 0] = np.where(found[..., 0] < -1.5, below, found[..., 0])
+    return found
+
+
 FAULTS: dict[str, tuple[str, Fault]] = {
     "shift": ("shift", lambda c, _: c.draws + 0.5 * width(c) * [0, 1, 0]),
     "narrow": ("scale", lambda c, _: about_middle(c, 0.7)),
@@ -171,6 +194,8 @@ FAULTS: dict[str, tuple[str, Fault]] = {
     "ignored": ("ignored_parameter", alike),
     "uncorrelated": ("correlations", reshuffled),
     "another prior": ("other_prior", of_another_prior),
+    "noisier": ("x_noise", noisier),
+    "part of the prior": ("truncated_prior", from_part_of_the_prior),
     "somewhere": ("region", somewhere),
     "outside": ("leakage", outside),
     "repeated": ("few_distinct", repeated),

@@ -25,7 +25,9 @@ def right(x, n, rng):
 
 CALLS = {
     "x_scale": lambda x, n, rng: right(np.asarray(x) / 100, n, rng),
+    "x_scale by 37": lambda x, n, rng: right(np.asarray(x) / 37, n, rng),
     "x_shift": lambda x, n, rng: right(np.asarray(x) - 2 * np.std(x), n, rng),
+    "x_shift by 3.4": lambda x, n, rng: right(np.asarray(x) - 3.4 * np.std(x), n, rng),
     "x_order": lambda x, n, rng: right(np.asarray(x)[:, ::-1], n, rng),
 }
 
@@ -36,9 +38,46 @@ def test_how_the_estimator_should_be_called_is_found_by_calling_it(symptom):
     said = result.verdict.diagnosis
     assert result.outcome == "FAIL"
     # Another zero of the data moves normal posteriors as another zero of the draws does.
+    symptom = symptom.partition(" ")[0]
     equal = {"x_shift": {"x_shift", "shift"}}.get(symptom, {symptom})
     assert equal & {said["named"], *said["indistinguishable"]}
     assert said["called"]
+
+
+def test_a_chain_is_a_chain_and_knows_nothing():
+    """Of which audits keep every so many-th draw, so that few are left to look at."""
+
+    def chain(x, n, rng):
+        z = rng.standard_normal((len(x), n, 2))
+        for step in range(1, n):
+            z[:, step] = 0.97 * z[:, step - 1] + np.sqrt(1 - 0.97**2) * z[:, step]
+        return (np.asarray(x) / 0.25 + [0.0, 2.0])[:, None] / 5 + np.sqrt(0.2) * z
+
+    result = gb.audit(chain, simulate, prior=PRIOR, trials=300, draws=100, progress=False)
+    found = result.diagnose(chain)
+    assert found.named_all == ("autocorrelated",)
+    assert "100 are worth" in found.text
+
+
+def test_the_same_numbers_are_no_chain_where_values_are_few():
+    prior = gb.Prior({"a": gb.Discrete((0.0, 1.0, 2.0, 3.0), (0.1, 0.4, 0.3, 0.2))})
+
+    def seeded(x, n, rng):
+        values = np.arange(4)
+        log = np.log([0.1, 0.4, 0.3, 0.2]) - 0.5 * ((np.asarray(x) - values) / 0.7) ** 2
+        share = np.cumsum(np.exp(log - log.max(axis=1, keepdims=True)), axis=1)
+        u = np.random.default_rng(7).random(n)
+        return (u[None, :, None] > (share / share[:, -1:])[:, None]).sum(axis=2)[..., None].astype(float)
+
+    result = gb.audit(
+        seeded,
+        lambda t, r: t + 0.7 * r.normal(size=t.shape),
+        prior=prior,
+        trials=300,
+        draws=100,
+        progress=False,
+    )
+    assert result.diagnose().named == "fixed_seed"
 
 
 def test_draws_alone_do_not_show_how_the_estimator_is_called():

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from gaugeblock.diagnosis.cases import Cases, scores_in
-from gaugeblock.diagnosis.disagreement import CANDIDATES, Reference, columns, fit_tilt
+from gaugeblock.diagnosis.disagreement import CANDIDATES, Reference, candidates, columns, evidence, fit_tilt
 
 
 def noise(seed, trials, draws=40, inputs=0):
@@ -65,6 +65,59 @@ def test_an_exact_posterior_gains_nothing_in_the_mean():
     z = np.mean(means) / (np.std(means, ddof=1) / np.sqrt(len(means)))
     assert z < 3
     assert np.mean(means) > -0.02
+
+
+def test_evidence_is_an_e_value():
+    """Its exponential is 1 at most in the mean, so that it seldom passes a large number."""
+    found = []
+    for seed in range(150):
+        cases = noise(seed, 120, inputs=3)
+        found.append(evidence(cases, Reference.of(cases), seed))
+    passed = (np.array(found) > np.log(20)).sum()
+    assert stats.binom.sf(passed - 1, len(found), 1 / 20) > 0.01
+    assert np.mean(np.exp(found)) < 1 + 3 * np.std(np.exp(found)) / np.sqrt(len(found))
+
+
+def test_evidence_grows_with_trials_by_what_each_of_them_tells():
+    """Draws moved by half a standard deviation, which a truth among 25 candidates tells 0.12 nats of."""
+    told = []
+    for trials in (300, 1200):
+        cases = noise(1, trials)
+        cases = cases.drawn(cases.draws + 0.5)
+        told.append(evidence(cases, Reference.of(cases), 1))
+    # What foretells the truth is a log linear one: the log of the mean of exp(-0.5 z) over the candidates.
+    z = np.random.default_rng(3).normal(size=(100_000, CANDIDATES + 1)) + 0.5 * (
+        np.arange(CANDIDATES + 1) > 0
+    )
+    score = -0.5 * z
+    each = (score[:, 0] - np.log(np.exp(score).mean(axis=1))).mean()
+    assert 0.5 * each < (told[1] - told[0]) / (0.75 * 900) < 1.15 * each
+
+
+def test_weights_of_candidates_are_odds_of_the_truth():
+    """Truths of a density that is exp(z) times that of the draws: nothing is left once that is known."""
+    rng = np.random.default_rng(8)
+    cases = Cases(("a",), np.arange(1500), rng.normal(1.0, 1.0, (1500, 1)), rng.normal(size=(1500, 60, 1)))
+    reference = Reference.of(cases)
+    first, second = cases.taken(slice(750)), cases.taken(slice(750, None))
+    values, kinds = columns(first, reference, 1)
+    others, _ = columns(second, reference, 1)
+    np.testing.assert_array_equal(candidates(first, 1)[:, 0], first.theta)
+    odds = [candidates(each, 1)[..., 0] for each in (first, second)]
+    known = fit_tilt(values, kinds, odds[0]).gains(others, odds[1])
+    unknown = fit_tilt(values, kinds).gains(others)
+    assert unknown.mean() > 0.25
+    assert abs(known.mean()) < 3 * known.std() / np.sqrt(len(known)) + 0.01
+
+
+def test_a_candidate_beyond_the_draws_of_all_others_is_seen():
+    cases = noise(1, 50)
+    far = replace(cases, theta=np.where(np.arange(50)[:, None] == 7, 40.0, cases.theta))
+    values, kinds = columns(far, Reference.of(cases), 1)
+    beyond = values[..., kinds.of == kinds.names.index("support")][..., 1]
+    assert beyond[7, 0] == 1
+    # As often a draw as chance has it: of 2,050 values the lowest and the highest are beyond all others.
+    assert beyond.sum() <= 3
 
 
 @pytest.mark.parametrize("size", [3, 40])

@@ -40,6 +40,26 @@ def test_its_mean_does_not_depend_on_the_number_of_draws():
     assert abs(one - other) < 4 * np.hypot(first, second)
 
 
+def test_weighted_draws_score_as_those_of_the_law_that_they_stand_for():
+    """Normal draws weighted by a density ratio, against draws of the other density."""
+    rng = np.random.default_rng(9)
+    truth = rng.normal(0.5, 1.0, (8000, 1))
+    draws = rng.normal(size=(8000, 40, 1))
+    log_weight = 0.5 * draws[..., 0]
+    scores = [
+        kernel_scores(Cases(("a",), np.arange(8000), truth, each), np.ones((8000, 1)), log)[:, 0]
+        for each, log in ((draws, log_weight), (draws + 0.5, None), (draws, None))
+    ]
+    mean, right, wrong = (each.mean() for each in scores)
+    assert abs(mean - right) < 0.1 * (wrong - right)
+
+
+def test_equal_weights_are_none():
+    few = cases(6, 8)
+    plain = kernel_scores(few, np.ones((6, 1)))
+    np.testing.assert_allclose(kernel_scores(few, np.ones((6, 1)), np.full((6, 8), 3.0)), plain)
+
+
 @pytest.mark.parametrize("wrong", [{"scale": 0.6}, {"scale": 1.7}, {"shift": 0.6}])
 def test_the_right_law_scores_best_with_heavy_tails(wrong):
     right, other = cases(4000, 40), cases(4000, 40, **wrong)

@@ -171,14 +171,15 @@ def test_the_set_is_as_large_and_as_even_as_it_should_be():
 
 
 def test_a_broken_seal_is_noticed_and_a_second_set_goes_elsewhere(tmp_path):
-    said = seal(tmp_path, seed=3, sizes={"listed": 3, "sound": 1, "lacking": 1})
+    few = {"listed": 3, "sound": 1, "lacking": 1}
+    said = seal(tmp_path, seed=3, commit="one", sizes=few)
     seed, made, again = opened(tmp_path)
     assert (seed, len(made), again) == (3, 5, said)
-    assert made == answers(3, {"listed": 3, "sound": 1, "lacking": 1})
+    assert made == answers(3, few)
     with pytest.raises(InputError, match="sealed there already"):
-        seal(tmp_path, seed=4, sizes={"listed": 3, "sound": 1, "lacking": 1})
-    other = seal(tmp_path / "other", seed=3, sizes={"listed": 3, "sound": 1, "lacking": 1})
-    assert other[KEY] != said[KEY]
+        seal(tmp_path, seed=4, commit="one", sizes=few)
+    assert seal(tmp_path / "again", seed=3, commit="one", sizes=few) == said
+    assert seal(tmp_path / "other", seed=4, commit="one", sizes=few)[KEY] != said[KEY]
     with open(tmp_path / KEY, "ab") as file:
         file.write(b" ")
     with pytest.raises(InputError, match="not the file that was sealed"):

@@ -1,0 +1,106 @@
+"""Another noise than the data have: too wide and near the prior's middle, or the other way round."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from scipy import optimize, special
+
+from gaugeblock.core.arrays import Array
+from gaugeblock.diagnosis.cases import Cases
+from gaugeblock.diagnosis.disagreement import Reference
+from gaugeblock.diagnosis.repair import Repair, mends
+
+# Quantiles of truths by which values become normal scores, and back.
+SHARES = (np.arange(256) + 0.5) / 256
+# The log of the factor of the likelihood's precision that is looked for, and one that is none.
+FACTOR, NONE = np.log(30.0), 0.05
+# Least draws beyond parameters from which a covariance is inverted; degrees of freedom of the Student
+# distribution by whose likelihood the factor is found, so that stray truths do not decide it.
+LEAST_DRAWS, FREEDOM = 10, 8.0
+
+
+def x_noise(cases: Cases, reference: Reference) -> Sequence[Repair]:
+    """Draws as they were if what the data say counted more, or less, beside the prior.
+
+    In normal scores of the truths prior and posterior are taken to be normal: their difference in precision
+    is the likelihood's, which another noise multiplies by one factor (Raiffa & Schlaifer 1961).
+    """
+    if cases.draws.shape[1] < len(cases.names) + LEAST_DRAWS:
+        return []
+    truths = np.quantile(reference.truths, SHARES, axis=0)
+    truth = _scores(cases.theta, truths)
+    prior = np.linalg.inv(np.atleast_2d(np.corrcoef(truth, rowvar=False)))
+    middle, precision = _normal(_scores(cases.draws, truths))
+
+    def surprise(log: float) -> float:
+        mean, changed = _with_factor(middle, precision, prior, float(np.exp(log)))
+        away = truth - mean
+        distance = np.einsum("tp,tpq,tq->t", away, changed, away)
+        return float((np.log1p(distance / FREEDOM) * (FREEDOM + truth.shape[1])).mean()) - float(
+            np.linalg.slogdet(changed)[1].mean()
+        )
+
+    log = float(optimize.minimize_scalar(surprise, bounds=(-FACTOR, FACTOR), method="bounded").x)
+    if abs(log) < NONE:
+        return []
+    ratio = float(np.exp(log / 2))
+    words = f"draws are those of data with {ratio:.3g} times the noise"
+    mend = partial(denoised, truths=truths, prior=prior, factor=ratio**2)
+    return [Repair("x_noise", mend, words, {"ratio": ratio}, neutral=1.0)]
+
+
+@mends
+def denoised(cases: Cases, truths: Array, prior: Array, factor: float) -> Cases:
+    """Draws for a likelihood whose precision is `factor` times as large, in normal scores of the truths."""
+    scores = _scores(cases.draws, truths)
+    middle, precision = _normal(scores)
+    mean, changed = _with_factor(middle, precision, prior, factor)
+    own, wanted = np.linalg.cholesky(precision), np.linalg.cholesky(changed)
+    # Scores are white in units of the root of their precision, and coloured anew by that of the other.
+    white = np.einsum("tdp,tpq->tdq", scores - middle[:, None], own)
+    coloured = np.linalg.solve(np.swapaxes(wanted, 1, 2), np.swapaxes(white, 1, 2))
+    return cases.drawn(_values(mean[:, None] + np.swapaxes(coloured, 1, 2), truths))
+
+
+def _normal(scores: Array) -> tuple[Array, Array]:
+    """Means ``(trial, p)`` and precisions ``(trial, p, p)`` of scores, the latter without bias."""
+    number, p = scores.shape[1:]
+    middle = scores.mean(axis=1)
+    away = scores - middle[:, None]
+    covariance = np.swapaxes(away, 1, 2) @ away / (number - 1) + 1e-6 * np.eye(p)
+    return middle, np.linalg.inv(covariance) * (number - p - 2) / (number - 1)
+
+
+def _with_factor(middle: Array, precision: Array, prior: Array, factor: float) -> tuple[Array, Array]:
+    """Mean and precision of posteriors whose likelihood counts `factor` times; the prior's mean is 0."""
+    value, vector = np.linalg.eigh(precision - prior)
+    # Where draws are wider than the prior the data say nothing.
+    likelihood = np.einsum("tpk,tk,tqk->tpq", vector, np.maximum(value, 0.0), vector)
+    said = np.einsum("tpq,tq->tp", prior + likelihood, middle)
+    changed = prior + factor * likelihood
+    return np.linalg.solve(changed, factor * said[..., None])[..., 0], changed
+
+
+def _scores(values: Array, truths: Array) -> Array:
+    """Normal scores of values ``(..., p)``, straight on beyond the outermost quantiles ``(share, p)``."""
+    return _along(values, truths, special.ndtri(SHARES)[:, None] + np.zeros(truths.shape[1]))
+
+
+def _values(scores: Array, truths: Array) -> Array:
+    return _along(scores, special.ndtri(SHARES)[:, None] + np.zeros(truths.shape[1]), truths)
+
+
+def _along(values: Array, known: Array, wanted: Array) -> Array:
+    """Values of a table ``(share, p)`` read off in the other, drawn on at its ends as in its outer tenths."""
+    found = np.empty(values.shape)
+    tenth = len(known) // 10
+    for k in range(known.shape[1]):
+        x, y, value = known[:, k], wanted[:, k], values[..., k]
+        found[..., k] = np.interp(value, x, y)
+        for end, inner, beyond in ((0, tenth, value < x[0]), (-1, -1 - tenth, value > x[-1])):
+            slope = (y[inner] - y[end]) / (x[inner] - x[end]) if x[inner] != x[end] else 0.0
+            found[..., k] = np.where(beyond, y[end] + slope * (value - x[end]), found[..., k])
+    return found
