@@ -340,7 +340,10 @@ def _firsts(tried: Sequence[Tried]) -> list[Tried]:
 
 
 def _chosen(mended: Sequence[Tried]) -> tuple[Tried | None, tuple[Tried, ...]]:
-    """The best of those that mend, and those of other symptoms that paired errors do not tell from it."""
+    """The best of those that mend, and those of other symptoms that paired errors do not tell from it.
+
+    The first of them is the one with the fewest numbers.
+    """
     if not mended:
         return None, ()
     best = min(mended, key=lambda each: float(each.loss.mean()))
@@ -349,7 +352,12 @@ def _chosen(mended: Sequence[Tried]) -> tuple[Tried | None, tuple[Tried, ...]]:
         further, error = _mean(each.loss - best.loss)
         if further <= ALIKE * error:
             alike.setdefault(frozenset(each.symptoms), each)
-    return best, tuple(alike.values())
+    # Of those that are not told apart the plainest is named.
+    return min(alike.values(), key=_numbers_in), tuple(alike.values())
+
+
+def _numbers_in(each: Tried) -> int:
+    return sum(len(repair.numbers) for repair in each.repairs)
 
 
 def _sizes(parts: _Parts, named: Tried) -> dict[str, tuple[float, float, float]]:

@@ -8,7 +8,7 @@ from tests.diagnose.problems import FAULTS, about_middle, exact, lighter, noisie
 
 from gaugeblock.diagnosis import workflow
 from gaugeblock.diagnosis.cases import Cases
-from gaugeblock.diagnosis.library import marginal
+from gaugeblock.diagnosis.library import joint, marginal
 from gaugeblock.diagnosis.workflow import locate_and_name
 
 SEED = 1
@@ -59,16 +59,16 @@ def test_a_fault_of_modes_is_named(wanted, fault):
 
 
 def test_odds_of_a_mode_that_few_draws_are_in_have_their_size():
-    """A twentieth of the odds: most trials have no draw, or one, in the lower mode."""
+    """An eighth of the odds."""
     cases, rng = two_modes(SEED), np.random.default_rng(SEED)
     draws = np.array(cases.draws)
-    turned = (draws[..., 0] < 0) & (rng.random(draws.shape[:2]) < 1 - 2 / 21)
+    turned = (draws[..., 0] < 0) & (rng.random(draws.shape[:2]) < 1 - 2 / 9)
     draws[..., 0] = np.where(turned, -draws[..., 0], draws[..., 0])
-    found = found_in(cases, draws)
-    assert named(found) == {("mode_weights",)}
-    value, low, high = found.sizes["a"]
-    assert low < 20 < high
-    assert 14 < value < 28
+    assert ("mode_weights",) in named(found_in(cases, draws))
+    upper, heavier = joint.mode_weights(cases.drawn(draws))
+    # About as many truths as trials say it: an error of 0.1 in the log.
+    assert upper.numbers["a"] == pytest.approx(8, rel=0.3)
+    assert heavier.numbers["a"] == pytest.approx(8, rel=0.3)
 
 
 def test_a_lopsided_law_is_measured_well():
@@ -92,7 +92,7 @@ def test_draws_of_few_values_stay_on_them():
     whole = np.concatenate([values, other], axis=2)
     cases = Cases(("k", "b"), np.arange(900), whole[:, 0], whole[:, 1:] * [1.0, 0.6])
     found = locate_and_name(cases, seed=1, failed=True)
-    assert named(found) == {("scale",)}
+    assert found.named.symptoms == ("scale",)
     mended = found.named.repairs[0].apply(cases)
     assert set(np.unique(mended.draws[..., 0])) <= set(np.unique(cases.theta[:, 0]))
     assert mended.draws[..., 1].std() == pytest.approx(1.0, abs=0.06)
@@ -163,6 +163,7 @@ def test_sizes_hold_what_was_planted():
         hits += [low <= 0.7 <= high for _, low, high in found.sizes.values()][:1]
         cases = exact(100 + seed)
         found = found_in(cases, cases.draws + 0.5 * cases.half_width[:, None] * [0, 1, 0])
+        assert found.named.symptoms == ("shift",)  # though another prior would do: with fewer numbers
         value, low, high = found.sizes["b"]
         in_widths = found.named.repairs[0].variant == "of their half-widths"
         planted = 0.5 * (1 if in_widths else np.median(cases.half_width[:, 1]))
