@@ -19,6 +19,7 @@ from studies.faults.problems import PROBLEMS
 from studies.faults.rivals import FAIR, NOTHING, distances, fair, rivals
 from studies.faults.score import scored, table
 from studies.faults.seal import KEY, Answer, answers, opened, seal
+from studies.kit.commit import seed_of
 from studies.kit.results import DOCS, read
 
 from gaugeblock.core.errors import InputError
@@ -278,3 +279,10 @@ def test_a_twin_of_the_study(tmp_path, monkeypatch):
     assert "1 of 1 faults, 1 of 1 sound" in text
     for part in MAKERS:
         assert text.count(f"<!-- faults {part} -->") == text.count(f"<!-- /faults {part} -->") == 1
+
+
+def test_a_commit_gives_its_own_seed():
+    """The same to everybody: its first seven bytes, by a hash that can be had anywhere."""
+    commit = "4b825dc642cb6eb9a060e54bf8d69288fbee4904"
+    assert seed_of("faults", commit) == 46_946_475_484_327_080
+    assert seed_of("other", commit) != seed_of("faults", commit)

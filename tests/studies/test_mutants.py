@@ -4,9 +4,10 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from studies.kit.commit import committed
 from studies.kit.results import read_groups
 from studies.mutants.__main__ import equivalents, main
-from studies.mutants.bench import bench, committed
+from studies.mutants.bench import bench
 from studies.mutants.document import counts
 from studies.mutants.operators import mutations
 from studies.mutants.places import ROOMS, Mutant, Tree, drawn
