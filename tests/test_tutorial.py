@@ -37,7 +37,7 @@ def test_from_nothing_to_a_verdict(tree, tmp_path, monkeypatch):
         shutil.copy2(ROOT / name, clone / name, follow_symlinks=False)
     (install,) = re.findall(r"In a clone of the repository, `(pip install .*?)` is all", page)
     blocks = re.findall(r"^```python\n(.*?)^```", page, re.M | re.S)
-    code = "\n".join([*blocks, "print(*(str(one.outcome) for one in (result, blocked)))"])
+    code = "\n".join([*blocks, "print()", "print(*(str(one.outcome) for one in (result, blocked)))"])
     (tmp_path / "followed.py").write_text(code, encoding="utf-8")
 
     # The versions that everything here was measured with, and nothing that is installed already.
