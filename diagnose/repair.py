@@ -146,14 +146,16 @@ def weighted(cases: Cases, log_weight: Array) -> Cases:
 
 
 @mends
-def in_steps(cases: Cases, mend: Callable[[Cases], Cases], steps: Sequence[Sequence[float]]) -> Cases:
-    """Draws mended, and those of parameters with few values put at the nearest of them."""
+def in_steps(cases: Cases, mend: Callable[[Cases], Cases], columns: NDArray[np.int64], steps: Array) -> Cases:
+    """Draws mended, and those of parameters with few values put at the nearest of them.
+
+    `steps` are all these values, rising within each parameter, and `columns` whose each of them is.
+    """
     mended = mend(cases)
     draws = np.array(mended.draws)
-    for k, values in enumerate(steps):
-        if len(values):
-            known = np.asarray(values, dtype=float)
-            draws[..., k] = known[np.searchsorted((known[1:] + known[:-1]) / 2, draws[..., k])]
+    for k in np.unique(columns):
+        known = steps[columns == k]
+        draws[..., k] = known[np.searchsorted((known[1:] + known[:-1]) / 2, draws[..., k])]
     return mended.drawn(draws)
 
 

@@ -10,16 +10,17 @@ sizes with their intervals.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.diagnosis.cases import Cases, thirds
-from gaugeblock.diagnosis.disagreement import Reference, candidates, columns, evidence, fit_tilt
+from gaugeblock.diagnosis.disagreement import Kinds, Reference, candidates, columns, evidence, fit_tilt
 from gaugeblock.diagnosis.library.calls import Called, calls, knows_truth
 from gaugeblock.diagnosis.library.symptoms import STRUCTURAL, SYMPTOMS, Fit
 from gaugeblock.diagnosis.repair import Repair, as_data, in_steps
@@ -151,23 +152,26 @@ class _Parts:
     seed: int
     again: Called | None
     symptoms: Mapping[str, Fit]
+    _seen: dict[int, tuple[Array, Kinds]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, cases: Cases, seed: int, again: Called | None, symptoms: Mapping[str, Fit]) -> _Parts:
         fitting, choosing, reporting = (cases.taken(rows) for rows in thirds(len(cases), seed))
         # Where truths lie, all of them say; what the data foretell is learned on the fitting part alone.
         reference = replace(Reference.of(fitting), truths=cases.theta)
-        steps = _steps(cases.theta)
-        if any(steps):
-            symptoms = {name: partial(_in_steps, fit=fit, steps=steps) for name, fit in symptoms.items()}
+        of_few, steps = _steps(cases.theta)
+        if len(steps):
+            symptoms = {
+                name: partial(_in_steps, fit=fit, columns=of_few, steps=steps)
+                for name, fit in symptoms.items()
+            }
         return cls(fitting, choosing, reporting, reference, seed, again, symptoms)
 
     def all_tried(self, before: Tried) -> list[Tried]:
         """Every repair, fitted to cases to which those before it have been applied, with these."""
         done = set(before.symptoms) - {"region"}  # there may be two
-        fitting, choosing = _repaired(self.fitting, before.repairs), self.choosing
-        if before.crossed or not before.repairs:
-            choosing = _repaired(choosing, before.crossed)
+        fitting = _repaired(self.fitting, before.repairs)
+        choosing = _repaired(self.choosing, before.crossed)
         most = PROMISING if before.repairs else 1 - PART
         tried = []
         for name, fit in self.symptoms.items():
@@ -176,23 +180,31 @@ class _Parts:
             crossed = {each.variant: each for each in fit(choosing, self.reference)} if found else {}
             for each in found:
                 other = crossed.get(each.variant)
-                both = (
-                    (*before.crossed, other) if other and len(before.crossed) == len(before.repairs) else ()
-                )
+                both: tuple[Repair, ...] = ()
+                if other is not None and len(before.crossed) == len(before.repairs):
+                    both = (*before.crossed, other)
                 tried.append(self.tried((*before.repairs, each), both))
         if self.again is not None and not before.repairs:
             # How the estimator is called has nothing fitted in it.
             tried += [self.tried((each,), (each,)) for each in calls(fitting, self.again)]
         return tried
 
+    def columns(self, cases: Cases) -> tuple[Array, Kinds]:
+        """As the function of this name; of the parts as they are only once."""
+        if not any(cases is part for part in (self.fitting, self.choosing, self.reporting)):
+            return columns(cases, self.reference, self.seed)
+        if id(cases) not in self._seen:
+            self._seen[id(cases)] = columns(cases, self.reference, self.seed)
+        return self._seen[id(cases)]
+
     @cached_property
     def only_joint(self) -> bool:
         """Whether no more than a tenth of the disagreement shows in parameters one by one."""
-        values, kinds = columns(self.fitting, self.reference, self.seed)
+        values, kinds = self.columns(self.fitting)
         if "joint" not in kinds.names:
             return False
         alone = ~np.isin(kinds.of, [kinds.names.index(name) for name in kinds.names if name in TOGETHER])
-        other = columns(self.choosing, self.reference, self.seed)[0]
+        other = self.columns(self.choosing)[0]
         left = np.concatenate(
             [
                 fit_tilt(one * alone, kinds).gains(two * alone)
@@ -229,21 +241,24 @@ class _Parts:
     @cached_property
     def kinds(self) -> dict[str, float]:
         """In which kinds of function the disagreement shows."""
-        values, kinds = columns(self.fitting, self.reference, self.seed)
-        tilt = fit_tilt(values, kinds)
-        return tilt.by_kind(columns(self.choosing, self.reference, self.seed)[0])
+        return fit_tilt(*self.columns(self.fitting)).by_kind(self.columns(self.choosing)[0])
 
     def gains(self, chosen: Sequence[Repair], learned: Cases, other: Cases) -> tuple[Array, Cases]:
         """The disagreement ``(trial,)`` of other cases once both are repaired, and those.
 
         Draws that the last repair weighs stay as they are: candidates have the odds of their weights.
         """
-        weigh = chosen[-1].log_weight if chosen else None
+        weigh = _weighing(chosen)
         done = chosen if weigh is None else chosen[:-1]
         both = [_repaired(each, done) for each in (learned, other)]
         odds = [0.0 if weigh is None else weigh(each, candidates(each, self.seed)) for each in both]
-        (values, kinds), (others, _) = (columns(each, self.reference, self.seed) for each in both)
+        (values, kinds), (others, _) = (self.columns(each) for each in both)
         return fit_tilt(values, kinds, odds[0]).gains(others, odds[1]), both[1]
+
+    @cached_property
+    def reported(self) -> Array:
+        """Nats ``(trial,)`` by which truths are told from draws as they are, on the third part."""
+        return self.gains((), self.fitting, self.reporting)[0]
 
     def confirmed(self, chosen: Sequence[Repair]) -> bool:
         """Whether repairs take half of the disagreement away on trials that did not choose them either.
@@ -252,26 +267,22 @@ class _Parts:
         """
         if chosen == (DEPENDENCE,) or not all(repair.recovers for repair in chosen):
             return True
-        before = self.gains((), self.fitting, self.reporting)[0]
         after = self.gains(chosen, self.fitting, self.reporting)[0]
-        excess = float(after.mean()) - (1 - LEAST_SHARE) * float(before.mean())
+        excess = float(after.mean()) - (1 - LEAST_SHARE) * float(self.reported.mean())
         return excess < _mean(after)[1]
 
     def gap(self, chosen: Sequence[Repair]) -> tuple[float, float]:
         """Disagreement and its error on the reporting part."""
-        return _mean(self.gains(chosen, self.fitting, self.reporting)[0])
+        return _mean(self.gains(chosen, self.fitting, self.reporting)[0] if chosen else self.reported)
 
     def tried(self, chosen: tuple[Repair, ...], crossed: tuple[Repair, ...]) -> Tried:
         """How repairs do on the first two parts, each of which is mended by those of the other."""
         original = self.original
         if not chosen:
             return Tried(chosen, crossed, original, original, 0.0, False)
-        lefts, costs = [], []
-        for each, (learned, other), scored in zip((chosen, crossed), self.halves, self.scored, strict=True):
-            left, cost = self._half(each, learned, other, scored)
-            lefts.append(left)
-            costs.append(cost)
-        left, cost = np.concatenate(lefts), np.concatenate(costs)
+        halves = zip((chosen, crossed), self.halves, self.scored, strict=True)
+        found = [self._half(each, learned, other, scored) for each, (learned, other), scored in halves]
+        left, cost = (np.concatenate(parts) for parts in zip(*found, strict=True))
         allowed = 1 - min(repair.recovers for repair in chosen)
         excess, error = _mean(left - allowed * original)
         price, price_error = _mean(cost)
@@ -293,7 +304,7 @@ class _Parts:
         # Trials that a repair leaves out gain nothing, and cost what the others do.
         left = np.full(len(other), found.mean())
         left[kept] = found
-        weigh = chosen[-1].log_weight if chosen else None
+        weigh = _weighing(chosen)
         log_weight = None if weigh is None else weigh(repaired, repaired.draws)
         before, after = scored[kept], kernel_scores(repaired, other.half_width[kept], log_weight)
         means = [np.maximum(each.mean(axis=0), np.finfo(float).tiny) for each in (before, after)]
@@ -302,20 +313,28 @@ class _Parts:
         return left, cost
 
 
-def _steps(theta: Array) -> tuple[tuple[float, ...], ...]:
-    """The values of each parameter that has few; none of any other."""
+def _weighing(chosen: Sequence[Repair]) -> Callable[[Cases, Array], Array] | None:
+    """What the last repair weighs draws by, where it does."""
+    return chosen[-1].log_weight if chosen else None
+
+
+def _steps(theta: Array) -> tuple[NDArray[np.int64], Array]:
+    """All values of parameters that have few, and whose each of them is."""
     found = [np.unique(column) for column in theta.T]
-    return tuple(tuple(each.tolist()) if len(each) < FEW_VALUES * len(theta) else () for each in found)
+    few = [k for k, each in enumerate(found) if len(each) < FEW_VALUES * len(theta)]
+    columns = np.repeat(few, [len(found[k]) for k in few]).astype(np.int64)
+    return columns, np.concatenate([np.empty(0), *(found[k] for k in few)])
 
 
 def _in_steps(
-    cases: Cases, reference: Reference, fit: Fit, steps: tuple[tuple[float, ...], ...]
+    cases: Cases, reference: Reference, fit: Fit, columns: NDArray[np.int64], steps: Array
 ) -> list[Repair]:
     """Repairs after which parameters with few values have no others."""
-    found = fit(cases, reference)
     return [
-        replace(each, apply=partial(in_steps, mend=each.apply, steps=steps)) if as_data(each.apply) else each
-        for each in found
+        replace(each, apply=partial(in_steps, mend=each.apply, columns=columns, steps=steps))
+        if as_data(each.apply)
+        else each
+        for each in fit(cases, reference)
     ]
 
 

@@ -64,17 +64,15 @@ def calls(cases: Cases, again: Called) -> Sequence[Repair]:
     before = kernel_scores(few.drawn(few.draws[:, :number]), unit).sum(axis=1)
     began, found = time.monotonic(), []
     for symptom, how, turn, size in _ways(again.data[np.searchsorted(again.trial, few.trial)]):
-        try:
-            after = kernel_scores(again.drawn(few, turn, DRAWS), unit).sum(axis=1)
-        except Exception:
-            continue
-        better = before - after
-        if better.mean() > BETTER * better.std(ddof=1) / np.sqrt(len(better)):
-            found.append((float(after.mean()), symptom, f"{CALLED} {how}", turn, size))
+        after = _scores(few, turn, unit, again)
+        if after is not None:
+            better = before - after
+            if better.mean() > BETTER * better.std(ddof=1) / np.sqrt(len(better)):
+                found.append((float(after.mean()), symptom, f"{CALLED} {how}", turn, size))
         if time.monotonic() - began > SECONDS:
             break
     found.sort(key=lambda each: each[0])
-    found = [_refined(each, few, unit, again) for each in found[:KEPT]]
+    found = [_refined(each, few, unit, again, began) for each in found[:KEPT]]
     return [
         Repair(
             symptom,
@@ -85,13 +83,22 @@ def calls(cases: Cases, again: Called) -> Sequence[Repair]:
             variant=words,
             turn=turn,
         )
-        for _, symptom, words, turn, size in found[:KEPT]
+        for _, symptom, words, turn, size in found
     ]
 
 
-def _refined(
-    found: tuple[float, str, str, Turn, dict[str, float]], few: Cases, unit: Array, again: Called
-) -> tuple[float, str, str, Turn, dict[str, float]]:
+def _scores(few: Cases, turn: Turn, unit: Array, again: Called) -> Array | None:
+    """Scores ``(trial,)`` of draws for data that are turned; None where the estimator refuses them."""
+    try:
+        return np.asarray(kernel_scores(again.drawn(few, turn, DRAWS), unit).sum(axis=1))
+    except Exception:
+        return None
+
+
+Way = tuple[float, str, str, Turn, dict[str, float]]
+
+
+def _refined(found: Way, few: Cases, unit: Array, again: Called, began: float) -> Way:
     """A factor or a step of the data between those that were tried, where that does better."""
     score, symptom, words, turn, size = found
     if not size:
@@ -99,13 +106,12 @@ def _refined(
     name, value = next(iter(size.items()))
     for width in (0.5, 0.25, 0.12, 0.06, 0.03):
         for other in (value * (1 - width), value * (1 + width)):
+            if time.monotonic() - began > SECONDS:
+                return score, symptom, words, turn, {name: value}
             tried, said = _scaled(other) if name == "factor" else _moved(other)
-            try:
-                after = float(kernel_scores(again.drawn(few, tried, DRAWS), unit).sum(axis=1).mean())
-            except Exception:
-                continue
-            if after < score:
-                score, value, turn, words = after, other, tried, f"{CALLED} {said}"
+            after = _scores(few, tried, unit, again)
+            if after is not None and after.mean() < score:
+                score, value, turn, words = float(after.mean()), other, tried, f"{CALLED} {said}"
     return score, symptom, words, turn, {name: value}
 
 

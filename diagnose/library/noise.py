@@ -11,10 +11,9 @@ from scipy import optimize, special
 from gaugeblock.core.arrays import Array
 from gaugeblock.diagnosis.cases import Cases
 from gaugeblock.diagnosis.disagreement import Reference
+from gaugeblock.diagnosis.library.prior import SHARES
 from gaugeblock.diagnosis.repair import Repair, mends
 
-# Quantiles of truths by which values become normal scores, and back.
-SHARES = (np.arange(256) + 0.5) / 256
 # The log of the factor of the likelihood's precision that is looked for, and one that is none.
 FACTOR, NONE = np.log(30.0), 0.05
 # Least draws beyond parameters from which a covariance is inverted; degrees of freedom of the Student

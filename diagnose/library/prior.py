@@ -45,7 +45,7 @@ def other_prior(cases: Cases, reference: Reference) -> Sequence[Repair]:
     return [
         Repair(
             "other_prior", mend, words, numbers,
-            log_weight=lambda _, values: _polynomials(values, few) @ tilt.weight,
+            log_weight=lambda _, values: _log_ratio(values, few, tilt.weight),
         )
     ]  # fmt: skip
 
@@ -53,7 +53,11 @@ def other_prior(cases: Cases, reference: Reference) -> Sequence[Repair]:
 @mends
 def reweighted(cases: Cases, truths: Array, weight: Array) -> Cases:
     """Draws reweighted by a log-quadratic function of their normal scores among truths."""
-    return weighted(cases, _polynomials(cases.draws, truths) @ weight)
+    return weighted(cases, _log_ratio(cases.draws, truths, weight))
+
+
+def _log_ratio(values: Array, truths: Array, weight: Array) -> Array:
+    return np.asarray(_polynomials(values, truths) @ weight)
 
 
 def _polynomials(values: Array, truths: Array) -> Array:

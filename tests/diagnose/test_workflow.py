@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from tests.diagnose.problems import FAULTS, about_middle, exact, lighter, noisier, one_sign, two_modes, width
@@ -9,6 +11,7 @@ from tests.diagnose.problems import FAULTS, about_middle, exact, lighter, noisie
 from gaugeblock.diagnosis import workflow
 from gaugeblock.diagnosis.cases import Cases
 from gaugeblock.diagnosis.library import joint, marginal
+from gaugeblock.diagnosis.repair import from_data, plain_repair
 from gaugeblock.diagnosis.workflow import locate_and_name
 
 SEED = 1
@@ -96,6 +99,10 @@ def test_draws_of_few_values_stay_on_them():
     mended = found.named.repairs[0].apply(cases)
     assert set(np.unique(mended.draws[..., 0])) <= set(np.unique(cases.theta[:, 0]))
     assert mended.draws[..., 1].std() == pytest.approx(1.0, abs=0.06)
+    # Written down and read again, beside a parameter that has all values.
+    (stored,) = json.loads(json.dumps(plain_repair(found.repairs)))
+    again = from_data(stored, where="here")(cases)
+    np.testing.assert_array_equal(again.draws, found.repairs[0].apply(cases).draws)
 
 
 def test_noise_has_its_size():
