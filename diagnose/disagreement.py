@@ -24,6 +24,8 @@ from gaugeblock.diagnosis.cases import Cases, scores_in
 
 # Candidates beside the truth in each trial.
 CANDIDATES = 24
+# Outermost truths by whose distances from each other the end of all of them is told.
+OUTERMOST = 10
 # Half-widths beyond which a draw is a stray one.
 STRAY = 8.0
 # Parameters up to which all orders, pairs and regions are looked at; beyond, columns grow with parameters.
@@ -58,8 +60,11 @@ class Reference:
 
     @property
     def range(self) -> tuple[Array, Array]:
-        """Lowest and highest truths, ``(parameter,)`` each."""
-        return self.truths.min(axis=0), self.truths.max(axis=0)
+        """Where truths may lie, ``(parameter,)`` each: beyond the last ones as far as these lie apart."""
+        order = np.sort(self.truths, axis=0)
+        few = min(OUTERMOST, len(order) - 1)
+        below, above = (order[few] - order[0]) / few, (order[-1] - order[-1 - few]) / few
+        return order[0] - below, order[-1] + above
 
     def range_without(self, theta: Array) -> tuple[Array, Array]:
         """The range of the other truths, for each of these ``(trial, parameter)``.
@@ -121,25 +126,24 @@ def _ridge(inputs: Array, target: Array) -> Array:
     return np.asarray(weights)
 
 
-def columns(cases: Cases, reference: Reference, seed: int) -> tuple[Array, Kinds]:
-    """Functions of truth and candidates ``(trial, 1 + candidate, column)``, the truth first.
+def columns(cases: Cases, reference: Reference, seed: int, number: int = CANDIDATES) -> tuple[Array, Kinds]:
+    """Functions of truth and `number` candidates ``(trial, 1 + candidate, column)``, the truth first.
 
     Every one is symmetric in the truth and the draws, so that exchangeability survives.
     """
-    rng = Rows(seed, "diagnosis candidates", cases.trial)
-    n, number, p = cases.draws.shape
+    n, draws, p = cases.draws.shape
     together = np.concatenate([cases.theta[:, None], cases.draws], axis=1)
-    taken = _taken(rng, n, number)
-    ordered, rank = _ranked(together, rng.random((n, number + 1)))
-    items = np.take_along_axis(together, taken[..., None], axis=1)
-    share = (np.take_along_axis(rank, taken[..., None], axis=1) + 0.5) / (number + 1)
+    chosen = taken(cases, seed, number)
+    ordered, rank = _ranked(together, Rows(seed, "diagnosis ties", cases.trial).random((n, draws + 1)))
+    items = np.take_along_axis(together, chosen[..., None], axis=1)
+    share = (np.take_along_axis(rank, chosen[..., None], axis=1) + 0.5) / (draws + 1)
     at = 2 * share - 1
     first, second, third, fourth, fifth = _legendre(at)
-    middle = ordered[:, (number + 1) // 2][:, None]
-    quarter = (number + 1) // 6
+    middle = ordered[:, (draws + 1) // 2][:, None]
+    quarter = (draws + 1) // 6
     width = (ordered[:, -1 - quarter] - ordered[:, quarter])[:, None] / 2
     far = np.abs(items - middle) > STRAY * width
-    edge = (share < 1 / (number + 1)) | (share > 1 - 1 / (number + 1))
+    edge = (share < 1 / (draws + 1)) | (share > 1 - 1 / (draws + 1))
     place = scores_in(items, reference.truths)
     prior_first, prior_second, prior_third, _, _ = _legendre(np.tanh(place / 1.5))
     low, high = reference.range_without(cases.theta)
@@ -177,16 +181,16 @@ def columns(cases: Cases, reference: Reference, seed: int) -> tuple[Array, Kinds
 
 def candidates(cases: Cases, seed: int) -> Array:
     """The truth and the draws of each trial of which one is to be foretold ``(trial, 1 + candidate, p)``."""
-    n, number, _ = cases.draws.shape
-    taken = _taken(Rows(seed, "diagnosis candidates", cases.trial), n, number)
     together = np.concatenate([cases.theta[:, None], cases.draws], axis=1)
-    return np.take_along_axis(together, taken[..., None], axis=1)
+    return np.take_along_axis(together, taken(cases, seed)[..., None], axis=1)
 
 
-def _taken(rng: Rows, trials: int, draws: int) -> NDArray[np.int64]:
-    """Places of the truth, and of some draws by lot, among both."""
-    lot = np.argsort(rng.random((trials, draws)), axis=1)[:, : min(CANDIDATES, draws)] + 1
-    return np.concatenate([np.zeros((trials, 1), dtype=np.int64), lot], axis=1)
+def taken(cases: Cases, seed: int, number: int = CANDIDATES) -> NDArray[np.int64]:
+    """Places of the truth, which is 0, and of some draws by lot, among both ``(trial, 1 + candidate)``."""
+    n, draws, _ = cases.draws.shape
+    rng = Rows(seed, "diagnosis candidates", cases.trial)
+    lot = np.argsort(rng.random((n, draws)), axis=1)[:, : min(number, draws)] + 1
+    return np.concatenate([np.zeros((n, 1), dtype=np.int64), lot], axis=1)
 
 
 def _bright(cases: Cases) -> list[Array]:
@@ -297,19 +301,22 @@ def fit_tilt(values: Array, kinds: Kinds, log_weight: Array | float = 0.0) -> Ti
     return Tilt(weight / scale, kinds)
 
 
-def evidence(cases: Cases, reference: Reference, seed: int) -> float:
+def evidence(cases: Cases, reference: Reference, seed: int, log_weight: Array | None = None) -> float:
     """Nats by which truths are foretold better than by chance, a part of the trials after the other.
 
     Each part is foretold by what those before it have taught, so its exponential is an e-value of all trials:
     where nothing is wrong it exceeds 1 / alpha with chance alpha at most (Ville 1939; Grunwald et al. 2024),
-    of any shape and without standard errors.
+    of any shape and without standard errors. Chance is even, or by weights of the candidates
+    ``(trial, candidate)``, given as logs.
     """
     values, kinds = columns(cases, reference, seed)
+    odds = np.zeros(values.shape[:2]) if log_weight is None else log_weight
     parts = np.array_split(generator(seed, "diagnosis evidence").permutation(len(cases)), PARTS)
     found = 0.0
     for known in range(1, PARTS):
-        tilt = fit_tilt(values[np.concatenate(parts[:known])], kinds)
-        found += float(tilt.gains(values[parts[known]]).sum())
+        before = np.concatenate(parts[:known])
+        tilt = fit_tilt(values[before], kinds, odds[before])
+        found += float(tilt.gains(values[parts[known]], odds[parts[known]]).sum())
     return found
 
 

@@ -17,6 +17,8 @@ from gaugeblock.diagnosis.cases import Cases
 
 # Parameters that a sentence names at most.
 SHOWN = 4
+# A parameter with fewer different values than this share of the trials has steps.
+FEW_VALUES = 0.2
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class Repair:
     numbers: Mapping[str, float] = field(default_factory=dict)
     neutral: float = 0.0
     variant: str = ""
-    recovers: float = 0.9
+    recovers: float = 0.95
     turn: Callable[[Array], Array] | None = None
     log_weight: Callable[[Cases, Array], Array] | None = None
 
@@ -145,11 +147,19 @@ def weighted(cases: Cases, log_weight: Array) -> Cases:
     return cases.drawn(np.take_along_axis(cases.draws, index[..., None], axis=1))
 
 
+def few_values(theta: Array) -> tuple[NDArray[np.int64], Array]:
+    """All values of parameters that have few, rising within each, and whose each of them is."""
+    found = [np.unique(column) for column in theta.T]
+    few = [k for k, each in enumerate(found) if len(each) < FEW_VALUES * len(theta)]
+    columns = np.repeat(few, [len(found[k]) for k in few]).astype(np.int64)
+    return columns, np.concatenate([np.empty(0), *(found[k] for k in few)])
+
+
 @mends
 def in_steps(cases: Cases, mend: Callable[[Cases], Cases], columns: NDArray[np.int64], steps: Array) -> Cases:
     """Draws mended, and those of parameters with few values put at the nearest of them.
 
-    `steps` are all these values, rising within each parameter, and `columns` whose each of them is.
+    `steps` are all these values and `columns` whose each of them is, as `few_values` has them.
     """
     mended = mend(cases)
     draws = np.array(mended.draws)

@@ -8,7 +8,8 @@ from scipy import special
 from gaugeblock.core.arrays import Array
 from gaugeblock.diagnosis.cases import Cases
 
-DRAWS = 40
+# Draws that are scored, and the chance that two by lot are different ones below which all are one.
+DRAWS, ALONE = 40, 1e-9
 
 
 def kernel_scores(cases: Cases, unit: Array, log_weight: Array | None = None) -> Array:
@@ -35,5 +36,7 @@ def kernel_scores(cases: Cases, unit: Array, log_weight: Array | None = None) ->
             pairs = (both * np.log1p(np.abs(draws - np.roll(draws, apart, axis=1)))).sum(axis=1)
             # Apart by half a turn, every pair comes twice.
             each += pairs * (0.5 if 2 * apart == used else 1.0)
-    different = np.maximum(1 - (share**2).sum(axis=1), np.finfo(float).tiny)
-    return np.asarray(to_truth - each / different)
+    # Draws of which one has all the weight do not differ from each other.
+    different = 1 - (share**2).sum(axis=1)
+    alone = different < ALONE
+    return np.asarray(to_truth - np.where(alone, 0.0, each / np.where(alone, 1.0, different)))

@@ -2,10 +2,11 @@
 
 Trials are split in three. Repairs are fitted on the first part and judged on the second, and the other way
 round, by two things: what is left of the disagreement between truths and draws (`disagreement`), and what it
-costs in a proper score. A symptom is named if its repair takes away nine tenths of the disagreement; among
-several that do, the best in both together, and beside it those that two paired errors do not tell from it.
-One that takes away a part may be followed by a second. From the third part come the gap before and after, and
-sizes with their intervals.
+costs in a proper score. A symptom is named if its repair takes nearly all of the disagreement away, and if,
+fitted to all trials, it leaves no evidence of anything; among several that do, the best in both together, and
+beside it those that neither two paired errors nor their own draws (`duel`) tell from it. One that takes away
+a part may be followed by a second. From the third part come the gap before and after, and sizes with their
+intervals.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +23,10 @@ from scipy import stats
 from gaugeblock.core.arrays import Array
 from gaugeblock.diagnosis.cases import Cases, thirds
 from gaugeblock.diagnosis.disagreement import Kinds, Reference, candidates, columns, evidence, fit_tilt
+from gaugeblock.diagnosis.duel import log_ratios
 from gaugeblock.diagnosis.library.calls import Called, calls, knows_truth
 from gaugeblock.diagnosis.library.symptoms import STRUCTURAL, SYMPTOMS, Fit
-from gaugeblock.diagnosis.repair import Repair, as_data, in_steps
+from gaugeblock.diagnosis.repair import Repair, as_data, few_values, in_steps
 from gaugeblock.diagnosis.scores import kernel_scores
 
 # The share of a disagreement that a repair must take away, and paired errors within which two are alike.
@@ -41,8 +44,6 @@ FOLLOWED, PART = 3, 0.25
 FEW, PROMISING = 400, 0.3
 GROUPS = 10
 LEAST_DRAWS = 20
-# A parameter with fewer different values than this share of the trials has steps.
-FEW_VALUES = 0.2
 # Kinds of function that see parameters together, and what is said where only these see anything.
 TOGETHER = ("pairs", "joint")
 DEPENDENCE = Repair(
@@ -122,22 +123,24 @@ def locate_and_name(
     # Of draws that are all made of the same numbers, or of very few, trials tell nothing more.
     alone = any(repair.symptom == "fixed_seed" for repair in structural) or cases.draws.shape[1] < LEAST_DRAWS
     original = parts.tried((), ())
-    if alone or evidence(cases, parts.reference, seed) <= limit or original.left.mean() <= 0:
+    if alone or parts.seen <= limit or original.left.mean() <= 0:
         return Found(structural, None, (), (original,), False, parts.gap(()), None, {}, {}, structural)
     tried = [original, *parts.all_tried(original)]
-    if not any(each.mended for each in tried):
+    found = parts.mending(tried)
+    if not found:
         for first in _firsts(tried):
             tried += parts.all_tried(first)
-    if not any(each.mended for each in tried) and parts.only_joint:
-        tried.append(Tried((DEPENDENCE,), (DEPENDENCE,), original.left, original.left, 0.0, True))
-    named, alike = _chosen([each for each in tried if each.mended])
-    if named is not None and not parts.confirmed(named.repairs):
-        named, alike = None, ()
+        found = parts.mending(tried)
+    if not found and parts.only_joint:
+        found = [Tried((DEPENDENCE,), (DEPENDENCE,), original.left, original.left, 0.0, True)]
+        tried += found
+    # Of those that are not told apart the plainest is named.
+    named = min(found, key=_numbers_in, default=None)
     after = None if named is None else parts.gap(named.repairs)
     sizes = {} if named is None else _sizes(parts, named)
-    repairs = (*structural, *(() if named is None else _refitted(parts, cases, named.repairs)))
+    repairs = (*structural, *(() if named is None else parts.refitted(named.repairs)))
     return Found(
-        structural, named, alike, tuple(tried), True, parts.gap(()), after, parts.kinds, sizes, repairs
+        structural, named, tuple(found), tuple(tried), True, parts.gap(()), after, parts.kinds, sizes, repairs
     )
 
 
@@ -145,6 +148,7 @@ def locate_and_name(
 class _Parts:
     """The three parts, what they are held against, and how a repair does on the first two."""
 
+    cases: Cases
     fitting: Cases
     choosing: Cases
     reporting: Cases
@@ -159,13 +163,13 @@ class _Parts:
         fitting, choosing, reporting = (cases.taken(rows) for rows in thirds(len(cases), seed))
         # Where truths lie, all of them say; what the data foretell is learned on the fitting part alone.
         reference = replace(Reference.of(fitting), truths=cases.theta)
-        of_few, steps = _steps(cases.theta)
+        of_few, steps = few_values(cases.theta)
         if len(steps):
             symptoms = {
                 name: partial(_in_steps, fit=fit, columns=of_few, steps=steps)
                 for name, fit in symptoms.items()
             }
-        return cls(fitting, choosing, reporting, reference, seed, again, symptoms)
+        return cls(cases, fitting, choosing, reporting, reference, seed, again, symptoms)
 
     def all_tried(self, before: Tried) -> list[Tried]:
         """Every repair, fitted to cases to which those before it have been applied, with these."""
@@ -260,16 +264,57 @@ class _Parts:
         """Nats ``(trial,)`` by which truths are told from draws as they are, on the third part."""
         return self.gains((), self.fitting, self.reporting)[0]
 
-    def confirmed(self, chosen: Sequence[Repair]) -> bool:
-        """Whether repairs take half of the disagreement away on trials that did not choose them either.
+    def unbeaten(self, alike: Sequence[Tried]) -> list[Tried]:
+        """Those that truths do not tell from a better one; all where each is beaten."""
+        won = {(i, k): self.duel(alike[i], alike[k]) for i, k in combinations(range(len(alike)), 2)}
+        beaten = {k if ahead > 0 else i for (i, k), ahead in won.items() if abs(ahead) > ALIKE}
+        return [each for k, each in enumerate(alike) if k not in beaten] or list(alike)
+
+    def duel(self, one: Tried, other: Tried) -> float:
+        """By how many of its errors the mean log ratio of both's densities at truths lies above 0."""
+        found = []
+        for half, mends in enumerate(((one.repairs, other.repairs), (one.crossed, other.crossed))):
+            if all(mends):
+                learned, judged = (
+                    (_repaired(part, mends[0]), _repaired(part, mends[1])) for part in self.halves[half]
+                )
+                found.append(log_ratios(learned, judged, self.reference, self.seed))
+        mean, error = _mean(np.concatenate(found))
+        return mean / max(error, np.finfo(float).tiny)
+
+    def mending(self, tried: Sequence[Tried]) -> list[Tried]:
+        """Repairs after which nothing much is seen to be wrong, and which truths do not tell apart."""
+        return self.unbeaten(
+            [each for each in _alike([one for one in tried if one.mended]) if self.confirmed(each)]
+        )
+
+    @cached_property
+    def seen(self) -> float:
+        """Nats by which all truths are told from draws as they are."""
+        return evidence(self.cases, self.reference, self.seed)
+
+    def refitted(self, chosen: Sequence[Repair]) -> tuple[Repair, ...]:
+        """Repairs fitted to all cases, one after the other: what an estimator is mended by."""
+        found, cases = [], self.cases
+        for repair in chosen:
+            found.append(_fitted(self, cases, repair) or repair)
+            cases = found[-1].apply(cases)
+        return tuple(found)
+
+    def confirmed(self, each: Tried) -> bool:
+        """Whether no evidence is left, or little of it, once repairs are fitted to all trials.
 
         What stands for something that draws cannot have is not asked.
         """
-        if chosen == (DEPENDENCE,) or not all(repair.recovers for repair in chosen):
+        if not all(repair.recovers for repair in each.repairs):
             return True
-        after = self.gains(chosen, self.fitting, self.reporting)[0]
-        excess = float(after.mean()) - (1 - LEAST_SHARE) * float(self.reported.mean())
-        return excess < _mean(after)[1]
+        chosen = self.refitted(each.repairs)
+        weigh = _weighing(chosen)
+        mended = _repaired(self.cases, chosen if weigh is None else chosen[:-1])
+        odds = None if weigh is None else weigh(mended, candidates(mended, self.seed))
+        return evidence(mended, self.reference, self.seed, odds) <= max(
+            SEEN, _allowed(each.repairs) * self.seen
+        )
 
     def gap(self, chosen: Sequence[Repair]) -> tuple[float, float]:
         """Disagreement and its error on the reporting part."""
@@ -283,7 +328,7 @@ class _Parts:
         halves = zip((chosen, crossed), self.halves, self.scored, strict=True)
         found = [self._half(each, learned, other, scored) for each, (learned, other), scored in halves]
         left, cost = (np.concatenate(parts) for parts in zip(*found, strict=True))
-        allowed = 1 - min(repair.recovers for repair in chosen)
+        allowed = _allowed(chosen)
         excess, error = _mean(left - allowed * original)
         price, price_error = _mean(cost)
         share = 1 - max(float(left.mean()), 0) / float(original.mean())
@@ -313,17 +358,14 @@ class _Parts:
         return left, cost
 
 
+def _allowed(chosen: Sequence[Repair]) -> float:
+    """The share of a disagreement that repairs may leave."""
+    return 1 - min(repair.recovers for repair in chosen)
+
+
 def _weighing(chosen: Sequence[Repair]) -> Callable[[Cases, Array], Array] | None:
     """What the last repair weighs draws by, where it does."""
     return chosen[-1].log_weight if chosen else None
-
-
-def _steps(theta: Array) -> tuple[NDArray[np.int64], Array]:
-    """All values of parameters that have few, and whose each of them is."""
-    found = [np.unique(column) for column in theta.T]
-    few = [k for k, each in enumerate(found) if len(each) < FEW_VALUES * len(theta)]
-    columns = np.repeat(few, [len(found[k]) for k in few]).astype(np.int64)
-    return columns, np.concatenate([np.empty(0), *(found[k] for k in few)])
 
 
 def _in_steps(
@@ -358,21 +400,17 @@ def _firsts(tried: Sequence[Tried]) -> list[Tried]:
     return list(found.values())[:FOLLOWED]
 
 
-def _chosen(mended: Sequence[Tried]) -> tuple[Tried | None, tuple[Tried, ...]]:
-    """The best of those that mend, and those of other symptoms that paired errors do not tell from it.
-
-    The first of them is the one with the fewest numbers.
-    """
+def _alike(mended: Sequence[Tried]) -> list[Tried]:
+    """The best of those that mend, and those of other symptoms that paired errors do not tell from it."""
     if not mended:
-        return None, ()
+        return []
     best = min(mended, key=lambda each: float(each.loss.mean()))
     alike: dict[frozenset[str], Tried] = {frozenset(best.symptoms): best}
     for each in sorted(mended, key=lambda each: float(each.loss.mean())):
         further, error = _mean(each.loss - best.loss)
         if further <= ALIKE * error:
             alike.setdefault(frozenset(each.symptoms), each)
-    # Of those that are not told apart the plainest is named.
-    return min(alike.values(), key=_numbers_in), tuple(alike.values())
+    return list(alike.values())
 
 
 def _numbers_in(each: Tried) -> int:
@@ -412,12 +450,3 @@ def _fitted(parts: _Parts, cases: Cases, wanted: Repair) -> Repair | None:
         return wanted
     fit = parts.symptoms[wanted.symptom]
     return next((r for r in fit(cases, parts.reference) if r.variant == wanted.variant), None)
-
-
-def _refitted(parts: _Parts, cases: Cases, wanted: Sequence[Repair]) -> tuple[Repair, ...]:
-    """Named repairs fitted to all cases, one after the other: what an estimator is mended by."""
-    found = []
-    for repair in wanted:
-        found.append(_fitted(parts, cases, repair) or repair)
-        cases = found[-1].apply(cases)
-    return tuple(found)

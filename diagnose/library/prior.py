@@ -21,7 +21,9 @@ FARTHEST = 2.5
 SHARES = (np.arange(256) + 0.5) / 256
 # Share of the truths beyond all draws of all trials that no chance explains, and of draws beyond all truths.
 BEYOND, LEAKED = 0.01, 0.002
-# With more than this share of the truths beyond, it is another fault.
+# The log weight of what cannot be.
+NEVER = -50.0
+# With more than this share of the truths, or draws, beyond it is another fault.
 MOST_BEYOND = 0.8
 
 
@@ -92,18 +94,23 @@ def leakage(cases: Cases, reference: Reference) -> Sequence[Repair]:
     """Draws beyond the range of all truths left out."""
     low, high = reference.range
 
-    share = float(1 - _inside(cases, low, high).mean())
-    if share < LEAKED:
+    share = float(1 - _within(cases.draws, low, high).mean())
+    if not LEAKED <= share <= MOST_BEYOND:
         return []
     words = f"{share:.2%} of the draws lie beyond the range of the truths, outside the prior"
-    return [Repair("leakage", partial(cut, low=low, high=high), words, {"share": share})]
+    return [
+        Repair(
+            "leakage", partial(cut, low=low, high=high), words, {"share": share},
+            log_weight=lambda _, values: np.where(_within(values, low, high), 0.0, NEVER),
+        )
+    ]  # fmt: skip
 
 
 @mends
 def cut(cases: Cases, low: Array, high: Array) -> Cases:
     """Draws outside a range replaced by the others."""
-    return rows_of(cases, _inside(cases, low, high))
+    return rows_of(cases, _within(cases.draws, low, high))
 
 
-def _inside(cases: Cases, low: Array, high: Array) -> NDArray[np.bool_]:
-    return np.asarray(((cases.draws >= low) & (cases.draws <= high)).all(axis=2))
+def _within(values: Array, low: Array, high: Array) -> NDArray[np.bool_]:
+    return np.asarray(((values >= low) & (values <= high)).all(axis=2))

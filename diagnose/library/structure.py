@@ -23,24 +23,28 @@ TRIALS, ALIKE = 500, 4.0
 
 def few_distinct(cases: Cases) -> Sequence[Repair]:
     """Draws that repeat each other though truths never do."""
-    if any(len(np.unique(column)) < 0.9 * len(column) for column in cases.theta.T):
-        return []  # a discrete parameter repeats by itself
-    first = np.sort(cases.draws[:300, :, 0], axis=1)
-    distinct = float((np.diff(first, axis=1) != 0).sum(axis=1).mean() + 1) / first.shape[1]
+    if all(len(np.unique(column)) < DISTINCT * len(cases) for column in cases.theta.T):
+        return []  # discrete parameters repeat by themselves
+    few = np.sort(cases.draws[:300], axis=1)
+    share = (np.diff(few, axis=1) != 0).sum(axis=1).mean(axis=0) + 1
+    finest = int(share.argmax())
+    distinct = float(share[finest]) / few.shape[1]
     if distinct > DISTINCT:
         return []
     words = f"only {distinct:.0%} of the draws of a trial are different ones"
-    return [Repair("few_distinct", partial(different), words, {"share": distinct}, neutral=1.0)]
+    return [
+        Repair("few_distinct", partial(different, column=finest), words, {"share": distinct}, neutral=1.0)
+    ]
 
 
 @mends
-def different(cases: Cases) -> Cases:
-    """Each trial's different draws, as many as every trial has."""
+def different(cases: Cases, column: int) -> Cases:
+    """Each trial's draws that differ in one parameter, as many as every trial has."""
     n, number, _ = cases.draws.shape
-    order = np.argsort(cases.draws[..., 0], axis=1, kind="stable")
+    order = np.argsort(cases.draws[..., column], axis=1, kind="stable")
     values = np.take_along_axis(cases.draws, order[..., None], axis=1)
     new = np.ones((n, number), dtype=bool)
-    new[:, 1:] = (np.diff(values, axis=1) != 0).any(axis=2)
+    new[:, 1:] = np.diff(values[..., column], axis=1) != 0
     kept = max(int(np.quantile(new.sum(axis=1), FEWEST)), LEAST_DRAWS)
     # Sorted draws that are cut off would be the lowest: taken in an order that has nothing to do with them.
     lot = np.where(new, (order * 0.6180339887498949) % 1.0, 2.0)

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from tests.diagnose.problems import FAULTS, about_middle, exact, lighter, noisier, one_sign, two_modes, width
 
-from gaugeblock.diagnosis import workflow
 from gaugeblock.diagnosis.cases import Cases
-from gaugeblock.diagnosis.library import joint, marginal
+from gaugeblock.diagnosis.library import joint, marginal, structure
 from gaugeblock.diagnosis.repair import from_data, plain_repair
 from gaugeblock.diagnosis.workflow import locate_and_name
 
@@ -37,21 +36,57 @@ def test_a_fault_is_named(name):
         assert found.after[0] < 0.2 * found.before[0] + 2 * found.after[1]
 
 
-@pytest.mark.parametrize(("left", "holds"), [(0.3, True), (0.8, False)])
-def test_a_name_has_to_take_half_away_on_trials_that_did_not_choose_it(left, holds, monkeypatch):
-    gains = workflow._Parts.gains
+def one_parameter(seed, trials=1000, draws=128):
+    """Standard normal posteriors about what the data say."""
+    rng = np.random.default_rng(seed)
+    middle = rng.normal(size=(trials, 1))
+    values = middle[:, None] + 0.5 * rng.normal(size=(trials, draws + 1, 1))
+    return Cases(("a",), np.arange(trials), values[:, 0], values[:, 1:], middle, ("x[0]",))
 
-    def of_the_last_third(self, chosen, learned, other):
-        found, repaired = gains(self, chosen, learned, other)
-        if chosen and other is self.reporting:
-            found = left * gains(self, (), learned, other)[0]
-        return found, repaired
 
-    monkeypatch.setattr(workflow._Parts, "gains", of_the_last_third)
-    cases = exact(SEED)
-    found = found_in(cases, about_middle(cases, 0.6))
-    assert (found.named is not None) == holds
-    assert any(each.mended for each in found.tried)
+@pytest.mark.parametrize(("size", "share"), [(2.5, 0.5), (4.0, 0.2)])
+def test_no_repair_is_named_after_which_something_is_seen_to_be_wrong(size, share):
+    """Some draws so many times as far out: a width takes nearly all of it away, and evidence is left."""
+    for seed in range(3):
+        cases, rng = one_parameter(seed), np.random.default_rng([1, seed])
+        far = np.where(rng.random(cases.draws.shape) < share, size, 1.0)
+        found = found_in(cases, cases.x[:, None] + far * (cases.draws - cases.x[:, None]))
+        assert found.seen
+        assert found.named is None
+
+
+def test_whole_numbers_of_another_noise_are_named():
+    """A parameter of four values, and one of all: posteriors of twice and of half the noise."""
+    for ratio in (2.0, 0.6):
+        rng = np.random.default_rng(3)
+        chance, sd, n = np.array([0.4, 0.3, 0.2, 0.1]), 0.5, 1000
+        theta = np.stack([rng.choice(4, size=n, p=chance), rng.normal(size=n)], axis=1).astype(float)
+        x = theta + sd * rng.normal(size=theta.shape)
+        wrong = ratio * sd
+        odds = chance * np.exp(-0.5 * ((x[:, :1] - np.arange(4)) / wrong) ** 2)
+        upto = np.cumsum(odds / odds.sum(axis=1, keepdims=True), axis=1)
+        whole = (rng.random((n, 128, 1)) > upto[:, None, :-1]).sum(axis=2)
+        weight = 1 / (1 + wrong**2)
+        normal = weight * x[:, 1:] + np.sqrt(weight) * wrong * rng.normal(size=(n, 128))
+        draws = np.stack([whole, normal], axis=2)
+        found = found_in(Cases(("a", "b"), np.arange(n), theta, draws, x, ("x[0]", "x[1]")), draws)
+        assert named(found) == {("x_noise",)}, ratio
+        # Chances that are known by 128 draws lean towards the prior's: sizes come out nearer to 1.
+        assert found.sizes["ratio"][0] == pytest.approx(ratio, rel=0.25)
+
+
+def test_repeats_beside_whole_numbers_are_repeats():
+    rng = np.random.default_rng(4)
+    theta = np.stack([rng.integers(3, size=400), rng.normal(size=400)], axis=1).astype(float)
+    whole = rng.integers(3, size=(400, 64))
+    few = np.stack([whole, rng.normal(size=(400, 64))], axis=2)
+    (repair,) = structure.few_distinct(
+        Cases(("a", "b"), np.arange(400), theta, np.tile(few[:, :32], (1, 2, 1)))
+    )
+    assert repair.numbers["share"] == pytest.approx(0.5)
+    assert structure.few_distinct(Cases(("a", "b"), np.arange(400), theta, few)) == []
+    # One column in the other's place repeats itself, and no draw another.
+    assert structure.few_distinct(Cases(("a", "b"), np.arange(400), theta, few[..., ::-1])) == []
 
 
 @pytest.mark.parametrize(("wanted", "fault"), [("missing_mode", one_sign), ("mode_weights", lighter)])
