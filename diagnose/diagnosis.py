@@ -242,7 +242,7 @@ def _said(
         where = _strongest(found.kinds)
         text = (
             "something is wrong that the library has no name for: truths are told from draws by "
-            f"{found.before[0]:.3g} nats a trial{where}, and no repair takes nine tenths of it away."
+            f"{found.before[0]:.3g} nats a trial{where}, and no repair takes all of it away."
         )
         best = min(found.tried[1:], key=lambda each: float(each.left.mean()), default=None)
         if best is not None and best.share > 0:

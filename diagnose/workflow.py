@@ -29,9 +29,9 @@ from gaugeblock.diagnosis.library.symptoms import STRUCTURAL, SYMPTOMS, Fit
 from gaugeblock.diagnosis.repair import Repair, as_data, few_values, in_steps
 from gaugeblock.diagnosis.scores import kernel_scores
 
-# The share of a disagreement that a repair must take away, and paired errors within which two are alike.
+# The share of a disagreement that says what it is, and errors of a difference within which two are alike.
 RECOVERED, ALIKE = 0.9, 2.0
-# Standard errors of what is left within which nine tenths are taken away.
+# Standard errors of what is left within which as much is taken away as must be.
 WITHIN = 1.0
 # Nats of evidence from which a disagreement is one where no gate has failed, and where one has: odds of a
 # hundred and of three. And standard errors from which what stands for lost information is better.

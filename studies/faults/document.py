@@ -227,6 +227,7 @@ MAKERS: Mapping[str, Callable[[xr.Dataset], str]] = {
 
 PARTS: Mapping[str, tuple[str, ...]] = {
     "faults": tuple(MAKERS),
+    "faults-second": ("provenance", "aims", "faults"),
     "faults-first": ("provenance", "aims", "faults"),
 }
 """What is shown of each set."""

@@ -48,6 +48,12 @@ def test_neither_of_two_laws_as_far_from_truths_wins_too_often():
     assert 0.8 < ahead.std() < 1.25
 
 
+def test_no_truth_decides_alone():
+    """Where one law is impossible the ratio comes near to that of 0.975 to 0.025, and not beyond."""
+    found, _ = ratios(4, 300, stats.norm(5, 0.1), stats.norm(5, 0.1), stats.norm(-5, 0.1))
+    assert np.log(0.95 / 0.05) < found.max() < np.log(0.975 / 0.025)
+
+
 def test_a_trial_that_one_repair_leaves_out_is_not_asked():
     laws = stats.norm(), stats.norm(), stats.norm(0.5)
     learned, judged = two(2, 300, *laws), two(3, 300, *laws)

@@ -65,3 +65,11 @@ def test_the_right_law_scores_best_with_heavy_tails(wrong):
     right, other = cases(4000, 40), cases(4000, 40, **wrong)
     worse = (kernel_scores(other, np.ones((4000, 1))) - kernel_scores(right, np.ones((4000, 1))))[:, 0]
     assert worse.mean() > 4 * worse.std() / np.sqrt(len(worse))
+
+
+def test_draws_of_which_one_has_all_the_weight_are_scored_as_that_one():
+    few = cases(6, 8)
+    log_weight = np.full((6, 8), -400.0)
+    log_weight[:, 3] = 0.0
+    alone = np.log1p(np.abs(few.draws[:, 3] - few.theta))
+    assert kernel_scores(few, np.ones((6, 1)), log_weight) == pytest.approx(alone)
