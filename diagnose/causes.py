@@ -15,6 +15,8 @@ class Cause(NamedTuple):
 
 # Standard deviations of data beyond which, or beyond the inverse of which, networks learn little from them.
 UNSCALED = 30.0
+# Symptoms of a network that data do not reach: the last where its draws go to the ends of what can be drawn.
+UNREACHED = ("ignored_parameter", "unused", "scale too wide", "x_noise too wide", "few_distinct")
 
 CAUSES: Mapping[str, tuple[Cause, ...]] = {
     "shift": (
@@ -31,6 +33,7 @@ CAUSES: Mapping[str, tuple[Cause, ...]] = {
         Cause("undertrained", "train longer, with a lower learning rate at the end, or on more simulations"),
         Cause("information lost in the embedding or summaries", "a larger embedding, or better summaries"),
         Cause("trained with more noise than the data have", "train on the simulator's own noise"),
+        Cause("a factor in the widths (standard deviation for variance, temperature)", "check the sampler"),
     ),
     "skew": (
         Cause("a density family without skewness", "a flow, or more transforms of it"),
@@ -87,7 +90,15 @@ CAUSES: Mapping[str, tuple[Cause, ...]] = {
     "x_shift": (Cause("called with another zero than in training", "subtract what training subtracted"),),
     "x_order": (Cause("called with data in another order than in training", "reorder x as in training"),),
     "x_channel": (Cause("channels are exchanged", "reorder the channels as in training"),),
-    "x_noise": (Cause("trained with another noise", "train on the simulator's own noise"),),
+    "x_noise too narrow": (
+        Cause("trained with less noise than the data have", "train on the simulator's own noise"),
+        Cause("overfitted", "simulate more, stop on held-out loss, or use an ensemble"),
+    ),
+    "x_noise too wide": (
+        Cause("trained with more noise than the data have", "train on the simulator's own noise"),
+        Cause("information lost in the embedding or summaries", "a larger embedding, or better summaries"),
+        Cause("undertrained", "train longer, with a lower learning rate at the end, or on more simulations"),
+    ),
     "region": (
         Cause("few simulations there", "simulate more of them, or weight them in training"),
         Cause("data there beyond what the network can follow", "transform x, or use a larger embedding"),
@@ -113,19 +124,15 @@ CAUSES: Mapping[str, tuple[Cause, ...]] = {
 def causes(
     symptom: str, *, wide: bool = False, spread: tuple[float, float] | None = None
 ) -> tuple[Cause, ...]:
-    """Causes of a symptom; of `scale` those of too wide or too narrow draws.
+    """Causes of a symptom; of `scale` and `x_noise` those of too wide or too narrow draws.
 
     `spread` is the least and the largest standard deviation of the data's channels: data that no network
     likes to see as they are stand first among what may keep them from reaching it.
     """
-    if symptom == "scale":
-        symptom = f"scale too {'wide' if wide else 'narrow'}"
+    if f"{symptom} too wide" in CAUSES:
+        symptom = f"{symptom} too {'wide' if wide else 'narrow'}"
     found = CAUSES.get(symptom, ())
-    if (
-        symptom in ("ignored_parameter", "unused")
-        and spread is not None
-        and max(spread[1], 1 / spread[0]) > UNSCALED
-    ):
+    if symptom in UNREACHED and spread is not None and max(spread[1], 1 / spread[0]) > UNSCALED:
         low, high = spread
         said = f"x is not scaled: its standard deviations are {low:.3g} to {high:.3g}"
         return (Cause(said, "standardise x, in training and in sample()"), *found)

@@ -28,6 +28,8 @@ from gaugeblock.validate.verdict import Outcome, Verdict
 LEAST_TRIALS = 150
 # Trials whose order of draws is looked at, and draws of each.
 ORDERED, LONGEST = 300, 2000
+# The share of a disagreement from which on the causes of a repair that leaves something are told.
+NEAREST = 0.5
 # Inputs that foretell the truths best, of more than so many.
 INPUTS = 48
 # What only the density of the draws is judged by.
@@ -52,7 +54,8 @@ class Diagnosis(Value):
 
     `named` is the first symptom's id, "other" where something is wrong that the library lacks, None where
     nothing is seen; `named_all` the symptoms in the order in which they are mended; `indistinguishable` the
-    others that these trials do not tell from it. `causes` are compatible with it, each with its cure.
+    others that these trials do not tell from it; `runner_up` the one whose repair takes away most after
+    those. `causes` are compatible with it, each with its cure.
     `parameters` are sizes with 90% intervals, from trials that chose nothing. `gap` is by how many nats a
     truth is told from draws, per trial, `before` and `after` the repair; `repair` is that as plain data, in
     the order in which it is applied, empty where draws cannot be mended, and `seed` that of the trials.
@@ -71,6 +74,7 @@ class Diagnosis(Value):
     repair: tuple[Mapping[str, Any], ...] = ()
     seed: int | None = None
     faults: tuple[str, ...] = ()
+    runner_up: str | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Plain data with the contract's keys."""
@@ -78,6 +82,7 @@ class Diagnosis(Value):
             "named": self.named,
             "named_all": list(self.named_all),
             "indistinguishable": list(self.indistinguishable),
+            "runner_up": self.runner_up,
             "causes": [{"cause": each.cause, "cure": each.cure} for each in self.causes],
             "parameters": {
                 name: {"value": value, "low": low, "high": high}
@@ -244,21 +249,21 @@ def _said(
             "something is wrong that the library has no name for: truths are told from draws by "
             f"{found.before[0]:.3g} nats a trial{where}, and no repair takes all of it away."
         )
+        known = causes("unused", spread=spread) if _kind(found.kinds) == "data" else ()
+        told: tuple[str, ...] = ()
         best = min(found.tried[1:], key=lambda each: float(each.left.mean()), default=None)
         if best is not None and best.share > 0:
             text += f" {' and '.join(best.symptoms)} would take {best.share:.0%}."
-        known = causes("unused", spread=spread) if _kind(found.kinds) == "data" else ()
+            if best.share >= NEAREST:
+                nearest, told = _causes_of(best.repairs[0], own, spread), best.symptoms[:1]
+                known += tuple(each for each in nearest if each.cause not in {one.cause for one in known})
         return Diagnosis(
             named="other", text=f"{text} {_cures(known)}".strip(), gap=gap, shows_in=found.kinds,
-            called=called, causes=known,
+            called=called, causes=known, runner_up=_runner_up(found, told),
         )  # fmt: skip
     ids = tuple(repair.symptom for repair in both)
     others = tuple(dict.fromkeys(each.symptoms[0] for each in found.alike if each.symptoms[0] not in ids))
-    first = both[0]
-    wide = first.symptom == "scale" and float(np.mean(list(first.numbers.values()))) > 1
-    known = (
-        own[first.symptom].causes if first.symptom in own else causes(first.symptom, wide=wide, spread=spread)
-    )
+    known = _causes_of(both[0], own, spread)
     said = "; then ".join(repair.words for repair in both)
     text = f"{said}."
     # What stands for information that was not used is no repair.
@@ -268,10 +273,27 @@ def _said(
     if others:
         text += f" These trials do not tell it from: {', '.join(others)}."
     return Diagnosis(
-        named=first.symptom, named_all=ids, indistinguishable=others, causes=known,
+        named=ids[0], named_all=ids, indistinguishable=others, causes=known,
         text=f"{text} {_cures(known)}", parameters=found.sizes, gap=gap, shows_in=found.kinds, called=called,
-        repair=plain_repair(found.repairs),
+        repair=plain_repair(found.repairs), runner_up=_runner_up(found, (*ids, *others)),
     )  # fmt: skip
+
+
+def _causes_of(
+    repair: Repair, own: Mapping[str, Fault], spread: tuple[float, float] | None
+) -> tuple[Cause, ...]:
+    if repair.symptom in own:
+        return own[repair.symptom].causes
+    # Of what goes either way, its numbers are above 1 where draws are too wide.
+    wide = bool(repair.numbers) and float(np.mean(list(repair.numbers.values()))) > 1
+    return causes(repair.symptom, wide=wide, spread=spread)
+
+
+def _runner_up(found: Found, named: tuple[str, ...]) -> str | None:
+    """Of the symptoms that are not named the one whose repair alone takes most of the disagreement away."""
+    others = [each for each in found.tried if len(each.repairs) == 1 and each.symptoms[0] not in named]
+    best = max(others, key=lambda each: each.share, default=None)
+    return best.symptoms[0] if best is not None and best.share > 0 else None
 
 
 def _cures(known: tuple[Cause, ...]) -> str:

@@ -14,6 +14,7 @@ NAMES = {
     "error-rates": "error_rates.__main__",
     "hidden": "hidden.__main__",
     "faults": "faults.__main__",
+    "cures": "cures.__main__",
     "gain": "gain.__main__",
     "paper": "paper.__main__",
     "discoveries": "discoveries",
