@@ -111,7 +111,9 @@ def scores_in(values: Array, reference: Array) -> Array:
     found = np.empty(values.shape)
     number = len(reference)
     for column in range(reference.shape[1]):
-        order = np.sort(reference[:, column])
-        below, upto = (np.searchsorted(order, values[..., column], side) for side in ("left", "right"))
+        order, value = np.sort(reference[:, column]), values[..., column]
+        below = np.searchsorted(order, value)
+        upto, equal = below.copy(), order[np.minimum(below, number - 1)] == value
+        upto[equal] = np.searchsorted(order, value[equal], "right")
         found[..., column] = special.ndtri((below + upto + 1.0) / (2 * number + 2.0))
     return found

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -131,10 +132,10 @@ def columns(cases: Cases, reference: Reference, seed: int, number: int = CANDIDA
 
     Every one is symmetric in the truth and the draws, so that exchangeability survives.
     """
-    n, draws, p = cases.draws.shape
+    _, draws, p = cases.draws.shape
     together = np.concatenate([cases.theta[:, None], cases.draws], axis=1)
     chosen = taken(cases, seed, number)
-    ordered, rank = _ranked(together, Rows(seed, "diagnosis ties", cases.trial).random((n, draws + 1)))
+    ordered, rank = _ranked(together, partial(_ties, cases.trial.tobytes(), draws + 1, seed))
     items = np.take_along_axis(together, chosen[..., None], axis=1)
     share = (np.take_along_axis(rank, chosen[..., None], axis=1) + 0.5) / (draws + 1)
     at = 2 * share - 1
@@ -187,10 +188,25 @@ def candidates(cases: Cases, seed: int) -> Array:
 
 def taken(cases: Cases, seed: int, number: int = CANDIDATES) -> NDArray[np.int64]:
     """Places of the truth, which is 0, and of some draws by lot, among both ``(trial, 1 + candidate)``."""
-    n, draws, _ = cases.draws.shape
-    rng = Rows(seed, "diagnosis candidates", cases.trial)
-    lot = np.argsort(rng.random((n, draws)), axis=1)[:, : min(number, draws)] + 1
-    return np.concatenate([np.zeros((n, 1), dtype=np.int64), lot], axis=1)
+    return _lots(cases.trial.tobytes(), cases.draws.shape[1], seed, number)
+
+
+@lru_cache(maxsize=16)
+def _ties(trials: bytes, items: int, seed: int) -> Array:
+    """Random numbers that break ties, the same for every repair of the same trials."""
+    trial = np.frombuffer(trials, dtype=np.int64)
+    return Rows(seed, "diagnosis ties", trial).random((len(trial), items))
+
+
+@lru_cache(maxsize=16)
+def _lots(trials: bytes, draws: int, seed: int, number: int) -> NDArray[np.int64]:
+    """The same for every repair of the same trials."""
+    trial = np.frombuffer(trials, dtype=np.int64)
+    rng = Rows(seed, "diagnosis candidates", trial)
+    lot = np.argsort(rng.random((len(trial), draws)), axis=1)[:, : min(number, draws)] + 1
+    found = np.concatenate([np.zeros((len(trial), 1), dtype=np.int64), lot], axis=1)
+    found.setflags(write=False)
+    return found
 
 
 def _bright(cases: Cases) -> list[Array]:
@@ -224,15 +240,17 @@ def _together(at: Array) -> Array:
     return np.stack([first, second, third], axis=2)
 
 
-def _ranked(together: Array, shuffle: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Sorted values and each one's rank ``(trial, item, p)``, ties broken by the random numbers `shuffle`."""
-    order = np.argsort(together, axis=1, kind="stable")
-    ordered = np.take_along_axis(together, order, axis=1)
-    if (np.diff(ordered, axis=1) == 0).any():
-        order = np.lexsort((np.broadcast_to(shuffle[..., None], together.shape), together), axis=1)
+def _ranked(together: Array, ties: Callable[[], Array]) -> tuple[Array, NDArray[np.int64]]:
+    """Sorted values and each one's rank ``(trial, item, p)``; ties go by random numbers ``(trial, item)``."""
+    values = np.ascontiguousarray(np.swapaxes(together, 1, 2))
+    order = np.argsort(values, axis=2)
+    ordered = np.take_along_axis(values, order, axis=2)
+    tied = (ordered[..., 1:] == ordered[..., :-1]).any(axis=2)
+    if tied.any():
+        order[tied] = np.lexsort((ties()[np.nonzero(tied)[0]], values[tied]), axis=1)
     rank = np.empty_like(order)
-    np.put_along_axis(rank, order, np.arange(together.shape[1])[None, :, None], axis=1)
-    return ordered, rank
+    np.put_along_axis(rank, order, np.arange(values.shape[2])[None, None], axis=2)
+    return np.swapaxes(ordered, 1, 2), np.swapaxes(rank, 1, 2)
 
 
 def _legendre(at: Array) -> tuple[Array, Array, Array, Array, Array]:
