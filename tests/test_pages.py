@@ -18,6 +18,8 @@ BLOCK = re.compile(
 CODES = {"PASS": 0, "FAIL": 1, "INCONCLUSIVE": 3}
 # What the page says of what its blocks leave behind.
 SAID = {
+    "bayesflow": "result.trials.sizes['draw'] == 100 and result.outcome != 'PASS' and "
+    "list(result.trials['parameter'].values) == ['rate', 'slopes[0]', 'slopes[1]']",
     "cluster": "Path('run/verdict.json').exists()",
     "dynesty": "result.trials.sizes['trial'] == 10 and result.outcome != 'FAIL'",
     "effect": "found.named == 'saturation' and "
@@ -35,6 +37,7 @@ SAID = {
     "models": "result.outcome == 'PASS' and blocked.outcome == 'FAIL' and 'too flat' in "
     "blocked.verdict.diagnosis['text'] and '0.851 of 2,000' in blocked['models.reliability[wide]'].message",
     "nautilus": "result.trials.sizes['draw'] == 200 and result.outcome != 'FAIL'",
+    "numpyro": "result.trials.sizes['draw'] == 200 and set(result.trials['parameter'].values) == {'mu', 'tau'}",
     "one-observation": "answer.outcome == 'FAIL' and answer.p_value == 0.001",
     "pymc": "result.trials.sizes['draw'] == 200 and result.outcome != 'FAIL'",
     "read-a-fail": "result.outcome == 'FAIL' and 'narrow' in cause.text",
@@ -46,8 +49,8 @@ SAID = {
     "ultranest": "result.trials.sizes['draw'] == 200 and result.outcome != 'FAIL'",
     "validator": "finding.estimate.shape == (2,) and abs(finding.estimate).max() < 0.1",
 }  # fmt: skip
-# What trains for a minute runs in an environment that has the time: `tox -e peers`.
-SLOW = ("mend",)
+# What trains or compiles for a minute runs in an environment that has the time: peers, or pages.
+SLOW = ("mend", "numpyro")
 
 
 def test_every_page_says_how_it_ends():

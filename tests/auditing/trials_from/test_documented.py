@@ -35,15 +35,13 @@ def blocks() -> dict[str, tuple[str, str]]:
 EXPECTED = {
     "NumPy": ({"trial": 2000, "draw": 250}, ["rate", "shape"]),
     "sbi": ({"trial": 500, "draw": 100}, ["rate", "shape"]),
-    "BayesFlow": ({"trial": 500, "draw": 100}, ["rate", "slopes[0]", "slopes[1]"]),
-    "NumPyro": ({"trial": 20, "draw": 200}, ["mu", "tau"]),
     "ArviZ": ({"trial": 500, "draw": 200}, ["mu", "theta[0]", "theta[1]"]),
     "xarray alone": ({"trial": 500, "draw": 100}, ["theta[x]", "theta[y]"]),
 }
 
 
-# They train or run Markov chains: tens of seconds of one core.
-SLOW = {"sbi", "NumPyro"}
+# It trains: tens of seconds of one core.
+SLOW = {"sbi"}
 
 
 def test_every_block_is_run_by_a_test() -> None:
@@ -57,7 +55,7 @@ def test_every_block_is_run_by_a_test() -> None:
 def test_a_documented_route_ends_in_trials(heading: str, tmp_path: Path) -> None:
     needed, _ = blocks()[heading]
     if needed and importlib.util.find_spec(needed) is None:
-        # tests/peers/test_samples_only.py runs those that no extra installs.
+        # tests/peers/test_samples_only.py runs the one that no extra installs.
         pytest.skip(f"needs {needed}")
     run_block(heading, tmp_path)
 
