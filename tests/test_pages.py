@@ -20,6 +20,7 @@ CODES = {"PASS": 0, "FAIL": 1, "INCONCLUSIVE": 3}
 SAID = {
     "bayesflow": "result.trials.sizes['draw'] == 100 and result.outcome != 'PASS' and "
     "list(result.trials['parameter'].values) == ['rate', 'slopes[0]', 'slopes[1]']",
+    "bxa": "result.trials.sizes['draw'] == 200 and result.outcome != 'FAIL'",
     "cluster": "Path('run/verdict.json').exists()",
     "dynesty": "result.trials.sizes['trial'] == 10 and result.outcome != 'FAIL'",
     "effect": "found.named == 'saturation' and "
@@ -37,7 +38,7 @@ SAID = {
     "models": "result.outcome == 'PASS' and blocked.outcome == 'FAIL' and 'too flat' in "
     "blocked.verdict.diagnosis['text'] and '0.851 of 2,000' in blocked['models.reliability[wide]'].message",
     "nautilus": "result.trials.sizes['draw'] == 200 and result.outcome != 'FAIL'",
-    "numpyro": "result.trials.sizes['draw'] == 200 and set(result.trials['parameter'].values) == {'mu', 'tau'}",
+    "numpyro": "result.trials.sizes['draw'] == 200 and {*result.trials['parameter'].values} == {'mu', 'tau'}",
     "one-observation": "answer.outcome == 'FAIL' and answer.p_value == 0.001",
     "pymc": "result.trials.sizes['draw'] == 200 and result.outcome != 'FAIL'",
     "read-a-fail": "result.outcome == 'FAIL' and 'narrow' in cause.text",
