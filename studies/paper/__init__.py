@@ -6,7 +6,8 @@
 
 from studies.paper.claim import Claim, Kind
 from studies.paper.experiment import Experiment, Setting
-from studies.paper.judge import Agreement, Judgement, Measured, Untestable, judge
+from studies.paper.judge import Agreement, Judgement, judge
+from studies.paper.measurement import Measured, Untestable
 from studies.paper.registry import claims, find
 from studies.paper.run import Reproduction, from_committed, reproduce
 

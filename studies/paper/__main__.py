@@ -49,8 +49,9 @@ def headline(result: Reproduction) -> str:
     if not result.judgements:
         return f"no claim is measured by {', '.join(result.tables)}: its numbers are in reproduction.nc"
     counts = ", ".join(
-        f"{sum(item.verdict is verdict for item in result.judgements)} {verdict.value}"
+        f"{number} {verdict.value}"
         for verdict in Agreement
+        if (number := sum(item.verdict is verdict for item in result.judgements))
     )
     every = "" if len(result.judgements) == len(claims()) else f" of {len(claims())}"
     lines = [f"{len(result.judgements)}{every} claims: {counts}"]
@@ -69,8 +70,8 @@ app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_mar
 
 
 @app.command(
-    epilog="Exit codes: 0 all claims agree, differ for a measured reason or cannot be tested; 1 some differ "
-    "and nobody knows why; 3 some are not measured yet; 2 bad input."
+    epilog="Exit codes: 0 nothing differs and all is decided; 1 a claim differs, or a family of cells has "
+    "too many misses; 3 some are undecided or not measured yet; 2 bad input, or interrupted."
 )
 def paper(
     names: Annotated[

@@ -33,6 +33,19 @@ class Kind(Enum):
     """Something else than what it was taken for."""
 
 
+class Counted(Enum):
+    """What a verdict on a claim is worth; the value is how it is said."""
+
+    JUDGED = "judged"
+    """A measurement of its own."""
+    REPORTED = "reported"
+    """Nothing was said that must hold: our number stands beside the published one."""
+    REPEATED = "repeated"
+    """Another claim's measurement, in other words."""
+    RECOMPUTED = "recomputed"
+    """From published numbers, or a setting that we copy: it cannot come out otherwise."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Claim:
     """One published number or a few that belong together.
@@ -41,7 +54,8 @@ class Claim:
     numbers in it by name, `error` their published or sampling standard errors where there are any. All
     `rules` must hold of what `by`, an experiment, measures. `known` are parts whose true value is known, as
     1/2 is of an AUC where there is nothing to see. `transfer`: measured with another response than the
-    published one, which is not distributed.
+    published one, which is not distributed. `counted` is what its verdict is worth. `chosen`: our spectra
+    were picked by the outcome that is claimed. `deterministic`: our number is no estimate, it has no error.
     """
 
     id: str
@@ -56,6 +70,9 @@ class Claim:
     known: Mapping[str, float] = field(default_factory=dict)
     transfer: bool = False
     note: str = ""
+    counted: Counted = Counted.JUDGED
+    chosen: bool = False
+    deterministic: bool = False
 
     @property
     def needs(self) -> tuple[str, ...]:

@@ -44,7 +44,7 @@ def document(docs: Path = DOCS) -> None:
     """Write the page and its figures from the committed results."""
     result = from_committed(())
     figures = draw(result.tables, result.judgements, docs / "figures", prefix=PREFIX)
-    content = page(result.tables, result.judgements, result.family, figures)
+    content = page(result.tables, result.judgements, result.families, figures)
     write_atomically(docs / "reproduction.md", content)
 
 

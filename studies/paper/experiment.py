@@ -14,7 +14,7 @@ import xarray as xr
 
 from studies.kit.results import read, record
 from studies.kit.resume import Pieces, Progress
-from studies.paper.judge import Measured, Untestable
+from studies.paper.measurement import Measured, Untestable
 
 Found = Mapping[str, Measured | Untestable]
 SHIPPED = "shipped:"

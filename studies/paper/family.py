@@ -1,113 +1,117 @@
-"""Claims that depend on a trained flow, judged together: how many should be missed, and how many are.
+"""Cells of one response and level, taken together: how many lie far from the published ones, and may.
 
-A tolerance has an error rate of its own: a faithful replication, with another flow and other spectra, misses
-it now and then. Over hundreds of claims some misses are owed; more than owed is a finding.
+Networks and spectra are drawn again together: one network moves all cells of a detector at once, and cells
+share their clean spectra. Cells of the study's own spectra have no noise of spectra in their difference.
 """
 
 from __future__ import annotations
 
-import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from gaugeblock.core.arrays import Array
-from studies.paper.claim import Claim, Kind
-from studies.paper.judge import Agreement, Judgement
+from studies.paper.claim import SINGLE, Claim
+from studies.paper.judge import Judgement
+from studies.paper.trainings import between_networks, is_paired, scatter
 
-REPLICATIONS = 20_000
-"""Replications that a claim's error rate is computed from."""
+FAMILIES = 20_000
+"""Drawn to know how many misses there may be."""
 
 SHARED = 1.0 / 3.0
 """Correlation of two AUCs that share 200 clean spectra and have 100 suspicious ones each, at the null."""
 
+TOO_MANY = 0.01
+"""Probability, adjusted for all families, below which one is said to have too many misses."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Family:
-    """Misses among claims, and what their tolerances' own error rates predict.
+    """Cells of a response and level that lie outside their margins; 95 in 100 families have at most `most`.
 
-    `p_value` is the probability of so many or more for faithful replications that are independent,
-    `p_shared` the same where AUCs on the same clean spectra move together; `most` of 95 in 100 such families
-    miss no more.
+    `p` is the probability of so many or more, `adjusted` the same for all families together (Holm 1979).
     """
 
-    claims: int
+    name: str
+    cells: int
+    paired: int
     misses: int
     expected: float
-    p_value: float
-    p_shared: float
     most: int
+    p: float
+    adjusted: float = 1.0
 
 
-def miss_probability(claim: Claim) -> float:
-    """Probability that a faithful replication misses the claim's tolerance; NaN where no error is known.
+def common_share(groups: Iterable[Array]) -> float:
+    """Share of the variance between two networks that the cells of a detector have in common.
 
-    A part whose true value is known varies around it, any other around the published value with the errors
-    of both measurements. Rules about parts that were not published are left out.
+    >>> common_share([np.array([1.0, 1.0]), np.array([-2.0, -2.0])])
+    1.0
     """
-    rules = [rule for rule in claim.rules if set(rule.of) <= set(claim.parts)]
-    if not rules or not set().union(*(rule.of for rule in rules)) <= set(claim.error):
-        return float("nan")
-    # Of the claim's own, so that its rate does not depend on which others there are.
-    rng = np.random.default_rng(zlib.crc32(claim.id.encode()))
-    drawn = {}
-    for part, error in claim.error.items():
-        spread = error if part in claim.known else np.sqrt(2.0) * error
-        drawn[part] = rng.normal(claim.known.get(part, claim.parts[part]), spread, REPLICATIONS)
-    kept = np.logical_and.reduce([rule.satisfied(claim.parts, drawn) for rule in rules])
-    return float(1.0 - kept.mean())
+    values = list(groups)
+    pairs = sum((x.sum() ** 2 - (x**2).sum()) / (len(x) - 1) for x in values)
+    return float(np.clip(pairs / sum((x**2).sum() for x in values), 0.0, 1.0))
 
 
-def number_law(probability: Sequence[float] | Array) -> Array:
-    """Law of the number of misses: of a sum of independent events, ``(events + 1,)``.
+def families(judgements: Iterable[Judgement], *, seed: int = 0) -> tuple[Family, ...]:
+    """The measured cells among these by response and level."""
+    groups: dict[str, list[Judgement]] = {}
+    for item in judgements:
+        if item.claim.id.startswith("grid.") and SINGLE[0] in item.ours:
+            groups.setdefault(" ".join(item.claim.id.split(".")[1:3]), []).append(item)
+    share = common_share(between_networks().values()) if groups else 0.0
+    found = [_family(name, items, share, seed) for name, items in groups.items()]
+    order = np.argsort([entry.p for entry in found])
+    adjusted, least = {}, 0.0
+    for rank, place in enumerate(order):
+        least = max(least, min(1.0, (len(found) - rank) * found[place].p))
+        adjusted[found[place].name] = least
+    return tuple(Family(**(vars(entry) | {"adjusted": adjusted[entry.name]})) for entry in found)
 
-    >>> number_law([0.5, 0.5]).tolist()
-    [0.25, 0.5, 0.25]
-    """
-    law = np.ones(1)
-    for p in probability:
-        law = np.convolve(law, [1.0 - p, p])
-    return law
 
-
-def shared_numbers(probability: Array, group: Sequence[str], *, families: int = 4000, seed: int = 0) -> Array:
-    """Numbers of misses ``(family,)`` of events that are correlated within their groups."""
-    from scipy import special
-
+def _family(name: str, items: list[Judgement], share: float, seed: int) -> Family:
     rng = np.random.default_rng(seed)
-    _, place = np.unique(np.asarray(group), return_inverse=True)
-    common = rng.standard_normal((families, place.max() + 1))[:, place]
-    own = rng.standard_normal((families, len(place)))
-    size = np.abs(np.sqrt(SHARED) * common + np.sqrt(1.0 - SHARED) * own)
-    return np.asarray((size > -special.ndtri(probability / 2.0)).sum(axis=1))
-
-
-def family(judgements: Iterable[Judgement]) -> Family | None:
-    """The measured claims among these that depend on a flow and have a known error rate, if any."""
-    chosen = [
-        (item, miss_probability(item.claim))
-        for item in judgements
-        if item.claim.kind is Kind.FLOW and item.verdict in (Agreement.AGREES, Agreement.DIFFERS)
-    ]
-    chosen = [(item, p) for item, p in chosen if np.isfinite(p)]
-    if not chosen:
-        return None
-    probability = np.clip([p for _, p in chosen], 1e-9, 1.0 - 1e-9)
-    misses = sum(item.verdict is Agreement.DIFFERS for item, _ in chosen)
-    law = number_law(probability)
-    shared = shared_numbers(probability, [_group(item.claim) for item, _ in chosen])
+    claims = [item.claim for item in items]
+    moved = _drawn(claims, share, rng) + np.array([_error(item) for item in items]) * _drawn(
+        claims, SHARED, rng, scaled=False
+    )
+    margin = [claim.rules[0].margins(claim.parts)[0] for claim in claims]
+    low, high = np.array([[m.low, m.high] for m in margin]).T
+    centre = np.array([claim.known.get(SINGLE[0], claim.parts[SINGLE[0]]) for claim in claims])
+    numbers = ((centre + moved < low) | (centre + moved > high)).sum(axis=1)
+    ours = np.array([item.ours[SINGLE[0]] for item in items])
+    misses = int(((ours < low) | (ours > high)).sum())
     return Family(
-        claims=len(chosen),
+        name=name,
+        cells=len(items),
+        paired=sum(map(is_paired, claims)),
         misses=misses,
-        expected=float(probability.sum()),
-        p_value=float(law[misses:].sum()),
-        p_shared=float((1 + np.count_nonzero(shared >= misses)) / (1 + len(shared))),
-        most=int(np.quantile(shared, 0.95)),
+        expected=float(numbers.mean()),
+        most=int(np.quantile(numbers, 0.95)),
+        p=float((1 + np.count_nonzero(numbers >= misses)) / (1 + FAMILIES)),
     )
 
 
-def _group(claim: Claim) -> str:
-    """Cells that share their clean spectra: one response, level and detector."""
-    parts = claim.id.split(".")
-    return ".".join((*parts[1:3], parts[-1])) if parts[0] == "grid" else claim.id
+def _error(item: Judgement) -> float:
+    """Of spectra, in the difference that is judged."""
+    if item.claim.known:
+        return item.errors[SINGLE[0]]
+    if is_paired(item.claim):
+        return 0.0
+    return float(np.hypot(item.errors[SINGLE[0]], item.claim.error[SINGLE[0]]))
+
+
+def _drawn(claims: list[Claim], share: float, rng: np.random.Generator, *, scaled: bool = True) -> Array:
+    """Normal numbers ``(family, cell)``; those of a detector have a share of their variance in common.
+
+    In errors between trainings if `scaled`.
+    """
+    _, place = np.unique([claim.id.rsplit(".", 1)[1] for claim in claims], return_inverse=True)
+    common = rng.standard_normal((FAMILIES, place.max() + 1))[:, place]
+    own = rng.standard_normal((FAMILIES, len(place)))
+    drawn = np.sqrt(share) * common + np.sqrt(1.0 - share) * own
+    if not scaled:
+        return np.asarray(drawn)
+    known = [scatter(claim, SINGLE[0]) for claim in claims]
+    return np.asarray(drawn * np.array([0.0 if s is None else s.error for s in known]))

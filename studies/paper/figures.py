@@ -30,8 +30,10 @@ LIGHT = "#dcdcdc"
 COLOUR = {
     Agreement.AGREES: BLUE,
     Agreement.DIFFERS: ORANGE,
+    Agreement.UNDECIDED: LIGHT,
+    Agreement.REPORTED: "#b8c7d9",
     Agreement.UNTESTABLE: GREY,
-    Agreement.PENDING: LIGHT,
+    Agreement.PENDING: "white",
 }
 
 LEVEL_COLOUR = {"faint": GREY, "medium": ORANGE, "bright": BLUE}

@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from studies.paper.claim import SINGLE
-from studies.paper.judge import Measured
+from studies.paper.measurement import Measured
 
 Number = float | tuple[float, float]
 """A number, or one with its standard error."""

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from gaugeblock.core.errors import InputError
 from studies.paper.auc_error import auc_error, null_auc_error
-from studies.paper.claim import SINGLE, Claim, Kind, claim_of
+from studies.paper.claim import SINGLE, Claim, Counted, Kind, claim_of
 from studies.paper.rules import Interval, Rule, Within
 
 TABLES = (
@@ -35,15 +37,39 @@ GRIDS = {
 }
 
 
+RECOMPUTING = "published"
+"""The experiment that computes claims again from published numbers alone."""
+
+
 @cache
 def claims() -> Mapping[str, Claim]:
     """Every claim by its id, in the order of the paper."""
     found: dict[str, Claim] = {}
     for name in TABLES:
         table = _read(name)
-        section = table.pop("section")
-        found |= {key: claim_of(key, section, entry) for key, entry in table.items()}
-    return found | {claim.id: claim for claim in _grid(_read("grid"))}
+        section = table["section"]
+        found |= {key: claim_of(key, section, table[key]) for key in table if key != "section"}
+    found |= {claim.id: claim for claim in _grid(_read("grid"))}
+    classes = _read("classes")
+    return {key: _classed(claim, classes) for key, claim in found.items()}
+
+
+def _classed(claim: Claim, classes: Mapping[str, Any]) -> Claim:
+    """A claim with what its verdict is worth."""
+    if claim.by == RECOMPUTING or claim.id in classes["recomputed"]:
+        counted = Counted.RECOMPUTED
+    elif repeats(claim.id):
+        counted = Counted.REPEATED
+    else:
+        counted = Counted.JUDGED if claim.rules else Counted.REPORTED
+    own = {word: claim.id in classes[word] for word in ("chosen", "deterministic")}
+    return replace(claim, counted=counted, **own)
+
+
+def repeats(name: str) -> str:
+    """Whose measurement a claim repeats; nothing where it has its own."""
+    patterns = _read("classes")["repeated"].items()
+    return next((of for pattern, of in patterns if fnmatchcase(name, pattern)), "")
 
 
 def find(names: tuple[str, ...]) -> dict[str, Claim]:
@@ -67,6 +93,7 @@ def find(names: tuple[str, ...]) -> dict[str, Claim]:
     return {key: claim for key, claim in every.items() if not names or key in names or claim.by in names}
 
 
+@cache
 def _read(name: str) -> dict[str, Any]:
     return tomllib.loads((Path(__file__).parent / "claims" / f"{name}.toml").read_text(encoding="utf-8"))
 

@@ -20,12 +20,30 @@ from gaugeblock.core.errors import InputError
 Parts = Mapping[str, Any]
 """Numbers, or arrays of as many numbers each, by the name of the part."""
 
+
+@dataclass(frozen=True)
+class Margin:
+    """Where a number must lie: that of `part`, less that of `less` if there is one, from `low` to `high`.
+
+    `around` says that the bounds lie around the published number, whose own error then counts.
+    """
+
+    part: str
+    low: float = -np.inf
+    high: float = np.inf
+    less: str = ""
+    around: bool = False
+
+
 ROUNDING = 1e-9
 """What the last bit of a number may add to a tolerance, relative to the numbers compared."""
 
 
 class Rule(Protocol):
-    """What must hold; `satisfied` broadcasts over measurements, `words` says it to people."""
+    """What must hold; `satisfied` broadcasts over measurements, `words` says it to people.
+
+    `margins` are the same as bounds of single numbers; none for a rule on p-values, which have no interval.
+    """
 
     @property
     def of(self) -> tuple[str, ...]:
@@ -34,6 +52,10 @@ class Rule(Protocol):
 
     def satisfied(self, published: Parts, ours: Parts, /) -> NDArray[np.bool_]:
         """Which of the measurements it holds for."""
+        ...
+
+    def margins(self, published: Parts, /) -> tuple[Margin, ...]:
+        """Bounds that an interval must lie inside of."""
         ...
 
     def words(self) -> str:
@@ -72,6 +94,14 @@ class Within:
             found.append(_bounded(ours[part], published[part] - reach, published[part] + reach))
         return _all(found)
 
+    def margins(self, published: Parts, /) -> tuple[Margin, ...]:
+        """As far around what was published."""
+        found = []
+        for part in self.of:
+            reach = self.distance * (abs(published[part]) if self.relative else 1.0)
+            found.append(Margin(part, published[part] - reach, published[part] + reach, around=True))
+        return tuple(found)
+
     def words(self) -> str:
         """What must hold, for people."""
         if self.distance == 0:
@@ -94,6 +124,10 @@ class Interval:
         """Which of the measurements it holds for."""
         return _all([_bounded(ours[part], self.low, self.high) for part in self.of])
 
+    def margins(self, published: Parts, /) -> tuple[Margin, ...]:  # noqa: ARG002
+        """The bounds of every part."""
+        return tuple(Margin(part, self.low, self.high) for part in self.of)
+
     def words(self) -> str:
         """What must hold, for people."""
         if np.isinf(self.low):
@@ -114,6 +148,10 @@ class Order:
         values = [np.asarray(ours[part], dtype=float) for part in self.of]
         return _all([_bounded(late, early, np.inf) for early, late in pairwise(values)])
 
+    def margins(self, published: Parts, /) -> tuple[Margin, ...]:  # noqa: ARG002
+        """Each less the one before it is positive."""
+        return tuple(Margin(late, 0.0, less=early) for early, late in pairwise(self.of))
+
     def words(self) -> str:
         """What must hold, for people."""
         return " ≤ ".join(self.of)
@@ -131,6 +169,10 @@ class Holm:
         p = np.stack(np.broadcast_arrays(*(np.asarray(ours[part], dtype=float) for part in self.of)))
         # The smallest adjusted p is the smallest times their number: the first of Holm's steps.
         return np.asarray(len(self.of) * p.min(axis=0) >= self.level)
+
+    def margins(self, published: Parts, /) -> tuple[Margin, ...]:  # noqa: ARG002
+        """None: a p-value has no interval."""
+        return ()
 
     def words(self) -> str:
         """What must hold, for people."""
@@ -150,29 +192,13 @@ class Count:
         values = np.broadcast_arrays(*(np.asarray(ours[part], dtype=float) for part in self.of))
         return np.asarray(np.sum([value < self.below for value in values], axis=0) >= self.number)
 
+    def margins(self, published: Parts, /) -> tuple[Margin, ...]:  # noqa: ARG002
+        """None: a p-value has no interval."""
+        return ()
+
     def words(self) -> str:
         """What must hold, for people."""
         return f"at least {self.number} of {len(self.of)} below {self.below:g}"
-
-
-@dataclass(frozen=True)
-class Errors:
-    """Every part within so many combined standard errors: for claims that state no tolerance.
-
-    It needs errors, which the parts alone do not have: `judge` looks at them.
-    """
-
-    of: tuple[str, ...]
-    number: float
-
-    def satisfied(self, published: Parts, ours: Parts, /) -> NDArray[np.bool_]:
-        """Always: see `judge`."""
-        del published
-        return np.ones(np.broadcast_shapes(*(np.shape(ours[part]) for part in self.of)), dtype=bool)
-
-    def words(self) -> str:
-        """What must hold, for people."""
-        return f"{self.number:g} combined standard errors"
 
 
 def rule_of(table: Mapping[str, Any], parts: tuple[str, ...], where: str) -> Rule:
@@ -201,9 +227,7 @@ def rule_of(table: Mapping[str, Any], parts: tuple[str, ...], where: str) -> Rul
         return Holm(of, float(table["holm"]))
     if keys == {"count", "below"}:
         return Count(of, int(table["count"]), float(table["below"]))
-    if keys == {"errors"}:
-        return Errors(of, float(table["errors"]))
     raise InputError(
         f"{where}: no rule is made of {', '.join(sorted(keys)) or 'nothing'}; there are within, relative, "
-        "low and high, order, holm, count and below, errors"
+        "low and high, order, holm, count and below"
     )

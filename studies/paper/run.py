@@ -10,38 +10,39 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.core.atomic import made_folder, write_atomically
+from gaugeblock.core.interrupts import Interrupted
 from studies.kit import results
 from studies.kit.resume import Progress
 from studies.paper.claim import Claim
 from studies.paper.experiment import Setting, committed, made
 from studies.paper.experiments import EXPERIMENTS, PAST, load
-from studies.paper.family import Family, family
+from studies.paper.family import TOO_MANY, Family, families
 from studies.paper.figures import draw
 from studies.paper.judge import Agreement, Judgement, judge
 from studies.paper.page import page
 from studies.paper.registry import find
-
-TOO_MANY = 0.01
-"""Probability of so many misses below which a family of claims is said to have too many."""
 
 CHECKPOINTS = "checkpoints"
 
 
 @dataclass(frozen=True)
 class Reproduction:
-    """Tables by experiment, a judgement for every claim asked for, and the claims that depend on a flow."""
+    """Tables by experiment, a judgement for every claim asked for, and the grid's cells taken together."""
 
     tables: Mapping[str, xr.Dataset]
     judgements: tuple[Judgement, ...]
-    family: Family | None
+    families: tuple[Family, ...]
 
     @property
     def exit_code(self) -> int:
-        """0 all agree, or differ for a measured reason; 1 unexplained; 3 something is not measured yet."""
-        too_many = self.family is not None and self.family.p_shared < TOO_MANY
-        if too_many or any(item.unexplained for item in self.judgements):
+        """1 a claim, or a family of cells, differs; else 3 something is undecided or not measured; else 0.
+
+        What is reported, or cannot be tested by anybody, counts for nothing.
+        """
+        verdicts = {item.verdict for item in self.judgements}
+        if Agreement.DIFFERS in verdicts or any(entry.adjusted < TOO_MANY for entry in self.families):
             return 1
-        return 3 if any(item.verdict is Agreement.PENDING for item in self.judgements) else 0
+        return 3 if verdicts & {Agreement.UNDECIDED, Agreement.PENDING} else 0
 
 
 def reproduce(
@@ -66,8 +67,14 @@ def reproduce(
     chosen, experiments = selected(names)
     made_folder(out)
     tables = {}
-    for name in experiments:
-        tables[name] = made(load(name), setting, out / CHECKPOINTS, seed=seed, progress=progress)
+    for number, name in enumerate(experiments):
+        try:
+            tables[name] = made(load(name), setting, out / CHECKPOINTS, seed=seed, progress=progress)
+        except Interrupted as stop:
+            raise Interrupted(
+                f"interrupted in {name}: {number} of {len(experiments)} experiments are done, nothing "
+                "is judged; the same command goes on from there"
+            ) from stop
     result = judged(chosen, tables)
     write(result, out)
     return result
@@ -105,7 +112,7 @@ def judged(chosen: Mapping[str, Claim], tables: Mapping[str, xr.Dataset]) -> Rep
     """A verdict for every claim."""
     found = {name: load(name).measured(table) for name, table in tables.items()}
     judgements = tuple(judge(claim, found.get(claim.by, {}).get(key)) for key, claim in chosen.items())
-    return Reproduction(tables, judgements, family(judgements))
+    return Reproduction(tables, judgements, families(judgements))
 
 
 def write(result: Reproduction, out: Path) -> None:
@@ -113,7 +120,9 @@ def write(result: Reproduction, out: Path) -> None:
     made_folder(out)
     results.write({**result.tables, "claims": as_dataset(result.judgements)}, out / "reproduction.nc")
     figures = draw(result.tables, result.judgements, out / "figures")
-    write_atomically(out / "reproduction.md", page(result.tables, result.judgements, result.family, figures))
+    write_atomically(
+        out / "reproduction.md", page(result.tables, result.judgements, result.families, figures)
+    )
 
 
 def as_dataset(judgements: Iterable[Judgement]) -> xr.Dataset:
@@ -134,6 +143,8 @@ def as_dataset(judgements: Iterable[Judgement]) -> xr.Dataset:
             "measured": column([item.ours.get(part, np.nan) for item, part in rows]),
             "standard_error": column([item.errors.get(part, np.nan) for item, part in rows]),
             "sigma": column([item.sigma for item, _ in rows]),
+            "smallest": column([item.smallest for item, _ in rows]),
+            "counted": ("row", [item.claim.counted.value for item, _ in rows]),
             "verdict": ("row", [item.verdict.value for item, _ in rows]),
             "reason": ("row", [item.reason for item, _ in rows]),
             "kind": ("row", [item.claim.kind.value for item, _ in rows]),

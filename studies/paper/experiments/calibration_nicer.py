@@ -12,7 +12,7 @@ from studies.kit.resume import Arrays, Pieces, stream
 from studies.paper.calibration import DRAWS, bootstrapped, deviation, measure
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.calibration_published import LEVELS, ranks_of
-from studies.paper.judge import Untestable
+from studies.paper.measurement import Untestable
 from studies.paper.numbers import Numbers, as_table, by_claim, measurements
 from studies.paper.paper_flow.variants import SEED
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -22,7 +23,7 @@ from studies.paper.calibration import (
 )
 from studies.paper.calibration import LEVELS as CLAIMED
 from studies.paper.experiment import Experiment, Found, Setting
-from studies.paper.judge import Untestable
+from studies.paper.measurement import Untestable
 from studies.paper.numbers import Numbers, Parts, as_table, by_claim, measurements
 from studies.paper.paper_flow import VARIANTS, paper_flow, record_of
 from studies.paper.paper_flow.variants import SEED
@@ -149,7 +150,13 @@ def measured(table: xr.Dataset) -> Found:
     }
     why = "nothing is claimed to hold of p-values of another training"
     p_values = {"cal.PLnorm.p": Untestable(why, numbers["cal.PLnorm.p"])}
-    return {**measurements(table, notes, because), **p_values}
+    found = measurements(table, notes, because)
+    losses = found["cal.loss.pn.bright"]
+    parts, errors = losses.parts, losses.errors
+    gap = {"gap": parts["validation"] - parts["training"]}
+    error = {"gap": float(np.hypot(errors["validation"], errors["training"]))}
+    with_gap = replace(losses, value=parts | gap, standard_error=errors | error)
+    return {**found, "cal.loss.pn.bright": with_gap, **p_values}
 
 
 def _because(production: Mapping[str, float], loss: Mapping[str, float]) -> str:

@@ -11,7 +11,7 @@ from scipy import stats
 
 from gaugeblock.core.arrays import Array
 from studies.paper.experiment import Found
-from studies.paper.judge import Measured, Untestable
+from studies.paper.measurement import Measured, Untestable
 from studies.paper.numbers import Numbers, by_claim, measurements
 from studies.paper.registry import claims
 

@@ -18,7 +18,7 @@ from gaugeblock.core.arrays import Array
 from studies.kit.resume import Pieces
 from studies.paper.exact import exact_posteriors
 from studies.paper.experiment import Experiment, Found, Setting
-from studies.paper.judge import Untestable
+from studies.paper.measurement import Untestable
 from studies.paper.numbers import as_table, measurements
 from studies.paper.rows import published_rows
 

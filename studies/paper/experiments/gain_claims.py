@@ -13,7 +13,7 @@ from gaugeblock.core.arrays import Array
 from studies.kit.resume import Arrays
 from studies.paper.experiment import Found
 from studies.paper.experiments.gain_pairs import ALPHA, GAIN_RANGE, KINDS, MEMBERS
-from studies.paper.judge import Untestable
+from studies.paper.measurement import Untestable
 from studies.paper.numbers import Numbers, Parts, mean_of, measurements
 
 Both = tuple[float, float]

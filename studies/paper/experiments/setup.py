@@ -13,7 +13,7 @@ from gaugeblock.simulators.marginals import Uniform
 from studies.kit.resume import Pieces
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.experiments.arithmetic import LINE_KEV
-from studies.paper.judge import Untestable
+from studies.paper.measurement import Untestable
 from studies.paper.numbers import as_table, measurements
 from studies.paper.registry import DETECTORS
 

@@ -1,16 +1,21 @@
 """Rules hold what they say, and verdicts follow from them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from studies.paper import Agreement, Measured, Untestable, judge
-from studies.paper.claim import claim_of
-from studies.paper.rules import rule_of
+from scipy import stats
+from studies.paper import Agreement, Measured, Untestable, claims, judge
+from studies.paper.claim import Counted, claim_of
+from studies.paper.judge import Seen
+from studies.paper.rules import Margin, rule_of
+from studies.paper.trainings import scatter
 
 from gaugeblock.core.errors import InputError
 
 
 def claim(value=1.0, rules=({"within": 0.1},), **more):
-    table = {"says": "s", "kind": "flow", "value": value, "rules": list(rules), "by": "nested", **more}
+    table = {"says": "s", "kind": "flow", "value": value, "rules": rules, "by": "nested", **more}
     return claim_of("a.claim", "section", table)
 
 
@@ -45,53 +50,149 @@ def test_the_rounding_of_a_sum_is_no_miss():
     assert rule.satisfied({"value": 0.2}, {"value": 0.1 + 0.2})
 
 
-def test_the_four_verdicts():
+def test_a_margin_is_the_rule_as_bounds_of_single_numbers():
+    published = {"a": 1.0, "b": -2.0}
+    over = ("a", "b")
+
+    def margins(table):
+        return rule_of(table, over, "here").margins(published)
+
+    assert margins({"within": 0.5}) == (
+        Margin("a", 0.5, 1.5, around=True),
+        Margin("b", -2.5, -1.5, around=True),
+    )
+    assert margins({"relative": 0.5, "of": "b"}) == (Margin("b", -3.0, -1.0, around=True),)
+    assert margins({"low": 0.5, "of": "a"}) == (Margin("a", 0.5, np.inf),)
+    assert margins({"order": ["a", "b"]}) == (Margin("b", 0.0, np.inf, less="a"),)
+    assert margins({"holm": 0.05}) == margins({"count": 1, "below": 0.1}) == ()
+
+
+def simulated(**more):
+    """A claim that needs no training: its error is that of spectra alone."""
+    return claim(**{"kind": "simulator", **more})
+
+
+def test_without_a_measurement_there_is_no_verdict():
     assert judge(claim(), None).verdict is Agreement.PENDING
     assert "`nested`" in judge(claim(), None).reason
     untestable = judge(claim(), Untestable("seeds are not published"))
     assert (untestable.verdict, untestable.reason) == (Agreement.UNTESTABLE, "seeds are not published")
-    assert judge(claim(), Measured(1.05)).verdict is Agreement.AGREES
-    assert judge(claim(), Measured(1.2)).verdict is Agreement.DIFFERS
 
 
-def test_all_rules_must_hold():
-    two = claim(rules=({"within": 0.1}, {"high": 1.02}))
-    assert judge(two, Measured(1.01)).verdict is Agreement.AGREES
-    assert judge(two, Measured(1.05)).verdict is Agreement.DIFFERS
+Q = 1.6448536
+"""Half a 90% interval of a normal number, in standard errors."""
 
 
-def test_a_difference_beyond_three_sigma_wants_a_measured_reason():
-    far = judge(claim(), Measured(1.5, 0.1))
-    assert far.sigma == pytest.approx(5)
-    assert far.unexplained
-    assert "unexplained" in far.reason
-    near = judge(claim(), Measured(1.5, 0.2))
-    assert near.verdict is Agreement.DIFFERS
-    assert not near.unexplained
-    assert "2.5 standard errors" in near.reason
-    said = judge(claim(), Measured(1.5, 0.1, because="the other prior moves it by 0.5"))
-    assert (said.unexplained, said.reason) == (False, "the other prior moves it by 0.5")
+@pytest.mark.parametrize(
+    ("apart", "verdict"),
+    [
+        (0.0, Agreement.AGREES),
+        (0.1 - Q * 0.05 - 1e-4, Agreement.AGREES),
+        (0.1 - Q * 0.05 + 1e-4, Agreement.UNDECIDED),
+        (0.1 + Q * 0.05 - 1e-4, Agreement.UNDECIDED),
+        (0.1 + Q * 0.05 + 1e-4, Agreement.DIFFERS),
+        (-0.1 - Q * 0.05 - 1e-4, Agreement.DIFFERS),
+    ],
+)
+def test_the_interval_of_the_difference_decides(apart, verdict):
+    """Errors of both sides, 0.03 and 0.04, make 0.05."""
+    found = judge(simulated(error=0.03), Measured(1.0 + apart, 0.04))
+    assert found.verdict is verdict
+    assert found.smallest == pytest.approx(0.1 + Q * 0.05)
+    assert bool(found.settles) == (verdict is Agreement.UNDECIDED)
 
 
-def test_both_sides_errors_are_combined():
+def test_a_bound_is_of_our_number_alone():
+    """What was published has no part in it, nor its error."""
+    bound = simulated(rules=({"low": 0.9},), error=5.0)
+    assert judge(bound, Measured(1.0, 0.06)).verdict is Agreement.AGREES
+    assert judge(bound, Measured(1.0, 0.07)).verdict is Agreement.UNDECIDED
+    assert judge(bound, Measured(0.8, 0.06)).verdict is Agreement.DIFFERS
+    assert judge(bound, Measured(1.0, 0.06)).smallest == pytest.approx(Q * 0.06)
+
+
+def test_all_margins_must_hold_and_one_is_enough_to_differ():
+    two = simulated(rules=({"within": 0.1}, {"high": 1.02}))
+    assert judge(two, Measured(1.01, 0.001)).verdict is Agreement.AGREES
+    assert judge(two, Measured(1.02, 0.001)).verdict is Agreement.UNDECIDED
+    assert judge(two, Measured(1.05, 0.001)).verdict is Agreement.DIFFERS
+
+
+def test_an_order_is_judged_by_the_error_of_the_step():
+    rising = simulated(value={"a": 1.0, "b": 2.0}, rules=({"order": ["a", "b"]},))
+    for step, verdict in ((0.09, Agreement.AGREES), (0.08, Agreement.UNDECIDED), (-0.09, Agreement.DIFFERS)):
+        found = judge(rising, Measured({"a": 1.0, "b": 1.0 + step}, {"a": 0.03, "b": 0.04}))
+        assert found.verdict is verdict
+
+
+def test_without_an_error_nothing_is_decided_but_what_is_exact():
+    assert judge(simulated(), Measured(1.0)).verdict is Agreement.UNDECIDED
+    assert "an error of ours" in judge(simulated(), Measured(1.0)).settles
+    assert judge(claim(kind="exact"), Measured(1.1)).verdict is Agreement.AGREES
+    assert judge(claim(kind="exact"), Measured(1.11)).verdict is Agreement.DIFFERS
+    assert judge(replace(simulated(), deterministic=True), Measured(1.0, 9.0)).verdict is Agreement.AGREES
+
+
+def test_a_flow_without_a_second_training_is_undecided():
+    found = judge(claim(), Measured(1.0, 1e-6))
+    assert found.verdict is Agreement.UNDECIDED
+    assert "trainings" in found.settles
+
+
+def test_a_large_p_value_shows_nothing_and_a_small_one_does():
+    uniform = claim(value={"a": 0.5, "b": 0.5}, rules=({"holm": 0.05},))
+    assert judge(uniform, Measured({"a": 0.9, "b": 0.9})).verdict is Agreement.UNDECIDED
+    assert judge(uniform, Measured({"a": 0.9, "b": 0.02})).verdict is Agreement.DIFFERS
+
+
+def test_what_is_reported_or_picked_by_its_outcome_is_not_judged():
+    told = replace(claim(rules=()), counted=Counted.REPORTED)
+    assert judge(told, Measured(7.0, 0.1)).verdict is Agreement.REPORTED
+    assert judge(told, Untestable("why", {"value": 7.0})).verdict is Agreement.REPORTED
+    picked = judge(replace(simulated(), chosen=True), Measured(1.0, 0.001))
+    assert picked.verdict is Agreement.UNDECIDED
+    assert "not picked" in picked.settles
+
+
+def test_what_is_told_afterwards_explains_nothing():
+    far = judge(simulated(), Measured(1.5, 0.01, because="the other prior moves it by 0.5"))
+    assert far.reason == "unexplained; told afterwards: the other prior moves it by 0.5"
+    assert judge(simulated(), Measured(1.5, 0.01, note="by weights")).reason == "unexplained; by weights"
+
+
+def test_both_sides_errors_are_combined_in_the_standard_errors_apart():
     assert judge(claim(error=0.3), Measured(1.5, 0.4)).sigma == pytest.approx(1)
 
 
-def test_without_any_error_every_difference_is_unexplained():
-    assert judge(claim(), Measured(1.2)).unexplained
+def seen(room, *, ours=0.1, fixed=0.0, training=0.0):
+    return Seen(room=room, reach=0.0, ours=ours, fixed=fixed, training=training, trainings=1, df=np.inf)
 
 
-def test_a_claim_without_a_tolerance_is_judged_by_its_errors():
-    open_claim = claim(rules=({"errors": 3},), error=0.1)
-    assert judge(open_claim, Measured(1.2, 0.1)).verdict is Agreement.AGREES
-    assert judge(open_claim, Measured(1.5, 0.1)).verdict is Agreement.DIFFERS
-    nobody_knows = judge(claim(rules=({"errors": 3},)), Measured(1.2))
-    assert nobody_knows.verdict is Agreement.UNTESTABLE
+def test_what_would_settle_it_does():
+    """At that many spectra, or trainings, the interval just fits."""
+    assert seen(0.0822427).settles == "4.0 times the spectra"
+    assert seen(-0.0822427).settles == "4.0 times the spectra"
+    # (0.0822 / 1.645)^2 = 0.0025 less 0.04^2 leaves 0.0009, of 0.01.
+    assert seen(0.0822427, fixed=0.04).settles == "11.1 times the spectra"
+    # 2 x 0.04^2 is too much of 0.0025, 0.04^2 is not: 0.04^2 / n fits in 0.0009 from 1.8 trainings on.
+    assert seen(0.0822427, training=0.04).settles == "over 2 trainings"
+    assert seen(0.0822427, fixed=0.06).settles.startswith("nothing of ours")
 
 
 def test_parts_are_judged_by_name_and_none_may_be_missing():
-    both = claim(value={"low": 1.0, "high": 2.0}, rules=({"within": 0.1}, {"low": 0, "of": "gap"}))
+    rules = ({"within": 0.1}, {"low": 0, "of": "gap"})
+    both = claim(kind="exact", value={"low": 1.0, "high": 2.0}, rules=rules)
     assert both.needs == ("low", "high", "gap")
     assert judge(both, Measured({"low": 1.0, "high": 2.0, "gap": 1.0})).verdict is Agreement.AGREES
     with pytest.raises(InputError, match=r"a\.claim: the measurement lacks gap"):
         judge(both, Measured({"low": 1.0, "high": 2.0}))
+
+
+def test_spectra_in_common_leave_the_difference_to_the_networks():
+    paired, apart = claims()["grid.pn.bright.B1.2e-05.D1"], claims()["grid.nicer.bright.B1.2e-05.D1"]
+    for cell in (paired, apart):
+        known = scatter(cell, "value")
+        spectra = 0.0 if cell is paired else np.hypot(0.04, cell.error["value"])
+        half = stats.t.ppf(0.95, known.df) * np.hypot(spectra, known.error)
+        reach = cell.rules[0].distance
+        assert judge(cell, Measured(cell.value, 0.04)).smallest == pytest.approx(reach + half)

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from studies.paper import Kind, claims, find
-from studies.paper.claim import claim_of
+from studies.paper.claim import Counted, claim_of
 from studies.paper.experiments import EXPERIMENTS, PAST, load
 from studies.paper.rows import published_rows
 
@@ -66,7 +66,7 @@ def test_every_claim_has_an_experiment_and_every_experiment_but_those_past_them_
 
 def test_every_claim_has_rules_in_words_and_short_ones_of_its_own():
     for name, claim in claims().items():
-        assert claim.rules, name
+        assert claim.rules or claim.counted is Counted.REPORTED, name
         assert all(rule.words() for rule in claim.rules), name
         assert 0 < len(claim.says) < 110, name
 

@@ -1,11 +1,14 @@
 """From names to files and an exit code."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import xarray as xr
-from studies.paper import Measured, Setting, Untestable, claims, from_committed, judge, reproduce
+from studies.paper import Agreement, Measured, Setting, Untestable, claims, from_committed, judge, reproduce
+from studies.paper.claim import Counted
 from studies.paper.document import DOCS, adopt, document
-from studies.paper.family import family
+from studies.paper.family import Family
 from studies.paper.page import page
 from studies.paper.run import Reproduction, as_dataset, needed
 
@@ -22,11 +25,11 @@ def out(tmp_path_factory):
 def test_all_files_are_written(out):
     text = (out / "reproduction.md").read_text(encoding="utf-8")
     assert text.startswith("# ")
-    assert "**42 agree, 0 differ" in text
+    assert "| recomputed | 42 | 39 | 3 |" in text
     with xr.open_datatree(out / "reproduction.nc", engine="netcdf4") as stored:
         assert set(stored.children) == {"published", "claims"}
         verdicts = stored["claims"].to_dataset().load()
-    assert set(verdicts["verdict"].values.tolist()) == {"agrees"}
+    assert set(verdicts["verdict"].values.tolist()) == {"agrees", "differs"}
     assert set(verdicts["claim"].values.tolist()) == {
         name for name, claim in claims().items() if claim.by == "published"
     }
@@ -61,36 +64,45 @@ def judged(*found):
         ((Measured(76), Measured(0.017), Untestable("why")), 0),
         ((Measured(76), Measured(0.017), None), 3),
         ((Measured(75), Measured(0.017), None), 1),
-        ((Measured(75, because="one spectrum was drawn twice"), Measured(0.017), Untestable("why")), 0),
-        ((Measured(76), Measured(0.0181, 0.001), Untestable("why")), 0),
+        ((Measured(75, because="one spectrum was drawn twice"), Measured(0.017), Untestable("why")), 1),
+        ((Measured(76), Measured(0.017), Measured(dict.fromkeys(("median", "min", "max"), 0.2))), 3),
     ],
 )
 def test_exit_codes(found, code):
-    assert Reproduction({}, judged(*found), None).exit_code == code
+    assert Reproduction({}, judged(*found), ()).exit_code == code
 
 
 def test_too_many_misses_are_a_finding_of_their_own():
-    cells = [claim for claim in claims().values() if claim.id.startswith("grid.pn.")]
-    # Each by 2.9 combined standard errors: none alone has to be explained.
-    far = [
-        judge(cell, Measured(cell.parts["value"] + 2.9 * cell.error["value"] * 2**0.5, cell.error["value"]))
-        for cell in cells
-    ]
-    assert not any(item.unexplained for item in far)
-    assert Reproduction({}, tuple(far), family(far)).exit_code == 1
+    few = Family(name="a", cells=48, paired=0, misses=5, expected=4.0, most=9, p=0.4, adjusted=0.4)
+    assert Reproduction({}, (), (few,)).exit_code == 0
+    assert Reproduction({}, (), (few, replace(few, adjusted=0.009))).exit_code == 1
+
+
+def test_an_interrupted_run_says_where(tmp_path, monkeypatch):
+    from gaugeblock.core.interrupts import Interrupted
+
+    def stop(experiment, *_, **__):
+        raise Interrupted("interrupted")
+
+    monkeypatch.setattr("studies.paper.run.made", stop)
+    with pytest.raises(Interrupted, match=r"interrupted in published: 0 of 1 experiments are done"):
+        reproduce(["gm.quad"], tmp_path, seed=3)
+    assert not (tmp_path / "reproduction.nc").exists()
 
 
 def test_the_page_says_every_verdict_and_reason():
     three = judged(Measured(75), Measured(0.017), Untestable("seeds are not published"))
-    text = page({}, three, None, {})
-    assert "**1 agree, 1 differ (1 of them beyond 3 standard errors and unexplained), 1 cannot" in text
-    assert "cannot be tested: seeds are not published" in text
+    text = page({}, three, (), {})
+    assert "Of 1 judged claims 0 agree, 0 differ, 0 are undecided, 1 cannot" in text
+    assert "| recomputed | 2 | 1 | 1 |" in text
+    assert "cannot be tested; seeds are not published" in text
+    assert "- `tb.sigma`: seeds are not published" in text
     assert "unexplained" in text
 
 
 def test_the_page_has_every_claim_once():
     every = tuple(judge(claim, None) for claim in claims().values())
-    text = page({}, every, None, {})
+    text = page({}, every, (), {})
     for name in claims():
         assert name.startswith("grid.") or text.count(f"`{name}`") == 1, name
     assert text.count("| medium | B4 |") == 8  # four strengths on two responses
@@ -123,5 +135,19 @@ def test_the_document_says_what_the_results_say(tmp_path):
     assert (tmp_path / "reproduction.md").read_text() == (DOCS / "reproduction.md").read_text()
 
 
-def test_what_is_committed_has_no_unexplained_difference():
-    assert from_committed(()).exit_code in (0, 3)
+def test_what_is_committed_differs_and_the_exit_code_says_so():
+    result = from_committed(())
+    assert result.exit_code == 1
+    judged = [item for item in result.judgements if item.claim.counted is Counted.JUDGED]
+    assert {item.claim.id for item in judged if item.verdict is Agreement.DIFFERS} == {
+        "cal.dev.pn.bright", "grid.pn.medium.B1.5e-06.D3",
+    }  # fmt: skip
+    assert not [entry for entry in result.families if entry.adjusted < 0.05]
+    # Each either decided, or with what would settle it.
+    assert all(bool(item.settles) == (item.verdict is Agreement.UNDECIDED) for item in result.judgements)
+
+
+def test_the_front_page_says_what_was_counted_twice_and_what_was_picked():
+    text = (DOCS / "reproduction.md").read_text()
+    assert "its 3 of 5 are 2 of 4 networks" in text
+    assert "`xc.i22.flat` is 5.4 nats in the study's box and\n0.37 in the wider one" in text

@@ -1,0 +1,74 @@
+"""What was fixed before it is measured: rules, margins and seeds of every claim, as one file and its digest.
+
+``python -m studies.paper.fixed`` writes both. Margins come from the published list alone, a rule a kind:
+
+- a cell of the grid: 2 sqrt(2) published standard errors (Hanley & McNeil 1982, of its AUC and numbers of
+  spectra), as two measurements with the same noise lie apart in 95 of 100 cases; a cell of the gain, where
+  the true value is 1/2: 1/2 +- 0.08;
+- what is exact, arithmetic or a setting: what the published list asks for, mostly half a unit of a digit;
+- what needs a flow or the simulator: the bounds that the published list states, one-sided where these are,
+  which were stated from the published numbers and their scatter.
+
+No number of ours enters, so a margin can be too narrow for our errors: then nothing is decided.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gaugeblock.core.atomic import write_atomically
+from studies.kit.command import SEED
+from studies.paper.judge import CONFIDENCE
+from studies.paper.registry import claims, repeats
+
+FILE = Path(__file__).parent / "fixed.json"
+DIGEST = FILE.with_suffix(".sha256")
+
+
+def fixed() -> dict[str, Any]:
+    """What is fixed of every claim."""
+    return {"confidence": CONFIDENCE, "claims": {name: _entry(name) for name in claims()}}
+
+
+def _entry(name: str) -> dict[str, Any]:
+    claim = claims()[name]
+    entry: dict[str, Any] = {
+        "counted": claim.counted.value,
+        "rules": [rule.words() for rule in claim.rules],
+        "margins": [
+            [margin.part, margin.less, _bound(margin.low), _bound(margin.high)]
+            for rule in claim.rules
+            for margin in rule.margins(claim.parts)
+        ],
+        "by": claim.by,
+        "seed": SEED,
+    }
+    return entry | ({"repeats": repeats(name)} if repeats(name) else {})
+
+
+def _bound(value: float) -> float | None:
+    return float(f"{value:.6g}") if np.isfinite(value) else None
+
+
+def text() -> str:
+    """The file's text, a claim a line."""
+    content = fixed()
+    lines = ",\n".join(
+        f"{json.dumps(name)}: {json.dumps(entry)}" for name, entry in content["claims"].items()
+    )
+    return f'{{"confidence": {content["confidence"]}, "claims": {{\n{lines}\n}}}}\n'
+
+
+def digest(content: str) -> str:
+    """What identifies it."""
+    return hashlib.sha256(content.encode()).hexdigest()
+
+
+if __name__ == "__main__":
+    write_atomically(FILE, text())
+    write_atomically(DIGEST, digest(text()) + "\n")

@@ -1,0 +1,48 @@
+"""What was fixed is what is committed, and what is judged by."""
+
+import json
+
+import pytest
+from studies.paper import claims
+from studies.paper.claim import Counted
+from studies.paper.fixed import DIGEST, FILE, digest, text
+from studies.paper.page import before
+from studies.paper.registry import repeats
+
+
+def test_rules_margins_and_seeds_are_those_that_were_committed():
+    assert FILE.read_text(encoding="utf-8") == text()
+    assert DIGEST.read_text().strip() == digest(text())
+
+
+def test_every_claim_is_in_it_with_its_margins():
+    content = json.loads(text())
+    assert content["confidence"] == 0.9
+    assert list(content["claims"]) == list(claims())
+    cell = content["claims"]["grid.pn.faint.B4.1.D1"]
+    assert cell["margins"] == [["value", "", pytest.approx(0.42), pytest.approx(0.58)]]
+    assert content["claims"]["tab3.bright.B1.seed0"]["margins"][0] == ["value", "", 0.74, 0.9]
+    assert {entry["seed"] for entry in content["claims"].values()} == {20260611}
+
+
+def test_classes_are_counted():
+    numbers = {kind: sum(claim.counted is kind for claim in claims().values()) for kind in Counted}
+    assert numbers == {
+        Counted.JUDGED: 362, Counted.REPORTED: 13, Counted.REPEATED: 56, Counted.RECOMPUTED: 46,
+    }  # fmt: skip
+    assert {name for name, claim in claims().items() if claim.chosen} == {
+        "xc.bright.sigma_eff", "xc.med.shrink", "xc.i22.flat",
+    }  # fmt: skip
+    assert repeats("tab4.IS.B1.bright") == "tab3.*.seed0"
+    assert not repeats("tab3.bright.B1.seed0")
+
+
+def test_what_the_list_only_asks_to_report_is_reported(shared_file):
+    targets = json.loads(shared_file("paper/paper_targets.json").read_text())["targets"]
+    asked = {t["id"] for t in targets if str(t["tolerance"].get("must_hold", "")).startswith("report")}
+    assert asked == {name for name, claim in claims().items() if claim.counted is Counted.REPORTED}
+
+
+def test_the_verdicts_before_are_kept():
+    assert set(before()) == set(claims())
+    assert sum(verdict == "agrees" for verdict in before().values()) == 427
