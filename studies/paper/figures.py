@@ -14,7 +14,7 @@ import xarray as xr
 from gaugeblock.core.arrays import Array
 from studies.kit import plots
 from studies.kit.plots import BLUE, GREY, ORANGE
-from studies.paper.claim import SINGLE, Claim, Kind
+from studies.paper.claim import SINGLE, Claim, Counted, Kind
 from studies.paper.detection_claims import cells
 from studies.paper.experiments.arithmetic import GAIN_PRIOR_SD
 from studies.paper.experiments.importance import BOTH, SETS, SUB, SWEEP
@@ -40,11 +40,13 @@ LEVEL_COLOUR = {"faint": GREY, "medium": ORANGE, "bright": BLUE}
 
 
 def verdicts_figure(pyplot: Any, judgements: Sequence[Judgement]) -> Any:
-    """How many claims of each kind came to each verdict."""
+    """How many judged claims of each kind came to each verdict."""
+    judgements = [item for item in judgements if item.claim.counted is Counted.JUDGED]
+    seen = {verdict: colour for verdict, colour in COLOUR.items() if verdict in _verdicts(judgements)}
     kinds = [kind for kind in Kind if any(item.claim.kind is kind for item in judgements)]
     figure, axis = pyplot.subplots(figsize=(6, 0.8 + 0.28 * len(kinds)), layout="constrained")
     left = np.zeros(len(kinds))
-    for verdict, colour in COLOUR.items():
+    for verdict, colour in seen.items():
         counts = [
             sum(item.claim.kind is kind and item.verdict is verdict for item in judgements) for kind in kinds
         ]
@@ -60,9 +62,13 @@ def verdicts_figure(pyplot: Any, judgements: Sequence[Judgement]) -> Any:
     axis.set_yticks(range(len(kinds)), [kind.value for kind in kinds])
     axis.invert_yaxis()
     axis.set_xlim(0, 1)
-    axis.set_xlabel("share of the claims of a kind; numbers of claims")
-    figure.legend(loc="outside lower center", frameon=False, ncols=len(COLOUR))
+    axis.set_xlabel("share of the judged claims of a kind; numbers of claims")
+    figure.legend(loc="outside lower center", frameon=False, ncols=max(1, len(seen)))
     return figure
+
+
+def _verdicts(judgements: Sequence[Judgement]) -> set[Agreement]:
+    return {item.verdict for item in judgements}
 
 
 def evidence_figure(pyplot: Any, tables: Mapping[str, xr.Dataset]) -> Any:  # noqa: ARG001
