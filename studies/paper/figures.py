@@ -40,9 +40,9 @@ LEVEL_COLOUR = {"faint": GREY, "medium": ORANGE, "bright": BLUE}
 
 
 def verdicts_figure(pyplot: Any, judgements: Sequence[Judgement]) -> Any:
-    """How many judged claims of each kind came to each verdict."""
-    judgements = [item for item in judgements if item.claim.counted is Counted.JUDGED]
-    seen = {verdict: colour for verdict, colour in COLOUR.items() if verdict in _verdicts(judgements)}
+    """How many of these claims of each kind came to each verdict."""
+    verdicts = {item.verdict for item in judgements}
+    seen = {verdict: colour for verdict, colour in COLOUR.items() if verdict in verdicts}
     kinds = [kind for kind in Kind if any(item.claim.kind is kind for item in judgements)]
     figure, axis = pyplot.subplots(figsize=(6, 0.8 + 0.28 * len(kinds)), layout="constrained")
     left = np.zeros(len(kinds))
@@ -63,12 +63,8 @@ def verdicts_figure(pyplot: Any, judgements: Sequence[Judgement]) -> Any:
     axis.invert_yaxis()
     axis.set_xlim(0, 1)
     axis.set_xlabel("share of the judged claims of a kind; numbers of claims")
-    figure.legend(loc="outside lower center", frameon=False, ncols=max(1, len(seen)))
+    figure.legend(loc="outside lower center", frameon=False, ncols=len(seen))
     return figure
-
-
-def _verdicts(judgements: Sequence[Judgement]) -> set[Agreement]:
-    return {item.verdict for item in judgements}
 
 
 def evidence_figure(pyplot: Any, tables: Mapping[str, xr.Dataset]) -> Any:  # noqa: ARG001
@@ -376,8 +372,12 @@ def draw(
     if importlib.util.find_spec("matplotlib") is None:
         return {}
     plot = plots.pyplot()
-    captions = {"verdicts": "Verdicts by kind"}
-    made: dict[str, Callable[[], Any]] = {"verdicts": partial(verdicts_figure, plot, judgements)}
+    captions: dict[str, str] = {}
+    made: dict[str, Callable[[], Any]] = {}
+    judged = [item for item in judgements if item.claim.counted is Counted.JUDGED]
+    if judged:
+        captions["verdicts"] = "Verdicts by kind, judged claims alone"
+        made["verdicts"] = partial(verdicts_figure, plot, judged)
     for needed, name, caption, make in FIGURES:
         if needed in tables:
             captions[name], made[name] = caption, partial(make, plot, tables)
