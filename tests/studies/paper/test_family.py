@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from studies.paper import Measured, claims, judge
-from studies.paper.family import common_share, families
+from studies.paper.family import _error as error_of
+from studies.paper.family import common_share, families, holm
 from studies.paper.trainings import is_paired, scatter
 
 
@@ -79,3 +80,23 @@ def test_the_share_in_common_is_found_again():
 
 def test_only_measured_cells_are_counted(cells):
     assert families([judge(claims()["ns.n"], Measured(76)), judge(cells[0], None)]) == ()
+
+
+def test_holm_steps_down_and_never_falls():
+    np.testing.assert_allclose(holm(np.array([0.5, 0.01, 0.02, 0.021])), [0.5, 0.04, 0.06, 0.06])
+    np.testing.assert_allclose(holm(np.array([0.9, 0.8])), [1.0, 1.0])
+
+
+def test_the_share_in_common_is_over_pairs():
+    assert common_share([np.array([1.0, 1.0]), np.array([-2.0, -2.0])]) == pytest.approx(1.0)
+    assert common_share([np.array([1.0, 1.0, 0.0])]) == pytest.approx(0.5)
+
+
+def test_a_cell_has_the_error_of_spectra_that_its_difference_has():
+    """None where spectra are in common, ours alone where the truth is known, else that of both."""
+    errors = [
+        error_of(judge(claims()[name], Measured(0.5, 0.03)))
+        for name in ("grid.pn.bright.B1.2e-05.D1", "grid.pn.bright.B4.3.D1", "grid.nicer.bright.B1.2e-05.D1")
+    ]
+    both = np.hypot(0.03, claims()["grid.nicer.bright.B1.2e-05.D1"].error["value"])
+    assert errors == pytest.approx([0.0, 0.03, both])

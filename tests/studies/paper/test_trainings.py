@@ -77,3 +77,12 @@ def test_faint_cells_take_the_scatter_of_medium_ones():
     faint, medium = (claims()[f"grid.nicer.{level}.B1.2e-05.D2"] for level in ("faint", "medium"))
     shares = [scatter(claim, "value").sd / claim.error["value"] for claim in (faint, medium)]
     assert shares[0] == pytest.approx(shares[1])
+
+
+def test_the_scatter_is_about_nothing_not_about_the_mean():
+    """A network that moves all cells of a detector alike scatters by that: D3 at bright mostly does."""
+    values = between_networks()["bright", "D3"]
+    assert abs(values.mean()) > values.std()
+    found = scatter(claims()["grid.pn.bright.B1.2e-05.D3"], "value")
+    error = claims()["grid.pn.bright.B1.2e-05.D3"].error["value"]
+    assert found.sd > 0.9 * error * np.sqrt((values**2).mean())
