@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import reduce
 from inspect import signature
 
 import numpy as np
@@ -10,7 +11,7 @@ from markupsafe import Markup
 from scipy import stats
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.diagnosis.cases import thirds
+from gaugeblock.diagnosis.cases import Cases, thirds
 from gaugeblock.diagnosis.diagnosis import LEAST_TRIALS, cases_of
 from gaugeblock.diagnosis.repair import from_data
 from gaugeblock.reports.section import Panel
@@ -22,10 +23,10 @@ from gaugeblock.validate.prepared import Prepared
 BINS = 20
 
 
-def before_and_after(verdict: Verdict, trials: xr.DataTree) -> Panel | None:
-    """Histograms of ranks of the parameter that the repair changes most; None where draws were not mended.
+def mended(verdict: Verdict, trials: xr.DataTree) -> tuple[Cases, Cases] | None:
+    """The third of the trials that neither fitted nor chose the repair, as it is and mended.
 
-    Of the third of the trials that neither fitted nor chose the repair.
+    None where draws were not mended.
     """
     given = verdict.diagnosis or {}
     steps = given.get("repair")
@@ -44,10 +45,16 @@ def before_and_after(verdict: Verdict, trials: xr.DataTree) -> Panel | None:
     if prepared.order.stride > 1:  # draws have been thinned already
         repairs = repairs[1:]
     before = cases.taken(thirds(len(cases), int(given.get("seed") or 0))[2])
-    after = before
-    for repair in repairs:
-        after = repair(after)
-    ranks = [each.ranks(each.theta) for each in (before, after)]
+    return before, reduce(lambda done, repair: repair(done), repairs, before)
+
+
+def before_and_after(verdict: Verdict, trials: xr.DataTree) -> Panel | None:
+    """Histograms of ranks of the parameter that the repair changes most; None where draws were not mended."""
+    both = mended(verdict, trials)
+    if both is None:
+        return None
+    given, before = verdict.diagnosis or {}, both[0]
+    ranks = [each.ranks(each.theta) for each in both]
     heights = np.array(
         [
             [np.histogram(column, BINS, (0.0, 1.0))[0] * BINS / len(column) for column in values.T]
@@ -57,7 +64,7 @@ def before_and_after(verdict: Verdict, trials: xr.DataTree) -> Panel | None:
     # Of these the one whose histogram the repair evens out most.
     uneven = np.abs(heights - 1).mean(axis=2)
     which = int(np.argmax(uneven[0] - uneven[1]))
-    name = cases.names[which]
+    name = before.names[which]
     return Panel(
         f"Ranks of {name}, before and after the repair",
         f"gap {_nats(given, 'before')} before, {_nats(given, 'after')} after, in nats a trial; "

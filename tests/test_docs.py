@@ -170,6 +170,8 @@ def test_the_page_on_faults_shows_what_audits_say():
         assert f"(figures/fault-{name}.svg)" in text
         assert f"\n| {name.replace('_', ' ')} | " in text
         assert (ROOT / "docs" / "figures" / f"fault-{name}.svg").stat().st_size < 10_000
+    picture = (ROOT / "docs" / "figures" / "diagnosis-mended.svg").read_text(encoding="utf-8")
+    assert all(f">{name}</text>" in picture for name in faults.MENDED)
 
 
 @pytest.mark.usefixtures("makers")

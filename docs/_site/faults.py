@@ -1,6 +1,7 @@
 """What ranks, coverage, TARP and C2ST look like for each fault: the pictures and the table of docs/faults.md.
 
-``python docs/_site/faults.py`` audits estimators that are wrong in known ways and writes both again.
+``python docs/_site/faults.py`` audits estimators that are wrong in known ways and writes both again, and the
+picture of docs/diagnosis.md: the same faults mended.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ from numpy.typing import NDArray
 import gaugeblock as gb
 from gaugeblock.estimators.broken import WithTruth
 from gaugeblock.estimators.registry import build_estimator
+from gaugeblock.reports.mended import mended
 from gaugeblock.reports.svg import drawing, tag
 from gaugeblock.simulators import build_simulator
 from gaugeblock.validate.joint.tarp import tarp
@@ -37,6 +40,9 @@ CHECKS = (
     *("sbc.bias", "sbc.log_width", "coverage.central", "tails.outliers", "joint.tarp", "joint.projections"),
     *("local.coverage", "c2st.rank", "lc2st.local", "informed.rank"),
 )
+
+# Shown as they are and mended.
+MENDED = ("narrow", "wide", "shifted")
 
 Sample = Callable[[NDArray[Any], int, Any], NDArray[Any]]
 
@@ -111,10 +117,37 @@ def picture(name: str, result: gb.Audit) -> str:
         ]
     title, said = f"{name}: {', '.join(PANELS)}", "Grey is what an exact posterior shows."
     width, height = 10 + STEP * len(PANELS), HEIGHT + TOP + 10
-    svg = str(
+    return _alone(
         drawing(marks, width=width, height=height, key=name, title=title, description=said, class_="fault")
     )
-    return svg.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" font-family="sans-serif" ', 1) + "\n"
+
+
+def mended_picture(results: Mapping[str, gb.Audit]) -> str:
+    """A column for each fault: ranks of the first parameter as they are, and with the diagnosis' repair."""
+    marks: list[str] = [tag("rect", width="100%", height="100%", fill="white")]
+    for number, (name, result) in enumerate(results.items()):
+        said = result.diagnose()
+        both = mended(replace(result.verdict, diagnosis=said.to_json()), result.trials)
+        if both is None:
+            raise SystemExit(f"{name}: {said.text}")
+        for line, (one, word) in enumerate(zip(both, (name, f"mended: {said.named}"), strict=True)):
+            x, y = 10 + STEP * number, TOP + line * (HEIGHT + TOP)
+            marks.append(tag("text", word, x=x, y=y - 9, font_size=12, fill="#333"))
+            drawn = _histogram(one.ranks(one.theta)[:, 0])
+            marks.append(tag("g", *drawn, transform=f"translate({x:g} {y:g})"))
+    title, said_of = "Ranks before and after the repair", "Grey is what an exact posterior shows."
+    width, height = 10 + STEP * len(results), 2 * (HEIGHT + TOP) + 10
+    return _alone(
+        drawing(
+            marks, width=width, height=height, key="mended", title=title, description=said_of, class_="fault"
+        )
+    )
+
+
+def _alone(svg: Markup) -> str:
+    """A drawing as a file of its own."""
+    with_font = '<svg xmlns="http://www.w3.org/2000/svg" font-family="sans-serif" '
+    return str(svg).replace("<svg ", with_font, 1) + "\n"
 
 
 def _box() -> Markup:
@@ -171,12 +204,14 @@ def table(rows: Mapping[str, Mapping[str, str]]) -> str:
 
 def main() -> None:
     """Write the pictures, and the table between its marks."""
-    rows = {}
+    rows, shown = {}, {}
     for name in FAULTS:
         result = audited(name)
+        shown |= {name: result} if name in MENDED else {}
         rows[name] = row(result)
         (DOCS / "figures" / f"fault-{name}.svg").write_text(picture(name, result), encoding="utf-8")
         sys.stderr.write(f"{name}: {result.outcome}\n")
+    (DOCS / "figures" / "diagnosis-mended.svg").write_text(mended_picture(shown), encoding="utf-8")
     page = DOCS / "faults.md"
     marks = re.compile(r"(<!-- what sees what -->\n).*?(<!-- /what sees what -->)", re.DOTALL)
     page.write_text(
