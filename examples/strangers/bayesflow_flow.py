@@ -49,4 +49,6 @@ workflow = bf.BasicWorkflow(
 workflow.fit_offline(
     simulator.sample(arguments.simulations), epochs=arguments.epochs, batch_size=128, verbose=0
 )
-workflow.approximator.save(arguments.out)
+# Since 2.1 a workflow calls it its estimator.
+saved = workflow.approximator if hasattr(workflow, "approximator") else workflow.estimator
+saved.save(arguments.out)
