@@ -18,7 +18,7 @@ NAME = "studies cures"
 def main(arguments: Sequence[str]) -> int:
     """Train, diagnose and train again; or fill the page from what is stored."""
     options = parser(NAME, __doc__)
-    options.add_argument("--cases", type=int, default=135)
+    options.add_argument("--cases", type=int, default=120)
     options.add_argument("--commit", default="HEAD", help="of the code that is measured: draws the cases")
     options.add_argument("--generator-seed", type=int, help="in place of the one that the commit gives")
     options.add_argument("--report", action="store_true", help="text from OUT; nothing is run")
