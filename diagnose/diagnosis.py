@@ -59,7 +59,9 @@ class Diagnosis(Value):
     `parameters` are sizes with 90% intervals, from trials that chose nothing. `gap` is by how many nats a
     truth is told from draws, per trial, `before` and `after` the repair; `repair` is that as plain data, in
     the order in which it is applied, empty where draws cannot be mended, and `seed` that of the trials.
-    `called` says whether the estimator was called again, `faults` which faults of the user's were looked for.
+    `trials_to_tell` is how many trials would tell each of those that are `indistinguishable` from the named
+    one, if that is right; None where nobody will make so many. `called` says whether the estimator was called
+    again, `faults` which faults of the user's were looked for.
     """
 
     named: str | None
@@ -75,6 +77,7 @@ class Diagnosis(Value):
     seed: int | None = None
     faults: tuple[str, ...] = ()
     runner_up: str | None = None
+    trials_to_tell: Mapping[str, int | None] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
         """Plain data with the contract's keys."""
@@ -82,6 +85,7 @@ class Diagnosis(Value):
             "named": self.named,
             "named_all": list(self.named_all),
             "indistinguishable": list(self.indistinguishable),
+            "trials_to_tell": dict(self.trials_to_tell),
             "runner_up": self.runner_up,
             "causes": [{"cause": each.cause, "cure": each.cure} for each in self.causes],
             "parameters": {
@@ -270,13 +274,23 @@ def _said(
     if gap[1] is not None and all(repair.recovers for repair in both):
         size = f"{max(gap[1], 0):.2g} instead of {found.before[0]:.2g} nats a trial"
         text += f" Mended, truths are told from draws by {size}."
+    to_tell = {name: found.to_tell.get(name) for name in others}
     if others:
-        text += f" These trials do not tell it from: {', '.join(others)}."
+        text += f" These trials do not tell it from: {', '.join(map(_to_tell, others, to_tell.values()))}."
     return Diagnosis(
         named=ids[0], named_all=ids, indistinguishable=others, causes=known,
         text=f"{text} {_cures(known)}", parameters=found.sizes, gap=gap, shows_in=found.kinds, called=called,
         repair=plain_repair(found.repairs), runner_up=_runner_up(found, (*ids, *others)),
+        trials_to_tell=to_tell,
     )  # fmt: skip
+
+
+def _to_tell(name: str, trials: int | None) -> str:
+    return (
+        f"{name} (some {trials:,} would)"
+        if trials is not None
+        else f"{name} (nor would a hundred times as many)"
+    )
 
 
 def _causes_of(

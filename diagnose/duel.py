@@ -8,9 +8,11 @@ draws of one from draws of the other (Cranmer, Pavez & Louppe 2015).
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
+from scipy import special, stats
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.diagnosis.cases import Cases
@@ -18,14 +20,27 @@ from gaugeblock.diagnosis.disagreement import DOUBT, Kinds, Reference, columns, 
 
 # Draws of both, of each trial, that are told apart.
 CANDIDATES = 64
+# Errors beyond which truths have decided, and how often they should.
+BEYOND, POWER = 2.0, 0.9
 # Steps of the halving by which a trial's odds are made even.
 STEPS, FARTHEST = 40, 30.0
 
 
+class LogRatios(NamedTuple):
+    """Of the first's density to the second's: at truths ``(trial,)``, and at draws of the first.
+
+    `drawn` ``(trial, draw)`` is what truths would be if the first were right; NaN in place of draws of the
+    second.
+    """
+
+    truths: Array
+    drawn: Array
+
+
 def log_ratios(
     learned: tuple[Cases, Cases], judged: tuple[Cases, Cases], reference: Reference, seed: int
-) -> Array:
-    """Log ratios ``(trial,)`` of the first's density to the second's at their truths.
+) -> LogRatios:
+    """Log ratios of the densities of two repaired estimators.
 
     `learned` and `judged` are the same trials as either repair leaves them. Ratios are bounded, so that no
     truth decides alone; a trial that one of the repairs leaves out is not asked.
@@ -47,9 +62,21 @@ def log_ratios(
         middle = (low + high) / 2
         above = special.expit(odds[:, 1:] + middle[:, None]).mean(axis=1) > share
         low, high = np.where(above, low, middle), np.where(above, middle, high)
-    chance = special.expit(odds[:, 0] + (low + high) / 2 - special.logit(share))
+    chance = special.expit(odds + ((low + high) / 2 - special.logit(share))[:, None])
     first, second = ((1 - DOUBT) * each + DOUBT / 2 for each in (chance, 1 - chance))
-    return np.asarray(np.log(first / second))
+    found = np.log(first / second)
+    return LogRatios(found[:, 0], np.where(is_first, found[:, 1:], np.nan))
+
+
+def trials_to_tell(drawn: Array) -> float:
+    """How many truths tell the first from the second nine times of ten, if it is the first that is right.
+
+    From its log ratios at draws ``(trial, draw)``; infinite where their mean is not seen to be above 0.
+    """
+    mean = np.nanmean(drawn, axis=1)
+    if mean.mean() <= BEYOND * mean.std(ddof=1) / np.sqrt(len(mean)):
+        return np.inf
+    return float(((BEYOND + stats.norm.ppf(POWER)) * np.nanstd(drawn) / mean.mean()) ** 2)
 
 
 def _pooled(

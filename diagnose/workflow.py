@@ -23,7 +23,7 @@ from scipy import stats
 from gaugeblock.core.arrays import Array
 from gaugeblock.diagnosis.cases import Cases, thirds
 from gaugeblock.diagnosis.disagreement import Kinds, Reference, candidates, columns, evidence, fit_tilt
-from gaugeblock.diagnosis.duel import log_ratios
+from gaugeblock.diagnosis.duel import LogRatios, log_ratios, trials_to_tell
 from gaugeblock.diagnosis.library.calls import Called, calls, knows_truth
 from gaugeblock.diagnosis.library.symptoms import STRUCTURAL, SYMPTOMS, Fit
 from gaugeblock.diagnosis.repair import Repair, as_data, few_values, in_steps
@@ -42,6 +42,8 @@ LEAST_SHARE = 0.5
 # tried at first, and the share of the disagreement that a second may leave there.
 FOLLOWED, PART = 3, 0.25
 FEW, PROMISING = 400, 0.3
+# So many times the trials that there are nobody will make to tell two repairs apart.
+HOPELESS = 100.0
 GROUPS = 10
 LEAST_DRAWS = 20
 # Kinds of function that see parameters together, and what is said where only these see anything.
@@ -81,7 +83,8 @@ class Found:
 
     `gap` is the disagreement on the reporting part in nats a trial, before and after the repair, with errors;
     `kinds` which kinds of function it shows in; `sizes` numbers of the named repair with 90% intervals;
-    `repairs` all that is wrong in its order, fitted to all cases.
+    `repairs` all that is wrong in its order, fitted to all cases; `to_tell` how many trials would tell each
+    of `alike` from the one that is named.
     """
 
     structural: tuple[Repair, ...]
@@ -94,6 +97,7 @@ class Found:
     kinds: dict[str, float]
     sizes: dict[str, tuple[float, float, float]]
     repairs: tuple[Repair, ...] = ()
+    to_tell: dict[str, int | None] = field(default_factory=dict)
 
 
 def locate_and_name(
@@ -139,8 +143,24 @@ def locate_and_name(
     after = None if named is None else parts.gap(named.repairs)
     sizes = {} if named is None else _sizes(parts, named)
     repairs = (*structural, *(() if named is None else parts.refitted(named.repairs)))
+    to_tell = {
+        each.symptoms[0]: parts.to_tell(named, each)
+        for each in found
+        if named is not None and each.symptoms[0] != named.symptoms[0]
+    }
+    before = parts.gap(())
     return Found(
-        structural, named, tuple(found), tuple(tried), True, parts.gap(()), after, parts.kinds, sizes, repairs
+        structural,
+        named,
+        tuple(found),
+        tuple(tried),
+        True,
+        before,
+        after,
+        parts.kinds,
+        sizes,
+        repairs,
+        to_tell,
     )
 
 
@@ -272,6 +292,18 @@ class _Parts:
 
     def duel(self, one: Tried, other: Tried) -> float:
         """By how many of its errors the mean log ratio of both's densities at truths lies above 0."""
+        mean, error = _mean(np.concatenate([each.truths for each in self.ratios(one, other)]))
+        return mean / max(error, np.finfo(float).tiny)
+
+    def to_tell(self, one: Tried, other: Tried) -> int | None:
+        """How many trials would tell the other from this one, to two digits; None where too many."""
+        found = self.ratios(one, other)
+        number = trials_to_tell(np.concatenate([each.drawn for each in found]))
+        number *= len(self.cases) / sum(len(each.truths) for each in found)
+        return int(float(f"{number:.2g}")) if number <= HOPELESS * len(self.cases) else None
+
+    def ratios(self, one: Tried, other: Tried) -> list[LogRatios]:
+        """Log ratios of both's densities, of the parts on which both were fitted to the other."""
         found = []
         for half, mends in enumerate(((one.repairs, other.repairs), (one.crossed, other.crossed))):
             if all(mends):
@@ -279,8 +311,7 @@ class _Parts:
                     (_repaired(part, mends[0]), _repaired(part, mends[1])) for part in self.halves[half]
                 )
                 found.append(log_ratios(learned, judged, self.reference, self.seed))
-        mean, error = _mean(np.concatenate(found))
-        return mean / max(error, np.finfo(float).tiny)
+        return found
 
     def mending(self, tried: Sequence[Tried]) -> list[Tried]:
         """Repairs after which nothing much is seen to be wrong, and which truths do not tell apart."""

@@ -41,6 +41,10 @@ def test_how_the_estimator_should_be_called_is_found_by_calling_it(symptom):
     symptom = symptom.partition(" ")[0]
     equal = {"x_shift": {"x_shift", "shift"}}.get(symptom, {symptom})
     assert equal & {said["named"], *said["indistinguishable"]}
+    assert [*said["trials_to_tell"]] == said["indistinguishable"]
+    for other, trials in said["trials_to_tell"].items():
+        would = "nor would a hundred times as many" if trials is None else f"some {trials:,} would"
+        assert f"{other} ({would})" in said["text"]
     assert said["called"]
 
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy import stats
 
 from gaugeblock.diagnosis.cases import Cases
 from gaugeblock.diagnosis.disagreement import Reference
-from gaugeblock.diagnosis.duel import log_ratios
+from gaugeblock.diagnosis.duel import LogRatios, log_ratios, trials_to_tell
+from gaugeblock.diagnosis.workflow import _Parts
 
 
 def two(seed, trials, truth, one, other):
@@ -23,7 +26,7 @@ def two(seed, trials, truth, one, other):
 
 def ratios(seed, trials, *laws):
     learned, judged = two(seed, trials, *laws), two(seed + 1000, trials, *laws)
-    return log_ratios(learned, judged, Reference.of(learned[0]), seed), judged[0].theta[:, 0]
+    return log_ratios(learned, judged, Reference.of(learned[0]), seed).truths, judged[0].theta[:, 0]
 
 
 @pytest.mark.parametrize("moved", [0.0, 0.4])
@@ -48,6 +51,38 @@ def test_neither_of_two_laws_as_far_from_truths_wins_too_often():
     assert 0.8 < ahead.std() < 1.25
 
 
+def drawn(seed, trials, *laws):
+    learned, judged = two(seed, trials, *laws), two(seed + 1000, trials, *laws)
+    return log_ratios(learned, judged, Reference.of(learned[0]), seed).drawn
+
+
+def test_how_many_truths_would_tell_is_what_the_laws_say():
+    """Of two normal laws 0.3 apart the log ratio has mean 0.045 and sd 0.3 if the first is right."""
+    one, other = stats.norm(), stats.norm(0.3)
+    exact = ((2 + 1.2816) * 0.3 / 0.045) ** 2
+    found = [trials_to_tell(drawn(seed, 800, other, one, other)) for seed in range(10)]
+    assert np.median(found) == pytest.approx(exact, rel=0.2)
+    # And so many do, nine times of ten.
+    ahead = [ratios(seed, int(exact), one, one, other)[0] for seed in range(100)]
+    told = sum(each.mean() > 2 * each.std(ddof=1) / np.sqrt(len(each)) for each in ahead)
+    assert stats.binom.ppf(0.001, 100, 0.9) <= told <= stats.binom.ppf(0.999, 100, 0.9)
+
+
+@pytest.mark.parametrize(("mean", "told"), [(0.1, 1600), (0.001, None)])
+def test_a_third_of_the_trials_reports_and_does_not_tell(mean, told):
+    """Of 600 trials 400 are asked: with sd 1 and mean 0.1 it takes 3.28² / 0.01 = 1,077 of them, 1,600 trials."""
+    at = mean + np.tile([1.0, -1.0], 16)[None]
+    parts = SimpleNamespace(cases=range(600), ratios=lambda *_: [LogRatios(np.zeros(200), at + step)] * 2)
+    step = np.linspace(-1e-6, 1e-6, 200)[:, None]
+    assert _Parts.to_tell(parts, None, None) == told
+
+
+def test_no_number_tells_equal_laws():
+    law = stats.norm()
+    found = [trials_to_tell(drawn(seed, 300, law, law, law)) for seed in range(30)]
+    assert np.isinf(found).sum() >= stats.binom.ppf(0.001, 30, stats.norm.cdf(2))
+
+
 def test_no_truth_decides_alone():
     """Where one law is impossible the ratio comes near to that of 0.975 to 0.025, and not beyond."""
     found, _ = ratios(4, 300, stats.norm(5, 0.1), stats.norm(5, 0.1), stats.norm(-5, 0.1))
@@ -59,5 +94,5 @@ def test_a_trial_that_one_repair_leaves_out_is_not_asked():
     learned, judged = two(2, 300, *laws), two(3, 300, *laws)
     fewer = judged[1].taken(slice(50, None))
     found = log_ratios(learned, (judged[0], fewer), Reference.of(learned[0]), 1)
-    assert len(found) == 250
-    assert found.mean() > 0
+    assert len(found.truths) == len(found.drawn) == 250
+    assert found.truths.mean() > 0
