@@ -14,7 +14,7 @@ class Cause(NamedTuple):
 
 
 # Standard deviations of data beyond which, or beyond the inverse of which, networks learn little from them.
-UNSCALED = 30.0
+UNSCALED = 100.0
 # Symptoms of a network that data do not reach: the last where its draws go to the ends of what can be drawn.
 UNREACHED = ("ignored_parameter", "unused", "scale too wide", "x_noise too wide", "few_distinct")
 

@@ -67,6 +67,9 @@ def test_blocked_when_undertrained_and_passing_after_retraining(repository, step
     # Which parameters, and in which direction.
     assert re.search(r"^sbc\.log_width\[half_life\] +FAIL +-0\.\d+ ", said, re.MULTILINE)
     assert re.search(r"activity: central \d+% intervals are 0\.", said)
+    # And why: its counts scatter by up to 50, which is no reason for a network that standardises.
+    assert "undertrained" in said
+    assert "not scaled" not in said
     assert 'message="CalibrationFailed: FAIL: ' in (repository / "junit.xml").read_text()
     (repository / "train.toml").write_text(good)
     # The next push is checked out anew.
