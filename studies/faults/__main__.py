@@ -14,13 +14,16 @@ from studies.faults.document import document
 from studies.faults.measure import run, so_far
 from studies.faults.score import apart, scored, table
 from studies.faults.seal import SIZES, opened, seal
+from studies.faults.sizes import CASES
+from studies.faults.sizes import run as run_sizes
 from studies.kit.command import carried_out, given, parser
 from studies.kit.commit import ROOT, committed, seed_of
 from studies.kit.results import RESULTS, record, write
 from studies.kit.resume import Pieces
 
-STEPS = ("generate", "run", "score", "document")
+STEPS = ("generate", "run", "score", "sizes", "document")
 NAME = "studies faults"
+SIZES_NAME = "faults-sizes"
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -33,6 +36,7 @@ def main(arguments: Sequence[str]) -> int:
     options.add_argument("--most", type=int, help="run no more than so many cases, the first by lot")
     options.add_argument("--so-far", action="store_true", help="score the cases that were run by now")
     options.add_argument("--commit", default="HEAD", help="of the code that is measured: draws the cases")
+    options.add_argument("--each", type=int, help="no more than so many cases a fault, of sizes")
     for kind, number in SIZES.items():
         options.add_argument(f"--{kind}", type=int, default=number, help="cases of this kind")
     chosen = options.parse_args(arguments)
@@ -47,9 +51,7 @@ def main(arguments: Sequence[str]) -> int:
 def _step(step: str, chosen: argparse.Namespace, command: str) -> None:
     if step == "generate":
         sizes = {kind: getattr(chosen, kind) for kind in SIZES}
-        commit = committed(ROOT, chosen.commit)
-        own = chosen.generator_seed
-        seed = seed_of("faults", commit) if own is None else own
+        commit, seed = _drawn_from("faults", chosen)
         said = seal(chosen.folder, seed=seed, commit=commit, sizes=sizes)
         sys.stdout.write(json.dumps(said) + "\n")
     elif step == "run":
@@ -57,8 +59,25 @@ def _step(step: str, chosen: argparse.Namespace, command: str) -> None:
             run(chosen.folder, workers=chosen.workers, progress=bars.show, most=chosen.most)
     elif step == "score":
         _score(chosen, command)
+    elif step == "sizes":
+        _sizes(chosen, command)
     else:
         document(chosen.out, chosen.docs)
+
+
+def _drawn_from(study: str, chosen: argparse.Namespace) -> tuple[str, int]:
+    """The commit that is measured, and the seed that it gives."""
+    commit, own = committed(ROOT, chosen.commit), chosen.generator_seed
+    return commit, seed_of(study, commit) if own is None else own
+
+
+def _sizes(chosen: argparse.Namespace, command: str) -> None:
+    commit, seed = _drawn_from("fault sizes", chosen)
+    numbers = {fault: min(number, chosen.each or number) for fault, number in CASES.items()}
+    with Bars() as bars:
+        made = run_sizes(chosen.folder, seed, numbers, workers=chosen.workers, progress=bars.show)
+    said = record(command, chosen.seed, commit=commit, generator_seed=str(seed))
+    write({"": made.assign_attrs(said)}, chosen.out / f"{SIZES_NAME}.nc")
 
 
 def _score(chosen: argparse.Namespace, command: str) -> None:

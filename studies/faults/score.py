@@ -43,7 +43,7 @@ def scored(answer: Answer, found: Mapping[str, Any], away: Mapping[str, float]) 
         hit = answer.fault in offered
         near = rivals(away, called=arm == "called")
         rival, sigma = nearest(away, called=arm == "called")
-        value, low, high, true = _size(answer, one) if hit and len(offered) == 1 else (NAN,) * 4
+        value, low, high, true = size_of(answer, one) if hit and len(offered) == 1 else (NAN,) * 4
         gap = one["gap"]
         rows.append(
             {
@@ -67,7 +67,7 @@ def scored(answer: Answer, found: Mapping[str, Any], away: Mapping[str, float]) 
     return rows
 
 
-def _size(answer: Answer, said: Mapping[str, Any]) -> tuple[float, float, float, float]:
+def size_of(answer: Answer, said: Mapping[str, Any]) -> tuple[float, float, float, float]:
     """The named fault's size with its interval, and as it was planted; NaN where it has none."""
     numbers, names = answer.numbers, PROBLEMS[answer.problem].names
     column = numbers.get("columns", [numbers.get("column", 0)])[0]

@@ -1,0 +1,84 @@
+"""Do 90% intervals of a fault's size hold it? The faults that have one, as often as that takes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+import gaugeblock as gb
+from gaugeblock import diagnosis, validate
+from studies.faults.catalogue import drawn, estimator
+from studies.faults.measure import prior, said
+from studies.faults.problems import PROBLEMS
+from studies.faults.score import NAN, size_of
+from studies.faults.seal import Answer
+from studies.kit.resume import Pieces, Progress, code_of, seed_of, stream
+
+TRIALS, DRAWS = 1000, 150
+CASES: Mapping[str, int] = {
+    "shift": 140,
+    "scale": 120,
+    "skew": 160,
+    "outliers": 110,
+    "clipped_tails": 150,
+    "unit": 115,
+    "mode_weights": 230,
+    "leakage": 110,
+    "truncated_prior": 120,
+}
+"""How many of each are diagnosed: what gives a hundred intervals if names come as often as in the sealed set.
+Of modes half have a size that can be compared; stray draws are hardly ever named alone."""
+
+
+def cases(seed: int, numbers: Mapping[str, int]) -> list[Answer]:
+    """Faults of random sizes and places in random problems, each of random numbers of its own."""
+    found = []
+    for fault, number in numbers.items():
+        for one in range(number):
+            sequence = stream(seed, "sizes", fault, one)
+            rng, planted = np.random.default_rng(sequence), None
+            while planted is None:
+                problem = str(rng.choice(list(PROBLEMS)))
+                planted = drawn(problem, fault, rng)
+            own = seed_of(sequence) >> 16
+            found.append(Answer(len(found), "listed", problem, fault, planted, TRIALS, DRAWS, own))
+    return found
+
+
+def measured(answer: Answer) -> dict[str, Any]:
+    """What is said of the draws of one case."""
+    hidden = estimator(answer.problem, answer.fault, answer.numbers)
+    known, rng = prior(answer.problem), np.random.default_rng([answer.seed, 3])
+    theta = known.sample(answer.trials, rng)
+    x = hidden.simulate(theta, rng)
+    draws = hidden.sample(x, answer.draws, rng)
+    result = gb.audit_draws(theta, draws, x=x, names=known.names, seed=answer.seed, progress=False)
+    return said(result.verdict.diagnosis or result.diagnose().to_json())
+
+
+def run(
+    folder: Path, seed: int, numbers: Mapping[str, int], *, workers: int = 1, progress: Progress | None = None
+) -> xr.Dataset:
+    """One row a case: what was named, the size as it was planted, and the interval where the fault alone is."""
+    pieces = Pieces(
+        folder, {"seed": seed, "code": code_of(diagnosis, validate)}, "sizes", progress, workers
+    )
+    every = cases(seed, numbers)
+    found = pieces.made({f"{one.fault}-{one.number:05d}": partial(measured, one) for one in every})
+    rows = [_row(one, found[f"{one.fault}-{one.number:05d}"]) for one in every]
+    return xr.Dataset({name: ("row", np.array([row[name] for row in rows])) for name in rows[0]})
+
+
+def _row(answer: Answer, found: Mapping[str, Any]) -> dict[str, Any]:
+    offered = {*found["named_all"], *found["indistinguishable"]}
+    alone = offered == {answer.fault}
+    value, low, high, true = size_of(answer, found) if alone else (NAN,) * 4
+    return {
+        "problem": answer.problem, "fault": answer.fault, "kind": "listed", "arm": "draws", "alone": alone,
+        "value": value, "low": low, "high": high, "true": true,
+    }  # fmt: skip
