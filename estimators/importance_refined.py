@@ -133,6 +133,13 @@ class ImportanceRefined(Shown):
         """Refined draws, ``(batch, n, parameter)``."""
         return self.refine(x, n, rng)[0]
 
+    def sample_and_log_evidence(
+        self, x: ArrayLike, n: int, rng: Rng
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """The draws of `sample`, and the evidence by all the weights that they were chosen by."""
+        draws, weighted = self.refine(x, n, rng)
+        return draws, weighted.log_evidence, weighted.log_evidence_error
+
     def log_evidence(self, x: ArrayLike, rng: Rng) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Log evidence and its standard error by importance sampling, each ``(batch,)``."""
         weighted = self.weights(x, self._evidence_draws, rng)

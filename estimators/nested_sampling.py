@@ -244,8 +244,18 @@ class NestedSampling(Shown):
 
     def sample(self, x: ArrayLike, n: int, rng: Rng) -> NDArray[np.float64]:
         """Posterior draws ``(batch, n, parameter)``, resampled with replacement from each run's points."""
-        draws = [run.resample(n, generator) for run, generator in self._runs(x, rng)]
-        return np.stack(draws) if draws else np.empty((0, n, self._simulator.prior.size))
+        return self.sample_and_log_evidence(x, n, rng)[0]
+
+    def sample_and_log_evidence(
+        self, x: ArrayLike, n: int, rng: Rng
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """The draws of `sample`, and each run's log evidence with UltraNest's error, ``(batch,)``."""
+        draws, pairs = [], []
+        for run, generator in self._runs(x, rng):
+            draws.append(run.resample(n, generator))
+            pairs.append((run.log_evidence, run.log_evidence_error))
+        value, error = np.array(pairs, dtype=float).reshape(-1, 2).T
+        return np.array(draws).reshape(len(draws), n, self._simulator.prior.size), value, error
 
     def log_evidence(self, x: ArrayLike, rng: Rng) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Log evidence and its standard error, each ``(batch,)``; the same rng gives the runs of `sample`."""

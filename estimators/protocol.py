@@ -64,6 +64,16 @@ class HasEvidence(Protocol):
 
 
 @runtime_checkable
+class SamplesWithEvidence(Protocol):
+    """Gives draws and the evidence of the very run that they come from: what an audit keeps of evidences."""
+
+    def sample_and_log_evidence(
+        self, x: ArrayLike, n: int, rng: Rng
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Draws ``(batch, n, parameter)``, log evidence and its standard error, each ``(batch,)``."""
+
+
+@runtime_checkable
 class Phased(Protocol):
     """Can be made to forget what it was asked so far."""
 
@@ -96,7 +106,7 @@ class Listed(Protocol):
 
 
 CAPABILITIES: tuple[type, ...] = (
-    *(Estimator, HasDensity, SamplesWithDensity, Embeds, HasEvidence, Described),
+    *(Estimator, HasDensity, SamplesWithDensity, Embeds, HasEvidence, SamplesWithEvidence, Described),
     *(Phased, Closable, Confined, Listed),
 )
 

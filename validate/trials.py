@@ -50,6 +50,9 @@ def make_trials(
     log_likelihood_true: ArrayLike | None = None,
     log_prior_true: ArrayLike | None = None,
     weight: ArrayLike | None = None,
+    log_evidence: ArrayLike | None = None,
+    log_evidence_error: ArrayLike | None = None,
+    log_evidence_true: ArrayLike | None = None,
     circular: Sequence[str] = (),
     autocorrelated: bool = False,
     attrs: Mapping[str, Any] | None = None,
@@ -78,7 +81,8 @@ def make_trials(
     optional = {
         "log_q": log_q, "log_likelihood": log_likelihood, "log_prior": log_prior, "weight": weight,
         "log_q_true": log_q_true, "log_likelihood_true": log_likelihood_true,
-        "log_prior_true": log_prior_true,
+        "log_prior_true": log_prior_true, "log_evidence": log_evidence,
+        "log_evidence_error": log_evidence_error, "log_evidence_true": log_evidence_true,
     }  # fmt: skip
     for name, values in optional.items():
         if values is not None:

@@ -161,8 +161,22 @@ def clipped_tails(cases: Cases) -> Sequence[Repair]:
     if wrong(low)[0] <= 0:
         return []
     share = float(np.exp(root(wrong, low, high, steps=14)[0]))
-    words = f"the outer {share:.2g} of the probability is missing on either side of the draws"
-    return [Repair("clipped_tails", partial(unclipped, share=share), words, {"share": share})]
+    missing = _beyond_all(cases, share)
+    words = f"the outer {missing:.2g} of the probability is missing on either side of the draws"
+    return [Repair("clipped_tails", partial(unclipped, share=share), words, {"share": missing})]
+
+
+def _beyond_all(cases: Cases, otherwise: float) -> float:
+    """The share that is missing on either side, whatever the shape: of truths, beyond all draws, more than n
+    draws that lack nothing leave there, 1 / (n + 1) a side. Columns with ties do not tell.
+    """
+    apart = (np.diff(cases.ordered, axis=1) > 0).all(axis=(0, 1))
+    if not apart.any():
+        return otherwise
+    low, high = cases.ordered[:, 0, apart], cases.ordered[:, -1, apart]
+    outside = float(((cases.theta[:, apart] < low) | (cases.theta[:, apart] > high)).mean())
+    sound = 2 / (cases.draws.shape[1] + 1)
+    return max((outside - sound) / (1 - sound), 0.0) / 2
 
 
 @mends

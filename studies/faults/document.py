@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from studies.faults.measure import ARMS
 from studies.faults.rivals import FAIR
@@ -76,10 +77,7 @@ def aims(table: xr.Dataset) -> str:
              rate(_count(lacking, "confident"), lacking.sizes["row"])]
         )  # fmt: skip
     for arm in ARMS:
-        known = _sized(_part(table, arm=arm, kind="listed"))
-        inside = (known["low"].values <= known["true"].values) & (
-            known["true"].values <= known["high"].values
-        )
+        inside = _held(_part(table, arm=arm, kind="listed"))
         rows.append(
             ["a 90% interval holds the size", WORDS[arm], "85% to 95%", rate(inside.sum(), len(inside))]
         )
@@ -94,8 +92,11 @@ def aims(table: xr.Dataset) -> str:
     return page.table(["", "arm", "aim", "found"], rows)
 
 
-def _sized(part: xr.Dataset) -> xr.Dataset:
-    return part.isel(row=np.isfinite(part["true"].values) & np.isfinite(part["low"].values))
+def _held(part: xr.Dataset) -> NDArray[np.bool_]:
+    """Whether each size that has an interval lies in it."""
+    true, low, high = (part[name].values for name in ("true", "low", "high"))
+    known = np.isfinite(true) & np.isfinite(low)
+    return np.asarray((low <= true) & (true <= high))[known]
 
 
 def beside(table: xr.Dataset) -> str:
@@ -167,13 +168,26 @@ def sizes(table: xr.Dataset) -> str:
     for fault in SIZED:
         cells = [f"`{fault}`"]
         for arm in ARMS:
-            known = _sized(_part(table, arm=arm, fault=fault))
-            inside = (known["low"].values <= known["true"].values) & (
-                known["true"].values <= known["high"].values
-            )
+            inside = _held(_part(table, arm=arm, fault=fault))
             cells.append(f"{inside.sum()} of {len(inside)}")
         rows.append(cells)
     return page.table(["fault", *(f"holds it, {WORDS[arm]}" for arm in ARMS)], rows)
+
+
+def intervals(table: xr.Dataset) -> str:
+    """Intervals of many cases of each fault that has a size."""
+    rows = []
+    for fault in SIZED:
+        part = _part(table, fault=fault)
+        inside = _held(part)
+        alone = int(part["alone"].values.sum())
+        rows.append([f"`{fault}`", str(part.sizes["row"]), str(alone), rate(inside.sum(), len(inside))])
+    every = _held(table)
+    said = f"Measured is commit `{table.attrs['commit']}`, `{command_of(table)}`."
+    alone = int(table["alone"].values.sum())
+    rows.append(["all", str(table.sizes["row"]), str(alone), rate(every.sum(), len(every))])
+    made = page.table(["fault", "cases", "named alone", "of which the interval holds it"], rows)
+    return f"{made}\n\n{said}"
 
 
 def cost(table: xr.Dataset) -> str:
@@ -221,12 +235,14 @@ MAKERS: Mapping[str, Callable[[xr.Dataset], str]] = {
     "faults": by_fault,
     "problems": by_problem,
     "sizes": sizes,
+    "intervals": intervals,
     "cost": cost,
 }
 
 
 PARTS: Mapping[str, tuple[str, ...]] = {
-    "faults": tuple(MAKERS),
+    "faults": tuple(name for name in MAKERS if name != "intervals"),
+    "faults-sizes": ("intervals",),
     "faults-second": ("provenance", "aims", "faults"),
     "faults-first": ("provenance", "aims", "faults"),
 }

@@ -73,8 +73,9 @@ def size_of(answer: Answer, said: Mapping[str, Any]) -> tuple[float, float, floa
     column = numbers.get("columns", [numbers.get("column", 0)])[0]
     key, true = names[column], numbers.get("size", NAN)
     if answer.fault == "shift":
-        in_widths = bool(said["repair"]) and said["repair"][0].get("in_widths", True)
-        true = true if in_widths else true * numbers["unit"][column]
+        # Where other parameters have whole numbers the repair of these is within that of all.
+        first = said["repair"][0] if said["repair"] else {}
+        true = true if first.get("mend", first).get("in_widths", True) else true * numbers["unit"][column]
     elif answer.fault == "unit":
         true = 1 / true
     elif answer.fault == "mode_weights":

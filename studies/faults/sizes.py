@@ -64,10 +64,8 @@ def measured(answer: Answer) -> dict[str, Any]:
 def run(
     folder: Path, seed: int, numbers: Mapping[str, int], *, workers: int = 1, progress: Progress | None = None
 ) -> xr.Dataset:
-    """One row a case: what was named, the size as it was planted, and the interval where the fault alone is."""
-    pieces = Pieces(
-        folder, {"seed": seed, "code": code_of(diagnosis, validate)}, "sizes", progress, workers
-    )
+    """One row a case: the size as it was planted, and its interval where the fault alone is named."""
+    pieces = Pieces(folder, {"seed": seed, "code": code_of(diagnosis, validate)}, "sizes", progress, workers)
     every = cases(seed, numbers)
     found = pieces.made({f"{one.fault}-{one.number:05d}": partial(measured, one) for one in every})
     rows = [_row(one, found[f"{one.fault}-{one.number:05d}"]) for one in every]

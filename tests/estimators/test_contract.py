@@ -13,7 +13,7 @@ from scipy.stats import kstest
 
 from gaugeblock.diagnosis import Diagnosis
 from gaugeblock.estimators import ESTIMATORS, Estimator, build_estimator
-from gaugeblock.estimators.protocol import Closable, HasDensity, HasEvidence
+from gaugeblock.estimators.protocol import Closable, HasDensity, HasEvidence, SamplesWithEvidence
 from gaugeblock.simulators import build_simulator
 
 
@@ -201,6 +201,16 @@ def test_evidence_agrees_with_the_exact_one(member, simulator, data):
     if not isinstance(estimator, HasEvidence):
         pytest.skip("gives no evidence")
     value, error = estimator.log_evidence(data, np.random.default_rng(12))
+    assert value.shape == error.shape == (3,)
+    assert np.all(np.abs(value - simulator.log_evidence(data)) <= 4 * error + 1e-6)
+
+
+def test_an_evidence_with_draws_is_that_of_their_run(member, simulator, data):
+    _, estimator = member
+    if not isinstance(estimator, SamplesWithEvidence):
+        pytest.skip("gives no evidence with its draws")
+    draws, value, error = estimator.sample_and_log_evidence(data, 50, np.random.default_rng(12))
+    np.testing.assert_array_equal(draws, estimator.sample(data, 50, np.random.default_rng(12)))
     assert value.shape == error.shape == (3,)
     assert np.all(np.abs(value - simulator.log_evidence(data)) <= 4 * error + 1e-6)
 

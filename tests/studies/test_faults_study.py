@@ -17,8 +17,10 @@ from studies.faults.laws import draw, place
 from studies.faults.measure import ARMS, prior
 from studies.faults.problems import PROBLEMS
 from studies.faults.rivals import FAIR, NOTHING, distances, fair, rivals
-from studies.faults.score import scored, table
+from studies.faults.score import scored, size_of, table
 from studies.faults.seal import KEY, Answer, answers, opened, seal
+from studies.faults.sizes import CASES, cases
+from studies.faults.sizes import run as run_sizes
 from studies.kit.commit import seed_of
 from studies.kit.results import DOCS, read
 
@@ -286,3 +288,34 @@ def test_a_commit_gives_its_own_seed():
     commit = "4b825dc642cb6eb9a060e54bf8d69288fbee4904"
     assert seed_of("faults", commit) == 46_946_475_484_327_080
     assert seed_of("other", commit) != seed_of("faults", commit)
+
+
+@pytest.mark.parametrize("within", [False, True])
+def test_a_shift_is_compared_in_the_unit_of_its_repair(within):
+    """Planted 0.5 half-widths of 0.2: of a repair in the parameter's own unit 0.1, wherever it says so."""
+    numbers = {"columns": [1], "size": 0.5, "unit": [0.5, 0.2]}
+    answer = Answer(0, "listed", "discrete", "shift", numbers, 1000, 150, 1)
+    for in_widths, true in ((True, 0.5), (False, 0.1)):
+        moved = {"function": "moved", "in_widths": in_widths}
+        said = {
+            "parameters": {PROBLEMS["discrete"].names[1]: {"value": 0.3, "low": 0.2, "high": 0.4}},
+            "repair": [{"function": "in_steps", "mend": moved} if within else moved],
+        }
+        assert size_of(answer, said) == pytest.approx((0.3, 0.2, 0.4, true))
+
+
+def test_sizes_are_of_other_cases_for_every_seed():
+    first, again, other = (cases(seed, {"scale": 3, "unit": 2}) for seed in (1, 1, 2))
+    assert first == again
+    assert [one.fault for one in first] == ["scale"] * 3 + ["unit"] * 2
+    assert len({json.dumps(one.numbers) for one in (*first, *other)}) == 10
+
+
+def test_a_size_is_measured_from_draws_alone(tmp_path):
+    """The planted factor comes out within three of the interval's halves, in a twin of one case."""
+    found = run_sizes(tmp_path, 3, {"scale": 1})
+    assert set(found["fault"].values) == {"scale"} <= set(CASES)
+    assert found["alone"].values.all()
+    half = (found["high"] - found["low"]).values / 2
+    assert abs(found["value"] - found["true"]).values < 3 * half
+    assert half < 0.3

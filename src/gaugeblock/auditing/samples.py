@@ -17,13 +17,16 @@ from gaugeblock.core.streams import Rng, generator
 from gaugeblock.estimators.protocol import (
     Estimator,
     HasDensity,
+    SamplesWithEvidence,
     has_density,
     sample_and_log_prob,
     untrusted,
 )
 from gaugeblock.simulators.prior import HasPriorDensity, Prior
-from gaugeblock.simulators.protocol import LikelihoodSimulator, Simulator
+from gaugeblock.simulators.protocol import HasExactEvidence, LikelihoodSimulator, Simulator
 from gaugeblock.validate.trials import make_trials
+
+EVIDENCES = ("log_evidence", "log_evidence_error")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,26 +119,31 @@ class MainTrials:
             )
         return theta, x
 
-    def drawn(self, x: NDArray[Any], trials: range, n: int, purpose: str) -> tuple[Array, Array | None]:
-        """Draws ``(trial, draw, parameter)``, and their log densities where these are asked for with them.
+    def drawn(self, x: NDArray[Any], trials: range, n: int, purpose: str) -> tuple[Array, dict[str, Array]]:
+        """Draws ``(trial, draw, parameter)``, and by name what came with them: log densities, or evidences.
 
-        Those of a stranger are asked for after all draws (`phases`).
+        A stranger's densities are asked for after all draws (`phases`).
         """
-        rng, density = self.rng(purpose, trials), None
+        rng, estimator, number = self.rng(purpose, trials), self.estimator, len(trials)
 
         def sample(rows: NDArray[np.intp]) -> Array:
             shape = (len(rows), n, self.simulator.prior.size)
-            return checked(self.estimator.sample(x[rows], n, rng), shape)
+            return checked(estimator.sample(x[rows], n, rng), shape)
 
+        further: dict[str, Array] = {}
         with blamed("the estimator", trials):
-            if untrusted(self.estimator):
-                return in_calls(sample, len(trials), self.rng(f"{purpose} calls", trials)), None
-            if not has_density(self.estimator):
-                sampled = self.estimator.sample(x, n, rng)
+            if untrusted(estimator):
+                return in_calls(sample, number, self.rng(f"{purpose} calls", trials)), further
+            if has_density(estimator):
+                sampled, density = sample_and_log_prob(estimator, x, n, rng)
+                further["log_q"] = checked(density, (number, n), "log_q")
+            elif isinstance(estimator, SamplesWithEvidence):
+                sampled, *known = estimator.sample_and_log_evidence(x, n, rng)
+                for name, values in zip(EVIDENCES, known, strict=True):
+                    further[name] = checked(values, (number,), name)
             else:
-                sampled, answered = sample_and_log_prob(self.estimator, x, n, rng)
-                density = checked(answered, (len(trials), n), "log_q")
-            return checked(sampled, (len(trials), n, self.simulator.prior.size)), density
+                sampled = estimator.sample(x, n, rng)
+            return checked(sampled, (number, n, self.simulator.prior.size)), further
 
     def made(self, trials: range, theta: Array, draws: Array, **further: Any) -> xr.Dataset:
         """Trials under their numbers, with what holds for all of them."""
@@ -149,19 +157,21 @@ class MainTrials:
 
     def __call__(self, trials: range) -> xr.Dataset:
         theta, x = self.truth_and_data(trials)
-        draws, log_q = self.drawn(x, trials, self.plan.draws, "draws")
+        draws, further = self.drawn(x, trials, self.plan.draws, "draws")
         log_q_true = None
         if isinstance(self.estimator, HasDensity) and not untrusted(self.estimator):
             with blamed("the estimator", trials):
                 at_truth = self.estimator.log_prob(theta[:, None], x)
                 log_q_true = checked(at_truth, (len(trials), 1), "log_q of the truth")[:, 0]
+        if EVIDENCES[0] in further and isinstance(self.simulator, HasExactEvidence):
+            further["log_evidence_true"] = np.asarray(self.simulator.log_evidence(x), dtype=float)
         return self.made(
             trials,
             theta,
             draws,
             x=x,
-            log_q=log_q,
             log_q_true=log_q_true,
+            **further,
             circular=tuple(getattr(self.simulator, "circular", ())),
             attrs=without_density(self.simulator.prior),
         )
@@ -200,9 +210,9 @@ class ImportanceTrials(Again):
     def __call__(self, trials: range) -> xr.Dataset:
         rows = self.main(trials)
         x = rows["x"].values
-        draws, log_q = self.drawn(x, trials, self.plan.importance_draws, "importance draws")
+        draws, further = self.drawn(x, trials, self.plan.importance_draws, "importance draws")
         made = self.made(trials, rows["theta_true"].values, draws)
-        return made if log_q is None else self.weighed(made, x, log_q)
+        return self.weighed(made, x, further["log_q"]) if further else made
 
 
 class JointTrials(Again):
