@@ -176,7 +176,7 @@ def _beyond_all(cases: Cases, otherwise: float) -> float:
     low, high = cases.ordered[:, 0, apart], cases.ordered[:, -1, apart]
     outside = float(((cases.theta[:, apart] < low) | (cases.theta[:, apart] > high)).mean())
     sound = 2 / (cases.draws.shape[1] + 1)
-    return max((outside - sound) / (1 - sound), 0.0) / 2
+    return max(float((outside - sound) / (1 - sound)), 0.0) / 2
 
 
 @mends
