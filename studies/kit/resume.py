@@ -35,7 +35,8 @@ PLAIN = "_plain"
 """Where a piece that is no table of arrays is kept, as JSON."""
 
 TOGETHER = 150
-"""Pieces that a spawned process makes before another takes its place: compiled functions fill its memory."""
+"""Pieces a process after which all of them make way for others: compiled functions fill their memory. (An
+executor's own `max_tasks_per_child` can end processes and begin none: CPython's issue 115634.)"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,9 +112,11 @@ class Pieces:
 
     def _side_by_side(self, missing: Mapping[str, Callable[[], Any]]) -> Iterator[str]:
         work = _Work(replace(self, progress=None), missing)
-        workers = self.workers if len(missing) >= 2 * self.workers else 1
-        with opened(workers=workers, renewed=TOGETHER) as (executor, _):
-            yield from each(work, list(missing), folder=self.place, executor=executor)
+        workers, names = self.workers if len(missing) >= 2 * self.workers else 1, list(missing)
+        together = TOGETHER * workers
+        for some in (names[at : at + together] for at in range(0, len(names), together)):
+            with opened(workers=workers) as (executor, _):
+                yield from each(work, some, folder=self.place, executor=executor)
 
     def _make(self, name: str, make: Callable[[], Any]) -> None:
         start = time.process_time()

@@ -154,12 +154,8 @@ def one_thread() -> Iterator[None]:
 
 
 @contextmanager
-def opened(
-    *, workers: int = 1, scheduler: str | None = None, renewed: int | None = None
-) -> Iterator[tuple[Executor | None, str]]:
+def opened(*, workers: int = 1, scheduler: str | None = None) -> Iterator[tuple[Executor | None, str]]:
     """An executor and a line about it: none for one worker, spawned processes, or a dask scheduler's workers.
-
-    A spawned process makes way for another after `renewed` tasks.
 
     Raises
     ------
@@ -181,7 +177,7 @@ def opened(
     else:
         with _single_threads():
             context = multiprocessing.get_context("spawn")
-            pool = ProcessPoolExecutor(workers, context, _begin, max_tasks_per_child=renewed)
+            pool = ProcessPoolExecutor(workers, context, _begin)
             try:
                 yield pool, f"{workers} workers"
             finally:
