@@ -98,7 +98,7 @@ def test_processes_side_by_side_make_the_same_pieces(tmp_path):
 def test_processes_make_way_for_others(tmp_path, monkeypatch):
     """After so many pieces each: all are made, by more processes than work at a time."""
     monkeypatch.setattr("studies.kit.resume.TOGETHER", 2)
-    made = Pieces(tmp_path, {}, workers=2).made({str(index): partial(plain, index) for index in range(9)})
+    made = Pieces(tmp_path, {}, workers=2).made({str(index): plain(index) for index in range(9)})
     assert [piece["index"] for piece in made.values()] == list(range(9))
     processes = [piece["process"] for piece in made.values()]
     assert not {*processes[:4]} & {*processes[4:8]}
