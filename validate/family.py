@@ -153,7 +153,7 @@ def bounds_at(finding: Finding, tail: float, dof: int) -> tuple[Array, Array]:
         return low, high
     far = float(stats.t.isf(tail, dof))
     if isinstance(finding, RootFinding):
-        reach = far * mean_error(finding.influence)
+        reach = far * mean_error(finding.influence, finding.n_trials)
         return _crossed(finding, -reach), _crossed(finding, reach)
     reach = far * np.maximum(finding.standard_error, np.finfo(float).tiny)
     return finding.estimate - reach, finding.estimate + reach
@@ -181,7 +181,7 @@ def _outside(item: Judgeable, dof: int) -> tuple[Array, Array]:
             np.array([np.interp(edge, finding.place, row) for row in finding.curve])
             for edge in (item.high, item.low)
         )
-        outside = np.maximum(-above, below) / mean_error(finding.influence)
+        outside = np.maximum(-above, below) / mean_error(finding.influence, finding.n_trials)
         return outside, np.asarray(stats.t.sf(outside, dof))
     if not isinstance(finding, QuantileFinding):
         error = np.maximum(finding.standard_error, np.finfo(float).tiny)

@@ -12,6 +12,7 @@ import xarray as xr
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.values import Value
+from gaugeblock.validate.contributions import contributions, of_several
 
 Sense = Literal["two-sided", "at-least", "at-most"]
 
@@ -119,7 +120,8 @@ class MeanFinding(Finding):
     """Components that are asymptotically normal, with what every trial contributed.
 
     `influence` ``(component, trial)``: contributions of mean zero whose average is the sampling error of the
-    estimate. It is what makes simultaneous intervals possible.
+    estimate. It is what makes simultaneous intervals possible. Of very many trials those of several in a row
+    are kept together (see `contributions`).
     """
 
     kind: ClassVar[str] = "mean"
@@ -129,6 +131,9 @@ class MeanFinding(Finding):
     }
 
     influence: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "influence", of_several(self.influence))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -150,9 +155,10 @@ class QuantileFinding(Finding):
 
     @property
     def influence(self) -> Array:
-        """Contributions ``(component, trial)`` of mean zero to the share of values up to the estimate."""
+        """Contributions of mean zero to the share of values up to the estimate, as of a mean."""
         below = self.values <= self.estimate[:, None]
-        return np.asarray(below - below.mean(axis=1, keepdims=True))
+        share = below.mean(axis=1, keepdims=True)
+        return contributions(below.shape[1], lambda rows: np.asarray(below[:, rows] - share))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

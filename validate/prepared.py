@@ -116,6 +116,17 @@ class Prepared:
         """The main Trials; on disk, where the tree was opened and not read."""
         return main_trials(self.tree)
 
+    def first(self, most: int | None) -> Prepared:
+        """The main Trials of the lowest numbers, at most so many; all there are where these are no more."""
+        number = self.main.sizes["trial"]
+        if most is None or number <= most:
+            return self
+        rows = np.sort(np.argsort(trial_numbers(self.main), kind="stable")[:most])
+        # A slice is read faster than as many single rows.
+        wanted = slice(int(rows[0]), int(rows[-1]) + 1) if rows[-1] - rows[0] == most - 1 else rows
+        tree = xr.DataTree(self.main.isel(trial=wanted))
+        return Prepared(tree, self.seed, self.levels)
+
     def group(self, name: str) -> xr.Dataset | None:
         """The Trials of a group beside the main ones (importance, joint, posterior), or None."""
         return group_trials(self.tree, name)
@@ -275,12 +286,15 @@ class Prepared:
         wanted = [s for s in dict.fromkeys(statistics) if s not in self._known]
         if not wanted:
             return
-        found: dict[Statistic, list[NDArray[Any]]] = {statistic: [] for statistic in wanted}
+        found: dict[Statistic, NDArray[Any]] = {}
         for block in self.blocks():
             for statistic in wanted:
-                found[statistic].append(statistic(block))
+                rows = statistic(block)
+                if statistic not in found:  # room for all at once: pieces, put together, would need it twice
+                    found[statistic] = np.empty((len(self.trial), *rows.shape[1:]), dtype=rows.dtype)
+                found[statistic][block.rows] = rows
         empty = np.empty((0, len(self.parameters)))
-        self._known.update({s: np.concatenate(parts) if parts else empty for s, parts in found.items()})
+        self._known.update({statistic: found.get(statistic, empty) for statistic in wanted})
 
     @property
     def pit(self) -> Array:

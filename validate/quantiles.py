@@ -131,10 +131,12 @@ def crossing(place: Array, curve: Array, height: float) -> float:
     return float(place[above] - (curve[above] - height) / rise * (place[above] - place[above - 1]))
 
 
-def mean_error(influence: Array) -> Array:
+def mean_error(influence: Array, n: int | None = None) -> Array:
     """Standard errors ``(component,)`` of means of numbers within 0 and 1, steadied by ten uniform ones.
 
-    A handful of trials may agree by chance: two equal numbers have a sample variance of 0.
+    `n` is the number of trials, where `influence` is of several together. A handful of trials may agree by
+    chance: two equal numbers have a sample variance of 0.
     """
-    n = influence.shape[1]
-    return np.asarray(np.sqrt(((influence**2).sum(axis=1) + STEADYING / 12) / (n + STEADYING) / n))
+    n = n or influence.shape[1]
+    squares = (influence**2).sum(axis=1) * (n / influence.shape[1]) ** 2
+    return np.asarray(np.sqrt((squares + STEADYING / 12) / (n + STEADYING) / n))

@@ -42,13 +42,18 @@ class Validator:
 
     `findings` returns a NotChecked for each finding that the trials do not allow. `statistics` of all chosen
     validators are computed in one pass over the draws; one that is not named here costs a pass of its own.
-    `by_default` is False for what only runs when it is asked for.
+    `by_default` is False for what only runs when it is asked for. What learns is shown the first `most`
+    trials: from more it learns no more, and it holds all that it is shown.
     """
 
     findings: Callable[[Prepared], list[Finding | NotChecked]]
     statistics: tuple[Statistic, ...] = ()
     by_default: bool = True
+    most: int | None = None
 
+
+# Trials that are shown to what learns.
+LEARNED = 100_000
 
 # Name (the part of every finding's id before the first dot) -> validator.
 VALIDATORS: Mapping[str, Validator] = {
@@ -58,17 +63,17 @@ VALIDATORS: Mapping[str, Validator] = {
     "tails": Validator(tails, (pit, effective_draws, outliers)),
     "joint": Validator(joint, STATISTICS),
     "density": Validator(density, (ratios,)),
-    "local": Validator(local, (pit, half_widths, location)),
-    "c2st": Validator(c2st, (candidates,)),
-    "informed": Validator(informed, (pools,)),
-    "lc2st": Validator(lc2st, (candidates,)),
+    "local": Validator(local, (pit, half_widths, location), most=LEARNED),
+    "c2st": Validator(c2st, (candidates,), most=LEARNED),
+    "informed": Validator(informed, (pools,), most=LEARNED),
+    "lc2st": Validator(lc2st, (candidates,), most=LEARNED),
     "posterior_sbc": Validator(posterior_sbc),
-    "layout": Validator(layout),
+    "layout": Validator(layout, most=LEARNED),
     "conformal": Validator(conformal, (effective_draws, half_widths, box)),
     "importance": Validator(importance),
     "evidence": Validator(evidence),
     "identifiability": Validator(identifiability, (posterior_sd,)),
-    "controls": Validator(controls),
+    "controls": Validator(controls, most=LEARNED),
     "anytime": Validator(anytime, WATCHED, by_default=False),
     "models": Validator(models, by_default=False),
 }
@@ -96,16 +101,31 @@ def run_validators(
     whole = xr.DataTree(tree) if isinstance(tree, xr.Dataset) else tree
     prepared = Prepared(whole, seed, levels or Levels())
     validators = [VALIDATORS[name] for name in VALIDATORS if name in chosen]
-    prepared.compute([statistic for validator in validators for statistic in validator.statistics])
+    shown = {most: prepared.first(most) for most in {validator.most for validator in validators}}
+    for trials in {id(each): each for each in shown.values()}.values():
+        here = [validator for validator in validators if shown[validator.most] is trials]
+        trials.compute([statistic for validator in here for statistic in validator.statistics])
     said: list[Finding | NotChecked] = []
     for validator in validators:
-        found = validator.findings(prepared)
-        why = prepared.too_dependent if validator.statistics else ""
+        trials = shown[validator.most]
+        found = validator.findings(trials)
+        if trials is not prepared:
+            sizes = trials.main.sizes["trial"], prepared.main.sizes["trial"]
+            found = [_of_the_first(item, *sizes) for item in found]
+        why = trials.too_dependent if validator.statistics else ""
         said += only_reported(found, why) if why else found
     return (
         tuple(item for item in said if isinstance(item, Finding)),
         tuple(item for item in said if isinstance(item, NotChecked)),
     )
+
+
+def _of_the_first(item: Finding | NotChecked, shown: int, number: int) -> Finding | NotChecked:
+    """What was found among some trials has them for its population: it shares none with what is of all."""
+    if isinstance(item, NotChecked):
+        return item
+    said = f"the first {shown:,} of {number:,} trials: what learns is shown no more"
+    return replace(item, population=f"{item.population}, the first {shown:,}", caveats=(*item.caveats, said))
 
 
 def only_reported(found: Iterable[Finding | NotChecked], why: str) -> list[Finding | NotChecked]:

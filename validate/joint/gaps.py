@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.validate.contributions import contributions
 from gaugeblock.validate.finding import Finding, MeanFinding, PValueFinding
 from gaugeblock.validate.levels import LEVELS
 from gaugeblock.validate.marginal.coverage import STEADYING, inside_central, perfect_estimator
@@ -67,13 +68,14 @@ def gap_finding(
     `inside` holds zeros and ones, or numbers in between where a trial counts by an average over several
     regions. Standard errors are steadied by two trials more inside and two outside (Agresti & Coull 1998).
     """
-    held = np.asarray(inside, dtype=float)
+    held = np.asarray(inside)
     level = np.asarray(nominal, dtype=float)
     n = held.shape[1]
     total = n + 2 * STEADYING
-    covered = held.mean(axis=1)
-    first = (held.sum(axis=1) + STEADYING) / total
-    second = (np.einsum("ct,ct->c", held, held) + STEADYING) / total
+    covered, hits = held.mean(axis=1), held.sum(axis=1)
+    # Of ones and zeros the squares are what they are.
+    squares = hits if held.dtype == bool else np.einsum("ct,ct->c", held, held)
+    first, second = (hits + STEADYING) / total, (squares + STEADYING) / total
     return MeanFinding(
         id=id,
         quantity="joint",
@@ -84,7 +86,7 @@ def gap_finding(
         components=tuple(components),
         estimate=covered - level,
         standard_error=np.sqrt((second - first**2) / n),
-        influence=held - covered[:, None],
+        influence=contributions(n, lambda rows: held[:, rows] - covered[:, None]),
         population=population,
         p_value=p_value,
         details=xr.Dataset() if details is None else details,
@@ -97,7 +99,7 @@ def curve(inside: ArrayLike, levels: Sequence[float] = LEVELS) -> xr.Dataset:
 
     Band and floor are those of regions that hold a truth or do not; see `coverage.perfect_estimator`.
     """
-    held = np.asarray(inside, dtype=float)
+    held = np.asarray(inside)
     n, nominal = held.shape[1], np.array(levels)
     covered = held.mean(axis=1)
     (floor, low, high), multiple = perfect_estimator(n, 1, tuple(levels))

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import generator, multinomial
+from gaugeblock.validate.contributions import contributions
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked, PValueFinding
 from gaugeblock.validate.levels import LEVELS, component
 from gaugeblock.validate.prepared import Prepared
@@ -23,6 +24,8 @@ STEADYING = 8.0
 REPLICATES = 4000
 # Trials from which counts are taken for what they are in the limit, a Brownian bridge.
 MANY = 20_000
+# Trials that are held as numbers at a time.
+TOGETHER = 1 << 14
 
 
 def inside_central(pit: ArrayLike, levels: Sequence[float] = LEVELS) -> NDArray[np.bool_]:
@@ -125,10 +128,22 @@ def central_finding(
         components=tuple(component(name, level) for name in parameters for level in levels),
         estimate=(covered - nominal).ravel(),
         standard_error=steadied_error(hits, n).ravel(),
-        influence=(inside - covered[..., None]).reshape(-1, n),
+        influence=contributions(
+            n, lambda rows: (inside[..., rows] - covered[..., None]).reshape(covered.size, -1)
+        ),
         details=details,
         caveats=caveats,
     )
+
+
+def _covariance(inside: NDArray[np.bool_]) -> Array:
+    """Sample covariance of rows ``(component, trial)`` of truths and falsehoods, some trials at a time."""
+    n, counts = inside.shape[1], np.zeros((len(inside), len(inside)))
+    for start in range(0, n, TOGETHER):
+        piece = inside[:, start : start + TOGETHER].astype(float)
+        counts += piece @ piece.T
+    share = np.diagonal(counts) / n
+    return np.asarray((counts / n - np.outer(share, share)) * (n / (n - 1)))
 
 
 def deviation_finding(
@@ -144,8 +159,8 @@ def deviation_finding(
     nominal = np.array(LEVELS)
     deviation = float(np.abs(inside.mean(axis=-1) - nominal).mean())
     (floor, low, high), _ = perfect_estimator(n, len(parameters))
-    flat = inside.reshape(-1, n).astype(float)
-    values, vectors = np.linalg.eigh(np.atleast_2d(np.cov(flat)) / n)
+    flat = inside.reshape(-1, n)
+    values, vectors = np.linalg.eigh(_covariance(flat) / n)
     rng = generator(seed, "coverage deviation", n, len(parameters))
     normal = rng.standard_normal((REPLICATES, len(flat)))
     null = np.abs((normal * np.sqrt(np.maximum(values, 0))) @ vectors.T).mean(axis=1)

@@ -116,7 +116,7 @@ def log_stretch(scores: ArrayLike, pit: Array, level: float) -> Array:
     median has no distance from it: there the share of the posterior nearer the median, over the level, stands
     in.
     """
-    stretch = np.asarray(scores, dtype=float)[..., MEASURED.index(level)]
+    stretch = np.asarray(np.asarray(scores)[..., MEASURED.index(level)], dtype=float)
     nearer = 2 * np.abs(pit - 0.5)
     found = np.log(np.clip(np.where(stretch == 0, nearer / level, stretch), 1 / FAR, FAR))
     return np.asarray(np.where(nearer <= level, np.minimum(found, -NEAR), np.maximum(found, NEAR)))
@@ -124,8 +124,8 @@ def log_stretch(scores: ArrayLike, pit: Array, level: float) -> Array:
 
 def moved_pit(scores: ArrayLike, pit: Array) -> Array:
     """PIT of moved truths ``(..., shift)``: the randomised one where not moved, or without a width."""
-    found = np.asarray(scores, dtype=float)[..., len(MEASURED) :]
-    found = np.where(np.isnan(found), pit[..., None], found)
+    found = np.array(np.asarray(scores)[..., len(MEASURED) :], dtype=float)
+    np.copyto(found, pit[..., None], where=np.isnan(found))
     found[..., NOT_MOVED] = pit
     return found
 
@@ -136,7 +136,9 @@ def bias_finding(name: str, scores: ArrayLike, pit: Array, **words: Any) -> Find
     `scores` ``(trial, ...)`` from `half_widths`, `pit` ``(trial,)`` the randomised PIT of the same trials;
     `words` is whatever else a finding has.
     """
-    roots = roots_of(SHIFTS, moved_pit(scores, pit)[None] - 0.5)
+    centred = moved_pit(scores, pit)[None]
+    centred -= 0.5
+    roots = roots_of(SHIFTS, centred)
     return RootFinding(
         id=f"sbc.bias[{name}]",
         quantity="bias",

@@ -16,6 +16,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.validate.contributions import contributions
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.levels import component
 from gaugeblock.validate.marginal.coverage import inside_central, steadied_error
@@ -151,7 +152,7 @@ def coverage_finding(
         components=tuple(component(name, level) for name in parameters for level in levels),
         estimate=held - np.tile(nominal, len(parameters)),
         standard_error=steadied_error(hits, n),
-        influence=inside - held[:, None],
+        influence=contributions(n, lambda rows: inside[:, rows] - held[:, None]),
         details=xr.Dataset({"unresolved": ("unresolved_level", np.array(unresolved, dtype=float))}),
         caveats=caveats,
     )
