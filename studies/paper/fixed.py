@@ -48,7 +48,8 @@ def _entry(name: str) -> dict[str, Any]:
         "by": claim.by,
         "seed": SEED,
     }
-    return entry | ({"repeats": repeats(name)} if repeats(name) else {})
+    flags = {word: True for word in ("chosen", "deterministic") if getattr(claim, word)}
+    return entry | flags | ({"repeats": repeats(name)} if repeats(name) else {})
 
 
 def _bound(value: float) -> float | None:
