@@ -10,6 +10,7 @@ of function are set by their evidence (MacKay 1992), so that what tells nothing 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -127,7 +128,7 @@ def _ridge(inputs: Array, target: Array) -> Array:
     return np.asarray(weights)
 
 
-def columns(cases: Cases, reference: Reference, seed: int, number: int = CANDIDATES) -> tuple[Array, Kinds]:
+def columns(cases: Cases, reference: Reference, seed: int, number: int = CANDIDATES) -> tuple[Any, Kinds]:
     """Functions of truth and `number` candidates ``(trial, 1 + candidate, column)``, the truth first.
 
     Every one is symmetric in the truth and the draws, so that exchangeability survives.
@@ -137,7 +138,7 @@ def columns(cases: Cases, reference: Reference, seed: int, number: int = CANDIDA
     chosen = taken(cases, seed, number)
     ordered, rank = _ranked(together, partial(_ties, cases.trial.tobytes(), draws + 1, seed))
     items = np.take_along_axis(together, chosen[..., None], axis=1)
-    share = (np.take_along_axis(rank, chosen[..., None], axis=1) + 0.5) / (draws + 1)
+    share = ((np.take_along_axis(rank, chosen[..., None], axis=1) + 0.5) / (draws + 1)).astype(np.float32)
     at = 2 * share - 1
     first, second, third, fourth, fifth = _legendre(at)
     middle = ordered[:, (draws + 1) // 2][:, None]
@@ -145,7 +146,7 @@ def columns(cases: Cases, reference: Reference, seed: int, number: int = CANDIDA
     width = (ordered[:, -1 - quarter] - ordered[:, quarter])[:, None] / 2
     far = np.abs(items - middle) > STRAY * width
     edge = (share < 1 / (draws + 1)) | (share > 1 - 1 / (draws + 1))
-    place = scores_in(items, reference.truths)
+    place = scores_in(items, reference.truths).astype(np.float32)
     prior_first, prior_second, prior_third, _, _ = _legendre(np.tanh(place / 1.5))
     low, high = reference.range_without(cases.theta)
     outside = (items < low[:, None]) | (items > high[:, None])
@@ -165,19 +166,21 @@ def columns(cases: Cases, reference: Reference, seed: int, number: int = CANDIDA
         ]
     if p > 1:
         parts.append(("joint", _together(at)))
-    own = np.tanh(scores_in(middle, reference.truths) / 1.5)
+    own = np.tanh(scores_in(middle, reference.truths) / 1.5).astype(np.float32)
     regions = [own * first, own * second]
     regions += [_square(own) * first, _square(own) * second] if few else []
     if cases.x is not None and reference.foretell is not None:
         expected = reference.foretell(cases)[:, None]
         among = scores_in(middle, reference.truths)
-        parts.append(("data", (expected - among) * first))
+        parts.append(("data", (expected - among).astype(np.float32) * first))
         for known in _bright(cases) if few else ():
-            regions += [known * first, known * second]
+            regions += [known.astype(np.float32) * first, known.astype(np.float32) * second]
     parts.append(("regions", np.concatenate(regions, axis=2)))
     names = tuple(dict.fromkeys(name for name, _ in parts))
     kinds = np.concatenate([np.full(part.shape[2], names.index(name)) for name, part in parts])
-    return np.concatenate([np.asarray(part, dtype=float) for _, part in parts], axis=2), Kinds(names, kinds)
+    return np.concatenate([np.asarray(part, dtype=np.float32) for _, part in parts], axis=2), Kinds(
+        names, kinds
+    )
 
 
 def candidates(cases: Cases, seed: int) -> Array:
@@ -228,8 +231,8 @@ def _beyond_others(items: Array, draws: Array) -> NDArray[np.bool_]:
     return np.asarray((items < low[:, None]) | (items > high[:, None]))
 
 
-def _square(values: Array) -> Array:
-    return np.asarray(values**2 - 0.45)
+def _square(values: Any) -> Any:
+    return values**2 - 0.45
 
 
 def _together(at: Array) -> Array:
@@ -253,13 +256,14 @@ def _ranked(together: Array, ties: Callable[[], Array]) -> tuple[Array, NDArray[
     return np.swapaxes(ordered, 1, 2), np.swapaxes(rank, 1, 2)
 
 
-def _legendre(at: Array) -> tuple[Array, Array, Array, Array, Array]:
+def _legendre(at: Any) -> tuple[Any, Any, Any, Any, Any]:
     """Legendre polynomials 1 to 5, of mean square 1 on (-1, 1)."""
     second = (3 * at**2 - 1) / 2
     third = (5 * at**3 - 3 * at) / 2
     fourth = (7 * at * third - 3 * second) / 4
     fifth = (9 * at * fourth - 4 * third) / 5
-    return tuple(np.sqrt(2 * k + 1) * each for k, each in enumerate((at, second, third, fourth, fifth), 1))
+    one, two, three, four, five = (math.sqrt(2 * k + 1) for k in range(1, 6))
+    return one * at, two * second, three * third, four * fourth, five * fifth
 
 
 @dataclass(frozen=True)
@@ -296,14 +300,15 @@ def fit_tilt(values: Array, kinds: Kinds, log_weight: Array | float = 0.0) -> Ti
     n, number, size = values.shape
     centred = values - values.mean(axis=1, keepdims=True)
     scale = np.sqrt(np.einsum("tcf,tcf->f", centred, centred) / (n * number))
-    scale[scale < 1e-9] = np.inf
+    scale[scale < 1e-6] = np.inf
     centred /= scale
     flat = centred.reshape(n * number, size)
     weight, precision = np.zeros(size), np.full(size, LEAST_PRECISION)
     for step in range(NEWTON):
         chance, _ = _chances(centred, weight, log_weight)
-        mean = np.einsum("tc,tcf->tf", chance, centred)
-        spread = flat.T @ (flat * chance.reshape(-1, 1)) - mean.T @ mean
+        chance = chance.astype(centred.dtype)
+        mean = np.matmul(chance[:, None], centred)[:, 0]
+        spread = np.asarray(flat.T @ (flat * chance.reshape(-1, 1)) - mean.T @ mean, dtype=float)
         gradient = (centred[:, 0] - mean).sum(axis=0)
         if not step:
             # Where truths are hardly told from draws this is exact; where they are, no ridge matters much.
@@ -355,7 +360,7 @@ def _by_evidence(spread: Array, gradient: Array, kinds: Kinds) -> Array:
 
 def _chances(centred: Array, weight: Array, log_weight: Array | float = 0.0) -> tuple[Array, Array]:
     """Of each candidate to be the truth ``(trial, candidate)``, and the truth's logs ``(trial,)``."""
-    score = centred @ weight + log_weight
+    score = centred @ weight.astype(centred.dtype) + log_weight
     score -= score.max(axis=1, keepdims=True)
     chance = np.exp(score)
     total = chance.sum(axis=1, keepdims=True)

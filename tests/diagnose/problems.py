@@ -14,7 +14,7 @@ def exact(seed: int, *, trials: int = 900, draws: int = 64, rho: float = 0.6) ->
     """Three parameters of a normal prior, three data, noise of a size that varies: all in closed form."""
     rng = np.random.default_rng(seed)
     prior = np.full((3, 3), rho) + (1 - rho) * np.eye(3)
-    theta = rng.multivariate_normal(np.zeros(3), prior, size=trials)
+    theta = rng.multivariate_normal(np.zeros(3), prior, size=trials, method="cholesky")
     noise = 0.4 * np.exp(0.3 * rng.normal(size=trials))
     x = theta + noise[:, None] * rng.normal(size=theta.shape)
     precision = np.linalg.inv(prior) + np.eye(3) / noise[:, None, None] ** 2
@@ -164,12 +164,9 @@ def noisier(cases: Cases, rng: np.random.Generator) -> Array:
     weight = 1 / (1.6 * cases.x[:, 3]) ** 2
     covariance = np.linalg.inv(np.linalg.inv(prior) + weight[:, None, None] * np.eye(3))
     mean = np.einsum("tij,tj->ti", covariance, weight[:, None] * cases.x[:, :3])
-    return np.stack(
-        [
-            rng.multivariate_normal(m, c, size=cases.draws.shape[1])
-            for m, c in zip(mean, covariance, strict=True)
-        ]
-    )
+    # Not by singular vectors, whose signs are another processor's.
+    normal = rng.standard_normal(cases.draws.shape)
+    return mean[:, None] + normal @ np.linalg.cholesky(covariance).swapaxes(1, 2)
 
 
 def from_part_of_the_prior(cases: Cases, rng: np.random.Generator) -> Array:
