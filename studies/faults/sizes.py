@@ -46,7 +46,7 @@ def cases(seed: int, numbers: Mapping[str, int]) -> list[Answer]:
                 problem = str(rng.choice(list(PROBLEMS)))
                 planted = drawn(problem, fault, rng)
             own = seed_of(sequence) >> 16
-            found.append(Answer(len(found), "listed", problem, fault, planted, TRIALS, DRAWS, own))
+            found.append(Answer(one, "listed", problem, fault, planted, TRIALS, DRAWS, own))
     return found
 
 
@@ -67,8 +67,10 @@ def run(
     """One row a case: the size as it was planted, and its interval where the fault alone is named."""
     pieces = Pieces(folder, {"seed": seed, "code": code_of(diagnosis, validate)}, "sizes", progress, workers)
     every = cases(seed, numbers)
-    found = pieces.made({f"{one.fault}-{one.number:05d}": partial(measured, one) for one in every})
-    rows = [_row(one, found[f"{one.fault}-{one.number:05d}"]) for one in every]
+    # A case is the same however many others there are.
+    named = {f"{one.fault}-{one.number:04d}": one for one in every}
+    found = pieces.made({name: partial(measured, one) for name, one in named.items()})
+    rows = [_row(one, found[name]) for name, one in named.items()]
     return xr.Dataset({name: ("row", np.array([row[name] for row in rows])) for name in rows[0]})
 
 
