@@ -61,7 +61,8 @@ def test_the_page_on_priors_runs(needs):
     """Its blocks, one after the other; those marked torch after all others, where torch and sbi are."""
     text = (ROOT / "docs" / "priors.md").read_text(encoding="utf-8")
     names = {}
-    for kind, block in re.findall(r"```python ?(\w*)\n(.*?)```", text, flags=re.DOTALL):
+    marked = r"(<!-- where there is torch -->\n)?```python\n(.*?)```"
+    for kind, block in re.findall(marked, text, flags=re.DOTALL):
         if kind:
             pytest.importorskip("sbi") if needs else None
         if not kind or needs:

@@ -47,11 +47,11 @@ def blocks() -> Iterator[Block]:
     text = (ROOT / "docs" / "recipes.md").read_text(encoding="utf-8")
     for section in text.split("\n## ")[1:]:
         heading = section.partition("\n")[0]
-        for mark, commands in re.findall(r"```(.*?)\n(.*?)```", section, re.DOTALL):
-            assert mark in ("sh", "sh slow"), f"{heading}: a block of {mark!r} that nothing runs"
+        for slow, mark, commands in re.findall(r"(<!-- slow -->\n)?```(.*?)\n(.*?)```", section, re.DOTALL):
+            assert mark == "sh", f"{heading}: a block of {mark!r} that nothing runs"
             verdict = re.search(r"^# (\w+)$", commands, re.MULTILINE)
             assert verdict is not None, f"{heading}: a block that does not say how it ends"
-            yield Block(heading, commands, verdict[1], mark == "sh slow")
+            yield Block(heading, commands, verdict[1], bool(slow))
 
 
 def parameters() -> Iterator[Any]:
