@@ -12,7 +12,7 @@ import pytest
 from scipy import stats
 from studies.faults.__main__ import main
 from studies.faults.catalogue import EVERY, LACKING, LISTED, drawn, estimator
-from studies.faults.document import MAKERS, PAGE, aims, rate
+from studies.faults.document import PAGE, PARTS, aims, rate
 from studies.faults.laws import draw, place
 from studies.faults.measure import ARMS, prior
 from studies.faults.problems import PROBLEMS
@@ -279,7 +279,7 @@ def test_a_twin_of_the_study(tmp_path, monkeypatch):
     text = (tmp_path / PAGE).read_text(encoding="utf-8")
     assert sealed[KEY] in text
     assert "1 of 1 faults, 1 of 1 sound" in text
-    for part in MAKERS:
+    for part in PARTS["faults"]:
         assert text.count(f"<!-- faults {part} -->") == text.count(f"<!-- /faults {part} -->") == 1
 
 
