@@ -46,7 +46,7 @@ INSIDE = {
     "validate": (
         (
             *("trials", "check", "storage", "features", "prepared", "p_values"),
-            *("autocorrelation", "ranks", "standardised", "quantiles"),
+            *("autocorrelation", "ranks", "standardised", "quantiles", "contributions"),
             *("finding", "findings_file", "levels", "policy", "looks", "family", "verdict", "messages"),
         ),
         ("validators", "judging"),
