@@ -178,9 +178,9 @@ def columns(cases: Cases, reference: Reference, seed: int, number: int = CANDIDA
     parts.append(("regions", np.concatenate(regions, axis=2)))
     names = tuple(dict.fromkeys(name for name, _ in parts))
     kinds = np.concatenate([np.full(part.shape[2], names.index(name)) for name, part in parts])
-    return np.concatenate([np.asarray(part, dtype=np.float32) for _, part in parts], axis=2), Kinds(
-        names, kinds
-    )
+    # Single precision tells as much, in less time.
+    values = np.concatenate([np.asarray(part, dtype=np.float32) for _, part in parts], axis=2)
+    return values, Kinds(names, kinds)
 
 
 def candidates(cases: Cases, seed: int) -> Array:

@@ -259,9 +259,7 @@ class NestedSampling(Shown):
 
     def log_evidence(self, x: ArrayLike, rng: Rng) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Log evidence and its standard error, each ``(batch,)``; the same rng gives the runs of `sample`."""
-        pairs = [(run.log_evidence, run.log_evidence_error) for run, _ in self._runs(x, rng)]
-        table = np.array(pairs, dtype=float).reshape(-1, 2)
-        return table[:, 0], table[:, 1]
+        return self.sample_and_log_evidence(x, 1, rng)[1:]
 
     def describe(self) -> dict[str, Any]:
         """Plain data that identifies it."""

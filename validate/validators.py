@@ -68,7 +68,7 @@ VALIDATORS: Mapping[str, Validator] = {
     "informed": Validator(informed, (pools,), most=LEARNED),
     "lc2st": Validator(lc2st, (candidates,), most=LEARNED),
     "posterior_sbc": Validator(posterior_sbc),
-    "layout": Validator(layout, most=LEARNED),
+    "layout": Validator(layout),
     "conformal": Validator(conformal, (effective_draws, half_widths, box)),
     "importance": Validator(importance),
     "evidence": Validator(evidence),
