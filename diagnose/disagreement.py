@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
+from scipy import linalg, special
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Rows, generator
@@ -167,15 +167,13 @@ def columns(cases: Cases, reference: Reference, seed: int, number: int = CANDIDA
     if p > 1:
         parts.append(("joint", _together(at)))
     own = np.tanh(scores_in(middle, reference.truths) / 1.5).astype(np.float32)
-    regions = [own * first, own * second]
-    regions += [_square(own) * first, _square(own) * second] if few else []
+    regions = [own, _square(own)] if few else [own]
     if cases.x is not None and reference.foretell is not None:
         expected = reference.foretell(cases)[:, None]
         among = scores_in(middle, reference.truths)
         parts.append(("data", (expected - among).astype(np.float32) * first))
-        for known in _bright(cases) if few else ():
-            regions += [known.astype(np.float32) * first, known.astype(np.float32) * second]
-    parts.append(("regions", np.concatenate(regions, axis=2)))
+        regions += [known.astype(np.float32) for known in _bright(cases)] if few else []
+    parts += [("regions", where * shape) for where in regions for shape in (first, second)]
     names = tuple(dict.fromkeys(name for name, _ in parts))
     kinds = np.concatenate([np.full(part.shape[2], names.index(name)) for name, part in parts])
     # Single precision tells as much, in less time.
@@ -279,7 +277,7 @@ class Tilt:
         Chance is even, or by weights of the candidates ``(trial, candidate)``, given as logs.
         """
         chance = _chances(values, self.weight, log_weight)[0][:, 0]
-        even = _chances(values, np.zeros_like(self.weight), log_weight)[0][:, 0]
+        even = special.softmax(np.broadcast_to(log_weight, values.shape[:2]), axis=1)[:, 0]
         return np.asarray(np.log((1 - DOUBT) * chance / np.maximum(even, np.finfo(float).tiny) + DOUBT))
 
     def by_kind(self, values: Array) -> dict[str, float]:
@@ -308,7 +306,9 @@ def fit_tilt(values: Array, kinds: Kinds, log_weight: Array | float = 0.0) -> Ti
         chance, _ = _chances(centred, weight, log_weight)
         chance = chance.astype(centred.dtype)
         mean = np.matmul(chance[:, None], centred)[:, 0]
-        spread = np.asarray(flat.T @ (flat * chance.reshape(-1, 1)) - mean.T @ mean, dtype=float)
+        # A matrix times its own transpose costs half of what a product of two does.
+        rooted = flat * np.sqrt(chance).reshape(-1, 1)
+        spread = np.asarray(rooted.T @ rooted - mean.T @ mean, dtype=float)
         gradient = (centred[:, 0] - mean).sum(axis=0)
         if not step:
             # Where truths are hardly told from draws this is exact; where they are, no ridge matters much.

@@ -164,6 +164,10 @@ def locate_and_name(
     )
 
 
+Halves = tuple[tuple[Cases, Cases], tuple[Cases, Cases]]
+"""What is learned from, and what is foretold: each of two parts is both once."""
+
+
 @dataclass(frozen=True)
 class _Parts:
     """The three parts, what they are held against, and how a repair does on the first two."""
@@ -194,20 +198,21 @@ class _Parts:
     def all_tried(self, before: Tried) -> list[Tried]:
         """Every repair, fitted to cases to which those before it have been applied, with these."""
         done = set(before.symptoms) - {"region"}  # there may be two
-        fitting = _repaired(self.fitting, before.repairs)
-        choosing = _repaired(self.choosing, before.crossed)
+        begun = self.begun(before)
+        (fitting, other), (choosing, _) = begun
+        few = fitting.taken(slice(FEW)), other.taken(slice(FEW))
         most = PROMISING if before.repairs else 1 - PART
         tried = []
         for name, fit in self.symptoms.items():
             found = [] if name in done else fit(fitting, self.reference)
-            found = [each for each in found if self.promising((*before.repairs, each), most)]
+            found = [each for each in found if self.promising(each, few, most)]
             crossed = {each.variant: each for each in fit(choosing, self.reference)} if found else {}
             for each in found:
-                other = crossed.get(each.variant)
+                twin = crossed.get(each.variant)
                 both: tuple[Repair, ...] = ()
-                if other is not None and len(before.crossed) == len(before.repairs):
-                    both = (*before.crossed, other)
-                tried.append(self.tried((*before.repairs, each), both))
+                if twin is not None and len(before.crossed) == len(before.repairs):
+                    both = (*before.crossed, twin)
+                tried.append(self.tried((*before.repairs, each), both, begun))
         if self.again is not None and not before.repairs:
             # How the estimator is called has nothing fitted in it.
             tried += [self.tried((each,), (each,)) for each in calls(fitting, self.again)]
@@ -238,12 +243,11 @@ class _Parts:
         excess, error = _mean(left - (1 - RECOVERED) * self.original)
         return excess < ALIKE * error and float(left.mean()) < LEAST_SHARE * float(self.original.mean())
 
-    def promising(self, chosen: tuple[Repair, ...], most: float) -> bool:
+    def promising(self, repair: Repair, few: tuple[Cases, Cases], most: float) -> bool:
         """Whether a few trials leave it possible that no more than this share of the disagreement is left."""
-        if not chosen[-1].recovers:
+        if not repair.recovers:
             return True
-        left = self.gains(chosen, self.fitting.taken(slice(FEW)), self.choosing.taken(slice(FEW)))[0]
-        mean, error = _mean(left)
+        mean, error = _mean(self.gains((repair,), *few)[0])
         return mean < most * float(self.original.mean()) + ALIKE * error
 
     @cached_property
@@ -252,9 +256,17 @@ class _Parts:
         return np.concatenate([self.gains((), one, two)[0] for one, two in self.halves])
 
     @property
-    def halves(self) -> tuple[tuple[Cases, Cases], ...]:
-        """What is learned from, and what is foretold: the second part first."""
+    def halves(self) -> Halves:
+        """The first two parts as they are: the second is foretold first."""
         return (self.fitting, self.choosing), (self.choosing, self.fitting)
+
+    def begun(self, before: Tried) -> Halves:
+        """The halves as these repairs leave them: whatever follows them begins here."""
+        one, two = (
+            (_repaired(learned, mends), _repaired(other, mends))
+            for mends, (learned, other) in zip((before.repairs, before.crossed), self.halves, strict=True)
+        )
+        return one, two
 
     @cached_property
     def scored(self) -> tuple[Array, Array]:
@@ -351,13 +363,22 @@ class _Parts:
         """Disagreement and its error on the reporting part."""
         return _mean(self.gains(chosen, self.fitting, self.reporting)[0] if chosen else self.reported)
 
-    def tried(self, chosen: tuple[Repair, ...], crossed: tuple[Repair, ...]) -> Tried:
-        """How repairs do on the first two parts, each of which is mended by those of the other."""
+    def tried(
+        self, chosen: tuple[Repair, ...], crossed: tuple[Repair, ...], begun: Halves | None = None
+    ) -> Tried:
+        """How repairs do on the first two parts, each of which is mended by those of the other.
+
+        `begun` are the parts as all but the last of them leave them.
+        """
         original = self.original
         if not chosen:
             return Tried(chosen, crossed, original, original, 0.0, False)
-        halves = zip((chosen, crossed), self.halves, self.scored, strict=True)
-        found = [self._half(each, learned, other, scored) for each, (learned, other), scored in halves]
+        found = [
+            self._half(mends[-1:], half if mends else as_it_was, as_it_was[1], scored)
+            for mends, half, as_it_was, scored in zip(
+                (chosen, crossed), begun or self.halves, self.halves, self.scored, strict=True
+            )
+        ]
         left, cost = (np.concatenate(parts) for parts in zip(*found, strict=True))
         allowed = _allowed(chosen)
         excess, error = _mean(left - allowed * original)
@@ -372,15 +393,18 @@ class _Parts:
         return Tried(chosen, crossed, left, left + cost, share, mended)
 
     def _half(
-        self, chosen: tuple[Repair, ...], learned: Cases, other: Cases, scored: Array
+        self, last: tuple[Repair, ...], half: tuple[Cases, Cases], other: Cases, scored: Array
     ) -> tuple[Array, Array]:
-        """What is left ``(trial,)`` of the other half, and what it costs; as it was without a repair."""
-        found, repaired = self.gains(chosen, learned, other)
+        """What is left ``(trial,)`` of the other part, and what it costs; as it was without a repair.
+
+        `half` is as the repairs before the last leave it, `other` and its scores as they were.
+        """
+        found, repaired = self.gains(last, *half)
         kept = np.isin(other.trial, repaired.trial)
         # Trials that a repair leaves out gain nothing, and cost what the others do.
         left = np.full(len(other), found.mean())
         left[kept] = found
-        weigh = _weighing(chosen)
+        weigh = _weighing(last)
         log_weight = None if weigh is None else weigh(repaired, repaired.draws)
         before, after = scored[kept], kernel_scores(repaired, other.half_width[kept], log_weight)
         means = [np.maximum(each.mean(axis=0), np.finfo(float).tiny) for each in (before, after)]

@@ -100,17 +100,8 @@ def stretched(cases: Cases, by: Array, about: str) -> Cases:
 
 def skew(cases: Cases) -> Sequence[Repair]:
     """Draws above their median stretched, those below shrunk by the same factor, or the other way round."""
-    middle = cases.middle
-    away = cases.theta - middle
-    p = len(cases.names)
-
-    def too_far_up(log: Array) -> Array:
-        # What tells lopsided normal draws best; of uniform ranks its mean is 0, whatever the shape.
-        score = special.ndtri(cases.ranks(middle + away * np.exp(-log * np.sign(away))))
-        return np.asarray((np.sign(away) * (score**2 - 1)).mean(axis=0))
-
-    log = root(too_far_up, np.full(p, -LOPSIDED), np.full(p, LOPSIDED))
-
+    # Medians of n draws are off, which hides a part of it that goes as 1 / n.
+    log = 2 * _lopsided(cases) - _lopsided(cases.drawn(cases.draws[:, ::2]))
     return [
         Repair(
             "skew", partial(bent, by=log),
@@ -118,6 +109,20 @@ def skew(cases: Cases) -> Sequence[Repair]:
             dict(zip(cases.names, (-log).tolist(), strict=True)),
         )
     ]  # fmt: skip
+
+
+def _lopsided(cases: Cases) -> Array:
+    """By which power of e draws above their median must be stretched, and those below shrunk."""
+    middle = cases.middle
+    away = cases.theta - middle
+
+    def too_far_up(log: Array) -> Array:
+        # What tells lopsided normal draws best; of uniform ranks its mean is 0, whatever the shape.
+        score = special.ndtri(cases.ranks(middle + away * np.exp(-log * np.sign(away))))
+        return np.asarray((np.sign(away) * (score**2 - 1)).mean(axis=0))
+
+    end = np.full(len(cases.names), LOPSIDED)
+    return root(too_far_up, -end, end)
 
 
 @mends
@@ -151,10 +156,12 @@ def without_stray(cases: Cases) -> Cases:
 
 def clipped_tails(cases: Cases) -> Sequence[Repair]:
     """Tails drawn out as if a share of the mass on either side, of normal tails, had been cut off."""
-    in_order = cases.drawn(cases.ordered)
+    middle = cases.middle[:, None]
+    away = cases.ordered - middle
 
     def wrong(log: Array) -> Array:
-        ends = unclipped(in_order, float(np.exp(log[0]))).ranks(cases.theta)
+        stretch = _drawn_out(away.shape[1], float(np.exp(log[0])))
+        ends = cases.drawn(middle + away * stretch[:, None]).ranks(cases.theta)
         return np.asarray(((ends < OUTER) | (ends > 1 - OUTER)).mean() - 2 * OUTER)[None]
 
     low, high = np.log([1e-4]), np.log([MISSING])
@@ -182,10 +189,15 @@ def _beyond_all(cases: Cases, otherwise: float) -> float:
 @mends
 def unclipped(cases: Cases, share: float) -> Cases:
     """Each draw as far out as its rank would be if the mass that is missing were there."""
-    number = cases.draws.shape[1]
-    at = (np.arange(number) + 0.5) / number
-    inner = special.ndtri(share + (1 - 2 * share) * at)
-    stretch = np.divide(special.ndtri(at), inner, out=np.ones_like(inner), where=np.abs(inner) > 1e-9)
+    stretch = _drawn_out(cases.draws.shape[1], share)
     rank = np.argsort(np.argsort(cases.draws, axis=1, kind="stable"), axis=1, kind="stable")
     middle = cases.middle[:, None]
     return cases.drawn(middle + (cases.draws - middle) * stretch[rank])
+
+
+def _drawn_out(number: int, share: float) -> Array:
+    """How much further out draws ``(draw,)`` would lie by their rank, were the mass that is missing there."""
+    at = (np.arange(number) + 0.5) / number
+    inner = special.ndtri(share + (1 - 2 * share) * at)
+    out = np.ones_like(inner)
+    return np.asarray(np.divide(special.ndtri(at), inner, out=out, where=np.abs(inner) > 1e-9))

@@ -10,6 +10,8 @@ from functools import partial
 from pathlib import Path
 
 from gaugeblock.core.progress import Bars
+from studies.faults.cost import TRIALS
+from studies.faults.cost import run as run_cost
 from studies.faults.document import document
 from studies.faults.measure import run, so_far
 from studies.faults.score import apart, scored, table
@@ -21,9 +23,8 @@ from studies.kit.commit import ROOT, committed, seed_of
 from studies.kit.results import RESULTS, record, write
 from studies.kit.resume import Pieces
 
-STEPS = ("generate", "run", "score", "sizes", "document")
+STEPS = ("generate", "run", "score", "sizes", "cost", "document")
 NAME = "studies faults"
-SIZES_NAME = "faults-sizes"
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -37,6 +38,7 @@ def main(arguments: Sequence[str]) -> int:
     options.add_argument("--so-far", action="store_true", help="score the cases that were run by now")
     options.add_argument("--commit", default="HEAD", help="of the code that is measured: draws the cases")
     options.add_argument("--each", type=int, help="no more than so many cases a fault, of sizes")
+    options.add_argument("--trials", type=int, default=TRIALS, help="of a case of which the cost is measured")
     for kind, number in SIZES.items():
         options.add_argument(f"--{kind}", type=int, default=number, help="cases of this kind")
     chosen = options.parse_args(arguments)
@@ -59,8 +61,8 @@ def _step(step: str, chosen: argparse.Namespace, command: str) -> None:
             run(chosen.folder, workers=chosen.workers, progress=bars.show, most=chosen.most)
     elif step == "score":
         _score(chosen, command)
-    elif step == "sizes":
-        _sizes(chosen, command)
+    elif step in ("sizes", "cost"):
+        _made_for_it(step, chosen, command)
     else:
         document(chosen.out, chosen.docs)
 
@@ -71,13 +73,16 @@ def _drawn_from(study: str, chosen: argparse.Namespace) -> tuple[str, int]:
     return commit, seed_of(study, commit) if own is None else own
 
 
-def _sizes(chosen: argparse.Namespace, command: str) -> None:
-    commit, seed = _drawn_from("fault sizes", chosen)
+def _made_for_it(step: str, chosen: argparse.Namespace, command: str) -> None:
+    """Cases that are made for one question, with a seed of their own."""
+    commit, seed = _drawn_from(f"fault {step}", chosen)
     numbers = {fault: min(number, chosen.each or number) for fault, number in CASES.items()}
+    how = {"numbers": numbers} if step == "sizes" else {"trials": chosen.trials}
     with Bars() as bars:
-        made = run_sizes(chosen.folder, seed, numbers, workers=chosen.workers, progress=bars.show)
+        run = partial(run_sizes if step == "sizes" else run_cost, **how)
+        made = run(chosen.folder, seed, workers=chosen.workers, progress=bars.show)
     said = record(command, chosen.seed, commit=commit, generator_seed=str(seed))
-    write({"": made.assign_attrs(said)}, chosen.out / f"{SIZES_NAME}.nc")
+    write({"": made.assign_attrs(said)}, chosen.out / f"faults-{step}.nc")
 
 
 def _score(chosen: argparse.Namespace, command: str) -> None:

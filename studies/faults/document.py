@@ -205,6 +205,20 @@ def cost(table: xr.Dataset) -> str:
     )
 
 
+def seconds(table: xr.Dataset) -> str:
+    """What a diagnosis takes beyond its audit, the dearest faults by name."""
+    cost = table["seconds"].values
+    dearest = np.argsort(-cost, kind="stable")[:5]
+    rows = [
+        [f"{name} ({problem})", f"`{named}`" if named else "nothing", f"{cost[k]:.1f} s"]
+        for k in dearest
+        for name, problem, named in [(str(table[part].values[k]) for part in ("fault", "problem", "named"))]
+    ]
+    rows.append([f"all {len(cost)}, median", "", f"{np.median(cost):.1f} s"])
+    said = f"Measured is commit `{table.attrs['commit']}`, `{command_of(table)}`."
+    return f"{page.table(['fault', 'named', 'CPU'], rows)}\n\n{said}"
+
+
 def provenance(table: xr.Dataset) -> str:
     """How much of which set, and what says that it was there first."""
     sealed = json.loads(str(table.attrs["sealed"]))
@@ -237,12 +251,14 @@ MAKERS: Mapping[str, Callable[[xr.Dataset], str]] = {
     "sizes": sizes,
     "intervals": intervals,
     "cost": cost,
+    "seconds": seconds,
 }
 
 
 PARTS: Mapping[str, tuple[str, ...]] = {
-    "faults": tuple(name for name in MAKERS if name != "intervals"),
+    "faults": tuple(name for name in MAKERS if name not in ("intervals", "seconds")),
     "faults-sizes": ("intervals",),
+    "faults-cost": ("seconds",),
     "faults-second": ("provenance", "aims", "faults"),
     "faults-first": ("provenance", "aims", "faults"),
 }

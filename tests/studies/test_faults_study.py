@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy import stats
+from studies.faults import cost
 from studies.faults.__main__ import main
 from studies.faults.catalogue import EVERY, LACKING, LISTED, drawn, estimator
 from studies.faults.document import PAGE, PARTS, aims, rate
@@ -309,6 +310,26 @@ def test_sizes_are_of_other_cases_for_every_seed():
     assert first == again
     assert [one.fault for one in first] == ["scale"] * 3 + ["unit"] * 2
     assert len({json.dumps(one.numbers) for one in (*first, *other)}) == 10
+
+
+@pytest.mark.parametrize("fault", EVERY)
+def test_every_fault_can_be_had_where_the_cost_is_measured(fault):
+    one, again = cost.case(fault, 1, 4000), cost.case(fault, 1, 4000)
+    assert one == again
+    assert (one.fault, one.trials, one.draws) == (fault, 4000, 250)
+
+
+def test_a_twin_of_the_cost(tmp_path, monkeypatch):
+    monkeypatch.setattr("studies.faults.cost.EVERY", {"sound": EVERY["sound"], "hole": EVERY["hole"]})
+    monkeypatch.setattr("studies.faults.cost.DRAWS", 30)
+    (tmp_path / PAGE).write_text("<!-- faults-cost seconds --> <!-- /faults-cost seconds -->", "utf-8")
+    folder = ["--folder", str(tmp_path / "set"), "--out", str(tmp_path), "--docs", str(tmp_path)]
+    assert main(["cost", "document", "--generator-seed", "5", "--trials", "160", *folder]) == 0
+    made = read(tmp_path / "faults-cost.nc")
+    assert list(made["fault"].values) == ["sound", "hole"]
+    assert (made["seconds"].values > 0).all()
+    text = (tmp_path / PAGE).read_text(encoding="utf-8")
+    assert f"| all 2, median |  | {np.median(made['seconds'].values):.1f} s |" in text
 
 
 def test_a_size_is_measured_from_draws_alone(tmp_path):
