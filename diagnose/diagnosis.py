@@ -22,7 +22,7 @@ from gaugeblock.diagnosis.repair import Repair, plain_repair, weighted
 from gaugeblock.diagnosis.workflow import Found, locate_and_name
 from gaugeblock.validate.learned.informed.data import data_of
 from gaugeblock.validate.prepared import Prepared
-from gaugeblock.validate.verdict import Outcome, Verdict
+from gaugeblock.validate.verdict import Gate, Outcome, Verdict
 
 # Fewer trials than these are not parted in three.
 LEAST_TRIALS = 150
@@ -134,6 +134,27 @@ def diagnose(
     return replace(found, seed=seed, faults=tuple(own))
 
 
+@dataclass(frozen=True)
+class Asked:
+    """What of a verdict a diagnosis depends on, beside trials and seed.
+
+    `failed`: whether a gate of the draws has FAILed; `density`: the first gate that has, where only gates of
+    their density have; `blocked`: whether the verdict is FAIL.
+    """
+
+    failed: bool
+    density: Gate | None
+    blocked: bool
+
+    @classmethod
+    def of(cls, verdict: Verdict) -> Asked:
+        """Of a verdict."""
+        gates = [gate for gate in verdict.gates if gate.outcome is Outcome.FAIL]
+        draws = [gate for gate in gates if gate.id.partition(".")[0] not in OF_THE_DENSITY]
+        density = gates[0] if gates and not draws else None
+        return cls(bool(draws), density, verdict.outcome is Outcome.FAIL)
+
+
 def _diagnosed(
     tree: xr.DataTree, verdict: Verdict, *, seed: int, sample: Sample | None, own: Mapping[str, Fault]
 ) -> Diagnosis:
@@ -143,18 +164,17 @@ def _diagnosed(
         return Diagnosis(named=None, text=f"{known} do not say what is wrong: {LEAST_TRIALS} are needed.")
     if of_models(prepared):
         return Diagnosis(**model_odds(prepared))
-    failed = {gate.id.partition(".")[0] for gate in verdict.gates if gate.outcome is Outcome.FAIL}
+    asked = Asked.of(verdict)
     cases = cases_of(prepared)
     again = None if sample is None else _again(prepared, cases, sample, seed)
     found = locate_and_name(
-        cases, seed=seed, failed=bool(failed - set(OF_THE_DENSITY)), again=again,
+        cases, seed=seed, failed=asked.failed, again=again,
         own={name: fault.fit for name, fault in own.items()},
         as_drawn=None if prepared.order.stride == 1 else _as_drawn(prepared, cases),
     )  # fmt: skip
-    if found.named is None and not found.structural and failed and failed <= set(OF_THE_DENSITY):
-        return _density(verdict)
-    alone = verdict.outcome is not Outcome.FAIL
-    return _said(found, own, called=again is not None, alone=alone, spread=_spread(prepared))
+    if found.named is None and not found.structural and asked.density is not None:
+        return _density(asked.density)
+    return _said(found, own, called=again is not None, alone=not asked.blocked, spread=_spread(prepared))
 
 
 def cases_of(prepared: Prepared) -> Cases:
@@ -210,9 +230,8 @@ def _again(prepared: Prepared, cases: Cases, sample: Sample, seed: int) -> Calle
     return Called(sample, data[order], cases.trial[order], int(generator(seed, "diagnosis").integers(2**62)))
 
 
-def _density(verdict: Verdict) -> Diagnosis:
-    """Draws that nothing is seen of, with a density that gates have failed."""
-    gate = next(gate for gate in verdict.gates if gate.outcome is Outcome.FAIL)
+def _density(gate: Gate) -> Diagnosis:
+    """Draws that nothing is seen of, with a density that a gate has failed."""
     known = causes("log_q")
     text = f"of the draws nothing is wrong that these trials show; their log density is: {gate.message}"
     return Diagnosis(

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+import gaugeblock as gb
+from gaugeblock.auditing import diagnosing
 from gaugeblock.auditing.audit import audit_draws
 from gaugeblock.auditing.result import Audit, UnknownGateError
 from gaugeblock.auditing.verify import verify
@@ -129,3 +132,25 @@ def test_a_saved_result_verifies(result: Audit, tmp_path: Path) -> None:
     folder = audited.save(tmp_path / "made" / "here")
     assert {path.name for path in folder.iterdir()} == {path.name for path in (tmp_path / "first").iterdir()}
     assert verify(folder).differences == ()
+
+
+def test_judged_again_the_diagnosis_stays_where_it_is_asked_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another policy that blocks asks the same of the trials; one that does not asks anew."""
+    rng = np.random.default_rng(3)
+    audited = gb.audit_draws(
+        rng.normal(size=(300, 1)), 0.6 * rng.normal(size=(300, 40, 1)), validators=["sbc"], progress=False
+    )
+    assert audited.outcome == "FAIL"
+    asked: list[str] = []
+    real = diagnosing.diagnose
+
+    def counted(trials: Any, verdict: Any, **how: Any) -> Any:
+        asked.append(verdict.outcome.value)
+        return real(trials, verdict, **how)
+
+    monkeypatch.setattr(diagnosing, "diagnose", counted)
+    strict = gb.judge(audited, {"tolerance": {"log_width": 0.05}})
+    assert (strict.outcome, asked) == ("FAIL", [])
+    assert strict.verdict.diagnosis == audited.verdict.diagnosis
+    lenient = gb.judge(audited, {"required": ["sbc.log_width"], "tolerance": {"log_width": 0.55}})
+    assert (lenient.outcome, asked) == ("INCONCLUSIVE", ["INCONCLUSIVE"])

@@ -43,6 +43,7 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.core.processors import kinds
 from gaugeblock.core.progress import Progress, shown
 from gaugeblock.core.trust import only_named
+from gaugeblock.diagnosis.diagnosis import Asked
 from gaugeblock.estimators.protocol import Confined, Estimator, Listed, check_fresh, layers, untrusted
 from gaugeblock.reports.machine import plain as plain_data
 from gaugeblock.simulators.from_function import as_simulator
@@ -567,7 +568,10 @@ def judge(
         "sha256": {**dict(earlier.get("sha256") or {}), "policy": digest(plain_rules)},
     }
     verdict = explained(replace(verdict, provenance=record), trials)
-    if known is not None or verdict.outcome is not Outcome.PASS:
+    if isinstance(audited, Audit) and known is not None and Asked.of(audited.verdict) == Asked.of(verdict):
+        # The same trials are asked the same.
+        verdict = explained(replace(verdict, diagnosis=known), trials)
+    elif known is not None or verdict.outcome is not Outcome.PASS:
         verdict = derived_diagnosis(verdict, trials, known or {}, seed=int(earlier.get("seed") or 0))
     if baseline is not None:
         verdict = replace(verdict, baseline=compared(baseline, verdict, findings))
