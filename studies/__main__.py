@@ -19,6 +19,7 @@ NAMES = {
     "paper": "paper.__main__",
     "discoveries": "discoveries",
     "measured": "measured",
+    "planted": "planted",
     "informed": "informed.__main__",
     "check": "check.__main__",
     "mutants": "mutants.__main__",

@@ -1,0 +1,189 @@
+"""How CPU time and memory grow with trials, draws, parameters and sources: python -m benchmarks.growth
+
+Each point is a command of its own, as a user runs it, on one core: `gaugeblock audit` of the exact estimator
+of a linear Gaussian with everything that an audit does, or `gaugeblock discover --catalog` of spectra with a
+hidden gain. Points that are in the JSON file already are not measured again. `--page` draws the figure and
+fills docs/performance.md with what is there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from studies.kit import page, plots
+from studies.kit.results import DOCS, record
+
+from gaugeblock.core.atomic import write_atomically
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.executors import SINGLE
+from gaugeblock.core.processors import processor
+
+HERE = Path(__file__).resolve().parent
+AUDIT = {"simulator.name": "linear_gaussian", "estimator.name": "exact"}
+
+
+@dataclass(frozen=True)
+class Axis:
+    """What grows: sizes in rising order, and the commands for one of them in a folder."""
+
+    sizes: tuple[int, ...]
+    commands: Callable[[int, Path], list[list[str]]]
+    beside: str
+
+
+def audited(**fixed: int) -> Callable[[str], Callable[[int, Path], list[list[str]]]]:
+    """Commands of an audit in which one number grows and the others stay."""
+
+    def of(name: str) -> Callable[[int, Path], list[list[str]]]:
+        def commands(size: int, folder: Path) -> list[list[str]]:
+            numbers = {**fixed, name: size}
+            settings = {
+                **AUDIT, "simulator.parameters": numbers["parameters"],
+                "trials.number": numbers["trials"], "trials.draws": numbers["draws"],
+            }  # fmt: skip
+            words = [word for key, value in settings.items() for word in ("--set", f"{key}={value}")]
+            return [["audit", *words, "--out", str(folder / "out"), "--quiet"]]
+
+        return commands
+
+    return of
+
+
+def searched(size: int, folder: Path) -> list[list[str]]:
+    """Commands that make a catalogue, and that search it."""
+    made = folder / "catalog"
+    model = ["--model", "tbabs*(powerlaw+bbodyrad)", "--band", "0.5", "8.0"]
+    example = str(HERE.parent / "examples" / "hidden_catalog.py")
+    return [
+        [example, str(made), "--number", str(size)],
+        ["discover", "--catalog", str(made), *model, "--out", str(folder / "out"), "--quiet"],
+    ]
+
+
+AXES: Mapping[str, Axis] = {
+    "trials": Axis(
+        (1000, 4000, 16_000, 64_000), audited(draws=100, parameters=3)("trials"), "100 draws, 3 parameters"
+    ),
+    "draws": Axis(
+        (100, 400, 1600, 6400), audited(trials=1000, parameters=3)("draws"), "1,000 trials, 3 parameters"
+    ),
+    "parameters": Axis(
+        (2, 5, 10, 20, 40), audited(trials=1000, draws=100)("parameters"), "1,000 trials, 100 draws"
+    ),
+    "sources": Axis((25, 50, 100, 200), searched, "bright EPIC-pn spectra, one shared effect"),
+}
+
+
+def measured(commands: Sequence[Sequence[str]]) -> dict[str, float]:
+    """CPU seconds and the largest process's GB of the last command; those before it make its input.
+
+    Raises
+    ------
+    InputError
+        If a command fails.
+    """
+    one_core = {**os.environ, **dict.fromkeys(SINGLE, "1")}
+    for number, words in enumerate(commands, 1):
+        own = [] if words[0].endswith(".py") else ["-m", "gaugeblock"]
+        child = subprocess.Popen(
+            [sys.executable, *own, *words], env=one_core, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        _, status, used = os.wait4(child.pid, 0)
+        child.returncode = os.waitstatus_to_exitcode(status)
+        if child.returncode not in (0, 1, 3) or (number < len(commands) and child.returncode):
+            raise InputError(f"{' '.join(words)}: ended with {child.returncode}")
+    return {"seconds": round(used.ru_utime + used.ru_stime, 2), "gb": round(used.ru_maxrss / 1e6, 3)}
+
+
+def grown(axes: Mapping[str, Axis], path: Path) -> dict[str, Any]:
+    """Measure every point that the file lacks, one after the other, and keep each at once."""
+    found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"axes": {}}
+    for name, axis in axes.items():
+        points = found["axes"].setdefault(name, {})
+        for size in axis.sizes:
+            if str(size) in points:
+                continue
+            with tempfile.TemporaryDirectory() as temporary:
+                points[str(size)] = measured(axis.commands(size, Path(temporary)))
+            said = record("python -m benchmarks.growth", 0, processor=processor())
+            found |= said | {"versions": json.loads(said["versions"])}
+            write_atomically(path, json.dumps(found, indent=1) + "\n")
+            sys.stderr.write(f"{name} {size:,}: {points[str(size)]}\n")
+    return found
+
+
+def exponent(points: Mapping[str, Mapping[str, float]], what: str) -> float:
+    """How fast the last step grows: 1 where twice as many take twice as much.
+
+    >>> exponent({"10": {"seconds": 1.0}, "100": {"seconds": 2.0}, "400": {"seconds": 32.0}}, "seconds")
+    2.0
+    """
+    (one, before), (two, after) = list(points.items())[-2:]
+    return round(math.log(after[what] / before[what]) / math.log(int(two) / int(one)), 2)
+
+
+def shown(found: Mapping[str, Any]) -> str:
+    """The table of docs/performance.md."""
+    rows = []
+    for name, axis in AXES.items():
+        points = found["axes"].get(name)
+        if points:
+            sizes = ", ".join(f"{int(size):,}" for size in points)
+            cells = [
+                f"{', '.join(f'{point[what]:.3g}' for point in points.values())} "
+                f"({exponent(points, what):.2g})"
+                for what in ("seconds", "gb")
+            ]
+            rows.append([f"{sizes} {name} ({axis.beside})", *cells])
+    header = ["", "CPU seconds (exponent of the last step)", "GB, largest process (exponent)"]
+    return f"{page.table(header, rows)}\n\nOn {found['processor']}."
+
+
+def figure(found: Mapping[str, Any]) -> Any:
+    """CPU seconds and memory by size, a panel an axis."""
+    figure, panels = plots.pyplot().subplots(1, len(AXES), figsize=(9.5, 2.5), layout="constrained")
+    for panel, (name, points) in zip(panels, found["axes"].items(), strict=False):
+        sizes = [int(size) for size in points]
+        panel.loglog(sizes, [one["seconds"] for one in points.values()], "o-", color=plots.BLUE, ms=3)
+        beside = panel.twinx()
+        beside.loglog(sizes, [one["gb"] for one in points.values()], "s--", color=plots.ORANGE, ms=3)
+        beside.set_ylim(0.1, 10)
+        panel.set(xlabel=name, ylim=(3, 1000))
+        panel.minorticks_off()
+        beside.minorticks_off()
+        panel.tick_params(axis="y", colors=plots.BLUE)
+        beside.tick_params(axis="y", colors=plots.ORANGE)
+    panels[0].set_ylabel("CPU seconds", color=plots.BLUE)
+    beside.set_ylabel("GB", color=plots.ORANGE)
+    return figure
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure, or make the page."""
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--axes", nargs="+", choices=AXES, default=list(AXES))
+    options.add_argument("--out", type=Path, default=HERE / "growth.json")
+    options.add_argument("--docs", type=Path, default=DOCS)
+    options.add_argument("--page", action="store_true", help="figure and table of what is there")
+    chosen = options.parse_args(arguments)
+    if not chosen.page:
+        grown({name: AXES[name] for name in chosen.axes}, chosen.out)
+        return 0
+    found = json.loads(chosen.out.read_text(encoding="utf-8"))
+    plots.draw({"growth": lambda: figure(found)}, chosen.docs / "figures")
+    page.fill(chosen.docs / "performance.md", {"growth": shown(found)})
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

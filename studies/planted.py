@@ -1,0 +1,423 @@
+"""Real counts with a fault planted in them, and real counts without: does the headline hold the answer?
+
+    python -m studies planted FOLDER [--workers N]   # FOLDER as of studies.measured; figures alone are kept
+    python -m studies planted --page                 # docs/measured.md of results/planted.nc; runs nothing
+
+Eight spectra of five instruments that their models describe are thinned, each case by a lot of its own: what
+is left are Poisson counts of a shorter observation. A control is that. Else one fault is planted, by code
+that shares nothing with the search: a narrow line (counts drawn from the response's own rows), an energy
+scale (photons are said to have another energy than they had), an area (the curve is changed, the counts are
+not), or a background (counts of the background region are added, and nobody is told of them).
+
+The cases are drawn from the digest of the commit that is measured: nobody knew them before its code was
+frozen, and anybody can make them again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy import optimize, special
+
+from gaugeblock import discovery, simulators
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.progress import Bars
+from studies.kit.command import carried_out, given, parser
+from studies.kit.commit import ROOT, committed, seed_of
+from studies.kit.page import fill, table
+from studies.kit.results import clopper_pearson, read, record, write
+from studies.kit.resume import Pieces, code_of, stream
+from studies.measured import scored
+
+NAME = "studies planted"
+CONTROLS = 8
+"""Of each spectrum."""
+
+NAMES = (
+    *("emission_line", "absorption_line", "absorption_edge", "partial_covering", "soft_excess"),
+    *("high_energy_cutoff", "thermal_continuum", "gain_slope", "gain_offset", "gain_curve"),
+    *("effective_area", "resolution", "background", "pileup", "reflection", "ionised_absorber"),
+)
+NEAR = 0.03
+"""A line is found where it was planted, to this share of its energy."""
+
+Counts = NDArray[np.int64]
+Rng = np.random.Generator
+
+
+@dataclass(frozen=True)
+class Base:
+    """A spectrum that its model describes: its files by role, and what a user would say of it."""
+
+    name: str
+    files: Mapping[str, Path]
+    model: str
+    band: tuple[float, float]
+    redshift: float = 0.0
+    kept: tuple[float, float] = (0.5, 1.0)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What is planted: how often in each spectrum, how, and which headline is right.
+
+    `plant` takes the files' tables, which it changes, and random numbers, and says what was planted.
+    `tolerated` may stand beside the right name; every other certain name is an error.
+    """
+
+    each: Mapping[str, int]
+    plant: Callable[[Tables, Rng], dict[str, float]]
+    tolerated: tuple[str, ...] = ()
+    withheld: bool = False
+
+
+@dataclass
+class Tables:
+    """What the files hold, to be changed: counts of source and background, area and energies."""
+
+    base: Base
+    counts: Counts
+    background: Counts
+    area: NDArray[np.float64]
+    energies: NDArray[np.float64]
+    rows: Any
+
+
+def bases(folder: Path | None) -> dict[str, Base]:
+    """The spectra, by name; those of NGC 7793 alone without a folder."""
+    import json
+
+    from gaugeblock.simulators.xray import data
+
+    found = {}
+    for camera, spectrum in (
+        ("PN", "PN_spectrum_grp20.fits"),
+        ("MOS1", "MOS1_spectrum_grp.fits"),
+        ("MOS2", "MOS2_spectrum_grp.fits"),
+    ):
+        files = {
+            "pha": spectrum, "background": f"{camera}background_spectrum.fits", "rmf": f"{camera}.rmf",
+            "arf": f"{camera}.arf",
+        }  # fmt: skip
+        found[f"ngc7793_{camera.lower()}"] = Base(
+            f"ngc7793_{camera.lower()}",
+            {role: Path(data.path(data.EXAMPLE + name)) for role, name in files.items()},
+            "tbabs*(powerlaw+bbodyrad)",
+            (0.5, 8.0),
+        )
+    if folder is None:
+        return found
+    try:
+        listed = {case["case"]: case for case in json.loads((folder / "cases.json").read_text("utf-8"))}
+        wanted = {name: listed[name] for name in ("g215_chandra", "grb070110_xrt", "m31_r0085_chandra",
+                                                  "3c186_chandra", "pks1127_arf")}  # fmt: skip
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(f"{folder}/cases.json: does not list what is needed ({error})") from None
+    for name, case in wanted.items():
+        own = folder / name
+        files = {"pha": own / "source.pha", "background": own / "background.pha",
+                 "rmf": own / "source.rmf.gz", "arf": own / "source.arf"}  # fmt: skip
+        kept = (0.5, 1.0)
+        if name == "pks1127_arf":
+            # Its true area lies beside the wrong energy scale; whole, it shows what pile-up did to it.
+            files["arf"] = folder / "pks1127_gain" / "source.arf"
+            kept = (0.2, 0.4)
+        short = name.split("_")[0]
+        found[short] = Base(short, files, case["model"], tuple(case["band"]), case["redshift"] or 0.0, kept)
+    return found
+
+
+def line(tables: Tables, rng: Rng) -> dict[str, float]:
+    """Counts of a narrow emission line in the band, drawn from the response's own rows."""
+    low, high = tables.base.band
+    energy = float(np.exp(rng.uniform(np.log(1.3 * low), np.log(high / 1.3))))
+    width, nats = 0.002 * energy, float(np.exp(rng.uniform(np.log(40), np.log(120))))
+    photons = np.diff(special.ndtr((tables.energies - energy) / width), axis=1)[:, 0]
+    shape = folded(tables.rows, photons * tables.area, len(tables.counts))
+    shape /= shape.sum()
+    # The continuum around, of the counts themselves, a twentieth of the energy to either side.
+    reach = max(3, int(0.05 * np.argmax(shape)))
+    smooth = np.convolve(tables.counts, np.ones(2 * reach + 1) / (2 * reach + 1), "same")
+    around = np.maximum(smooth[shape > 1e-4], 0.02)
+    there = shape[shape > 1e-4]
+
+    def promised(log_size: float) -> float:
+        added = np.exp(log_size) * there
+        return float(((around + added) * np.log1p(added / around) - added).sum() - nats)
+
+    size = float(np.exp(optimize.brentq(promised, 0.0, np.log(1e6))))
+    tables.counts = tables.counts + rng.poisson(size * shape)
+    return {"size": size, "energy": energy, "nats": nats}
+
+
+def gain(tables: Tables, rng: Rng) -> dict[str, float]:
+    """Photons are said to have had energies that are off by a factor; the area is at the energies said."""
+    slope = float(np.exp(rng.choice([-1.0, 1.0]) * rng.uniform(0.04, 0.08)))
+    said = tables.energies / slope
+    centre = tables.energies.mean(axis=1)
+    tables.area = np.interp(said.mean(axis=1), centre, tables.area)
+    tables.energies = said
+    # What is said to be lower by the factor is expected in channels that are higher by it than the recorded.
+    return {"size": 1 / slope}
+
+
+def area(tables: Tables, rng: Rng) -> dict[str, float]:
+    """The curve of the area is too high or too low by a share over a part of the band."""
+    centre = float(rng.uniform(1.5, 4.5))
+    depth = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.15, 0.25))
+    middle = tables.energies.mean(axis=1)
+    shape = np.clip((1.1 - np.abs(middle - centre)) / 0.6, 0.0, 1.0)
+    tables.area = tables.area * (1 + depth * shape)
+    return {"size": depth, "energy": centre}
+
+
+def background(tables: Tables, _rng: Rng) -> dict[str, float]:
+    """Counts of the background's region are in the spectrum too."""
+    added = float(tables.background.sum())
+    tables.counts = tables.counts + tables.background
+    return {"size": added / float(tables.counts.sum())}
+
+
+def nothing(_tables: Tables, _rng: Rng) -> dict[str, float]:
+    """A control."""
+    return {"size": 0.0}
+
+
+EVERY = ("g215", "grb070110", "m31", "3c186", "pks1127", "ngc7793_pn", "ngc7793_mos1", "ngc7793_mos2")
+FAULTS: Mapping[str, Fault] = {
+    "emission_line": Fault(dict.fromkeys(EVERY, 2), line),
+    "gain_slope": Fault({"pks1127": 6}, gain, ("gain_offset", "gain_curve")),
+    "effective_area": Fault({"pks1127": 6}, area, ("partial_covering",)),
+    "background": Fault(dict.fromkeys(EVERY, 1), background, withheld=True),
+    "": Fault(dict.fromkeys(EVERY, CONTROLS), nothing),
+}
+"""Energy scale and area show in the brightest spectrum alone: in the others 5 per cent are a few sigma."""
+
+
+def read_tables(base: Base) -> Tables:
+    """The files as they are, by astropy alone."""
+    from astropy.io import fits
+
+    with fits.open(base.files["pha"]) as pha, fits.open(base.files["background"]) as behind:
+        counts = np.asarray(pha["SPECTRUM"].data["COUNTS"], dtype=np.int64)
+        other = np.asarray(behind["SPECTRUM"].data["COUNTS"], dtype=np.int64)
+    with fits.open(base.files["arf"]) as file:
+        curve = np.array(file["SPECRESP"].data["SPECRESP"], dtype=float)
+    with fits.open(base.files["rmf"]) as file:
+        matrix = file["MATRIX"]
+        first = int(matrix.header.get(f"TLMIN{matrix.columns.names.index('F_CHAN') + 1}", 1))
+        energies = np.stack([matrix.data["ENERG_LO"], matrix.data["ENERG_HI"]], axis=1).astype(float)
+        rows = [
+            [
+                (int(at) - first, np.array(part, dtype=float))
+                for at, part in _parts(row["F_CHAN"], row["N_CHAN"], row["MATRIX"])
+            ]
+            for row in matrix.data
+        ]
+    return Tables(base, counts, other, curve, energies, rows)
+
+
+def _parts(first: Any, number: Any, values: Any) -> list[tuple[int, Any]]:
+    found, at = [], 0
+    for start, size in zip(np.atleast_1d(first), np.atleast_1d(number), strict=False):
+        if size > 0:
+            found.append((int(start), np.atleast_1d(values)[at : at + int(size)]))
+            at += int(size)
+    return found
+
+
+def folded(rows: Any, photons: NDArray[np.float64], channels: int) -> NDArray[np.float64]:
+    """Counts ``(channel,)`` of photons ``(energy,)``, row by row."""
+    found = np.zeros(channels)
+    for amount, row in zip(photons, rows, strict=True):
+        if amount > 0:
+            for at, part in row:
+                found[at : at + len(part)] += amount * part
+    return found
+
+
+def written(tables: Tables, share: float, folder: Path) -> dict[str, Path]:
+    """The files with what was changed in them."""
+    from astropy.io import fits
+
+    paths = {role: folder / f"{role}.fits" for role in tables.base.files}
+    for role, counts in (("pha", tables.counts), ("background", tables.background)):
+        with fits.open(tables.base.files[role]) as file:
+            spectrum = file["SPECTRUM"]
+            spectrum.data["COUNTS"] = counts
+            spectrum.header["EXPOSURE"] = spectrum.header["EXPOSURE"] * share
+            for key in ("RESPFILE", "ANCRFILE", "BACKFILE"):
+                spectrum.header[key] = "none"
+            file.writeto(paths[role], output_verify="silentfix")
+    low, high = tables.energies.T
+    energies = {"ENERG_LO": low, "ENERG_HI": high}
+    _patched(tables.base.files["arf"], paths["arf"], "SPECRESP", {**energies, "SPECRESP": tables.area})
+    _patched(tables.base.files["rmf"], paths["rmf"], "MATRIX", energies)
+    return paths
+
+
+def _patched(source: Path, target: Path, table: str, columns: Mapping[str, NDArray[np.float64]]) -> None:
+    """A copy with other numbers in some columns: of a response nothing else may change."""
+    from astropy.io import fits
+
+    content = source.read_bytes()
+    target.write_bytes(gzip.decompress(content) if source.suffix == ".gz" else content)
+    with fits.open(target) as file:
+        of = file[table]
+        at, width, fields = of.fileinfo()["datLoc"], of.header["NAXIS1"], of.data.dtype.fields
+    whole = bytearray(target.read_bytes())
+    for name, values in columns.items():
+        kind, offset = fields[name][:2]
+        np.ndarray((len(values),), kind, whole, at + offset, (width,))[:] = values
+    target.write_bytes(whole)
+
+
+def thinned(tables: Tables, rng: Rng) -> float:
+    """Leave a share of all counts, source's and background's; that share."""
+    share = float(rng.uniform(*tables.base.kept))
+    tables.counts = rng.binomial(tables.counts, share)
+    tables.background = rng.binomial(tables.background, share)
+    return share
+
+
+def case(base: Base, fault: str, number: int, seed: int) -> dict[str, Any]:
+    """Plant, search as a user would, and score."""
+    import gaugeblock as gb
+
+    rng = np.random.default_rng(stream(seed, base.name, fault, number))
+    how, tables = FAULTS[fault], read_tables(base)
+    share = thinned(tables, rng)
+    planted = how.plant(tables, rng)
+    began = time.process_time()
+    with tempfile.TemporaryDirectory() as temporary:
+        files = written(tables, share, Path(temporary))
+        found = gb.discover(
+            files["pha"],
+            rmf=files["rmf"],
+            arf=files["arf"],
+            background=("none",) if how.withheld else (str(files["background"]),),
+            model=base.model,
+            band=base.band,
+            redshift=base.redshift,
+            seed=number,
+            progress=False,
+        ).to_json()
+    seconds = time.process_time() - began
+    rules = {
+        "kind": "planted" if fault else "control",
+        "accept": [fault or "nothing"],
+        "set_must_contain_one_of": [fault] if fault else [],
+        "reject": [name for name in NAMES if name not in (fault, *how.tolerated)] if fault else ["any name"],
+    }
+    said = scored(rules, found)
+    # Whatever is certain beside what was planted is wrong, by whatever name, or none.
+    certain = [one for one in found["statements"] if one["certain"]]
+    beside = [one["effect"] for one in certain[1:] if one["effect"] not in how.tolerated]
+    parameters = certain[0]["parameters"] if certain and certain[0]["effect"] == fault else {}
+    # Of one source energies are as they are recorded.
+    there = fault != "emission_line" or _near(parameters.get("energy"), planted["energy"])
+    return {
+        **said, "planted": planted, "counts": int(tables.counts.sum()), "beside": beside,
+        "probability": [one["probability"] for one in certain], "parameters": parameters,
+        "right": bool(said["right"] and not beside and there), "seconds": round(seconds, 1),
+    }  # fmt: skip
+
+
+def _near(found: Mapping[str, float] | None, energy: float) -> bool:
+    return found is not None and abs(found["value"] / energy - 1) < NEAR
+
+
+def run(chosen: argparse.Namespace, command: str) -> None:
+    """Every case once, a file each, and all of them as one table."""
+    commit = committed(ROOT, chosen.commit)
+    seed = seed_of("planted", commit) if chosen.generator_seed is None else chosen.generator_seed
+    known = bases(chosen.folder)
+    wanted = {
+        f"{fault or 'control'}-{name}-{number}": partial(case, known[name], fault, number, seed)
+        for fault, how in FAULTS.items()
+        for name, most in how.each.items()
+        for number in range(min(most, chosen.each or most))
+        if name in known
+    }
+    key = {"seed": str(seed), "code": code_of(discovery, simulators)}
+    with Bars() as bars:
+        pieces = Pieces(chosen.work or chosen.out / "checkpoints", key, "planted", bars.show, chosen.workers)
+        found = pieces.made(wanted)
+    rows = [_row(name, one) for name, one in found.items()]
+    made = xr.Dataset({name: ("row", np.array([row[name] for row in rows])) for name in rows[0]})
+    made = made.assign_attrs(record(command, chosen.seed, commit=commit, generator_seed=str(seed)))
+    write({"": made}, chosen.out / "planted.nc")
+    sys.stdout.write(shown(made) + "\n")
+
+
+def _row(name: str, found: Mapping[str, Any]) -> dict[str, Any]:
+    fault, base, _ = name.split("-")
+    energy = found["parameters"].get("energy") or {}
+    return {
+        "fault": fault, "spectrum": base, "named": found["named"] or "", "set": " ".join(found["set"]),
+        "certain": " ".join(found["certain"]), "right": found["right"], "beside": " ".join(found["beside"]),
+        "p_global": found["p_global"], "counts": found["counts"], "seconds": found["seconds"],
+        "size": found["planted"]["size"], "energy": found["planted"].get("energy", np.nan),
+        "energy_lo": energy.get("low", np.nan), "energy_hi": energy.get("high", np.nan),
+    }  # fmt: skip
+
+
+def shown(made: xr.Dataset) -> str:
+    """Rates by fault, with exact 95% limits, and what else was said."""
+    lines = []
+    for fault in [name or "control" for name in FAULTS]:
+        part = made.isel(row=made["fault"].values == fault)
+        if not part.sizes["row"]:
+            continue
+        wrong = part.isel(row=~part["right"].values)
+        said = [
+            f"{name or 'nothing'}{' beside ' + beside if beside else ''}"
+            for name, beside in zip(wrong["named"].values, wrong["beside"].values, strict=True)
+        ]
+        kinds, number = np.unique(said, return_counts=True) if said else ((), ())
+        rest = ", ".join(f"{kind} {count}" for kind, count in zip(kinds, number, strict=True))
+        seconds = f"{np.median(part['seconds'].values):.0f}"
+        lines.append([f"`{fault}`" if fault != "control" else fault, _rate(part), rest or "-", seconds])
+    strong = made.isel(row=made["fault"].values != "control")
+    lines.append(["all that is planted", _rate(strong), "", ""])
+    rows = table(["planted", "headline holds the answer", "else named", "CPU s, median"], lines)
+    said = f"Measured is commit `{made.attrs['commit']}`, `{made.attrs['command']}`."
+    return f"{rows}\n\n{said}"
+
+
+def _rate(part: xr.Dataset) -> str:
+    right, number = int(part["right"].values.sum()), part.sizes["row"]
+    low, high = clopper_pearson(right, number)
+    return f"{right} of {number} ({low:.0%} to {high:.0%})"
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run it, or make the page of what is stored."""
+    options = parser(NAME, __doc__)
+    options.add_argument("folder", type=Path, nargs="?", help="with cases.json; without it NGC 7793 alone")
+    options.add_argument("--commit", default="HEAD", help="of the code that is measured: draws the cases")
+    options.add_argument("--generator-seed", type=int, help="in place of the one that the commit gives")
+    options.add_argument("--each", type=int, help="no more than so many cases of a fault in a spectrum")
+    options.add_argument("--page", action="store_true", help="only make the page of what is stored")
+    chosen = options.parse_args(arguments)
+    if chosen.page:
+        said = {"measured planted": shown(read(chosen.out / "planted.nc"))}
+        return carried_out(partial(fill, chosen.docs / "measured.md", said))
+    kept = [word for word in arguments if not chosen.folder or word != str(chosen.folder)]
+    return carried_out(partial(run, chosen, given(NAME, [*kept, *(["FOLDER"] if chosen.folder else [])])))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

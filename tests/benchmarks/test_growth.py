@@ -1,0 +1,56 @@
+"""How cost grows: measured in commands of their own, resumed, put on a page."""
+
+import json
+
+import pytest
+from benchmarks import growth
+
+from gaugeblock.core.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    """Two small points of one axis."""
+    small = growth.Axis((150, 300), growth.audited(draws=30, parameters=1)("trials"), "30 draws")
+    path = tmp_path_factory.mktemp("growth") / "growth.json"
+    return small, path, growth.grown({"trials": small}, path)
+
+
+def test_points_are_measured_once_and_kept(found, monkeypatch):
+    small, path, made = found
+    points = made["axes"]["trials"]
+    assert list(points) == ["150", "300"]
+    assert all(0.5 < one["seconds"] < 200 and 0.05 < one["gb"] < 4 for one in points.values())
+    assert json.loads(path.read_text()) == made
+    monkeypatch.setattr(growth, "measured", lambda _: pytest.fail("measured again"))
+    assert growth.grown({"trials": small}, path) == made
+
+
+def test_a_page_of_what_there_is(found, tmp_path):
+    pytest.importorskip("matplotlib")
+    _, path, _ = found
+    (tmp_path / "performance.md").write_text("<!-- growth -->\n<!-- /growth -->\n")
+    made = json.loads(path.read_text())
+    made["axes"]["trials"] = {"100": {"seconds": 2.0, "gb": 0.5}, "400": {"seconds": 8.0, "gb": 0.5}}
+    path.write_text(json.dumps(made))
+    assert growth.main(["--page", "--out", str(path), "--docs", str(tmp_path)]) == 0
+    text = (tmp_path / "performance.md").read_text()
+    assert "| 100, 400 trials (100 draws, 3 parameters) | 2, 8 (1) | 0.5, 0.5 (0) |" in text
+    assert (tmp_path / "figures" / "growth.svg").stat().st_size > 1000
+
+
+def test_a_command_that_fails_is_said():
+    with pytest.raises(InputError, match="audit --set no"):
+        growth.measured([["audit", "--set", "no"]])
+
+
+@pytest.mark.parametrize("name", growth.AXES)
+def test_one_number_grows_and_the_others_stay(name, tmp_path):
+    axis = growth.AXES[name]
+    assert sorted(axis.sizes) == list(axis.sizes)
+    few, many = (axis.commands(size, tmp_path) for size in axis.sizes[-2:])
+    changed = [
+        (a, b) for one, two in zip(few, many, strict=True) for a, b in zip(one, two, strict=True) if a != b
+    ]
+    assert len(changed) == 1
+    assert [int(word.rpartition("=")[2]) for word in changed[0]] == list(axis.sizes[-2:])

@@ -1,0 +1,203 @@
+"""Faults planted in real counts: by what they should, where they should, and scored as they should."""
+
+import gzip
+from copy import copy
+
+import numpy as np
+import pytest
+from studies import planted
+from studies.kit.page import filled
+from studies.kit.results import read
+
+pytestmark = pytest.mark.usefixtures("xray_data")
+
+
+@pytest.fixture(scope="module")
+def base(xray_data):
+    return planted.bases(None)["ngc7793_pn"]
+
+
+@pytest.fixture(scope="module")
+def whole(base):
+    return planted.read_tables(base)
+
+
+@pytest.fixture
+def tables(whole):
+    return copy(whole)
+
+
+def response(base):
+    from gaugeblock.simulators.xray import Response
+
+    return Response.from_ogip(base.files["rmf"], base.files["arf"], exposure=1.0)
+
+
+def test_rows_are_folded_as_the_response_says(base, whole):
+    """Against astropy's view of the dense matrix: every row's sum and mean channel."""
+    from astropy.io import fits
+
+    with fits.open(base.files["rmf"]) as file:
+        sums = [np.asarray(row).sum() for row in file["MATRIX"].data["MATRIX"]]
+    rng = np.random.default_rng(1)
+    for at in rng.integers(0, len(sums), 12):
+        photons = np.eye(1, len(sums), at)[0]
+        assert planted.folded(whole.rows, photons, len(whole.counts)).sum() == pytest.approx(
+            sums[at], rel=1e-5
+        )
+
+
+def test_a_line_is_counts_at_its_energy(base, tables):
+    from astropy.io import fits
+
+    with fits.open(base.files["rmf"]) as file:
+        channels = file["EBOUNDS"].data
+        centre = (channels["E_MIN"] + channels["E_MAX"]) / 2
+    before = tables.counts.copy()
+    said = planted.line(tables, np.random.default_rng(4))
+    added = tables.counts - before
+    assert added.sum() == pytest.approx(said["size"], abs=5 * np.sqrt(said["size"]))
+    assert np.median(np.repeat(centre, added)) == pytest.approx(said["energy"], rel=0.03)
+    assert base.band[0] < said["energy"] < base.band[1]
+
+
+def test_an_energy_scale_moves_energies_and_leaves_the_area_a_function_of_energy(whole, tables):
+    said = planted.gain(tables, np.random.default_rng(2))
+    assert tables.energies == pytest.approx(whole.energies * said["size"])
+    assert 0.92 < said["size"] < 1.09
+    assert abs(np.log(said["size"])) > 0.039
+    area = np.interp(2.0, tables.energies.mean(axis=1), tables.area)
+    assert area == pytest.approx(np.interp(2.0, whole.energies.mean(axis=1), whole.area), rel=0.01)
+    assert np.array_equal(tables.counts, whole.counts)
+
+
+def test_an_area_is_wrong_over_a_part_of_the_band(whole, tables):
+    said = planted.area(tables, np.random.default_rng(3))
+    ratio = tables.area / whole.area - 1
+    middle = whole.energies.mean(axis=1)
+    assert ratio[np.abs(middle - said["energy"]) < 0.4] == pytest.approx(said["size"])
+    assert np.all(ratio[np.abs(middle - said["energy"]) > 1.2] == 0)
+    assert np.array_equal(tables.counts, whole.counts)
+
+
+def test_a_background_is_the_regions_own_counts(whole, tables):
+    said = planted.background(tables, np.random.default_rng(3))
+    assert np.array_equal(tables.counts - whole.counts, whole.background)
+    assert said["size"] == pytest.approx(whole.background.sum() / tables.counts.sum())
+
+
+def test_thinned_counts_are_of_a_shorter_observation(base, whole, tables):
+    share = planted.thinned(tables, np.random.default_rng(5))
+    assert base.kept[0] < share < base.kept[1]
+    for left, all_of_it in ((tables.counts, whole.counts), (tables.background, whole.background)):
+        assert np.all(left <= all_of_it)
+        assert left.sum() == pytest.approx(share * all_of_it.sum(), abs=5 * np.sqrt(all_of_it.sum() / 4))
+
+
+def test_files_hold_what_was_planted_and_nothing_else_is_changed(base, tables, tmp_path):
+    from astropy.io import fits
+
+    from gaugeblock.auditing.discovering import read_measured
+
+    planted.gain(tables, np.random.default_rng(2))
+    files = planted.written(tables, 0.5, tmp_path)
+    with fits.open(files["pha"]) as new, fits.open(base.files["pha"]) as old:
+        assert np.array_equal(new["SPECTRUM"].data["COUNTS"], tables.counts)
+        assert new["SPECTRUM"].header["EXPOSURE"] == old["SPECTRUM"].header["EXPOSURE"] / 2
+        assert np.array_equal(new["SPECTRUM"].data["GROUPING"], old["SPECTRUM"].data["GROUPING"])
+    content = base.files["rmf"].read_bytes()
+    old_bytes = np.frombuffer(gzip.decompress(content) if content[:2] == b"\x1f\x8b" else content, np.uint8)
+    new_bytes = np.frombuffer(files["rmf"].read_bytes(), np.uint8)
+    changed = int((old_bytes != new_bytes).sum())
+    with fits.open(files["rmf"]) as new:
+        low = np.asarray(new["MATRIX"].data["ENERG_LO"], dtype=float)
+        assert low == pytest.approx(tables.energies[:, 0], rel=1e-6)
+        assert 0 < changed <= 2 * 8 * len(low)
+    (group,) = read_measured(
+        files["pha"], rmf=files["rmf"], arf=files["arf"], background=(str(files["background"]),),
+        redshift=0.0, seed=1, progress=lambda *_: None, model=base.model, priors=None, band=base.band,
+        regroup="ungrouped",
+    )  # fmt: skip
+    # What docs/measured.md says of this observation in this band.
+    assert group.counts[0, : group.counts.shape[1] // 2].sum() == 10_091
+
+
+def found(*statements, named, alike=()):
+    known = {"energy": {"value": 2.0, "low": 1.9, "high": 2.1}}
+    return {
+        "named": named, "indistinguishable": list(alike), "disagreement": {"p_global": 0.002},
+        "statements": [
+            {"effect": effect, "certain": True, "probability": 0.95, "parameters": known}
+            for effect in statements
+        ],
+    }  # fmt: skip
+
+
+class Canned:
+    """A discovery that says what it is told to."""
+
+    def __init__(self, said):
+        self.said = said
+
+    def to_json(self):
+        return self.said
+
+
+@pytest.mark.parametrize(
+    ("fault", "said", "right"),
+    [
+        ("", found(named=None), True),
+        ("", found("emission_line", named="emission_line", alike=["emission_line"]), False),
+        ("", found("unnamed", named="unnamed"), False),
+        ("background", found("background", named="background", alike=["background"]), True),
+        ("background", found("background", "emission_line", named="background", alike=["background"]), False),
+        ("background", found("background", "unnamed", named="background", alike=["background"]), False),
+        ("background", found("emission_line", named="emission_line", alike=["background"]), False),
+        ("background", found(named=None), False),
+        ("emission_line", found("emission_line", named="emission_line", alike=["emission_line"]), True),
+    ],
+)
+def test_a_case_is_right_if_the_headline_is_and_nothing_else_is_certain(
+    base, monkeypatch, fault, said, right
+):
+    asked = []
+
+    def discover(_pha, **options):
+        asked.append(options)
+        return Canned(said)
+
+    monkeypatch.setattr("gaugeblock.discover", discover, raising=False)
+    if fault == "emission_line":
+        monkeypatch.setattr(
+            planted, "FAULTS", {fault: planted.Fault({}, lambda *_: {"size": 1.0, "energy": 2.02})}
+        )
+    row = planted.case(base, fault, 0, 1)
+    assert row["right"] is right
+    assert asked[0]["background"] == (("none",) if fault == "background" else asked[0]["background"])
+    if fault == "emission_line":
+        elsewhere = planted.Fault({}, lambda *_: {"size": 1.0, "energy": 2.2})
+        monkeypatch.setattr(planted, "FAULTS", {fault: elsewhere})
+        assert planted.case(base, fault, 0, 1)["right"] is False
+
+
+def test_the_command_keeps_figures_alone_and_makes_a_page(tmp_path, monkeypatch):
+    """With searches that say what they are told: of three spectra three controls and as many withheld."""
+    monkeypatch.setattr("gaugeblock.discover", lambda *_, **__: Canned(found(named=None)), raising=False)
+    monkeypatch.setattr(planted, "FAULTS", {name: planted.FAULTS[name] for name in ("background", "")})
+    assert planted.main(["--each", "1", "--generator-seed", "3", "--out", str(tmp_path)]) == 0
+    made = read(tmp_path / "planted.nc")
+    assert made.sizes["row"] == 6
+    assert made["right"].values.tolist() == [False] * 3 + [True] * 3
+    said = planted.shown(made)
+    assert "| `background` | 0 of 3 (0% to 71%) | nothing 3 |" in said
+    assert "| control | 3 of 3 (29% to 100%) | - |" in said
+    (tmp_path / "measured.md").write_text("<!-- measured planted --><!-- /measured planted -->")
+    assert planted.main(["--page", "--out", str(tmp_path), "--docs", str(tmp_path)]) == 0
+    assert said in (tmp_path / "measured.md").read_text()
+    assert filled("<!-- a --><!-- /a -->", {"a": said}).count("all that is planted") == 1
+
+
+@pytest.mark.slow
+def test_a_strong_line_in_real_counts_is_named(base):
+    row = planted.case(base, "emission_line", 0, 5)
+    assert row["named"] == "emission_line"
