@@ -134,26 +134,27 @@ def columns(cases: Cases, reference: Reference, seed: int, number: int = CANDIDA
     Every one is symmetric in the truth and the draws, so that exchangeability survives.
     """
     _, draws, p = cases.draws.shape
+    few = p <= EVERY_PAIR
     together = np.concatenate([cases.theta[:, None], cases.draws], axis=1)
     chosen = taken(cases, seed, number)
     ordered, rank = _ranked(together, partial(_ties, cases.trial.tobytes(), draws + 1, seed))
     items = np.take_along_axis(together, chosen[..., None], axis=1)
     share = ((np.take_along_axis(rank, chosen[..., None], axis=1) + 0.5) / (draws + 1)).astype(np.float32)
     at = 2 * share - 1
-    first, second, third, fourth, fifth = _legendre(at)
+    shapes = _legendre(at, 5 if few else 2)
+    first, second = shapes[:2]
     middle = ordered[:, (draws + 1) // 2][:, None]
     quarter = (draws + 1) // 6
     width = (ordered[:, -1 - quarter] - ordered[:, quarter])[:, None] / 2
     far = np.abs(items - middle) > STRAY * width
     edge = (share < 1 / (draws + 1)) | (share > 1 - 1 / (draws + 1))
     place = scores_in(items, reference.truths).astype(np.float32)
-    prior_first, prior_second, prior_third, _, _ = _legendre(np.tanh(place / 1.5))
+    prior_first, prior_second, prior_third = _legendre(np.tanh(place / 1.5), 3)
     low, high = reference.range_without(cases.theta)
     outside = (items < low[:, None]) | (items > high[:, None])
     beyond = _beyond_others(items, cases.draws)
-    few = p <= EVERY_PAIR
     parts: list[tuple[str, Any]] = [
-        ("shape", np.concatenate([first, second, third, fourth, fifth] if few else [first, second], axis=2)),
+        ("shape", np.concatenate(shapes, axis=2)),
         ("tails", np.concatenate([edge, far.any(axis=2, keepdims=True)], axis=2)),
         ("prior", np.concatenate([prior_first, prior_second, prior_third] if few else [prior_first], axis=2)),
         ("support", np.stack([outside.any(axis=2), beyond.any(axis=2)], axis=2)),
@@ -237,7 +238,7 @@ def _together(at: Array) -> Array:
     """How far out in all parameters at once: Legendre polynomials of the rank of the sum of squares."""
     radius = (at**2).sum(axis=2)
     rank = np.argsort(np.argsort(radius, axis=1), axis=1) + 0.5
-    first, second, third, _, _ = _legendre(2 * rank / radius.shape[1] - 1)
+    first, second, third = _legendre(2 * rank / radius.shape[1] - 1, 3)
     return np.stack([first, second, third], axis=2)
 
 
@@ -254,14 +255,12 @@ def _ranked(together: Array, ties: Callable[[], Array]) -> tuple[Array, NDArray[
     return np.swapaxes(ordered, 1, 2), np.swapaxes(rank, 1, 2)
 
 
-def _legendre(at: Any) -> tuple[Any, Any, Any, Any, Any]:
-    """Legendre polynomials 1 to 5, of mean square 1 on (-1, 1)."""
-    second = (3 * at**2 - 1) / 2
-    third = (5 * at**3 - 3 * at) / 2
-    fourth = (7 * at * third - 3 * second) / 4
-    fifth = (9 * at * fourth - 4 * third) / 5
-    one, two, three, four, five = (math.sqrt(2 * k + 1) for k in range(1, 6))
-    return one * at, two * second, three * third, four * fourth, five * fifth
+def _legendre(at: Any, most: int) -> list[Any]:
+    """Legendre polynomials from 1 to `most`, of mean square 1 on (-1, 1)."""
+    found = [np.ones_like(at), at]
+    for k in range(1, most):
+        found.append(((2 * k + 1) * at * found[k] - k * found[k - 1]) / (k + 1))
+    return [math.sqrt(2 * k + 1) * found[k] for k in range(1, most + 1)]
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,8 @@ from gaugeblock.diagnosis.cases import Cases
 SHOWN = 4
 # A parameter with fewer different values than this share of the trials has steps.
 FEW_VALUES = 0.2
+# Halvings by which a root is found: a share of a millionth of where it is looked for.
+STEPS = 20
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,7 @@ def from_data(data: object, *, where: str) -> Callable[..., Any]:
     return partial(function, **given)
 
 
-def root(wrong: Callable[[Array], Array], low: Array, high: Array, *, steps: int = 30) -> Array:
+def root(wrong: Callable[[Array], Array], low: Array, high: Array, *, steps: int = STEPS) -> Array:
     """Where each component of a falling function crosses 0, by halving; the nearer end where it does not."""
     low, high = np.array(low, dtype=float), np.array(high, dtype=float)
     for _ in range(steps):
