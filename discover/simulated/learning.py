@@ -4,8 +4,8 @@ The score t(x) = d log p(x | a) / da of an effect's amplitude, with everything e
 known for a simulator that can only simulate; its regression on features f needs no more than the derivative
 of their mean, for E[t f] = dE[f] / da. So the weights are ``covariance^-1 dE[f] / da``, in closed form, from
 simulations on either side: what SALLY's network learns by descent where the joint score is at hand is
-learned here where it is not. Simulations are dealt into two halves: ridge and response come from the half
-that did not make the weights.
+learned here where it is not. Simulations are dealt into two halves: how a score answers comes from the half
+that did not make its weights.
 
 References
 ----------
@@ -22,7 +22,8 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.simulated.model import Model
 from gaugeblock.discovery.simulated.observed import Observed
 
-RIDGES = (1e-4, 1e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0)
+RIDGE = 36.0
+"""Over the number of simulations: what a ridge is in units of the features' variance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,10 +37,11 @@ class Base:
     vectors: Array
 
     @classmethod
-    def of(cls, rows: Array) -> Base:
-        """From features of simulated data."""
+    def of(cls, rows: Array, trust: Array) -> Base:
+        """From features ``(n, feature)`` of simulated data, and how far each is trusted ``(feature,)``."""
         mean, scale = rows.mean(axis=0), rows.std(axis=0)
-        scale = np.where(scale > 1e-9, scale, np.inf)  # what never varies has no part in any score
+        # What never varies has no part in any score.
+        scale = np.where(scale > 1e-9, scale / trust, np.inf)
         standard = (rows - mean) / scale
         values, vectors = np.linalg.eigh(standard.T @ standard / len(rows))
         return cls(rows, mean, scale, np.maximum(values, 0.0), vectors)
@@ -59,26 +61,16 @@ class Base:
         return np.where(np.isfinite(self.scale), self.scale, 0.0)
 
     def learn(self, halves: Array) -> Array:
-        """Weights ``(2, feature)`` of a score, one from each of two estimates ``(2, feature)`` of dE[f].
-
-        The ridge is the one whose weights from one half respond best, for their noise, in the other.
-        """
+        """Weights ``(2, feature)`` of a score, one from each of two estimates ``(2, feature)`` of dE[f]."""
         along = (halves / self.scale) @ self.vectors
-        best, chosen = -np.inf, along
-        for ridge in RIDGES:
-            weights = along / (self.values + ridge)
-            across = (weights * along[::-1]).sum(axis=1)
-            noise = (weights**2 * self.values).sum(axis=1)
-            merit = float((np.sign(across) * across**2 / np.maximum(noise, 1e-300)).mean())
-            if merit > best:
-                best, chosen = merit, weights
-        return np.asarray(chosen @ self.vectors.T / self.scale)
+        return np.asarray((along / (self.values + RIDGE / len(self.rows))) @ self.vectors.T / self.scale)
 
 
 def simulate_base(model: Model, observed: Observed, state: Array) -> Base:
     """Features of simulations at one state."""
     budget = observed.budget
-    return Base.of(observed.features(model.draw(state, budget.simulations, budget.seed)))
+    rows = observed.features(model.draw(state, budget.simulations, budget.seed))
+    return Base.of(rows, observed.features.trust)
 
 
 def derivative(model: Model, observed: Observed, state: Array, index: int, seed: int) -> Array:
@@ -96,6 +88,21 @@ def derivative(model: Model, observed: Observed, state: Array, index: int, seed:
         sides.append(observed.features(model.draw(moved, observed.budget.differences, seed)))
     difference = (sides[1] - sides[0]) / (ends[1] - ends[0])
     return np.stack([half.mean(axis=0) for half in np.array_split(difference, 2)])
+
+
+def by_population(model: Model, observed: Observed, base: Base, state: Array) -> list[Array]:
+    """The same ``(2, feature)`` for each hyper-parameter of a population, from simulations of one state alone.
+
+    The density of the parameters is known whatever the simulator is: ``dE[f]/dh = E[f dlog p(theta | h)/dh]``.
+    Differences of simulations are noise where their noise does not cancel. For a population that is a point the
+    density is too steep for that, and none are given.
+    """
+    if not model.population.shape_free:
+        return []
+    normal = model.normal(len(base.rows), observed.budget.seed)
+    scores = model.population.score(state[: model.hyper], normal)
+    parts = zip(np.array_split(scores, 2), np.array_split(base.rows - base.mean, 2), strict=True)
+    return list(np.stack([score.T @ rows / len(rows) for score, rows in parts], axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,8 +152,9 @@ def learn(
     The first ones are taken over where a lesson is given that has them already.
     """
     first, seed = 0 if known is None else len(known.state), observed.budget.seed + 1
-    halves = np.array(
-        [derivative(model, observed, state, index, seed + index) for index in range(first, len(state))]
-    )
+    slopes = [] if first else by_population(model, observed, base, state)
+    for index in range(first + len(slopes), len(state)):
+        slopes.append(derivative(model, observed, state, index, seed + index))
+    halves = np.array(slopes)
     learned = np.array([base.learn(pair) for pair in halves])
     return Lesson(state, learned, halves) if known is None else known.extended(state, learned, halves)

@@ -79,3 +79,17 @@ class LearnedPopulation:
         shape = self._shape(hyper)
         z = self.centre + (hyper[: self.prior.size] + self.width * (normal @ shape.T)) @ self.root.T
         return self.prior.from_unit_cube(np.clip(ndtr(z), 1e-12, 1.0 - 1e-12))
+
+    def score(self, hyper: Array, normal: Array) -> Array:
+        """Derivatives ``(n, hyper)`` of the log density of a draw's parameters by the hyper-parameters.
+
+        They are known whatever the simulator does, and the mean of a feature changes as its covariance with them.
+        """
+        p = self.prior.size
+        shape = self._shape(hyper)
+        found = [np.linalg.solve(self.width * shape.T, normal.T).T]
+        if self.shape_free:
+            along = found[0] * np.diag(shape) * self.width
+            low = np.tril_indices(p, -1)
+            found += [along * normal - 1.0, self.width * found[0][:, low[0]] * normal[:, low[1]]]
+        return np.concatenate(found, axis=1)
