@@ -23,11 +23,14 @@ SIGMA = 5.0
 SCAN_SEED = 1000
 """Seeds of the scan's simulations begin so far behind the fit's."""
 
-MOVES = 0.7
+MOVES = 0.5
 WIDER = 3.0
 """Times the library's own step that an amplitude is moved by at most."""
 
-TRIALS = 4
+FARTHEST, CLOSE = 10.0, 2.0
+"""A trial changes a step by no more than the first; less than the second is as good as no change."""
+
+TRIALS = 3
 
 CELLS = 2_000_000
 """Numbers gathered at once when the null is drawn."""
@@ -81,18 +84,23 @@ def _well_stepped(
     """
     entry, index = candidate.entry, len(fitted.state) + len(neutral) + candidate.amplitude_index
     state, size = np.concatenate([fitted.state, neutral]), abs(entry.step)
-    for trial in range(TRIALS):
-        steps = np.full(len(neutral), size)
-        model = fitted.model.extended(candidate.simulator, steps)
-        pair = derivative(model, observed, state, index, observed.budget.seed + SCAN_SEED)
-        weights = fitted.base.learn(pair)
+    seed, base = observed.budget.seed + SCAN_SEED, fitted.base
+
+    def over(step: float, simulations: int) -> tuple[Array, Array]:
+        model = fitted.model.extended(candidate.simulator, np.full(len(neutral), step))
+        pair = derivative(model, observed, state, index, seed, simulations=simulations)
+        return pair, base.learn(pair)
+
+    for _ in range(TRIALS):
+        pair, weights = over(size, observed.budget.simulations // 4)
         response = 0.5 * float((weights * pair[::-1]).sum())
-        variance = float(fitted.base.variance(weights.mean(axis=0)))
-        moved = size * max(response, 0.0) / np.sqrt(max(variance, 1e-300))
-        if trial == TRIALS - 1 or MOVES / 2.0 <= moved <= 2.0 * MOVES:
+        sd = np.sqrt(max(float(base.variance(weights.mean(axis=0))), 1e-300))
+        before = size
+        size *= np.clip(MOVES * sd / max(size * response, 1e-9 * sd), 1.0 / FARTHEST, FARTHEST)
+        size = min(size, WIDER * abs(entry.step))
+        if 1.0 / CLOSE < size / before < CLOSE:
             break
-        size = min(size * np.clip(MOVES / max(moved, 1e-9), 0.1, WIDER), WIDER * abs(entry.step))
-    return size, pair, weights
+    return size, *over(size, observed.budget.simulations)
 
 
 @dataclass(frozen=True, eq=False)
