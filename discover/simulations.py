@@ -141,9 +141,12 @@ class Simulations(Engine):
             pool = pool.after(key)
         made = [extended_by(pool[key], (*path, key), seen, base, observed) for key in keys]
         # Scores that were learned before an effect was added hold less well the larger it is: what is
-        # compared has learned its own.
+        # compared has learned its own, and what is far from where its scores were learned is not fitted yet.
         hopeful = max(one.merit for one in made) - self.thresholds.behind
-        return [refine(one, seen.state, base, observed) if one.merit >= hopeful else one for one in made]
+        return [
+            refine(one, seen.state, base, observed) if one.merit >= hopeful or not one.fit.settled else one
+            for one in made
+        ]
 
     def compared(
         self,

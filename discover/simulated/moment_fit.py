@@ -11,12 +11,15 @@ from gaugeblock.discovery.simulated.learning import Base, Lesson, learn, simulat
 from gaugeblock.discovery.simulated.model import Model
 from gaugeblock.discovery.simulated.observed import Observed
 
-ROUNDS = 3
+ROUNDS = 5
 """Times that the scores are learned anew where the last fit ended."""
 
 STEPS = 4
 CLOSE = 0.1
 """Standard errors of a step that are as good as none."""
+
+NEAR = 3.0
+"""Standard errors from where scores were learned within which they hold."""
 
 DISTINCT = 1e-3
 """Combinations of scores that vary less than this, in units of the most varied one, are left out."""
@@ -43,6 +46,11 @@ class SimulatedFit:
     def error(self) -> Array:
         """Standard error of everything in the state."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def settled(self) -> bool:
+        """Whether it ended near where its scores were learned."""
+        return self.converged and bool(np.all(np.abs(self.state - self.lesson.state) < NEAR * self.error))
 
 
 def fit_simulated(
@@ -81,7 +89,7 @@ def fit_simulated(
         noise = _noise(found, base, observed, span)
         error = np.sqrt(np.maximum(np.diag(noise), 1e-300))
         close = bool(np.all(np.abs(last) < 3.0 * CLOSE * error))
-        if close and np.all(np.abs(state - begin) < 3.0 * error):
+        if close and np.all(np.abs(state - begin) < NEAR * error):
             break
     assert found is not None
     return SimulatedFit(model, state, _noise(found, base, observed, span), base, found, close)
