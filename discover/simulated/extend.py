@@ -10,7 +10,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.engine import Extension, Look
 from gaugeblock.discovery.library import Candidate
 from gaugeblock.discovery.simulated.learning import Base, learn, simulate_base
-from gaugeblock.discovery.simulated.moment_fit import DISTINCT, SimulatedFit, fit_simulated
+from gaugeblock.discovery.simulated.moment_fit import DISTINCT, SimulatedFit, fit_simulated, misfit
 from gaugeblock.discovery.simulated.observed import Observed
 from gaugeblock.discovery.simulated.score_tests import LearnedTests
 
@@ -46,11 +46,10 @@ class LogRatio:
 
 @dataclass(frozen=True, eq=False)
 class Extended(Extension):
-    """A candidate fitted with everything else, `ratio` being the learned log ratio over the model before."""
+    """A candidate fitted with everything else; its gain is half of what the misfit of the scores fell by."""
 
     candidate: Candidate
     fit: SimulatedFit
-    ratio: LogRatio
 
     @property
     def values(self) -> dict[str, float]:
@@ -99,9 +98,8 @@ def _compared(
     found: LearnedTests,
     observed: Observed,
 ) -> Extended:
-    ratio = LogRatio.learned(found.span, fitted.base, before.base)
-    size, gain = len(candidate.entry.parameters), float(ratio(observed.rows).sum())
-    return Extended(path, gain, size, candidate, fitted, ratio)
+    gain = 0.5 * (misfit(before, observed, found.span) - misfit(fitted, observed, found.span))
+    return Extended(path, gain, len(candidate.entry.parameters), candidate, fitted)
 
 
 def refine(one: Extended, found: LearnedTests, before: SimulatedFit, observed: Observed) -> Extended:

@@ -146,6 +146,20 @@ def _system(lesson: Lesson, base: Base, span: Array | None) -> tuple[Array, Arra
     return weights, slope, inverse / np.outer(scale, scale)
 
 
+def misfit(fitted: SimulatedFit, observed: Observed, span: Array) -> float:
+    """How far the data are from a fitted model in the span ``(score, feature)`` of scores: a chi square.
+
+    With the model's own covariance: that of another is no measure where an effect is large.
+
+    References
+    ----------
+    Hansen (1982), Econometrica 50, 1029; Andrews (1999), Econometrica 67, 543.
+    """
+    weights, _, metric = _system(fitted.lesson, fitted.base, span)
+    left = weights @ (observed.mean - fitted.base.mean)
+    return float(left @ metric @ left) * len(observed) / observed.inflation
+
+
 def _noise(lesson: Lesson, base: Base, observed: Observed, span: Array | None) -> Array:
     """Covariance of the fitted state, with the simulated means' own noise."""
     _, slope, metric = _system(lesson, base, span)
