@@ -9,7 +9,7 @@ score is of this form exactly, with smooth functions of the data in place of the
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement
 from math import factorial
 
@@ -41,6 +41,9 @@ FALL = 0.5
 SEEN = 0.3
 """... and squares and products, which see widths and correlations, so much, for they are many."""
 
+LIMIT = 4.0
+"""Standard deviations from its mean at which a product ends."""
+
 RIDGE = 1e-4
 KNOTS = 1025
 
@@ -54,7 +57,8 @@ class LearnedFeatures:
     coordinates (or principal components of many), within the reference's range, times each polynomial.
     `axes` ``(coordinate, coordinate)`` are the reference's principal axes, scaled to unit variance;
     `centre` ``(parameter,)`` and `weights` ``(quadratic, parameter)`` make theta of the first features, with
-    mean 0 and unit covariance in the reference; `middle` ``(component,)`` is the mean of what is weighed.
+    mean 0 and unit covariance in the reference; `middle` ``(component,)`` is the mean of what is weighed,
+    `limits` ``(2, weighed)`` how small and how large each product may be: no single data set decides.
     """
 
     summaries: Summaries | None
@@ -66,6 +70,7 @@ class LearnedFeatures:
     weights: Array
     middle: Array
     degree: int
+    limits: Array
 
     @property
     def coordinates(self) -> int:
@@ -77,8 +82,8 @@ class LearnedFeatures:
         rows = coordinates_of(x, self.summaries)
         quadratic = _quadratic(self._normal_scores(rows), self.components)
         smooth = _polynomials(quadratic @ self.weights - self.centre, self.degree)
-        weighed = self._inside(rows)[:, :, None] * smooth[:, None, :]
-        return np.concatenate([quadratic, smooth[:, 1:], weighed.reshape(len(rows), -1)], axis=1)
+        weighed = (self._inside(rows)[:, :, None] * smooth[:, None, :]).reshape(len(rows), -1)
+        return np.concatenate([quadratic, smooth[:, 1:], np.clip(weighed, *self.limits)], axis=1)
 
     @property
     def trust(self) -> Array:
@@ -193,7 +198,11 @@ def learn_features(reference: ArrayLike, normal: Array, *, summaries: Summaries 
     while degree and inner * len(_exponents(parameters, degree)) > MOST_WEIGHED:
         degree -= 1
     middle = rows.mean(axis=0) @ components
-    return LearnedFeatures(summaries, knots, scores, components, axes, centre, weights, middle, degree)
+    free = np.tile([[-np.inf], [np.inf]], inner * len(_exponents(parameters, degree)))
+    made = LearnedFeatures(summaries, knots, scores, components, axes, centre, weights, middle, degree, free)
+    weighed = made(reference)[:, -free.shape[1] :]
+    limits = weighed.mean(axis=0) + np.outer([-LIMIT, LIMIT], weighed.std(axis=0))
+    return replace(made, limits=limits)
 
 
 def _learned_theta(quadratic: Array, normal: Array) -> tuple[Array, Array]:
