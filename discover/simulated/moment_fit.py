@@ -161,7 +161,21 @@ def misfit(fitted: SimulatedFit, observed: Observed, span: Array) -> float:
 
 
 def _noise(lesson: Lesson, base: Base, observed: Observed, span: Array | None) -> Array:
-    """Covariance of the fitted state, with the simulated means' own noise."""
+    """Covariance of the fitted state, with the noise of the simulated means and of what was learned.
+
+    The answers of the scores are known with an error, which alone would pass for information; two halves of the
+    simulations do not share it.
+    """
     _, slope, metric = _system(lesson, base, span)
-    information = slope.T @ metric @ slope * (len(observed) / observed.inflation)
-    return np.asarray(np.linalg.pinv(information, rcond=1e-8, hermitian=True))
+    first, second = (_answers(lesson, k, span) for k in (0, 1))
+    across = first.T @ metric @ second
+    inverse = np.linalg.pinv(0.5 * (across + across.T), rcond=1e-8, hermitian=True)
+    scatter = inverse @ (slope.T @ metric @ slope) @ inverse
+    return np.asarray(scatter * observed.inflation / len(observed))
+
+
+def _answers(lesson: Lesson, half: int, span: Array | None) -> Array:
+    """How scores ``(score, state)`` answer, by derivatives from one half and weights from the other."""
+    slope = lesson.halves[:, half].T
+    own = lesson.learned[:, 1 - half] @ slope
+    return own if span is None else np.concatenate([own, span @ slope])
