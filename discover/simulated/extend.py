@@ -80,7 +80,7 @@ def extended_by(
         abs(departure), 0.1 * abs(entry.step), (high - low) / 3.0
     )
     steps = np.array([SHARE * np.ptp(marginal.support) for marginal in entry.parameters.values()])
-    steps[candidate.amplitude_index] = min(abs(entry.step), max(abs(departure), 0.2 * abs(entry.step)))
+    steps[candidate.amplitude_index] = found.scores.step[best]
     values = found.scores.node[best].copy()
     values[candidate.amplitude_index] = np.clip(entry.neutral + departure, low, high)
     model = before.model.extended(candidate.simulator, steps)

@@ -35,6 +35,9 @@ DEGREE = 3
 REACH = 3.0
 """Standard deviations of the learned theta beyond which its polynomials stay what they are."""
 
+LEARNED = 0.05
+"""Share of a parameter's variance that data must tell for it to weigh anything: of a point there is none."""
+
 FALL = 0.5
 """A polynomial of one degree more is trusted by this factor less; effects change slowly with theta ..."""
 
@@ -42,7 +45,7 @@ SEEN = 0.3
 """... and squares and products, which see widths and correlations, so much, for they are many."""
 
 LIMIT = 4.0
-"""Standard deviations from its mean at which a product ends."""
+"""Standard deviations from its mean at which a product ends: they have long tails."""
 
 RIDGE = 1e-4
 KNOTS = 1025
@@ -54,7 +57,7 @@ class LearnedFeatures:
 
     The first `coordinates` features are the coordinates as normal scores of the reference, the next as many
     their squares; then come products of different coordinates, polynomials of the learned theta, and the
-    coordinates (or principal components of many), within the reference's range, times each polynomial.
+    coordinates (or principal components of many) times each polynomial.
     `axes` ``(coordinate, coordinate)`` are the reference's principal axes, scaled to unit variance;
     `centre` ``(parameter,)`` and `weights` ``(quadratic, parameter)`` make theta of the first features, with
     mean 0 and unit covariance in the reference; `middle` ``(component,)`` is the mean of what is weighed,
@@ -82,7 +85,8 @@ class LearnedFeatures:
         rows = coordinates_of(x, self.summaries)
         quadratic = _quadratic(self._normal_scores(rows), self.components)
         smooth = _polynomials(quadratic @ self.weights - self.centre, self.degree)
-        weighed = (self._inside(rows)[:, :, None] * smooth[:, None, :]).reshape(len(rows), -1)
+        inner = rows @ self.components - self.middle
+        weighed = (inner[:, :, None] * smooth[:, None, :]).reshape(len(rows), -1)
         return np.concatenate([quadratic, smooth[:, 1:], np.clip(weighed, *self.limits)], axis=1)
 
     @property
@@ -92,10 +96,6 @@ class LearnedFeatures:
         return np.concatenate(
             [np.full(len(self.weights), SEEN), falling[1:], np.tile(falling, self.components.shape[1])]
         )
-
-    def _inside(self, rows: Array) -> Array:
-        inside: Array = np.clip(rows, self.knots[:, 0], self.knots[:, -1]) @ self.components - self.middle
-        return inside
 
     def normal_scores(self, x: ArrayLike) -> Array:
         """The coordinates as normal quantiles of their ranks in the reference, ``(n, coordinate)``."""
@@ -192,29 +192,37 @@ def learn_features(reference: ArrayLike, normal: Array, *, summaries: Summaries 
     axes = vectors / np.sqrt(np.maximum(values, 1e-3))
     components = np.eye(d) if d <= PRODUCTS_OF else axes[:, -PRODUCTS_OF:]
     knots, scores = (np.array(part) for part in zip(*tables, strict=True))
-    centre, weights = _learned_theta(_quadratic(z, components), normal)
+    centre, weights, share = _learned_theta(_quadratic(z, components), normal)
     inner, parameters = components.shape[1], normal.shape[1]
-    degree = DEGREE
+    degree = DEGREE if share > LEARNED else 0
     while degree and inner * len(_exponents(parameters, degree)) > MOST_WEIGHED:
         degree -= 1
     middle = rows.mean(axis=0) @ components
     free = np.tile([[-np.inf], [np.inf]], inner * len(_exponents(parameters, degree)))
     made = LearnedFeatures(summaries, knots, scores, components, axes, centre, weights, middle, degree, free)
+    if not degree:
+        return made
     weighed = made(reference)[:, -free.shape[1] :]
-    limits = weighed.mean(axis=0) + np.outer([-LIMIT, LIMIT], weighed.std(axis=0))
-    return replace(made, limits=limits)
+    return replace(made, limits=weighed.mean(axis=0) + np.outer([-LIMIT, LIMIT], weighed.std(axis=0)))
 
 
-def _learned_theta(quadratic: Array, normal: Array) -> tuple[Array, Array]:
-    """Constant and weights of the regression of theta, of mean 0 and unit covariance."""
+def _learned_theta(quadratic: Array, normal: Array) -> tuple[Array, Array, float]:
+    """Constant and weights of the regression of theta, of mean 0 and unit covariance.
+
+    Beside them the largest share of a parameter's variance that it explains, less what so many features explain by
+    chance.
+    """
     mean, scale = quadratic.mean(axis=0), quadratic.std(axis=0)
     scale = np.where(scale > 1e-9, scale, np.inf)
-    standard = (quadratic - mean) / scale
-    gram = standard.T @ standard / len(standard) + RIDGE * np.eye(len(scale))
-    weights = np.linalg.solve(gram, standard.T @ (normal - normal.mean(axis=0)) / len(standard))
-    spread = np.atleast_2d(np.cov((standard @ weights).T)) + 1e-9 * np.eye(normal.shape[1])
+    standard, known = (quadratic - mean) / scale, normal - normal.mean(axis=0)
+    n, size = standard.shape
+    weights = np.linalg.solve(standard.T @ standard / n + RIDGE * np.eye(size), standard.T @ known / n)
+    found = standard @ weights
+    left = (known - found).var(axis=0) / known.var(axis=0)
+    share = float(1.0 - left.min() * n / max(n - size, 1))
+    spread = np.atleast_2d(np.cov(found.T)) + 1e-9 * np.eye(normal.shape[1])
     weights = weights @ np.linalg.inv(np.linalg.cholesky(spread)).T / scale[:, None]
-    return mean @ weights, weights
+    return mean @ weights, weights, share
 
 
 def _table(column: Array) -> tuple[Array, Array]:

@@ -20,7 +20,7 @@ BUDGET = Budget(6000, 5)
 @pytest.fixture(scope="module")
 def learned(ruler, readings):
     model = Model.plain(ruler, LearnedPopulation.of(ruler.prior))
-    features = learn_features(model.draw(np.zeros(2), 6000, 3), np.random.default_rng(1))
+    features = learn_features(model.draw(np.zeros(2), 6000, 3), model.normal(6000, 3))
     observed = Observed(features, features(readings(400, 7)), BUDGET)
     fitted = fit_simulated(model, observed, start=np.zeros(2))
     scores = learn_effects(Candidates.of(ruler, np.zeros((1, 1))), fitted, observed)
@@ -78,32 +78,63 @@ def test_scores_are_blind_to_the_population(learned, readings):
 
 
 def test_features_say_what_they_cannot_use():
-    rng = np.random.default_rng(0)
+    theta = np.random.default_rng(0).normal(size=(10, 1))
     with pytest.raises(InputError, match="too many to learn from; give summaries"):
-        learn_features(np.zeros((10, 401)), rng)
+        learn_features(np.zeros((10, 401)), theta)
     with pytest.raises(InputError, match="NaN or infinite"):
-        learn_features(np.full((10, 2), np.nan), rng)
+        learn_features(np.full((10, 2), np.nan), theta)
     with pytest.raises(InputError, match=r"must give \(n, k\) numbers"):
-        learn_features(np.zeros((10, 2)), rng, summaries=lambda x: x[:, 0])
+        learn_features(np.zeros((10, 2)), theta, summaries=lambda x: x[:, 0])
 
 
 def test_features_of_many_coordinates_and_of_summaries():
     rng = np.random.default_rng(0)
-    long = rng.normal(size=(800, 50))
-    features = learn_features(long, rng)
-    # Coordinates, squares, products of 24 components, 64 random functions.
-    assert features(long[:3]).shape == (3, 100 + 276 + 64)
-    assert features.moments().shape == (100, 440)
-    short = learn_features(long, rng, summaries=lambda x: np.stack([x.mean(axis=1), x.std(axis=1)], axis=1))
+    theta = rng.normal(size=(800, 2))
+    long = rng.normal(size=(800, 50)) + theta[:, :1]
+    features = learn_features(long, theta)
+    # Coordinates, squares, products of 24 components; theta's polynomials of degree 3 would weigh 240.
+    assert features(long[:3]).shape == (3, 100 + 276 + 9 + 240)
+    assert features.moments().shape == (100, 625)
+    assert features.trust.shape == (625,)
+    short = learn_features(long, theta, summaries=lambda x: np.stack([x.mean(axis=1), x.std(axis=1)], axis=1))
     assert short.coordinates == 2
-    constant = learn_features(np.zeros((50, 3)), rng)
+    # Eight parameters have too many polynomials of degree 2.
+    assert learn_features(long, rng.normal(size=(800, 8))).degree == 1
+    constant = learn_features(np.zeros((50, 3)), theta[:50])
     assert np.isfinite(constant(np.ones((2, 3)))).all()
+
+
+def test_theta_is_learned_and_weighs_the_coordinates():
+    """Two lengths, each read three times: x of either times a polynomial of what the other is learned to be."""
+    rng = np.random.default_rng(5)
+    theta = rng.normal(size=(4000, 2))
+    x = np.repeat(theta @ [[1.0, 0.4], [0.0, 1.0]], 3, axis=1) + 0.3 * rng.standard_normal((4000, 6))
+    features = learn_features(x, theta)
+    rows, quadratic = features(x), 6 + 6 + 15
+    learned = rows[:, quadratic : quadratic + 2]
+    np.testing.assert_allclose(learned.mean(axis=0), 0.0, atol=0.02)
+    np.testing.assert_allclose(np.cov(learned.T), np.eye(2), atol=0.03)
+    # Six readings with an error of 0.3 leave 3% of the variance of the first, and less of what is beside it.
+    assert np.corrcoef(learned[:, 0], theta[:, 0])[0, 1] > 0.97
+    # Degree 2 of the first, then both, then the second, orthonormal for Gaussian theta.
+    first, second = learned.T
+    named = [(first**2 - 1) / np.sqrt(2), first * second, (second**2 - 1) / np.sqrt(2)]
+    inside = np.abs(learned).max(axis=1) < 3
+    for k, expected in enumerate(named):
+        np.testing.assert_allclose(rows[inside, quadratic + 2 + k], expected[inside], atol=1e-9)
+    weighed = rows[:, quadratic + 9 :].reshape(4000, 6, 10)
+    middle = np.abs(weighed[:, 3, 1] - weighed[:, 3, 1].mean()) < 2 * weighed[:, 3, 1].std()
+    expected = (x[:, 3] - x[:, 3].mean()) * first
+    np.testing.assert_allclose(weighed[middle & inside, 3, 1], expected[middle & inside], atol=1e-9)
+    # A single reading that is far off is worth no more than the farthest of the others.
+    wild = features(np.where(np.arange(6) == 3, 1e6, x[:1]))
+    assert np.abs(wild - rows.mean(axis=0)).max() < 12 * rows.std(axis=0).max()
 
 
 def test_moments_are_coordinates_and_squares_along_the_axes():
     rng = np.random.default_rng(3)
     x = rng.normal(size=(4000, 3)) @ np.array([[1.0, 0.9, 0.0], [0.0, 0.3, 0.5], [0.0, 0.0, 1.0]])
-    features = learn_features(x, rng)
+    features = learn_features(x, x[:, :1])
     rows = features(x)
     values = rows @ features.moments().T
     np.testing.assert_allclose(values[:, :3], features.normal_scores(x))
