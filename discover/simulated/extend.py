@@ -85,7 +85,8 @@ def extended_by(
     values[candidate.amplitude_index] = np.clip(entry.neutral + departure, low, high)
     model = before.model.extended(candidate.simulator, steps)
     state = np.concatenate([before.state, values])
-    lesson = learn(model, observed, simulate_base(model, observed, state), state, known=before.lesson)
+    state[: model.hyper] = model.population.widened(state[: model.hyper])
+    lesson = learn(model, observed, simulate_base(model, observed, state), state)
     fitted = fit_simulated(model, observed, start=state, lesson=lesson, span=found.span)
     return _compared(candidate, path, fitted, before, found, observed)
 

@@ -146,27 +146,15 @@ class Lesson:
         first, second = (self.learned[:, k] @ self.halves[:, 1 - k].T for k in (0, 1))
         return np.asarray(0.5 * (first + second))
 
-    def extended(self, state: Array, learned: Array, halves: Array) -> Lesson:
-        """With scores of what was added to the state."""
-        return Lesson(state, np.concatenate([self.learned, learned]), np.concatenate([self.halves, halves]))
-
     def orthogonal(self, weights: Array) -> Array:
         """Weights ``(..., feature)`` less what any of the state could bring about in them to first order."""
         share = np.linalg.solve(self.response.T, self.slope @ np.atleast_2d(weights).T)
         return np.asarray(weights - (share.T @ self.weights).reshape(np.shape(weights)))
 
 
-def learn(
-    model: Model, observed: Observed, base: Base, state: Array, *, known: Lesson | None = None
-) -> Lesson:
-    """Learn the scores of everything in the state.
-
-    The first ones are taken over where a lesson is given that has them already.
-    """
-    first, seed = 0 if known is None else len(known.state), observed.budget.seed + 1
-    slopes = [] if first else by_population(model, observed, base, state)
-    for index in range(first + len(slopes), len(state)):
+def learn(model: Model, observed: Observed, base: Base, state: Array) -> Lesson:
+    """Learn the scores of everything in the state."""
+    slopes, seed = by_population(model, observed, base, state), observed.budget.seed + 1
+    for index in range(len(slopes), len(state)):
         slopes.append(derivative(model, observed, state, index, seed + index))
-    halves = np.array(slopes)
-    learned = np.array([base.learn(pair) for pair in halves])
-    return Lesson(state, learned, halves) if known is None else known.extended(state, learned, halves)
+    return Lesson(state, np.array([base.learn(pair) for pair in slopes]), np.array(slopes))

@@ -79,6 +79,8 @@ def fit_simulated(
     McFadden (1989), Econometrica 57, 995; Wood (2010), Nature 466, 1102.
     """
     state, found, close = np.clip(start, *model.bounds.T), lesson, False
+    if lesson is None:
+        state[: model.hyper] = model.population.widened(state[: model.hyper])
     base = simulate_base(model, observed, state)
     for _ in range(ROUNDS if lesson is None else 1):
         if lesson is None:

@@ -12,6 +12,10 @@ from gaugeblock.discovery.result import Estimate, spread
 from gaugeblock.simulators.prior import Prior
 
 
+STEEP = -0.5
+"""Log of the width, in units of the reference's, from which on fits begin."""
+
+
 @dataclass(frozen=True, eq=False)
 class LearnedPopulation:
     """Gaussian in the prior's normal scores: mean ``centre + root u``, covariance that of ``root L normal``.
@@ -56,6 +60,14 @@ class LearnedPopulation:
         p = self.prior.size
         found = np.tile([-4.0, 4.0], (len(self.names), 1))
         found[p : 2 * p] = [-3.0, 1.0]  # from a twentieth of the prior's width to beyond it
+        return found
+
+    def widened(self, hyper: Array) -> Array:
+        """The hyper-parameters with no width below `STEEP`: data hardly answer to that of a very narrow population,
+        and a fit that begins there stays there."""
+        found, p = hyper.copy(), self.prior.size
+        if self.shape_free:
+            found[p : 2 * p] = np.maximum(found[p : 2 * p], STEEP)
         return found
 
     def described(self, hyper: Array) -> dict[str, Estimate]:
