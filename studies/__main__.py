@@ -21,6 +21,7 @@ NAMES = {
     "measured": "measured",
     "informed": "informed.__main__",
     "check": "check.__main__",
+    "simulated": "simulated.__main__",
     "mutants": "mutants.__main__",
 }
 

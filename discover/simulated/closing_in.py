@@ -41,7 +41,10 @@ def close_in(
     centre, root = np.zeros(prior.size), np.eye(prior.size)
     for k in range(ROUNDS):
         model = Model.plain(simulator, LearnedPopulation(prior, centre, root))
-        simulated, normal = model.draw(np.zeros(model.hyper), simulations, seed + k), model.normal(simulations, seed + k)
+        simulated, normal = (
+            model.draw(np.zeros(model.hyper), simulations, seed + k),
+            model.normal(simulations, seed + k),
+        )
         features = learn_features(simulated, normal, summaries=summaries)
         predicted, spread = _regress(features, simulated, normal, data)
         if not single:

@@ -1,9 +1,8 @@
-"""Features of the data that learned scores are made of: ranks, their products, and numbers that are weighed by
-what is learned of theta.
+"""Features of the data that learned scores are made of: ranks, products, numbers weighed by a learned theta.
 
-The score of an effect, theta integrated out, sums what each number of a data set says, weighed by how much the
-effect moves it at the theta behind; the numbers times polynomials of a learned theta can do that. (On Poisson counts the
-score is of this form exactly, with smooth functions of the data in place of the polynomials.)
+The score of an effect, theta integrated out, sums what each number of a data set says, weighed by how much
+the effect moves it at the theta behind; the numbers times polynomials of a learned theta can do that. (On
+Poisson counts the score has this form exactly, with functions of the data in place of the polynomials.)
 """
 
 from __future__ import annotations
@@ -91,7 +90,7 @@ class LearnedFeatures:
 
     @property
     def trust(self) -> Array:
-        """Standard deviation ``(feature,)`` that each is given before a ridge: less for what seldom matters."""
+        """Standard deviation ``(feature,)`` that each has before a ridge: less where less is hoped for."""
         falling = FALL ** np.array([len(chosen) for chosen in _exponents(len(self.centre), self.degree)])
         return np.concatenate(
             [np.full(len(self.weights), SEEN), falling[1:], np.tile(falling, self.components.shape[1])]
@@ -172,11 +171,13 @@ def coordinates_of(x: ArrayLike, summaries: Summaries | None = None) -> Array:
     return rows
 
 
-def learn_features(reference: ArrayLike, normal: Array, *, summaries: Summaries | None = None) -> LearnedFeatures:
+def learn_features(
+    reference: ArrayLike, normal: Array, *, summaries: Summaries | None = None
+) -> LearnedFeatures:
     """Features for data like the reference ``(n, ...)``, simulated from the model to be tested.
 
-    `normal` ``(n, parameter)`` is what the reference's theta were made of: theta is learned as their regression
-    on coordinates, squares and products.
+    `normal` ``(n, parameter)`` is what the reference's theta were made of: theta is learned as their
+    regression on coordinates, squares and products.
 
     >>> rng = np.random.default_rng(0)
     >>> theta = rng.normal(size=(500, 1))
@@ -209,8 +210,8 @@ def learn_features(reference: ArrayLike, normal: Array, *, summaries: Summaries 
 def _learned_theta(quadratic: Array, normal: Array) -> tuple[Array, Array, float]:
     """Constant and weights of the regression of theta, of mean 0 and unit covariance.
 
-    Beside them the largest share of a parameter's variance that it explains, less what so many features explain by
-    chance.
+    Beside them the largest share of a parameter's variance that it explains, less what so many features
+    explain by chance.
     """
     mean, scale = quadratic.mean(axis=0), quadratic.std(axis=0)
     scale = np.where(scale > 1e-9, scale, np.inf)

@@ -49,8 +49,8 @@ def learned_scores(
 ) -> HeldOut:
     """Fit each model to either half of the data sets, judge it on the other; the named one comes first.
 
-    Log ratios are sought in the span ``(score, feature)`` of learned scores; those of rivals are over the named
-    model, which they resemble, and not over the one before, which may be unlike both.
+    Log ratios are sought in the span ``(score, feature)`` of learned scores; those of rivals are over the
+    named model, which they resemble, and not over the one before, which may be unlike both.
 
     Decoys live in the space of the moments of the model before: `unnamed` moves all of them, shrunk
     (James & Stein 1961), random shapes move them along one direction each.

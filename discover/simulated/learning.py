@@ -84,8 +84,8 @@ def derivative(
 ) -> Array:
     """Two independent estimates ``(2, feature)`` of the derivative of the mean features by one of the state.
 
-    From both sides where the bounds leave room. From one side the ends are half as far apart and the noise of the
-    answer twice as large: four times as much is simulated.
+    From both sides where the bounds leave room. From one side the ends are half as far apart and the noise of
+    the answer twice as large: four times as much is simulated.
     """
     low, high = model.bounds[index]
     step = model.steps[index]
@@ -103,11 +103,11 @@ def derivative(
 
 
 def by_population(model: Model, observed: Observed, base: Base, state: Array) -> list[Array]:
-    """The same ``(2, feature)`` for each hyper-parameter of a population, from simulations of one state alone.
+    """The same ``(2, feature)`` for each hyper-parameter of a population, from simulations of one state.
 
-    The density of the parameters is known whatever the simulator is: ``dE[f]/dh = E[f dlog p(theta | h)/dh]``.
-    Differences of simulations are noise where their noise does not cancel. For a population that is a point the
-    density is too steep for that, and none are given.
+    The density of the parameters is known whatever simulates: ``dE[f]/dh = E[f dlog p(theta | h)/dh]``.
+    Differences of simulations are noise where their noise does not cancel. For a population that is a point
+    the density is too steep for that, and none are given.
     """
     if not model.population.shape_free:
         return []

@@ -165,7 +165,7 @@ def misfit(fitted: SimulatedFit, observed: Observed, span: Array) -> float:
 def _noise(lesson: Lesson, base: Base, observed: Observed, span: Array | None) -> Array:
     """Covariance of the fitted state, with the noise of the simulated means and of what was learned.
 
-    The answers of the scores are known with an error, which alone would pass for information; two halves of the
+    The answers of the scores are known with an error, which would pass for information; two halves of the
     simulations do not share it.
     """
     _, slope, metric = _system(lesson, base, span)

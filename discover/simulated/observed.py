@@ -12,7 +12,7 @@ from gaugeblock.discovery.simulated.features import LearnedFeatures
 
 @dataclass(frozen=True)
 class Budget:
-    """How much is simulated: `simulations` at a state and on either side of a derivative; and from which seed."""
+    """How much is simulated: `simulations` at a state and on each side of a derivative; and the seed."""
 
     simulations: int
     seed: int

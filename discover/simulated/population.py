@@ -11,7 +11,6 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.result import Estimate, spread
 from gaugeblock.simulators.prior import Prior
 
-
 STEEP = -0.5
 """Log of the width, in units of the reference's, from which on fits begin."""
 
@@ -63,8 +62,10 @@ class LearnedPopulation:
         return found
 
     def widened(self, hyper: Array) -> Array:
-        """The hyper-parameters with no width below `STEEP`: data hardly answer to that of a very narrow population,
-        and a fit that begins there stays there."""
+        """The hyper-parameters with no width below `STEEP`.
+
+        Data hardly answer to the width of a very narrow population, and a fit that begins there stays there.
+        """
         found, p = hyper.copy(), self.prior.size
         if self.shape_free:
             found[p : 2 * p] = np.maximum(found[p : 2 * p], STEEP)
@@ -95,7 +96,7 @@ class LearnedPopulation:
     def score(self, hyper: Array, normal: Array) -> Array:
         """Derivatives ``(n, hyper)`` of the log density of a draw's parameters by the hyper-parameters.
 
-        They are known whatever the simulator does, and the mean of a feature changes as its covariance with them.
+        They are known whatever simulates; the mean of a feature changes as its covariance with them.
         """
         p = self.prior.size
         shape = self._shape(hyper)

@@ -21,9 +21,9 @@ ROWS = 500
 def exact_scores(
     epidemic: Epidemic, fitted: SimulatedFit, effects: Mapping[str, tuple[LibraryEffect, Array]], x: Array
 ) -> tuple[dict[str, Array], Array]:
-    """Scores ``(n,)`` of each effect's amplitude at neutral, and ``(n, hyper)`` of the population, of cases x.
+    """Scores ``(n,)`` of each effect's amplitude at neutral, and ``(n, hyper)`` of the fitted population.
 
-    Of the fitted population, its effects none. An effect comes with the values of its parameters.
+    Of cases x ``(n, week)`` without an effect. An effect comes with the values of its parameters.
     """
     population, hyper = fitted.model.population, fitted.state
     line = np.linspace(-REACH, REACH, NODES)

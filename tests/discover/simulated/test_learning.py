@@ -105,7 +105,7 @@ def test_features_of_many_coordinates_and_of_summaries():
 
 
 def test_theta_is_learned_and_weighs_the_coordinates():
-    """Two lengths, each read three times: x of either times a polynomial of what the other is learned to be."""
+    """Two lengths, each read three times: readings times polynomials of what is learned of the lengths."""
     rng = np.random.default_rng(5)
     theta = rng.normal(size=(4000, 2))
     x = np.repeat(theta @ [[1.0, 0.4], [0.0, 1.0]], 3, axis=1) + 0.3 * rng.standard_normal((4000, 6))

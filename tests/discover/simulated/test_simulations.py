@@ -68,7 +68,7 @@ def test_what_is_not_in_the_library_is_unnamed(ruler, readings):
 
 
 def test_one_data_set_alone(ruler, readings):
-    x = readings(1, 15, centre=0.3, width=0.1, spike={"height": 6.0, "mark": 5.0})
+    x = readings(1, 15, centre=0.3, width=0.1, spike={"height": 8.0, "mark": 5.0})
     found = discover_simulated(ruler, x, seed=5, **SMALL)
     best = found.to_json()["candidates"][0]
     assert found.p_global <= 0.01
