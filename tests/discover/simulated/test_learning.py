@@ -1,5 +1,6 @@
 """Learned scores against exact ones: what they weigh, how much of the information they keep."""
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,13 +9,19 @@ import pytest
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.library import Candidates
 from gaugeblock.discovery.simulated.features import learn_features
+from gaugeblock.discovery.simulated.learning import Base, by_population, derivative
 from gaugeblock.discovery.simulated.model import Model
 from gaugeblock.discovery.simulated.moment_fit import fit_simulated
 from gaugeblock.discovery.simulated.observed import Budget, Observed
 from gaugeblock.discovery.simulated.population import LearnedPopulation
-from gaugeblock.discovery.simulated.score_tests import find, learn_effects
+from gaugeblock.discovery.simulated.score_tests import MOVES, find, learn_effects
 
 BUDGET = Budget(6000, 5)
+
+
+@pytest.fixture(scope="module", name="library")
+def library_fixture(ruler):
+    return ruler.effect_library(None)
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +82,76 @@ def test_scores_are_blind_to_the_population(learned, readings):
     assert np.abs(z).max() < 4.5
     naked = plain @ (moved - learned.fit.base.mean) / np.sqrt(learned.fit.base.variance(plain) / 4000)
     assert np.abs(naked).max() > 6
+
+
+def test_the_population_s_derivatives_need_no_differences(learned):
+    """Readings move by as much as the mean of the lengths, and their mean square by twice the variance."""
+    model, observed, state = learned.fit.model, learned.observed, learned.fit.state
+    halves = by_population(model, observed, learned.fit.base, state)
+    assert len(halves) == 2
+    mean, log_sd = (pair.mean(axis=0) for pair in halves)
+    readings_at = len(observed.features.weights) + 3  # behind them three polynomials of the length
+    shift = mean[readings_at : readings_at + 4 * 8 : 4]
+    # Covariances of 6,000 simulations: an error of sqrt(2) / sqrt(6000) = 0.02, 5 errors.
+    np.testing.assert_allclose(shift, 1.0, atol=0.1)
+    wider = model.draw(state + [0.0, 0.05], 200_000, 4)
+    narrower = model.draw(state - [0.0, 0.05], 200_000, 4)
+    squares = slice(8, 16)
+    by_difference = (observed.features(wider).mean(axis=0) - observed.features(narrower).mean(axis=0)) / 0.1
+    np.testing.assert_allclose(log_sd[squares], by_difference[squares], atol=0.12)
+    # Two halves of the simulations, and not the same ones.
+    assert np.abs(np.diff(halves, axis=1)).max() > 0.01
+
+
+def test_an_amplitude_is_moved_by_as_much_as_one_data_set_tells(learned, library):
+    width = np.exp(learned.fit.state[1])
+    for owner, node, step in zip(learned.scores.owner, learned.scores.node, learned.scores.step, strict=True):
+        shape = shape_of(owner, node)
+        moved = step * np.sqrt(shape @ np.linalg.solve(np.eye(8) + width**2, shape))
+        assert MOVES / 2.5 < moved < 2.5 * MOVES or step == pytest.approx(3 * abs(library[owner].step))
+
+
+def test_from_one_side_four_times_as_much_is_simulated(ruler, library):
+    drawn = []
+
+    @dataclass(frozen=True)
+    class Counted:
+        inner: object
+        prior = property(lambda self: self.inner.prior)
+
+        def simulate(self, theta, rng):
+            drawn.append((len(theta), float(theta[0, -1])))
+            return self.inner.simulate(theta, rng)
+
+    plain = Model.plain(ruler, LearnedPopulation.of(ruler.prior))
+    tilted = plain.extended(Counted(ruler.with_effect(library["tilt"].effect())), np.array([0.1]))
+    features = learn_features(plain.draw(np.zeros(2), 2000, 3), plain.normal(2000, 3))
+    observed = Observed(features, np.zeros((1, 1)), Budget(2000, 1))
+    at_edge = derivative(tilted, observed, np.array([0.0, 0.0, 0.0]), 2, 7)
+    assert drawn == [(8000, 0.0), (8000, 0.1)]
+    inside = derivative(tilted, observed, np.array([0.0, 0.0, 0.5]), 2, 7)
+    assert drawn[2:] == [(2000, 0.4), (2000, 0.6)]
+    # A tilt moves reading k by k - 3.5: the numbers themselves say so, whatever is learned of the length.
+    for halves in (at_edge, inside):
+        numbers = halves.mean(axis=0)[len(features.weights) + 3 :: 4]
+        np.testing.assert_allclose(numbers, np.arange(8) - 3.5, atol=0.02)
+
+
+def test_weights_are_a_ridge_of_the_covariance():
+    rng = np.random.default_rng(8)
+    rows = rng.normal(size=(900, 3)) @ [[2.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]] + [1.0, 2.0, 3.0]
+    trust = np.array([1.0, 0.5, 1.0])
+    base = Base.of(rows, trust)
+    halves = np.array([[1.0, 2.0, 3.0], [0.5, -1.0, 2.0]])
+    scale = rows[:, :2].std(axis=0) / trust[:2]
+    gram = np.cov(rows[:, :2].T, bias=True) / np.outer(scale, scale) + 36.0 / 900 * np.eye(2)
+    expected = np.linalg.solve(gram, (halves[:, :2] / scale).T).T / scale
+    np.testing.assert_allclose(base.learn(halves)[:, :2], expected, rtol=1e-9)
+    np.testing.assert_allclose(base.learn(halves)[:, 2], 0.0)  # what never varies
+    np.testing.assert_allclose(
+        base.covariance(halves)[:2, :2], halves[:, :2] @ np.cov(rows[:, :2].T, bias=True) @ halves[:, :2].T
+    )
+    np.testing.assert_allclose(base.variance(halves), np.diag(base.covariance(halves)))
 
 
 def test_features_say_what_they_cannot_use():

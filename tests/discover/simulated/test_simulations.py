@@ -67,6 +67,14 @@ def test_what_is_not_in_the_library_is_unnamed(ruler, readings):
     assert found.p_global <= 0.01
 
 
+def test_what_gains_much_by_a_likeness_is_still_unnamed(ruler, readings):
+    # Every second mark is read too high: a spike of the library explains one of them, and gains by that.
+    x = readings(300, 18) + 0.5 * (np.arange(8) % 2)
+    found = discover_simulated(ruler, x, seed=6, **SMALL)
+    assert found.named == "unnamed"
+    assert max(one["gain"] or 0.0 for one in found.to_json()["candidates"]) > 25
+
+
 def test_one_data_set_alone(ruler, readings):
     x = readings(1, 15, centre=0.3, width=0.1, spike={"height": 8.0, "mark": 5.0})
     found = discover_simulated(ruler, x, seed=5, **SMALL)
