@@ -20,7 +20,7 @@ STATE = np.array([0.4, -0.2, -1.0, -1.2, 0.1])
 
 
 def log_marginal(x, simulator, tail, state):
-    """Log probability of cases, theta integrated out on the study's grid; values of an effect behind theta."""
+    """Log probability of cases, theta integrated out on the study's grid; an effect's values behind it."""
     population = LearnedPopulation.of(EPIDEMIC.prior)
     line = np.linspace(-REACH, REACH, NODES)
     normal = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)

@@ -12,7 +12,7 @@ from gaugeblock.discovery.simulated.moment_fit import SimulatedFit, _noise, misf
 from gaugeblock.discovery.simulated.observed import Budget, Observed
 from gaugeblock.discovery.simulated.score_tests import find
 
-HEIGHT, MARK, CATALOGUES = 0.5, 3.0, 100
+HEIGHT, MARK, CATALOGUES = 0.8, 2.5, 100
 
 
 def whispered(_):

@@ -69,7 +69,7 @@ def test_what_is_not_in_the_library_is_unnamed(ruler, readings):
 
 def test_what_gains_much_by_a_likeness_is_still_unnamed(ruler, readings):
     # Every second mark is read too high: a spike of the library explains one of them, and gains by that.
-    x = readings(300, 18) + 0.5 * (np.arange(8) % 2)
+    x = readings(300, 18) + 0.7 * (np.arange(8) % 2)
     found = discover_simulated(ruler, x, seed=6, **SMALL)
     assert found.named == "unnamed"
     assert max(one["gain"] or 0.0 for one in found.to_json()["candidates"]) > 25
