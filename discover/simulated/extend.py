@@ -133,7 +133,7 @@ def _between(candidate: Candidate, found: LearnedTests, best: int) -> Array:
     mine = np.flatnonzero(found.scores.owner == found.scores.owner[best])
     nodes, z = np.array([found.scores.node[i] for i in mine]), found.z[mine] * np.sign(found.z[best])
     at = int(np.flatnonzero(mine == best)[0])
-    values = nodes[at].copy()
+    values: Array = nodes[at].copy()
     for column, name in enumerate(candidate.entry.parameters):
         if name not in candidate.entry.scanned:
             continue
