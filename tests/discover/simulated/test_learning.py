@@ -172,11 +172,16 @@ def test_features_of_many_coordinates_and_of_summaries():
     # Coordinates, squares, products of 24 components; theta's polynomials of degree 3 would weigh 240.
     assert features(long[:3]).shape == (3, 100 + 276 + 9 + 240)
     assert features.moments().shape == (100, 625)
-    assert features.trust.shape == (625,)
+    falling = [1.0, 0.5, 0.5, 0.25, 0.25, 0.25, 0.125, 0.125, 0.125, 0.125]
+    assert features.trust.tolist() == [0.3] * 376 + falling[1:] + falling * 24
     short = learn_features(long, theta, summaries=lambda x: np.stack([x.mean(axis=1), x.std(axis=1)], axis=1))
     assert short.coordinates == 2
     # Eight parameters have too many polynomials of degree 2.
     assert learn_features(long, rng.normal(size=(800, 8))).degree == 1
+    # Where data say nothing of theta nothing is weighed by it, and a number may be as far off as it is.
+    blind = learn_features(rng.normal(size=(4000, 3)), rng.normal(size=(4000, 2)))
+    assert blind.degree == 0
+    assert blind(np.full((1, 3), 1e6)).max() > 9e5
     constant = learn_features(np.zeros((50, 3)), theta[:50])
     assert np.isfinite(constant(np.ones((2, 3)))).all()
 

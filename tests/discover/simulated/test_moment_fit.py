@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from gaugeblock.discovery.simulated.before import prepare
-from gaugeblock.discovery.simulated.extend import extended_by, refine, refit
+from gaugeblock.discovery.simulated.extend import _between, _peaks, extended_by, refine, refit
 from gaugeblock.discovery.simulated.learning import Base, Lesson
-from gaugeblock.discovery.simulated.moment_fit import SimulatedFit, _noise, misfit
+from gaugeblock.discovery.simulated.moment_fit import SimulatedFit, _noise, fit_simulated, misfit
 from gaugeblock.discovery.simulated.observed import Budget, Observed
 from gaugeblock.discovery.simulated.score_tests import find
 
@@ -62,6 +62,31 @@ def test_the_misfit_of_the_truth_is_a_chi_square(spiked):
     without = misfit(before.fit, before.observed, found.span)
     assert one.gain == pytest.approx(0.5 * (without - misfit(one.fit, before.observed, found.span)))
     assert one.gain > 5
+
+
+def test_a_fit_begins_between_scanned_values_and_at_a_second_peak(spiked):
+    """The spike is shared by marks 2 and 3; by chance one at the end has the largest score."""
+    before, one, _, _, found = spiked
+    at = {node[1]: k for k, node in enumerate(found.scores.node)}
+    z = np.abs(found.z)
+    candidate = before.candidates["spike"]
+    assert _between(candidate, found, at[2.0])[1] == pytest.approx(2.5, abs=0.1)
+    assert _between(candidate, found, at[7.0])[1] == 7.0
+    assert int(np.argmax(z)) == at[7.0]
+    assert z[at[2.0]] > 0.8 * z[at[7.0]]
+    assert _peaks(found, at[7.0], before.fit) == [at[7.0], at[2.0]]
+    halved = replace(found, z=np.where(np.arange(8) == at[7.0], found.z, 0.5 * found.z))
+    assert _peaks(halved, at[7.0], before.fit) == [at[7.0]]
+    assert one.values["mark"] == pytest.approx(2.5, abs=0.3)
+
+
+def test_a_fit_that_begins_too_narrow_finds_the_width(spiked, readings):
+    before = spiked[0]
+    observed = replace(before.observed, rows=before.observed.features(readings(150, 77)))
+    narrow = np.array([0.0, -2.9])
+    width = fit_simulated(before.fit.model, observed, start=narrow)
+    usual = fit_simulated(before.fit.model, observed, start=np.zeros(2))
+    np.testing.assert_allclose(width.state, usual.state, atol=0.05)
 
 
 def test_a_fit_is_settled_near_where_its_scores_were_learned(spiked):
