@@ -100,7 +100,7 @@ def _run(chosen: Any, command: str) -> None:
             **{name: ("score", first[name]) for name in ("effect", "week")},
             **{
                 name: (("catalogue", "score"), np.stack([one[name] for one in found]))
-                for name in ("share", "moved")
+                for name in ("share", "ceiling", "rare", "moved")
             },
         },
         attrs=record(command, chosen.seed, simulations=size),

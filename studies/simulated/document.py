@@ -14,6 +14,8 @@ from studies.kit.results import clopper_pearson, command_of
 WEEK = 5.0
 """Of scanned effects the table has this week, and how the others are."""
 
+BESIDE = ("ceiling", "rare")
+
 
 def information_table(table: xr.Dataset) -> str:
     """Shares of the exact information, by effect."""
@@ -26,12 +28,28 @@ def information_table(table: xr.Dataset) -> str:
         over = share.mean(axis=0)
         spread = f"{over.min():.2f} to {over.max():.2f}, median {np.median(over):.2f}" if scanned else ""
         each = ", ".join(f"{value:.2f}" for value in here[:, 0])
-        rows.append([f"`{name}`", f"{WEEK:g}" if scanned else "", f"{here.mean():.2f} ({each})", spread])
+        beside = [
+            mine[which].values[:, mine["week"].values == WEEK] if scanned else mine[which].values
+            for which in BESIDE
+        ]
+        week = f"{WEEK:g}" if scanned else ""
+        rows.append(
+            [
+                f"`{name}`",
+                week,
+                f"{here.mean():.2f} ({each})",
+                spread,
+                *(f"{one.mean():.2f}" for one in beside),
+            ]
+        )
     said = (
         f"Means over {table.sizes['catalogue']} catalogues of 200 outbreaks, and each; "
         f"{int(table.attrs['simulations']):,} simulations. Made by `{command_of(table)}`."
     )
-    header = ["effect", "week", "share of the information", "all scanned weeks"]
+    header = [
+        "effect", "week", "share of the information", "all scanned weeks", "the features could hold",
+        "share in 1% of outbreaks",
+    ]  # fmt: skip
     return f"{page.table(header, rows)}\n\n{said}"
 
 

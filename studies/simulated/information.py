@@ -12,6 +12,7 @@ from studies.simulated.cases import EPIDEMIC, plain
 from studies.simulated.exact import exact_scores, projected
 
 FRESH = 10_000
+RIDGE = 1e-3
 
 
 def shares(rng: np.random.Generator, *, simulations: int, fresh: int = FRESH) -> Arrays:
@@ -19,24 +20,30 @@ def shares(rng: np.random.Generator, *, simulations: int, fresh: int = FRESH) ->
 
     `share` is the squared correlation, over fresh simulations, of the learned and the exact score, both
     orthogonal to the population's: the share of the exact marginal information that the learned score holds.
-    `moved` is the step over which it was learned times the root of the exact information: by how many of its
-    standard deviations that moves the score of one outbreak.
+    `ceiling` is the same of the exact score's own regression on the features: what they could hold, were
+    nothing noise. `rare` is the share of the exact information in the hundredth of outbreaks that say most.
+    `moved` is the step over which the score was learned times the root of the exact information: by how many
+    of its standard deviations that moves the score of one outbreak.
     """
     budget = Budget(simulations, int(rng.integers(2**31)))
     before = prepare(
         EPIDEMIC, plain(rng), own=None, only=(), budget=budget, summaries=None, step=lambda _: None
     )
-    fitted, scores = before.fit, before.scores
+    fitted, scores, features = before.fit, before.scores, before.observed.features
     effects = {
         f"{name} {k}": (before.candidates.entries[str(name)], node)
         for k, (name, node) in enumerate(zip(scores.owner, scores.node, strict=True))
     }
-    x = fitted.model.draw(fitted.state, fresh, int(rng.integers(2**31)))
-    exact, population = exact_scores(EPIDEMIC, fitted, effects, x)
-    weights = fitted.lesson.orthogonal(scores.learned.mean(axis=1))
-    learned = (before.observed.features(x) - fitted.base.mean) @ weights.T
-    left = np.stack([projected(each, population) for each in exact.values()], axis=1)
-    share = _correlation(learned, left) ** 2
+
+    def drawn() -> tuple[Array, Array]:
+        """Features, and exact scores orthogonal to the population's."""
+        x = fitted.model.draw(fitted.state, fresh, int(rng.integers(2**31)))
+        exact, population = exact_scores(EPIDEMIC, fitted, effects, x)
+        return features(x), np.stack([projected(each, population) for each in exact.values()], axis=1)
+
+    (rows, left), (others, taught) = drawn(), drawn()
+    learned = rows @ fitted.lesson.orthogonal(scores.learned.mean(axis=1)).T
+    loud = np.sort(left**2, axis=0)[-max(fresh // 100, 1) :]
     week = [
         node[list(entry.parameters).index("week")] if "week" in entry.parameters else np.nan
         for entry, node in effects.values()
@@ -44,12 +51,23 @@ def shares(rng: np.random.Generator, *, simulations: int, fresh: int = FRESH) ->
     return {
         "effect": scores.owner,
         "week": np.array(week),
-        "share": share,
+        "share": correlation(learned, left) ** 2,
+        "ceiling": correlation(rows @ taught_by(others, taught, features.trust), left) ** 2,
+        "rare": loud.sum(axis=0) / (left**2).sum(axis=0),
         "moved": scores.step * left.std(axis=0),
     }
 
 
-def _correlation(first: Array, second: Array) -> Array:
+def taught_by(rows: Array, targets: Array, trust: Array) -> Array:
+    """Weights ``(feature, target)`` of the ridge regression of targets ``(n, target)`` on features."""
+    scale = rows.std(axis=0)
+    scale = np.where(scale > 1e-9, scale / trust, np.inf)
+    standard = (rows - rows.mean(axis=0)) / scale
+    gram = standard.T @ standard / len(rows) + RIDGE * np.eye(len(scale))
+    return np.asarray(np.linalg.solve(gram, standard.T @ targets / len(rows)) / scale[:, None])
+
+
+def correlation(first: Array, second: Array) -> Array:
     """Of each column with the same column of the other."""
     first, second = first - first.mean(axis=0), second - second.mean(axis=0)
     size = np.sqrt((first**2).mean(axis=0) * (second**2).mean(axis=0))

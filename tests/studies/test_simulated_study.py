@@ -11,6 +11,7 @@ from studies.simulated import __main__ as study
 from studies.simulated.cases import EPIDEMIC, HIDDEN, UNLISTED, plain, with_effect
 from studies.simulated.document import information_table, intervals_table, names_table, pulls
 from studies.simulated.exact import NODES, REACH, exact_scores, projected
+from studies.simulated.information import correlation, taught_by
 
 from gaugeblock.discovery.simulated.model import Model
 from gaugeblock.discovery.simulated.moment_fit import SimulatedFit
@@ -59,6 +60,16 @@ def test_what_is_projected_is_uncorrelated():
     assert 0.8 < left.std() < 1.2
 
 
+def test_a_regression_finds_what_the_features_hold():
+    rng = np.random.default_rng(4)
+    rows = rng.normal(size=(4000, 3)) * [1.0, 5.0, 0.0] + 1.0
+    targets = rows[:, :2] @ [[2.0, 1.0], [0.4, 0.0]] + [[0.0, 1.0]] * rng.normal(size=(4000, 1))
+    weights = taught_by(rows, targets, np.ones(3))
+    np.testing.assert_allclose(weights, [[2.0, 1.0], [0.4, 0.0], [0.0, 0.0]], atol=0.06)
+    found = correlation(rows @ weights, targets) ** 2
+    np.testing.assert_allclose(found, [1.0, 0.5], atol=0.05)
+
+
 def said(named, alike, value, low, high, truth, kinds):
     """A table of searches ``(kind, catalogue)`` as the study keeps it."""
     columns = {"named": named, "alike": alike, "value": value, "low": low, "high": high, "truth": truth}
@@ -87,12 +98,14 @@ def test_tables_count_what_was_said():
     assert "1 of 1" in intervals_table(tables)
     one = xr.Dataset(
         {"effect": ("score", ["a", "a", "b"]), "week": ("score", [4.0, 5.0, nan]),
-         "share": (("catalogue", "score"), [[0.2, 0.6, 0.9], [0.4, 0.8, 0.7]])},
+         "share": (("catalogue", "score"), [[0.2, 0.6, 0.9], [0.4, 0.8, 0.7]]),
+         "ceiling": (("catalogue", "score"), [[0.5, 0.9, 1.0]] * 2),
+         "rare": (("catalogue", "score"), [[0.5, 0.1, 0.3]] * 2)},
         attrs={"simulations": 1000, "command": "python -m studies simulated"},
     )  # fmt: skip
     text = information_table(one)
-    assert "| `a` | 5 | 0.70 (0.60, 0.80) | 0.30 to 0.70, median 0.50 |" in text
-    assert "| `b` |  | 0.80 (0.90, 0.70) |  |" in text
+    assert "| `a` | 5 | 0.70 (0.60, 0.80) | 0.30 to 0.70, median 0.50 | 0.90 | 0.10 |" in text
+    assert "| `b` |  | 0.80 (0.90, 0.70) |  | 1.00 | 0.30 |" in text
 
 
 def test_what_is_hidden_is_in_the_cases():
@@ -136,6 +149,8 @@ def test_small_all_of_it_makes_a_table(monkeypatch, tmp_path, capsys):
     assert share.shape == (1, 36)
     assert ((share >= 0) & (share <= 1)).all()
     assert np.median(share) > 0.4
+    assert np.median(tables["information"]["ceiling"].values) > np.median(share)
+    assert (tables["information"]["rare"].values > 0.01).all()
     assert tables["intervals"]["value"].shape == (1, 2)
     (tmp_path / "discover-simulated.md").write_text("<!-- names -->\n<!-- /names -->\n")
     assert study.main(["--report", "--out", str(tmp_path), "--docs", str(tmp_path)]) == 0
