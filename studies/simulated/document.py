@@ -82,7 +82,7 @@ def names_table(tables: Mapping[str, xr.Dataset]) -> str:
         "hidden",
         "catalogues",
         "named",
-        "in the set of another",
+        "in the set of what was",
         "`unnamed`",
         "nothing found",
         "another name",
