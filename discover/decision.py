@@ -131,7 +131,7 @@ def decide(
         beside = () if lost is None else lost[at]
         certain = mine >= CERTAIN
         firm = certain and lost is not None and UNNAMED not in beside
-        if not firm and (smoother or (seen and not certain)):
+        if not firm and (smoother or (seen and mine < t.stands)):
             nearest.append(at)
             continue
         others = [key for key in beside if key != UNNAMED] if certain else []

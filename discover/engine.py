@@ -45,6 +45,8 @@ class Thresholds:
     ended: float = 0.01
     """The library's global p at which a disagreement that is left takes the name away: it should have ended
     it."""
+    stands: float = 25.0
+    """Nats from which a name stands, doubted, though something is left."""
     critical: float = 2.5
     """Standard normal quantile at which an effect leaves the set; 0.6% of true ones would."""
     errors: float = 2.0

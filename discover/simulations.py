@@ -41,7 +41,8 @@ SIMULATIONS = Thresholds(
     share=0.5,  # learned scores keep a quarter to all of the information: promises are that much less sure
     far=float("inf"),  # draws of the prior would each have to be simulated
     beam=1,
-    ended=1.0,  # moments see what the library cannot: any disagreement left takes the name away
+    ended=1.0,  # moments see what the library cannot: any disagreement left takes the name away ...
+    stands=float("inf"),  # ... however much it gains: what is not in the library gains by what is like it
     smooth=float("inf"),  # moved moments are a Gaussian's, no rival that could have been simulated
     alone=10**6,  # a second effect was asked for
     rivals=10**6,  # all that were fitted: they are few
@@ -141,9 +142,12 @@ class Simulations(Engine):
             pool = pool.after(key)
         made = [extended_by(pool[key], (*path, key), seen, base, observed) for key in keys]
         # Scores that were learned before an effect was added hold less well the larger it is: what is
-        # compared has learned its own.
+        # compared has learned its own, and what is far from where its scores were learned is not fitted yet.
         hopeful = max(one.merit for one in made) - self.thresholds.behind
-        return [refine(one, seen.state, base, observed) if one.merit >= hopeful else one for one in made]
+        return [
+            refine(one, seen.state, base, observed) if one.merit >= hopeful or not one.fit.settled else one
+            for one in made
+        ]
 
     def compared(
         self,

@@ -22,6 +22,7 @@ NAMES = {
     "planted": "planted",
     "informed": "informed.__main__",
     "check": "check.__main__",
+    "simulated": "simulated.__main__",
     "mutants": "mutants.__main__",
 }
 

@@ -60,11 +60,12 @@ def prepare(
         simulator, data, simulations=budget.simulations, seed=budget.seed, summaries=summaries
     )
     model = Model.plain(simulator, population)
-    state, rng = np.zeros(model.hyper), np.random.default_rng(budget.seed)
+    state = np.zeros(model.hyper)
     # Features of the first guess's data find the population; features of its own then serve it better.
     for _ in range(2):
         reference = model.draw(state, budget.simulations, budget.seed + 1)
-        features = learn_features(reference, rng, summaries=summaries)
+        normal = model.normal(budget.simulations, budget.seed + 1)
+        features = learn_features(reference, normal, summaries=summaries)
         observed = Observed(features, features(data), budget)
         fitted = fit_simulated(model, observed, start=state)
         state = fitted.state

@@ -41,9 +41,12 @@ def close_in(
     centre, root = np.zeros(prior.size), np.eye(prior.size)
     for k in range(ROUNDS):
         model = Model.plain(simulator, LearnedPopulation(prior, centre, root))
-        simulated = model.draw(np.zeros(model.hyper), simulations, seed + k)
-        features = learn_features(simulated, np.random.default_rng(seed + k), summaries=summaries)
-        predicted, spread = _regress(features, simulated, model.normal(simulations, seed + k), data)
+        simulated, normal = (
+            model.draw(np.zeros(model.hyper), simulations, seed + k),
+            model.normal(simulations, seed + k),
+        )
+        features = learn_features(simulated, normal, summaries=summaries)
+        predicted, spread = _regress(features, simulated, normal, data)
         if not single:
             spread = spread + np.atleast_2d(np.cov(predicted.T))
         elif k < ROUNDS - 1:

@@ -10,12 +10,19 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.engine import Extension, Look
 from gaugeblock.discovery.library import Candidate
 from gaugeblock.discovery.simulated.learning import Base, learn, simulate_base
-from gaugeblock.discovery.simulated.moment_fit import DISTINCT, SimulatedFit, fit_simulated
+from gaugeblock.discovery.simulated.moment_fit import DISTINCT, SimulatedFit, fit_simulated, misfit
 from gaugeblock.discovery.simulated.observed import Observed
 from gaugeblock.discovery.simulated.score_tests import LearnedTests
 
 SHARE = 0.04
 """Steps of scanned parameters, as a share of their prior's width."""
+
+
+UNLIKE = 0.5
+"""Correlation below which two scores of an effect are two peaks ..."""
+
+NEARLY = 0.8
+"""... and share of the larger one from which on the smaller one counts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,11 +53,10 @@ class LogRatio:
 
 @dataclass(frozen=True, eq=False)
 class Extended(Extension):
-    """A candidate fitted with everything else, `ratio` being the learned log ratio over the model before."""
+    """A candidate fitted with everything else; its gain is half of what the misfit of the scores fell by."""
 
     candidate: Candidate
     fit: SimulatedFit
-    ratio: LogRatio
 
     @property
     def values(self) -> dict[str, float]:
@@ -71,24 +77,77 @@ def extended_by(
     before: SimulatedFit,
     observed: Observed,
 ) -> Extended:
-    """Fit one candidate, starting from its best scanned value and the amplitude that one step promises."""
-    entry, found = candidate.entry, seen.state
-    best = seen.best(candidate.key)
+    """Fit one candidate, starting where its score peaks and with the amplitude that one step promises.
+
+    From a second peak too, where that is nearly as high: of two local fits the data choose.
+    """
+    found: LearnedTests = seen.state
+    starts = _peaks(found, seen.best(candidate.key), before)
+    fits = [_fitted_from(candidate, found, start, before, observed) for start in starts]
+    fitted = min(fits, key=lambda one: misfit(one, observed, found.span))
+    return _compared(candidate, path, fitted, before, found, observed)
+
+
+def _fitted_from(
+    candidate: Candidate, found: LearnedTests, start: int, before: SimulatedFit, observed: Observed
+) -> SimulatedFit:
+    entry = candidate.entry
     low, high = entry.parameters[entry.amplitude].support
-    departure = found.amplitude[best]
+    departure = found.amplitude[start]
     # No farther than a third of the prior, and never neutral: there the other parameters mean nothing.
     departure = np.sign(departure or entry.step) * np.clip(
         abs(departure), 0.1 * abs(entry.step), (high - low) / 3.0
     )
     steps = np.array([SHARE * np.ptp(marginal.support) for marginal in entry.parameters.values()])
-    steps[candidate.amplitude_index] = min(abs(entry.step), max(abs(departure), 0.2 * abs(entry.step)))
-    values = found.scores.node[best].copy()
+    steps[candidate.amplitude_index] = found.scores.step[start]
+    values = _between(candidate, found, start)
     values[candidate.amplitude_index] = np.clip(entry.neutral + departure, low, high)
     model = before.model.extended(candidate.simulator, steps)
     state = np.concatenate([before.state, values])
-    lesson = learn(model, observed, simulate_base(model, observed, state), state, known=before.lesson)
-    fitted = fit_simulated(model, observed, start=state, lesson=lesson, span=found.span)
-    return _compared(candidate, path, fitted, before, found, observed)
+    state[: model.hyper] = model.population.widened(state[: model.hyper])
+    lesson = learn(model, observed, simulate_base(model, observed, state), state)
+    return fit_simulated(model, observed, start=state, lesson=lesson, span=found.span)
+
+
+def _peaks(found: LearnedTests, best: int, before: SimulatedFit) -> list[int]:
+    """The best score of an effect, and the best of those unlike it if that is nearly as large."""
+    mine = np.flatnonzero(found.scores.owner == found.scores.owner[best])
+    weights = before.lesson.orthogonal(found.scores.learned[mine].mean(axis=1))
+    covariance = before.base.covariance(weights)
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    place = int(np.flatnonzero(mine == best)[0])
+    unlike = mine[np.abs(covariance[place] / (size * size[place])) < UNLIKE]
+    z = np.abs(found.z)
+    if not len(unlike):
+        return [best]
+    second = int(unlike[np.argmax(z[unlike])])
+    return [best, second] if z[second] > NEARLY * z[best] else [best]
+
+
+def _between(candidate: Candidate, found: LearnedTests, best: int) -> Array:
+    """Values ``(k,)`` where an effect's z peaks: by a parabola through scanned values and their neighbours.
+
+    A fit that begins at a scanned value may find nothing on either side: halfway between two weeks an effect
+    is shared by both, and at one of them its answer to the week is as large one way as the other.
+    """
+    mine = np.flatnonzero(found.scores.owner == found.scores.owner[best])
+    nodes, z = np.array([found.scores.node[i] for i in mine]), found.z[mine] * np.sign(found.z[best])
+    at = int(np.flatnonzero(mine == best)[0])
+    values: Array = nodes[at].copy()
+    for column, name in enumerate(candidate.entry.parameters):
+        if name not in candidate.entry.scanned:
+            continue
+        others = np.delete(nodes, column, axis=1)
+        line = np.flatnonzero((others == others[at]).all(axis=1))
+        line = line[np.argsort(nodes[line, column])]
+        place = int(np.flatnonzero(line == at)[0])
+        if 0 < place < len(line) - 1:
+            below, here, above = z[line[place - 1 : place + 2]]
+            bend = max(2.0 * here - below - above, 1e-9)
+            shift = np.clip(0.5 * (above - below) / bend, -0.5, 0.5)
+            beside = line[place + (1 if shift > 0 else -1)]
+            values[column] += abs(shift) * (nodes[beside, column] - values[column])
+    return values
 
 
 def _compared(
@@ -99,9 +158,8 @@ def _compared(
     found: LearnedTests,
     observed: Observed,
 ) -> Extended:
-    ratio = LogRatio.learned(found.span, fitted.base, before.base)
-    size, gain = len(candidate.entry.parameters), float(ratio(observed.rows).sum())
-    return Extended(path, gain, size, candidate, fitted, ratio)
+    gain = 0.5 * (misfit(before, observed, found.span) - misfit(fitted, observed, found.span))
+    return Extended(path, gain, len(candidate.entry.parameters), candidate, fitted)
 
 
 def refine(one: Extended, found: LearnedTests, before: SimulatedFit, observed: Observed) -> Extended:

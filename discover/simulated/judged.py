@@ -10,6 +10,7 @@ import numpy as np
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.held_out import BEFORE, NAMED, RANDOM, RIVAL, UNNAMED, HeldOut
 from gaugeblock.discovery.simulated.extend import Extended, LogRatio, refit
+from gaugeblock.discovery.simulated.learning import Base
 from gaugeblock.discovery.simulated.moment_fit import SimulatedFit
 from gaugeblock.discovery.simulated.observed import Observed
 
@@ -48,7 +49,8 @@ def learned_scores(
 ) -> HeldOut:
     """Fit each model to either half of the data sets, judge it on the other; the named one comes first.
 
-    Log ratios are sought in the span ``(score, feature)`` of learned scores.
+    Log ratios are sought in the span ``(score, feature)`` of learned scores; those of rivals are over the
+    named model, which they resemble, and not over the one before, which may be unlike both.
 
     Decoys live in the space of the moments of the model before: `unnamed` moves all of them, shrunk
     (James & Stein 1961), random shapes move them along one direction each.
@@ -67,10 +69,13 @@ def learned_scores(
         there, here = moments(plain, fitting), moments(plain, judging)
         gaps[0, k] = (here**2).mean()
         scores[0].append(np.zeros(len(judging)))
+        named: tuple[Base, Array] | None = None
         for row, one in enumerate(models.values(), start=1):
             fitted = refit(one.fit, fitting, span=span)
-            scores[row].append(LogRatio.learned(span, fitted.base, plain.base)(judging.rows))
+            reference, known = named or (plain.base, np.zeros(len(judging)))
+            scores[row].append(known + LogRatio.learned(span, fitted.base, reference)(judging.rows))
             gaps[row, k] = gap(fitted, judging)
+            named = named or (fitted.base, scores[row][-1])
         shrink = max(0.0, 1.0 - 1.0 / float((there**2).mean()))
         moved = [shrink * there, *((shape @ there) * shape for shape in shapes)]
         for row, move in enumerate(moved, start=1 + len(models)):

@@ -4,8 +4,8 @@ The score t(x) = d log p(x | a) / da of an effect's amplitude, with everything e
 known for a simulator that can only simulate; its regression on features f needs no more than the derivative
 of their mean, for E[t f] = dE[f] / da. So the weights are ``covariance^-1 dE[f] / da``, in closed form, from
 simulations on either side: what SALLY's network learns by descent where the joint score is at hand is
-learned here where it is not. Simulations are dealt into two halves: ridge and response come from the half
-that did not make the weights.
+learned here where it is not. Simulations are dealt into two halves: how a score answers comes from the half
+that did not make its weights.
 
 References
 ----------
@@ -15,6 +15,7 @@ Brehmer, Louppe, Pavez & Cranmer (2020), PNAS 117, 5242 (SALLY); Alsing & Wandel
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -22,7 +23,8 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.simulated.model import Model
 from gaugeblock.discovery.simulated.observed import Observed
 
-RIDGES = (1e-4, 1e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0)
+RIDGE = 36.0
+"""Over the number of simulations: what a ridge is in units of the features' variance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,70 +34,87 @@ class Base:
     rows: Array
     mean: Array
     scale: Array
-    values: Array
-    vectors: Array
 
     @classmethod
-    def of(cls, rows: Array) -> Base:
-        """From features of simulated data."""
+    def of(cls, rows: Array, trust: Array) -> Base:
+        """From features ``(n, feature)`` of simulated data, and how far each is trusted ``(feature,)``."""
         mean, scale = rows.mean(axis=0), rows.std(axis=0)
-        scale = np.where(scale > 1e-9, scale, np.inf)  # what never varies has no part in any score
-        standard = (rows - mean) / scale
-        values, vectors = np.linalg.eigh(standard.T @ standard / len(rows))
-        return cls(rows, mean, scale, np.maximum(values, 0.0), vectors)
+        # What never varies has no part in any score.
+        return cls(rows, mean, np.where(scale > 1e-9, scale / trust, np.inf))
+
+    @cached_property
+    def _axes(self) -> tuple[Array, Array]:
+        """Variances along the principal axes of the features in units of their scales, and these axes."""
+        standard = (self.rows - self.mean) / self.scale
+        values, vectors = np.linalg.eigh(standard.T @ standard / len(standard))
+        return np.maximum(values, 0.0), vectors
 
     def covariance(self, weights: Array) -> Array:
         """Covariance of scores with the given weights ``(score, feature)``."""
-        along = (weights * self._scale) @ self.vectors
-        return np.asarray((along * self.values) @ along.T)
+        values, vectors = self._axes
+        along = (weights * self._scale) @ vectors
+        return np.asarray((along * values) @ along.T)
 
     def variance(self, weights: Array) -> Array:
         """Variance of scores with the given weights ``(..., feature)``."""
-        along = (weights * self._scale) @ self.vectors
-        return np.asarray((along**2 * self.values).sum(axis=-1))
+        values, vectors = self._axes
+        along = (weights * self._scale) @ vectors
+        return np.asarray((along**2 * values).sum(axis=-1))
 
     @property
     def _scale(self) -> Array:
         return np.where(np.isfinite(self.scale), self.scale, 0.0)
 
     def learn(self, halves: Array) -> Array:
-        """Weights ``(2, feature)`` of a score, one from each of two estimates ``(2, feature)`` of dE[f].
-
-        The ridge is the one whose weights from one half respond best, for their noise, in the other.
-        """
-        along = (halves / self.scale) @ self.vectors
-        best, chosen = -np.inf, along
-        for ridge in RIDGES:
-            weights = along / (self.values + ridge)
-            across = (weights * along[::-1]).sum(axis=1)
-            noise = (weights**2 * self.values).sum(axis=1)
-            merit = float((np.sign(across) * across**2 / np.maximum(noise, 1e-300)).mean())
-            if merit > best:
-                best, chosen = merit, weights
-        return np.asarray(chosen @ self.vectors.T / self.scale)
+        """Weights ``(2, feature)`` of a score, one from each of two estimates ``(2, feature)`` of dE[f]."""
+        values, vectors = self._axes
+        along = (halves / self.scale) @ vectors / (values + RIDGE / len(self.rows))
+        return np.asarray(along @ vectors.T / self.scale)
 
 
 def simulate_base(model: Model, observed: Observed, state: Array) -> Base:
     """Features of simulations at one state."""
     budget = observed.budget
-    return Base.of(observed.features(model.draw(state, budget.simulations, budget.seed)))
+    rows = observed.features(model.draw(state, budget.simulations, budget.seed))
+    return Base.of(rows, observed.features.trust)
 
 
-def derivative(model: Model, observed: Observed, state: Array, index: int, seed: int) -> Array:
+def derivative(
+    model: Model, observed: Observed, state: Array, index: int, seed: int, *, simulations: int | None = None
+) -> Array:
     """Two independent estimates ``(2, feature)`` of the derivative of the mean features by one of the state.
 
-    From both sides where the bounds leave room, else from one.
+    From both sides where the bounds leave room. From one side the ends are half as far apart and the noise of
+    the answer twice as large: four times as much is simulated.
     """
     low, high = model.bounds[index]
     step = model.steps[index]
     ends = np.clip([state[index] - step, state[index] + step], low, high)
+    n = observed.budget.simulations if simulations is None else simulations
+    if ends[1] - ends[0] < 1.5 * step:
+        n *= 4
     sides = []
     for end in ends:
         moved = state.copy()
         moved[index] = end
-        sides.append(observed.features(model.draw(moved, observed.budget.differences, seed)))
+        sides.append(observed.features(model.draw(moved, n, seed)))
     difference = (sides[1] - sides[0]) / (ends[1] - ends[0])
     return np.stack([half.mean(axis=0) for half in np.array_split(difference, 2)])
+
+
+def by_population(model: Model, observed: Observed, base: Base, state: Array) -> list[Array]:
+    """The same ``(2, feature)`` for each hyper-parameter of a population, from simulations of one state.
+
+    The density of the parameters is known whatever simulates: ``dE[f]/dh = E[f dlog p(theta | h)/dh]``.
+    Differences of simulations are noise where their noise does not cancel. For a population that is a point
+    the density is too steep for that, and none are given.
+    """
+    if not model.population.shape_free:
+        return []
+    normal = model.normal(len(base.rows), observed.budget.seed)
+    scores = model.population.score(state[: model.hyper], normal)
+    parts = zip(np.array_split(scores, 2), np.array_split(base.rows - base.mean, 2), strict=True)
+    return list(np.stack([score.T @ rows / len(rows) for score, rows in parts], axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,26 +146,15 @@ class Lesson:
         first, second = (self.learned[:, k] @ self.halves[:, 1 - k].T for k in (0, 1))
         return np.asarray(0.5 * (first + second))
 
-    def extended(self, state: Array, learned: Array, halves: Array) -> Lesson:
-        """With scores of what was added to the state."""
-        return Lesson(state, np.concatenate([self.learned, learned]), np.concatenate([self.halves, halves]))
-
     def orthogonal(self, weights: Array) -> Array:
         """Weights ``(..., feature)`` less what any of the state could bring about in them to first order."""
         share = np.linalg.solve(self.response.T, self.slope @ np.atleast_2d(weights).T)
         return np.asarray(weights - (share.T @ self.weights).reshape(np.shape(weights)))
 
 
-def learn(
-    model: Model, observed: Observed, base: Base, state: Array, *, known: Lesson | None = None
-) -> Lesson:
-    """Learn the scores of everything in the state.
-
-    The first ones are taken over where a lesson is given that has them already.
-    """
-    first, seed = 0 if known is None else len(known.state), observed.budget.seed + 1
-    halves = np.array(
-        [derivative(model, observed, state, index, seed + index) for index in range(first, len(state))]
-    )
-    learned = np.array([base.learn(pair) for pair in halves])
-    return Lesson(state, learned, halves) if known is None else known.extended(state, learned, halves)
+def learn(model: Model, observed: Observed, base: Base, state: Array) -> Lesson:
+    """Learn the scores of everything in the state."""
+    slopes, seed = by_population(model, observed, base, state), observed.budget.seed + 1
+    for index in range(len(slopes), len(state)):
+        slopes.append(derivative(model, observed, state, index, seed + index))
+    return Lesson(state, np.array([base.learn(pair) for pair in slopes]), np.array(slopes))

@@ -11,12 +11,15 @@ from gaugeblock.discovery.simulated.learning import Base, Lesson, learn, simulat
 from gaugeblock.discovery.simulated.model import Model
 from gaugeblock.discovery.simulated.observed import Observed
 
-ROUNDS = 3
+ROUNDS = 5
 """Times that the scores are learned anew where the last fit ended."""
 
 STEPS = 4
 CLOSE = 0.1
 """Standard errors of a step that are as good as none."""
+
+NEAR = 3.0
+"""Standard errors from where scores were learned within which they hold."""
 
 DISTINCT = 1e-3
 """Combinations of scores that vary less than this, in units of the most varied one, are left out."""
@@ -43,6 +46,11 @@ class SimulatedFit:
     def error(self) -> Array:
         """Standard error of everything in the state."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def settled(self) -> bool:
+        """Whether it ended near where its scores were learned."""
+        return self.converged and bool(np.all(np.abs(self.state - self.lesson.state) < NEAR * self.error))
 
 
 def fit_simulated(
@@ -71,6 +79,8 @@ def fit_simulated(
     McFadden (1989), Econometrica 57, 995; Wood (2010), Nature 466, 1102.
     """
     state, found, close = np.clip(start, *model.bounds.T), lesson, False
+    if lesson is None:
+        state[: model.hyper] = model.population.widened(state[: model.hyper])
     base = simulate_base(model, observed, state)
     for _ in range(ROUNDS if lesson is None else 1):
         if lesson is None:
@@ -81,7 +91,7 @@ def fit_simulated(
         noise = _noise(found, base, observed, span)
         error = np.sqrt(np.maximum(np.diag(noise), 1e-300))
         close = bool(np.all(np.abs(last) < 3.0 * CLOSE * error))
-        if close and np.all(np.abs(state - begin) < 3.0 * error):
+        if close and np.all(np.abs(state - begin) < NEAR * error):
             break
     assert found is not None
     return SimulatedFit(model, state, _noise(found, base, observed, span), base, found, close)
@@ -138,8 +148,36 @@ def _system(lesson: Lesson, base: Base, span: Array | None) -> tuple[Array, Arra
     return weights, slope, inverse / np.outer(scale, scale)
 
 
+def misfit(fitted: SimulatedFit, observed: Observed, span: Array) -> float:
+    """How far the data are from a fitted model in the span ``(score, feature)`` of scores: a chi square.
+
+    With the model's own covariance: that of another is no measure where an effect is large.
+
+    References
+    ----------
+    Hansen (1982), Econometrica 50, 1029; Andrews (1999), Econometrica 67, 543.
+    """
+    weights, _, metric = _system(fitted.lesson, fitted.base, span)
+    left = weights @ (observed.mean - fitted.base.mean)
+    return float(left @ metric @ left) * len(observed) / observed.inflation
+
+
 def _noise(lesson: Lesson, base: Base, observed: Observed, span: Array | None) -> Array:
-    """Covariance of the fitted state, with the simulated means' own noise."""
+    """Covariance of the fitted state, with the noise of the simulated means and of what was learned.
+
+    The answers of the scores are known with an error, which would pass for information; two halves of the
+    simulations do not share it.
+    """
     _, slope, metric = _system(lesson, base, span)
-    information = slope.T @ metric @ slope * (len(observed) / observed.inflation)
-    return np.asarray(np.linalg.pinv(information, rcond=1e-8, hermitian=True))
+    first, second = (_answers(lesson, k, span) for k in (0, 1))
+    across = first.T @ metric @ second
+    inverse = np.linalg.pinv(0.5 * (across + across.T), rcond=1e-8, hermitian=True)
+    scatter = inverse @ (slope.T @ metric @ slope) @ inverse
+    return np.asarray(scatter * observed.inflation / len(observed))
+
+
+def _answers(lesson: Lesson, half: int, span: Array | None) -> Array:
+    """How scores ``(score, state)`` answer, by derivatives from one half and weights from the other."""
+    slope = lesson.halves[:, half].T
+    own = lesson.learned[:, 1 - half] @ slope
+    return own if span is None else np.concatenate([own, span @ slope])

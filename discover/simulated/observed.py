@@ -12,15 +12,10 @@ from gaugeblock.discovery.simulated.features import LearnedFeatures
 
 @dataclass(frozen=True)
 class Budget:
-    """How much is simulated: `simulations` at a state, a half of it for derivatives; and from which seed."""
+    """How much is simulated: `simulations` at a state and on each side of a derivative; and the seed."""
 
     simulations: int
     seed: int
-
-    @property
-    def differences(self) -> int:
-        """Simulations on each side of a derivative."""
-        return max(self.simulations // 2, 500)
 
 
 @dataclass(frozen=True, eq=False)

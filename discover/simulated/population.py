@@ -11,6 +11,9 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.result import Estimate, spread
 from gaugeblock.simulators.prior import Prior
 
+STEEP = -0.5
+"""Log of the width, in units of the reference's, from which on fits begin."""
+
 
 @dataclass(frozen=True, eq=False)
 class LearnedPopulation:
@@ -58,6 +61,16 @@ class LearnedPopulation:
         found[p : 2 * p] = [-3.0, 1.0]  # from a twentieth of the prior's width to beyond it
         return found
 
+    def widened(self, hyper: Array) -> Array:
+        """The hyper-parameters with no width below `STEEP`.
+
+        Data hardly answer to the width of a very narrow population, and a fit that begins there stays there.
+        """
+        found, p = hyper.copy(), self.prior.size
+        if self.shape_free:
+            found[p : 2 * p] = np.maximum(found[p : 2 * p], STEEP)
+        return found
+
     def described(self, hyper: Array) -> dict[str, Estimate]:
         """Median of every parameter, and its 16% and 84% quantiles in the population, by name."""
         shape = self._shape(hyper)
@@ -79,3 +92,17 @@ class LearnedPopulation:
         shape = self._shape(hyper)
         z = self.centre + (hyper[: self.prior.size] + self.width * (normal @ shape.T)) @ self.root.T
         return self.prior.from_unit_cube(np.clip(ndtr(z), 1e-12, 1.0 - 1e-12))
+
+    def score(self, hyper: Array, normal: Array) -> Array:
+        """Derivatives ``(n, hyper)`` of the log density of a draw's parameters by the hyper-parameters.
+
+        They are known whatever simulates; the mean of a feature changes as its covariance with them.
+        """
+        p = self.prior.size
+        shape = self._shape(hyper)
+        found = [np.linalg.solve(self.width * shape.T, normal.T).T]
+        if self.shape_free:
+            along = found[0] * np.diag(shape) * self.width
+            low = np.tril_indices(p, -1)
+            found += [along * normal - 1.0, self.width * found[0][:, low[0]] * normal[:, low[1]]]
+        return np.concatenate(found, axis=1)

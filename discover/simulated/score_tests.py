@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.engine import Look, beyond
-from gaugeblock.discovery.library import Candidates
+from gaugeblock.discovery.library import Candidate, Candidates
 from gaugeblock.discovery.name.score import allowed
 from gaugeblock.discovery.simulated.learning import Base, derivative
 from gaugeblock.discovery.simulated.moment_fit import SimulatedFit
@@ -23,6 +23,15 @@ SIGMA = 5.0
 SCAN_SEED = 1000
 """Seeds of the scan's simulations begin so far behind the fit's."""
 
+MOVES = 0.5
+WIDER = 3.0
+"""Times the library's own step that an amplitude is moved by at most."""
+
+FARTHEST, CLOSE = 10.0, 2.0
+"""A trial changes a step by no more than the first; less than the second is as good as no change."""
+
+TRIALS = 3
+
 CELLS = 2_000_000
 """Numbers gathered at once when the null is drawn."""
 
@@ -33,34 +42,65 @@ class LearnedScores:
 
     `owner` ``(score,)`` names the effect, `node` ``(score,)`` its parameters' values; `learned` and `halves`
     ``(score, 2, feature)`` are weights and the derivatives they were made from, as in `Lesson`; `sign` is 0
-    where the amplitude may go both ways, else the way it may go.
+    where the amplitude may go both ways, else the way it may go; `step` ``(score,)`` what the amplitude was
+    moved by.
     """
 
     owner: NDArray[np.str_]
     node: tuple[Array, ...]
     learned: Array
     halves: Array
+    step: Array
     sign: NDArray[np.int64]
 
 
 def learn_effects(candidates: Candidates, fitted: SimulatedFit, observed: Observed) -> LearnedScores:
     """Learn the score of every effect at the fitted state; all effects see the same random numbers."""
-    owner, node, learned, halves, sign = [], [], [], [], []
+    owner, node, learned, halves, step, sign = [], [], [], [], [], []
     for candidate in candidates:
         entry = candidate.entry
-        model = fitted.model.extended(candidate.simulator, np.full(len(entry.parameters), abs(entry.step)))
-        index = len(model.steps) + candidate.amplitude_index
         for values in entry.nodes:
             neutral = values.copy()
             neutral[candidate.amplitude_index] = entry.neutral
-            state = np.concatenate([fitted.state, neutral])
-            pair = derivative(model, observed, state, index, observed.budget.seed + SCAN_SEED)
+            size, pair, weights = _well_stepped(candidate, neutral, fitted, observed)
             owner.append(candidate.key)
             node.append(values)
             halves.append(pair)
-            learned.append(fitted.base.learn(pair))
+            learned.append(weights)
+            step.append(size)
             sign.append(0 if entry.two_sided else int(np.sign(entry.step)))
-    return LearnedScores(np.array(owner), tuple(node), np.array(learned), np.array(halves), np.array(sign))
+    return LearnedScores(
+        np.array(owner), tuple(node), np.array(learned), np.array(halves), np.array(step), np.array(sign)
+    )
+
+
+def _well_stepped(
+    candidate: Candidate, neutral: Array, fitted: SimulatedFit, observed: Observed
+) -> tuple[float, Array, Array]:
+    """Step of the amplitude, derivatives over it and weights of the score, at values ``(k,)`` of no effect.
+
+    A step should move the score of a single data set by about `MOVES` of its standard deviation: over a much
+    larger one the answer is not a line, over a smaller one it is noise.
+    """
+    entry, index = candidate.entry, len(fitted.state) + len(neutral) + candidate.amplitude_index
+    state, size = np.concatenate([fitted.state, neutral]), abs(entry.step)
+    seed, base = observed.budget.seed + SCAN_SEED, fitted.base
+
+    def over(step: float, simulations: int) -> tuple[Array, Array]:
+        model = fitted.model.extended(candidate.simulator, np.full(len(neutral), step))
+        pair = derivative(model, observed, state, index, seed, simulations=simulations)
+        return pair, base.learn(pair)
+
+    for _ in range(TRIALS):
+        pair, weights = over(size, observed.budget.simulations // 4)
+        response = 0.5 * float((weights * pair[::-1]).sum())
+        sd = np.sqrt(max(float(base.variance(weights.mean(axis=0))), 1e-300))
+        before = size
+        size *= np.clip(MOVES * sd / max(size * response, 1e-9 * sd), 1.0 / FARTHEST, FARTHEST)
+        size = min(size, WIDER * abs(entry.step))
+        if 1.0 / CLOSE < size / before < CLOSE:
+            break
+    return size, *over(size, observed.budget.simulations)
 
 
 @dataclass(frozen=True, eq=False)

@@ -97,6 +97,10 @@ def test_what_is_left_of_a_catalogue_joins_the_set():
 def test_what_is_left_of_simulations_takes_the_name_away():
     left = look(1.0, above=500, rest=0.001)
     assert said(SIMULATIONS, last=left) == ("unnamed", ("unnamed", "line"), None)
+    # However much it gains; of one source's counts a name of 25 nats stands, and is doubted.
+    assert said(SIMULATIONS, last=left, worth=(400.0,)) == ("unnamed", ("unnamed", "line"), None)
+    assert said(last=LOUD, worth=(24.0,)) == ("unnamed", ("unnamed", "line"), None)
+    assert said(last=LOUD, worth=(25.0,)) == ("line", ("line", "unnamed"), None)
     # Moved moments are no model: they neither take a place nor join.
     assert said(SIMULATIONS, held=scored(unnamed=20.0)) == ("line", ("line",), None)
     assert said(SIMULATIONS, held=scored(line=-1.0, unnamed=20.0)) == (None, (), "line")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gaugeblock.discovery.simulated.closing_in import close_in
-from gaugeblock.discovery.simulated.population import LearnedPopulation
+from gaugeblock.discovery.simulated.population import STEEP, LearnedPopulation
 from gaugeblock.simulators import LogUniform, Normal, Prior, Uniform
 
 
@@ -48,3 +48,44 @@ def test_around_one_data_set_it_is_a_point(ruler, readings):
     assert described["length"].value == pytest.approx(x.mean(), abs=0.05)
     assert described["length"].high - described["length"].low < 0.06
     assert population.names == ("mean[length]",)
+
+
+def log_density(population, hyper, z):
+    """Of normal scores z ``(n, parameter)``: Gaussian, from mean and covariance."""
+    p = z.shape[1]
+    shape = np.diag(np.exp(hyper[p : 2 * p]))
+    shape[np.tril_indices(p, -1)] = hyper[2 * p :]
+    root = population.root @ shape
+    left = np.linalg.solve(root, (z - population.centre - population.root @ hyper[:p]).T)
+    return -0.5 * (left**2).sum(axis=0) - np.linalg.slogdet(root)[1]
+
+
+def test_scores_are_derivatives_of_the_log_density():
+    rng = np.random.default_rng(6)
+    prior = Prior({name: Normal(0.0, 1.0) for name in "abc"})
+    root = np.linalg.cholesky(np.cov(rng.normal(size=(3, 50))))
+    population = LearnedPopulation(prior, np.array([0.2, -0.1, 0.4]), root)
+    hyper = rng.normal(scale=0.4, size=9)
+    normal = rng.normal(size=(7, 3))
+    z = population.theta(hyper, normal)  # of a standard normal prior theta are the normal scores
+    found = population.score(hyper, normal)
+    assert found.shape == (7, 9)
+    for k in range(9):
+        step = 1e-5 * np.eye(9)[k]
+        expected = (
+            log_density(population, hyper + step, z) - log_density(population, hyper - step, z)
+        ) / 2e-5
+        np.testing.assert_allclose(found[:, k], expected, atol=1e-6)
+
+
+def test_a_point_has_scores_of_its_place_alone():
+    population = LearnedPopulation(Prior({"a": Normal(0.0, 1.0)}), np.zeros(1), np.eye(1), False, 0.05)
+    # Mean u, standard deviation 0.05: the score is (z - u) / 0.05^2.
+    np.testing.assert_allclose(population.score(np.zeros(1), np.array([[0.5]])), [[0.5 / 0.05]])
+
+
+def test_fits_begin_where_widths_matter():
+    population = LearnedPopulation.of(Prior({"a": Normal(0.0, 1.0), "b": Normal(0.0, 1.0)}))
+    hyper = np.array([-3.0, 1.0, -2.0, 0.3, -0.9])
+    np.testing.assert_allclose(population.widened(hyper), [-3.0, 1.0, STEEP, 0.3, -0.9])
+    assert hyper[2] == -2.0

@@ -1,11 +1,15 @@
 """The whole workflow on simulators that can only simulate: names, amplitudes, gaps, and what has no name."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.discovery import discover_simulated
+from gaugeblock.discovery import discover_simulated, simulations
 from gaugeblock.discovery.result import Discovery
+from gaugeblock.discovery.simulated import judged
+from gaugeblock.discovery.simulated.extend import extended_by, refine, refit
 from gaugeblock.simulators import build_simulator
 
 SMALL = {"simulations": 3000, "replicates": 399}
@@ -67,8 +71,55 @@ def test_what_is_not_in_the_library_is_unnamed(ruler, readings):
     assert found.p_global <= 0.01
 
 
+def test_what_gains_much_by_a_likeness_is_still_unnamed(ruler, readings):
+    # Every second mark is read too high: a spike of the library explains one of them, and gains by that.
+    x = readings(300, 18) + 0.7 * (np.arange(8) % 2)
+    found = discover_simulated(ruler, x, seed=6, **SMALL)
+    assert found.named == "unnamed"
+    assert max(one["gain"] or 0.0 for one in found.to_json()["candidates"]) > 25
+
+
+def test_what_is_not_fitted_yet_is_fitted_again_and_rivals_are_held_against_the_named(
+    ruler, readings, monkeypatch
+):
+    """Steps are made to look as if their fits had not ended: far behind, they are refined all the same."""
+    refined, ratios, made = [], [], {}
+
+    def unsettled(candidate, *others):
+        one = extended_by(candidate, *others)
+        return replace(one, fit=replace(one.fit, converged=False)) if candidate.key == "step" else one
+
+    def noted(one, *others):
+        refined.append(one.label)
+        return refine(one, *others)
+
+    def refitted(like, *others, **options):
+        fitted = refit(like, *others, **options)
+        made[id(fitted.base)] = len(like.state)
+        kept.append(fitted)  # so that no other base takes its place in memory
+        return fitted
+
+    def learned(span, numerator, denominator):
+        ratios.append((made.get(id(numerator)), made.get(id(denominator))))
+        return ratio(span, numerator, denominator)
+
+    kept, ratio = [], judged.LogRatio.learned
+    both = replace(simulations.SIMULATIONS, at_least=2, behind=0.0)
+    monkeypatch.setattr(simulations, "SIMULATIONS", both)
+    monkeypatch.setattr(simulations, "extended_by", unsettled)
+    monkeypatch.setattr(simulations, "refine", noted)
+    monkeypatch.setattr(judged, "refit", refitted)
+    monkeypatch.setattr(judged.LogRatio, "learned", learned)
+    x = readings(300, 11, spike={"height": 0.6, "mark": 2.0})
+    found = discover_simulated(ruler, x, seed=1, only=("spike", "step"), **SMALL)
+    assert found.named == "spike"
+    assert refined.count("step") == 1
+    # By the number of parameters: the spike over the model before, the step over the spike; in either half.
+    assert [pair for pair in ratios if pair != (None, None)] == [(4, 2), (4, 4)] * 2
+
+
 def test_one_data_set_alone(ruler, readings):
-    x = readings(1, 15, centre=0.3, width=0.1, spike={"height": 6.0, "mark": 5.0})
+    x = readings(1, 15, centre=0.3, width=0.1, spike={"height": 8.0, "mark": 5.0})
     found = discover_simulated(ruler, x, seed=5, **SMALL)
     best = found.to_json()["candidates"][0]
     assert found.p_global <= 0.01

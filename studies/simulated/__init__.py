@@ -1,0 +1,1 @@
+"""What discovery finds on the epidemic by simulations alone: information, names, amplitudes."""

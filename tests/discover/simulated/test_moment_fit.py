@@ -1,0 +1,127 @@
+"""Fits by simulated moments: errors are as large as they say, misfits are chi squares."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gaugeblock.discovery.simulated.before import prepare
+from gaugeblock.discovery.simulated.extend import _between, _peaks, extended_by, refine, refit
+from gaugeblock.discovery.simulated.learning import Base, Lesson
+from gaugeblock.discovery.simulated.moment_fit import SimulatedFit, _noise, fit_simulated, misfit
+from gaugeblock.discovery.simulated.observed import Budget, Observed
+from gaugeblock.discovery.simulated.score_tests import find
+
+HEIGHT, MARK, CATALOGUES = 0.8, 2.5, 100
+
+
+def whispered(_):
+    """Report no progress."""
+
+
+@pytest.fixture(scope="module")
+def spiked(ruler, readings):
+    """The spike fitted to one catalogue, and then to a hundred others by what was learned there."""
+    x = readings(150, 40, spike={"height": HEIGHT, "mark": MARK})
+    before = prepare(
+        ruler, x, own=None, only=("spike",), budget=Budget(3000, 9), summaries=None, step=whispered
+    )
+    observed = before.observed
+    found = find(before.scores, before.fit, observed, replicates=399, rng=np.random.default_rng(1))
+    seen = found.look(before.candidates.entries, len(observed))
+    one = refine(
+        extended_by(before.candidates["spike"], ("spike",), seen, before.fit, observed),
+        found,
+        before.fit,
+        observed,
+    )
+    fits, misfits = [], []
+    for k in range(CATALOGUES):
+        rows = observed.features(readings(150, 5000 + k, spike={"height": HEIGHT, "mark": MARK}))
+        other = replace(observed, rows=rows)
+        fitted = refit(one.fit, other, span=found.span)
+        fits.append(((fitted.state[2] - HEIGHT) / fitted.error[2], fitted.error[2]))
+        misfits.append(misfit(fitted, other, found.span))
+    return before, one, np.array(fits), np.array(misfits), found
+
+
+def test_errors_are_as_large_as_they_say(spiked):
+    """Pulls of 100 catalogues: standard deviation within 0.8 to 1.25, three of its errors of 0.07."""
+    pulls, errors = spiked[2].T
+    assert 0.8 < pulls.std() < 1.25
+    assert abs(pulls.mean()) < 0.5  # one lesson for all: its own noise is common to them
+    # An unknown place and population leave an error between that of one free reading and twice it.
+    assert 1.0 / np.sqrt(150) < np.median(errors) < 2.0 / np.sqrt(150)
+
+
+def test_the_misfit_of_the_truth_is_a_chi_square(spiked):
+    """Less degrees than scores that differ, by what was fitted; far larger without the spike."""
+    before, one, _, misfits, found = spiked
+    distinct = np.linalg.matrix_rank(np.corrcoef(found.span @ before.fit.base.rows.T[:, :1000]), tol=1e-2)
+    assert 0.3 * distinct < misfits.mean() < 1.6 * distinct
+    without = misfit(before.fit, before.observed, found.span)
+    assert one.gain == pytest.approx(0.5 * (without - misfit(one.fit, before.observed, found.span)))
+    assert one.gain > 5
+
+
+def test_a_fit_begins_between_scanned_values_and_at_a_second_peak(spiked):
+    """The spike is shared by marks 2 and 3; by chance one at the end has the largest score."""
+    before, one, _, _, found = spiked
+    at = {node[1]: k for k, node in enumerate(found.scores.node)}
+    z = np.abs(found.z)
+    candidate = before.candidates["spike"]
+    assert _between(candidate, found, at[2.0])[1] == pytest.approx(2.5, abs=0.1)
+    assert _between(candidate, found, at[7.0])[1] == 7.0
+    assert int(np.argmax(z)) == at[7.0]
+    assert z[at[2.0]] > 0.8 * z[at[7.0]]
+    assert _peaks(found, at[7.0], before.fit) == [at[7.0], at[2.0]]
+    halved = replace(found, z=np.where(np.arange(8) == at[7.0], found.z, 0.5 * found.z))
+    assert _peaks(halved, at[7.0], before.fit) == [at[7.0]]
+    assert one.values["mark"] == pytest.approx(2.5, abs=0.3)
+
+
+def test_a_fit_that_begins_too_narrow_finds_the_width(spiked, readings):
+    before = spiked[0]
+    observed = replace(before.observed, rows=before.observed.features(readings(150, 77)))
+    narrow = np.array([0.0, -2.9])
+    width = fit_simulated(before.fit.model, observed, start=narrow)
+    usual = fit_simulated(before.fit.model, observed, start=np.zeros(2))
+    np.testing.assert_allclose(width.state, usual.state, atol=0.05)
+
+
+def test_a_fit_is_settled_near_where_its_scores_were_learned(spiked):
+    fitted = spiked[1].fit
+    assert fitted.settled
+    far = replace(fitted.lesson, state=fitted.state + 3.5 * fitted.error)
+    assert not replace(fitted, lesson=far).settled
+    assert not replace(fitted, converged=False).settled
+
+
+def test_noise_in_what_was_learned_is_no_information():
+    """Two scores, one of pure noise: the answer of each is known with an error of its own in either half."""
+    rng = np.random.default_rng(11)
+    base = Base.of(rng.normal(size=(4000, 40)), np.ones(40))
+    truth, covariances, naive = np.eye(40)[:1] * 0.3, [], []
+    span = np.eye(40)
+    observed = Observed(None, np.zeros((100, 40)), Budget(4000, 1))
+    for _ in range(200):
+        halves = truth[:, None] + 0.1 * rng.normal(size=(1, 2, 40))
+        lesson = Lesson(np.zeros(1), base.learn(halves.reshape(2, 40)).reshape(1, 2, 40), halves)
+        covariances.append(_noise(lesson, base, observed, span)[0, 0] / observed.inflation)
+        naive.append(1.0 / (100 * (lesson.slope**2).sum()))
+    # Exactly known, the answer gives 1 / (100 x 0.3^2) = 0.111; noise in it is 40 x 0.1^2 / 2 = 0.2 more.
+    assert np.median(naive) < 0.6 * 0.111
+    # The scores' weights scatter too: error of a state by them, (0.09 + 0.2) / (100 x 0.09^2) = 0.36.
+    assert 0.2 < np.median(covariances) < 0.6
+
+
+def test_the_misfit_by_hand():
+    rng = np.random.default_rng(12)
+    rows = rng.normal(size=(500, 2)) @ [[1.0, 0.4], [0.0, 1.0]]
+    base = Base.of(rows, np.ones(2))
+    lesson = Lesson(np.zeros(1), np.tile([1.0, 0.0], (1, 2, 1)), np.ones((1, 2, 2)))
+    observed = Observed(None, rng.normal(size=(50, 2)) + 0.3, Budget(500, 1))
+    fitted = SimulatedFit(None, np.zeros(1), np.eye(1), base, lesson, True)
+    left = observed.mean - rows.mean(axis=0)
+    expected = left @ np.linalg.solve(np.cov(rows.T, bias=True), left) * 50 / (1 + 50 / 500)
+    assert misfit(fitted, observed, np.array([[0.0, 1.0]])) == pytest.approx(expected)
