@@ -119,15 +119,21 @@ def test_what_is_not_fitted_yet_is_fitted_again_and_rivals_are_held_against_the_
 
 
 def test_one_data_set_alone(ruler, readings):
-    x = readings(1, 15, centre=0.3, width=0.1, spike={"height": 8.0, "mark": 5.0})
-    found = discover_simulated(ruler, x, seed=5, **SMALL)
-    best = found.to_json()["candidates"][0]
-    assert found.p_global <= 0.01
-    assert best["effect"] == "spike"
-    assert best["parameters"]["mark"] == pytest.approx(5.0, abs=0.5)
-    assert "held_out" in {item["id"] for item in found.to_json()["not_checked"]}
-    quiet = discover_simulated(ruler, readings(1, 16, centre=0.3, width=0.1), seed=5, **SMALL)
-    assert quiet.named is None
+    """A spike of six errors is the best candidate at a global p of 0.01 in most of ten; the quiet stay quiet."""
+    right = 0
+    for seed in range(100, 110):
+        x = readings(1, seed, centre=0.3, width=0.1, spike={"height": 6.0, "mark": 5.0})
+        found = discover_simulated(ruler, x, seed=seed, **SMALL).to_json()
+        best = found["candidates"][0]
+        if found["disagreement"]["p_global"] <= 0.01 and best["effect"] == "spike":
+            assert best["parameters"]["mark"] == pytest.approx(5.0, abs=0.5)
+            right += 1
+        assert "held_out" in {item["id"] for item in found["not_checked"]}
+    assert right >= 5
+    for seed in (16, 116):
+        assert (
+            discover_simulated(ruler, readings(1, seed, centre=0.3, width=0.1), seed=5, **SMALL).named is None
+        )
 
 
 @pytest.mark.slow
