@@ -119,7 +119,7 @@ def test_what_is_not_fitted_yet_is_fitted_again_and_rivals_are_held_against_the_
 
 
 def test_one_data_set_alone(ruler, readings):
-    """A spike of six errors is the best candidate at a global p of 0.01 in most of ten; the quiet stay quiet."""
+    """A spike of six errors is the best candidate, at a global p of 0.01, in most of ten."""
     right = 0
     for seed in range(100, 110):
         x = readings(1, seed, centre=0.3, width=0.1, spike={"height": 6.0, "mark": 5.0})
