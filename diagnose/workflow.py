@@ -181,6 +181,7 @@ class _Parts:
     again: Called | None
     symptoms: Mapping[str, Fit]
     _seen: dict[int, tuple[Array, Kinds]] = field(default_factory=dict)
+    _told: dict[tuple[int, int], list[LogRatios]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, cases: Cases, seed: int, again: Called | None, symptoms: Mapping[str, Fit]) -> _Parts:
@@ -315,8 +316,10 @@ class _Parts:
         return int(float(f"{number:.2g}")) if number <= HOPELESS * len(self.cases) else None
 
     def ratios(self, one: Tried, other: Tried) -> list[LogRatios]:
-        """Log ratios of both's densities, of the parts on which both were fitted to the other."""
-        found = []
+        """Log ratios of both's densities, of the parts on which both were fitted to the other; once."""
+        if (id(one), id(other)) in self._told:
+            return self._told[id(one), id(other)]
+        found = self._told[id(one), id(other)] = []
         for half, mends in enumerate(((one.repairs, other.repairs), (one.crossed, other.crossed))):
             if all(mends):
                 learned, judged = (

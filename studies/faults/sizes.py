@@ -50,14 +50,19 @@ def cases(seed: int, numbers: Mapping[str, int]) -> list[Answer]:
     return found
 
 
-def audited(answer: Answer) -> gb.Audit:
-    """The audit of the draws of one case, its estimator out of reach."""
+def audited(
+    answer: Answer, *, most: int | None = None, validators: tuple[str, ...] | None = None
+) -> gb.Audit:
+    """The audit of the draws of one case, its estimator out of reach; of so many parameters at most."""
     hidden = estimator(answer.problem, answer.fault, answer.numbers)
     known, rng = prior(answer.problem), np.random.default_rng([answer.seed, 3])
     theta = known.sample(answer.trials, rng)
     x = hidden.simulate(theta, rng)
     draws = hidden.sample(x, answer.draws, rng)
-    return gb.audit_draws(theta, draws, x=x, names=known.names, seed=answer.seed, progress=False)
+    return gb.audit_draws(
+        theta[:, :most], draws[..., :most], x=x, names=known.names[:most], seed=answer.seed, progress=False,
+        validators=validators,
+    )  # fmt: skip
 
 
 def measured(answer: Answer) -> dict[str, Any]:
