@@ -17,7 +17,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import generator
 
 # Draws of a trial that are looked at, and trials: what a fault takes to be named, and no more.
-DRAWS, TRIALS = 128, 6000
+DRAWS, TRIALS = 128, 3600
 # Of a normal distribution, half of what its central 68% spans, in its standard deviations.
 CENTRAL = 0.68
 

@@ -301,6 +301,7 @@ def fit_tilt(values: Array, kinds: Kinds, log_weight: Array | float = 0.0) -> Ti
     centred /= scale
     flat = centred.reshape(n * number, size)
     weight, precision = np.zeros(size), np.full(size, LEAST_PRECISION)
+    before = -np.inf
     for step in range(NEWTON):
         chance, _ = _chances(centred, weight, log_weight)
         chance = chance.astype(centred.dtype)
@@ -312,12 +313,14 @@ def fit_tilt(values: Array, kinds: Kinds, log_weight: Array | float = 0.0) -> Ti
         if not step:
             # Where truths are hardly told from draws this is exact; where they are, no ridge matters much.
             precision = _by_evidence(spread, gradient, kinds)
+            before = _posterior(centred, weight, precision, log_weight)
         along = linalg.solve(spread + np.diag(precision), gradient - precision * weight, assume_a="pos")
         # A whole Newton step may go too far where truth and draws are far apart.
-        before, share = _posterior(centred, weight, precision, log_weight), 1.0
-        while share > 1e-3 and _posterior(centred, weight + share * along, precision, log_weight) < before:
+        share, reached = 1.0, _posterior(centred, weight + along, precision, log_weight)
+        while share > 1e-3 and reached < before:
             share /= 2
-        weight = weight + share * along
+            reached = _posterior(centred, weight + share * along, precision, log_weight)
+        weight, before = weight + share * along, reached
         if share * float(np.abs(along).max()) < NEGLIGIBLE:
             break
     return Tilt(weight / scale, kinds)

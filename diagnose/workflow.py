@@ -376,14 +376,18 @@ class _Parts:
         original = self.original
         if not chosen:
             return Tried(chosen, crossed, original, original, 0.0, False)
-        found = [
-            self._half(mends[-1:], half if mends else as_it_was, as_it_was[1], scored)
-            for mends, half, as_it_was, scored in zip(
-                (chosen, crossed), begun or self.halves, self.halves, self.scored, strict=True
-            )
-        ]
-        left, cost = (np.concatenate(parts) for parts in zip(*found, strict=True))
         allowed = _allowed(chosen)
+        found: list[tuple[Array, Array]] = []
+        for mends, half, as_it_was, scored in zip(
+            (chosen, crossed), begun or self.halves, self.halves, self.scored, strict=True
+        ):
+            if found and len(chosen) > 1 and self._too_much(found[0][0], allowed):
+                # What leaves too much of one part for certain is not asked of the other, but taken for alike.
+                n = len(as_it_was[1])
+                found.append((np.full(n, found[0][0].mean()), np.full(n, found[0][1].mean())))
+            else:
+                found.append(self._half(mends[-1:], half if mends else as_it_was, as_it_was[1], scored))
+        left, cost = (np.concatenate(parts) for parts in zip(*found, strict=True))
         excess, error = _mean(left - allowed * original)
         price, price_error = _mean(cost)
         share = 1 - max(float(left.mean()), 0) / float(original.mean())
@@ -394,6 +398,11 @@ class _Parts:
             better, error = _mean(left + cost - original)
             mended = better < -CERTAIN * error
         return Tried(chosen, crossed, left, left + cost, share, mended)
+
+    def _too_much(self, left: Array, allowed: float) -> bool:
+        """Whether what is left ``(trial,)`` of the part that is foretold first is more than is allowed."""
+        excess, error = _mean(left - allowed * self.original[: len(left)])
+        return excess > CERTAIN * error
 
     def _half(
         self, last: tuple[Repair, ...], half: tuple[Cases, Cases], other: Cases, scored: Array
