@@ -17,6 +17,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -41,22 +42,15 @@ class Axis:
     beside: str
 
 
-def audited(**fixed: int) -> Callable[[str], Callable[[int, Path], list[list[str]]]]:
+def audited(size: int, folder: Path, *, grows: str, **fixed: int) -> list[list[str]]:
     """Commands of an audit in which one number grows and the others stay."""
-
-    def of(name: str) -> Callable[[int, Path], list[list[str]]]:
-        def commands(size: int, folder: Path) -> list[list[str]]:
-            numbers = {**fixed, name: size}
-            settings = {
-                **AUDIT, "simulator.parameters": numbers["parameters"],
-                "trials.number": numbers["trials"], "trials.draws": numbers["draws"],
-            }  # fmt: skip
-            words = [word for key, value in settings.items() for word in ("--set", f"{key}={value}")]
-            return [["audit", *words, "--out", str(folder / "out"), "--quiet"]]
-
-        return commands
-
-    return of
+    numbers = {**fixed, grows: size}
+    settings = {
+        **AUDIT, "simulator.parameters": numbers["parameters"],
+        "trials.number": numbers["trials"], "trials.draws": numbers["draws"],
+    }  # fmt: skip
+    words = [word for key, value in settings.items() for word in ("--set", f"{key}={value}")]
+    return [["audit", *words, "--out", str(folder / "out"), "--quiet"]]
 
 
 def searched(size: int, folder: Path) -> list[list[str]]:
@@ -72,13 +66,19 @@ def searched(size: int, folder: Path) -> list[list[str]]:
 
 AXES: Mapping[str, Axis] = {
     "trials": Axis(
-        (1000, 4000, 16_000, 64_000), audited(draws=100, parameters=3)("trials"), "100 draws, 3 parameters"
+        (1000, 4000, 16_000, 64_000),
+        partial(audited, grows="trials", draws=100, parameters=3),
+        "100 draws, 3 parameters",
     ),
     "draws": Axis(
-        (100, 400, 1600, 6400), audited(trials=1000, parameters=3)("draws"), "1,000 trials, 3 parameters"
+        (100, 400, 1600, 6400),
+        partial(audited, grows="draws", trials=1000, parameters=3),
+        "1,000 trials, 3 parameters",
     ),
     "parameters": Axis(
-        (2, 5, 10, 20, 40), audited(trials=1000, draws=100)("parameters"), "1,000 trials, 100 draws"
+        (2, 5, 10, 20, 40),
+        partial(audited, grows="parameters", trials=1000, draws=100),
+        "1,000 trials, 100 draws",
     ),
     "sources": Axis((25, 50, 100, 200), searched, "bright EPIC-pn spectra, one shared effect"),
 }

@@ -1,6 +1,7 @@
 """How cost grows: measured in commands of their own, resumed, put on a page."""
 
 import json
+from functools import partial
 
 import pytest
 from benchmarks import growth
@@ -11,7 +12,9 @@ from gaugeblock.core.errors import InputError
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
     """Two small points of one axis."""
-    small = growth.Axis((150, 300), growth.audited(draws=30, parameters=1)("trials"), "30 draws")
+    small = growth.Axis(
+        (150, 300), partial(growth.audited, grows="trials", draws=30, parameters=1), "30 draws"
+    )
     path = tmp_path_factory.mktemp("growth") / "growth.json"
     return small, path, growth.grown({"trials": small}, path)
 
