@@ -52,7 +52,7 @@ class Cases:
     @cached_property
     def ordered(self) -> Array:
         """Draws sorted within their trial and parameter, of the shape of `draws`."""
-        return np.sort(self.draws, axis=1)
+        return np.swapaxes(np.sort(np.swapaxes(self.draws, 1, 2), axis=2), 1, 2)
 
     @cached_property
     def middle(self) -> Array:
@@ -76,24 +76,28 @@ class Cases:
     def ranks(self, at: Array) -> Array:
         """Share of the draws below values ``(trial, parameter)``, ties counted half; within 0 and 1."""
         number = self.draws.shape[1]
-        below, upto = (_places(self.ordered, at, right) for right in (False, True))
+        below, upto = (
+            places(np.swapaxes(self.ordered, 1, 2), at[..., None], right=right)[..., 0]
+            for right in (False, True)
+        )
         return np.asarray((below + upto + 1) / (2 * (number + 1)))
 
 
-def _places(ordered: Array, at: Array, right: bool) -> NDArray[np.int64]:
-    """How many of the sorted values ``(trial, draw, p)`` lie below `at` ``(trial, p)``, or not above it.
+def places(ordered: Array, at: Array, *, right: bool = False) -> NDArray[np.int64]:
+    """How many of the sorted values ``(..., item)`` lie below `at` ``(..., asked)``; or not above it.
 
-    All trials at once, by halving: a loop over trials would cost more than all else.
+    All rows at once, by halving: a loop over them would cost more than all else.
     """
-    number = ordered.shape[1]
-    low = np.zeros(at.shape, dtype=np.int64)
-    high = np.full(at.shape, number)
-    for _ in range(number.bit_length()):
-        middle = np.minimum((low + high) // 2, number - 1)
-        value = np.take_along_axis(ordered, middle[:, None], axis=1)[:, 0]
-        further = ((value <= at) if right else (value < at)) & (low < high)
-        low, high = np.where(further, middle + 1, low), np.where(further, high, np.minimum(high, middle))
-    return low
+    number = ordered.shape[-1]
+    flat, asked = np.ascontiguousarray(ordered).reshape(-1), np.ascontiguousarray(at).reshape(-1)
+    first = np.repeat(np.arange(0, len(flat), number), at.shape[-1])
+    found, size = first.copy(), number
+    is_before = np.less_equal if right else np.less
+    while size > 1:
+        found += size // 2 * is_before(flat[found + size // 2 - 1], asked)
+        size -= size // 2
+    found += is_before(flat[found], asked)
+    return (found - first).reshape(at.shape)
 
 
 def thirds(number: int, seed: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
@@ -110,10 +114,11 @@ def scores_in(values: Array, reference: Array) -> Array:
     """
     found = np.empty(values.shape)
     number = len(reference)
+    score = special.ndtri(np.arange(1.0, 2 * number + 2) / (2 * number + 2.0))
     for column in range(reference.shape[1]):
         order, value = np.sort(reference[:, column]), values[..., column]
         below = np.searchsorted(order, value)
         upto, equal = below.copy(), order[np.minimum(below, number - 1)] == value
         upto[equal] = np.searchsorted(order, value[equal], "right")
-        found[..., column] = special.ndtri((below + upto + 1.0) / (2 * number + 2.0))
+        found[..., column] = score[below + upto]
     return found

@@ -22,7 +22,7 @@ from scipy import linalg, special
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Rows, generator
-from gaugeblock.diagnosis.cases import Cases, scores_in
+from gaugeblock.diagnosis.cases import Cases, places, scores_in
 
 # Candidates beside the truth in each trial.
 CANDIDATES = 24
@@ -36,8 +36,8 @@ EVERY_PAIR = 12
 DOUBT = 0.05
 # Parts of the trials of which each is foretold by those before it.
 PARTS = 4
-# Newton steps of a fit, rounds of its ridges before them, and the change of a coefficient at which it ends.
-NEWTON, EVIDENCE, NEGLIGIBLE = 8, 10, 0.01
+# Newton steps of a fit, rounds of its ridges before them, and the nats gained in all by a step that is the last.
+NEWTON, EVIDENCE, NEGLIGIBLE = 8, 10, 0.1
 # A coefficient of a column of variance 1 is not expected beyond a few; one that is smaller does not matter.
 LEAST_PRECISION, MOST_PRECISION = 0.3, 1e8
 
@@ -137,9 +137,9 @@ def columns(cases: Cases, reference: Reference, seed: int, number: int = CANDIDA
     few = p <= EVERY_PAIR
     together = np.concatenate([cases.theta[:, None], cases.draws], axis=1)
     chosen = taken(cases, seed, number)
-    ordered, rank = _ranked(together, partial(_ties, cases.trial.tobytes(), draws + 1, seed))
     items = np.take_along_axis(together, chosen[..., None], axis=1)
-    share = ((np.take_along_axis(rank, chosen[..., None], axis=1) + 0.5) / (draws + 1)).astype(np.float32)
+    ordered, rank = _ranked(together, chosen, partial(_ties, cases.trial.tobytes(), draws + 1, seed))
+    share = ((rank + 0.5) / (draws + 1)).astype(np.float32)
     at = 2 * share - 1
     shapes = _legendre(at, 5 if few else 2)
     first, second = shapes[:2]
@@ -152,7 +152,7 @@ def columns(cases: Cases, reference: Reference, seed: int, number: int = CANDIDA
     prior_first, prior_second, prior_third = _legendre(np.tanh(place / 1.5), 3)
     low, high = reference.range_without(cases.theta)
     outside = (items < low[:, None]) | (items > high[:, None])
-    beyond = _beyond_others(items, cases.draws)
+    beyond = _beyond_others(items, cases.theta, ordered)
     parts: list[tuple[str, Any]] = [
         ("shape", np.concatenate(shapes, axis=2)),
         ("tails", np.concatenate([edge, far.any(axis=2, keepdims=True)], axis=2)),
@@ -218,15 +218,19 @@ def _bright(cases: Cases) -> list[Array]:
     return [np.tanh(known / 1.5), _square(np.tanh(known / 1.5)), known > 1.645, known < -1.645]
 
 
-def _beyond_others(items: Array, draws: Array) -> NDArray[np.bool_]:
-    """Which candidates ``(trial, item, p)`` lie beyond the draws of all other trials."""
+def _beyond_others(items: Array, theta: Array, ordered: Array) -> NDArray[np.bool_]:
+    """Which candidates ``(trial, item, p)`` lie beyond the draws of all other trials.
 
-    def of_others(each: Array) -> Array:
+    `ordered` ``(trial, item, p)`` are the draws of each and its truth.
+    """
+
+    def of_others(sign: int, last: int, before: int) -> Array:
+        each = sign * np.where(theta == ordered[:, last], ordered[:, before], ordered[:, last])
         # The largest of all others is the largest of all, but for the trial that it is in.
         order = np.sort(each, axis=0)
-        return np.asarray(np.where(each == order[-1], order[-2], order[-1]))
+        return np.asarray(sign * np.where(each == order[-1], order[-2], order[-1]))
 
-    low, high = -of_others(-draws.min(axis=1)), of_others(draws.max(axis=1))
+    low, high = of_others(-1, 0, 1), of_others(1, -1, -2)
     return np.asarray((items < low[:, None]) | (items > high[:, None]))
 
 
@@ -242,16 +246,23 @@ def _together(at: Array) -> Array:
     return np.stack([first, second, third], axis=2)
 
 
-def _ranked(together: Array, ties: Callable[[], Array]) -> tuple[Array, NDArray[np.int64]]:
-    """Sorted values and each one's rank ``(trial, item, p)``; ties go by random numbers ``(trial, item)``."""
+def _ranked(
+    together: Array, chosen: NDArray[np.int64], ties: Callable[[], Array]
+) -> tuple[Array, NDArray[np.int64]]:
+    """Sorted values ``(trial, item, p)``, and the ranks of chosen ones ``(trial, candidate, p)``.
+
+    Ties go by random numbers ``(trial, item)``.
+    """
     values = np.ascontiguousarray(np.swapaxes(together, 1, 2))
-    order = np.argsort(values, axis=2)
-    ordered = np.take_along_axis(values, order, axis=2)
+    ordered = np.sort(values, axis=2)
+    rank = places(ordered, np.take_along_axis(values, chosen[:, None], axis=2))
     tied = (ordered[..., 1:] == ordered[..., :-1]).any(axis=2)
     if tied.any():
-        order[tied] = np.lexsort((ties()[np.nonzero(tied)[0]], values[tied]), axis=1)
-    rank = np.empty_like(order)
-    np.put_along_axis(rank, order, np.arange(values.shape[2])[None, None], axis=2)
+        trial = np.nonzero(tied)[0]
+        order = np.lexsort((ties()[trial], values[tied]), axis=1)
+        every = np.empty_like(order)
+        np.put_along_axis(every, order, np.arange(order.shape[1])[None], axis=1)
+        rank[tied] = np.take_along_axis(every, chosen[trial], axis=1)
     return np.swapaxes(ordered, 1, 2), np.swapaxes(rank, 1, 2)
 
 
@@ -301,13 +312,13 @@ def fit_tilt(values: Array, kinds: Kinds, log_weight: Array | float = 0.0) -> Ti
     centred /= scale
     flat = centred.reshape(n * number, size)
     weight, precision = np.zeros(size), np.full(size, LEAST_PRECISION)
-    before = -np.inf
+    before, rooted = -np.inf, np.empty_like(flat)
     for step in range(NEWTON):
         chance, _ = _chances(centred, weight, log_weight)
         chance = chance.astype(centred.dtype)
         mean = np.matmul(chance[:, None], centred)[:, 0]
         # A matrix times its own transpose costs half of what a product of two does.
-        rooted = flat * np.sqrt(chance).reshape(-1, 1)
+        np.multiply(flat, np.sqrt(chance).reshape(-1, 1), out=rooted)
         spread = np.asarray(rooted.T @ rooted - mean.T @ mean, dtype=float)
         gradient = (centred[:, 0] - mean).sum(axis=0)
         if not step:
@@ -320,8 +331,9 @@ def fit_tilt(values: Array, kinds: Kinds, log_weight: Array | float = 0.0) -> Ti
         while share > 1e-3 and reached < before:
             share /= 2
             reached = _posterior(centred, weight + share * along, precision, log_weight)
-        weight, before = weight + share * along, reached
-        if share * float(np.abs(along).max()) < NEGLIGIBLE:
+        gained, before = reached - before, reached
+        weight = weight + share * along
+        if gained < NEGLIGIBLE:
             break
     return Tilt(weight / scale, kinds)
 

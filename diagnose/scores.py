@@ -22,21 +22,32 @@ def kernel_scores(cases: Cases, unit: Array, log_weight: Array | None = None) ->
     """
     number = cases.draws.shape[1]
     step = max(1, number // DRAWS)
-    draws = cases.draws[:, ::step][:, :DRAWS] / unit[:, None]
-    own = cases.theta / unit
-    used = draws.shape[1]
-    share = np.full((len(draws), used, 1), 1 / used)
+    # Draws last: those of one trial and parameter lie beside each other.
+    draws = np.swapaxes(cases.draws[:, ::step][:, :DRAWS], 1, 2) / unit[..., None]
+    used = draws.shape[2]
+    share = np.full((len(draws), used), 1 / used)
     if log_weight is not None:
-        share = special.softmax(log_weight[:, ::step][:, :DRAWS], axis=1)[..., None]
+        share = special.softmax(log_weight[:, ::step][:, :DRAWS], axis=1)
+    # As far round as half a turn.
+    turned, shares = (np.concatenate([each, each[..., : used // 2]], axis=-1) for each in (draws, share))
     with np.errstate(over="ignore"):
-        to_truth = (share * np.log1p(np.abs(draws - own[:, None]))).sum(axis=1)
+        to_truth = _expected(draws, (cases.theta / unit)[..., None], share)
         each = np.zeros_like(to_truth)
         for apart in range(1, used // 2 + 1):
-            both = share * np.roll(share, apart, axis=1)
-            pairs = (both * np.log1p(np.abs(draws - np.roll(draws, apart, axis=1)))).sum(axis=1)
+            among = slice(apart, apart + used)
+            pairs = _expected(draws, turned[..., among], share * shares[:, among])
             # Apart by half a turn, every pair comes twice.
             each += pairs * (0.5 if 2 * apart == used else 1.0)
     # Draws of which one has all the weight do not differ from each other.
-    different = 1 - (share**2).sum(axis=1)
+    different = 1 - (share**2).sum(axis=1, keepdims=True)
     alone = different < ALONE
     return np.asarray(to_truth - np.where(alone, 0.0, each / np.where(alone, 1.0, different)))
+
+
+def _expected(one: Array, other: Array, weight: Array) -> Array:
+    """The kernel's sum over draws ``(trial, parameter)``, each with its weight ``(trial, draw)``."""
+    apart = np.subtract(one, other)
+    np.abs(apart, out=apart)
+    apart += 1
+    # Faster than log1p, which would be more exact than a score needs.
+    return np.asarray(np.einsum("tpd,td->tp", np.log(apart, out=apart), weight))

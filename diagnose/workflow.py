@@ -39,9 +39,9 @@ SEEN, EXPECTED, CERTAIN = float(np.log(100)), float(np.log(3)), 3.0
 # What a repair must have taken away whatever the errors are.
 LEAST_SHARE = 0.5
 # Repairs that are followed by a second one, and what the first must have taken away; trials on which all are
-# tried at first, and the share of the disagreement that a second may leave there.
+# tried at first.
 FOLLOWED, PART = 3, 0.25
-FEW, PROMISING = 400, 0.3
+FEW = 400
 # So many times the trials that there are nobody will make to tell two repairs apart.
 HOPELESS = 100.0
 GROUPS = 10
@@ -202,11 +202,10 @@ class _Parts:
         begun = self.begun(before)
         (fitting, other), (choosing, _) = begun
         few = fitting.taken(slice(FEW)), other.taken(slice(FEW))
-        most = PROMISING if before.repairs else 1 - PART
         tried = []
         for name, fit in self.symptoms.items():
             found = [] if name in done else fit(fitting, self.reference)
-            found = [each for each in found if self.promising(each, few, most)]
+            found = [each for each in found if self.promising((*before.repairs, each), few)]
             crossed = {each.variant: each for each in fit(choosing, self.reference)} if found else {}
             for each in found:
                 twin = crossed.get(each.variant)
@@ -244,12 +243,17 @@ class _Parts:
         excess, error = _mean(left - (1 - RECOVERED) * self.original)
         return excess < ALIKE * error and float(left.mean()) < LEAST_SHARE * float(self.original.mean())
 
-    def promising(self, repair: Repair, few: tuple[Cases, Cases], most: float) -> bool:
-        """Whether a few trials leave it possible that no more than this share of the disagreement is left."""
-        if not repair.recovers:
-            return True
-        mean, error = _mean(self.gains((repair,), *few)[0])
-        return mean < most * float(self.original.mean()) + ALIKE * error
+    def promising(self, chosen: tuple[Repair, ...], few: tuple[Cases, Cases]) -> bool:
+        """Whether a few trials leave it possible that the last of these repairs leaves no more than it may."""
+        left, mended = self.gains(chosen[-1:], *few)
+        trial, original = self.original_few
+        return not _too_much(left, original[np.isin(trial, mended.trial)], chosen)
+
+    @cached_property
+    def original_few(self) -> tuple[NDArray[np.int64], Array]:
+        """Those few trials, and what truths are told from draws as they are by there."""
+        learned, other = (each.taken(slice(FEW)) for each in self.halves[0])
+        return other.trial, self.gains((), learned, other)[0]
 
     @cached_property
     def original(self) -> Array:
@@ -381,7 +385,7 @@ class _Parts:
         for mends, half, as_it_was, scored in zip(
             (chosen, crossed), begun or self.halves, self.halves, self.scored, strict=True
         ):
-            if found and len(chosen) > 1 and self._too_much(found[0][0], allowed):
+            if found and _too_much(found[0][0], original[: len(found[0][0])], chosen):
                 # What leaves too much of one part for certain is not asked of the other, but taken for alike.
                 n = len(as_it_was[1])
                 found.append((np.full(n, found[0][0].mean()), np.full(n, found[0][1].mean())))
@@ -398,11 +402,6 @@ class _Parts:
             better, error = _mean(left + cost - original)
             mended = better < -CERTAIN * error
         return Tried(chosen, crossed, left, left + cost, share, mended)
-
-    def _too_much(self, left: Array, allowed: float) -> bool:
-        """Whether what is left ``(trial,)`` of the part that is foretold first is more than is allowed."""
-        excess, error = _mean(left - allowed * self.original[: len(left)])
-        return excess > CERTAIN * error
 
     def _half(
         self, last: tuple[Repair, ...], half: tuple[Cases, Cases], other: Cases, scored: Array
@@ -428,6 +427,16 @@ class _Parts:
 def _allowed(chosen: Sequence[Repair]) -> float:
     """The share of a disagreement that repairs may leave."""
     return 1 - min(repair.recovers for repair in chosen)
+
+
+def _too_much(left: Array, original: Array, chosen: Sequence[Repair]) -> bool:
+    """Whether repairs leave more ``(trial,)`` of a disagreement than they may, for certain.
+
+    A first one may leave what a second takes away; one that stands for what draws cannot have, all of it.
+    """
+    allowed = max(_allowed(chosen), 1 - PART if len(chosen) == 1 else 0.0)
+    excess, error = _mean(left - allowed * original)
+    return allowed < 1 and excess > CERTAIN * error
 
 
 def _weighing(chosen: Sequence[Repair]) -> Callable[[Cases, Array], Array] | None:
