@@ -36,7 +36,7 @@ EVERY_PAIR = 12
 DOUBT = 0.05
 # Parts of the trials of which each is foretold by those before it.
 PARTS = 4
-# Newton steps of a fit, rounds of its ridges before them, and the nats gained in all by a step that is the last.
+# Newton steps of a fit, rounds of its ridges before them; and nats: a step that gains no more is the last.
 NEWTON, EVIDENCE, NEGLIGIBLE = 8, 10, 0.1
 # A coefficient of a column of variance 1 is not expected beyond a few; one that is smaller does not matter.
 LEAST_PRECISION, MOST_PRECISION = 0.3, 1e8

@@ -244,7 +244,7 @@ class _Parts:
         return excess < ALIKE * error and float(left.mean()) < LEAST_SHARE * float(self.original.mean())
 
     def promising(self, chosen: tuple[Repair, ...], few: tuple[Cases, Cases]) -> bool:
-        """Whether a few trials leave it possible that the last of these repairs leaves no more than it may."""
+        """Whether a few trials leave it possible that with the last of these repairs little is left."""
         left, mended = self.gains(chosen[-1:], *few)
         trial, original = self.original_few
         return not _too_much(left, original[np.isin(trial, mended.trial)], chosen)
