@@ -32,6 +32,14 @@ from gaugeblock.core.processors import processor
 HERE = Path(__file__).resolve().parent
 AUDIT = {"simulator.name": "linear_gaussian", "estimator.name": "exact"}
 
+# Linux counts what a process was before its program began among what it has used: as large as its parent.
+FROM_A_SMALL_PROCESS = """
+import json, resource, subprocess, sys
+code = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(json.dumps([code, used.ru_utime + used.ru_stime, used.ru_maxrss]))
+"""
+
 
 @dataclass(frozen=True)
 class Axis:
@@ -95,14 +103,14 @@ def measured(commands: Sequence[Sequence[str]]) -> dict[str, float]:
     one_core = {**os.environ, **dict.fromkeys(SINGLE, "1")}
     for number, words in enumerate(commands, 1):
         own = [] if words[0].endswith(".py") else ["-m", "gaugeblock"]
-        child = subprocess.Popen(
-            [sys.executable, *own, *words], env=one_core, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
-        _, status, used = os.wait4(child.pid, 0)
-        child.returncode = os.waitstatus_to_exitcode(status)
-        if child.returncode not in (0, 1, 3) or (number < len(commands) and child.returncode):
-            raise InputError(f"{' '.join(words)}: ended with {child.returncode}")
-    return {"seconds": round(used.ru_utime + used.ru_stime, 2), "gb": round(used.ru_maxrss / 1e6, 3)}
+        ran = subprocess.run(
+            [sys.executable, "-c", FROM_A_SMALL_PROCESS, sys.executable, *own, *words],
+            env=one_core, capture_output=True, check=True,
+        )  # fmt: skip
+        code, seconds, kilobytes = json.loads(ran.stdout)
+        if code not in (0, 1, 3) or (number < len(commands) and code):
+            raise InputError(f"{' '.join(words)}: ended with {code}")
+    return {"seconds": round(seconds, 2), "gb": round(kilobytes / 1e6, 3)}
 
 
 def grown(axes: Mapping[str, Axis], path: Path) -> dict[str, Any]:
