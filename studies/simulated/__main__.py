@@ -14,10 +14,10 @@ import gaugeblock.simulators.epidemic
 import studies.simulated
 from gaugeblock.core.progress import Bars
 from studies.kit.command import carried_out, given, parser
-from studies.kit.results import read_groups, record, write
+from studies.kit.results import record, write
 from studies.kit.resume import Arrays, Pieces, code_of, joined
 from studies.simulated.cases import HIDDEN, MOST, UNLISTED, plain, searched, with_effect
-from studies.simulated.document import document, lines
+from studies.simulated.document import document, lines, tables_in
 from studies.simulated.information import shares
 
 NAME = "studies simulated"
@@ -58,10 +58,13 @@ def main(arguments: Sequence[str]) -> int:
         ("simulations", 6000),
     ):
         options.add_argument(f"--{name}", type=int, default=value)
+    options.add_argument(
+        "--name", default="simulated", help="of the table in OUT; a second set: simulated-again"
+    )
     options.add_argument("--report", action="store_true", help="text from OUT; nothing is run")
     chosen = options.parse_args(arguments)
     if chosen.report:
-        return carried_out(lambda: document(read_groups(chosen.out / "simulated.nc"), chosen.docs))
+        return carried_out(lambda: document(tables_in(chosen.out), chosen.docs))
     return carried_out(lambda: _run(chosen, given(NAME, arguments)))
 
 
@@ -107,7 +110,7 @@ def _run(chosen: Any, command: str) -> None:
     )
     write(
         {"": xr.Dataset(attrs=record(command, chosen.seed, simulations=size)), **tables},
-        chosen.out / "simulated.nc",
+        chosen.out / f"{chosen.name}.nc",
     )
     for line in lines(tables):
         sys.stdout.write(line + "\n")

@@ -9,12 +9,24 @@ import numpy as np
 import xarray as xr
 
 from studies.kit import page
-from studies.kit.results import clopper_pearson, command_of
+from studies.kit.results import clopper_pearson, command_of, read_groups
 
 WEEK = 5.0
 """Of scanned effects the table has this week, and how the others are."""
 
 BESIDE = ("ceiling", "rare")
+
+AGAIN = ("intervals", "nothing")
+"""Parts of the study of which there is a second set, in a file of its own."""
+
+
+def tables_in(folder: Path) -> dict[str, xr.Dataset]:
+    """All tables of the study, those of a second set as "intervals again", "nothing again"."""
+    tables = read_groups(folder / "simulated.nc")
+    if (folder / "simulated-again.nc").exists():
+        again = read_groups(folder / "simulated-again.nc")
+        tables |= {f"{name} again": again[name] for name in AGAIN}
+    return tables
 
 
 def information_table(table: xr.Dataset) -> str:
@@ -67,14 +79,13 @@ def _names(one: xr.Dataset, truth: str | None) -> list[str]:
 def names_table(tables: Mapping[str, xr.Dataset]) -> str:
     """What was hidden, and what was said."""
     rows = []
-    for part in ("names", "unlisted", "nothing"):
-        for name in tables[part]["kind"].values.tolist():
+    for part in ("names", "unlisted", "nothing", "nothing again"):
+        for name in tables[part]["kind"].values.tolist() if part in tables else ():
             one = tables[part].sel(kind=name)
-            shown = (
-                f"`{name}`"
-                if part == "names"
-                else {"nothing": "nothing"}.get(name, f"not in the library: {name}")
-            )
+            shown = {
+                "names": f"`{name}`", "unlisted": f"not in the library: {name}",
+                "nothing again": "nothing, a second set",
+            }.get(part, name)  # fmt: skip
             right, within, *rest = _names(one, name if part == "names" else None)
             known = [right, within] if part == "names" else ["", ""]
             rows.append([shown, str(one.sizes["catalogue"]), *known, *rest])
@@ -107,7 +118,10 @@ def _expected(table: xr.Dataset) -> np.ndarray:
 def intervals_table(tables: Mapping[str, xr.Dataset]) -> str:
     """How many 90% intervals hold the truth."""
     rows = []
-    parts = [("`contact_change` 0.85 at week 4.5, alone in the library", tables["intervals"])]
+    often = "`contact_change` 0.85 at week 4.5, alone in the library"
+    parts = [(often, tables["intervals"])]
+    if "intervals again" in tables:
+        parts.append((f"{often}, a second set", tables["intervals again"]))
     parts += [
         (f"`{name}`, named", tables["names"].sel(kind=[name]))
         for name in tables["names"]["kind"].values.tolist()

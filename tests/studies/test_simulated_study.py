@@ -9,7 +9,7 @@ from scipy import special
 from studies.kit.results import DOCS, RESULTS, read_groups
 from studies.simulated import __main__ as study
 from studies.simulated.cases import EPIDEMIC, HIDDEN, UNLISTED, plain, with_effect
-from studies.simulated.document import information_table, intervals_table, names_table, pulls
+from studies.simulated.document import information_table, intervals_table, names_table, pulls, tables_in
 from studies.simulated.exact import NODES, REACH, exact_scores, projected
 from studies.simulated.information import correlation, taught_by
 
@@ -96,6 +96,9 @@ def test_tables_count_what_was_said():
     # The only one with the right name: 0.1 off where the interval's half is 1.645 errors.
     assert pulls(table) == (1, 1, pytest.approx(0.1 / (0.2 / 1.6449)), 0.0)
     assert "1 of 1" in intervals_table(tables)
+    again = {**tables, "nothing again": none, "intervals again": table}
+    assert names_table(again).splitlines()[5] == "| nothing, a second set | 2 |  |  | 0 | 1 | 1 |"
+    assert [line.count("1 of 1") for line in intervals_table(again).splitlines()[2:4]] == [1, 1]
     one = xr.Dataset(
         {"effect": ("score", ["a", "a", "b"]), "week": ("score", [4.0, 5.0, nan]),
          "share": (("catalogue", "score"), [[0.2, 0.6, 0.9], [0.4, 0.8, 0.7]]),
@@ -158,10 +161,7 @@ def test_small_all_of_it_makes_a_table(monkeypatch, tmp_path, capsys):
 
 
 def test_the_page_says_what_was_found():
-    text, tables = (
-        (DOCS / "discover-simulated.md").read_text(encoding="utf-8"),
-        read_groups(RESULTS / "simulated.nc"),
-    )
+    text, tables = (DOCS / "discover-simulated.md").read_text(encoding="utf-8"), tables_in(RESULTS)
     assert information_table(tables["information"]) in text
     assert names_table(tables) in text
     assert intervals_table(tables) in text
