@@ -58,9 +58,7 @@ def main(arguments: Sequence[str]) -> int:
         ("simulations", 6000),
     ):
         options.add_argument(f"--{name}", type=int, default=value)
-    options.add_argument(
-        "--name", default="simulated", help="in OUT; a second set: simulated-again"
-    )
+    options.add_argument("--name", default="simulated", help="in OUT; a second set: simulated-again")
     options.add_argument("--report", action="store_true", help="text from OUT; nothing is run")
     chosen = options.parse_args(arguments)
     if chosen.report:
