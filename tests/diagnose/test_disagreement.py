@@ -9,7 +9,15 @@ import pytest
 from scipy import stats
 
 from gaugeblock.diagnosis.cases import Cases, scores_in
-from gaugeblock.diagnosis.disagreement import CANDIDATES, Reference, candidates, columns, evidence, fit_tilt
+from gaugeblock.diagnosis.disagreement import (
+    CANDIDATES,
+    Reference,
+    candidates,
+    columns,
+    evidence,
+    fit_tilt,
+    taken,
+)
 
 
 def noise(seed, trials, draws=40, inputs=0):
@@ -118,6 +126,12 @@ def test_a_candidate_beyond_the_draws_of_all_others_is_seen():
     assert beyond[7, 0] == 1
     # As often a draw as chance has it: of 2,050 values the lowest and the highest are beyond all others.
     assert beyond.sum() <= 3
+    # Draws are held against draws: another trial's truth, however far, does not hide one that is far.
+    chosen = taken(cases, 1)
+    draws = far.draws.copy()
+    draws[3, chosen[3, 4] - 1] = 20.0
+    values, _ = columns(far.drawn(draws), Reference.of(cases), 1)
+    assert values[..., kinds.of == kinds.names.index("support")][3, 4, 1] == 1
 
 
 @pytest.mark.parametrize("size", [3, 40])
