@@ -90,8 +90,8 @@ class Tested:
     """What a look says of one effect, at the scanned values where its score is largest.
 
     `z` in the direction that the amplitude may take; `values` of its parameters, the amplitude one step along
-    the score; `kept` the share of its information that fitted parameters leave; `smallest_detectable` the
-    departure of the amplitude that would stand out by five standard errors.
+    the score, within its prior; `kept` the share of its information that fitted parameters leave;
+    `smallest_detectable` the departure of the amplitude that would stand out by five standard errors.
     """
 
     template: int
@@ -160,10 +160,23 @@ class Look:
         """What it says of one effect."""
         entry, at = self.entries[key], self.best(key)
         values = dict(zip(entry.parameters, map(float, entry.nodes[self.node[at]]), strict=True))
-        values[entry.amplitude] = entry.neutral + float(self.amplitude[at])
+        # A score that knows next to nothing may promise anything.
+        low, high = entry.parameters[entry.amplitude].support
+        values[entry.amplitude] = float(np.clip(entry.neutral + self.amplitude[at], low, high))
         z, seen = float(self.z[at]), float(self.smallest_detectable[at])
         smallest = seen if np.isfinite(seen) else None
         return Tested(at, z, self.p_of(z), values, float(self.kept[at]), smallest)
+
+    @property
+    def unseen(self) -> list[str]:
+        """Effects that would not stand out by five standard errors at either end of what they may be."""
+        made = []
+        for key, entry in self.entries.items():
+            low, high = entry.parameters[entry.amplitude].support
+            farthest = max(high - entry.neutral, entry.neutral - low)
+            if self.smallest_detectable[self.owner == key].min() > farthest:
+                made.append(key)
+        return made
 
 
 def beyond(null: Array, value: float) -> float:

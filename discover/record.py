@@ -12,7 +12,7 @@ from gaugeblock.discovery.arrays import held_out_arrays, likeness_arrays, scan_a
 from gaugeblock.discovery.confirm.evidence import delta_log_evidence
 from gaugeblock.discovery.confirm.split_ratio import split_likelihood_ratio
 from gaugeblock.discovery.counts import Counts
-from gaugeblock.discovery.engine import Engine
+from gaugeblock.discovery.engine import Engine, Look
 from gaugeblock.discovery.held_out import BEFORE, NAMED, UNNAMED
 from gaugeblock.discovery.result import (
     CandidateSaid,
@@ -74,7 +74,7 @@ def recorded(engine: Engine, found: Searched) -> Discovery:
         catalogue=engine.catalogue(found.rounds),
         e_value=None,
         remarks=tuple(dict.fromkeys([decision.why, *edges])),
-        not_checked=tuple(engine.not_checked()),
+        not_checked=(*engine.not_checked(), *_beyond_sight(first)),
         effects={
             key: EffectSaid(entry.cause, entry.typical, entry.origin, dict(entry.units))
             for key, entry in engine.entries.items()
@@ -82,6 +82,15 @@ def recorded(engine: Engine, found: Searched) -> Discovery:
         data=engine.data(),
         tree=_tree(engine, found),
     )
+
+
+def _beyond_sight(first: Look) -> tuple[NotChecked, ...]:
+    """What these data could not show."""
+    if not first.unseen:
+        return ()
+    which = ", ".join(first.unseen)
+    why = f"no amplitude that its prior allows would stand out by five standard errors: {which}"
+    return (NotChecked("effects that these data cannot show", why),)
 
 
 def _statements(engine: Engine, found: Searched) -> tuple[Statement, ...]:

@@ -55,8 +55,9 @@ class LearnedFeatures:
     """What `learn_features` made: call it for features ``(n, feature)`` of data ``(n, ...)``.
 
     The first `coordinates` features are the coordinates as normal scores of the reference, the next as many
-    their squares; then come products of different coordinates, polynomials of the learned theta, and the
-    coordinates (or principal components of many) times each polynomial.
+    their squares; then come products of different coordinates (of many the squares along all principal axes,
+    and products of those that vary most), polynomials of the learned theta, and the coordinates (or principal
+    components of many) times each polynomial.
     `axes` ``(coordinate, coordinate)`` are the reference's principal axes, scaled to unit variance;
     `centre` ``(parameter,)`` and `weights` ``(quadratic, parameter)`` make theta of the first features, with
     mean 0 and unit covariance in the reference; `middle` ``(component,)`` is the mean of what is weighed,
@@ -82,7 +83,7 @@ class LearnedFeatures:
     def __call__(self, x: ArrayLike) -> Array:
         """Features ``(n, feature)``."""
         rows = coordinates_of(x, self.summaries)
-        quadratic = _quadratic(self._normal_scores(rows), self.components)
+        quadratic = _quadratic(self._normal_scores(rows), self.axes)
         smooth = _polynomials(quadratic @ self.weights - self.centre, self.degree)
         inner = rows @ self.components - self.middle
         weighed = (inner[:, :, None] * smooth[:, None, :]).reshape(len(rows), -1)
@@ -107,26 +108,33 @@ class LearnedFeatures:
     def moments(self) -> Array:
         """Weights ``(2 coordinate, feature)`` of coordinates, and of squares along the principal axes.
 
-        The squares along the axes of least variance are where a data set does not fit its own theta. Where
-        products are of components only, the squares are the coordinates' own.
+        The squares along the axes of least variance are where a data set does not fit its own theta.
         """
         d, inner = self.coordinates, self.components.shape[1]
-        first, second = np.triu_indices(inner, 1)
         smooth = len(_exponents(len(self.centre), self.degree))
         found = np.zeros((2 * d, len(self.weights) + smooth - 1 + inner * smooth))
         found[:d, :d] = np.eye(d)
-        found[d:, d : 2 * d] = np.eye(d)
-        if inner == d:
+        if inner < d:
+            found[d:, 2 * d : 3 * d] = np.eye(d)
+        else:
+            first, second = np.triu_indices(d, 1)
             found[d:, d : 2 * d] = self.axes.T**2
             found[d:, 2 * d : 2 * d + len(first)] = 2.0 * self.axes.T[:, first] * self.axes.T[:, second]
         return found
 
 
-def _quadratic(z: Array, components: Array) -> Array:
-    """Coordinates, squares, and products of different components."""
-    inner = z @ components
-    first, second = np.triu_indices(inner.shape[1], 1)
-    return np.concatenate([z, z**2, inner[:, first] * inner[:, second]], axis=1)
+def _quadratic(z: Array, axes: Array) -> Array:
+    """Coordinates, squares, and products; of many coordinates the squares along all their axes.
+
+    How a series depends on itself is in how much it varies along each axis, those of least variance among
+    them, where a trend or a step has no part.
+    """
+    d = z.shape[1]
+    along = z if d <= PRODUCTS_OF else z @ axes
+    first, second = np.triu_indices(min(d, PRODUCTS_OF), 1)
+    inner = along[:, -PRODUCTS_OF:]
+    squares = [z**2] if along is z else [z**2, along**2]
+    return np.concatenate([z, *squares, inner[:, first] * inner[:, second]], axis=1)
 
 
 def _exponents(parameters: int, degree: int) -> list[tuple[int, ...]]:
@@ -193,7 +201,7 @@ def learn_features(
     axes = vectors / np.sqrt(np.maximum(values, 1e-3))
     components = np.eye(d) if d <= PRODUCTS_OF else axes[:, -PRODUCTS_OF:]
     knots, scores = (np.array(part) for part in zip(*tables, strict=True))
-    centre, weights, share = _learned_theta(_quadratic(z, components), normal)
+    centre, weights, share = _learned_theta(_quadratic(z, axes), normal)
     inner, parameters = components.shape[1], normal.shape[1]
     degree = DEGREE if share > LEARNED else 0
     while degree and inner * len(_exponents(parameters, degree)) > MOST_WEIGHED:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery import discover_simulated
+from gaugeblock.discovery import Discovery, discover_simulated
 from gaugeblock.simulators.epidemic import Epidemic
 from studies.kit.resume import Arrays
 
@@ -74,12 +74,19 @@ UNLISTED: Mapping[str, Callable[[np.random.Generator], Array]] = {
 def searched(
     x: Array, rng: np.random.Generator, *, simulations: int, truth: float = np.nan, only: tuple[str, ...] = ()
 ) -> Arrays:
+    """What a search of outbreaks says."""
+    seed = int(rng.integers(2**31))
+    return told(lambda: discover_simulated(EPIDEMIC, x, seed=seed, simulations=simulations, only=only), truth)
+
+
+def told(search: Callable[[], Discovery], truth: float) -> Arrays:
     """What a search says: each a number or a word, the set of names joined by commas."""
     began = time.process_time()
-    found = discover_simulated(EPIDEMIC, x, seed=int(rng.integers(2**31)), simulations=simulations, only=only)
+    found = search()
     seconds = time.process_time() - began
     said = found.amplitude[0] if found.amplitude else None
     held = found.gap.held_out
+    fitted = found.fit.after or found.fit.before
     numbers = {
         "p": found.p_global,
         "truth": truth,
@@ -88,6 +95,7 @@ def searched(
         "high": np.nan if said is None else said.interval[1],
         "before": np.nan if held.before is None else held.before,
         "after": np.nan if held.after is None else held.after,
+        "first": next(iter(fitted.parameters.values())).value,
         "seconds": seconds,
     }
     words = {"named": found.named or "", "alike": ",".join(found.indistinguishable)}

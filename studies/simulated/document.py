@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -10,22 +10,26 @@ import xarray as xr
 
 from studies.kit import page
 from studies.kit.results import clopper_pearson, command_of, read_groups
+from studies.simulated.series import HEIGHT, PHI
 
 WEEK = 5.0
 """Of scanned effects the table has this week, and how the others are."""
 
 BESIDE = ("ceiling", "rare")
+STEP = "step"
 
-AGAIN = ("intervals", "nothing")
-"""Parts of the study of which there is a second set, in a file of its own."""
+OWN = {"simulated-again": {"intervals": "intervals again", "nothing": "nothing again"},
+       "simulated-series": {"series": "series"}}  # fmt: skip
+"""Parts of the study that have files of their own, and what they are called here."""
 
 
 def tables_in(folder: Path) -> dict[str, xr.Dataset]:
     """All tables of the study, those of a second set as "intervals again", "nothing again"."""
     tables = read_groups(folder / "simulated.nc")
-    if (folder / "simulated-again.nc").exists():
-        again = read_groups(folder / "simulated-again.nc")
-        tables |= {f"{name} again": again[name] for name in AGAIN}
+    for name, parts in OWN.items():
+        if (folder / f"{name}.nc").exists():
+            there = read_groups(folder / f"{name}.nc")
+            tables |= {called: there[part] for part, called in parts.items()}
     return tables
 
 
@@ -122,11 +126,10 @@ def intervals_table(tables: Mapping[str, xr.Dataset]) -> str:
     parts = [(often, tables["intervals"])]
     if "intervals again" in tables:
         parts.append((f"{often}, a second set", tables["intervals again"]))
-    parts += [
-        (f"`{name}`, named", tables["names"].sel(kind=[name]))
-        for name in tables["names"]["kind"].values.tolist()
-    ]
-    parts.append(("all that were named right in the table above", tables["names"]))
+    if "names" in tables:
+        kinds = tables["names"]["kind"].values.tolist()
+        parts += [(f"`{name}`, named", tables["names"].sel(kind=[name])) for name in kinds]
+        parts.append(("all that were named right in the table above", tables["names"]))
     for label, table in parts:
         number, inside, mean, sd = pulls(table)
         low, high = clopper_pearson(inside, number)
@@ -137,16 +140,41 @@ def intervals_table(tables: Mapping[str, xr.Dataset]) -> str:
     )
 
 
-def lines(tables: Mapping[str, xr.Dataset]) -> Iterator[str]:
-    """The tables as text."""
-    yield from (information_table(tables["information"]), names_table(tables), intervals_table(tables))
+def series_table(table: xr.Dataset) -> str:
+    """What was said of series with a step, raw and as summaries."""
+    rows = []
+    for kind in table["kind"].values.tolist():
+        one = table.sel(kind=[kind])
+        names = _names(one.isel(kind=0), STEP)
+        there = one["named"].values.ravel() == STEP
+        low, high = (one[name].values.ravel()[there] for name in ("low", "high"))
+        inside = np.count_nonzero((low <= HEIGHT) & (high >= HEIGHT))
+        first = one["first"].values.ravel()
+        rows.append(
+            [
+                kind, str(len(there)), *names, f"{inside} of {there.sum()}",
+                f"{np.median(first):.2f} ({first.min():.2f} to {first.max():.2f})",
+                f"{np.median(one['seconds'].values):.0f} s",
+            ]
+        )  # fmt: skip
+    header = [
+        "series", "searches", "`step` named", "in the set of what was", "`unnamed`", "nothing found",
+        "another name", "90% intervals that hold it", f"median phi, {PHI} is true", "CPU",
+    ]  # fmt: skip
+    return f"{page.table(header, rows)}\n\nMade by `{command_of(table)}`."
+
+
+def blocks(tables: Mapping[str, xr.Dataset]) -> dict[str, str]:
+    """What the page says, by its markers, of the tables that there are."""
+    made = {
+        "information": lambda: information_table(tables["information"]),
+        "names": lambda: names_table(tables),
+        "intervals": lambda: intervals_table(tables),
+        "series": lambda: series_table(tables["series"]),
+    }
+    return {name: make() for name, make in made.items() if name in tables}
 
 
 def document(tables: Mapping[str, xr.Dataset], docs: Path) -> None:
     """Fill in the page."""
-    blocks = {
-        "information": information_table(tables["information"]),
-        "names": names_table(tables),
-        "intervals": intervals_table(tables),
-    }
-    page.fill(docs / "discover-simulated.md", blocks)
+    page.fill(docs / "discover-simulated.md", blocks(tables))

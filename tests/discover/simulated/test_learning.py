@@ -169,15 +169,18 @@ def test_features_of_many_coordinates_and_of_summaries():
     theta = rng.normal(size=(800, 2))
     long = rng.normal(size=(800, 50)) + theta[:, :1]
     features = learn_features(long, theta)
-    # Coordinates, squares, products of 24 components; theta's polynomials of degree 3 would weigh 240.
-    assert features(long[:3]).shape == (3, 100 + 276 + 9 + 240)
-    assert features.moments().shape == (100, 625)
+    # Coordinates, squares, those along 50 axes, products of 24; theta's polynomials of degree 3 weigh 240.
+    assert features(long[:3]).shape == (3, 150 + 276 + 9 + 240)
+    assert features.moments().shape == (100, 675)
+    along = features.normal_scores(long) @ features.axes
+    np.testing.assert_allclose(features(long) @ features.moments()[50:].T, along**2, atol=1e-9)
+    np.testing.assert_allclose(np.cov(along.T), np.eye(50), atol=1e-6)
     falling = [1.0, 0.5, 0.5, 0.25, 0.25, 0.25, 0.125, 0.125, 0.125, 0.125]
-    assert features.trust.tolist() == [0.3] * 376 + falling[1:] + falling * 24
+    assert features.trust.tolist() == [0.3] * 426 + falling[1:] + falling * 24
     short = learn_features(long, theta, summaries=lambda x: np.stack([x.mean(axis=1), x.std(axis=1)], axis=1))
     assert short.coordinates == 2
     # Eight parameters have too many polynomials of degree 2.
-    assert learn_features(long, rng.normal(size=(800, 8))).degree == 1
+    assert learn_features(long, theta[:, :1] + 0.1 * rng.normal(size=(800, 8))).degree == 1
     # Where data say nothing of theta nothing is weighed by it, and a number may be as far off as it is.
     blind = learn_features(rng.normal(size=(4000, 3)), rng.normal(size=(4000, 2)))
     assert blind.degree == 0
