@@ -287,3 +287,19 @@ def test_what_a_prior_three_times_as_wide_would_put_first_shares_the_set():
     near, far = Extension(("dip",), 19.0 - 2.1 + 2.0, 3), Extension(("dip",), 19.0 - 2.3 + 1.0, 3)
     assert said(made=rounds(Extension(("line",), 18.0, 1), near))[1] == ("line", "dip")
     assert said(made=rounds(Extension(("line",), 18.0, 1), far))[1] == ("line",)
+
+
+def test_what_no_amplitude_of_its_prior_could_show_is_unseen():
+    seen = replace(look(1.0, 2.0, 3.0), smallest_detectable=np.array([0.9, 1.1, np.inf]))
+    assert seen.unseen == ["dip", "edge"]
+    # The best of an effect's templates counts; and how far it may go from neutral, not from 0.
+    both = replace(look(1.0, 2.0), owner=np.array(["line", "line"]), smallest_detectable=np.array([2.0, 0.5]))
+    assert replace(both, entries={"line": entry("line")}).unseen == []
+    off = replace(entry("line"), neutral=0.8)
+    assert replace(look(1.0), entries={"line": off}, smallest_detectable=np.array([1.7])).unseen == []
+    assert replace(look(1.0), entries={"line": off}, smallest_detectable=np.array([1.9])).unseen == ["line"]
+
+
+def test_a_score_promises_no_more_than_a_prior_allows():
+    for amplitude, value in ((0.4, 0.4), (70.0, 1.0), (-70.0, -1.0)):
+        assert replace(look(1.0), amplitude=np.array([amplitude])).tested("line").values == {"size": value}

@@ -8,8 +8,17 @@ import xarray as xr
 from scipy import special
 from studies.kit.results import DOCS, RESULTS, read_groups
 from studies.simulated import __main__ as study
+from studies.simulated import series
 from studies.simulated.cases import EPIDEMIC, HIDDEN, UNLISTED, plain, with_effect
-from studies.simulated.document import information_table, intervals_table, names_table, pulls, tables_in
+from studies.simulated.document import (
+    blocks,
+    information_table,
+    intervals_table,
+    names_table,
+    pulls,
+    series_table,
+    tables_in,
+)
 from studies.simulated.exact import NODES, REACH, exact_scores, projected
 from studies.simulated.information import correlation, taught_by
 
@@ -111,6 +120,37 @@ def test_tables_count_what_was_said():
     assert "| `b` |  | 0.80 (0.90, 0.70) |  | 1.00 | 0.30 |" in text
 
 
+def test_series_are_what_they_are_said_to_be():
+    theta = np.broadcast_to([0.5, 0.1], (4000, 2))
+    x = series.simulate(theta, np.random.default_rng(2))
+    scatter = np.exp(0.1) / np.sqrt(1 - 0.5**2)
+    np.testing.assert_allclose(x.std(axis=0), scatter, rtol=0.05)
+    for lag in (1, 3):
+        np.testing.assert_allclose((x[:, lag:] * x[:, :-lag]).mean(), scatter**2 * 0.5**lag, rtol=0.05)
+    found = series.summaries(np.arange(80.0).reshape(2, 40))
+    assert found.shape == (2, 11)
+    assert found[0, :2].tolist() == [2.0, 7.0]
+    assert found[0, 9] == pytest.approx(np.mean(np.arange(1, 40) * np.arange(39)))
+    # One step: its effect of the same name, at the same place.
+    step = series.EFFECTS[0].effect(height=series.HEIGHT, at=series.AT)
+    assert step is not None
+
+
+def test_the_table_of_series_counts_what_was_said():
+    nan = np.nan
+    table = said(
+        [["step", "unnamed", ""], ["step", "step", "drift"]],
+        [["step", "unnamed,step", ""], ["step", "step", "drift"]],
+        [[0.8, nan, nan], [0.8, 0.5, 1.0]], [[0.7, nan, nan], [0.7, 0.4, 0.5]],
+        [[0.9, nan, nan], [0.9, 0.6, 1.5]], [[0.8] * 3] * 2, ["raw", "own summaries"],
+    )  # fmt: skip
+    axes = ("kind", "catalogue")
+    table = table.assign(first=(axes, [[0.5, 0.6, 0.7]] * 2), seconds=(axes, [[9.0] * 3] * 2))
+    rows = series_table(table.assign_attrs(command="python -m studies simulated")).splitlines()
+    assert rows[2] == "| raw | 3 | 1 | 1 | 0 | 1 | 0 | 1 of 1 | 0.60 (0.50 to 0.70) | 9 s |"
+    assert rows[3] == "| own summaries | 3 | 2 | 0 | 0 | 0 | 1 | 1 of 2 | 0.60 (0.50 to 0.70) | 9 s |"
+
+
 def test_what_is_hidden_is_in_the_cases():
     for name, ranges in HIDDEN.items():
         x, truth = with_effect(name, ranges, np.random.default_rng(2))
@@ -161,7 +201,8 @@ def test_small_all_of_it_makes_a_table(monkeypatch, tmp_path, capsys):
 
 
 def test_the_page_says_what_was_found():
-    text, tables = (DOCS / "discover-simulated.md").read_text(encoding="utf-8"), tables_in(RESULTS)
-    assert information_table(tables["information"]) in text
-    assert names_table(tables) in text
-    assert intervals_table(tables) in text
+    text = (DOCS / "discover-simulated.md").read_text(encoding="utf-8")
+    made = blocks(tables_in(RESULTS))
+    assert {"information", "names", "intervals"} <= set(made)
+    for block in made.values():
+        assert block in text
