@@ -10,8 +10,8 @@ from tests.diagnose.problems import FAULTS, about_middle, exact, lighter, noisie
 
 from gaugeblock.diagnosis.cases import Cases
 from gaugeblock.diagnosis.library import joint, marginal, structure
-from gaugeblock.diagnosis.repair import from_data, plain_repair
-from gaugeblock.diagnosis.workflow import locate_and_name
+from gaugeblock.diagnosis.repair import Repair, from_data, plain_repair
+from gaugeblock.diagnosis.workflow import _too_much, locate_and_name
 
 SEED = 1
 
@@ -225,3 +225,22 @@ def test_the_gap_is_that_of_a_truth_among_its_candidates():
     cases = two_modes(SEED)
     found = found_in(cases, np.abs(cases.draws) * [1, 0] + cases.draws * [0, 1] + width(cases) * 0)
     assert 0.3 < found.before[0] < np.log(25)
+
+
+@pytest.mark.parametrize(
+    ("share", "recovers", "number", "given_up"),
+    [
+        # A first one may leave what a second takes away, a second no more than it promises.
+        (0.7, 0.95, 1, False), (0.8, 0.95, 1, True), (0.8, 0.95, 2, True), (0.04, 0.95, 2, False),
+        (0.08, 0.95, 2, True), (0.08, 0.9, 2, False),
+        # What stands for lost information may leave everything.
+        (1.5, 0.0, 1, False), (1.5, 0.0, 2, False),
+    ],
+)  # fmt: skip
+def test_a_repair_that_leaves_too_much_is_given_up(share, recovers, number, given_up):
+    scatter = 0.001 * np.tile([1.0, -1.0], 50)
+    original = np.linspace(0.5, 1.5, 100)
+    chosen = [Repair("shift", lambda cases: cases, "", recovers=recovers)] * number
+    assert _too_much(share * original + scatter, original, chosen) == given_up
+    # Not where errors are as large as what is left.
+    assert not _too_much(share * original + 10_000 * scatter, original, chosen)
