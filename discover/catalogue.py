@@ -195,7 +195,7 @@ class CatalogueCounts(Engine):
             if entry.scanned:
                 node, away = refined(members, key, node)
             term = term_at(entry, node)
-            low, high = entry.parameters[entry.amplitude].support
+            low, high = entry.support
             inside = np.clip(entry.neutral + away, low + 0.02 * (high - low), high - 0.02 * (high - low))
             models = tuple(share(group.simulator, [term]) for group in groups)
             found = profile_models(models, groups, start=np.array([inside]), fits=fits)

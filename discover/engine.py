@@ -161,7 +161,7 @@ class Look:
         entry, at = self.entries[key], self.best(key)
         values = dict(zip(entry.parameters, map(float, entry.nodes[self.node[at]]), strict=True))
         # A score that knows next to nothing may promise anything.
-        low, high = entry.parameters[entry.amplitude].support
+        low, high = entry.support
         values[entry.amplitude] = float(np.clip(entry.neutral + self.amplitude[at], low, high))
         z, seen = float(self.z[at]), float(self.smallest_detectable[at])
         smallest = seen if np.isfinite(seen) else None
@@ -172,7 +172,7 @@ class Look:
         """Effects that would not stand out by five standard errors at either end of what they may be."""
         made = []
         for key, entry in self.entries.items():
-            low, high = entry.parameters[entry.amplitude].support
+            low, high = entry.support
             farthest = max(high - entry.neutral, entry.neutral - low)
             if self.smallest_detectable[self.owner == key].min() > farthest:
                 made.append(key)

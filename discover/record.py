@@ -86,11 +86,9 @@ def recorded(engine: Engine, found: Searched) -> Discovery:
 
 def _beyond_sight(first: Look) -> tuple[NotChecked, ...]:
     """What these data could not show."""
-    if not first.unseen:
-        return ()
-    which = ", ".join(first.unseen)
-    why = f"no amplitude that its prior allows would stand out by five standard errors: {which}"
-    return (NotChecked("effects that these data cannot show", why),)
+    unseen = first.unseen
+    why = f"no amplitude that its prior allows would stand out by five standard errors: {', '.join(unseen)}"
+    return (NotChecked("effects that these data cannot show", why),) if unseen else ()
 
 
 def _statements(engine: Engine, found: Searched) -> tuple[Statement, ...]:

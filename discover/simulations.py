@@ -191,7 +191,7 @@ class Simulations(Engine):
         best, made = rounds[-1].best, []
         for key, entry, index in amplitude_places(self.entries, best.path, best.fit.model.hyper):
             value, error = float(best.fit.state[index]), float(best.fit.error[index])
-            low, high = entry.parameters[entry.amplitude].support
+            low, high = entry.support
             half = float(-ndtri((1.0 - INTERVAL) / 2.0)) * error
             interval = (max(low, value - half), min(high, value + half))
             made.append(Amplitude.of(key, entry, value, interval, level=INTERVAL, error=error))

@@ -114,7 +114,7 @@ class LibraryEffect(Value):
                 f"effect {self.name}: every parameter but the amplitude {self.amplitude!r} needs values to "
                 f"scan; it has {', '.join(self.parameters)} and scans {', '.join(self.scanned) or 'nothing'}"
             )
-        low, high = self.parameters[self.amplitude].support
+        low, high = self.support
         if not low <= self.neutral <= high or not low <= self.neutral + self.step <= high:
             raise InputError(
                 f"effect {self.name}: the prior of {self.amplitude} must hold {self.neutral:g} and "
@@ -177,9 +177,14 @@ class LibraryEffect(Value):
         return total
 
     @property
+    def support(self) -> tuple[float, float]:
+        """Between which values the amplitude may lie."""
+        return self.parameters[self.amplitude].support
+
+    @property
     def two_sided(self) -> bool:
         """Whether the amplitude may lie on either side of its neutral value."""
-        low, high = self.parameters[self.amplitude].support
+        low, high = self.support
         return bool(low < self.neutral < high)
 
     @property

@@ -64,7 +64,7 @@ def profile_interval(
     At a bound of the amplitude the interval ends there.
     """
     entry, index = place.entry, place.index
-    low, high = entry.parameters[entry.amplitude].support
+    low, high = entry.support
     value = float(fitted.theta[0, index])
     error = _standard_error(fitted, index) * (high - low)
     grid = np.unique(np.clip(value + np.linspace(-REACH, REACH, POINTS) * error, low, high))

@@ -75,7 +75,7 @@ def loses(
         if key == part.key or key in kept:
             continue
         mine = np.flatnonzero(shapes.owner == key)
-        low, high = entry.parameters[entry.amplitude].support
+        low, high = entry.support
         most = LINEAR / np.maximum(np.abs(shapes.values[0, mine] / mean).max(axis=1), TINY)
         low, high = np.maximum(low - entry.neutral, -most), np.minimum(high - entry.neutral, most)
         if _kept(own, others[mine], residual, low, high).min(initial=np.inf) < LEAST:

@@ -101,7 +101,7 @@ def starts(candidate: Candidate, sources: Sources, base: Fit, found: Templates, 
     z = allowed(tested.z[0, mine], found.sign[mine])
     order = _apart(z, TRIES)
     nodes = observed_nodes(candidate, sources)[0, found.node[mine[order]]]
-    low, high = entry.parameters[entry.amplitude].support
+    low, high = entry.support
     step = tested.amplitude[0, mine[order]]
     # Never from neutral itself: there the other parameters of the effect have no gradient.
     least = 0.05 * abs(entry.step)

@@ -79,7 +79,7 @@ class Shared:
     @property
     def bounds(self) -> Array:
         """Support of the amplitudes, ``(term, 2)``."""
-        supports = [term.entry.parameters[term.entry.amplitude].support for term in self.terms]
+        supports = [term.entry.support for term in self.terms]
         return np.array(supports, dtype=float).reshape(-1, 2)
 
     def at(self, theta: Array, phi: Array, redshift: Array) -> Array:

@@ -92,7 +92,7 @@ def _fitted_from(
     candidate: Candidate, found: LearnedTests, start: int, before: SimulatedFit, observed: Observed
 ) -> SimulatedFit:
     entry = candidate.entry
-    low, high = entry.parameters[entry.amplitude].support
+    low, high = entry.support
     departure = found.amplitude[start]
     # No farther than a third of the prior, and never neutral: there the other parameters mean nothing.
     departure = np.sign(departure or entry.step) * np.clip(

@@ -83,7 +83,7 @@ class LearnedFeatures:
     def __call__(self, x: ArrayLike) -> Array:
         """Features ``(n, feature)``."""
         rows = coordinates_of(x, self.summaries)
-        quadratic = _quadratic(self._normal_scores(rows), self.axes)
+        quadratic = _quadratic(self._normal_scores(rows), self.components, self.axes)
         smooth = _polynomials(quadratic @ self.weights - self.centre, self.degree)
         inner = rows @ self.components - self.middle
         weighed = (inner[:, :, None] * smooth[:, None, :]).reshape(len(rows), -1)
@@ -123,18 +123,16 @@ class LearnedFeatures:
         return found
 
 
-def _quadratic(z: Array, axes: Array) -> Array:
-    """Coordinates, squares, and products; of many coordinates the squares along all their axes.
+def _quadratic(z: Array, components: Array, axes: Array) -> Array:
+    """Coordinates, squares, and products of components; where these are fewer, squares along all axes too.
 
     How a series depends on itself is in how much it varies along each axis, those of least variance among
     them, where a trend or a step has no part.
     """
-    d = z.shape[1]
-    along = z if d <= PRODUCTS_OF else z @ axes
-    first, second = np.triu_indices(min(d, PRODUCTS_OF), 1)
-    inner = along[:, -PRODUCTS_OF:]
-    squares = [z**2] if along is z else [z**2, along**2]
-    return np.concatenate([z, *squares, inner[:, first] * inner[:, second]], axis=1)
+    inner = z @ components
+    first, second = np.triu_indices(inner.shape[1], 1)
+    along = [(z @ axes) ** 2] if inner.shape[1] < z.shape[1] else []
+    return np.concatenate([z, z**2, *along, inner[:, first] * inner[:, second]], axis=1)
 
 
 def _exponents(parameters: int, degree: int) -> list[tuple[int, ...]]:
@@ -201,7 +199,7 @@ def learn_features(
     axes = vectors / np.sqrt(np.maximum(values, 1e-3))
     components = np.eye(d) if d <= PRODUCTS_OF else axes[:, -PRODUCTS_OF:]
     knots, scores = (np.array(part) for part in zip(*tables, strict=True))
-    centre, weights, share = _learned_theta(_quadratic(z, axes), normal)
+    centre, weights, share = _learned_theta(_quadratic(z, components, axes), normal)
     inner, parameters = components.shape[1], normal.shape[1]
     degree = DEGREE if share > LEARNED else 0
     while degree and inner * len(_exponents(parameters, degree)) > MOST_WEIGHED:

@@ -10,7 +10,7 @@ import xarray as xr
 
 from studies.kit import page
 from studies.kit.results import clopper_pearson, command_of, read_groups
-from studies.simulated.series import HEIGHT, PHI
+from studies.simulated.series import PHI
 
 WEEK = 5.0
 """Of scanned effects the table has this week, and how the others are."""
@@ -146,13 +146,11 @@ def series_table(table: xr.Dataset) -> str:
     for kind in table["kind"].values.tolist():
         one = table.sel(kind=[kind])
         names = _names(one.isel(kind=0), STEP)
-        there = one["named"].values.ravel() == STEP
-        low, high = (one[name].values.ravel()[there] for name in ("low", "high"))
-        inside = np.count_nonzero((low <= HEIGHT) & (high >= HEIGHT))
+        number, inside, *_ = pulls(one.assign_coords(kind=[STEP]))
         first = one["first"].values.ravel()
         rows.append(
             [
-                kind, str(len(there)), *names, f"{inside} of {there.sum()}",
+                kind, str(one.sizes["catalogue"]), *names, f"{inside} of {number}",
                 f"{np.median(first):.2f} ({first.min():.2f} to {first.max():.2f})",
                 f"{np.median(one['seconds'].values):.0f} s",
             ]

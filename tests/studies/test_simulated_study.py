@@ -131,9 +131,10 @@ def test_series_are_what_they_are_said_to_be():
     assert found.shape == (2, 11)
     assert found[0, :2].tolist() == [2.0, 7.0]
     assert found[0, 9] == pytest.approx(np.mean(np.arange(1, 40) * np.arange(39)))
-    # One step: its effect of the same name, at the same place.
-    step = series.EFFECTS[0].effect(height=series.HEIGHT, at=series.AT)
-    assert step is not None
+    # The effect of this name is the step that is hidden.
+    values = {"height": np.array([series.HEIGHT]), "at": np.array([series.AT])}
+    moved = series.EFFECTS[0].kind(lambda *_: np.zeros((1, 40)), theta[:1], values, None)
+    assert moved[0].tolist() == [0.0] * 20 + [series.HEIGHT] * 20
 
 
 def test_the_table_of_series_counts_what_was_said():
