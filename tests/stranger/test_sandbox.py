@@ -5,6 +5,7 @@ import os
 import socket
 import subprocess
 import sys
+import uuid
 import venv
 from pathlib import Path
 from typing import Any
@@ -83,10 +84,12 @@ def test_it_writes_to_a_private_folder_only(seen: Any, tmp_path: Path) -> None:
         "found = []\n    for name in {}:\n        try: open(name, 'w').close(); found.append(name)\n"
         "        except OSError: pass\n    return found"
     )
-    names = ["/tmp/x", "/x", "/usr/x", "/etc/x", "/dev/x", "/srv/x", "/srv/model/theirs.py"]
-    assert seen(attempt.format([*names, str(tmp_path / "x")])) == ["/tmp/x"]
-    assert not (tmp_path / "x").exists()
-    assert not Path("/tmp/x").exists()
+    # A name that nobody else's file in the machine's /tmp has.
+    name = f"x-{uuid.uuid4().hex}"
+    folders = ["/tmp", "", "/usr", "/etc", "/dev", "/srv", str(tmp_path)]
+    names = [*(f"{folder}/{name}" for folder in folders), "/srv/model/theirs.py"]
+    assert seen(attempt.format(names)) == [f"/tmp/{name}"]
+    assert not any(Path(f"{folder}/{name}").exists() for folder in folders)
 
 
 def test_forks_are_held(seen: Any) -> None:
