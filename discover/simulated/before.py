@@ -66,7 +66,7 @@ def prepare(
         reference = model.draw(state, budget.simulations, budget.seed + 1)
         normal = model.normal(budget.simulations, budget.seed + 1)
         features = learn_features(reference, normal, summaries=summaries)
-        observed = Observed(features, features(data), budget)
+        observed = Observed.of(data, features, budget)
         fitted = fit_simulated(model, observed, start=state)
         state = fitted.state
     theta = model.population.theta(state[: model.hyper], model.normal(1000, budget.seed))

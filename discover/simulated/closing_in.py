@@ -11,6 +11,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.simulated.features import LearnedFeatures, Summaries, learn_features
 from gaugeblock.discovery.simulated.model import Model
 from gaugeblock.discovery.simulated.population import LearnedPopulation
+from gaugeblock.simulators.prior import Prior
 
 ROUNDS = 5
 WIDER = 1.5
@@ -23,26 +24,35 @@ RIDGE = 1e-3
 
 
 def close_in(
-    simulator: Any, x: ArrayLike, *, simulations: int, seed: int, summaries: Summaries | None = None
+    simulator: Any,
+    x: ArrayLike,
+    *,
+    simulations: int,
+    seed: int,
+    summaries: Summaries | None = None,
+    prior: Prior | None = None,
+    effects: Array | None = None,
 ) -> LearnedPopulation:
     """A population to begin with for data sets ``(n, ...)``, its hyper-parameters 0 there.
 
     Each round regresses theta on features of simulated data and predicts it for the data sets; the next one
     simulates there. For a catalogue that is expectation maximisation with learned posterior means and
     variances; around one data set, whose population is a point, the round's posterior takes its place.
+    Values of effects, the last of the simulator's theta, are held; `prior` is then that of what is before.
 
     References
     ----------
     Dempster, Laird & Rubin (1977), J. R. Stat. Soc. B 39, 1; Beaumont, Zhang & Balding (2002), Genetics 162,
     2025; Papamakarios & Murray (2016), NeurIPS.
     """
-    prior, data = simulator.prior, np.asarray(x)
+    prior, data = simulator.prior if prior is None else prior, np.asarray(x)
+    held = np.zeros(0) if effects is None else effects
     single = len(data) == 1
     centre, root = np.zeros(prior.size), np.eye(prior.size)
     for k in range(ROUNDS):
         model = Model.plain(simulator, LearnedPopulation(prior, centre, root))
         simulated, normal = (
-            model.draw(np.zeros(model.hyper), simulations, seed + k),
+            model.draw(np.concatenate([np.zeros(model.hyper), held]), simulations, seed + k),
             model.normal(simulations, seed + k),
         )
         features = learn_features(simulated, normal, summaries=summaries)

@@ -9,20 +9,21 @@ import numpy as np
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.engine import Extension, Look
 from gaugeblock.discovery.library import Candidate
+from gaugeblock.discovery.simulated.closing_in import close_in
 from gaugeblock.discovery.simulated.learning import Base, learn, simulate_base
-from gaugeblock.discovery.simulated.moment_fit import DISTINCT, SimulatedFit, fit_simulated, misfit
+from gaugeblock.discovery.simulated.model import Model
+from gaugeblock.discovery.simulated.moment_fit import (
+    SimulatedFit,
+    apart,
+    fit_simulated,
+    inverse_covariance,
+    misfit,
+)
 from gaugeblock.discovery.simulated.observed import Observed
 from gaugeblock.discovery.simulated.score_tests import LearnedTests
 
 SHARE = 0.04
 """Steps of scanned parameters, as a share of their prior's width."""
-
-
-UNLIKE = 0.5
-"""Correlation below which two scores of an effect are two peaks ..."""
-
-NEARLY = 0.8
-"""... and share of the larger one from which on the smaller one counts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,10 +41,7 @@ class LogRatio:
     def learned(cls, scores: Array, numerator: Base, denominator: Base) -> LogRatio:
         """From simulations of both models with the same random numbers; `scores` ``(score, feature)``."""
         covariance = 0.5 * (numerator.covariance(scores) + denominator.covariance(scores))
-        scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-        inverse = np.linalg.pinv(covariance / np.outer(scale, scale), rcond=DISTINCT, hermitian=True)
-        span = scores / scale[:, None]
-        weights = span.T @ (inverse @ (span @ (numerator.mean - denominator.mean)))
+        weights = scores.T @ (inverse_covariance(covariance) @ (scores @ (numerator.mean - denominator.mean)))
         return cls(weights, 0.5 * (numerator.mean + denominator.mean))
 
     def __call__(self, rows: Array) -> Array:
@@ -79,49 +77,47 @@ def extended_by(
 ) -> Extended:
     """Fit one candidate, starting where its score peaks and with the amplitude that one step promises.
 
-    From a second peak too, where that is nearly as high: of two local fits the data choose.
+    And at the scanned value whose simulations come nearest to the data, where that is another: the population
+    takes some of an effect before that is known, and the scores do not see that part. The data choose.
     """
     found: LearnedTests = seen.state
-    starts = _peaks(found, seen.best(candidate.key), before)
-    fits = [_fitted_from(candidate, found, start, before, observed) for start in starts]
+    peak = seen.best(candidate.key)
+    starts = [_begun(candidate, found, peak, _between(candidate, found, peak), before)]
+    nodes = np.flatnonzero(found.scores.owner == found.scores.owner[peak])
+    if len(nodes) > 1:
+        begun = [_begun(candidate, found, int(node), found.scores.node[node], before) for node in nodes]
+        left = [apart(simulate_base(model, observed, state), found.span, observed) for model, state in begun]
+        nearest = int(np.argmin(left))
+        if nodes[nearest] != peak:
+            starts.append(begun[nearest])
+    fits = []
+    for model, state in starts:
+        lesson = learn(model, observed, simulate_base(model, observed, state), state)
+        fits.append(fit_simulated(model, observed, start=state, lesson=lesson, span=found.span))
     fitted = min(fits, key=lambda one: misfit(one, observed, found.span))
     return _compared(candidate, path, fitted, before, found, observed)
 
 
-def _fitted_from(
-    candidate: Candidate, found: LearnedTests, start: int, before: SimulatedFit, observed: Observed
-) -> SimulatedFit:
+def _begun(
+    candidate: Candidate, found: LearnedTests, score: int, values: Array, before: SimulatedFit
+) -> tuple[Model, Array]:
+    """The model with the effect, and a state: with these values ``(k,)`` and the amplitude of a score."""
     entry = candidate.entry
     low, high = entry.support
-    departure = found.amplitude[start]
+    departure = found.amplitude[score]
     # No farther than a third of the prior, and never neutral: there the other parameters mean nothing.
     departure = np.sign(departure or entry.step) * np.clip(
         abs(departure), 0.1 * abs(entry.step), (high - low) / 3.0
     )
     steps = np.array([SHARE * np.ptp(marginal.support) for marginal in entry.parameters.values()])
-    steps[candidate.amplitude_index] = found.scores.step[start]
-    values = _between(candidate, found, start)
-    values[candidate.amplitude_index] = np.clip(entry.neutral + departure, low, high)
-    model = before.model.extended(candidate.simulator, steps)
-    state = np.concatenate([before.state, values])
+    steps[candidate.amplitude_index] = found.scores.step[score]
+    chosen = values.copy()
+    chosen[candidate.amplitude_index] = np.clip(entry.neutral + departure, low, high)
+    scanned = [name in entry.scanned for name in entry.parameters]
+    model = before.model.extended(candidate.simulator, steps, scanned)
+    state = np.concatenate([before.state, chosen])
     state[: model.hyper] = model.population.widened(state[: model.hyper])
-    lesson = learn(model, observed, simulate_base(model, observed, state), state)
-    return fit_simulated(model, observed, start=state, lesson=lesson, span=found.span)
-
-
-def _peaks(found: LearnedTests, best: int, before: SimulatedFit) -> list[int]:
-    """The best score of an effect, and the best of those unlike it if that is nearly as large."""
-    mine = np.flatnonzero(found.scores.owner == found.scores.owner[best])
-    weights = before.lesson.orthogonal(found.scores.learned[mine].mean(axis=1))
-    covariance = before.base.covariance(weights)
-    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    place = int(np.flatnonzero(mine == best)[0])
-    unlike = mine[np.abs(covariance[place] / (size * size[place])) < UNLIKE]
-    z = np.abs(found.z)
-    if not len(unlike):
-        return [best]
-    second = int(unlike[np.argmax(z[unlike])])
-    return [best, second] if z[second] > NEARLY * z[best] else [best]
+    return model, state
 
 
 def _between(candidate: Candidate, found: LearnedTests, best: int) -> Array:
@@ -163,8 +159,20 @@ def _compared(
 
 
 def refine(one: Extended, found: LearnedTests, before: SimulatedFit, observed: Observed) -> Extended:
-    """Learn all scores anew where the fit ended, and fit again: for amplitude and interval."""
-    fitted = fit_simulated(one.fit.model, observed, start=one.fit.state, span=found.span)
+    """Learn all scores anew where the fit ended, and fit again: for amplitude and interval.
+
+    From there, and from a population that is closed in on with the effect in place: the one that was fitted
+    before the effect may have taken some of it, and a fit that begins there stays there.
+    """
+    model, state = one.fit.model, one.fit.state
+    own, effects = model.population, state[model.hyper :]
+    anew = close_in(
+        model.simulator, observed.data, simulations=observed.budget.simulations, seed=observed.budget.seed,
+        summaries=observed.features.summaries, prior=own.prior, effects=effects,
+    )  # fmt: skip
+    starts = (state, np.concatenate([own.hyper_of(anew), effects]))
+    fits = [fit_simulated(model, observed, start=start, span=found.span) for start in starts]
+    fitted = min(fits, key=lambda one: misfit(one, observed, found.span))
     return _compared(one.candidate, one.path, fitted, before, found, observed)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -64,7 +63,7 @@ def learned_scores(
     scores: list[list[Array]] = [[] for _ in names]
     gaps = np.zeros((len(names), folds))
     for k in range(folds):
-        fitting, judging = (replace(observed, rows=observed.rows[rows]) for rows in (fold != k, fold == k))
+        fitting, judging = (observed.part(rows) for rows in (fold != k, fold == k))
         plain = refit(before, fitting, span=span)
         there, here = moments(plain, fitting), moments(plain, judging)
         gaps[0, k] = (here**2).mean()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.simulated.population import LearnedPopulation
@@ -20,21 +20,24 @@ class Model:
     """Data sets with parameters from a population and effects that all of them share.
 
     What is fitted is ``state``: the population's hyper-parameters, then the effects' parameters in the order
-    of the simulator's theta. `steps` ``(state,)`` are those of derivatives.
+    of the simulator's theta. `steps` ``(state,)`` are those of derivatives; `scanned` ``(state,)`` are values
+    that data may follow in jumps, as a week or the place of a step.
     """
 
     simulator: Any
     population: LearnedPopulation
     steps: Array
+    scanned: NDArray[np.bool_]
 
     @classmethod
     def plain(cls, simulator: Any, population: LearnedPopulation) -> Model:
         """Without effects."""
-        return cls(simulator, population, population.steps)
+        return cls(simulator, population, population.steps, np.zeros(len(population.steps), dtype=bool))
 
-    def extended(self, simulator: Any, steps: Array) -> Model:
-        """With one more effect, whose parameters' steps are given."""
-        return Model(simulator, self.population, np.concatenate([self.steps, steps]))
+    def extended(self, simulator: Any, steps: Array, scanned: ArrayLike = False) -> Model:
+        """With one more effect, whose parameters' steps are given, and which of them are scanned."""
+        jumps = np.concatenate([self.scanned, np.broadcast_to(np.asarray(scanned, dtype=bool), len(steps))])
+        return Model(simulator, self.population, np.concatenate([self.steps, steps]), jumps)
 
     @property
     def hyper(self) -> int:

@@ -100,7 +100,10 @@ def fit_simulated(
 def _solve(
     model: Model, observed: Observed, lesson: Lesson, state: Array, base: Base, span: Array | None
 ) -> tuple[Array, Base, Array]:
-    """Gauss-Newton steps with the scores held; each is shortened until it brings the means closer."""
+    """Gauss-Newton steps with the scores held; each is shortened until it brings the means closer.
+
+    Where none does, what data may follow in jumps stays as it is, and the rest is tried without it.
+    """
     hyper, mean, n = model.hyper, observed.mean, len(observed)
     weights, slope, metric = _system(lesson, base, span)
     weak = np.zeros(len(state))
@@ -114,18 +117,23 @@ def _solve(
 
     error = np.sqrt(np.maximum(np.diag(_noise(lesson, base, observed, span)), 1e-300))
     last: Array = np.zeros(len(state))
+    frees = [np.full(len(state), True), *([~model.scanned] if model.scanned.any() else [])]
     for _ in range(STEPS):
         left = slope.T @ metric @ (weights @ (mean - base.mean)) - weak * state
-        step = np.linalg.lstsq(curvature, left, rcond=1e-8)[0]
-        step *= min(1.0, float((limit / np.maximum(np.abs(step), 1e-300)).min()))
         before, moved = distance(base, state), False
-        for _ in range(3):
-            target = np.clip(state + step, *model.bounds.T)
-            there = simulate_base(model, observed, target)
-            if distance(there, target) < before:
-                moved = True
+        for free in frees:
+            step = np.zeros(len(state))
+            step[free] = np.linalg.lstsq(curvature[np.ix_(free, free)], left[free], rcond=1e-8)[0]
+            step *= min(1.0, float((limit / np.maximum(np.abs(step), 1e-300)).min()))
+            for _ in range(3):
+                target = np.clip(state + step, *model.bounds.T)
+                there = simulate_base(model, observed, target)
+                moved = distance(there, target) < before
+                if moved:
+                    break
+                step = step / 3.0
+            if moved:
                 break
-            step = step / 3.0
         if not moved:
             last = np.where(np.any(np.abs(step) > CLOSE * error), step, 0.0)
             break
@@ -142,24 +150,33 @@ def _system(lesson: Lesson, base: Base, span: Array | None) -> tuple[Array, Arra
     if span is not None:
         weights = np.concatenate([weights, span])
         slope = np.concatenate([slope, span @ lesson.slope.T])
-    covariance = base.covariance(weights)
+    return weights, slope, inverse_covariance(base.covariance(weights))
+
+
+def inverse_covariance(covariance: Array) -> Array:
+    """Of scores ``(score, score)``; combinations that hardly vary are left out."""
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     inverse = np.linalg.pinv(covariance / np.outer(scale, scale), rcond=DISTINCT, hermitian=True)
-    return weights, slope, inverse / np.outer(scale, scale)
+    return np.asarray(inverse / np.outer(scale, scale))
 
 
 def misfit(fitted: SimulatedFit, observed: Observed, span: Array) -> float:
-    """How far the data are from a fitted model in the span ``(score, feature)`` of scores: a chi square.
+    """How far the data are from a fitted model in its scores and those of a span ``(score, feature)``."""
+    return apart(fitted.base, np.concatenate([fitted.lesson.weights, span]), observed)
 
-    With the model's own covariance: that of another is no measure where an effect is large.
+
+def apart(base: Base, weights: Array, observed: Observed) -> float:
+    """How far the data are from simulations in scores of given weights ``(score, feature)``: a chi square.
+
+    With the simulations' own covariance: that of another model is no measure where an effect is large.
 
     References
     ----------
     Hansen (1982), Econometrica 50, 1029; Andrews (1999), Econometrica 67, 543.
     """
-    weights, _, metric = _system(fitted.lesson, fitted.base, span)
-    left = weights @ (observed.mean - fitted.base.mean)
-    return float(left @ metric @ left) * len(observed) / observed.inflation
+    left = weights @ (observed.mean - base.mean)
+    squared = left @ inverse_covariance(base.covariance(weights)) @ left
+    return float(squared) * len(observed) / observed.inflation
 
 
 def _noise(lesson: Lesson, base: Base, observed: Observed, span: Array | None) -> Array:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.simulated.features import LearnedFeatures
@@ -20,11 +22,22 @@ class Budget:
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """What was measured, as features ``(n, feature)``, and the budget of simulations that explain it."""
+    """What was measured: data sets ``(n, ...)``, as features ``(n, feature)`` too, and the budget of
+    simulations that explain it."""
 
+    data: NDArray[Any]
     features: LearnedFeatures
     rows: Array
     budget: Budget
+
+    @classmethod
+    def of(cls, data: NDArray[Any], features: LearnedFeatures, budget: Budget) -> Observed:
+        """Data seen through features."""
+        return cls(data, features, features(data), budget)
+
+    def part(self, chosen: NDArray[Any]) -> Observed:
+        """Some of the data sets."""
+        return replace(self, data=self.data[chosen], rows=self.rows[chosen])
 
     def __len__(self) -> int:
         return len(self.rows)

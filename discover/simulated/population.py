@@ -71,6 +71,14 @@ class LearnedPopulation:
             found[p : 2 * p] = np.maximum(found[p : 2 * p], STEEP)
         return found
 
+    def hyper_of(self, other: LearnedPopulation) -> Array:
+        """The hyper-parameters ``(hyper,)`` at which this population is another one's reference."""
+        found = [np.linalg.solve(self.root, other.centre - self.centre)]
+        if self.shape_free:
+            shape = np.linalg.solve(self.root, other.root)
+            found += [np.log(np.diag(shape)), shape[np.tril_indices(len(shape), -1)]]
+        return np.concatenate(found)
+
     def described(self, hyper: Array) -> dict[str, Estimate]:
         """Median of every parameter, and its 16% and 84% quantiles in the population, by name."""
         shape = self._shape(hyper)

@@ -28,7 +28,7 @@ def library_fixture(ruler):
 def learned(ruler, readings):
     model = Model.plain(ruler, LearnedPopulation.of(ruler.prior))
     features = learn_features(model.draw(np.zeros(2), 6000, 3), model.normal(6000, 3))
-    observed = Observed(features, features(readings(400, 7)), BUDGET)
+    observed = Observed.of(readings(400, 7), features, BUDGET)
     fitted = fit_simulated(model, observed, start=np.zeros(2))
     scores = learn_effects(Candidates.of(ruler, np.zeros((1, 1))), fitted, observed)
     return SimpleNamespace(fit=fitted, scores=scores, observed=observed)
@@ -126,7 +126,7 @@ def test_from_one_side_four_times_as_much_is_simulated(ruler, library):
     plain = Model.plain(ruler, LearnedPopulation.of(ruler.prior))
     tilted = plain.extended(Counted(ruler.with_effect(library["tilt"].effect())), np.array([0.1]))
     features = learn_features(plain.draw(np.zeros(2), 2000, 3), plain.normal(2000, 3))
-    observed = Observed(features, np.zeros((1, 1)), Budget(2000, 1))
+    observed = Observed(np.zeros((1, 1)), features, np.zeros((1, 1)), Budget(2000, 1))
     at_edge = derivative(tilted, observed, np.array([0.0, 0.0, 0.0]), 2, 7)
     assert drawn == [(8000, 0.0), (8000, 0.1)]
     inside = derivative(tilted, observed, np.array([0.0, 0.0, 0.5]), 2, 7)

@@ -103,7 +103,7 @@ def test_noise_in_what_was_learned_is_no_information():
     base = Base.of(rng.normal(size=(4000, 40)), np.ones(40))
     truth, covariances, naive = np.eye(40)[:1] * 0.3, [], []
     span = np.eye(40)
-    observed = Observed(None, np.zeros((100, 40)), Budget(4000, 1))
+    observed = Observed(None, None, np.zeros((100, 40)), Budget(4000, 1))
     for _ in range(200):
         halves = truth[:, None] + 0.1 * rng.normal(size=(1, 2, 40))
         lesson = Lesson(np.zeros(1), base.learn(halves.reshape(2, 40)).reshape(1, 2, 40), halves)
@@ -120,7 +120,7 @@ def test_the_misfit_by_hand():
     rows = rng.normal(size=(500, 2)) @ [[1.0, 0.4], [0.0, 1.0]]
     base = Base.of(rows, np.ones(2))
     lesson = Lesson(np.zeros(1), np.tile([1.0, 0.0], (1, 2, 1)), np.ones((1, 2, 2)))
-    observed = Observed(None, rng.normal(size=(50, 2)) + 0.3, Budget(500, 1))
+    observed = Observed(None, None, rng.normal(size=(50, 2)) + 0.3, Budget(500, 1))
     fitted = SimulatedFit(None, np.zeros(1), np.eye(1), base, lesson, True)
     left = observed.mean - rows.mean(axis=0)
     expected = left @ np.linalg.solve(np.cov(rows.T, bias=True), left) * 50 / (1 + 50 / 500)
