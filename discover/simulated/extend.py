@@ -21,9 +21,16 @@ from gaugeblock.discovery.simulated.moment_fit import (
 )
 from gaugeblock.discovery.simulated.observed import Observed
 from gaugeblock.discovery.simulated.score_tests import LearnedTests
+from gaugeblock.simulators.library import LibraryEffect
 
 SHARE = 0.04
-"""Steps of scanned parameters, as a share of their prior's width."""
+"""Step of a parameter that is scanned at one value only, as a share of its prior's width."""
+
+UNLIKE = 0.5
+"""Correlation below which two scores of an effect are two peaks ..."""
+
+NEARLY = 0.5
+"""... and share of the larger gain from which on the smaller one counts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,33 +82,51 @@ def extended_by(
     before: SimulatedFit,
     observed: Observed,
 ) -> Extended:
-    """Fit one candidate, starting where its score peaks and with the amplitude that one step promises.
+    """Fit one candidate from the scanned values whose simulations come nearest to the data.
 
-    And at the scanned value whose simulations come nearest to the data, where that is another: the population
-    takes some of an effect before that is known, and the scores do not see that part. The data choose.
+    The amplitude is what one step of their score promises. The scores themselves do not say where to begin:
+    the population has taken some of an effect that is not known yet, and they do not see that part. From a
+    second place too, where another is nearly as near: of two local fits the data choose.
     """
     found: LearnedTests = seen.state
-    peak = seen.best(candidate.key)
-    starts = [_begun(candidate, found, peak, _between(candidate, found, peak), before)]
-    nodes = np.flatnonzero(found.scores.owner == found.scores.owner[peak])
-    if len(nodes) > 1:
-        begun = [_begun(candidate, found, int(node), found.scores.node[node], before) for node in nodes]
-        left = [apart(simulate_base(model, observed, state), found.span, observed) for model, state in begun]
-        nearest = int(np.argmin(left))
-        if nodes[nearest] != peak:
-            starts.append(begun[nearest])
     fits = []
-    for model, state in starts:
+    for model, state in _starts(candidate, found, before, observed):
         lesson = learn(model, observed, simulate_base(model, observed, state), state)
         fits.append(fit_simulated(model, observed, start=state, lesson=lesson, span=found.span))
     fitted = min(fits, key=lambda one: misfit(one, observed, found.span))
     return _compared(candidate, path, fitted, before, found, observed)
 
 
+def _starts(
+    candidate: Candidate, found: LearnedTests, before: SimulatedFit, observed: Observed
+) -> list[tuple[Model, Array]]:
+    """Models with the effect and states to begin from: the nearest, and the nearest of those unlike it."""
+    mine = np.flatnonzero(found.scores.owner == candidate.key)
+    begun = [_begun(candidate, found, int(score), found.scores.node[score], before) for score in mine]
+    if len(mine) == 1:
+        return begun
+    gain = apart(before.base, found.span, observed) - np.array(
+        [apart(simulate_base(model, observed, state), found.span, observed) for model, state in begun]
+    )
+    best = int(np.argmax(gain))
+    starts = [best]
+    weights = before.lesson.orthogonal(found.scores.learned[mine].mean(axis=1))
+    covariance = before.base.covariance(weights)
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    unlike = np.flatnonzero(np.abs(covariance[best] / (size * size[best])) < UNLIKE)
+    if len(unlike):
+        second = int(unlike[np.argmax(gain[unlike])])
+        starts += [second] if gain[second] > NEARLY * gain[best] else []
+    return [
+        _begun(candidate, found, int(mine[start]), _between(candidate, found, gain, start), before)
+        for start in starts
+    ]
+
+
 def _begun(
     candidate: Candidate, found: LearnedTests, score: int, values: Array, before: SimulatedFit
 ) -> tuple[Model, Array]:
-    """The model with the effect, and a state: with these values ``(k,)`` and the amplitude of a score."""
+    """The model with the effect, and a state with these values ``(k,)``, the amplitude by one step."""
     entry = candidate.entry
     low, high = entry.support
     departure = found.amplitude[score]
@@ -109,7 +134,7 @@ def _begun(
     departure = np.sign(departure or entry.step) * np.clip(
         abs(departure), 0.1 * abs(entry.step), (high - low) / 3.0
     )
-    steps = np.array([SHARE * np.ptp(marginal.support) for marginal in entry.parameters.values()])
+    steps = np.array([_step(entry, name) for name in entry.parameters])
     steps[candidate.amplitude_index] = found.scores.step[score]
     chosen = values.copy()
     chosen[candidate.amplitude_index] = np.clip(entry.neutral + departure, low, high)
@@ -120,15 +145,22 @@ def _begun(
     return model, state
 
 
-def _between(candidate: Candidate, found: LearnedTests, best: int) -> Array:
-    """Values ``(k,)`` where an effect's z peaks: by a parabola through scanned values and their neighbours.
+def _step(entry: LibraryEffect, name: str) -> float:
+    """Step of a scanned parameter: half the way from one value to the next, so that no jump is stepped over."""
+    apart = np.diff(np.unique(np.asarray(entry.scanned.get(name, ()), dtype=float)))
+    return (
+        float(0.5 * np.median(apart)) if len(apart) else SHARE * float(np.ptp(entry.parameters[name].support))
+    )
+
+
+def _between(candidate: Candidate, found: LearnedTests, gain: Array, at: int) -> Array:
+    """Values ``(k,)`` where the gain ``(node,)`` peaks: by a parabola through a node and its neighbours.
 
     A fit that begins at a scanned value may find nothing on either side: halfway between two weeks an effect
     is shared by both, and at one of them its answer to the week is as large one way as the other.
     """
-    mine = np.flatnonzero(found.scores.owner == found.scores.owner[best])
-    nodes, z = np.array([found.scores.node[i] for i in mine]), found.z[mine] * np.sign(found.z[best])
-    at = int(np.flatnonzero(mine == best)[0])
+    mine = np.flatnonzero(found.scores.owner == candidate.key)
+    nodes = np.array([found.scores.node[score] for score in mine])
     values: Array = nodes[at].copy()
     for column, name in enumerate(candidate.entry.parameters):
         if name not in candidate.entry.scanned:
@@ -138,7 +170,7 @@ def _between(candidate: Candidate, found: LearnedTests, best: int) -> Array:
         line = line[np.argsort(nodes[line, column])]
         place = int(np.flatnonzero(line == at)[0])
         if 0 < place < len(line) - 1:
-            below, here, above = z[line[place - 1 : place + 2]]
+            below, here, above = gain[line[place - 1 : place + 2]]
             bend = max(2.0 * here - below - above, 1e-9)
             shift = np.clip(0.5 * (above - below) / bend, -0.5, 0.5)
             beside = line[place + (1 if shift > 0 else -1)]

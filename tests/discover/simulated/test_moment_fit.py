@@ -1,16 +1,21 @@
 """Fits by simulated moments: errors are as large as they say, misfits are chi squares."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
+from gaugeblock.discovery.simulated import extend
 from gaugeblock.discovery.simulated.before import prepare
-from gaugeblock.discovery.simulated.extend import _between, _peaks, extended_by, refine, refit
-from gaugeblock.discovery.simulated.learning import Base, Lesson
+from gaugeblock.discovery.simulated.extend import _between, _starts, _step, extended_by, refine, refit
+from gaugeblock.discovery.simulated.features import learn_features
+from gaugeblock.discovery.simulated.learning import Base, Lesson, learn, simulate_base
+from gaugeblock.discovery.simulated.model import Model
 from gaugeblock.discovery.simulated.moment_fit import SimulatedFit, _noise, fit_simulated, misfit
 from gaugeblock.discovery.simulated.observed import Budget, Observed
+from gaugeblock.discovery.simulated.population import LearnedPopulation
 from gaugeblock.discovery.simulated.score_tests import find
+from gaugeblock.simulators import Normal, Prior, Uniform
 
 HEIGHT, MARK, CATALOGUES = 0.8, 2.5, 100
 
@@ -64,20 +69,96 @@ def test_the_misfit_of_the_truth_is_a_chi_square(spiked):
     assert one.gain > 5
 
 
-def test_a_fit_begins_between_scanned_values_and_at_a_second_peak(spiked):
-    """The spike is shared by marks 2 and 3; by chance one at the end has the largest score."""
+def where_it_begins(model, observed, *, start, lesson=None, span=None):
+    """A fit that takes no step."""
+    base = simulate_base(model, observed, start)
+    learned = lesson or learn(model, observed, base, start)
+    return SimulatedFit(model, start, np.eye(len(start)), base, learned, True)
+
+
+def test_a_fit_begins_between_scanned_values_and_at_a_second_place(spiked):
+    """The spike is shared by marks 2 and 3; by chance one at the end is as near to the data."""
     before, one, _, _, found = spiked
-    at = {node[1]: k for k, node in enumerate(found.scores.node)}
-    z = np.abs(found.z)
     candidate = before.candidates["spike"]
-    assert _between(candidate, found, at[2.0])[1] == pytest.approx(2.5, abs=0.1)
-    assert _between(candidate, found, at[7.0])[1] == 7.0
-    assert int(np.argmax(z)) == at[7.0]
-    assert z[at[2.0]] > 0.8 * z[at[7.0]]
-    assert _peaks(found, at[7.0], before.fit) == [at[7.0], at[2.0]]
-    halved = replace(found, z=np.where(np.arange(8) == at[7.0], found.z, 0.5 * found.z))
-    assert _peaks(halved, at[7.0], before.fit) == [at[7.0]]
+    assert int(np.argmax(np.abs(found.z))) == 7
+    starts = [state[-2:] for _, state in _starts(candidate, found, before.fit, before.observed)]
+    assert starts[0] == pytest.approx([found.amplitude[7], 7.0])
+    assert starts[1] == pytest.approx([found.amplitude[2], 2.5], abs=0.1)
+    assert len(starts) == 2
     assert one.values["mark"] == pytest.approx(2.5, abs=0.3)
+    # The parabola through 1, 4, 3 peaks a quarter of the way to the right.
+    gain = np.array([0.0, 1.0, 4.0, 3.0, 0.0, 0.0, 0.0, 1.0])
+    assert _between(candidate, found, gain, 2) == pytest.approx([candidate.entry.nodes[0][0], 2.25])
+    assert _between(candidate, found, gain, 7)[1] == 7.0
+
+
+def test_a_fit_begins_where_simulations_are_nearest_and_not_where_the_score_peaks(spiked, readings):
+    """With a large spike; the scores are told that it is elsewhere."""
+    before = spiked[0]
+    candidate, observed = before.candidates["spike"], before.observed
+    x = readings(150, 41, spike={"height": 1.5, "mark": 5.0})
+    other = replace(observed, rows=observed.features(x))
+    told = find(before.scores, before.fit, other, replicates=399, rng=np.random.default_rng(1))
+    assert int(np.argmax(np.abs(told.z))) == 5
+    told = replace(told, z=np.where(np.arange(8) == 1, 99.0, told.z))
+    starts = [state[-2:] for _, state in _starts(candidate, told, before.fit, other)]
+    assert starts == [pytest.approx([told.amplitude[5], 5.0], abs=0.2)]
+
+
+def test_a_fit_begins_anew_with_a_population_found_with_the_effect_in_place(spiked, monkeypatch):
+    """Of a fit whose population is far off, and of one whose population is right, the better one is kept."""
+    before, one, _, _, found = spiked
+    monkeypatch.setattr(extend, "fit_simulated", where_it_begins)
+    astray = replace(one, fit=replace(one.fit, state=one.fit.state + [1.5, 0.0, 0.0, 0.0]))
+    anew = refine(astray, found, before.fit, before.observed)
+    length = one.fit.model.population.described(anew.fit.state[:2])["length"]
+    assert length.value == pytest.approx(0.5, abs=0.2)
+    np.testing.assert_array_equal(anew.fit.state[2:], one.fit.state[2:])
+    # What is fitted well already is kept, and not what begins anew.
+    monkeypatch.setattr(
+        extend, "close_in", lambda *_, **__: LearnedPopulation.of(Prior({"length": Normal(3.0, 1.0)}))
+    )
+    kept = refine(one, found, before.fit, before.observed)
+    np.testing.assert_array_equal(kept.fit.state, one.fit.state)
+
+
+@dataclass(frozen=True)
+class Jumping:
+    """Eight readings with a step whose place is rounded: they answer to it in jumps."""
+
+    prior = Prior({"length": Normal(0.0, 1.0), "height": Uniform(-3.0, 3.0), "mark": Uniform(0.0, 7.0)})
+
+    def simulate(self, theta, rng):
+        mean = theta[:, :1] + theta[:, 1:2] * (np.arange(8) >= np.ceil(theta[:, 2:]))
+        return mean + rng.standard_normal(mean.shape)
+
+
+def test_where_data_answer_in_jumps_the_rest_is_fitted_all_the_same():
+    """At the edge of a jump every step that moves the place makes things worse."""
+    simulator = Jumping()
+    plain = Model.plain(simulator, LearnedPopulation.of(Prior({"length": Normal(0.0, 1.0)})))
+    rng = np.random.default_rng(3)
+    theta = np.column_stack([0.2 + 0.5 * rng.normal(size=200), np.full(200, 0.8), np.full(200, 4.0)])
+    x = simulator.simulate(theta, rng)
+    start, found = np.array([0.0, 0.0, 0.5, 4.0]), []
+    for scanned in ([False, True], False):
+        model = plain.extended(simulator, np.array([0.2, 0.5]), scanned)
+        features = learn_features(model.draw(start, 3000, 1), model.normal(3000, 1))
+        found.append(fit_simulated(model, Observed.of(x, features, Budget(3000, 2)), start=start))
+    right, stuck = found
+    assert abs(right.state[2] - 0.8) < 3 * right.error[2]
+    assert 3.0 < right.state[3] <= 4.0
+    np.testing.assert_array_equal(stuck.state, start)
+
+
+def test_steps_of_scanned_parameters_reach_halfway_to_the_next_value(spiked):
+    before, _, _, _, found = spiked
+    candidate = before.candidates["spike"]
+    ((model, _), *_) = _starts(candidate, found, before.fit, before.observed)
+    assert model.steps[-1] == 0.5
+    assert model.scanned.tolist() == [False, False, False, True]
+    alone = replace(candidate.entry, scanned={"mark": [3.0]})
+    assert _step(alone, "mark") == pytest.approx(0.04 * 7.0)
 
 
 def test_a_fit_that_begins_too_narrow_finds_the_width(spiked, readings):

@@ -84,6 +84,39 @@ def test_a_point_has_scores_of_its_place_alone():
     np.testing.assert_allclose(population.score(np.zeros(1), np.array([[0.5]])), [[0.5 / 0.05]])
 
 
+@pytest.mark.parametrize("shape_free", [True, False])
+def test_another_population_in_ones_own_hyper_parameters(shape_free):
+    rng = np.random.default_rng(8)
+    prior = Prior({name: Normal(0.0, 1.0) for name in "abc"})
+    roots = [np.linalg.cholesky(np.cov(rng.normal(size=(3, 50)))) for _ in range(2)]
+    roots[1] = roots[1] if shape_free else roots[0]
+    own, other = (
+        LearnedPopulation(prior, rng.normal(size=3), root, shape_free, 1.0 if shape_free else 0.05)
+        for root in roots
+    )
+    normal = rng.normal(size=(6, 3))
+    hyper = own.hyper_of(other)
+    assert hyper.shape == (len(own.names),)
+    there = other.theta(np.zeros(len(hyper)), normal)
+    np.testing.assert_allclose(own.theta(hyper, normal), there, atol=1e-12)
+    np.testing.assert_allclose(own.hyper_of(own), 0.0, atol=1e-12)
+
+
+def test_effects_are_held_while_a_population_is_closed_in_on(ruler, readings):
+    """Every mark from the first on is read 2 too high: lengths are too, for who does not know it."""
+    step = {"height": 2.0, "mark": 1.0}
+    x = readings(400, 35, centre=-0.5, width=0.3, step=step)
+    budget = {"simulations": 4000, "seed": 5}
+    blind = close_in(ruler, x, **budget)
+    knowing = close_in(
+        ruler.with_effect(ruler.effect_library(None)["step"].effect()),
+        x, prior=ruler.prior, effects=np.array([2.0, 1.0]), **budget,
+    )  # fmt: skip
+    assert knowing.names == blind.names
+    assert blind.described(np.zeros(2))["length"].value > 1.0
+    assert knowing.described(np.zeros(2))["length"].value == pytest.approx(-0.5, abs=0.1)
+
+
 def test_fits_begin_where_widths_matter():
     population = LearnedPopulation.of(Prior({"a": Normal(0.0, 1.0), "b": Normal(0.0, 1.0)}))
     hyper = np.array([-3.0, 1.0, -2.0, 0.3, -0.9])
