@@ -105,9 +105,12 @@ def _starts(
     begun = [_begun(candidate, found, int(score), found.scores.node[score], before) for score in mine]
     if len(mine) == 1:
         return begun
-    gain = apart(before.base, found.span, observed) - np.array(
-        [apart(simulate_base(model, observed, state), found.span, observed) for model, state in begun]
-    )
+    if len(observed) == 1:
+        # What is measured once is no mean, and a distance from it says little; nor is there a population.
+        gain = found.z[mine] ** 2
+    else:
+        left = [apart(simulate_base(model, observed, state), found.span, observed) for model, state in begun]
+        gain = apart(before.base, found.span, observed) - np.array(left)
     best = int(np.argmax(gain))
     starts = [best]
     weights = before.lesson.orthogonal(found.scores.learned[mine].mean(axis=1))
@@ -146,7 +149,7 @@ def _begun(
 
 
 def _step(entry: LibraryEffect, name: str) -> float:
-    """Step of a scanned parameter: half the way from one value to the next, so that no jump is stepped over."""
+    """Step of a scanned parameter: half the way from one value to the next, over no jump."""
     apart = np.diff(np.unique(np.asarray(entry.scanned.get(name, ()), dtype=float)))
     return (
         float(0.5 * np.median(apart)) if len(apart) else SHARE * float(np.ptp(entry.parameters[name].support))
@@ -196,13 +199,15 @@ def refine(one: Extended, found: LearnedTests, before: SimulatedFit, observed: O
     From there, and from a population that is closed in on with the effect in place: the one that was fitted
     before the effect may have taken some of it, and a fit that begins there stays there.
     """
-    model, state = one.fit.model, one.fit.state
-    own, effects = model.population, state[model.hyper :]
-    anew = close_in(
-        model.simulator, observed.data, simulations=observed.budget.simulations, seed=observed.budget.seed,
-        summaries=observed.features.summaries, prior=own.prior, effects=effects,
-    )  # fmt: skip
-    starts = (state, np.concatenate([own.hyper_of(anew), effects]))
+    model, starts = one.fit.model, [one.fit.state]
+    if len(observed) > 1:
+        own, effects = model.population, one.fit.state[model.hyper :]
+        anew = close_in(
+            model.simulator, observed.data, simulations=observed.budget.simulations,
+            seed=observed.budget.seed, summaries=observed.features.summaries, prior=own.prior,
+            effects=effects,
+        )  # fmt: skip
+        starts.append(np.concatenate([own.hyper_of(anew), effects]))
     fits = [fit_simulated(model, observed, start=start, span=found.span) for start in starts]
     fitted = min(fits, key=lambda one: misfit(one, observed, found.span))
     return _compared(one.candidate, one.path, fitted, before, found, observed)
