@@ -37,6 +37,11 @@ from gaugeblock.validate.finding import NotChecked
 
 SPLITS = 5
 
+LEFT = (
+    "something is left that nothing here explains: what was fitted, population and all, has taken "
+    "of it what it could, and may be off by more than its errors"
+)
+
 
 def recorded(engine: Engine, found: Searched) -> Discovery:
     """Everything that was found, in the keys of discovery.json and the groups of discovery.nc."""
@@ -50,6 +55,7 @@ def recorded(engine: Engine, found: Searched) -> Discovery:
         "or another one stands behind it"
         for effect, parameter in stopped
     ]
+    left = [LEFT] if found.last.p_global <= engine.thresholds.level else []
     return Discovery(
         statements=_statements(engine, found),
         named=decision.named,
@@ -73,7 +79,7 @@ def recorded(engine: Engine, found: Searched) -> Discovery:
         fit=FitSaid(engine.state(None), None if model is None else engine.state(model)),
         catalogue=engine.catalogue(found.rounds),
         e_value=None,
-        remarks=tuple(dict.fromkeys([decision.why, *edges])),
+        remarks=tuple(dict.fromkeys([decision.why, *edges, *left])),
         not_checked=(*engine.not_checked(), *_beyond_sight(first)),
         effects={
             key: EffectSaid(entry.cause, entry.typical, entry.origin, dict(entry.units))

@@ -25,6 +25,7 @@ def test_the_hidden_effect_is_named_where_it_is(spike):
     assert isinstance(spike, Discovery)
     assert spike.named == "spike"
     assert spike.named_all == ("spike",)
+    assert not any("something is left" in remark for remark in spike.to_json()["remarks"])
     assert spike.p_global <= 4 / 400
     assert spike.candidate("spike").parameters["mark"] == pytest.approx(2.0, abs=0.4)
     region = spike.to_json()["disagreement"]["regions"][0]
@@ -69,6 +70,8 @@ def test_what_is_not_in_the_library_is_unnamed(ruler, readings):
     assert found.named == "unnamed"
     assert found.named_all == ()
     assert found.p_global <= 0.01
+    # Whoever reads the population is told.
+    assert found.to_json()["remarks"][-1].startswith("something is left that nothing here explains")
 
 
 def test_what_gains_much_by_a_likeness_is_still_unnamed(ruler, readings):
