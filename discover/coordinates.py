@@ -37,15 +37,16 @@ class Coordinates:
         """Prior precision of every coordinate, ``(parameter,)``: 0 where bounded, 1 where not."""
         return np.where(self.bounded, 0.0, 1.0)
 
-    def _column(self, i: int) -> Any:
-        return list(self.prior.marginals.values())[i]
+    @cached_property
+    def _columns(self) -> list[tuple[Any, bool]]:
+        """Marginals, and which of them are bounded: they are asked for at every step of a fit."""
+        return list(zip(self.prior.marginals.values(), self.bounded.tolist(), strict=True))
 
     def of(self, theta: ArrayLike) -> Array:
         """Coordinates ``(..., parameter)`` of theta, moved inside the bounds where they are not."""
         values = np.asarray(theta, dtype=float)
         columns = []
-        for i, bounded in enumerate(self.bounded):
-            marginal = self._column(i)
+        for i, (marginal, bounded) in enumerate(self._columns):
             if bounded:
                 inside = np.clip(values[..., i], *marginal.support)
                 columns.append(np.clip(np.asarray(marginal.to_unit(inside)), EDGE, 1.0 - EDGE))
@@ -56,8 +57,8 @@ class Coordinates:
     def theta(self, coordinates: Array) -> Array:
         """Theta of coordinates ``(..., parameter)``."""
         columns = [
-            (self._column(i).from_unit if bounded else self._column(i).from_real)(coordinates[..., i])
-            for i, bounded in enumerate(self.bounded)
+            (marginal.from_unit if bounded else marginal.from_real)(coordinates[..., i])
+            for i, (marginal, bounded) in enumerate(self._columns)
         ]
         return np.stack([np.asarray(column, dtype=float) for column in columns], axis=-1)
 
