@@ -94,6 +94,13 @@ def test_thinned_counts_are_of_a_shorter_observation(base, whole, tables):
         assert left.sum() == pytest.approx(share * all_of_it.sum(), abs=5 * np.sqrt(all_of_it.sum() / 4))
 
 
+def test_a_background_that_is_withheld_is_about_half(whole, tables):
+    planted.thinned(tables, np.random.default_rng(5), withheld=True)
+    assert np.array_equal(tables.background, whole.background)
+    said = planted.background(tables, np.random.default_rng(6))
+    assert 0.37 < said["size"] < 0.63
+
+
 def test_files_hold_what_was_planted_and_nothing_else_is_changed(base, tables, tmp_path):
     from astropy.io import fits
 
@@ -122,15 +129,21 @@ def test_files_hold_what_was_planted_and_nothing_else_is_changed(base, tables, t
     assert group.counts[0, : group.counts.shape[1] // 2].sum() == 10_091
 
 
-def found(*statements, named, alike=()):
+def found(*statements, named, alike=(), certain=True):
     known = {"energy": {"value": 2.0, "low": 1.9, "high": 2.1}}
     return {
         "named": named, "indistinguishable": list(alike), "disagreement": {"p_global": 0.002},
+        "fit": {"before": {"statistic": 120.0, "bins": 100}},
         "statements": [
-            {"effect": effect, "certain": True, "probability": 0.95, "parameters": known}
+            {"effect": effect, "certain": certain, "probability": 0.95, "parameters": known}
             for effect in statements
         ],
     }  # fmt: skip
+
+
+def doubted(said):
+    """The same statements, none of them certain."""
+    return {**said, "statements": [{**one, "certain": False} for one in said["statements"]]}
 
 
 class Canned:
@@ -174,6 +187,15 @@ def test_a_case_is_right_if_the_headline_is_and_nothing_else_is_certain(
     row = planted.case(base, fault, 0, 1)
     assert row["right"] is right
     assert asked[0]["background"] == (("none",) if fault == "background" else asked[0]["background"])
+    assert row["before"]["bins"] == 100
+    if fault:
+        # What holds the answer, certain or not, is right as a statement, unless something else is certain.
+        assert row["stated"] is right
+        monkeypatch.setattr("gaugeblock.discover", lambda *_, **__: Canned(doubted(said)), raising=False)
+        doubtful = planted.case(base, fault, 0, 1)
+        assert doubtful["right"] is False
+        assert doubtful["stated"] is (fault in [one["effect"] for one in said["statements"]])
+        monkeypatch.setattr("gaugeblock.discover", discover, raising=False)
     if fault == "emission_line":
         elsewhere = planted.Fault({}, lambda *_: {"size": 1.0, "energy": 2.2})
         monkeypatch.setattr(planted, "FAULTS", {fault: elsewhere})
@@ -191,6 +213,10 @@ def test_the_command_keeps_figures_alone_and_makes_a_page(tmp_path, monkeypatch)
     said = planted.shown(made)
     assert "| `background` | 0 of 3 (0% to 71%) | nothing 3 |" in said
     assert "| control | 3 of 3 (29% to 100%) | - |" in said
+    # C of 120 for 100 bins is not strong, of 150 is.
+    assert "25 nats or more in the best fit | 0 of 0" in said
+    loud = made.assign(statistic=made["bins"] + np.array([50.0, 49.0, 60.0, 99.0, 99.0, 99.0]))
+    assert "25 nats or more in the best fit | 0 of 2" in planted.shown(loud)
     (tmp_path / "measured.md").write_text("<!-- measured planted --><!-- /measured planted -->")
     assert planted.main(["--page", "--out", str(tmp_path), "--docs", str(tmp_path)]) == 0
     assert said in (tmp_path / "measured.md").read_text()
