@@ -13,13 +13,16 @@ import gaugeblock.validate.observation
 import studies.check
 from gaugeblock.core.progress import Bars
 from studies.check.document import document
-from studies.check.parts import BENCHMARKS, LEVEL, SIZES, batch
+from studies.check.parts import ALONE, BENCHMARKS, LEVEL, SIZES, batch
 from studies.check.problems import SIMULATORS
 from studies.kit.command import carried_out, given, parser
-from studies.kit.results import clopper_pearson, read, read_groups, record, write
+from studies.kit.results import clopper_pearson, read, record, write
 from studies.kit.resume import Arrays, Pieces, code_of
 
 NAME = "studies check"
+
+FILES = ("check.nc", "check-power.nc")
+"""Sizes, with what was planted; powers beside published detectors."""
 
 
 def sizes(found: dict[str, Arrays]) -> xr.Dataset:
@@ -43,27 +46,34 @@ def sizes(found: dict[str, Arrays]) -> xr.Dataset:
     return xr.Dataset(table, coords={"simulator": list(found), "size": list(SIZES)})
 
 
-def powers(found: dict[str, Arrays]) -> xr.Dataset:
-    """Power of every case of every benchmark: ours, ours with one view alone, and the published one's."""
+def powers(found: dict[str, list[Arrays]]) -> xr.Dataset:
+    """Power of every case of every benchmark ``(training, case)``: ours, of single views, the published."""
     cases = [f"{name}: {case}" for name in found for case in BENCHMARKS[name][1]]
     columns = {
-        which: ("case", np.concatenate([one[which] for one in found.values()]))
-        for which in ("ours", "alone", "theirs")
+        which: np.concatenate([[one[which] for one in each] for each in found.values()], axis=1)
+        for which in ("ours", *ALONE, "theirs")
     }
-    return xr.Dataset(columns, coords={"case": cases})
+    table = {name: (("training", "case"), values) for name, values in columns.items()}
+    return xr.Dataset(table, coords={"case": cases})
 
 
 def main(arguments: Sequence[str]) -> int:
     """Run what is not there yet, keep the tables, write the page."""
     options = parser(NAME, __doc__)
     options.add_argument("names", nargs="*", help="beginnings of simulators and benchmarks (default: all)")
-    for name, value in (("batches", 50), ("observations", 20), ("learned", 4000), ("fresh", 999)):
+    for name, value in (
+        ("batches", 50),
+        ("observations", 20),
+        ("learned", 4000),
+        ("fresh", 999),
+        ("trainings", 16),
+        ("data-sets", 1000),
+    ):
         options.add_argument(f"--{name}", type=int, default=value)
     options.add_argument("--report", action="store_true", help="text from OUT; nothing is run")
     chosen = options.parse_args(arguments)
     if chosen.report:
-        tables = chosen.out / "check.nc"
-        return carried_out(lambda: document(read_groups(tables) | {"": read(tables)}, chosen.docs))
+        return carried_out(lambda: document(*(read(chosen.out / name) for name in FILES), chosen.docs))
     return carried_out(lambda: _run(chosen, given(NAME, arguments)))
 
 
@@ -76,7 +86,7 @@ def _run(chosen: Any, command: str) -> None:
         pieces = Pieces(chosen.work or chosen.out / "checkpoints", key, "check", bars.show, chosen.workers)
         made: dict[str, Arrays] = {}
         for name, build in SIMULATORS.items():
-            if name.startswith(start):
+            if chosen.batches and name.startswith(start):
                 simulator = build()
                 parts = pieces.each(
                     name, chosen.batches,
@@ -84,25 +94,27 @@ def _run(chosen: Any, command: str) -> None:
                     chosen.seed,
                 )  # fmt: skip
                 made[name] = {each: np.concatenate([part[each] for part in parts]) for each in parts[0]}
-        compared: dict[str, Arrays] = {}
+        compared: dict[str, list[Arrays]] = {}
         for name, (make, _) in BENCHMARKS.items():
-            if name.startswith(start):
-                number = chosen.batches * chosen.observations
-                compared[name] = pieces.one(
-                    name,
-                    lambda rng: make(rng, observations=number, **size),  # noqa: B023
+            if chosen.trainings and name.startswith(start):
+                compared[name] = pieces.each(
+                    name, chosen.trainings,
+                    lambda _, rng: make(rng, observations=chosen.data_sets, **size),  # noqa: B023
                     chosen.seed,
-                )
+                )  # fmt: skip
     for name, one in made.items():
         rejected = float(np.mean(one["p"] <= LEVEL))
         sys.stdout.write(f"{name:16s} rejected {rejected:.1%} of {len(one['p'])}\n")
-    for name, one in compared.items():
-        for case, ours, theirs in zip(BENCHMARKS[name][1], one["ours"], one["theirs"], strict=True):
-            sys.stdout.write(f"{name:16s} {case:24s} ours {ours:.0%}, theirs {theirs:.0%}\n")
+    for name, each in compared.items():
+        ours, theirs = (np.mean([one[which] for one in each], axis=0) for which in ("ours", "theirs"))
+        for case, here, there in zip(BENCHMARKS[name][1], ours, theirs, strict=True):
+            sys.stdout.write(f"{name:16s} {case:24s} ours {here:.0%}, theirs {there:.0%}\n")
     if not chosen.names:
+        tables = (sizes(made) if made else None, powers(compared) if compared else None)
         attributes = record(command, chosen.seed, **size, batches=chosen.batches)
-        table = sizes(made).assign_attrs(attributes)
-        write({"": table, "benchmarks": powers(compared)}, chosen.out / "check.nc")
+        for name, table in zip(FILES, tables, strict=True):
+            if table is not None:
+                write({"": table.assign_attrs(attributes)}, chosen.out / name)
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ LEVEL = 0.05
 SIZES = (2.0, 5.0)
 NAMED = 3
 # The view that looks at what the published detectors look at.
-ALONE = "summaries: distance"
+ALONE = ("summaries: distance", "kernel")
 
 
 def drawn(simulator: Simulator, number: int, rng: np.random.Generator) -> NDArray[Any]:
@@ -92,18 +92,19 @@ def _named(views: Views, x: Array, at: NDArray[np.intp], kind: str) -> NDArray[n
 def _powers(
     views: Views, reference: Array, cases: dict[str, Array], other: Callable[[Array], Array], null: Array
 ) -> Arrays:
-    """Share of each case detected by a check, by one of its views, and by another detector.
+    """Share of each case detected by a check, by single views of it, and by another detector.
 
     The detector's threshold gives it as many false alarms.
     """
     limit = float(np.quantile(other(null), 1 - LEVEL))
-    only = [views.names.index(ALONE)]
-    found: dict[str, list[float]] = {"ours": [], "alone": [], "theirs": []}
+    found: dict[str, list[float]] = {name: [] for name in ("ours", *ALONE, "theirs")}
     for x in cases.values():
         scores = views(Sets(x)).scores
         found["ours"].append(float(np.mean(p_values_against(reference, scores, views.weights) <= LEVEL)))
-        alone = p_values_against(reference[:, only], scores[:, only])
-        found["alone"].append(float(np.mean(alone <= LEVEL)))
+        for name in ALONE:
+            only = [views.names.index(name)]
+            alone = p_values_against(reference[:, only], scores[:, only])
+            found[name].append(float(np.mean(alone <= LEVEL)))
         found["theirs"].append(float(np.mean(other(x) > limit)))
     return {name: np.array(powers) for name, powers in found.items()}
 

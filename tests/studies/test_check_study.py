@@ -10,7 +10,7 @@ from studies.check.__main__ import main, powers, sizes
 from studies.check.document import power_table, size_table
 from studies.check.parts import BENCHMARKS, batch
 from studies.check.published import ward
-from studies.kit.results import DOCS, RESULTS, read, read_groups
+from studies.kit.results import DOCS, RESULTS, read
 
 SMALL = {"learned": 600, "fresh": 199}
 
@@ -58,8 +58,12 @@ def test_benchmarks_compare_ours_and_theirs(name):
     assert all(part.shape == (len(cases),) for part in found.values())
     assert found["ours"][0] < 0.2
     assert found["ours"][1] > 0.7
-    text = power_table(powers({name: found}))
+    table = powers({name: [found, {which: part - 0.1 for which, part in found.items()}]})
+    assert table["ours"].shape == (2, len(cases))
+    made = table.assign(ours=table["theirs"] + np.array([[0.1], [0.3]]))
+    text = power_table(made.assign_attrs(command="python -m studies check"))
     assert cases[1] in text
+    assert text.count("| +20.0 +- 10.0 |") == len(cases)
 
 
 def test_a_line_for_what_is_named_and_pieces_are_found_again(capsys, tmp_path):
@@ -75,9 +79,8 @@ def test_a_line_for_what_is_named_and_pieces_are_found_again(capsys, tmp_path):
 
 def test_the_page_says_what_was_found():
     text = (DOCS / "check.md").read_text(encoding="utf-8")
-    tables = read_groups(RESULTS / "check.nc")
     assert size_table(read(RESULTS / "check.nc")) in text
-    assert power_table(tables["benchmarks"]) in text
+    assert power_table(read(RESULTS / "check-power.nc")) in text
 
 
 def test_the_sizes_that_are_committed_are_what_they_should_be():
