@@ -18,19 +18,14 @@ WEEK = 5.0
 BESIDE = ("ceiling", "rare")
 STEP = "step"
 
-OWN = {"simulated-again": {"intervals": "intervals again", "nothing": "nothing again"},
-       "simulated-series": {"series": "series"}}  # fmt: skip
-"""Parts of the study that have files of their own, and what they are called here."""
+APART = "simulated-information"
+"""The file with scores and information, where these were not made with the rest."""
 
 
 def tables_in(folder: Path) -> dict[str, xr.Dataset]:
-    """All tables of the study, those of a second set as "intervals again", "nothing again"."""
-    tables = read_groups(folder / "simulated.nc")
-    for name, parts in OWN.items():
-        if (folder / f"{name}.nc").exists():
-            there = read_groups(folder / f"{name}.nc")
-            tables |= {called: there[part] for part, called in parts.items()}
-    return tables
+    """All tables of the study."""
+    apart = folder / f"{APART}.nc"
+    return (read_groups(apart) if apart.exists() else {}) | read_groups(folder / "simulated.nc")
 
 
 def information_table(table: xr.Dataset) -> str:
@@ -83,13 +78,10 @@ def _names(one: xr.Dataset, truth: str | None) -> list[str]:
 def names_table(tables: Mapping[str, xr.Dataset]) -> str:
     """What was hidden, and what was said."""
     rows = []
-    for part in ("names", "unlisted", "nothing", "nothing again"):
+    for part in ("names", "unlisted", "nothing"):
         for name in tables[part]["kind"].values.tolist() if part in tables else ():
             one = tables[part].sel(kind=name)
-            shown = {
-                "names": f"`{name}`", "unlisted": f"not in the library: {name}",
-                "nothing again": "nothing, a second set",
-            }.get(part, name)  # fmt: skip
+            shown = {"names": f"`{name}`", "unlisted": f"not in the library: {name}"}.get(part, name)
             right, within, *rest = _names(one, name if part == "names" else None)
             known = [right, within] if part == "names" else ["", ""]
             rows.append([shown, str(one.sizes["catalogue"]), *known, *rest])
@@ -124,8 +116,6 @@ def intervals_table(tables: Mapping[str, xr.Dataset]) -> str:
     rows = []
     often = "`contact_change` 0.85 at week 4.5, alone in the library"
     parts = [(often, tables["intervals"])]
-    if "intervals again" in tables:
-        parts.append((f"{often}, a second set", tables["intervals again"]))
     if "names" in tables:
         kinds = tables["names"]["kind"].values.tolist()
         parts += [(f"`{name}`, named", tables["names"].sel(kind=[name])) for name in kinds]
