@@ -244,18 +244,11 @@ class Views:
 
     @property
     def weights(self) -> Array:
-        """How much each view counts ``(view,)``, of one observation: see `weighed`."""
-        return self.weighed()
-
-    def weighed(self, *, several: bool = False) -> Array:
-        """How much each view counts ``(view,)``: every family alike, functions of the user's as one of them.
-
-        Of several observations other views ask whether the prior makes many like them.
-        """
+        """How much each view counts: every family alike, functions of the user's as one of them."""
         made = []
         for ways in (*(family.ways for family in self.families.values()), tuple(self.own)):
             counts = np.array([COUNTS.get(way, 1.0) for way in ways])
-            wholly = np.array([way == WHOLLY and not several for way in ways], dtype=bool)
+            wholly = np.array([way == WHOLLY for way in ways], dtype=bool)
             made.append(np.where(wholly, 1.0, counts / max(counts[~wholly].sum(), 1.0)))
         return np.concatenate(made)
 

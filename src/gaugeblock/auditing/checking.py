@@ -245,7 +245,7 @@ class _Run:
         rows = views(self.answering.sets(both, "ranked"))
         made = groups(len(self.observed), len(self.fresh), self.trials, generator(self.seed, "check groups"))
         together = Together.learned(views.names, rows, generator(self.seed, "check together"))
-        weights = together.weights(views.weighed(several=len(self.observed) > 1), len(self.observed))
+        weights = together.weights(views.weights, len(self.observed))
         return _Looked(views, rows, made, together, together(rows, made), weights)
 
     def ladder(self, looked: _Looked, kinds: Mapping[str, Discrepancy], scale: Scale) -> tuple[Seen, ...]:

@@ -28,9 +28,6 @@ def test_families_count_alike_and_functions_of_ones_own_as_one(views):
     assert sum(weights.values()) == pytest.approx(4.0)
     # The kernel alone asks whether the prior makes many like it: it counts as much as all others of the data.
     assert weights["kernel"] == 1.0
-    several = dict(zip(views.names, views.weighed(several=True), strict=True))
-    assert several["kernel"] == several["runs"]
-    assert sum(several.values()) == pytest.approx(3.0)
     assert weights["summaries: distance"] == pytest.approx(2 * weights["summaries: neighbours"])
     assert weights["largest"] == pytest.approx(3 * weights["runs"])
     assert weights["first"] == weights["last"] == pytest.approx(0.5)
