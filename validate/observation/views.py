@@ -31,7 +31,7 @@ WHOLE = 12
 # Families count alike; in each, how much a view counts that does not count once. What shows in a single
 # coordinate shows in no other view, and nothing is as sure of the whole as the distance.
 COUNTS = {"distance": 2.0, "largest": 3.0}
-# Counts as much as all others of its family: they ask whether a data set agrees with itself, and this
+# Counts as much as all others of its family together: they ask whether a data set agrees with itself, and this
 # one alone whether the prior makes many like it.
 WHOLLY = "kernel"
 WAYS = {
