@@ -31,9 +31,6 @@ WHOLE = 12
 # Families count alike; in each, how much a view counts that does not count once. What shows in a single
 # coordinate shows in no other view, and nothing is as sure of the whole as the distance.
 COUNTS = {"distance": 2.0, "largest": 3.0}
-# Counts as much as all others of its family together: they ask whether a data set agrees with itself, and this
-# one alone whether the prior makes many like it.
-WHOLLY = "kernel"
 WAYS = {
     "distance": "how far it lies from the middle of the simulations, given how they vary together",
     "remainder": "how much is left of all coordinates, given the others: too much, or too little",
@@ -245,12 +242,9 @@ class Views:
     @property
     def weights(self) -> Array:
         """How much each view counts: every family alike, functions of the user's as one of them."""
-        made = []
-        for ways in (*(family.ways for family in self.families.values()), tuple(self.own)):
-            counts = np.array([COUNTS.get(way, 1.0) for way in ways])
-            wholly = np.array([way == WHOLLY for way in ways], dtype=bool)
-            made.append(np.where(wholly, 1.0, counts / max(counts[~wholly].sum(), 1.0)))
-        return np.concatenate(made)
+        families = [[COUNTS.get(way, 1.0) for way in family.ways] for family in self.families.values()]
+        families.append([1.0] * len(self.own))
+        return np.concatenate([np.divide(each, max(sum(each), 1.0)) for each in families])
 
     def __call__(self, sets: Sets) -> Rows:
         """Scores and residuals of data sets."""

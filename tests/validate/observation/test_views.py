@@ -25,13 +25,11 @@ def views():
 
 def test_families_count_alike_and_functions_of_ones_own_as_one(views):
     weights = dict(zip(views.names, views.weights, strict=True))
-    assert sum(weights.values()) == pytest.approx(4.0)
-    # The kernel alone asks whether the prior makes many like it: it counts as much as all others of the data.
-    assert weights["kernel"] == 1.0
+    assert sum(weights.values()) == pytest.approx(3.0)
     assert weights["summaries: distance"] == pytest.approx(2 * weights["summaries: neighbours"])
     assert weights["largest"] == pytest.approx(3 * weights["runs"])
     assert weights["first"] == weights["last"] == pytest.approx(0.5)
-    assert sum(v for k, v in weights.items() if ":" not in k) == pytest.approx(3.0)
+    assert sum(v for k, v in weights.items() if ":" not in k) == pytest.approx(2.0)
 
 
 def test_distances_are_taken_where_data_sets_vary_more_than_noise_does(views):
