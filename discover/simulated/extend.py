@@ -150,10 +150,10 @@ def _begun(
 
 def _step(entry: LibraryEffect, name: str) -> float:
     """Step of a scanned parameter: half the way from one value to the next, over no jump."""
-    apart = np.diff(np.unique(np.asarray(entry.scanned.get(name, ()), dtype=float)))
-    return (
-        float(0.5 * np.median(apart)) if len(apart) else SHARE * float(np.ptp(entry.parameters[name].support))
-    )
+    ways = np.diff(np.unique(np.asarray(entry.scanned.get(name, ()), dtype=float)))
+    if not len(ways):
+        return SHARE * float(np.ptp(entry.parameters[name].support))
+    return float(0.5 * np.median(ways))
 
 
 def _between(candidate: Candidate, found: LearnedTests, gain: Array, at: int) -> Array:
