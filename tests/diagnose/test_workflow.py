@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from tests.diagnose.problems import FAULTS, about_middle, exact, lighter, noisie
 from gaugeblock.diagnosis.cases import Cases
 from gaugeblock.diagnosis.library import joint, marginal, structure
 from gaugeblock.diagnosis.repair import Repair, from_data, plain_repair
-from gaugeblock.diagnosis.workflow import _too_much, locate_and_name
+from gaugeblock.diagnosis.workflow import _Parts, _too_much, locate_and_name
 
 SEED = 1
 
@@ -244,3 +245,15 @@ def test_a_repair_that_leaves_too_much_is_given_up(share, recovers, number, give
     assert _too_much(share * original + scatter, original, chosen) == given_up
     # Not where errors are as large as what is left.
     assert not _too_much(share * original + 10_000 * scatter, original, chosen)
+
+
+@pytest.mark.parametrize(("kept", "left", "promising"), [(1, 0.8, False), (1, 0.7, True), (0, 2.4, False)])
+def test_few_trials_are_paired_by_number_where_a_repair_leaves_some_out(kept, left, promising):
+    """Of every second trial there are 3 nats to take away, of the others 1: only what is kept is compared."""
+    trial, scatter = np.arange(400), 0.001 * np.tile([1.0, -1.0], 100)
+    mended = SimpleNamespace(trial=trial[trial % 2 == kept])
+    parts = SimpleNamespace(
+        gains=lambda *_: (left + scatter, mended), original_few=(trial, np.where(trial % 2, 1.0, 3.0))
+    )
+    repair = Repair("shift", lambda cases: cases, "", recovers=0.95)
+    assert _Parts.promising(parts, (repair,), (None, None)) is promising
