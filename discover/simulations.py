@@ -25,7 +25,7 @@ from gaugeblock.discovery.simulated.features import Summaries
 from gaugeblock.discovery.simulated.judged import gap, learned_scores, moments
 from gaugeblock.discovery.simulated.moment_fit import SimulatedFit
 from gaugeblock.discovery.simulated.observed import Budget
-from gaugeblock.discovery.simulated.score_tests import LearnedTests, find
+from gaugeblock.discovery.simulated.score_tests import LearnedScores, LearnedTests, find
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.segments import Segment, segments
 from gaugeblock.validate.finding import NotChecked
@@ -267,11 +267,8 @@ class Simulations(Engine):
 
     def likeness(self, seen: Look, chosen: Sequence[int]) -> Array:
         """Correlation of learned scores, orthogonal to the population's."""
-        fitted = self._before.fit
-        weights = fitted.lesson.orthogonal(seen.state.scores.learned[list(chosen)].mean(axis=1))
-        covariance = fitted.base.covariance(weights)
-        size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-        return np.asarray(covariance / np.outer(size, size))
+        scores: LearnedScores = seen.state.scores
+        return scores.correlation(self._before.fit, chosen)
 
     def groups(self, rounds: Sequence[Round], model: Extended | None) -> Mapping[str, xr.Dataset]:  # noqa: ARG002
         """The mean of every coordinate, and the moments before and after."""

@@ -113,10 +113,7 @@ def _starts(
         gain = apart(before.base, found.span, observed) - np.array(left)
     best = int(np.argmax(gain))
     starts = [best]
-    weights = before.lesson.orthogonal(found.scores.learned[mine].mean(axis=1))
-    covariance = before.base.covariance(weights)
-    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    unlike = np.flatnonzero(np.abs(covariance[best] / (size * size[best])) < UNLIKE)
+    unlike = np.flatnonzero(np.abs(found.scores.correlation(before, mine)[best]) < UNLIKE)
     if len(unlike):
         second = int(unlike[np.argmax(gain[unlike])])
         starts += [second] if gain[second] > NEARLY * gain[best] else []

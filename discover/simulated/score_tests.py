@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.engine import Look, beyond
@@ -52,6 +52,13 @@ class LearnedScores:
     halves: Array
     step: Array
     sign: NDArray[np.int64]
+
+    def correlation(self, fitted: SimulatedFit, chosen: ArrayLike) -> Array:
+        """Of some of the scores with each other ``(chosen, chosen)``, orthogonal to all that was fitted."""
+        weights = fitted.lesson.orthogonal(self.learned[np.asarray(chosen)].mean(axis=1))
+        covariance = fitted.base.covariance(weights)
+        size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        return np.asarray(covariance / np.outer(size, size))
 
 
 def learn_effects(candidates: Candidates, fitted: SimulatedFit, observed: Observed) -> LearnedScores:

@@ -22,7 +22,7 @@ from studies.kit.resume import Arrays
 LEVEL = 0.05
 SIZES = (2.0, 5.0)
 NAMED = 3
-# The view that looks at what the published detectors look at.
+# Views shown alone too: of what the published detectors look at, and of whole data sets.
 ALONE = ("summaries: distance", "kernel")
 
 
