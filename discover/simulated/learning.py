@@ -147,9 +147,14 @@ class Lesson:
         return np.asarray(0.5 * (first + second))
 
     def orthogonal(self, weights: Array) -> Array:
-        """Weights ``(..., feature)`` less what any of the state could bring about in them to first order."""
-        share = np.linalg.solve(self.response.T, self.slope @ np.atleast_2d(weights).T)
-        return np.asarray(weights - (share.T @ self.weights).reshape(np.shape(weights)))
+        """Weights ``(..., feature)`` less what any of the state could bring about in them to first order.
+
+        What no feature answers to, as the place of an effect that has vanished, brings about nothing.
+        """
+        answered = np.flatnonzero(self.slope.any(axis=1))
+        response = self.response[np.ix_(answered, answered)]
+        share = np.linalg.solve(response.T, self.slope[answered] @ np.atleast_2d(weights).T)
+        return np.asarray(weights - (share.T @ self.weights[answered]).reshape(np.shape(weights)))
 
 
 def learn(model: Model, observed: Observed, base: Base, state: Array) -> Lesson:

@@ -9,7 +9,7 @@ import pytest
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.library import Candidates
 from gaugeblock.discovery.simulated.features import learn_features
-from gaugeblock.discovery.simulated.learning import Base, by_population, derivative
+from gaugeblock.discovery.simulated.learning import Base, Lesson, by_population, derivative
 from gaugeblock.discovery.simulated.model import Model
 from gaugeblock.discovery.simulated.moment_fit import fit_simulated
 from gaugeblock.discovery.simulated.observed import Budget, Observed
@@ -224,3 +224,14 @@ def test_moments_are_coordinates_and_squares_along_the_axes():
     values = rows @ features.moments().T
     np.testing.assert_allclose(values[:, :3], features.normal_scores(x))
     np.testing.assert_allclose(values[:, 3:], (features.normal_scores(x) @ features.axes) ** 2, atol=1e-9)
+
+
+def test_what_no_feature_answers_to_takes_nothing_away():
+    """As the hour of a change that has vanished: its answers are exactly 0, which cannot be solved for."""
+    rng = np.random.default_rng(3)
+    halves = rng.normal(size=(2, 2, 5))
+    learned = halves + 0.1 * rng.normal(size=halves.shape)
+    weights = rng.normal(size=(3, 5))
+    alone = Lesson(np.zeros(2), learned, halves).orthogonal(weights)
+    silent = [np.insert(part, 1, 0.0, axis=0) for part in (learned, halves)]
+    np.testing.assert_array_equal(Lesson(np.zeros(3), *silent).orthogonal(weights), alone)
