@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 
+from gaugeblock.core.compilation_cache import keep_compiled
+
 ROOT = Path(__file__).resolve().parent
 
 # Before anything imports NumPy or torch: every pytest-xdist worker gets its share of the machine.
@@ -17,6 +19,8 @@ _WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, str(max(1, (os.cpu_count() or 1) // _WORKERS)))
 os.environ.setdefault("MPLBACKEND", "Agg")
+# Before anything imports JAX, and for processes that tests start: what one file compiles, the next need not.
+keep_compiled()
 
 
 @pytest.fixture(scope="session", autouse=True)
