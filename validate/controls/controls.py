@@ -35,7 +35,7 @@ from gaugeblock.validate.learned.informed.learning import learn
 from gaugeblock.validate.learned.informed.pools import pools_of
 from gaugeblock.validate.learned.learned import LEAST_TRIALS as LEAST_TAUGHT
 from gaugeblock.validate.local.declared import in_terms_of_x, location
-from gaugeblock.validate.local.local import local
+from gaugeblock.validate.local.local import regional
 from gaugeblock.validate.marginal.half_widths import bias_finding, half_widths, log_width_finding
 from gaugeblock.validate.prepared import Prepared, pit
 
@@ -97,10 +97,10 @@ def _regional(prepared: Prepared) -> list[Finding | NotChecked]:
     for size in SHIFTS:
         control = control_trials(prepared, f"moved by {size}", displaced(size * member))
         control.compute([pit, half_widths, location])
-        said = [item for item in local(control) if isinstance(item, Finding) and item.quantity == "local"]
-        if not said:
+        found = regional(control)
+        if isinstance(found, str):
             return [NotChecked(KIND["region"], "calibration within regions could not be checked")]
-        runs.append([worst(said, name, prepared.parameters) for name in prepared.parameters])
+        runs.append(worst(found[1], prepared.parameters))
         if all(estimate > 2 * REACH * error for estimate, error in runs[-1]):
             break
     return [
@@ -145,18 +145,17 @@ def _says(feature: Array, truths: Array) -> float:
     return float(np.abs(along).max()) if np.ptp(feature) > 0 else 0.0
 
 
-def worst(findings: Sequence[Finding], name: str, names: Sequence[str]) -> tuple[float, float]:
-    """Size and error of the component of one parameter that is farthest from 0 for certain."""
-    best, found = -math.inf, (0.0, math.inf)
+def worst(findings: Sequence[Finding], names: Sequence[str]) -> list[tuple[float, float]]:
+    """Size and error of the component of each parameter that is farthest from 0 for certain."""
+    best = dict.fromkeys(names, (-math.inf, 0.0, math.inf))
     for finding in findings:
-        for label, estimate, error in zip(
-            finding.components, finding.estimate, finding.standard_error, strict=True
-        ):
+        certain = np.abs(finding.estimate) - REACH * finding.standard_error
+        for index, label in enumerate(finding.components):
             owner = max((one for one in names if label.startswith(f"{one} ")), key=len, default="")
-            certain = abs(float(estimate)) - REACH * float(error)
-            if owner == name and certain > best:
-                best, found = certain, (abs(float(estimate)), float(error))
-    return found
+            if owner and certain[index] > best[owner][0]:
+                size, error = abs(float(finding.estimate[index])), float(finding.standard_error[index])
+                best[owner] = (float(certain[index]), size, error)
+    return [best[name][1:] for name in names]
 
 
 def _loss(prepared: Prepared) -> list[Finding | NotChecked]:

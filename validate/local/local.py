@@ -224,22 +224,32 @@ def _faults(scores: Array, u: Array, members: NDArray[np.bool_]) -> xr.Dataset:
 
 def local(prepared: Prepared) -> list[Finding | NotChecked]:
     """Coverage of each parameter within regions that were learned, and whether it varies between them."""
+    found = regional(prepared)
+    if isinstance(found, str):
+        return [NotChecked("local.coverage", found), NotChecked("local.homogeneous", found)]
+    regions, findings = found
+    pit = prepared.pit[regions.rows]
+    groups = [(regions.members[k], [k]) for k, some in enumerate(regions.regions) if some]
+    everywhere = homogeneous_finding(
+        held(pit), groups, seed=prepared.seed, caveats=prepared.caveats + regions.left_out
+    )
+    return [*findings, everywhere]
+
+
+def regional(prepared: Prepared) -> tuple[Regional, list[Finding]] | str:
+    """Learned regions and coverage within those of each parameter, or why there are none."""
     n = len(prepared.trial)
     if n < LEAST_TRIALS:
-        why = f"{n} trial(s) with finite draws; regions need at least {LEAST_TRIALS}"
-        return [NotChecked("local.coverage", why), NotChecked("local.homogeneous", why)]
+        return f"{n} trial(s) with finite draws; regions need at least {LEAST_TRIALS}"
     found = learned_regions(prepared)
     if not any(found.regions):
-        why = "no parameter's location and no data feature differs enough between trials for regions of it"
-        return [NotChecked("local.coverage", why), NotChecked("local.homogeneous", why)]
+        return "no parameter's location and no data feature differs enough between trials for regions of it"
     caveats = prepared.caveats + found.left_out
     pit, scores = prepared.pit[found.rows], prepared.per_trial(half_widths)[found.rows]
-    looked_at = [k for k, regions in enumerate(found.regions) if regions]
-    findings: list[Finding | NotChecked] = [
+    return found, [
         local_finding(
             found, k, prepared.parameters[k], pit[:, k], n=n, scores=scores[:, [k]], caveats=caveats
         )
-        for k in looked_at
+        for k, regions in enumerate(found.regions)
+        if regions
     ]
-    groups = [(found.members[k], [k]) for k in looked_at]
-    return [*findings, homogeneous_finding(held(pit), groups, seed=prepared.seed, caveats=caveats)]
