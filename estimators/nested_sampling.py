@@ -138,8 +138,8 @@ class NestedSampling(Shown):
     min_effective_draws
         Effective sample size the weighted points must reach.
     batch
-        Points proposed at a time. Most are turned down before the likelihood sees them, so that more of them
-        suit a likelihood that is dear to call and cheap per point.
+        Points proposed at a time. Most are turned down before the likelihood sees them; fewer suit a
+        likelihood that costs as much per point however many it is called with.
 
     Raises
     ------
@@ -161,7 +161,7 @@ class NestedSampling(Shown):
         dlogz: float = 0.5,
         fraction_remaining: float = 0.01,
         min_effective_draws: int = 400,
-        batch: int = 128,
+        batch: int = 1024,
     ):
         require("ultranest", "ultranest")
         if not isinstance(simulator, HasLikelihood):

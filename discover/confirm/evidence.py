@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.confirm.prior_widths import FACTORS, PriorSensitivity, prior_sensitivity
-from gaugeblock.discovery.extend.engines import BATCH
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.marginals import Uniform
 from gaugeblock.validate.evidence import LogEvidence, evidence_difference, thread_bootstrap
@@ -83,7 +82,7 @@ def delta_log_evidence(
     widths = allowed_factors(simulator, entry, factors)
     model = simulator.with_effect(entry.effect()) if with_entry is None else with_entry
     without, within = (
-        NestedSampling(one, live_points=live_points, batch=BATCH).run(row, rng) for one in (simulator, model)
+        NestedSampling(one, live_points=live_points).run(row, rng) for one in (simulator, model)
     )
     base, more = (thread_bootstrap(run, rng=rng) for run in (without, within))
     difference = evidence_difference([more], [base])

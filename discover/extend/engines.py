@@ -19,9 +19,6 @@ from gaugeblock.validate.evidence import thread_bootstrap
 from gaugeblock.validate.joint.importance import KHAT_LIMIT
 from gaugeblock.validate.joint.psis import pareto_khat
 
-BATCH = 1024
-"""Points that UltraNest proposes at a time: four times as fast as its own choice on a compiled model."""
-
 CHAINS = 4
 RHAT_LIMIT = 1.1
 """Chains that disagree by more than this are not draws from one posterior (Gelman & Rubin 1992)."""
@@ -42,7 +39,7 @@ def by_nested_sampling(
     """UltraNest, one run a row; the error of the evidence by bootstrap over its threads."""
     from gaugeblock.estimators.nested_sampling import NestedSampling
 
-    sampler = NestedSampling(simulator, **{"batch": BATCH, **options})
+    sampler = NestedSampling(simulator, **options)
     runs = [sampler.run(row, rng) for row in x]
     evidence = [thread_bootstrap(run, rng=rng) for run in runs]
     return EngineDraws(

@@ -102,6 +102,7 @@ def _run(simulator: Any, counts: Array, live: int, rng: np.random.Generator) -> 
         live_points=live,
         dlogz=float(DLOGZ * np.sqrt(LIVE / live)),
         min_effective_draws=live,
+        batch=128,
     )
     for power in range(10):
         sampler.evaluated_log_likelihood(simulator.prior.sample(2**power, rng), counts)

@@ -1,0 +1,228 @@
+"""What 0.1.0 took and what is taken now, side by side in one run: python -m benchmarks.past
+
+Each row is a piece of work that both do, in processes of their own on one core, in turns; CPU seconds, the
+least of equal repeats. 0.1.0 is the commit that was it, in a work tree of its own. Rows that are in the JSON
+file already are not measured again. `--page` fills docs/performance.md with what is there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from studies.kit import page
+from studies.kit.results import DOCS, record
+
+from gaugeblock.core.atomic import write_atomically
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.executors import SINGLE
+from gaugeblock.core.processors import processor
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parent
+PAST = "695ab96"
+# What an audit of 0.1.0 did by default.
+VALIDATORS = (
+    *("draws", "sbc", "coverage", "joint", "density", "local", "c2st", "lc2st"),
+    *("posterior_sbc", "layout", "conformal", "importance", "evidence", "identifiability"),
+)
+ALL = [word for name in VALIDATORS for word in ("--validator", name)]
+
+# Prints the seconds of its last part; what comes before it is not counted.
+TIMED = """
+import json, sys, time
+import numpy as np
+sys.path.insert(0, "benchmarks")
+def streams(seed, purpose, rows):
+    try:
+        from gaugeblock.streams import TrialStreams
+        return TrialStreams.spawn(seed, purpose, rows)
+    except ImportError:
+        return np.random.default_rng(seed)
+"""
+GATES = """
+from validators_speed import trials
+from gaugeblock.validate import VALIDATORS, judge, read_policy, trials_tree
+from gaugeblock.validate.finding import Finding
+from gaugeblock.validate.prepared import Prepared
+number, draws, parameters, names = NUMBER, DRAWS, PARAMETERS, NAMES
+tree = trials_tree(trials(0, number, draws, parameters))
+def findings():
+    prepared = Prepared(tree, 1)
+    chosen = [VALIDATORS[name] for name in names]
+    prepared.compute([statistic for one in chosen for statistic in one.statistics])
+    return [item for one in chosen for item in one.findings(prepared)]
+findings()
+"""
+VALIDATED = "start = time.process_time()\nfindings()\n"
+JUDGED = """
+found = [item for item in findings() if isinstance(item, Finding)]
+start = time.process_time()
+judge(found, [], read_policy("default"), seed=1)
+"""
+SPECTRUM = """
+from gaugeblock.simulators import build_simulator
+from gaugeblock.estimators.nested_sampling import NestedSampling
+simulator = build_simulator("xray", response="epic-pn", level="medium")
+theta = simulator.prior.sample(1, streams(SEED, "theta", range(1)))
+x = simulator.simulate(theta, streams(SEED, "data", range(1)))
+"""
+NESTED = """
+sampler = NestedSampling(simulator)
+for power in range(11):
+    sampler.evaluated_log_likelihood(np.repeat(theta, 2**power, axis=0), x[0])
+start = time.process_time()
+run = sampler.run(x[0], np.random.default_rng(SEED))
+weight = np.exp(run.log_weight - run.log_weight.max())
+per = weight.sum() ** 2 / (weight**2).sum() / 1000
+"""
+REFINED = """
+from gaugeblock.estimators.importance_refined import ImportanceRefined
+from gaugeblock.estimators.npe import load
+refined = ImportanceRefined(simulator, load("shipped:epic-pn-medium", simulator))
+refined.refine(x, 2000, np.random.default_rng(1))
+start = time.process_time()
+found = refined.refine(x, 2000, np.random.default_rng(SEED))
+per = float(found.effective_draws[0]) / 1000
+"""
+END = """
+seconds = time.process_time() - start
+print(json.dumps(seconds / globals().get("per", 1.0)))
+"""
+
+
+@dataclass(frozen=True)
+class Row:
+    """Words of a command of gaugeblock, or code that is timed from `start` on; `now` where that differs."""
+
+    says: str
+    aim: str
+    command: Sequence[str] = ()
+    code: str = ""
+    now: str = ""
+    repeats: int = 2
+
+
+def gates(number: int, draws: int, parameters: int, end: str, names: Sequence[str] = VALIDATORS) -> str:
+    """Code of validators on trials of this size, and what is timed of it."""
+    given = {"NUMBER": number, "DRAWS": draws, "PARAMETERS": parameters, "NAMES": list(names)}
+    code = GATES
+    for word, value in given.items():
+        code = code.replace(word, repr(value))
+    return code + end
+
+
+ROWS: Mapping[str, Row] = {
+    "gates": Row("the default audit, validators of 0.1.0", "1/3", command=("audit", "--quiet", *ALL)),
+    "audit": Row("the default audit, everything of the day", "1/2", command=("audit", "--quiet")),
+    "train": Row(
+        "training of examples/train-undertrained.toml", "1/2",
+        command=("train", "examples/train-undertrained.toml", "--quiet"),
+    ),
+    "validators": Row(
+        "validators of 0.1.0, 4,000 trials x 20 draws x 3", "1/3",
+        code=gates(4000, 20, 3, VALIDATED), repeats=3,
+    ),
+    "judge": Row(
+        "the judge of what these find at 40 parameters", "1/5", code=gates(1000, 100, 40, JUDGED), repeats=3
+    ),
+    "nested": Row(
+        "UltraNest, per 1,000 effective draws of a medium spectrum", "1/5", code=SPECTRUM + NESTED, repeats=3
+    ),
+    "posterior": Row(
+        "the same, now by the shipped flow's draws, weighted exactly", "1/5",
+        code=SPECTRUM + NESTED, now=SPECTRUM + REFINED, repeats=3,
+    ),
+}  # fmt: skip
+
+
+def seconds(row: Row, checkout: Path, *, now: bool, seed: int) -> float:
+    """CPU seconds of a row in one checkout, children included.
+
+    Raises
+    ------
+    InputError
+        If what is timed fails.
+    """
+    env = {**os.environ, **dict.fromkeys(SINGLE, "1"), "PYTHONPATH": str(checkout / "src")}
+    with tempfile.TemporaryDirectory() as folder:
+        if row.command:
+            words = [sys.executable, "-m", "gaugeblock", *row.command, "--out", f"{folder}/out"]
+        else:
+            code = TIMED + (row.now if now and row.now else row.code) + END
+            words = [sys.executable, "-c", code.replace("SEED", str(seed))]
+        before = os.times()
+        ran = subprocess.run(words, cwd=checkout, env=env, capture_output=True, text=True, check=False)
+        after = os.times()
+    if ran.returncode not in (0, 1, 3):
+        raise InputError(f"{checkout.name}, {row.says}: {ran.stderr.strip().splitlines()[-1:]}")
+    if row.command:
+        return after.children_user + after.children_system - before.children_user - before.children_system
+    return float(json.loads(ran.stdout.splitlines()[-1]))
+
+
+def compared(rows: Mapping[str, Row], past: Path, path: Path) -> dict[str, Any]:
+    """Measure each row that the file lacks in both, in turns, and keep it at once."""
+    found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"rows": {}}
+    for name, row in rows.items():
+        if name in found["rows"]:
+            continue
+        taken: dict[str, list[float]] = {"past": [], "now": []}
+        for seed in range(1, row.repeats + 1):
+            for which, checkout in (("past", past), ("now", ROOT)):
+                taken[which].append(round(seconds(row, checkout, now=which == "now", seed=seed), 3))
+        found["rows"][name] = taken
+        said = record("python -m benchmarks.past", 0, processor=processor())
+        found |= said | {"versions": json.loads(said["versions"])}
+        write_atomically(path, json.dumps(found, indent=1) + "\n")
+        sys.stderr.write(f"{row.says}: {taken}\n")
+    return found
+
+
+def shown(found: Mapping[str, Any]) -> str:
+    """The table of docs/performance.md."""
+    cells = []
+    for name, row in ROWS.items():
+        if name in found["rows"]:
+            past, now = (min(found["rows"][name][which]) for which in ("past", "now"))
+            cells.append([row.says, f"{past:.3g}", f"{now:.3g}", f"{now / past:.2f}", row.aim])
+    return page.table(["", "0.1.0 (CPU s)", "now (CPU s)", "ratio", "aim"], cells)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure, or fill the page."""
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--rows", nargs="+", choices=ROWS, default=list(ROWS))
+    options.add_argument("--past", type=Path, help="a checkout of 0.1.0; else one is made, and removed")
+    options.add_argument("--out", type=Path, default=HERE / "past.json")
+    options.add_argument("--docs", type=Path, default=DOCS)
+    options.add_argument("--page", action="store_true", help="the table of what is there")
+    chosen = options.parse_args(arguments)
+    if chosen.page:
+        found = json.loads(chosen.out.read_text(encoding="utf-8"))
+        page.fill(chosen.docs / "performance.md", {"past": shown(found)})
+        return 0
+    rows = {name: ROWS[name] for name in chosen.rows}
+    if chosen.past is not None:
+        compared(rows, chosen.past.resolve(), chosen.out)
+        return 0
+    with tempfile.TemporaryDirectory() as temporary:
+        tree, git = Path(temporary) / "past", ["git", "-C", str(ROOT), "worktree"]
+        subprocess.run([*git, "add", "--detach", "--quiet", str(tree), PAST], check=True)
+        try:
+            compared(rows, tree, chosen.out)
+        finally:
+            subprocess.run([*git, "remove", "--force", str(tree)], check=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
