@@ -112,10 +112,9 @@ def fit_discriminant(
     first, second = columns(truths, context_truths), columns(draws, context_draws)
     mean, other = first.mean(axis=0), second.mean(axis=0)
     centre = (mean + other) / 2
-    within = ((first - mean).T @ (first - mean) / len(first)) + (
-        (second - other).T @ (second - other) / len(second)
-    )
-    within /= 2
+    first -= mean
+    second -= other
+    within = (first.T @ first / len(first) + second.T @ second / len(second)) / 2
     variance = np.diag(within)
     scale = np.where(variance > 0, np.sqrt(np.maximum(variance, 0)), 1.0)
     correlation = within / np.outer(scale, scale)
