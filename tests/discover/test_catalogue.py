@@ -45,6 +45,8 @@ def test_says_that_it_stays_with_the_detector(dip):
 def test_an_error_of_the_amplitude_that_falls_with_the_number(dip):
     """Nothing is floated here: as one over the root of the number, at 60 sources as the profile says."""
     error, number = (dip.tree["catalogue"][name].values for name in ("amplitude_error", "number"))
+    said = dip.tree["catalogue"].attrs
+    assert (said["effect"], said["neutral"], said["floor"]) == ("dip", 0.0, 0.0)
     np.testing.assert_allclose(error * np.sqrt(number), error[0] * np.sqrt(number[0]), rtol=1e-9)
     stated = dip.to_json()["amplitude"][0]
     assert error[0] * np.sqrt(number[0] / 60) == pytest.approx(stated["standard_error"], rel=0.2)

@@ -55,6 +55,22 @@ def test_names_what_is_hidden(library, effect, amplitude):
     assert measured["held_out"]
 
 
+def test_what_is_stored_follows_from_counts_and_fits(library):
+    """Curve, gaps and places of a discovery, computed again from the counts and expectations in its tree."""
+    found = run(library, [Effect("line", {"energy": 3.3, "counts": 900.0})], 11)
+    spectrum, curve, scored = (found.tree[name] for name in ("spectrum", "quantiles", "held_out"))
+    counts, before = spectrum["counts"].values, spectrum["before"].values
+    total = before.sum()
+    np.testing.assert_allclose(curve["expected"], np.cumsum(before) / total)
+    np.testing.assert_allclose(curve["difference"], np.cumsum(counts - before) / np.sqrt(total), atol=1e-6)
+    gap = found.to_json()["gap"]["held_out"]
+    stored = dict(zip(scored["kind"].values, scored["deviance"].values, strict=True))
+    assert stored["before"] == pytest.approx(gap["before"])
+    assert stored["named"] == pytest.approx(gap["after"])
+    (said,) = [one for one in found.to_json()["statements"] if one["effect"] == "line"]
+    assert 2.8 < said["energy_lo_kev"] < 3.3 < said["energy_hi_kev"] < 3.8
+
+
 def test_nothing_hidden_is_nothing_named(library):
     # Global p of 0.01 is asked for: of 60 quiet sources 0.6 would be named; 4 or more happen in 0.3%.
     named = [run(library, [], seed).named for seed in range(60)]

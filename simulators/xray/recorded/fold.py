@@ -32,10 +32,12 @@ def recorded_folding(response: Response, recorded: Sequence[Bound], prior: Prior
     if all(isinstance(bound.what, Background) for bound in recorded):
         return _background_folding(response, recorded, names)
     places = layout(response)
-    low, high = float(places.runs.min()), float(places.runs.max())
+    ends = [(float(places.runs.min()), float(places.runs.max()))]
     for bound in reversed(recorded):
-        low, high = bound.what.reach(low, high, bound.ranges(prior))
-    rows = near(places, low, high)
+        ends.append(bound.what.reach(*ends[-1], bound.ranges(prior)))
+    # What one operation brings into the band's last channels has to be there for the next.
+    low, high = zip(*ends, strict=True)
+    rows = near(places, min(low), max(high))
     dense = per_second(response, places.order[rows])
     others = _others(response, recorded, places.order[rows])
     live = np.asarray(dense.any(axis=0) | (others > 0))

@@ -50,6 +50,7 @@ def flow(tmp_path_factory, make_counts, settings):
 def test_slopes_are_those_of_the_emulator():
     torch.manual_seed(0)
     emulator = Emulator(3, 7, (16, 16))
+    emulator.standardise(torch.exp(3.0 + torch.linspace(0.5, 2.0, 7) * torch.randn(50, 7)))
     score = torch.randn(5, 3)
     value, slope = emulator.with_slope(score)
     torch.testing.assert_close(value, emulator(score))

@@ -67,6 +67,16 @@ def test_ranks_are_exact_at_any_number_of_draws(draws):
     assert stats.kstest(u, "uniform").pvalue > 1e-4
 
 
+def test_the_order_of_draws_says_nothing():
+    """Bias and width are of the truth's weight among those of its draws, wherever these stand."""
+    theta, sampled, likelihood, true = around(300, 40, seed=8)
+    turned = (theta, sampled[:, ::-1], likelihood[:, ::-1], true)
+    one, other = findings((theta, sampled, likelihood, true)), findings(turned)
+    for name in ("posterior_sbc.bias[p0]", "posterior_sbc.log_width[p0]"):
+        np.testing.assert_allclose(one[name].estimate, other[name].estimate, rtol=1e-6)
+        np.testing.assert_allclose(one[name].standard_error, other[name].standard_error, rtol=1e-6)
+
+
 def test_and_where_the_weights_collapse():
     """Data sets of 20 dimensions: some 2 effective draws of 50, and ranks as uniform as ever (p = 1e-4)."""
     arrays = around(10_000, 50, seed=2, dimensions=20)

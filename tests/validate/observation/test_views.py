@@ -32,6 +32,14 @@ def test_families_count_alike_and_functions_of_ones_own_as_one(views):
     assert sum(v for k, v in weights.items() if ":" not in k) == pytest.approx(2.0)
 
 
+def test_a_data_set_scores_the_same_whatever_stands_beside_it(views):
+    some = data(40, np.random.default_rng(5))
+    together = views(Sets(some)).scores
+    alone = np.concatenate([views(Sets(one[None])).scores for one in some])
+    assert together.shape == alone.shape
+    np.testing.assert_allclose(together, alone, rtol=1e-8)
+
+
 def test_distances_are_taken_where_data_sets_vary_more_than_noise_does(views):
     """A shift of both numbers by two sd: a test of two normal numbers sees 72%, one of six 51%."""
     rng = np.random.default_rng(2)
