@@ -225,6 +225,10 @@ class Drawn:
     """Draws by somebody else's code; nothing else is known of it.
 
     `draw` is called as ``draw(n, rng)``; `description` says what it is.
+
+    >>> normal = Drawn(lambda n, rng: rng.normal([3.0, -1.0], [1.0, 0.1], size=(n, 2)), {"distribution": "mine"})
+    >>> bool((abs(normal.center - [3.0, -1.0]) < [0.3, 0.03]).all())
+    True
     """
 
     draw: Callable[[int, Any], Any]

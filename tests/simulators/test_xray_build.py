@@ -9,6 +9,7 @@ from gaugeblock.simulators import Effect, LogUniform, Uniform
 pytest.importorskip("jaxspec")
 from gaugeblock.simulators.registry import build_simulator
 from gaugeblock.simulators.xray import data, published, reference
+from gaugeblock.simulators.xray.build import read_effect
 
 pytestmark = pytest.mark.usefixtures("xray_data")
 
@@ -68,6 +69,13 @@ def test_files_of_ones_own():
     )
     theta = published.theta(4, 1)
     assert np.array_equal(from_files.expected(theta), reference().expected(theta))
+
+
+def test_an_effect_is_read_as_it_is_or_from_its_table():
+    effect = Effect("gain_slope", {"slope": Uniform(0.9, 1.1)})
+    assert read_effect(effect) is effect
+    table = {"name": "gain_slope", "slope": {"distribution": "uniform", "low": 0.9, "high": 1.1}}
+    assert read_effect(table) == effect
 
 
 def test_effects_from_tables():

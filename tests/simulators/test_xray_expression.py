@@ -386,6 +386,7 @@ def test_numbers_and_ties_follow_each_other():
 @pytest.mark.parametrize(
     ("expression", "words"),
     [
+        ("tbabs*powerline", "did you mean zpowerlw or powerlaw or bknpower"),
         ("tbabs*(powrlaw+bbodyrad)", "unknown component 'powrlaw'; did you mean powerlaw"),
         ("tbabs*zzz", "there are bbody"),
         ("tbabs*apec", "comes in as a table: atable"),

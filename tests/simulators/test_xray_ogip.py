@@ -12,6 +12,8 @@ pytest.importorskip("jaxspec")
 from astropy.io import fits
 
 from gaugeblock.simulators.xray import Response, Spectrum
+from gaugeblock.simulators.xray.pha import load_pha
+from gaugeblock.simulators.xray.reader import Reader
 from gaugeblock.simulators.xray.rmf import read_rmf
 
 BINS, CHANNELS = 6, 4
@@ -401,6 +403,25 @@ def test_one_spectrum_of_several_is_named_by_its_number(tmp_path, rmf, arf):
             Spectrum.from_ogip(name)
     with pytest.raises(InputError, match="holds one spectrum, and number 2"):
         Spectrum.from_ogip(f"{write_pha(tmp_path / 's.pha')}{{2}}", rmf, arf)
+
+
+def test_channels_that_a_file_of_several_does_not_number_are_from_one_on(tmp_path):
+    table = fits.BinTableHDU.from_columns(
+        [column("COUNTS", "4J", [[5, 6, 7, 8]] * 2), column("EXPOSURE", "D", [10.0, 20.0])], name="SPECTRUM"
+    )
+    path = tmp_path / "many.pha"
+    fits.HDUList([fits.PrimaryHDU(), table]).writeto(path)
+    assert load_pha("PHA", f"{path}{{2}}").channel.tolist() == [1, 2, 3, 4]
+
+
+def test_one_reader_keeps_detectors_apart_by_their_areas(tmp_path, rmf, arf):
+    half = write_arf(tmp_path / "half.arf", area=np.asarray(AREA) / 2)
+    pha, reader = write_pha(tmp_path / "s.pha"), Reader()
+    first, second, again = (reader.read(pha, rmf, area).spectrum.response.area for area in (arf, half, arf))
+    np.testing.assert_allclose(second, first / 2, rtol=1e-6)
+    np.testing.assert_array_equal(again, first)
+    with pytest.raises(InputError, match="gone"):
+        reader.read(pha, rmf, tmp_path / "gone.arf")
 
 
 def test_errors_that_are_not_used_are_told_and_those_of_poisson_are_fine(tmp_path, rmf, arf):

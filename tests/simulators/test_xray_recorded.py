@@ -113,7 +113,7 @@ def test_background_knows_neither_area_nor_redistribution(index):
     fixed = spectrum.with_effect(Effect("gain_slope", {"slope": 1.05}))
     fixed = fixed.with_effect(Effect("background", {"level": 0.05, "index": index})).expected(theta)
     most = np.abs(moved / fixed - 1).max()
-    # What comes later sees what came before; but as many counts in each ratio of energies stay so under a slope.
+    # What comes later sees what came before; but counts that are even in log energy stay so under a slope.
     assert most < 1e-6 if index == 1.0 else most > 1e-4
 
 

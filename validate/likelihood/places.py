@@ -16,6 +16,10 @@ def where(mask: NDArray[np.bool_], theta: Array, x: NDArray[Any], names: Sequenc
 
     >>> where(np.array([True, False, True]), np.array([[2.0], [1.0], [3.0]]), np.ones((3, 2)), ["index"])
     'just where index >= 2'
+    >>> where(np.array([True]), np.ones((1, 1)), np.ones((1, 3)), ["index"])
+    'everywhere'
+    >>> where(np.array([False]), np.ones((1, 1)), np.ones((1, 3)), ["index"])
+    ''
     """
     if mask.all():
         return "everywhere"
