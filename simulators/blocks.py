@@ -226,7 +226,8 @@ class Drawn:
 
     `draw` is called as ``draw(n, rng)``; `description` says what it is.
 
-    >>> normal = Drawn(lambda n, rng: rng.normal([3.0, -1.0], [1.0, 0.1], size=(n, 2)), {"distribution": "mine"})
+    >>> said = {"distribution": "mine"}
+    >>> normal = Drawn(lambda n, rng: rng.normal([3.0, -1.0], [1.0, 0.1], size=(n, 2)), said)
     >>> bool((abs(normal.center - [3.0, -1.0]) < [0.3, 0.03]).all())
     True
     """
