@@ -148,6 +148,7 @@ def torch_cases():
         (d.Dirichlet(tensor([1.0, 2.0, 3.0])), 1),
         (d.TransformedDistribution(d.Normal(tensor([0.0]), tensor([1.0])), [d.ExpTransform()]), 1),
         (d.StudentT(tensor([4.0]), tensor([0.0]), tensor([1.0])), 1),
+        (d.StudentT(tensor([4.0, 3.0, 5.0]), tensor([0.0, 1.0, 2.0]), tensor([1.0, 2.0, 0.5])), 1),
         (d.Categorical(tensor([0.2, 0.3, 0.5])), 1),
         (d.Bernoulli(tensor([0.3])), 1),
         (
@@ -222,6 +223,7 @@ def test_numpyro_distributions():
         (d.Normal(jnp.zeros(2), 1.0).to_event(1), 3, None),
         (d.MultivariateNormal(jnp.zeros(2), jnp.eye(2)), 3, None),
         (d.StudentT(4.0, 0.0, 1.0), 1, None),
+        (d.StudentT(4.0, jnp.arange(3.0), 1.0), 1, None),
         (d.Poisson(3.0), 1, None),
         (d.Dirichlet(jnp.ones(3)), 1, None),
     ]
@@ -232,7 +234,7 @@ def test_numpyro_distributions():
         theta = prior.sample(30, np.random.default_rng(3))
         np.testing.assert_array_equal(theta, prior.sample(30, np.random.default_rng(3)))
         points = jnp.asarray(theta).reshape(30, *given.batch_shape, *given.event_shape)
-        expected = np.asarray(given.log_prob(points)).reshape(30)
+        expected = np.asarray(given.log_prob(points)).reshape(30, -1).sum(axis=1)
         np.testing.assert_allclose(prior.log_prob(theta), expected, rtol=2e-4, atol=2e-4, err_msg=name)
         assert not np.isnan(prior.log_prob(np.full((1, prior.size), -7.5))).any()
 
