@@ -324,14 +324,7 @@ def _number(case: Case, few: Case, change: Callable[[float], Change]) -> float |
     """The factor that accounts for everything, searched for over twelve decades."""
 
     def misfit(logarithm: float) -> Array:
-        arguments = _changed_arguments(change(math.exp(logarithm)), few)
-        values = few.first.attempt(*arguments)
-        if values is None:
-            return np.full(len(few.b), 1e6)
-        with np.errstate(invalid="ignore"):
-            return np.nan_to_num(
-                (values - few.b) / (few.tolerance / few.rtol), nan=1e6, posinf=1e6, neginf=-1e6
-            )
+        return _bounded(few.first.attempt(*_changed_arguments(change(math.exp(logarithm)), few)), few)
 
     known = [value for value in case.constants.values() if value > 0]
     grid = np.log(10.0) * np.linspace(-6, 6, 97)
@@ -341,15 +334,8 @@ def _number(case: Case, few: Case, change: Callable[[float], Change]) -> float |
 
 def _offset(case: Case, few: Case, column: int) -> float | None:
     def misfit(step: float) -> Array:
-        values = few.first.attempt(
-            *_changed_arguments(Change("", "", scaled((column,), step, offset=True)), few)
-        )
-        if values is None:
-            return np.full(len(few.b), 1e6)
-        with np.errstate(invalid="ignore"):
-            return np.nan_to_num(
-                (values - few.b) / (few.tolerance / few.rtol), nan=1e6, posinf=1e6, neginf=-1e6
-            )
+        change = Change("", "", scaled((column,), step, offset=True))
+        return _bounded(few.first.attempt(*_changed_arguments(change, few)), few)
 
     spread = float(np.ptp(case.theta[:, column])) or 1.0
     guesses = spread * np.concatenate([sign * np.geomspace(1e-3, 3.0, 20) for sign in (1.0, -1.0)])
@@ -362,7 +348,8 @@ def _bounded(values: Array | None, few: Case) -> Array:
     """Relative differences of the rows, a large number where there is none."""
     if values is None:
         return np.full(len(few.b), 1e6)
-    gap = (values - few.b) / (few.tolerance / few.rtol)
+    with np.errstate(invalid="ignore"):
+        gap = (values - few.b) / (few.tolerance / few.rtol)
     return np.nan_to_num(gap, nan=1e6, posinf=1e6, neginf=-1e6)
 
 
