@@ -32,7 +32,9 @@ def save_checkpoint(
         tensors |= {f"optimizer/{index}/{name}": torch.as_tensor(value) for name, value in state.items()}
     metadata = {"key": key, "step": str(step), "curve": json.dumps(curve)}
     # Clones, because safetensors refuses tensors that share memory.
-    write_atomically(path, save({k: v.detach().clone().contiguous() for k, v in tensors.items()}, metadata))
+    write_atomically(
+        path, save({k: v.detach().cpu().clone().contiguous() for k, v in tensors.items()}, metadata)
+    )
 
 
 def load_checkpoint(
@@ -52,9 +54,14 @@ def load_checkpoint(
         group, _, rest = name.partition("/")
         groups[group][rest] = value
     network.load_state_dict(groups["network"])
+    own = network.state_dict()
     states: dict[int, dict[str, torch.Tensor]] = {}
     for name, value in groups["optimizer"].items():
         index, _, rest = name.partition("/")
         states.setdefault(int(index), {})[rest] = value
     optimizer.load_state_dict({"state": states, "param_groups": optimizer.state_dict()["param_groups"]})
-    return int(metadata["step"]), groups["average"], groups["best"], json.loads(metadata["curve"])
+    average, best = (
+        {name: value.to(own[name].device) for name, value in groups[group].items()}
+        for group in ("average", "best")
+    )
+    return int(metadata["step"]), average, best, json.loads(metadata["curve"])
