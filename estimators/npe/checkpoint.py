@@ -32,9 +32,7 @@ def save_checkpoint(
         tensors |= {f"optimizer/{index}/{name}": torch.as_tensor(value) for name, value in state.items()}
     metadata = {"key": key, "step": str(step), "curve": json.dumps(curve)}
     # Clones, because safetensors refuses tensors that share memory.
-    write_atomically(
-        path, save({k: v.detach().cpu().clone().contiguous() for k, v in tensors.items()}, metadata)
-    )
+    write_atomically(path, save({k: v.detach().clone().contiguous() for k, v in tensors.items()}, metadata))
 
 
 def load_checkpoint(

@@ -35,9 +35,7 @@ REMEDY = f"a model folder holds {WEIGHTS} and {DESCRIPTION}"
 
 def weights_of(network: Any) -> bytes:
     """The network's tensors, feature statistics included, as safetensors."""
-    tensors = {
-        name: value.detach().cpu().clone().contiguous() for name, value in network.state_dict().items()
-    }
+    tensors = {name: value.detach().clone().contiguous() for name, value in network.state_dict().items()}
     return bytes(save_tensors(tensors))
 
 

@@ -156,7 +156,7 @@ def train_laplace(
         train_compressor(
             compressor, bank, seed=options.seed, steps=(EMULATOR_STEPS, GUESS_STEPS), progress=progress
         )
-        state = {name: value.cpu().contiguous() for name, value in compressor.state_dict().items()}
+        state = {name: value.contiguous() for name, value in compressor.state_dict().items()}
         write_atomically(stored, bytes(save(state)))
     data = _compressed(compressor, bank, folder / f"compressed-{key}.npz", options.seed, progress)
     network.head.standardise(placed(data[:EXAMPLES], network))

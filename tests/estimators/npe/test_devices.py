@@ -39,11 +39,15 @@ def opened(path, **options):
 
 @contextmanager
 def pretended(**options):
-    """A device, which is what any name asks for, and the only place where anything is computed."""
+    """A device, by the name of "cuda" or its own, and the only place where anything is computed."""
+
+    def chosen(asked=None, **_):
+        return NAME if asked in ("cuda", NAME) else "cpu"
+
     npe = "gaugeblock.estimators.npe"
     with pytest.MonkeyPatch.context() as patch:
         for module in ("estimator", "training"):
-            patch.setattr(f"{npe}.{module}.torch_device", lambda *_, **__: NAME)
+            patch.setattr(f"{npe}.{module}.torch_device", chosen)
         for module in ("storage", "training"):
             patch.setattr(f"{npe}.{module}.build_network", on_the_host(build_network))
         patch.setattr(f"{npe}.training.builder", on_the_host(lambda *given: on_the_host(builder(*given))))
@@ -108,7 +112,7 @@ def answers(flow, x):
 def test_draws_densities_and_summaries_are_made_on_the_device(kind, counts, spectra):
     expected = answers(untrained(kind, counts.prior), spectra)
     with pretended():
-        found = answers(untrained(kind, counts.prior), spectra)
+        found = answers(untrained(kind, counts.prior, device="cuda"), spectra)
     for one, other in zip(found, expected, strict=True):
         assert type(one) is np.ndarray
         np.testing.assert_array_equal(one, other)
@@ -121,7 +125,10 @@ def test_a_training_is_done_on_the_device_and_says_so(tmp_path, simulator, kind,
     expected = train(simulator, configured(kind, **more), folder=tmp_path / "here").record
     # sbi's own trainer keeps its lists of rows on the host.
     with pretended(host=kind == "published"):
-        found = train(simulator, configured(kind, **more), folder=tmp_path / "there").record
+        flow = train(simulator, configured(kind, device="cuda", **more), folder=tmp_path / "there")
+        again = load(tmp_path / "there", simulator, device="cuda")
+    assert flow.device == again.device == NAME
+    found = flow.record
     assert found["training"]["device"] == NAME
     assert expected["training"]["device"] == "cpu"
     assert found["sha256"] == expected["sha256"]
@@ -141,8 +148,8 @@ def test_a_training_that_was_cut_off_goes_on_there(tmp_path, simulator, kind):
     expected = train(simulator, configured(kind), folder=tmp_path / "here").record
     with pretended():
         with pytest.raises(Cut):
-            train(simulator, configured(kind), folder=tmp_path / "there", progress=stop)
-        found = train(simulator, configured(kind), folder=tmp_path / "there").record
+            train(simulator, configured(kind, device="cuda"), folder=tmp_path / "there", progress=stop)
+        found = train(simulator, configured(kind, device="cuda"), folder=tmp_path / "there").record
     assert found["sha256"] == expected["sha256"]
     assert found["curve"] == expected["curve"]
 
