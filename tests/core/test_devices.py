@@ -109,14 +109,14 @@ def test_a_processor_names_what_flows_and_jax_compute_on(gpus, monkeypatch):
     gpus(torch=2)
     assert device_kinds() == device_kinds(["cpu"]) == ["cpu"]
     # Two of a kind are one.
-    assert device_kinds(["cuda:0"]) == device_kinds(["cuda:1"]) == ["Card T", "cpu"]
-    assert processor("cuda:0").endswith("(Card T, cpu)")
+    assert device_kinds(["cuda:0"]) == device_kinds(["cuda:1"]) == ["cpu", "torch on Card T"]
+    assert processor("cuda:0").endswith("(cpu, torch on Card T)")
     assert processor("cpu") == processor() != processor("cuda:0")
     # A simulator that leaves JAX to itself would be on its card, ours are not.
     gpus(jax=1)
-    assert device_kinds() == ["Card J", "cpu"]
+    assert device_kinds() == ["cpu", "JAX by default on Card J"]
     monkeypatch.setenv(VARIABLE, "cuda")
-    assert device_kinds() == ["Card J"]
+    assert device_kinds() == ["cpu", "JAX by default on Card J", "JAX on Card J"]
     # Nobody may compute with it.
     gpus()
     assert device_kinds() == ["cpu"]

@@ -65,19 +65,20 @@ def tell_jax() -> None:
 
 
 def device_kinds(flows: Iterable[str] = ()) -> list[str]:
-    """Kinds of devices, by the names that their makers give: those of flows, and JAX's once it is loaded.
+    """The host, and by whom other devices are used, under the names that their makers give.
 
-    A user's simulator may leave JAX to its own default, so that counts too.
+    Of flows, given as torch calls their devices, and of JAX once it is loaded: what our calls of it use, and
+    its own default, to which a user's simulator may leave it.
     """
     torch, jax = sys.modules.get("torch"), sys.modules.get("jax")
     # By its kind and not its number: two of a kind round alike.
-    kinds = {str(torch.cuda.get_device_name(one)) if torch and "cuda" in one else one for one in flows}
+    used = {("torch", torch.cuda.get_device_name(one) if torch and "cuda" in one else one) for one in flows}
     if jax is not None:
-        kinds.add(str(jax.local_devices()[0].device_kind))
+        used.add(("JAX by default", jax.local_devices()[0].device_kind))
         # Somebody else may have loaded it; whoever computes with it is told.
         with suppress(InputError):
-            kinds.add(str(jax_device().device_kind))
-    return sorted(kinds) or [CPU]
+            used.add(("JAX", jax_device().device_kind))
+    return [CPU, *sorted(f"{who} on {kind}" for who, kind in used if kind != CPU)]
 
 
 def _decided(asked: str | None, where: str, library: str, there: Callable[[], int]) -> str:
