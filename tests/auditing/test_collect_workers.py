@@ -225,9 +225,7 @@ def test_another_device_of_the_estimator_is_another_processor(tmp_path: Path) ->
     exact = Exact(SIMULATOR)
     collect_part(SIMULATOR, exact, PLAN, tmp_path, (1, 2))
     vars(exact)["device"] = "mps:0"
-    with pytest.raises(
-        InputError, match=r"\(cpu\), and \S+ is .*torch on mps:0\), which"
-    ):
+    with pytest.raises(InputError, match=r"\(cpu\), and \S+ is .*torch on mps:0\), which"):
         collect_part(SIMULATOR, exact, PLAN, tmp_path, (2, 2))
 
 
