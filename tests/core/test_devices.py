@@ -105,6 +105,15 @@ def test_jax_is_told_before_it_starts(monkeypatch):
     assert os.environ["XLA_PYTHON_CLIENT_PREALLOCATE"] == "false"
 
 
+def test_commands_tell_it():
+    code = (
+        "import os, sys\nfrom gaugeblock.cli import main\nsys.argv = ['gaugeblock', '--help']\n"
+        "try: main()\nexcept SystemExit: print('JAX', os.environ['JAX_PLATFORMS'])"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stdout.endswith("JAX cpu\n")
+
+
 def test_a_processor_names_what_flows_and_jax_compute_on(gpus, monkeypatch):
     gpus(torch=2)
     assert device_kinds() == device_kinds(["cpu"]) == ["cpu"]
