@@ -14,6 +14,7 @@ from gaugeblock.core.values import Shown
 from gaugeblock.estimators._rows import padded, row_seeds
 from gaugeblock.simulators.prior import HasBijections, require_prior
 from gaugeblock.simulators.protocol import HasTraceableLikelihood
+from gaugeblock.simulators.xray.precision import double_precision
 
 BLOCK = 50
 """Draws kept by one call of the compiled sampler: any n is made of such calls, so n is never compiled in."""
@@ -187,12 +188,10 @@ class Nuts(Shown):
 
     def run(self, x: ArrayLike, n: int, rng: Rng) -> NutsRun:
         """One chain of n kept draws for each row of x, one row or more."""
-        import jax
-
         data = np.asarray(x, dtype=float)
         seeds = row_seeds(rng, len(data))
         runs, sizes = [], []
-        with jax.enable_x64(True):
+        with double_precision():
             for start in range(0, len(data), self._parallel):
                 rows, keys = data[start : start + self._parallel], seeds[start : start + self._parallel]
                 runs.append(self._block(padded(rows), padded(keys), n))

@@ -123,6 +123,12 @@ def layers(estimator: object) -> list[object]:
     return found
 
 
+def devices(estimator: object) -> list[str]:
+    """Devices that an estimator and what it wraps say that they compute on (`device`, as torch calls it)."""
+    found = (getattr(layer, "device", None) for layer in layers(estimator))
+    return [device for device in found if isinstance(device, str)]
+
+
 def untrusted(estimator: object) -> bool:
     """Whether nobody vouches for it or for what it wraps: draws and densities are asked for apart."""
     return any(getattr(layer, "untrusted", False) is True for layer in layers(estimator))

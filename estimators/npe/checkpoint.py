@@ -52,9 +52,14 @@ def load_checkpoint(
         group, _, rest = name.partition("/")
         groups[group][rest] = value
     network.load_state_dict(groups["network"])
+    own = network.state_dict()
     states: dict[int, dict[str, torch.Tensor]] = {}
     for name, value in groups["optimizer"].items():
         index, _, rest = name.partition("/")
         states.setdefault(int(index), {})[rest] = value
     optimizer.load_state_dict({"state": states, "param_groups": optimizer.state_dict()["param_groups"]})
-    return int(metadata["step"]), groups["average"], groups["best"], json.loads(metadata["curve"])
+    average, best = (
+        {name: value.to(own[name].device) for name, value in groups[group].items()}
+        for group in ("average", "best")
+    )
+    return int(metadata["step"]), average, best, json.loads(metadata["curve"])

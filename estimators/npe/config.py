@@ -39,7 +39,8 @@ class TrainingTable(Table):
     `fresh_noise` draws new noise at every step, where the simulator can; `keep` says which weights the
     default network ends with: those of the smallest validation loss, or the last, as a training without a
     validation set would. With `redraws` a "laplace" network trains a second time, as many steps, on so many
-    posterior draws beside every row's own parameters.
+    posterior draws beside every row's own parameters. `device` is where torch trains: "cpu", "cuda", "cuda:1"
+    or "auto"; by default what the variable GAUGEBLOCK_DEVICE says, or the CPU.
     """
 
     simulations: Annotated[int, Field(ge=20)] = 50_000
@@ -57,6 +58,7 @@ class TrainingTable(Table):
     keep: Literal["best", "last"] = "best"
     checkpoint: Count = 500
     seed: Annotated[int, Field(ge=0)] = 0
+    device: str | None = None
 
     @model_validator(mode="after")
     def _batch_fits(self) -> TrainingTable:

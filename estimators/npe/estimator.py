@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.core.devices import torch_device
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
 from gaugeblock.core.values import Shown
@@ -40,6 +41,9 @@ class NPE(Shown):
         Whether data must not be negative.
     record
         Everything ``model.json`` says: network, training, losses, versions, sha256 of the weights.
+    device
+        ``cpu``, ``cuda``, ``cuda:1`` or ``auto``; by default what the variable GAUGEBLOCK_DEVICE says, or the
+        CPU. Random numbers are drawn on the host, so another device gives the same draws, but for rounding.
 
     References
     ----------
@@ -56,8 +60,10 @@ class NPE(Shown):
         data_shape: tuple[int, ...],
         counts: bool = False,
         record: Mapping[str, Any] | None = None,
+        device: str | None = None,
     ):
-        self.network, self._flow = network.eval(), as_flow(network)
+        self.device = torch_device(device, where="estimator npe: device")
+        self.network, self._flow = network.to(self.device).eval(), as_flow(network)
         self.prior, self.data_shape, self._counts = prior, tuple(data_shape), counts
         self.record = dict(record or {})
 
@@ -82,10 +88,10 @@ class NPE(Shown):
             for rows in self._chunks(len(data), n):
                 context = self._flow.context(data[rows])
                 scores, own = self._flow.draw(noise[rows], context)
-                wide = scores.double().numpy()
+                wide = _array(scores)
                 draws[rows] = from_scores(self.prior, wide)
                 if density:
-                    log_q[rows] = physical_log_density(self.prior, own.double().numpy(), wide, draws[rows])
+                    log_q[rows] = physical_log_density(self.prior, _array(own), wide, draws[rows])
         return draws, log_q
 
     def log_prob(self, theta: ArrayLike, x: ArrayLike) -> Array:
@@ -103,19 +109,19 @@ class NPE(Shown):
                 f"got shape {theta.shape}"
             )
         scores = to_scores(self.prior, theta)
-        usable = torch.from_numpy(np.where(np.isfinite(scores), scores, 0.0).astype(np.float32))
+        usable = self._tensor(np.where(np.isfinite(scores), scores, 0.0).astype(np.float32))
         density = np.empty(theta.shape[:2])
         with torch.inference_mode():
             for rows in self._chunks(len(data), theta.shape[1]):
                 context = self._flow.context(data[rows])
-                density[rows] = self._flow.log_prob(usable[rows], context).double().numpy()
+                density[rows] = _array(self._flow.log_prob(usable[rows], context))
         return physical_log_density(self.prior, density, scores, theta)
 
     def embed(self, x: ArrayLike) -> Array:
         """Learned summaries of the data, ``(batch, feature)``."""
         data = self._data(x)
         with torch.inference_mode():
-            return np.asarray(self._flow.context(data).double().numpy())
+            return _array(self._flow.context(data))
 
     def describe(self) -> dict[str, Any]:
         """Plain data that identifies it: sha256 of the weights, network, training, simulator."""
@@ -124,7 +130,10 @@ class NPE(Shown):
 
     def _noise(self, x: ArrayLike, n: int, rng: Rng) -> torch.Tensor:
         noise = rng.standard_normal((len(np.asarray(x)), int(n), self.prior.size))
-        return torch.from_numpy(noise.astype(np.float32))
+        return self._tensor(noise.astype(np.float32))
+
+    def _tensor(self, values: NDArray[Any]) -> torch.Tensor:
+        return torch.from_numpy(values).to(self.device)
 
     def _chunks(self, batch: int, n: int) -> Iterator[slice]:
         step = max(1, DRAWS_AT_ONCE // max(1, n))
@@ -149,4 +158,8 @@ class NPE(Shown):
             )
         if self._counts and (flat < 0).any():
             raise InputError("this flow was trained on counts and the data hold negative values")
-        return torch.from_numpy(data)
+        return self._tensor(data)
+
+
+def _array(values: torch.Tensor) -> Array:
+    return np.asarray(values.double().cpu().numpy())

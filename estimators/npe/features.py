@@ -31,7 +31,7 @@ class StandardFeatures(nn.Module):
 
     def fit(self, x: NDArray[Any]) -> None:
         """Take mean and standard deviation from example data ``(n, *data_shape)``."""
-        raw = self.raw(torch.from_numpy(np.asarray(x, dtype=np.float64)))
+        raw = self.raw(torch.from_numpy(np.asarray(x, dtype=np.float64)).to(self.mean.device))
         scale = raw.std(dim=0)
         self.mean.copy_(raw.mean(dim=0))
         # A feature that never varies carries nothing; dividing by its rounding error would invent something.

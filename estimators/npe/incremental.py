@@ -116,7 +116,7 @@ def _sorted(
     weights, biases, ready = [], [], []
     reads = layers[0].mask[:, :size]
     level = torch.where(reads, order, -1).amax(dim=1)
-    inputs = torch.cat((places, torch.arange(size, layers[0].mask.shape[1])))
+    inputs = torch.cat((places, torch.arange(size, layers[0].mask.shape[1], device=order.device)))
     for layer, after in pairwise((*layers, None)):
         weight = (layer.weight * layer.mask)[:, inputs]
         if after is None:

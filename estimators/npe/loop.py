@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.npe.bank import Progress, stream
@@ -75,7 +76,7 @@ def train_default(
         If no validation loss was finite.
     """
     size = len(bank) - held_out(len(bank), options)
-    validation = _tensors(bank, slice(size, None), stream(options.seed, "validation"))
+    validation = _tensors(network, bank, slice(size, None), stream(options.seed, "validation"))
     parameters = [p for p in network.parameters() if p.requires_grad]
     optimizer = torch.optim.AdamW(
         parameters, lr=options.learning_rate, betas=(0.9, 0.99), weight_decay=options.weight_decay
@@ -92,7 +93,7 @@ def train_default(
     interval = max(1, options.checkpoint // 2)
     for step in range(start, options.steps):
         rng = stream(options.seed, "step", step)
-        score, x = _tensors(bank, rng.integers(0, size, options.batch), rng)
+        score, x = _tensors(network, bank, rng.integers(0, size, options.batch), rng)
         loss = network.loss(score, condition=x).mean()
         descend(optimizer, loss, one_cycle(step, options.steps, options.learning_rate), options.clip)
         _blend(average, network, max(1.0 - options.average, 1.0 / (step + 1)))
@@ -127,9 +128,16 @@ def held_out(rows: int, options: TrainingTable) -> int:
     return max(1, round(options.validation * rows))
 
 
-def _tensors(bank: Pairs, rows: Any, rng: np.random.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+def placed(values: NDArray[Any], network: Any) -> torch.Tensor:
+    """An array as a tensor, where the weights of a network are."""
+    return torch.from_numpy(values).to(next(network.parameters()).device)
+
+
+def _tensors(
+    network: Any, bank: Pairs, rows: Any, rng: np.random.Generator
+) -> tuple[torch.Tensor, torch.Tensor]:
     scores, x = bank.pairs(rows, rng)
-    return torch.from_numpy(scores), torch.from_numpy(np.asarray(x).astype(np.float64))
+    return placed(scores, network), placed(np.asarray(x).astype(np.float64), network)
 
 
 def _blend(average: dict[str, torch.Tensor], network: Any, weight: float) -> None:

@@ -41,7 +41,9 @@ class PublishedEmbedding(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """Spectra ``(n, channel)`` to summaries ``(n, 20)``."""
         logged = torch.log1p(x).to(torch.float32)
-        return self.dense(self.convolutions(logged.unsqueeze(-2)).flatten(start_dim=-2))
+        # A GPU would convolve with ten bits: cuDNN's default, TensorFloat-32.
+        with torch.backends.cudnn.flags(enabled=True, allow_tf32=False):
+            return self.dense(self.convolutions(logged.unsqueeze(-2)).flatten(start_dim=-2))
 
 
 def default_embedding(config: NetworkTable, shape: NetworkShape) -> nn.Module:
@@ -63,7 +65,8 @@ def build_network(config: NetworkTable, shape: NetworkShape, *, seed: int = 0) -
         If the published network, which reads spectra of at least four channels, is asked for other data.
     """
     with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
+        # Of the host alone: the other devices' generators are nobody's business here.
+        torch.default_generator.manual_seed(seed)
         if config.kind == "laplace":
             return laplace_network(config, shape)
         theta = torch.randn(2, shape.parameters)

@@ -67,15 +67,19 @@ def save(
     discard_unfinished(place, (WEIGHTS, DESCRIPTION))
 
 
-def load(path: str | os.PathLike[str], simulator: Simulator | None = None) -> NPE:
+def load(
+    path: str | os.PathLike[str], simulator: Simulator | None = None, *, device: str | None = None
+) -> NPE:
     """Read a model folder; with a simulator, insist that the flow was trained for its prior and data.
 
-    ``shipped:NAME`` stands for the folder of a flow that comes with the package.
+    ``shipped:NAME`` stands for the folder of a flow that comes with the package. `device` is where it
+    computes, as in `NPE`.
 
     Raises
     ------
     InputError
-        If a file is missing, truncated or edited, or the simulator is not the one it was trained for.
+        If a file is missing, truncated or edited, or the simulator is not the one it was trained for; or
+        there is no such device.
     """
     name = str(path)
     folder = reference_model_path(name.removeprefix(SHIPPED)) if name.startswith(SHIPPED) else Path(path)
@@ -97,7 +101,12 @@ def load(path: str | os.PathLike[str], simulator: Simulator | None = None) -> NP
         first = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         raise InputError(f"{folder}: {DESCRIPTION} and {WEIGHTS} do not fit together: {first}") from None
     estimator = NPE(
-        network, prior, data_shape=shape.data_shape, counts=shape.features == "counts", record=description
+        network,
+        prior,
+        data_shape=shape.data_shape,
+        counts=shape.features == "counts",
+        record=description,
+        device=device,
     )
     if simulator is not None:
         check_simulator(estimator, simulator, where=str(folder))

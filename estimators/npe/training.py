@@ -19,6 +19,7 @@ import torch
 from sbi.inference import NPE as Inference
 
 from gaugeblock.core.atomic import write_atomically
+from gaugeblock.core.devices import torch_device
 from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.trust import modules_in, only_named
@@ -70,9 +71,14 @@ def train_published(
         stack.enter_context(contextlib.redirect_stdout(io.StringIO()))
         stack.enter_context(warnings.catch_warnings())
         warnings.simplefilter("ignore")
-        torch.manual_seed(options.seed)
+        torch.default_generator.manual_seed(options.seed)
         build = builder(network, shape)  # here, because the embedding's first weights are random
-        trainer = Inference(density_estimator=build, show_progress_bars=False, tracker=_Silent())
+        trainer = Inference(
+            density_estimator=build,
+            device=torch_device(options.device),
+            show_progress_bars=False,
+            tracker=_Silent(),
+        )
         trainer.append_simulations(
             torch.from_numpy(bank.scores), torch.from_numpy(np.asarray(x, dtype=np.float32))
         )
@@ -121,6 +127,9 @@ def train(
         holds a model already.
     """
     begun = time.monotonic()
+    device = torch_device(config.training.device, where="training.device")
+    # From here on its name: a training does not go on on another one unasked.
+    config = config.replace({"training.device": device})
     place, options = Path(folder), config.training
     work = place / "training"
     if options.redraws and not (config.network.kind == "laplace" and isinstance(simulator, HasLikelihood)):
@@ -154,7 +163,7 @@ def train(
     if config.network.kind == "published":
         network, curve = train_published(bank, config.network, shape, options)
     else:
-        network = build_network(config.network, shape, seed=options.seed)
+        network = build_network(config.network, shape, seed=options.seed).to(device)
         if config.network.kind == "laplace" and not bank.fresh:
             raise InputError(
                 'network.kind = "laplace" needs a simulator with expected counts (its `expected`) and '
@@ -188,7 +197,7 @@ def train(
     save(place, network, shape, simulator.prior, record)
     _draw_curve(place / "training.png", record["curve"])
     _end(work)
-    return load(place, simulator)
+    return load(place, simulator, device=device)
 
 
 def run_training(

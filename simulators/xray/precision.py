@@ -1,21 +1,23 @@
-"""Double precision for our own calls only: the host program's JAX configuration stays as it is."""
+"""Double precision and the device for our own calls alone: the host program keeps its JAX configuration."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from contextlib import contextmanager
 
+from gaugeblock.core.devices import jax_device
 from gaugeblock.core.errors import require
 
 
-def double_precision() -> Any:
-    """Context in which JAX works in float64; build, trace and call inside it.
+@contextmanager
+def double_precision() -> Iterator[None]:
+    """Context in which JAX works in float64, on the device that was chosen; build, trace and call inside it.
 
     jaxspec reads its cross-section tables in the dtype that is active when a component is made, so
     making one outside would leave a float32 table behind for good.
     """
     jax = require("jax", "xray")
-    if hasattr(jax, "enable_x64"):
-        return jax.enable_x64(True)
-    from jax.experimental import enable_x64
-
-    return enable_x64(True)
+    # Where older versions have it.
+    owner = jax if hasattr(jax, "enable_x64") else require("jax.experimental", "xray")
+    with owner.enable_x64(True), jax.default_device(jax_device()):
+        yield

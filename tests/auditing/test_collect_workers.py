@@ -221,6 +221,14 @@ def test_other_processors_are_refused_or_known_as_mixed(
     assert processors.kinds(next(tmp_path.glob("*/")), mixed=True) == [here, "Chip B"]
 
 
+def test_another_device_of_the_estimator_is_another_processor(tmp_path: Path) -> None:
+    exact = Exact(SIMULATOR)
+    collect_part(SIMULATOR, exact, PLAN, tmp_path, (1, 2))
+    vars(exact)["device"] = "mps:0"
+    with pytest.raises(InputError, match=r"\(cpu\), and \S+ is .*torch on mps:0\), which"):
+        collect_part(SIMULATOR, exact, PLAN, tmp_path, (2, 2))
+
+
 def test_parts_of_another_plan_are_refused_by_name(tmp_path: Path) -> None:
     exact = Exact(SIMULATOR)
     assert collect_part(SIMULATOR, exact, PLAN, tmp_path, (2, 4)) == 2 + 1 + 1

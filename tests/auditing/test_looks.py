@@ -63,6 +63,24 @@ def test_trials_of_another_processor_are_not_kept(tmp_path: Path, monkeypatch: p
     assert enlarged.verdict.provenance["processors"] == ["Chip B"]
 
 
+def test_nor_are_those_of_another_device_of_the_estimator(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    audited(tmp_path, 40)
+    monkeypatch.setattr("gaugeblock.estimators.exact.Exact.device", "mps:0", raising=False)
+    made: list[range] = []
+    inner = collect.MainTrials.__call__
+    monkeypatch.setattr(
+        collect.MainTrials, "__call__", lambda self, trials: made.append(trials) or inner(self, trials)
+    )
+    # All anew; and the next time, on the same device, only what is missing.
+    for number, first in ((80, 0), (100, 80)):
+        (made_on,) = audited(tmp_path, number).verdict.provenance["processors"]
+        assert made_on.endswith("(cpu, torch on mps:0)")
+        assert made == [range(start, start + 20) for start in range(first, number, 20)]
+        made.clear()
+
+
 def test_trials_of_another_audit_or_that_were_touched_are_not_kept(tmp_path: Path) -> None:
     audited(tmp_path / "fresh", 60, table={"seed": 8})
     audited(tmp_path / "other", 40)

@@ -53,8 +53,8 @@ def potential(log_mean: Tensor, x: Tensor, score: Tensor) -> Tensor:
 
 def _mode(emulator: Emulator, x: Tensor, score: Tensor) -> tuple[Tensor, Tensor]:
     """Levenberg-Marquardt with a damping of its own for every row."""
-    one = torch.eye(score.shape[-1])
-    damping = torch.full((len(score), 1), 1e-2)
+    one = torch.eye(score.shape[-1], device=score.device)
+    damping = score.new_full((len(score), 1), 1e-2)
     log_mean, slope = emulator.with_slope(score)
     height = potential(log_mean, x, score)
     for _ in range(FITTED):
@@ -75,7 +75,8 @@ def _mode(emulator: Emulator, x: Tensor, score: Tensor) -> tuple[Tensor, Tensor]
 
 def _information(log_mean: Tensor, slope: Tensor, x: Tensor, score: Tensor) -> tuple[Tensor, Tensor]:
     expected = torch.exp(log_mean)
-    information = (slope * expected[:, None]) @ slope.transpose(1, 2) + torch.eye(score.shape[-1])
+    prior = torch.eye(score.shape[-1], device=score.device)
+    information = (slope * expected[:, None]) @ slope.transpose(1, 2) + prior
     return information, (slope @ (x - expected)[..., None])[..., 0] - score
 
 
@@ -86,7 +87,8 @@ def _widened(emulator: Emulator, x: Tensor, mean: Tensor, covariance: Tensor) ->
     flat, counts = points.flatten(end_dim=1), x.repeat_interleave(number, dim=0)
     log_mean, slope = emulator.with_slope(flat)
     height = potential(log_mean, counts, flat).reshape(rows, number)
-    local = _inverse(_information(log_mean, slope, counts, flat)[0], torch.eye(size))
+    one = torch.eye(size, device=mean.device)
+    local = _inverse(_information(log_mean, slope, counts, flat)[0], one)
     weight = torch.exp((parabola - height + height[:, :1]).clamp(max=HEAVIEST))
     weight = weight / weight.sum(dim=1, keepdim=True)
     centre = (weight[..., None] * points).sum(dim=1)
@@ -98,7 +100,7 @@ def _points(mean: Tensor, factor: Tensor) -> tuple[Tensor, Tensor]:
     size = mean.shape[-1]
     axes = size**0.5 * factor.transpose(1, 2)
     points = torch.cat((mean[:, None], mean[:, None] + axes, mean[:, None] - axes), dim=1)
-    heights = torch.full((1 + 2 * size,), 0.5 * size)
+    heights = mean.new_full((1 + 2 * size,), 0.5 * size)
     heights[0] = 0.0
     return points.clamp(-FARTHEST - 0.5, FARTHEST + 0.5), heights
 
@@ -111,7 +113,8 @@ def _shape(emulator: Emulator, x: Tensor, mean: Tensor, factor: Tensor) -> Tenso
     height = potential(log_mean, counts, flat).reshape(rows, number)
     uphill = flat - (slope @ (counts - torch.exp(log_mean))[..., None])[..., 0]
     local = (uphill.reshape(rows, number, size) @ factor)[:, 1:]
-    expected = size**0.5 * torch.cat((torch.eye(size), -torch.eye(size)))
+    one = torch.eye(size, device=mean.device)
+    expected = size**0.5 * torch.cat((one, -one))
     excess = height[:, 1:] - height[:, :1] - parabola[1:]
     return torch.asinh(torch.cat((excess, (local - expected).flatten(start_dim=1)), dim=-1))
 
@@ -165,7 +168,7 @@ class Compressor(nn.Module):
         """Counts by group ``(n, group)``, in x's precision."""
         if x.shape[-1] == self.groups:
             return x
-        return torch.zeros((len(x), self.groups), dtype=x.dtype).index_add_(1, self.group, x)
+        return x.new_zeros((len(x), self.groups)).index_add_(1, self.group, x)
 
     @torch.no_grad()
     def forward(self, x: Tensor) -> Tensor:
@@ -175,5 +178,5 @@ class Compressor(nn.Module):
     def _some(self, x: Tensor) -> Tensor:
         counts = x.to(torch.float32)
         found = approximate(self.emulator, counts, self.guess(self.features(x)))
-        row, column = torch.tril_indices(self.parameters_number, self.parameters_number)
+        row, column = torch.tril_indices(self.parameters_number, self.parameters_number, device=counts.device)
         return torch.cat((found.mean, found.factor[:, row, column], found.shape), dim=-1)

@@ -91,7 +91,7 @@ class Head(nn.Module):
         gaussian = self._gaussian(compressed)
         factor = self._unpacked(gaussian[:, self.size :])
         scales = torch.diagonal(factor, dim1=1, dim2=2)
-        row, column = torch.tril_indices(self.size, self.size, offset=-1)
+        row, column = torch.tril_indices(self.size, self.size, offset=-1, device=compressed.device)
         slant = torch.asinh((factor / scales[:, None])[:, row, column])
         shape = compressed[:, gaussian.shape[1] :]
         return torch.cat((gaussian[:, : self.size], torch.log(scales), slant, shape), dim=-1)
@@ -101,8 +101,8 @@ class Head(nn.Module):
         return read, gaussian[:, : self.size], self._unpacked(gaussian[:, self.size :])
 
     def _unpacked(self, packed: Tensor) -> Tensor:
-        row, column = torch.tril_indices(self.size, self.size)
-        factor = torch.zeros((len(packed), self.size, self.size))
+        row, column = torch.tril_indices(self.size, self.size, device=packed.device)
+        factor = packed.new_zeros((len(packed), self.size, self.size))
         factor[:, row, column] = packed
         return factor
 

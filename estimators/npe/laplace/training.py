@@ -20,7 +20,7 @@ from gaugeblock.estimators.npe.config import TrainingTable
 from gaugeblock.estimators.npe.coordinates import from_scores
 from gaugeblock.estimators.npe.laplace.compressor import Compressor
 from gaugeblock.estimators.npe.laplace.network import LaplaceNetwork
-from gaugeblock.estimators.npe.loop import descend, held_out, one_cycle, train_default
+from gaugeblock.estimators.npe.loop import descend, held_out, one_cycle, placed, train_default
 
 ROWS = 1024
 """Rows that are weighed at once."""
@@ -80,14 +80,14 @@ def redrawn(
     Tjelmeland (2004), Using all Metropolis-Hastings proposals; Naesseth, Lindsten & Blei (2020), Markovian
     score climbing.
     """
-    own = torch.from_numpy(bank.scores[rows])
+    own = placed(bank.scores[rows], head)
     noise = rng.standard_normal((len(own), number, own.shape[1]))
     with torch.inference_mode():
-        context = head.context(torch.from_numpy(bank.data[rows]))
-        drawn, density = head.draw(torch.from_numpy(noise.astype(np.float32)), context)
+        context = head.context(placed(bank.data[rows], head))
+        drawn, density = head.draw(placed(noise.astype(np.float32), head), context)
         scores = torch.cat((own[:, None], drawn), dim=1)
-        log_q = torch.cat((head.log_prob(own[:, None], context), density), dim=1).double().numpy()
-    pool = scores.numpy()
+        log_q = torch.cat((head.log_prob(own[:, None], context), density), dim=1).double().cpu().numpy()
+    pool = scores.cpu().numpy()
     theta = from_scores(bank.simulator.prior, pool)
     log_weight = bank.simulator.log_likelihood(theta, data[:, None])
     # In scores the prior is a standard normal.
@@ -159,7 +159,7 @@ def train_laplace(
         state = {name: value.contiguous() for name, value in compressor.state_dict().items()}
         write_atomically(stored, bytes(save(state)))
     data = _compressed(compressor, bank, folder / f"compressed-{key}.npz", options.seed, progress)
-    network.head.standardise(torch.from_numpy(data[:EXAMPLES]))
+    network.head.standardise(placed(data[:EXAMPLES], network))
     compressed = Bank(bank.scores, data, False, bank.simulator)
     curve = train_default(
         network.head,
@@ -208,22 +208,22 @@ def train_compressor(
     progress: Progress | None = None,
 ) -> None:
     """Choose groups, then fit the emulator to expected counts and the first guess to noisy ones."""
-    expected = torch.from_numpy(bank.data[:EXAMPLES])
+    expected = placed(bank.data[:EXAMPLES], compressor)
     compressor.choose_groups(expected)
     compressor.emulator.standardise(compressor.grouped(expected))
     noisy = np.asarray(bank.observe(slice(0, EXAMPLES), stream(seed, "features")), dtype=np.float64)
-    compressor.features.fit(compressor.grouped(torch.from_numpy(noisy)).numpy())
+    compressor.features.fit(compressor.grouped(placed(noisy, compressor)).cpu().numpy())
 
     def emulated(rows: NDArray[Any], rng: np.random.Generator) -> torch.Tensor:  # noqa: ARG001
-        mean = compressor.grouped(torch.from_numpy(bank.data[rows])).clamp(min=1e-6)
-        away = compressor.emulator(torch.from_numpy(bank.scores[rows])) - torch.log(mean)
+        mean = compressor.grouped(placed(bank.data[rows], compressor)).clamp(min=1e-6)
+        away = compressor.emulator(placed(bank.scores[rows], compressor)) - torch.log(mean)
         # Counts span decades: the logarithm keeps the brightest from deciding alone.
         return torch.log1p((mean * away**2).sum(dim=-1)).mean()
 
     def guessed(rows: NDArray[Any], rng: np.random.Generator) -> torch.Tensor:
-        x = torch.from_numpy(np.asarray(bank.observe(rows, rng), dtype=np.float64))
+        x = placed(np.asarray(bank.observe(rows, rng), dtype=np.float64), compressor)
         away = compressor.guess(compressor.features(compressor.grouped(x)))
-        return ((away - torch.from_numpy(bank.scores[rows])) ** 2).mean()
+        return ((away - placed(bank.scores[rows], compressor)) ** 2).mean()
 
     for stage, module, loss, number in (
         ("emulator", compressor.emulator, emulated, steps[0]),
@@ -255,7 +255,7 @@ def _compressed(
         parts = []
         for start in range(0, len(bank), CHUNK):
             x = noisy(bank, start, CHUNK, seed)
-            parts.append(compressor(torch.from_numpy(x)).numpy())
+            parts.append(compressor(placed(x, compressor)).cpu().numpy())
             if progress is not None:
                 progress("compressed", start + len(x), len(bank))
         return (np.concatenate(parts),)

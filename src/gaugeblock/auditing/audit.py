@@ -44,7 +44,15 @@ from gaugeblock.core.processors import kinds
 from gaugeblock.core.progress import Progress, shown
 from gaugeblock.core.trust import only_named
 from gaugeblock.diagnosis.diagnosis import Asked
-from gaugeblock.estimators.protocol import Confined, Estimator, Listed, check_fresh, layers, untrusted
+from gaugeblock.estimators.protocol import (
+    Confined,
+    Estimator,
+    Listed,
+    check_fresh,
+    devices,
+    layers,
+    untrusted,
+)
 from gaugeblock.reports.machine import plain as plain_data
 from gaugeblock.simulators.from_function import as_simulator
 from gaugeblock.simulators.protocol import HasLikelihood, Simulator
@@ -177,7 +185,7 @@ def audit(
         watch = Watch(rules, plan.seed) if watching else None
         stopped: dict[str, Any] = {"anytime": True} if watching else {}
         same = {**subjects, "trials": {**vars(plan), **stopped}}
-        known = earlier_trials(folder, same)
+        known = earlier_trials(folder, same, *devices(estimating))
         work = fingerprint(simulated, estimating, plan)
         tree = collect(
             simulated,

@@ -38,7 +38,7 @@ from gaugeblock.core.executors import each
 from gaugeblock.core.processors import kinds, one_kind
 from gaugeblock.core.progress import Progress
 from gaugeblock.core.streams import whole_blocks
-from gaugeblock.estimators.protocol import Estimator, has_density, untrusted
+from gaugeblock.estimators.protocol import Estimator, devices, has_density, untrusted
 from gaugeblock.simulators.prior import HasPriorDensity
 from gaugeblock.simulators.protocol import HasLikelihood, Simulator
 from gaugeblock.validate.storage import open_groups, read_groups, write_groups
@@ -233,7 +233,7 @@ class _Fill:
             enter_key(self.work)  # which says what is the matter
         what, trials = block
         made = self._maker(what)(trials)
-        one_kind(self.work, mixed=self.allow_mixed)
+        one_kind(self.work, *devices(self.estimator), mixed=self.allow_mixed)
         write_groups({"": made}, path)
         mark(path)
 
@@ -308,7 +308,7 @@ class _OnDisk:
 
     def keep(self, what: str, earlier: xr.Dataset) -> None:
         """Write the whole blocks of an earlier run, as if they had been made here; what is cut off is not."""
-        one_kind(self.fill.work, mixed=self.fill.allow_mixed)
+        one_kind(self.fill.work, *devices(self.fill.estimator), mixed=self.fill.allow_mixed)
         for trials in whole_blocks(earlier.sizes["trial"], self.fill.plan.block):
             path = self.fill.path(what, trials)
             if trials.stop <= earlier.sizes["trial"] and not _intact(path):

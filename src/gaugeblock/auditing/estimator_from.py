@@ -170,19 +170,22 @@ def as_estimator(estimator: Any, simulator: Simulator, *, densities: bool = Fals
     )
 
 
-def load(path: str | os.PathLike[str]) -> Estimator:
+def load(path: str | os.PathLike[str], *, device: str | None = None) -> Estimator:
     """A trained flow: a model folder of ``gaugeblock train``, or ``"shipped:NAME"``.
+
+    `device` is ``cpu``, ``cuda``, ``cuda:1`` or ``auto``; by default what the variable GAUGEBLOCK_DEVICE
+    says, or the CPU.
 
     Raises
     ------
     InputError
-        If the folder holds no model, or not all of one.
+        If the folder holds no model, or not all of one; or there is no such device.
     MissingExtraError
         If torch or sbi is not installed.
     """
     from gaugeblock.estimators.npe import load as load_flow
 
-    return load_flow(path)
+    return load_flow(path, device=device)
 
 
 def _table(name: str) -> dict[str, Any]:

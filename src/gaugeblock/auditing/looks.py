@@ -82,16 +82,16 @@ def stored_looks(verdict: Mapping[str, Any]) -> Looks:
         raise InputError(f"verdict.json: looks is {stated!r}; it must be as the audit wrote it") from None
 
 
-def earlier_trials(folder: Path, record: Mapping[str, Any]) -> xr.DataTree | None:
+def earlier_trials(folder: Path, record: Mapping[str, Any], *flows: str) -> xr.DataTree | None:
     """The finished trials in a folder that begin an audit of this record, or None where they do not.
 
     They have to be those that the verdict beside them was found from, made by the same versions on the same
-    processor.
+    processor; `flows` are the estimator's devices.
     """
     try:
         audited = finished_audit(folder)["provenance"]
         same = _same(audited) == _same(plain(record)) and lasting(_same(audited))
-        same = same and audited.get("processors") == [processor()]
+        same = same and audited.get("processors") == [processor(*flows)]
         if not same or audited.get("format") != FORMAT or audited.get("versions") != versions():
             return None
         path = folder / "trials.nc"

@@ -337,8 +337,10 @@ def _finish(result: Audit, out: Path) -> None:
 def main() -> None:
     """Entry point of `gaugeblock`."""
     from gaugeblock.core.compilation_cache import keep_compiled
+    from gaugeblock.core.devices import tell_jax
 
     # Of a program that only imports us the settings are its own.
+    tell_jax()
     keep_compiled()
     run(lambda: app(prog_name="gaugeblock"))
 

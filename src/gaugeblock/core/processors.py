@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import platform
-import sys
 from functools import cache
 from pathlib import Path
 
 from gaugeblock.core.atomic import write_once
+from gaugeblock.core.devices import device_kinds
 from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError
 
@@ -17,11 +17,12 @@ FIRST, OTHERS = "processor.json", "processor-*.json"
 VECTOR = ("avx", "fma", "sse4", "amx", "asimd", "sve")
 
 
-def processor() -> str:
-    """What numbers are made on here: processor, vector instructions by a short digest, and device."""
-    jax = sys.modules.get("jax")
-    device = "cpu" if jax is None else str(jax.default_backend())
-    return f"{_chip()} ({device})"
+def processor(*flows: str) -> str:
+    """What numbers are made on here: processor, vector instructions by a short digest, and devices.
+
+    `flows` are the devices that an estimator's torch computes on.
+    """
+    return f"{_chip()} ({', '.join(device_kinds(flows))})"
 
 
 @cache
@@ -41,23 +42,26 @@ def _chip() -> str:
     return f"{platform.machine()} {name}, vectors {digest(flags)[:8]}"
 
 
-def one_kind(folder: Path, *, mixed: bool = False) -> None:
+def one_kind(folder: Path, *flows: str, mixed: bool = False) -> None:
     """Enter this processor in a folder of work as the one that it is made on, or as one more if `mixed`.
+
+    `flows` are devices, as in `processor`.
 
     Raises
     ------
     InputError
         If another kind is entered, and they must not be mixed.
     """
-    here = json.dumps(processor()).encode()
+    here = json.dumps(processor(*flows)).encode()
     if write_once(folder / FIRST, here) == here:
         return
     if mixed:
         write_once(folder / OTHERS.replace("*", digest(here.decode())[:8]), here)
         return
     raise InputError(
-        f"{folder} was made on {_read(folder / FIRST)}, and {platform.node()} is {processor()}, which may "
-        "round otherwise: go on there, begin anew in another folder, or give up equal bits with --allow-mixed"
+        f"{folder} was made on {_read(folder / FIRST)}, and {platform.node()} is {processor(*flows)}, "
+        "which may round otherwise: go on there, begin anew in another folder, or give up equal bits with "
+        "--allow-mixed"
     )
 
 

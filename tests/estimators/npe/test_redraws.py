@@ -25,6 +25,9 @@ WIDTH, SHIFT = 0.7, 0.2
 class Shifted:
     """A flow that ignores the data: normal draws of another width and place than any posterior."""
 
+    def parameters(self):
+        yield torch.zeros(())
+
     def context(self, data):
         return data
 
