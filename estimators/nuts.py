@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.errors import InputError, require
+from gaugeblock.core.precision import double_precision
 from gaugeblock.core.streams import Rng
 from gaugeblock.core.values import Shown
 from gaugeblock.estimators._rows import padded, row_seeds
 from gaugeblock.simulators.prior import HasBijections, require_prior
 from gaugeblock.simulators.protocol import HasTraceableLikelihood
-from gaugeblock.simulators.xray.precision import double_precision
 
 BLOCK = 50
 """Draws kept by one call of the compiled sampler: any n is made of such calls, so n is never compiled in."""

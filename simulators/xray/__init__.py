@@ -6,6 +6,7 @@ instruments together; `read_observation` and `read_catalog` make any of them fro
 files that the reference cases need.
 """
 
+from gaugeblock.core.precision import double_precision
 from gaugeblock.simulators.xray.build import build
 from gaugeblock.simulators.xray.catalog import read_catalog
 from gaugeblock.simulators.xray.data import fetch
@@ -15,7 +16,6 @@ from gaugeblock.simulators.xray.joining import joint_spectra
 from gaugeblock.simulators.xray.joint import JointSpectra
 from gaugeblock.simulators.xray.joint_library import OnInstrument, on_instrument
 from gaugeblock.simulators.xray.observation import Observation, read_observation
-from gaugeblock.simulators.xray.precision import double_precision
 from gaugeblock.simulators.xray.published import family
 from gaugeblock.simulators.xray.reader import Spectrum
 from gaugeblock.simulators.xray.reference import reference

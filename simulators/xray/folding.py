@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.core.precision import double_precision
 from gaugeblock.simulators.xray.effects.assembly import Assembly, Bound, Source
 from gaugeblock.simulators.xray.expression import Node, build, of_jaxspec, valued
 from gaugeblock.simulators.xray.expression import Source as TreeSource
 from gaugeblock.simulators.xray.forward import ForwardModel
 from gaugeblock.simulators.xray.integration import exact_flux
-from gaugeblock.simulators.xray.precision import double_precision
 from gaugeblock.simulators.xray.rate import Folding, Rate
 from gaugeblock.simulators.xray.recorded.fold import recorded_folding
 from gaugeblock.simulators.xray.response import Response

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.core.precision import double_precision
 from gaugeblock.simulators.poisson import counts_beside, log_likelihood_jax
 from gaugeblock.simulators.prior import Prior
-from gaugeblock.simulators.xray.precision import double_precision
 from gaugeblock.simulators.xray.rate import Rate
 
 FLOOR = 1e-6

@@ -12,7 +12,7 @@ pytestmark = pytest.mark.usefixtures("xray_data")
 
 @pytest.mark.parametrize("effects", [(), (Effect("gain_offset", {"offset": Uniform(-0.1, 0.1)}),)])
 def test_constants_outlive_the_trace_that_made_them(effects):
-    from gaugeblock.simulators.xray.precision import double_precision
+    from gaugeblock.core.precision import double_precision
 
     simulator = build_simulator("xray", response="epic-pn", level="medium", effects=effects)
     theta = simulator.prior.center

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.core.precision import double_precision
 from gaugeblock.simulators.xray.effects import EFFECTS
 from gaugeblock.simulators.xray.effects.assembly import Assembly
 from gaugeblock.simulators.xray.effects.emission import emitted
 from gaugeblock.simulators.xray.expression import Node
 from gaugeblock.simulators.xray.folding import photon_flux
-from gaugeblock.simulators.xray.precision import double_precision
 from gaugeblock.simulators.xray.response import Response
 
 
