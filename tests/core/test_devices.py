@@ -142,7 +142,7 @@ def test_without_torch_and_jax_nothing_is_imported():
 
 ELSEWHERE = """
 import jax, jax.numpy as jnp
-from gaugeblock.simulators.xray import precision
+from gaugeblock.core import precision
 first, second = jax.local_devices()
 precision.jax_device = lambda: second
 with precision.double_precision():
