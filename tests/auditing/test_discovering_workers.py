@@ -18,7 +18,7 @@ from gaugeblock.auditing import discovering
 from gaugeblock.auditing.answers import fingerprint
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.executors import opened
-from gaugeblock.discovery import Sources
+from gaugeblock.discovery import Sources, blocks
 from gaugeblock.simulators import LogUniform, Prior, Uniform
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.library import LibraryEffect
@@ -28,27 +28,30 @@ AT, WIDTH = np.sqrt(EDGES[1:] * EDGES[:-1]), np.diff(EDGES)
 
 
 class Slope:
-    """``norm * E ** -index`` counts a keV, and a bump or a tilt of the area."""
+    """``norm * E ** -index`` counts a keV through an area with ripples, and a bump or a bend of it."""
 
-    def __init__(self, effects: tuple[Effect, ...] = (), prior: Prior | None = None):
-        self.effects = effects
+    def __init__(self, ripple: float = 0.0, effects: tuple[Effect, ...] = (), prior: Prior | None = None):
+        self.ripple, self.effects = ripple, effects
         self.prior = prior or Prior({"norm": LogUniform(10.0, 1e6), "index": Uniform(-1.0, 4.0)})
 
     def expected(self, theta: Any) -> Any:
         theta = np.asarray(theta, dtype=float)
-        mean, place = theta[..., :1] * AT ** -theta[..., 1:2] * WIDTH, 2
+        area, place = 1.0 + self.ripple * np.sin(6.0 * np.log(AT)), 2
+        mean = theta[..., :1] * AT ** -theta[..., 1:2] * WIDTH * area
         for effect in self.effects:
             values = {name: np.full(theta.shape[:-1], value) for name, value in effect.fixed.items()}
             for name in effect.free:
                 values[name], place = theta[..., place], place + 1
             size, energy = values["size"][..., None], values.get("energy", np.ones(()))[..., None]
-            shape = np.log(AT) if effect.name == "tilt" else np.exp(-0.5 * ((AT - energy) / 0.4) ** 2)
+            shape = np.log(AT) ** 2 if effect.name == "bend" else np.exp(-0.5 * ((AT - energy) / 0.4) ** 2)
             mean = mean * (1.0 + size * shape)
         return np.maximum(mean, 1e-9)
 
     def with_effect(self, effect: Effect) -> "Slope":
         more = effect.prior(f"{effect.name}_{1 + sum(one.name == effect.name for one in self.effects)}")
-        return type(self)((*self.effects, effect), self.prior if more is None else self.prior * more)
+        return type(self)(
+            self.ripple, (*self.effects, effect), self.prior if more is None else self.prior * more
+        )
 
     def effect_library(self, theta: Any) -> dict[str, LibraryEffect]:
         about: dict[str, Any] = {
@@ -61,20 +64,26 @@ class Slope:
                 name="bump", parameters={"energy": Uniform(0.6, 7.5), **size},
                 scanned={"energy": np.geomspace(0.7, 7.0, 8)}, **about,
             ),
-            "tilt": LibraryEffect(name="tilt", parameters=size, **about),
+            "bend": LibraryEffect(name="bend", parameters=size, **about),
         }  # fmt: skip
 
     def describe(self) -> dict[str, Any]:
-        return {"simulator": "slope", "effects": [effect.describe() for effect in self.effects]}
+        return {
+            "simulator": "slope",
+            "ripple": self.ripple,
+            "effects": [effect.describe() for effect in self.effects],
+        }
 
 
 def spectra(simulator: Any) -> list[Sources]:
     """Two responses: 100 sources, which are two blocks, and 20."""
     rng = np.random.default_rng(3)
     theta = np.stack([1e4 * np.exp(rng.uniform(-1, 1, 120)), rng.uniform(0.5, 2.5, 120)], axis=1)
-    true = Slope().with_effect(Effect("bump", {"energy": 1.75, "size": -0.12}))
-    counts = rng.poisson(true.expected(theta))
-    return [Sources.of(simulator, counts[:100]), Sources.of(type(simulator)(), counts[100:])]
+    bump, groups = Effect("bump", {"energy": 1.75, "size": -0.12}), []
+    for rows, one in ((slice(100), simulator), (slice(100, 120), type(simulator)(0.3))):
+        true = Slope(one.ripple).with_effect(bump)
+        groups.append(Sources.of(one, rng.poisson(true.expected(theta[rows]))))
+    return groups
 
 
 def searched(simulator: Any = None, **how: Any) -> dict[str, Any]:
@@ -108,11 +117,27 @@ def dask() -> Iterator[Executor]:
 
 def test_the_bits_are_those_of_one_process(alone: dict[str, Any], dask: Executor, tmp_path: Path) -> None:
     assert alone["named_all"] == ["bump"]
+    assert alone["gap"]["in_sample"]["after"] < 1.1
     assert searched(out=tmp_path / "files") == alone
     assert searched(out=tmp_path / "dask", executor=dask) == alone
     files = [(tmp_path / name / "discovery.nc").read_bytes() for name in ("files", "dask")]
     assert files[0] == files[1]
     assert not list(tmp_path.glob("*/.chunks"))
+
+
+def test_blocks_say_together_what_the_whole_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every source once, in its place, with its own random numbers: sums round otherwise, and that is all."""
+    one = spectra(Slope())[:1]
+    cut = gb.discover(one, replicates=99, progress=False)
+    monkeypatch.setattr(blocks, "BLOCK", 1000)
+    whole = gb.discover(one, replicates=99, progress=False)
+    assert cut.gap.in_sample.after < 1.1
+    assert "random 3" in cut.tree["held_out"]["model"]
+    for name, group in whole.tree.to_dict().items():
+        for array in group:
+            if group[array].dtype.kind == "f":
+                np.testing.assert_allclose(cut.tree[f"{name}/{array}"], group[array], rtol=1e-5, atol=1e-6)
+    assert cut.tree["scan"].attrs == pytest.approx(whole.tree["scan"].attrs, rel=1e-6)
 
 
 class Mortal(Slope):
