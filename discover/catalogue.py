@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ import xarray as xr
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.arrays import counted_arrays
+from gaugeblock.discovery.blocks import Each, blocks_of, by_response, here
 from gaugeblock.discovery.confirm.shared_models import (
     SharedModel,
     before_model,
@@ -23,7 +24,7 @@ from gaugeblock.discovery.confirm.shared_models import (
 )
 from gaugeblock.discovery.counts import counted, window_regions
 from gaugeblock.discovery.engine import Comparison, Engine, Extension, Look, Round, Thresholds
-from gaugeblock.discovery.fitting import Fit
+from gaugeblock.discovery.fitting import Fit, joined
 from gaugeblock.discovery.held_out import BEFORE, NAMED, RIVAL, UNNAMED, HeldOut, deviance
 from gaugeblock.discovery.library import Candidates
 from gaugeblock.discovery.locate.frames import Frames, compare_frames
@@ -36,7 +37,7 @@ from gaugeblock.discovery.name.score import allowed
 from gaugeblock.discovery.name.shared import Shared, Term, share
 from gaugeblock.discovery.name.shared_profile import SharedAmplitude, profile_models, profile_shared
 from gaugeblock.discovery.name.shared_refined import refined
-from gaugeblock.discovery.name.shared_starts import fitted_from_afar
+from gaugeblock.discovery.name.shared_starts import afar
 from gaugeblock.discovery.name.stacked import influence
 from gaugeblock.discovery.result import (
     Amplitude,
@@ -49,6 +50,7 @@ from gaugeblock.discovery.result import (
     spread,
 )
 from gaugeblock.discovery.sources import Sources
+from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.library import LibraryEffect
 
 CATALOGUE = Thresholds(
@@ -117,7 +119,10 @@ class BesideNuisances:
 
 
 class CatalogueCounts(Engine):
-    """Counts of many sources, one group of them a response, each with a theta of its own."""
+    """Counts of many sources, one group of them a response, each with a theta of its own.
+
+    All that is done source by source is asked of blocks of them, through `each`.
+    """
 
     thresholds = CATALOGUE
     held = "sources"
@@ -133,20 +138,21 @@ class CatalogueCounts(Engine):
         replicates: int,
         own: Mapping[str, LibraryEffect] | None = None,
         only: tuple[str, ...] = (),
+        each: Each = here,
     ):
         if not groups:
             raise InputError("discover: a catalogue needs sources")
-        self.groups_of, self.replicates, self._told = tuple(groups), replicates, told
+        self.blocks, self.replicates, self._told, self._each = blocks_of(groups), replicates, told, each
+        self.sources = groups[0]
         self.simulator = groups[0].simulator
         names = ("search", "held_out", "decoys", "beside")
         self._streams = dict(zip(names, rng.spawn(4), strict=True))
-        fits = [fitted_from_afar(group) for group in groups]
-        theta = np.concatenate([found.theta for found in fits])
-        self.members = tuple(
-            Members(group, found, Candidates.of(group.simulator, theta, own=own, only=only))
-            for group, found in zip(groups, fits, strict=True)
+        self.fits = tuple(Fit(**answer) for answer in each(afar, self.blocks))
+        theta = np.concatenate([found.theta for found in self.fits])
+        candidates = by_response(
+            self.blocks, lambda simulator: Candidates.of(simulator, theta, own=own, only=only)
         )
-        self.fits = tuple(fits)
+        self.members = tuple(map(Members, self.blocks, self.fits, candidates))
         self.entries = self.members[0].candidates.entries
         self._beside: BesideNuisances | None = None
 
@@ -162,16 +168,16 @@ class CatalogueCounts(Engine):
         """What the effects leave, held at their amplitudes while the next is looked for beside them."""
         term = model.term
         fixed = {term.entry.amplitude: model.amplitude.value, **term.values}
-        members = []
-        for one, old in zip(model.members, model.amplitude.fits, strict=True):
-            simulator = one.sources.simulator.with_effect(term.entry.effect(**fixed))
-            group = replace(one.sources, simulator=simulator)
-            later = Candidates(simulator, one.candidates.entries)
-            members.append(Members(group, fitted_from_afar(group, old.theta), later))
-        return self._looked(tuple(members), [one.term for one in model.chain])
+        groups = with_effect([one.sources for one in model.members], term.entry.effect(**fixed))
+        near = [old.theta for old in model.amplitude.fits]
+        fits = [Fit(**answer) for answer in self._each(afar, groups, near)]
+        later = by_response(groups, lambda simulator: Candidates(simulator, self.entries))
+        return self._looked(tuple(map(Members, groups, fits, later)), [one.term for one in model.chain])
 
     def _looked(self, members: tuple[Members, ...], beside: Sequence[Term]) -> Look:
-        found = search_shared(members, beside, replicates=self.replicates, rng=self._streams["search"])
+        found = search_shared(
+            members, beside, replicates=self.replicates, rng=self._streams["search"], each=self._each
+        )
         return Look(
             entries=self.entries,
             owner=found.owner,
@@ -193,12 +199,12 @@ class CatalogueCounts(Engine):
             entry, at = self.entries[key], seen.best(key)
             node, away = entry.nodes[seen.node[at]], float(seen.amplitude[at])
             if entry.scanned:
-                node, away = refined(members, key, node)
+                node, away = refined(members, key, node, each=self._each)
             term = term_at(entry, node)
             low, high = entry.support
             inside = np.clip(entry.neutral + away, low + 0.02 * (high - low), high - 0.02 * (high - low))
-            models = tuple(share(group.simulator, [term]) for group in groups)
-            found = profile_models(models, groups, start=np.array([inside]), fits=fits)
+            models = tuple(by_response(groups, partial(share, terms=[term])))
+            found = profile_models(models, groups, start=np.array([inside]), fits=fits, each=self._each)
             path = (*(one.key for one in chain), key)
             size = len(entry.parameters)
             made.append(SharedProfile(path, found.gain, size, key, term, at, found, models, members, chain))
@@ -234,19 +240,22 @@ class CatalogueCounts(Engine):
 
     def scored(self, rounds: Sequence[Round]) -> HeldOut:
         """Before, the effects and those without the last of them, rivals of the last, decoys."""
-        groups, fits = self.groups_of, self.fits
+        groups, fits = self.blocks, self.fits
         models = {BEFORE: before_model(fits)}
         for place, last in enumerate(rounds[-1].models[: self.thresholds.rivals + 1]):
             models[last.label] = self._model(last.chain, RIVAL if place else NAMED)
         if len(rounds) > 1:
             short = rounds[-1].best.before
             models[short[-1].label] = self._model(short, RIVAL)
-        smooth = smooth_model(groups, fits)
+        smooth = smooth_model(groups, fits, each=self._each)
         if smooth is not None:
             models[UNNAMED] = smooth
-        decoys = self._streams["decoys"]
-        models |= random_models(groups, fits, number=self.thresholds.decoys, rng=decoys)
+        models |= self._decoys(groups, fits)
         return self._judged(models, groups, fits)
+
+    def _decoys(self, groups: Sequence[Sources], fits: Sequence[Fit]) -> dict[str, SharedModel]:
+        number, rng = self.thresholds.decoys, self._streams["decoys"]
+        return random_models(groups, fits, number=number, rng=rng, each=self._each)
 
     def _judged(
         self, models: Mapping[str, SharedModel], groups: Sequence[Sources], fits: Sequence[Fit]
@@ -256,7 +265,7 @@ class CatalogueCounts(Engine):
 
     def _model(self, chain: Sequence[SharedProfile], kind: str) -> SharedModel:
         return effect_model(
-            self.groups_of,
+            self.blocks,
             # Nearer to where all of them lead than the fits without effects.
             chain[-1].amplitude.fits if len(chain) > 1 else self.fits,
             [one.term for one in chain],
@@ -264,6 +273,7 @@ class CatalogueCounts(Engine):
             kind,
             # Of one effect alone everything is compiled and fitted.
             known=(chain[0].models, chain[0].amplitude.fits) if len(chain) == 1 else None,
+            each=self._each,
         )
 
     def holds(self, rounds: Sequence[Round], scored: HeldOut | None) -> bool:
@@ -274,8 +284,8 @@ class CatalogueCounts(Engine):
         best = rounds[-1].best
         gain = scored.gain(best.label, over=best.before[-1].label)
         groups, fits = [one.sources for one in best.members], [one.fit for one in best.members]
-        shapes = random_models(groups, fits, number=self.thresholds.decoys, rng=self._streams["decoys"])
-        noise = self._judged({BEFORE: before_model(fits), **shapes}, groups, fits).noise
+        models = {BEFORE: before_model(fits), **self._decoys(groups, fits)}
+        noise = self._judged(models, groups, fits).noise
         return gain > max(0.0, noise)
 
     def beside(self, rounds: Sequence[Round]) -> BesideNuisances:
@@ -286,27 +296,26 @@ class CatalogueCounts(Engine):
         if self._beside is not None:
             return self._beside
         chain = rounds[-1].best.chain
-        first, groups, fits = chain[0], self.groups_of, self.fits
+        first, groups, fits = chain[0], self.blocks, self.fits
         nuisances = shared_nuisances(self.entries, first.key)
         later = [one for one in chain[1:] if one.key != first.key]
         like = [one for one in chain[1:] if one.key == first.key]
         start = [one.amplitude.value for one in (first, *later)] + [term.entry.neutral for term in nuisances]
         moved = groups
         for one in like:
-            effect = one.term.entry.effect(**one.values)
-            moved = tuple(replace(group, simulator=group.simulator.with_effect(effect)) for group in moved)
+            moved = with_effect(moved, one.term.entry.effect(**one.values))
         amplitude = profile_shared(
             moved,
             first.term,
             [*(one.term for one in later), *nuisances],
             fits=None if like else fits,
             start=np.array(start),
+            each=self._each,
         )
         alone = {first.key: self.entries[first.key]}
-        members = [
-            Members(one.sources, one.fit, Candidates(one.sources.simulator, alone)) for one in self.members
-        ]
-        found = search_shared(members, nuisances, replicates=99, rng=self._streams["beside"])
+        candidates = by_response(groups, lambda simulator: Candidates(simulator, alone))
+        members = list(map(Members, groups, fits, candidates))
+        found = search_shared(members, nuisances, replicates=99, rng=self._streams["beside"], each=self._each)
         at = int(self._first.node[first.template])
         self._beside = BesideNuisances(nuisances, amplitude, found, at)
         return self._beside
@@ -333,16 +342,20 @@ class CatalogueCounts(Engine):
     def _located(self) -> tuple[Frames | None, WindowScan, CumulativeCounts]:
         """Frames, windows and cumulative counts, these of the first response's sources added up."""
         frames = self._frames()
-        sources, fitted = self.groups_of[0], self.fits[0]
+        sources, fitted = self.sources, self._summed(self.fits)
         first, second = self._told.spawn(1)[0].spawn(2)
         told = counted(sources, fitted, self.replicates)
         measured = (sources.counts, fitted.expected, fitted.jacobian)
         scanned = scan_windows(*measured, sources.edges, rng=first, **told)
         return frames, scanned, cumulative_counts(*measured, rng=second, **told)
 
+    def _summed(self, fits: Sequence[Fit]) -> Fit:
+        """The fits of the first response's sources."""
+        return joined(fits[: len(blocks_of([self.sources]))])
+
     def _frames(self) -> Frames | None:
         """Residuals in the detector's and in the sources' frame; None where channels have no energies."""
-        groups = self.groups_of
+        groups = self.blocks
         if any(part.unit != "keV" for group in groups for part in group.segments):
             return None
         redshift = np.concatenate([group.redshift for group in groups])
@@ -370,12 +383,12 @@ class CatalogueCounts(Engine):
 
     def regions(self) -> tuple[Region, ...]:
         """The windows of the summed sources that stand out."""
-        return window_regions(self._located[1], self.groups_of[0])
+        return window_regions(self._located[1], self.sources)
 
     def gap(self, model: SharedProfile | None) -> float:
         """Mean Poisson deviance per channel over all sources."""
         fits = self.fits if model is None else model.amplitude.fits
-        rows = [deviance(g.counts, fit.expected) for g, fit in zip(self.groups_of, fits, strict=True)]
+        rows = [deviance(g.counts, fit.expected) for g, fit in zip(self.blocks, fits, strict=True)]
         return float(np.concatenate(rows).mean())
 
     def state(self, model: SharedProfile | None) -> FitState:
@@ -385,15 +398,15 @@ class CatalogueCounts(Engine):
         made = spread(self.simulator.prior.names, rows)
         for i, one in enumerate(() if model is None else model.chain):
             made |= {f"{one.key}_{i + 1}.{name}": Estimate(value) for name, value in one.values.items()}
-        counts = [group.counts for group in self.groups_of]
+        counts = [group.counts for group in self.blocks]
         bins = sum(one.size for one in counts)
         return FitState(made, self.gap(model) * bins, bins)
 
     def data(self) -> DataSaid:
         """What was searched."""
-        number = sum(len(group) for group in self.groups_of)
-        counts = int(sum(group.counts.sum() for group in self.groups_of))
-        return DataSaid(f"{number} sources", number, self.groups_of[0].counts.shape[1], counts)
+        number = sum(len(group) for group in self.blocks)
+        counts = int(sum(group.counts.sum() for group in self.blocks))
+        return DataSaid(f"{number} sources", number, self.sources.counts.shape[1], counts)
 
     def _reach(self, rounds: Sequence[Round]) -> tuple[Array, float]:
         """Error of the amplitude for `NUMBERS` sources, and the floor of an effective area that nobody
@@ -410,7 +423,7 @@ class CatalogueCounts(Engine):
     def catalogue(self, rounds: Sequence[Round]) -> Catalogue:
         """The claim in numbers, and the frame in which residuals lie still."""
         frames = self._located[0]
-        made = Catalogue(sum(len(group) for group in self.groups_of))
+        made = Catalogue(sum(len(group) for group in self.blocks))
         if frames is not None:
             made = replace(made, fixed_to=frames.fixed.name.lower(), statement=frames.fixed.value)
         if not rounds:
@@ -429,8 +442,8 @@ class CatalogueCounts(Engine):
     def groups(self, rounds: Sequence[Round], model: SharedProfile | None) -> Mapping[str, xr.Dataset]:
         """Summed counts before and after, windows, cumulative counts, frames, influence, growth."""
         frames, scanned, curve = self._located
-        after = None if model is None else model.amplitude.fits[0]
-        made = counted_arrays(self.groups_of[0], self.fits[0], after, scanned, curve)
+        before, after = self._summed(self.fits), None if model is None else self._summed(model.amplitude.fits)
+        made = counted_arrays(self.sources, before, after, scanned, curve)
         return made | {"catalogue": self._told_of(rounds, frames)}
 
     def _told_of(self, rounds: Sequence[Round], frames: Frames | None) -> xr.Dataset:
@@ -451,7 +464,7 @@ class CatalogueCounts(Engine):
             best = rounds[-1].best.chain[0]
             entry = best.term.entry
             errors, floor = self._reach(rounds)
-            groups = self.groups_of
+            groups = self.blocks
             scores = self._first.state.found.scores
             values["source"] = ("source", np.array([name for group in groups for name in group.names]))
             values["redshift"] = ("source", np.concatenate([group.redshift for group in groups]))
@@ -462,6 +475,12 @@ class CatalogueCounts(Engine):
             attributes |= {"floor": floor, "effect": best.key, "neutral": entry.neutral}
             attributes["unit"] = entry.units.get(entry.amplitude, "")
         return xr.Dataset(values, attrs=attributes)
+
+
+def with_effect(groups: Sequence[Sources], effect: Effect) -> list[Sources]:
+    """The same counts, an effect worked into the simulator of each response."""
+    changed = by_response(groups, lambda simulator: simulator.with_effect(effect))
+    return [replace(group, simulator=one) for group, one in zip(groups, changed, strict=True)]
 
 
 def term_at(entry: LibraryEffect, node: Array) -> Term:

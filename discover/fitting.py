@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -102,7 +103,7 @@ def fit(
         )
         for i in range(0, len(rows), BLOCK)
     ]
-    return pieces[0] if len(pieces) == 1 else _joined(pieces)
+    return joined(pieces)
 
 
 PER_SOURCE = ("theta", "expected", "jacobian", "log_likelihood", "objective", "converged")
@@ -113,11 +114,13 @@ def select(found: Fit, rows: Any) -> Fit:
     return replace(found, **{name: getattr(found, name)[rows] for name in PER_SOURCE})
 
 
-def _joined(pieces: list[Fit]) -> Fit:
+def joined(pieces: Sequence[Fit]) -> Fit:
+    """Fits of several blocks of sources under one prior, as one."""
+
     def join(name: str) -> Any:
         return np.concatenate([getattr(piece, name) for piece in pieces])
 
-    return replace(pieces[0], **{name: join(name) for name in PER_SOURCE})
+    return pieces[0] if len(pieces) == 1 else replace(pieces[0], **{name: join(name) for name in PER_SOURCE})
 
 
 def likeliest_draws(

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from gaugeblock.discovery.blocks import Each, here
 from gaugeblock.discovery.catalogue import CatalogueCounts
 from gaugeblock.discovery.counts import Counts
 from gaugeblock.discovery.library import Candidates
@@ -89,14 +90,18 @@ def discover_catalogue(
     only: tuple[str, ...] = (),
     replicates: int = 999,
     step: Step = quiet,
+    each: Each = here,
 ) -> Discovery:
     """The same over many sources: an effect that all of them share, confirmed on held-out sources.
 
-    Parameters are those of `discover_source`; `groups` holds the sources of each response.
+    Parameters are those of `discover_source`; `groups` holds the sources of each response, and
+    `each` asks blocks of them.
     """
     step(f"fitting {sum(map(len, groups)):,} sources")
     first, second = np.random.default_rng(seed).spawn(2)
-    engine = CatalogueCounts(groups, rng=first, told=second, replicates=replicates, own=effects, only=only)
+    engine = CatalogueCounts(
+        groups, rng=first, told=second, replicates=replicates, own=effects, only=only, each=each
+    )
     return recorded(engine, search(engine, step=step))
 
 

@@ -8,17 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.discovery.blocks import Answer, Each, by_response, here
 from gaugeblock.discovery.fitting import Fit, fit, select
 from gaugeblock.discovery.held_out import BEFORE, RANDOM, UNNAMED, HeldOut, deviance
 from gaugeblock.discovery.name.score import projection
-from gaugeblock.discovery.name.shared import Shared, Term, fit_held, share
-from gaugeblock.discovery.name.shared_profile import newton, shared_parts
-from gaugeblock.discovery.name.shared_score import join
+from gaugeblock.discovery.name.shared import Shared, Term, share
+from gaugeblock.discovery.name.shared_profile import newton, refitted, shared_parts
 from gaugeblock.discovery.name.unnamed import curves
 from gaugeblock.discovery.reshaped import Adapted
 from gaugeblock.discovery.sources import Sources
@@ -28,10 +29,10 @@ SIZE = 0.1
 
 
 Rows = Sequence[NDArray[np.bool_]]
-"""Which sources of every group."""
+"""Which sources of every block."""
 
 Judge = Callable[[Rows], Sequence[Fit]]
-"""Fits of held-out sources, one a group, under a model whose shared part is known already."""
+"""Fits of held-out sources, one a block, under a model whose shared part is known already."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +95,7 @@ def effect_model(
     kind: str,
     *,
     known: tuple[Sequence[Shared], Sequence[Fit]] | None = None,
+    each: Each = here,
 ) -> SharedModel:
     """Effects with shared amplitudes, learned by one Newton step from the whole catalogue's phi.
 
@@ -101,48 +103,47 @@ def effect_model(
     order of its length. `known` holds the simulators with these terms and the fits at phi, where there are
     any.
     """
-    models, fits = known or _at(groups, before, terms, phi)
-    parts = [
-        shared_parts([model], [group], [found], phi)
-        for model, group, found in zip(models, groups, fits, strict=True)
-    ]
+    if known is None:
+        models: Sequence[Shared] = by_response(groups, partial(share, terms=terms))
+        fits: Sequence[Fit] = refitted(models, groups, phi, before, each=each)
+    else:
+        models, fits = known
+    parts = shared_parts(models, groups, fits, phi, each=each)
     first = models[0]
 
     def train(kept: Rows) -> Judge:
-        scores = join([part.select(rows) for part, rows in zip(parts, kept, strict=True)])
-        step, _ = newton(scores, first.sd, phi - first.neutral)
+        step, _ = newton(parts.select(np.concatenate(kept)), first.sd, phi - first.neutral)
         low, high = first.bounds.T
         trained = np.clip(phi + step, low + 1e-3 * (high - low), high - 1e-3 * (high - low))
 
         def judge(held: Rows) -> list[Fit]:
-            return [
-                fit_held(model, group.select(rows), trained, found.theta[rows])
-                for model, group, found, rows in zip(models, groups, fits, held, strict=True)
-            ]
+            near = [select(found, rows) for found, rows in zip(fits, held, strict=True)]
+            return refitted(models, _chosen(groups, held), trained, near, each=each)
 
         return judge
 
     return SharedModel(train, kind)
 
 
-def _at(
-    groups: Sequence[Sources], before: Sequence[Fit], terms: Sequence[Term], phi: Array
-) -> tuple[Sequence[Shared], Sequence[Fit]]:
-    models = [share(group.simulator, terms) for group in groups]
-    return models, [
-        fit_held(model, group, phi, old.theta)
-        for model, group, old in zip(models, groups, before, strict=True)
-    ]
+def _chosen(groups: Sequence[Sources], rows: Rows) -> list[Sources]:
+    return [group.select(mine) for group, mine in zip(groups, rows, strict=True)]
 
 
 def curve_model(
-    groups: Sequence[Sources], fits: Sequence[Fit], shapes: Array, size: float, kind: str
+    groups: Sequence[Sources],
+    fits: Sequence[Fit],
+    shapes: Array,
+    size: float,
+    kind: str,
+    *,
+    each: Each = here,
 ) -> SharedModel:
     """``exp(shapes @ b)`` on every source, b from one Gauss-Newton step over all training sources.
 
     `shapes` is ``(channel, curve)``; b has a Gaussian prior of standard deviation `size`.
     """
-    statistics = [shared_statistics(group, found, shapes) for group, found in zip(groups, fits, strict=True)]
+    answers = each(partial(_statistics, shapes=shapes), groups, fits)
+    statistics = [CurveStatistics(**answer) for answer in answers]
 
     def train(kept: Rows) -> Judge:
         score = sum(one.score[rows].sum(axis=0) for one, rows in zip(statistics, kept, strict=True))
@@ -150,19 +151,18 @@ def curve_model(
         factor = np.exp(shapes @ np.linalg.solve(known + np.eye(shapes.shape[1]) / size**2, score))
 
         def judge(held: Rows) -> list[Fit]:
-            return [
-                fit(
-                    Adapted(group.simulator, factor=factor),
-                    group.counts[rows],
-                    scale=group.scale[rows],
-                    start=found.theta[rows],
-                )
-                for group, found, rows in zip(groups, fits, held, strict=True)
-            ]
+            starts = [found.theta[rows] for found, rows in zip(fits, held, strict=True)]
+            answers = each(partial(_fit_times, factor=factor), _chosen(groups, held), starts)
+            return [Fit(**answer) for answer in answers]
 
         return judge
 
     return SharedModel(train, kind)
+
+
+def _fit_times(sources: Sources, start: Array, *, factor: Array) -> Answer:
+    model = Adapted(sources.simulator, factor=factor)
+    return vars(fit(model, sources.counts, scale=sources.scale, start=start))
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,38 +173,47 @@ class CurveStatistics:
     information: Array
 
 
-def shared_statistics(group: Sources, found: Fit, shapes: Array) -> CurveStatistics:
+def _statistics(group: Sources, found: Fit, *, shapes: Array) -> Answer:
     """Each source's part, its own parameters projected out."""
     values = found.expected[:, None] * shapes.T
     project = projection(found)
     projected = project(values)
     residual = (group.counts - found.expected) / project.root_mean
     whitened = values / project.root_mean[:, None]
-    return CurveStatistics(
-        np.einsum("ntc,nc->nt", projected, residual), np.matmul(projected, whitened.swapaxes(1, 2))
-    )
+    return {
+        "score": np.einsum("ntc,nc->nt", projected, residual),
+        "information": np.matmul(projected, whitened.swapaxes(1, 2)),
+    }
 
 
-def smooth_model(groups: Sequence[Sources], fits: Sequence[Fit]) -> SharedModel | None:
+def smooth_model(groups: Sequence[Sources], fits: Sequence[Fit], *, each: Each = here) -> SharedModel | None:
     """`unnamed`: a smooth correction in channel space; None where responses differ."""
-    if len(groups) != 1:
-        return None
-    shapes = curves(groups[0].simulator, groups[0].counts.shape[1])
-    return curve_model(groups, fits, shapes, SIZE, UNNAMED) if shapes.shape[1] else None
+    shapes = _curves(groups)
+    return None if shapes is None else curve_model(groups, fits, shapes, SIZE, UNNAMED, each=each)
 
 
 def random_models(
-    groups: Sequence[Sources], fits: Sequence[Fit], *, number: int, rng: np.random.Generator
+    groups: Sequence[Sources],
+    fits: Sequence[Fit],
+    *,
+    number: int,
+    rng: np.random.Generator,
+    each: Each = here,
 ) -> dict[str, SharedModel]:
     """Random smooth shapes in channel space, each with one free amplitude."""
-    if len(groups) != 1:
+    basis = _curves(groups)
+    if basis is None:
         return {}
-    basis = curves(groups[0].simulator, groups[0].counts.shape[1])
-    if not basis.shape[1]:
-        return {}
+    shapes = [basis @ rng.normal(size=(basis.shape[1], 1)) for _ in range(number)]
     return {
-        f"random {i + 1}": curve_model(
-            groups, fits, basis @ rng.normal(size=(basis.shape[1], 1)), 1.0, RANDOM
-        )
-        for i in range(number)
+        f"random {i + 1}": curve_model(groups, fits, shape, 1.0, RANDOM, each=each)
+        for i, shape in enumerate(shapes)
     }
+
+
+def _curves(groups: Sequence[Sources]) -> Array | None:
+    """Smooth curves of the channels; None where there are none, or responses differ."""
+    if len({id(group.simulator) for group in groups}) != 1:
+        return None
+    found = curves(groups[0].simulator, groups[0].counts.shape[1])
+    return found if found.shape[1] else None

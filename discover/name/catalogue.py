@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
+from functools import partial
+from itertools import groupby, islice
 from typing import Any
 
 import numpy as np
@@ -12,22 +14,20 @@ from numpy.typing import NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.streams import Rng
-from gaugeblock.discovery.fitting import TINY, Fit, select
-from gaugeblock.discovery.library import Candidates
+from gaugeblock.discovery.blocks import Answer, Each, by_response, here
+from gaugeblock.discovery.fitting import TINY, Fit
+from gaugeblock.discovery.library import Candidate, Candidates
 from gaugeblock.discovery.name.score import allowed, projection
-from gaugeblock.discovery.name.shapes import Templates, templates
-from gaugeblock.discovery.name.shared import Term, share
+from gaugeblock.discovery.name.shapes import templates
+from gaugeblock.discovery.name.shared import Shared, Term, share
 from gaugeblock.discovery.name.shared_score import SEEN, SharedScores, join, shared_scores
 from gaugeblock.discovery.name.stacked import Stack, projector, stack
 from gaugeblock.discovery.sources import Sources
 
-BLOCK = 128
-"""Sources whose templates are in memory at once."""
-
 
 @dataclass(frozen=True, eq=False)
 class Members:
-    """Sources of one response, their fits, and the candidates worked into their simulator."""
+    """A block of sources, their fits, and the candidates worked into their simulator."""
 
     sources: Sources
     fit: Fit
@@ -53,14 +53,19 @@ class SharedSearch:
 
 
 def search_shared(
-    groups: Sequence[Members], terms: Sequence[Term] = (), *, replicates: int = 999, rng: np.random.Generator
+    groups: Sequence[Members],
+    terms: Sequence[Term] = (),
+    *,
+    replicates: int = 999,
+    rng: np.random.Generator,
+    each: Each = here,
 ) -> SharedSearch:
     """Search a catalogue for one shared effect, beside the shared nuisances `terms` with their priors.
 
     An effect is never tested beside a nuisance of its own kind: the slope of the gain beside a free offset,
     the offset beside a free slope. The null is simulated from the fitted models, nuisances drawn from their
-    priors; the sources' fits to each replicate are taken to first order. It does not depend on how sources
-    are grouped into blocks.
+    priors; the sources' fits to each replicate are taken to first order. How the sources of a response are
+    cut into blocks decides nothing but the order of sums.
 
     Raises
     ------
@@ -69,18 +74,27 @@ def search_shared(
     """
     if not groups or len({tuple(group.candidates.entries) for group in groups}) != 1:
         raise InputError("discover: a catalogue needs sources, and all its responses the same candidates")
-    passes = [
-        _pass(group, terms, replicates, generator)
-        for group, generator in zip(groups, rng.spawn(len(groups)), strict=True)
-    ]
-    first = passes[0].found
-    scores = join([part.scores for part in passes])
-    gram: Any = sum(part.gram for part in passes)
-    simulated: Any = sum(part.null for part in passes)
+    sources = [group.sources for group in groups]
+    answers = each(
+        partial(_pass, replicates=replicates),
+        sources,
+        [group.fit for group in groups],
+        [list(group.candidates) for group in groups],
+        by_response(sources, partial(share, terms=terms)),
+        list(_streams(sources, rng)),
+    )
+    parts: list[SharedScores] = []
+    gram: Any = 0.0
+    simulated: Any = 0.0
+    for answer in answers:
+        parts.append(SharedScores.of(answer))
+        gram, simulated = gram + answer["gram"], simulated + answer["null"]
+        owner, node, sign = answer["owner"], answer["node"], answer["sign"]
+    scores = join(parts)
     sd = np.array([term.sd for term in terms], dtype=float)
     drawn = _drawn(simulated, scores, sd, rng.spawn(1)[0])
-    z, stacked = np.zeros((replicates, len(first.owner))), []
-    pieces = _pieces(first.owner, terms)
+    z, stacked = np.zeros((replicates, len(owner))), []
+    pieces = _pieces(owner, terms)
     for columns, beside in pieces:
         part = scores.with_templates(columns).with_nuisances(beside)
         stacked.append(stack(part, sd[beside]))
@@ -90,8 +104,16 @@ def search_shared(
         )
     order = np.argsort(np.concatenate([columns for columns, _ in pieces]))
     whole = Stack(*(np.concatenate([getattr(s, f.name) for s in stacked])[order] for f in fields(Stack)))
-    null = allowed(z, first.sign).max(axis=1)
-    return SharedSearch(first.owner, first.node, first.sign, scores, whole, gram, null)
+    null = allowed(z, sign).max(axis=1)
+    return SharedSearch(owner, node, sign, scores, whole, np.asarray(gram), null)
+
+
+def _streams(blocks: Sequence[Sources], rng: Rng) -> Iterator[list[Rng]]:
+    """A generator for each source of each block, the same however a response's sources are cut."""
+    responses = [list(run) for _, run in groupby(blocks, key=lambda one: id(one.simulator))]
+    for generator, run in zip(rng.spawn(len(responses)), responses, strict=True):
+        streams = iter(generator.spawn(sum(map(len, run))))
+        yield from (list(islice(streams, len(block))) for block in run)
 
 
 def _pieces(
@@ -105,34 +127,32 @@ def _pieces(
     return [(np.array(columns), np.array(others, dtype=np.int64)) for others, columns in beside.items()]
 
 
-@dataclass(frozen=True, eq=False)
-class _Pass:
-    found: Templates
-    scores: SharedScores
-    gram: Array
-    null: Array
-    """Summed scores of templates, then nuisances, ``(replicate, template + nuisance)``."""
-
-
-def _pass(group: Members, terms: Sequence[Term], replicates: int, rng: np.random.Generator) -> _Pass:
-    shared = share(group.sources.simulator, terms)
-    streams = rng.spawn(len(group.sources))
-    scores: list[SharedScores] = []
-    gram: Any = 0.0
-    null: Any = 0.0
-    for start in range(0, len(group.sources), BLOCK):
-        rows = slice(start, start + BLOCK)
-        sources, part = group.sources.select(rows), select(group.fit, rows)
-        found = templates(group.candidates, sources, part)
-        beside = shared.templates(part.theta, shared.neutral, sources.scale, sources.redshift)
-        beside = beside.reshape(len(sources), -1, found.values.shape[2])
-        scores.append(shared_scores(sources.counts, part, found.values, beside))
-        project = projection(part)
-        every = project(np.concatenate([found.values, beside], axis=1))
-        own = every[:, : found.values.shape[1]]
-        gram = gram + np.einsum("ntc,nuc->tu", own, found.values / project.root_mean[:, None], optimize=True)
-        null = null + _simulated(every, part.expected, project.root_mean, replicates, streams[rows])
-    return _Pass(found, join(scores), np.asarray(gram), np.asarray(null))
+def _pass(
+    sources: Sources,
+    fit: Fit,
+    candidates: Sequence[Candidate],
+    shared: Shared,
+    streams: Sequence[Rng],
+    *,
+    replicates: int,
+) -> Answer:
+    """A block's scores and part of the gram matrix, and `null`: the sum of its simulated scores, of templates
+    and then nuisances, ``(replicate, template + nuisance)``.
+    """
+    found = templates(candidates, sources, fit)
+    beside = shared.templates(fit.theta, shared.neutral, sources.scale, sources.redshift)
+    beside = beside.reshape(len(sources), -1, found.values.shape[2])
+    project = projection(fit)
+    every = project(np.concatenate([found.values, beside], axis=1))
+    own = every[:, : found.values.shape[1]]
+    return {
+        **vars(shared_scores(sources.counts, fit, found.values, beside)),
+        "gram": np.einsum("ntc,nuc->tu", own, found.values / project.root_mean[:, None], optimize=True),
+        "null": _simulated(every, fit.expected, project.root_mean, replicates, streams),
+        "owner": found.owner,
+        "node": found.node,
+        "sign": found.sign,
+    }
 
 
 def _simulated(every: Array, expected: Array, root: Array, replicates: int, streams: Sequence[Rng]) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.fitting import Fit
-from gaugeblock.discovery.library import Candidate, Candidates
+from gaugeblock.discovery.library import Candidate
 from gaugeblock.discovery.sources import Sources
 
 
@@ -28,7 +29,7 @@ class Templates:
     sign: NDArray[np.int64]
 
 
-def templates(candidates: Candidates, sources: Sources, fit: Fit) -> Templates:
+def templates(candidates: Iterable[Candidate], sources: Sources, fit: Fit) -> Templates:
     """Finite templates of all candidates at the fitted theta of every source.
 
     A derivative would do for faint effects only: gains move edges and lines across channels, so the shape is

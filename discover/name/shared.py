@@ -55,6 +55,10 @@ class Shared:
     base: Any
     simulator: Any
     terms: tuple[Term, ...]
+    _held: dict[bytes, Any] = field(default_factory=dict, repr=False)
+
+    def __reduce__(self) -> Any:
+        return Shared, (self.base, self.simulator, self.terms)
 
     @property
     def parameters(self) -> int:
@@ -129,10 +133,20 @@ class Shared:
         return np.stack(columns, axis=1)
 
     def held(self, phi: Array) -> Any:
-        """The simulator of a source's own parameters, the shared amplitudes held at phi."""
+        """The simulator of a source's own parameters, the shared amplitudes held at phi.
+
+        It is the same one as long as phi is.
+        """
         if not self.terms:
             return self.base
         values = np.array(phi, dtype=float)
+        key = values.tobytes()
+        if key not in self._held:
+            self._held.clear()
+            self._held[key] = self._made(values)
+        return self._held[key]
+
+    def _made(self, values: Array) -> Any:
         if self.alike:
             # The simulator's own of that kind: much faster than folding every source.
             return Adapted(self.once(values), prior=self.base.prior)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +12,7 @@ from scipy.stats import norm
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.blocks import Answer, Each, by_response, here
 from gaugeblock.discovery.fitting import Fit
 from gaugeblock.discovery.name.shared import Shared, Term, fit_held, share
 from gaugeblock.discovery.name.shared_score import SharedScores, join, shared_scores
@@ -81,6 +83,7 @@ def profile_shared(
     start: ArrayLike | None = None,
     fits: Sequence[Fit] | None = None,
     iterations: int = ITERATIONS,
+    each: Each = here,
 ) -> SharedAmplitude:
     """Fit one shared effect beside shared nuisances: Gauss-Newton on these, every source fitted at each step.
 
@@ -90,7 +93,7 @@ def profile_shared(
     Parameters
     ----------
     groups : sequence of Sources
-        One a response.
+        Blocks of sources of a response.
     entry : Term
         The effect; with a finite sd its prior holds it back too.
     start : array, shape (1 + nuisance,), optional
@@ -107,8 +110,8 @@ def profile_shared(
     ----------
     Murphy & van der Vaart (2000), J. Am. Stat. Assoc. 95, 449: the profile likelihood as a likelihood.
     """
-    models = [share(sources.simulator, (entry, *nuisances)) for sources in groups]
-    return profile_models(models, groups, start=start, fits=fits, iterations=iterations)
+    models = by_response(groups, partial(share, terms=(entry, *nuisances)))
+    return profile_models(models, groups, start=start, fits=fits, iterations=iterations, each=each)
 
 
 def profile_models(
@@ -118,21 +121,18 @@ def profile_models(
     start: ArrayLike | None = None,
     fits: Sequence[Fit] | None = None,
     iterations: int = ITERATIONS,
+    each: Each = here,
 ) -> SharedAmplitude:
     """`profile_shared` for simulators that have the shared effects already: the first term is the effect."""
     first = models[0]
     phi = first.neutral if start is None else np.array(start, dtype=float)
     # Shared amplitudes at neutral change nothing: fits without them are the fits there.
-    bare = (
-        list(fits)
-        if fits is not None
-        else [fit_held(model, sources, first.neutral) for model, sources in zip(models, groups, strict=True)]
-    )
-    found = _refitted(models, groups, phi, bare)
+    bare = list(fits) if fits is not None else refitted(models, groups, first.neutral, each=each)
+    found = refitted(models, groups, phi, bare, each=each)
     objective = _objective(found, phi, first)
     converged, shorter, checked = False, 1.0, False
     for number in range(iterations + 1):
-        scores = shared_parts(models, groups, found, phi)
+        scores = shared_parts(models, groups, found, phi, each=each)
         if not stack(_effect_first(scores), first.sd[1:]).information[0] + first.sd[0] ** -2.0 > 0:
             raise InputError(
                 f"discover: the catalogue knows nothing of {first.terms[0].entry.name} beside its nuisances; "
@@ -144,14 +144,14 @@ def profile_models(
         converged = bool((np.abs(moved - phi) < CLOSE * error).all())
         if converged and not checked and number < iterations:
             # Peaks of a source may trade places on the way: look from the fit without effect and from afar.
-            again = _refitted(models, groups, phi, found, bare, tries=TRIES)
+            again = refitted(models, groups, phi, found, bare, tries=TRIES, each=each)
             gained = objective - _objective(again, phi, first)
             checked, found, objective = True, again, objective - gained
             if gained > SLACK:
                 continue
         if converged or number == iterations:
             break
-        tried = _refitted(models, groups, moved, found)
+        tried = refitted(models, groups, moved, found, each=each)
         reached = _objective(tried, moved, first)
         # Templates are of finite size: past the peak a step may lead back and forth unless it is halved.
         if reached < objective + SLACK:
@@ -174,29 +174,44 @@ def profile_models(
     )
 
 
-def _refitted(
-    models: Sequence[Shared], groups: Sequence[Sources], phi: Array, *starts: Sequence[Fit], tries: int = 0
+def refitted(
+    models: Sequence[Shared],
+    groups: Sequence[Sources],
+    phi: Array,
+    *starts: Sequence[Fit],
+    tries: int = 0,
+    each: Each = here,
 ) -> list[Fit]:
-    """Fits at phi, from fits nearby, and from `tries` places over the prior."""
-    found = []
-    for i, (model, sources) in enumerate(zip(models, groups, strict=True)):
-        begin = np.stack([one[i].theta for one in starts], axis=1)
-        if tries:
-            far = spread_starts(model.held(phi), sources.counts, sources.scale, tries=tries)
-            begin = np.concatenate([begin, far], axis=1)
-        found.append(fit_held(model, sources, phi, begin))
-    return found
+    """Fits at phi, from fits nearby, and from `tries` places over the prior; without either from nowhere."""
+    begin: Sequence[Array | None] = [None] * len(groups)
+    if starts:
+        begin = [np.stack([fit.theta for fit in near], axis=1) for near in zip(*starts, strict=True)]
+    answers = each(partial(_refit, phi=phi, tries=tries), models, groups, begin)
+    return [Fit(**answer) for answer in answers]
+
+
+def _refit(model: Shared, sources: Sources, begin: Array | None, *, phi: Array, tries: int) -> Answer:
+    if tries and begin is not None:
+        far = spread_starts(model.held(phi), sources.counts, sources.scale, tries=tries)
+        begin = np.concatenate([begin, far], axis=1)
+    return vars(fit_held(model, sources, phi, begin))
 
 
 def shared_parts(
-    models: Sequence[Shared], groups: Sequence[Sources], fits: Sequence[Fit], phi: Array
+    models: Sequence[Shared],
+    groups: Sequence[Sources],
+    fits: Sequence[Fit],
+    phi: Array,
+    *,
+    each: Each = here,
 ) -> SharedScores:
     """Scores of all shared amplitudes around phi, as nuisances of no template."""
-    parts = []
-    for model, sources, fit in zip(models, groups, fits, strict=True):
-        values = model.templates(fit.theta, phi, sources.scale, sources.redshift)
-        parts.append(shared_scores(sources.counts, fit, values[:, :0], values))
-    return join(parts)
+    return join([SharedScores.of(one) for one in each(partial(_parts, phi=phi), models, groups, fits)])
+
+
+def _parts(model: Shared, sources: Sources, fit: Fit, *, phi: Array) -> Answer:
+    values = model.templates(fit.theta, phi, sources.scale, sources.redshift)
+    return vars(shared_scores(sources.counts, fit, values[:, :0], values))
 
 
 def newton(scores: SharedScores, sd: Array, away: Array) -> tuple[Array, Array]:

@@ -8,12 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.discovery.blocks import Answer, Each, here
+from gaugeblock.discovery.fitting import Fit
 from gaugeblock.discovery.library import Candidate
 from gaugeblock.discovery.name.catalogue import Members
 from gaugeblock.discovery.name.score import allowed
 from gaugeblock.discovery.name.shapes import effect_templates
-from gaugeblock.discovery.name.shared_score import join, shared_scores
+from gaugeblock.discovery.name.shared_score import SharedScores, join, shared_scores
 from gaugeblock.discovery.name.stacked import stack
+from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
 
 POINTS = 5
@@ -24,7 +27,7 @@ ENOUGH = 0.5
 """A pass that gains fewer nats is the last."""
 
 
-def refined(groups: Sequence[Members], key: str, node: Array) -> tuple[Array, float]:
+def refined(groups: Sequence[Members], key: str, node: Array, *, each: Each = here) -> tuple[Array, float]:
     """The likeliest values near a scanned node ``(parameter,)``, and the departure from neutral there.
 
     A pass tries `POINTS` values of every scanned parameter up to half a spacing to either side, the next one
@@ -44,7 +47,7 @@ def refined(groups: Sequence[Members], key: str, node: Array) -> tuple[Array, fl
         tried = replace(
             entry, scanned={name: _around(entry, name, near[name], reach[name]) for name in names}
         )
-        z, amplitude = _scored(groups, key, tried)
+        z, amplitude = _scored(groups, key, tried, each)
         at = int(np.argmax(z))
         promise = max(float(z[at]), 0.0) ** 2 / 2.0
         if promise > most:
@@ -56,16 +59,17 @@ def refined(groups: Sequence[Members], key: str, node: Array) -> tuple[Array, fl
     return best, start
 
 
-def _scored(groups: Sequence[Members], key: str, entry: LibraryEffect) -> tuple[Array, Array]:
+def _scored(groups: Sequence[Members], key: str, entry: LibraryEffect, each: Each) -> tuple[Array, Array]:
     """z towards the allowed side and amplitude of every node of an entry, ``(node,)``."""
-    parts = []
-    for group in groups:
-        made = Candidate(key, entry, group.candidates[key].simulator)
-        values = effect_templates(made, group.sources, group.fit)
-        parts.append(shared_scores(group.sources.counts, group.fit, values))
-    found = stack(join(parts))
+    made = [Candidate(key, entry, group.candidates[key].simulator) for group in groups]
+    answers = each(_scores, made, [group.sources for group in groups], [group.fit for group in groups])
+    found = stack(join([SharedScores.of(answer) for answer in answers]))
     sign = 0 if entry.two_sided else int(np.sign(entry.step))
     return allowed(found.z, np.full(len(found.z), sign)), found.amplitude
+
+
+def _scores(candidate: Candidate, sources: Sources, fit: Fit) -> Answer:
+    return vars(shared_scores(sources.counts, fit, effect_templates(candidate, sources, fit)))
 
 
 def _spacing(entry: LibraryEffect, name: str, value: float) -> float:

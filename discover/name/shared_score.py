@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -40,6 +40,11 @@ class SharedScores:
     nuisance_score: Array
     cross: Array
     nuisance_information: Array
+
+    @classmethod
+    def of(cls, answer: Mapping[str, Any]) -> SharedScores:
+        """From arrays by name, whatever else is among them."""
+        return cls(*(answer[field.name] for field in fields(cls)))
 
     def __len__(self) -> int:
         return len(self.score)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.discovery.blocks import Answer
 from gaugeblock.discovery.fitting import TINY, Fit, fit
 from gaugeblock.discovery.sources import Sources
 
@@ -32,6 +33,11 @@ def fitted_from_afar(sources: Sources, *near: Array) -> Fit:
     return fit(sources.simulator, sources.counts, scale=sources.scale, start=start)
 
 
+def afar(sources: Sources, *near: Array) -> Answer:
+    """`fitted_from_afar` of a block."""
+    return vars(fitted_from_afar(sources, *near))
+
+
 def spread_starts(
     simulator: Any, counts: Array, scale: Array, *, tries: int, bank: int = BANK, seed: int = 0
 ) -> Array:
@@ -40,15 +46,29 @@ def spread_starts(
     The likeliest draws of all may lie around one theta while a likelier theta has none near it. `counts` is
     ``(source, channel)``; a source with too few places takes its likeliest draw again.
     """
-    theta = simulator.prior.sample(bank, np.random.default_rng(seed))
-    unit = simulator.prior.to_unit_cube(theta)
-    mean = np.maximum(np.asarray(simulator.expected(theta)), TINY)
-    log_mean, total = np.log(mean).T, mean.sum(axis=1)
+    theta, unit, log_mean, total = _bank(simulator, bank, seed)
     picked = [
         _apart(counts[i : i + BLOCK] @ log_mean - scale[i : i + BLOCK, None] * total, unit, tries)
         for i in range(0, len(counts), BLOCK)
     ]
     return np.asarray(theta[np.concatenate(picked)])
+
+
+_Bank = tuple[Array, Array, Array, Array]
+# Of the simulator that was asked last: every block of sources asks the same one.
+_LAST: list[tuple[Any, int, int, _Bank]] = []
+
+
+def _bank(simulator: Any, bank: int, seed: int) -> _Bank:
+    """Draws from the prior, their places in the unit cube, the log of what is expected, and its sum."""
+    for known, size, of, found in _LAST:
+        if known is simulator and (size, of) == (bank, seed):
+            return found
+    theta = simulator.prior.sample(bank, np.random.default_rng(seed))
+    mean = np.maximum(np.asarray(simulator.expected(theta)), TINY)
+    found = theta, simulator.prior.to_unit_cube(theta), np.log(mean).T, mean.sum(axis=1)
+    _LAST[:] = [(simulator, bank, seed, found)]
+    return found
 
 
 def _apart(score: Array, unit: Array, tries: int) -> NDArray[np.int64]:

@@ -198,7 +198,7 @@ def test_what_an_estimator_does_wrong_is_said_of_its_trials(dask: Executor, tmp_
 
 
 def test_workers_with_other_versions_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import gaugeblock.auditing.collect as module
+    import gaugeblock.auditing.filling as module
 
     monkeypatch.setattr(module, "_versions_here", lambda: {"numpy": "1.0"})
     with pytest.raises(InputError, match=r"other versions .*numpy 1.0, not 2.*install the same there"):

@@ -10,14 +10,14 @@ import pytest
 import xarray as xr
 from scipy.stats import kstest
 
-from gaugeblock.auditing.audit import CHUNKS, audit_configured
+from gaugeblock.auditing.audit import audit_configured
 from gaugeblock.auditing.collect import collect
 from gaugeblock.auditing.config import AuditConfig
 from gaugeblock.auditing.kept_seed import kept_seed
 from gaugeblock.auditing.observation import trials_around
 from gaugeblock.auditing.samples import Plan
 from gaugeblock.auditing.watch import Watch
-from gaugeblock.auditing.workplace import discard
+from gaugeblock.auditing.workplace import CHUNKS, discard
 from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.exact import Exact
 from gaugeblock.simulators import build_simulator

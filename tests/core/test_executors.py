@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_info
 
 from gaugeblock.core import executors
 from gaugeblock.core.errors import InputError, MissingExtraError
-from gaugeblock.core.executors import each, opened, parse_part
+from gaugeblock.core.executors import Packer, each, opened, parse_part
 
 
 def square(folder: Path, number: int) -> None:
@@ -44,6 +44,7 @@ def pool() -> Iterator[Executor]:
 def test_without_an_executor_tasks_are_done_here_and_in_order(tmp_path: Path) -> None:
     with opened() as (executor, line):
         assert (executor, line) == (None, "")
+        assert os.environ["NPROC"] == "1"
     assert list(each(partial(square, tmp_path), range(5), folder=tmp_path)) == [0, 1, 2, 3, 4]
     assert (tmp_path / "3").read_text() == f"9 {os.getpid()}"
 
@@ -121,6 +122,27 @@ def test_a_folder_that_a_worker_does_not_see_is_named(tmp_path: Path) -> None:
         pass
     with pytest.raises(InputError, match=r"cannot read .*every worker must see the folder"):
         sent(1)
+
+
+def test_large_parts_of_tasks_are_loaded_once_and_stay(tmp_path: Path) -> None:
+    part = bytearray(b"large")
+    packer = Packer(tmp_path, lambda value: isinstance(value, bytearray | list))
+    first, second = packer.pack((1, part)).task(), packer.pack((2, [part])).task()
+    assert (first, second) == ((1, part), (2, [part]))
+    assert second[1][0] is first[1] is not part
+    assert packer.pack(part).task() is first[1]
+    assert len(list(tmp_path.glob("kept-*.pickle"))) == 2
+    # Of another folder, another run: nothing of this one stays.
+    (tmp_path / "other").mkdir()
+    Packer(tmp_path / "other", lambda value: isinstance(value, set)).pack({1}).task()
+    assert packer.pack(part).task() is not first[1]
+
+
+def test_a_part_that_was_changed_on_its_way_is_not_loaded(tmp_path: Path) -> None:
+    packed = Packer(tmp_path, lambda value: isinstance(value, set)).pack({3})
+    next(tmp_path.iterdir()).write_bytes(b"cos\nsystem\n(S'touch harm'\ntR.")
+    with pytest.raises(InputError, match=r"kept-\w+.pickle: is not what was written"):
+        packed.task()
 
 
 def test_what_cannot_be_sent_is_told(tmp_path: Path) -> None:

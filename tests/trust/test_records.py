@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from gaugeblock.auditing.audit import CHUNKS, audit, judge
+from gaugeblock.auditing.audit import audit, judge
 from gaugeblock.auditing.verify import policy_in_words, verify
-from gaugeblock.auditing.workplace import LOCK, discard
+from gaugeblock.auditing.workplace import CHUNKS, LOCK, discard
 from gaugeblock.cli import app
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate import make_policy, read_policy

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -35,7 +34,7 @@ from gaugeblock.auditing.samples import Plan
 from gaugeblock.auditing.trials_from import any_trials
 from gaugeblock.auditing.trusted import DRAWS, trust_record, with_densities
 from gaugeblock.auditing.watch import Watch, watched
-from gaugeblock.auditing.workplace import alone_in, discard, refuse_links
+from gaugeblock.auditing.workplace import CHUNKS, discard, workplace
 from gaugeblock.core.arrays import numbers, plain
 from gaugeblock.core.atomic import made_folder
 from gaugeblock.core.digest import digest, file_digest
@@ -62,8 +61,6 @@ from gaugeblock.validate.findings_file import read_findings
 from gaugeblock.validate.looks import Looks
 from gaugeblock.validate.trials import POSTERIOR, add_group, read_trials, trials_tree
 from gaugeblock.validate.validators import check_validators, default_validators
-
-CHUNKS = ".chunks"
 
 
 def audit(
@@ -417,7 +414,7 @@ def _begun(
     with (
         ended(None if estimating is estimator else estimating),
         shown(progress) as tell,
-        _workplace(out, alone=alone) as folder,
+        workplace(out, alone=alone) as folder,
     ):
         subjects = {
             "simulator": {**named(simulator), **identity(simulated)},
@@ -633,16 +630,3 @@ def _judged(
     if out is not None:
         result.write_reports(out)
     return result
-
-
-@contextmanager
-def _workplace(out: str | os.PathLike[str] | None, *, alone: bool) -> Iterator[Path]:
-    """The folder that is written to; without one a temporary folder, which is gone afterwards."""
-    if out is not None:
-        folder = made_folder(out)
-        refuse_links(folder / CHUNKS)
-        with alone_in(folder) if alone else nullcontext():
-            yield folder
-        return
-    with tempfile.TemporaryDirectory(prefix="gaugeblock-") as temporary:
-        yield Path(temporary)

@@ -13,14 +13,14 @@ from collections.abc import Generator, Iterator
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
+from gaugeblock.auditing.filling import Filling
 from gaugeblock.auditing.identity import identity, lasting, versions
-from gaugeblock.auditing.marks import enter_key, key_name, mark, marked
+from gaugeblock.auditing.marks import mark, marked
 from gaugeblock.auditing.phases import DensityTrials, WeighedDraws, end_phase
 from gaugeblock.auditing.samples import (
     Blocks,
@@ -35,7 +35,6 @@ from gaugeblock.core.atomic import write_once
 from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.executors import each
-from gaugeblock.core.processors import kinds, one_kind
 from gaugeblock.core.progress import Progress
 from gaugeblock.core.streams import whole_blocks
 from gaugeblock.estimators.protocol import Estimator, devices, has_density, untrusted
@@ -80,7 +79,7 @@ def collect(
     known = folder / PARTS
     if known.exists():
         _same_plan(known, run_record(simulator, estimator, plan))
-    fill = _Fill.begun(simulator, estimator, plan, folder / key, allow_mixed)
+    fill = _Fill(simulator, estimator, plan, Filling.begun(folder / key, allow_mixed=allow_mixed))
     blocks = _OnDisk(fill, executor, progress)
     for what, trials in _known(earlier, estimator):
         blocks.keep(what, trials)
@@ -130,7 +129,7 @@ def collect_part(
         )
     _same_plan(folder / PARTS, record)
     work = folder / fingerprint(simulator, estimator, plan)
-    fill = _Fill.begun(simulator, estimator, plan, work, allow_mixed)
+    fill = _Fill(simulator, estimator, plan, Filling.begun(work, allow_mixed=allow_mixed))
     blocks, number = _OnDisk(fill, executor, progress), 0
     weighed, likelihoods = _further(simulator, estimator, plan)
     for what, trials in ((MAIN, plan.number), (WEIGHING, weighed), (LIKELIHOOD, likelihoods)):
@@ -209,38 +208,24 @@ class _Fill:
     simulator: Simulator
     estimator: Estimator
     plan: Plan
-    work: Path
-    allow_mixed: bool
-    versions: dict[str, str]
-    key: str
-
-    @classmethod
-    def begun(
-        cls, simulator: Simulator, estimator: Estimator, plan: Plan, work: Path, allow_mixed: bool
-    ) -> _Fill:
-        private_folder(private_folder(work.parent) / work.name)
-        kinds(work, mixed=allow_mixed)
-        return cls(simulator, estimator, plan, work.resolve(), allow_mixed, versions(), enter_key(work))
+    filling: Filling
 
     def __call__(self, block: tuple[str, range]) -> None:
         """Write a block where there is none; one that is made twice has the same bits twice."""
         path = self.path(*block)
         if _intact(path):
             return
-        if self.versions != _versions_here():
-            raise InputError(_other_versions(self.versions, _versions_here()))
-        if self.key != key_name():
-            enter_key(self.work)  # which says what is the matter
+        self.filling.check()
         what, trials = block
         made = self._maker(what)(trials)
-        one_kind(self.work, *devices(self.estimator), mixed=self.allow_mixed)
+        self.filling.enter_processor(*devices(self.estimator))
         write_groups({"": made}, path)
         mark(path)
 
     def path(self, what: str, trials: range | None = None) -> Path:
         """File of a block, or of all together."""
         name = what.replace(" ", "-")
-        return self.work / (f"{name}.nc" if trials is None else f"{name}-{trials.start:08d}.nc")
+        return self.filling.work / (f"{name}.nc" if trials is None else f"{name}-{trials.start:08d}.nc")
 
     def _maker(self, what: str) -> Blocks:
         again = (self.simulator, self.estimator, self.plan, self._reader(MAIN))
@@ -256,20 +241,6 @@ class _Fill:
 
     def _reader(self, what: str) -> Blocks:
         return lambda trials: _read(self.path(what, trials))
-
-
-@cache
-def _versions_here() -> dict[str, str]:
-    return versions()
-
-
-def _other_versions(there: dict[str, str], here: dict[str, str]) -> str:
-    other = [
-        f"{name} {here.get(name, 'absent')}, not {there.get(name, 'absent')}"
-        for name in {**there, **here}
-        if there.get(name) != here.get(name)
-    ]
-    return f"a worker has other versions than this process ({'; '.join(other)}): install the same there"
 
 
 @dataclass(frozen=True)
@@ -298,7 +269,7 @@ class _OnDisk:
         missing = [trials for trials in blocks if not _intact(self.fill.path(what, trials))]
         done = set(blocks) - set(missing)
         tasks = ((what, trials) for trials in missing)
-        with closing(each(self.fill, tasks, folder=self.fill.work, executor=self.executor)) as making:
+        with closing(each(self.fill, tasks, folder=self.fill.filling.work, executor=self.executor)) as making:
             self._say(what, len(done), number)
             for trials in blocks:
                 while trials not in done:
@@ -308,7 +279,7 @@ class _OnDisk:
 
     def keep(self, what: str, earlier: xr.Dataset) -> None:
         """Write the whole blocks of an earlier run, as if they had been made here; what is cut off is not."""
-        one_kind(self.fill.work, *devices(self.fill.estimator), mixed=self.fill.allow_mixed)
+        self.fill.filling.enter_processor(*devices(self.fill.estimator))
         for trials in whole_blocks(earlier.sizes["trial"], self.fill.plan.block):
             path = self.fill.path(what, trials)
             if trials.stop <= earlier.sizes["trial"] and not _intact(path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -11,7 +12,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gaugeblock.auditing.answers import Answers, fingerprint
 from gaugeblock.auditing.identity import versions
+from gaugeblock.auditing.workplace import CHUNKS, discard, workplace
 from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.progress import Progress, shown
@@ -66,6 +69,7 @@ def discover(
     seed: int = 0,
     out: str | os.PathLike[str] | None = None,
     progress: Progress | bool | None = None,
+    executor: Executor | None = None,
     command: str = "",
 ) -> Discovery:
     """Find where simulation and data disagree, name the missing effect, add it, test the name.
@@ -110,6 +114,8 @@ def discover(
         Folder for discovery.json, discovery.nc and report.html; without it no file is written.
     progress : callable ``(what, done, total)`` or bool, optional
         None: bars in a terminal and in a notebook.
+    executor : concurrent.futures.Executor, optional
+        Whose processes share a catalogue's sources; they see `out`. The bits are those of one process.
 
     Raises
     ------
@@ -148,6 +154,11 @@ def discover(
                 "or a folder of them"
             )
         one = len(groups) > 0 and engine != "catalogue" and sum(map(len, groups)) == 1
+        if executor is not None and (one or not groups):
+            raise InputError(
+                "discover: workers share the sources of a catalogue, and this is none: leave out --workers, "
+                "--scheduler or executor"
+            )
         if energy is not None and not one:
             raise InputError("discover: an energy can be stated of counts of one source")
         if not groups:
@@ -161,7 +172,7 @@ def discover(
         elif engine == "counts":
             raise InputError(f"discover: engine 'counts' takes one source, got {sum(map(len, groups))}")
         else:
-            found = discover_catalogue(groups, **common)
+            found = _catalogue(groups, out, executor, common)
         steps.end()
     data = [group.counts.tolist() for group in groups] if groups else np.asarray(x).tolist()
     searched = [group.simulator for group in groups] if groups else [simulator]
@@ -180,7 +191,24 @@ def discover(
     )
     if out is not None:
         write_discovery(found, Path(out))
+        if found.catalogue is not None:
+            discard(Path(out) / CHUNKS)
     return found
+
+
+def _catalogue(
+    groups: Sequence[Sources],
+    out: str | os.PathLike[str] | None,
+    executor: Executor | None,
+    common: Mapping[str, Any],
+) -> Discovery:
+    """A catalogue's answers go to files where there is a folder, or where other processes make them."""
+    if out is None and executor is None:
+        return discover_catalogue(groups, **common)
+    said = {name: common[name] for name in ("seed", "only", "replicates")}
+    with workplace(out) as folder:
+        key = fingerprint(groups, bool(common["effects"]), **said)
+        return discover_catalogue(groups, each=Answers(folder / CHUNKS / key, executor), **common)
 
 
 def _all(what: Any, kind: Any) -> bool:

@@ -5,14 +5,15 @@ from __future__ import annotations
 import errno
 import os
 import re
+import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
 from gaugeblock.core.atomic import made_folder
 from gaugeblock.core.errors import InputError
 
-LOCK = ".audit-lock"
+LOCK, CHUNKS = ".audit-lock", ".chunks"
 # What audits leave in their folders of blocks; nothing else is ever removed. A kill leaves temporary files.
 _TEMPORARY = r"(\.\d+\.[0-9a-f]{8})?"
 _BLOCK = (
@@ -21,9 +22,22 @@ _BLOCK = (
 )
 _OWN = re.compile(
     rf"[0-9a-f]{{16}}/({_BLOCK}|\.?(processor[\w-]*\.json|key){_TEMPORARY}"
-    rf"|\.?sent-[0-9a-f]{{16}}{_TEMPORARY}\.pickle)"
+    rf"|\.?answer-\d{{6}}-\d{{6}}{_TEMPORARY}\.(npz|mark)|\.?(sent|kept)-[0-9a-f]{{16}}{_TEMPORARY}\.pickle)"
     rf"|\.?parts\.json{_TEMPORARY}|[0-9a-f]{{16}}\.seed"
 )
+
+
+@contextmanager
+def workplace(out: str | os.PathLike[str] | None, *, alone: bool = True) -> Iterator[Path]:
+    """The folder that is written to; without one a temporary folder, which is gone afterwards."""
+    if out is not None:
+        folder = made_folder(out)
+        refuse_links(folder / CHUNKS)
+        with alone_in(folder) if alone else nullcontext():
+            yield folder
+        return
+    with tempfile.TemporaryDirectory(prefix="gaugeblock-") as temporary:
+        yield Path(temporary)
 
 
 def refuse_links(work: Path) -> None:

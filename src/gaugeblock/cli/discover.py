@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from gaugeblock.cli.options import Out, Seed, command
-from gaugeblock.cli.voice import hand_over, loud, say
+from gaugeblock.cli.options import Out, Scheduler, Seed, Workers, command
+from gaugeblock.cli.voice import hand_over, loud, say, tell
 
 EXIT_CODES = "Exit codes: 0 when the workflow ran to its end, whatever it found; 2 bad input."
 
@@ -65,13 +65,17 @@ def discover(
     ] = False,
     out: Out = Path("gaugeblock-discovery"),
     seed: Seed = None,
+    workers: Workers = 1,
+    scheduler: Scheduler = None,
 ) -> None:
     """Find where model and measured spectra disagree, name the missing effect, add it, test the name.
 
-    Writes discovery.json, discovery.nc and report.html.
+    Writes discovery.json, discovery.nc and report.html. An interrupted search of a catalogue goes on where it
+    stopped when the same command runs again.
     """
     from gaugeblock.auditing import discovering
     from gaugeblock.core.errors import InputError
+    from gaugeblock.core.executors import opened
     from gaugeblock.reports.discovery.best_fit import fit_rows
     from gaugeblock.reports.discovery.headline import headline
 
@@ -79,26 +83,30 @@ def discover(
         raise InputError("discover: name either PHA files of one source, or --catalog with a folder of many")
     if catalog is not None and not catalog.is_dir():
         raise InputError(f"discover: --catalog {catalog} is no folder")
-    found = discovering.discover(
-        catalog if catalog is not None else pha,
-        model=model,
-        priors=priors,
-        band=band,
-        rmf=rmf or (),
-        arf=arf or (),
-        background=background or (),
-        redshift=redshift,
-        regroup=regroup,
-        effects=own or (),
-        only=effect or (),
-        energy=energy,
-        evidence=evidence,
-        replicates=replicates,
-        seed=seed or 0,
-        out=out,
-        progress=loud(),
-        command=command(),
-    )
+    with opened(workers=workers, scheduler=scheduler) as (executor, line):
+        if line:
+            tell(line)
+        found = discovering.discover(
+            catalog if catalog is not None else pha,
+            model=model,
+            priors=priors,
+            band=band,
+            rmf=rmf or (),
+            arf=arf or (),
+            background=background or (),
+            redshift=redshift,
+            regroup=regroup,
+            effects=own or (),
+            only=effect or (),
+            energy=energy,
+            evidence=evidence,
+            replicates=replicates,
+            seed=seed or 0,
+            out=out,
+            progress=loud(),
+            executor=executor,
+            command=command(),
+        )
     summary = found.to_json()
     top = headline(summary)
     for number, statement in enumerate(top.statements, 1):

@@ -8,6 +8,7 @@ the bits, must not hang on how many cores a machine has.
 from __future__ import annotations
 
 import hashlib
+import io
 import multiprocessing
 import os
 import pickle
@@ -92,19 +93,33 @@ class _Sent:
 
 @contextmanager
 def _sent(work: Callable[[Any], object], folder: Path) -> Iterator[_Sent]:
-    try:
-        content = _pickler().dumps(work)
-    except Exception as error:  # anything may happen in a stranger's attributes
-        raise InputError(
-            f"what is audited cannot be sent to other processes ({one_line(error, most=MOST)}); define it in "
-            "a module, pip install 'gaugeblock[distributed]', or leave the workers out"
-        ) from None
+    content = _content(work)
     path = folder.resolve() / f"sent-{secrets.token_hex(8)}.pickle"
     write_atomically(path, content)
     try:
         yield _Sent(path, hashlib.sha256(content).hexdigest())
     finally:
         path.unlink(missing_ok=True)
+
+
+def _content(value: object, place: Callable[[object], object] = lambda _: None) -> bytes:
+    """A value as bytes, but for those parts of it that have a `place` of their own."""
+
+    class Pickler(_pickler().Pickler):  # type: ignore[misc]
+        def persistent_id(self, obj: object) -> object:
+            return place(obj)
+
+    written = io.BytesIO()
+    try:
+        Pickler(written).dump(value)
+    except InputError:
+        raise
+    except Exception as error:  # anything may happen in a stranger's attributes
+        raise InputError(
+            f"what is audited cannot be sent to other processes ({one_line(error, most=MOST)}); define it in "
+            "a module, pip install 'gaugeblock[distributed]', or leave the workers out"
+        ) from None
+    return written.getvalue()
 
 
 def _pickler() -> Any:
@@ -122,26 +137,98 @@ _WORKING = threading.Lock()
 
 def _received(path: Path, sha256: str) -> Callable[[Any], object]:
     if sha256 not in _LATEST:
-        try:
-            content = path.read_bytes()
-        except OSError as error:
-            raise InputError(
-                f"a worker on {platform.node()} cannot read {path} ({error.strerror or error}); every "
-                "worker must see the folder: give one that they share with --out"
-            ) from None
-        # Not unpickled before it is known to be what was sent.
-        if hashlib.sha256(content).hexdigest() != sha256:
-            raise InputError(f"{path}: is not what was written; nobody else may write to the folder")
-        try:
-            work = pickle.loads(content)
-        except Exception as error:
-            raise InputError(
-                f"a worker on {platform.node()} cannot load what is audited "
-                f"({one_line(f'{type(error).__name__}: {error}', most=MOST)}); install it there too"
-            ) from None
+        work = _loaded(path, sha256)
         _LATEST.clear()
         _LATEST[sha256] = work
     return _LATEST[sha256]
+
+
+def _loaded(path: Path, sha256: str) -> Any:
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(
+            f"a worker on {platform.node()} cannot read {path} ({error.strerror or error}); every "
+            "worker must see the folder: give one that they share with --out"
+        ) from None
+    # Not unpickled before it is known to be what was sent.
+    if hashlib.sha256(content).hexdigest() != sha256:
+        raise InputError(f"{path}: is not what was written; nobody else may write to the folder")
+    try:
+        return _Unpacking(io.BytesIO(content)).load()
+    except Exception as error:
+        raise InputError(
+            f"a worker on {platform.node()} cannot load what is audited "
+            f"({one_line(f'{type(error).__name__}: {error}', most=MOST)}); install it there too"
+        ) from None
+
+
+class Packer:
+    """Packs tasks whose large parts are the same again and again: a process loads each of these once.
+
+    It stays there for as long as tasks come from the same folder, with all that it has compiled.
+
+    Parameters
+    ----------
+    folder : Path
+        That all processes see, of this run alone.
+    stays : callable
+        Whether a value of a task is such a part.
+    """
+
+    def __init__(self, folder: Path, stays: Callable[[object], bool]):
+        self._folder, self._stays = folder.resolve(), stays
+        # With the part itself: another one may not take its id.
+        self._written: dict[int, tuple[object, tuple[Path, str]]] = {}
+
+    def pack(self, task: object) -> Packed:
+        """A task as bytes.
+
+        Raises
+        ------
+        InputError
+            If it cannot be sent.
+        """
+        return Packed(_content(task, self._place))
+
+    def _place(self, value: object) -> tuple[Path, str] | None:
+        """Where a part lies and its digest, written where that is new; None for what is none."""
+        if not self._stays(value):
+            return None
+        if id(value) not in self._written:
+            # Parts of a part have places of their own.
+            content = _content(value, lambda inner: None if inner is value else self._place(inner))
+            path = self._folder / f"kept-{secrets.token_hex(8)}.pickle"
+            write_atomically(path, content)
+            self._written[id(value)] = value, (path, hashlib.sha256(content).hexdigest())
+        return self._written[id(value)][1]
+
+
+@dataclass(frozen=True)
+class Packed:
+    """A task of a `Packer`."""
+
+    content: bytes
+
+    def task(self) -> Any:
+        """What was packed, its parts those that this process has."""
+        return _Unpacking(io.BytesIO(self.content)).load()
+
+
+# Parts that came to this process, by their digest: of the folder that it works for.
+_STAYED: dict[str, Any] = {}
+_OF: list[Path] = []
+
+
+class _Unpacking(pickle.Unpickler):
+    def persistent_load(self, pid: Any) -> Any:
+        path, sha256 = pid
+        if [path.parent] != _OF:
+            _STAYED.clear()
+            _OF[:] = [path.parent]
+        if sha256 not in _STAYED:
+            _STAYED[sha256] = _loaded(path, sha256)
+        return _STAYED[sha256]
 
 
 @contextmanager
@@ -166,16 +253,17 @@ def opened(*, workers: int = 1, scheduler: str | None = None) -> Iterator[tuple[
     """
     if workers < 1:
         raise InputError(f"--workers {workers}: must be 1 or more")
-    if scheduler is not None:
-        if workers > 1:
-            raise InputError("--workers are processes here, --scheduler has its own: give one of them")
-        with _client(scheduler) as client:
-            count = len(client.ncores())
-            yield client.get_executor(), f"{count} workers at {scheduler}; dashboard: {client.dashboard_link}"
-    elif workers == 1:
-        yield None, ""
-    else:
-        with _single_threads():
+    if scheduler is not None and workers > 1:
+        raise InputError("--workers are processes here, --scheduler has its own: give one of them")
+    # Of this process too: XLA looks as it begins, and sums over threads round otherwise.
+    with _single_threads():
+        if scheduler is not None:
+            with _client(scheduler) as client:
+                count, board = len(client.ncores()), client.dashboard_link
+                yield client.get_executor(), f"{count} workers at {scheduler}; dashboard: {board}"
+        elif workers == 1:
+            yield None, ""
+        else:
             context = multiprocessing.get_context("spawn")
             pool = ProcessPoolExecutor(workers, context, _begin)
             try:

@@ -13,9 +13,9 @@ from typing import Any, NoReturn
 import pytest
 
 import gaugeblock
-from gaugeblock.auditing.audit import CHUNKS, audit
+from gaugeblock.auditing.audit import audit
 from gaugeblock.auditing.result import Audit
-from gaugeblock.auditing.workplace import discard
+from gaugeblock.auditing.workplace import CHUNKS, discard
 from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import GaugeblockError
 from gaugeblock.testing.outcomes import CalibrationError, CalibrationFailed, CalibrationInconclusive, Note

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from gaugeblock.core.errors import InputError
+from gaugeblock.discovery import blocks
+from gaugeblock.discovery.blocks import blocks_of
 from gaugeblock.discovery.engine import beyond
-from gaugeblock.discovery.fitting import fit
+from gaugeblock.discovery.fitting import fit, select
 from gaugeblock.discovery.library import Candidates
-from gaugeblock.discovery.name import catalogue
 from gaugeblock.discovery.name.catalogue import Members, search_shared
 from gaugeblock.discovery.name.score import allowed
 from gaugeblock.discovery.name.shared import Term, share
@@ -149,8 +150,12 @@ def test_a_search_does_not_depend_on_blocks_or_on_the_order_of_terms(power_law, 
     entry = one.candidates.entries["edge"]
     terms = [Term(entry, {"energy": 3.0}, sd=0.05)]
     whole = search_shared([one], terms, replicates=50, rng=np.random.default_rng(0))
-    monkeypatch.setattr(catalogue, "BLOCK", 7)
-    parts = search_shared([one], terms, replicates=50, rng=np.random.default_rng(0))
+    monkeypatch.setattr(blocks, "BLOCK", 7)
+    cut = [
+        Members(some, select(one.fit, rows), one.candidates)
+        for some, rows in zip(blocks_of([one.sources]), np.array_split(np.arange(60), 9), strict=True)
+    ]
+    parts = search_shared(cut, terms, replicates=50, rng=np.random.default_rng(0))
     np.testing.assert_allclose(parts.stack.z, whole.stack.z, atol=1e-9)
     np.testing.assert_allclose(parts.null, whole.null, atol=1e-9)
     # An effect is not tested beside itself.

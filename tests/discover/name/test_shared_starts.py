@@ -38,6 +38,19 @@ def test_starts_do_not_depend_on_the_batch():
     np.testing.assert_array_equal(spread_starts(simulator, counts[7:9], np.ones(2), tries=3), whole[7:9])
 
 
+def test_starts_are_those_of_the_simulator_that_is_asked():
+    class Steeper(Slope):
+        def expected(self, theta):
+            return super().expected(theta) ** 2
+
+    one, other = Slope(), Steeper()
+    counts = other.expected(np.array([[3.0, 0.5]]))
+    first = spread_starts(other, counts, np.ones(1), tries=1)
+    assert not np.array_equal(spread_starts(one, counts, np.ones(1), tries=1), first)
+    np.testing.assert_array_equal(spread_starts(other, counts, np.ones(1), tries=1), first)
+    assert not np.array_equal(spread_starts(other, counts, np.ones(1), tries=1, bank=16), first)
+
+
 def test_where_no_place_is_left_the_likeliest_is_taken_again():
     simulator = Slope()
     counts = simulator.expected(np.array([[10.0, 0.5]]))
