@@ -12,7 +12,7 @@ from gaugeblock.discovery.sources import Sources
 
 T = TypeVar("T")
 
-BLOCK = 64
+BLOCK = 128
 """Most sources of a block. Batches round by their size, so blocks are part of what decides the bits."""
 
 Answer = Mapping[str, Any]

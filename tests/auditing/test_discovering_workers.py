@@ -76,11 +76,11 @@ class Slope:
 
 
 def spectra(simulator: Any) -> list[Sources]:
-    """Two responses: 100 sources, which are two blocks, and 20."""
+    """Two responses: 140 sources, which are two blocks, and 20."""
     rng = np.random.default_rng(3)
-    theta = np.stack([1e4 * np.exp(rng.uniform(-1, 1, 120)), rng.uniform(0.5, 2.5, 120)], axis=1)
+    theta = np.stack([1e4 * np.exp(rng.uniform(-1, 1, 160)), rng.uniform(0.5, 2.5, 160)], axis=1)
     bump, groups = Effect("bump", {"energy": 1.75, "size": -0.12}), []
-    for rows, one in ((slice(100), simulator), (slice(100, 120), type(simulator)(0.3))):
+    for rows, one in ((slice(140), simulator), (slice(140, 160), type(simulator)(0.3))):
         true = Slope(one.ripple).with_effect(bump)
         groups.append(Sources.of(one, rng.poisson(true.expected(theta[rows]))))
     return groups
