@@ -21,6 +21,9 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 os.environ.setdefault("MPLBACKEND", "Agg")
 # Before anything imports JAX, and for processes that tests start: what one file compiles, the next need not.
 keep_compiled()
+# JAX writes its files in place: in one folder a worker would read what another has half written.
+if _WORKERS > 1 and (_compiled := os.environ.get("JAX_COMPILATION_CACHE_DIR")):
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = f"{_compiled}/{os.environ['PYTEST_XDIST_WORKER']}"
 
 
 @pytest.fixture(scope="session", autouse=True)
