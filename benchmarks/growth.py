@@ -21,13 +21,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from benchmarks.kept import keep, stored
 from studies.kit import page, plots
-from studies.kit.results import DOCS, record
+from studies.kit.results import DOCS
 
-from gaugeblock.core.atomic import write_atomically
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.executors import SINGLE
-from gaugeblock.core.processors import processor
 
 HERE = Path(__file__).resolve().parent
 AUDIT = {"simulator.name": "linear_gaussian", "estimator.name": "exact"}
@@ -115,17 +114,15 @@ def measured(commands: Sequence[Sequence[str]]) -> dict[str, float]:
 
 def grown(axes: Mapping[str, Axis], path: Path) -> dict[str, Any]:
     """Measure every point that the file lacks, one after the other, and keep each at once."""
-    found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"axes": {}}
+    found = stored(path)
     for name, axis in axes.items():
-        points = found["axes"].setdefault(name, {})
+        points = found.setdefault("axes", {}).setdefault(name, {})
         for size in axis.sizes:
             if str(size) in points:
                 continue
             with tempfile.TemporaryDirectory() as temporary:
                 points[str(size)] = measured(axis.commands(size, Path(temporary)))
-            said = record("python -m benchmarks.growth", 0, processor=processor())
-            found |= said | {"versions": json.loads(said["versions"])}
-            write_atomically(path, json.dumps(found, indent=1) + "\n")
+            keep(found, path, "python -m benchmarks.growth")
             sys.stderr.write(f"{name} {size:,}: {points[str(size)]}\n")
     return found
 
@@ -187,7 +184,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not chosen.page:
         grown({name: AXES[name] for name in chosen.axes}, chosen.out)
         return 0
-    found = json.loads(chosen.out.read_text(encoding="utf-8"))
+    found = stored(chosen.out)
     plots.draw({"growth": lambda: figure(found)}, chosen.docs / "figures")
     page.fill(chosen.docs / "performance.md", {"growth": shown(found)})
     return 0

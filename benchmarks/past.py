@@ -19,13 +19,12 @@ from pathlib import Path
 from statistics import mean
 from typing import Any
 
+from benchmarks.kept import keep, stored
 from studies.kit import page
-from studies.kit.results import DOCS, record
+from studies.kit.results import DOCS
 
-from gaugeblock.core.atomic import write_atomically
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.executors import SINGLE
-from gaugeblock.core.processors import processor
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
@@ -48,11 +47,10 @@ from validators_speed import trials
 from gaugeblock.validate import VALIDATORS, judge, read_policy, trials_tree
 from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.prepared import Prepared
-number, draws, parameters, names = NUMBER, DRAWS, PARAMETERS, NAMES
-tree = trials_tree(trials(0, number, draws, parameters))
+tree = trials_tree(trials(0, *SIZE))
 def findings():
     prepared = Prepared(tree, 1)
-    chosen = [VALIDATORS[name] for name in names]
+    chosen = [VALIDATORS[name] for name in NAMES]
     prepared.compute([statistic for one in chosen for statistic in one.statistics])
     return [item for one in chosen for item in one.findings(prepared)]
 findings()
@@ -107,13 +105,9 @@ class Row:
     repeats: int = 2
 
 
-def gates(number: int, draws: int, parameters: int, end: str, names: Sequence[str] = VALIDATORS) -> str:
-    """Code of validators on trials of this size, and what is timed of it."""
-    given = {"NUMBER": number, "DRAWS": draws, "PARAMETERS": parameters, "NAMES": list(names)}
-    code = GATES
-    for word, value in given.items():
-        code = code.replace(word, repr(value))
-    return code + end
+def gates(size: tuple[int, int, int], end: str) -> str:
+    """Code of validators on so many trials, draws and parameters, and what is timed of it."""
+    return f"SIZE, NAMES = {size}, {VALIDATORS}\n{GATES}{end}"
 
 
 ROWS: Mapping[str, Row] = {
@@ -125,10 +119,10 @@ ROWS: Mapping[str, Row] = {
     ),
     "validators": Row(
         "validators of 0.1.0, 4,000 trials x 20 draws x 3", "1/3",
-        code=gates(4000, 20, 3, VALIDATED), repeats=3,
+        code=gates((4000, 20, 3), VALIDATED), repeats=3,
     ),
     "judge": Row(
-        "the judge of what these find at 40 parameters", "1/5", code=gates(1000, 100, 40, JUDGED), repeats=3
+        "the judge of what these find at 40 parameters", "1/5", code=gates((1000, 100, 40), JUDGED), repeats=3
     ),
     "nested": Row(
         "UltraNest, per 1,000 effective draws of three medium spectra", "1/5",
@@ -169,18 +163,16 @@ def seconds(row: Row, checkout: Path, *, now: bool, seed: int) -> float:
 
 def compared(rows: Mapping[str, Row], past: Path, path: Path) -> dict[str, Any]:
     """Measure each row that the file lacks in both, in turns, and keep it at once."""
-    found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"rows": {}}
+    found = stored(path)
     for name, row in rows.items():
-        if name in found["rows"]:
+        if name in found.setdefault("rows", {}):
             continue
         taken: dict[str, list[float]] = {"past": [], "now": []}
         for seed in range(1, row.repeats + 1):
             for which, checkout in (("past", past), ("now", ROOT)):
                 taken[which].append(round(seconds(row, checkout, now=which == "now", seed=seed), 3))
         found["rows"][name] = taken
-        said = record("python -m benchmarks.past", 0, processor=processor())
-        found |= said | {"versions": json.loads(said["versions"])}
-        write_atomically(path, json.dumps(found, indent=1) + "\n")
+        keep(found, path, "python -m benchmarks.past")
         sys.stderr.write(f"{row.says}: {taken}\n")
     return found
 
@@ -205,8 +197,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options.add_argument("--page", action="store_true", help="the table of what is there")
     chosen = options.parse_args(arguments)
     if chosen.page:
-        found = json.loads(chosen.out.read_text(encoding="utf-8"))
-        page.fill(chosen.docs / "performance.md", {"past": shown(found)})
+        page.fill(chosen.docs / "performance.md", {"past": shown(stored(chosen.out))})
         return 0
     rows = {name: ROWS[name] for name in chosen.rows}
     if chosen.past is not None:

@@ -19,7 +19,7 @@ import numpy as np
 
 from gaugeblock.auditing.filling import Filling
 from gaugeblock.auditing.identity import identity, lasting, versions
-from gaugeblock.auditing.marks import mark, marked
+from gaugeblock.auditing.marks import marked
 from gaugeblock.core.atomic import write_atomically
 from gaugeblock.core.digest import digest
 from gaugeblock.core.executors import Packed, Packer, each
@@ -66,13 +66,17 @@ class _Question:
 
     def __call__(self, task: tuple[int, Packed | tuple[Any, ...]]) -> None:
         block, row = task
-        self.filling.check()
-        made = settled(self.ask(*(row.task() if isinstance(row, Packed) else row)))
-        self.filling.enter_processor()
-        written = io.BytesIO()
-        np.savez(written, **made)
-        write_atomically(self.path(block), written.getvalue())
-        mark(self.path(block))
+        path = self.path(block)
+
+        def answer() -> Answer:
+            return settled(self.ask(*(row.task() if isinstance(row, Packed) else row)))
+
+        def write(made: Answer) -> None:
+            written = io.BytesIO()
+            np.savez(written, **made)
+            write_atomically(path, written.getvalue())
+
+        self.filling.fill(path, answer, write)
 
     def path(self, block: int) -> Path:
         """File of a block's answer."""

@@ -215,12 +215,13 @@ class _Fill:
         path = self.path(*block)
         if _intact(path):
             return
-        self.filling.check()
         what, trials = block
-        made = self._maker(what)(trials)
-        self.filling.enter_processor(*devices(self.estimator))
-        write_groups({"": made}, path)
-        mark(path)
+        self.filling.fill(
+            path,
+            lambda: self._maker(what)(trials),
+            lambda made: write_groups({"": made}, path),
+            *devices(self.estimator),
+        )
 
     def path(self, what: str, trials: range | None = None) -> Path:
         """File of a block, or of all together."""

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import TypeVar
 
 from gaugeblock.auditing.identity import versions
-from gaugeblock.auditing.marks import enter_key, key_name
+from gaugeblock.auditing.marks import enter_key, key_name, mark
 from gaugeblock.auditing.workplace import private_folder
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.processors import kinds, one_kind
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -34,6 +38,20 @@ class Filling:
         private_folder(private_folder(work.parent) / work.name)
         kinds(work, mixed=allow_mixed)
         return cls(work.resolve(), allow_mixed, versions(), enter_key(work))
+
+    def fill(self, path: Path, make: Callable[[], T], write: Callable[[T], object], *flows: str) -> None:
+        """Make a block and write it to its file, as one of ours; `flows` are the devices of an estimator.
+
+        Raises
+        ------
+        InputError
+            If this process may not.
+        """
+        self.check()
+        made = make()
+        self.enter_processor(*flows)
+        write(made)
+        mark(path)
 
     def check(self) -> None:
         """Refuse this process before it makes a block, if it has other versions or another key.
