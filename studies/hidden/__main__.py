@@ -15,13 +15,14 @@ from studies.hidden import engine
 from studies.hidden.document import document
 from studies.hidden.generate import generate
 from studies.hidden.runner import run, so_far
-from studies.hidden.score import FoundNames, scored, table
+from studies.hidden.score import FoundNames, scored, stated, table
 from studies.hidden.seal import opened
 from studies.hidden.setups import laboratory
 from studies.hidden.strata import CATALOGUES, STRATA
 from studies.kit.command import carried_out, given, parser
 from studies.kit.results import RESULTS, record, write
 from studies.kit.resume import code_of
+from studies.kit.statements import table as statements_table
 
 STEPS = ("generate", "run", "score", "document")
 NAME = "studies.hidden"
@@ -73,7 +74,8 @@ def _step(step: str, chosen: argparse.Namespace, command: str) -> None:
         sealed = json.loads((chosen.folder / "seal.json").read_text(encoding="utf-8"))
         said = {"part": "hidden", "share": chosen.share, "sealed": sealed, "settings": settings()}
         made = table(rows).assign_attrs(record(command, chosen.seed, generator_seed=str(seed), **said))
-        write({"": made}, chosen.out / f"{chosen.name}.nc")
+        statements = {str(number): stated(answers[number], one) for number, one in sorted(found.items())}
+        write({"": made, "statements": statements_table(statements)}, chosen.out / f"{chosen.name}.nc")
     else:
         document(chosen.out, chosen.docs)
 

@@ -14,6 +14,7 @@ from studies.hidden.score import FoundNames
 from studies.hidden.seal import SealedCase
 from studies.hidden.setups import simulator
 from studies.hidden.strata import BRIGHT
+from studies.kit.statements import said
 
 REPLICATES = 499
 """Simulated data sets behind a global p."""
@@ -58,6 +59,7 @@ def found(number: int, discovery: Discovery) -> FoundNames:
         withdrawn="" if discovery.withdrawn is None else discovery.withdrawn.effect,
         why="; ".join(discovery.remarks),
         seconds=0.0,
+        statements=said(discovery.to_json()["statements"]),
     )
 
 

@@ -13,6 +13,7 @@ from studies.hidden.draws import DRAWN
 from studies.hidden.hidden_effects import LIBRARY
 from studies.hidden.seal import Answer
 from studies.hidden.unlisted import COMPOSED
+from studies.kit.statements import Said, held
 
 FAIR = 5.0
 """Distance from the nearest rival, in sigma, from which on a name is asked for."""
@@ -29,7 +30,7 @@ class FoundNames:
 
     `named` is ``""`` where it named nothing; `alike` the set that it cannot tell apart, itself included;
     `amplitude` ``(value, low, high)`` by effect, with the 90% interval; `gap` the held-out one, before and
-    after.
+    after; `statements` all that it said, in order.
     """
 
     number: int
@@ -42,6 +43,7 @@ class FoundNames:
     withdrawn: str
     why: str
     seconds: float
+    statements: tuple[Said, ...] = ()
 
 
 def scored(answer: Answer, found: FoundNames) -> dict[str, Any]:
@@ -91,6 +93,20 @@ def scored(answer: Answer, found: FoundNames) -> dict[str, Any]:
         "why": found.why,
         "seconds": found.seconds,
     }
+
+
+def stated(answer: Answer, found: FoundNames) -> tuple[tuple[Said, ...], list[bool]]:
+    """What was said of one case, and which of it holds.
+
+    Of effects that the library has each can be stated once. A shape that it lacks may take several statements:
+    `unnamed`, or the effects that it is made of. A curve of the area that is wrong may be called that.
+    """
+    if answer.kind == "unlisted":
+        again = (UNNAMED, *COMPOSED.get(answer.names[0], ()))
+        return found.statements, held(found.statements, (), again=again)
+    area = answer.kind == "nothing" and "area" in answer.stratum
+    again = ("effective_area", UNNAMED) if area else ()
+    return found.statements, held(found.statements, answer.names, again=again)
 
 
 def _log_score(answer: Answer, alike: Sequence[str]) -> float:
