@@ -98,8 +98,9 @@ def scored(answer: Answer, found: FoundNames) -> dict[str, Any]:
 def stated(answer: Answer, found: FoundNames) -> tuple[tuple[Said, ...], list[bool]]:
     """What was said of one case, and which of it holds.
 
-    Of effects that the library has each can be stated once. A shape that it lacks may take several statements:
-    `unnamed`, or the effects that it is made of. A curve of the area that is wrong may be called that.
+    Of effects that the library has each can be stated once. A shape that it lacks may take several
+    statements: `unnamed`, or the effects that it is made of. A curve of the area that is wrong may be called
+    that.
     """
     if answer.kind == "unlisted":
         again = (UNNAMED, *COMPOSED.get(answer.names[0], ()))
