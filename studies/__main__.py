@@ -20,6 +20,7 @@ NAMES = {
     "discoveries": "discoveries",
     "measured": "measured",
     "planted": "planted",
+    "nulls": "nulls",
     "informed": "informed.__main__",
     "check": "check.__main__",
     "simulated": "simulated.__main__",

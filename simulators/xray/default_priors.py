@@ -131,7 +131,7 @@ def default_prior(
 
 
 def _shapes(tree: Node, response: Response) -> dict[str, Marginal]:
-    low, high = float(response.channels[:, 0].min()), float(response.channels[:, 1].max())
+    low, high = response.band
     return {
         source: Uniform(low, high) if (leaf.component, parameter) in ENERGIES else table[parameter]
         # Of tied parameters the first decides.

@@ -83,6 +83,15 @@ class Response:
         return hashlib.sha256(np.stack([rows, columns]).astype("<i8").tobytes()).hexdigest()
 
     @property
+    def band(self) -> tuple[float, float]:
+        """Lowest and highest energy, keV, of photons that the channels record.
+
+        Within the input bins: a detector's own channels often begin at 0 keV and end where no photon gets.
+        """
+        low, high = self.energies.mean(axis=1)[[0, -1]]
+        return max(float(self.channels.min()), float(low)), min(float(self.channels.max()), float(high))
+
+    @property
     def width(self) -> Array:
         """keV of the detector channels in use in every channel, shape ``(channel,)``."""
         return np.asarray(self.grouping @ (self.fine_channels[:, 1] - self.fine_channels[:, 0]))

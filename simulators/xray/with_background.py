@@ -127,7 +127,7 @@ class WithBackground(PoissonCounts):
         found = dict(self.source.effect_library(array[..., self._source_columns]))
         if "background" in found:
             rates = self.background.shape.rate(array[..., self._background_columns]).sum(axis=-1)
-            low, high = self.source.channels.min(), self.source.channels.max()
+            low, high = self.source.response.band
             entry = found["background"]
             most = UNLIKE * float(np.median(rates)) / float(np.log(high / low))
             level = Uniform(0.0, min(most, entry.parameters["level"].support[1]))

@@ -6,7 +6,7 @@ Only astropy, NumPy and SciPy: what is hidden must not be made by the code that 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -76,16 +76,23 @@ class Instrument:
 
 def read(rmf: Path, arf: Path, pha: Path, *, band: tuple[float, float]) -> Instrument:
     """The instrument of OGIP files, with the groups of a spectrum that lie wholly within `band` (keV)."""
+    with fits.open(pha) as file:
+        flags, quality = (np.asarray(file["SPECTRUM"].data[name]) for name in ("GROUPING", "QUALITY"))
+    ungrouped = response(rmf, arf)
+    return replace(ungrouped, group=_groups(flags, quality, ungrouped.edges, band))
+
+
+def response(rmf: Path, arf: Path) -> Instrument:
+    """The instrument of OGIP files, without groups."""
     with fits.open(rmf) as file:
-        table, bounds = file["MATRIX"], file["EBOUNDS"].data
+        table = next(file[name] for name in ("MATRIX", "SPECRESP MATRIX") if name in file)
+        bounds = file["EBOUNDS"].data
         low, high = (np.asarray(table.data[name], dtype=float) for name in ("ENERG_LO", "ENERG_HI"))
         first = int(table.header.get(f"TLMIN{table.columns.names.index('F_CHAN') + 1}", 1))
         matrix = _redistribution(table.data, first, len(bounds))
         edges = np.append(np.asarray(bounds["E_MIN"], dtype=float), float(bounds["E_MAX"][-1]))
     with fits.open(arf) as file:
         area = np.asarray(file["SPECRESP"].data["SPECRESP"], dtype=float)
-    with fits.open(pha) as file:
-        flags, quality = (np.asarray(file["SPECTRUM"].data[name]) for name in ("GROUPING", "QUALITY"))
     cell = (high - low) / POINTS
     return Instrument(
         energies=low[:, None] + cell[:, None] * (np.arange(POINTS) + 0.5),
@@ -93,7 +100,7 @@ def read(rmf: Path, arf: Path, pha: Path, *, band: tuple[float, float]) -> Instr
         area=area,
         redistribution=matrix,
         edges=edges,
-        group=_groups(flags, quality, edges, band),
+        group=np.full(len(edges) - 1, -1),
     )
 
 
@@ -103,6 +110,8 @@ def _redistribution(rows: Any, first: int, channels: int) -> Any:
     for number, row in enumerate(rows):
         starts, lengths = np.atleast_1d(row["F_CHAN"]), np.atleast_1d(row["N_CHAN"])
         runs = [np.arange(s, s + n) - first for s, n in zip(starts, lengths, strict=True)][: row["N_GRP"]]
+        if not runs:
+            continue
         hit = np.concatenate(runs)
         where.append(hit)
         which.append(np.full(len(hit), number))

@@ -39,14 +39,14 @@ def run(
     """
     pieces = _pieces(folder, seed, settings, workers, progress)
     setups = {case.number: case.setup for case in cases(folder)}
-    # Cases of one setup share compiled functions.
-    every = sorted(setups if numbers is None else numbers, key=lambda number: (setups[number], number))
+    # Cases of one setup share compiled functions; numbers say nothing, so that each hundred is of all kinds.
+    every = sorted(numbers or setups, key=lambda number: (number // 100, setups[number], number))
     made = pieces.made({str(number): partial(_search, folder, engine, number, seed) for number in every})
     return _found(made)
 
 
 def so_far(folder: Path, *, seed: int, settings: Any) -> dict[int, FoundNames]:
-    """What was found so far. Cases are searched setup by setup, so that some may be lacking altogether.
+    """What was found so far.
 
     Raises
     ------

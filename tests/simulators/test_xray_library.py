@@ -12,7 +12,8 @@ from gaugeblock.simulators import Effect, Prior, Uniform
 from gaugeblock.simulators.segments import segments
 
 pytest.importorskip("jaxspec")
-from gaugeblock.simulators.xray import EffectKind, XraySpectrum, reference
+from gaugeblock.simulators.xray import EffectKind, Response, XraySpectrum, reference
+from gaugeblock.simulators.xray.data import EXAMPLE, path
 from gaugeblock.simulators.xray.effects import EFFECTS
 from gaugeblock.simulators.xray.library.scale import resolution, spaced
 
@@ -201,3 +202,21 @@ def test_channels_with_gaps_cannot_be_shifted_and_the_library_says_so(simulator)
         gappy.with_effect(Effect("gain_slope", {"slope": 1.01}))
     noisy = gappy.with_effect(Effect("background", {"level": 0.01, "index": 0.0}))
     assert np.all(noisy.expected(noisy.prior.center) > gappy.expected(noisy.prior.center))
+
+
+@pytest.mark.parametrize("instrument", ["nicer", "epic-pn"])
+def test_all_channels_of_a_detector_may_be_used(instrument):
+    """They begin at 0 keV, where no photon is, and end beyond the last input bin."""
+    files = {"nicer": ("nicer.rmf", "nicer.arf"), "epic-pn": (EXAMPLE + "PN.rmf", EXAMPLE + "PN.arf")}
+    response = Response.from_ogip(*map(path, files[instrument]), exposure=1e3)
+    bins = response.energies.mean(axis=1)
+    assert response.channels.min() == 0.0
+    assert response.band == (bins[0], min(bins[-1], response.channels.max()))
+    prior = Prior({"powerlaw_1.alpha": Uniform(1.0, 3.0), "powerlaw_1.norm": Uniform(0.0, 1.0)})
+    library = XraySpectrum("powerlaw", response, prior).effect_library([[2.0, 1e-3]])
+    for name, entry in library.items():
+        assert all(np.isfinite(one.support).all() for one in entry.parameters.values()), name
+        assert np.isfinite(entry.nodes).all(), name
+    for name in ("emission_line", "absorption_line", "absorption_edge", "effective_area"):
+        low, high = library[name].parameters["energy"].support
+        assert response.band[0] <= low < high <= response.band[1], name

@@ -29,8 +29,8 @@ class Scale:
 
     @property
     def band(self) -> tuple[float, float]:
-        """Lowest and highest energy of the channels, keV."""
-        return float(self.response.channels.min()), float(self.response.channels.max())
+        """Lowest and highest energy of the photons in the channels, keV."""
+        return self.response.band
 
     def _photons(self, tree: Node) -> Array:
         """Photons/cm2/s in each input bin."""
@@ -64,7 +64,7 @@ def resolution(response: Response) -> tuple[Array, Array]:
 
     From the width of the redistribution's peak at half its height, which no tail reaches.
     """
-    low, high = response.channels.min(), response.channels.max()
+    low, high = response.band
     middle = response.energies.mean(axis=1)
     inside = (middle >= low) & (middle <= high)
     width = np.diff(response.fine_channels, axis=1)
@@ -76,7 +76,7 @@ def resolution(response: Response) -> tuple[Array, Array]:
 def spaced(response: Response, most: int) -> Array:
     """Energies across the band, as far apart as the detector resolves, or further if those are too many."""
     energy, sigma = resolution(response)
-    low, high = response.channels.min(), response.channels.max()
+    low, high = response.band
     passed = np.concatenate([[0.0], np.cumsum(np.diff(energy) / (0.5 * (sigma[1:] + sigma[:-1])))])
     number = int(np.clip(np.ceil(passed[-1]), 2, most))
     # In the middle of equal shares: a line on the band's edge is half a line.
