@@ -51,7 +51,12 @@ class Compiled:
     """
 
     def __init__(
-        self, function: Callable[..., Any], rows: int, *, chunk: int = CHUNK, smallest: int = SMALLEST
+        self,
+        function: Callable[..., Any],
+        rows: int,
+        *,
+        chunk: int = CHUNK,
+        smallest: int = SMALLEST,
     ):
         self._chunk = chunk
         self._sizes = (*(size for size in (smallest, 8 * smallest) if size < chunk), chunk)
@@ -105,7 +110,8 @@ class ForwardModel:
     channels : int
         Number of channels.
     rate : Rate
-        Pure JAX function, theta ``(parameter,)`` to counts per second ``(channel,)``.
+        Pure JAX function, theta ``(parameter,)`` to counts per second ``(channel,)``; more channels than
+        `channels` are dropped once they are computed.
     exposure : float
         Seconds.
     """
@@ -132,7 +138,7 @@ class ForwardModel:
         return jnp.maximum(self._rate(theta) * exposure, FLOOR)
 
     def _log_probability(self, theta: Any, x: Any, exposure: Any) -> Any:
-        return log_likelihood_jax(self._mean(theta, exposure), x)
+        return log_likelihood_jax(self._mean(theta, exposure)[: self.channels], x)
 
     def with_exposure(self, seconds: float) -> ForwardModel:
         """The same model at another exposure, sharing what has been compiled."""
@@ -148,11 +154,11 @@ class ForwardModel:
             self._held[own] = HeldModel(
                 self._rate, self._prior.names, own, chunk=self._large.get("chunk", HELD_CHUNK)
             )
-        return HeldSpectrum(self._held[own], tail, self.exposure)
+        return HeldSpectrum(self._held[own], tail, self.exposure, self.channels)
 
     def expected_jax(self, theta: Any) -> Any:
         """Expected counts ``(channel,)`` of one theta ``(parameter,)``; pure, to be transformed by JAX."""
-        return self._mean(theta, self.exposure)
+        return self._mean(theta, self.exposure)[: self.channels]
 
     @property
     def compilations(self) -> int:
@@ -160,20 +166,21 @@ class ForwardModel:
         return sum(f.compilations for f in (self._expected, self._jacobian, self._log_likelihood))
 
     def _rows(self, function: Compiled, theta: ArrayLike, *ends: int) -> Array:
-        """A function of theta ``(..., parameter)``, of shape ``(..., *ends)``."""
+        """A function of theta ``(..., parameter)``, of shape ``(..., channel, *ends)``."""
         array = self._prior.array(np.asarray(theta, dtype=float))
-        shape = (*array.shape[:-1], *ends)
+        shape = (*array.shape[:-1], self.channels, *ends)
         if not array.size:
             return np.empty(shape)
-        return function(np.float64(self.exposure), array.reshape(-1, array.shape[-1])).reshape(shape)
+        values = function(np.float64(self.exposure), array.reshape(-1, array.shape[-1]))
+        return values[:, : self.channels].reshape(shape)
 
     def expected(self, theta: ArrayLike) -> NDArray[np.float64]:
         """Expected counts ``(..., channel)`` for theta ``(..., parameter)``."""
-        return self._rows(self._expected, theta, self.channels)
+        return self._rows(self._expected, theta)
 
     def jacobian(self, theta: ArrayLike) -> NDArray[np.float64]:
         """Derivative of the expected counts, ``(..., channel, parameter)``."""
-        return self._rows(self._jacobian, theta, self.channels, self._prior.size)
+        return self._rows(self._jacobian, theta, self._prior.size)
 
     def log_likelihood(self, theta: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
         """Log likelihood, broadcast over the leading axes of theta and x."""
@@ -241,15 +248,15 @@ class HeldModel:
 class HeldSpectrum:
     """A spectrum whose last parameters are held: `expected` and `jacobian` of those before them."""
 
-    def __init__(self, model: HeldModel, values: Array, exposure: float):
-        self._model, self._values, self._exposure = model, values, exposure
+    def __init__(self, model: HeldModel, values: Array, exposure: float, channels: int):
+        self._model, self._values, self._exposure, self._channels = model, values, exposure, channels
 
     def expected(self, theta: ArrayLike) -> Array:
         """Expected counts ``(n, channel)`` for theta ``(n, own)``."""
         shared = self._model.shared(self._values, self._exposure)
-        return self._model.expected(shared, np.asarray(theta, dtype=float))
+        return self._model.expected(shared, np.asarray(theta, dtype=float))[:, : self._channels]
 
     def jacobian(self, theta: ArrayLike) -> Array:
         """Derivative by what is not held, ``(n, channel, own)``."""
         shared = self._model.shared(self._values, self._exposure)
-        return self._model.jacobian(shared, np.asarray(theta, dtype=float))
+        return self._model.jacobian(shared, np.asarray(theta, dtype=float))[:, : self._channels]

@@ -64,6 +64,11 @@ class BackgroundShape:
     def rate(self, log_rate: Any) -> Any:
         """Counts per second ``(..., channel)`` for log rates ``(..., knot + line)``, NumPy or JAX."""
         # Added up term by term: a matrix product rounds differently in batches of different sizes.
+        if isinstance(log_rate, np.ndarray) and log_rate.ndim > 1 and len(log_rate) > ROWS:
+            # What is added up stays in the processor's cache.
+            return np.concatenate(
+                [self.rate(log_rate[i : i + ROWS]) for i in range(0, len(log_rate), ROWS)], axis=0
+            )
         terms = (log_rate[..., k, None, None] * self.basis[..., k] for k in range(self.basis.shape[-1]))
         return (namespace(log_rate).exp(sum(terms)) * self.width).sum(-1)
 
@@ -72,6 +77,9 @@ class BackgroundShape:
         at = np.exp(np.einsum("...k,cqk->...cq", np.asarray(log_rate, dtype=float), self.basis))
         return np.asarray(np.einsum("...cq,cqk->...ck", at * self.width, self.basis))
 
+
+ROWS = 16
+"""Rates that are computed at a time."""
 
 KNOTS = range(6, 15)
 """How many knots are tried."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -101,7 +101,7 @@ def read_observation(
     columns = [_each(role, files, len(paths)) for role, files in (("rmf", rmf), ("arf", arf))]
     behind = _each("background", background, len(paths))
     readings = [
-        reader.read(_shipped(path) or path, _shipped(r), _shipped(a), _shipped(b), exposure=exposure)
+        _shared(reader.read(_shipped(path) or path, _shipped(r), _shipped(a), _shipped(b), exposure=exposure))
         for path, r, a, b in zip(paths, *columns, behind, strict=True)
     ]
     model, given = settled(model, priors)
@@ -116,6 +116,12 @@ def read_observation(
     counts = np.concatenate([counts for _, counts in made])
     name = Path(paths[0]).name
     return Observation(simulator, counts[None], np.ones(1), np.array([float(redshift)]), (name,))
+
+
+def _shared(reading: Reading) -> Reading:
+    """A spectrum whose programs others of its instrument can use: many are searched once, each by itself."""
+    response = replace(reading.spectrum.response, shared=True)
+    return replace(reading, spectrum=replace(reading.spectrum, response=response))
 
 
 def _each(role: str, files: Files, number: int) -> list[FilePath | None]:

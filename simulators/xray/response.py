@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,32 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.xray.detector import Detector, agreement, read_detector
 from gaugeblock.simulators.xray.files import FilePath
 from gaugeblock.simulators.xray.pha import Pha, group_matrix, load_pha, pha_file
+
+SIZES = 8
+"""Sizes in a factor of two."""
+
+
+def size_above(number: int) -> int:
+    """The next of a few sizes: multiples of 8, and from 64 on a twelfth further each.
+
+    >>> [size_above(n) for n in (1, 60, 64, 65, 128, 3000)]
+    [8, 64, 64, 70, 128, 3159]
+    """
+    if number <= 64:
+        return -(-number // 8) * 8
+    return next(size for k in count() if (size := math.ceil(64 * 2 ** (k / SIZES))) >= number)
+
+
+def grown(rows: slice, low: int, high: int) -> slice:
+    """A range that is as long as the next size, where between low and high there is room: upward first.
+
+    >>> grown(slice(3, 12), 0, 20), grown(slice(3, 12), 0, 14), grown(slice(3, 12), 2, 14)
+    (slice(3, 19, None), slice(0, 14, None), slice(2, 14, None))
+    """
+    more = size_above(rows.stop - rows.start) - (rows.stop - rows.start)
+    stop = min(high, rows.stop + more)
+    start = rows.start - (more - (stop - rows.stop))
+    return slice(max(min(low, rows.start), start), stop)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +79,9 @@ class Response:
         What was repaired on reading, one line each.
     frame_time : float, optional
         Seconds in which two photons are taken for one, from the spectrum's header or given.
+    shared : bool
+        Whether programs are compiled for the next of a few sizes, so that other spectra of the instrument,
+        grouped by their own counts, find them.
     """
 
     name: str
@@ -64,6 +95,7 @@ class Response:
     files: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     frame_time: float | None = None
+    shared: bool = False
 
     @property
     def sparse(self) -> Any:
@@ -100,6 +132,25 @@ class Response:
         """Transfer matrix for another weighting ``(channel, fine)`` of the detector channels."""
         weights = (self.area * self.exposure)[None, :]
         return np.asarray((grouping @ self.redistribution).multiply(weights).todense(), dtype=float)
+
+    def sized(self) -> Response:
+        """What is compiled: where programs are `shared` the last channel is there again, up to their size."""
+        number = len(self.channels)
+        if not self.shared or size_above(number) == number:
+            return self
+        rows = np.minimum(np.arange(size_above(number)), number - 1)
+        return replace(self, channels=self.channels[rows], grouping=self.grouping.tocsr()[rows])
+
+    def evaluated(self, live: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Which input bins are evaluated: those that are live and, if programs are `shared`, neighbours."""
+        places = np.flatnonzero(live)
+        if not self.shared or not len(places):
+            return live
+        # At 0 keV no spectrum has a value.
+        lowest = int(np.argmax(self.energies[:, 0] > 0))
+        found = np.zeros_like(live)
+        found[grown(slice(places[0], places[-1] + 1), lowest, len(live))] = True
+        return found | live
 
     def with_exposure(self, seconds: float) -> Response:
         """The same instrument, looking for another time.

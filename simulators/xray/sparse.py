@@ -30,9 +30,9 @@ def response_product(response: Response) -> tuple[Callable[[Any], Any], NDArray[
     one = response.with_exposure(1.0)
     sparse = one.sparse
     if is_sparse(sparse):
-        live = np.asarray(sparse.sum(axis=0)).ravel() > 0
+        live = response.evaluated(np.asarray(sparse.sum(axis=0)).ravel() > 0)
         return product(sparse[:, live]), live
-    live = np.asarray(one.transfer.any(axis=0))
+    live = response.evaluated(np.asarray(one.transfer.any(axis=0)))
     transfer = jnp.asarray(one.transfer[:, live])
     return lambda flux: transfer @ flux, live
 

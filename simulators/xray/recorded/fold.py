@@ -15,7 +15,7 @@ from gaugeblock.simulators.xray.rate import Folding
 from gaugeblock.simulators.xray.recorded.background import Background, counted
 from gaugeblock.simulators.xray.recorded.broadening import Broadening
 from gaugeblock.simulators.xray.recorded.layout import layout, near, per_second
-from gaugeblock.simulators.xray.response import Response
+from gaugeblock.simulators.xray.response import Response, grown
 from gaugeblock.simulators.xray.sparse import is_sparse, product, response_product
 
 
@@ -38,9 +38,11 @@ def recorded_folding(response: Response, recorded: Sequence[Bound], prior: Prior
     # What one operation brings into the band's last channels has to be there for the next.
     low, high = zip(*ends, strict=True)
     rows = near(places, min(low), max(high))
+    if response.shared:
+        rows = grown(rows, 0, len(places.order))
     dense = per_second(response, places.order[rows])
     others = _others(response, recorded, places.order[rows])
-    live = np.asarray(dense.any(axis=0) | (others > 0))
+    live = response.evaluated(np.asarray(dense.any(axis=0) | (others > 0)))
     dense, others = dense[:, live], others[live]
     reads = tuple(s for bound in recorded for s in bound.sources.values() if isinstance(s, str))
     if len(recorded) == 1 and isinstance(recorded[0].what, Broadening) and recorded[0].free:
