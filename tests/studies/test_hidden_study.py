@@ -13,12 +13,14 @@ pytest.importorskip("astropy")
 
 from studies.hidden.document import FIGURE, MAKERS, PAGE, blocks, document
 from studies.hidden.runner import run, seed_of, so_far
-from studies.hidden.score import FoundNames, scored, table
+from studies.hidden.score import FoundNames, scored, stated, table
 from studies.hidden.seal import Answer, SealedCase, cases, opened, seal
 from studies.hidden.targets import by_effect, target, targets
 from studies.hidden.truth import Truth
 from studies.kit.page import filled
 from studies.kit.results import DOCS, write
+from studies.kit.statements import Said
+from studies.kit.statements import table as statements_table
 
 from gaugeblock.core.errors import InputError
 
@@ -67,6 +69,36 @@ def test_what_the_library_lacks_may_be_unnamed_or_a_set_but_not_one_name():
     assert not scored(answer, replace(edge, alike=("absorption_edge", "unnamed")))["wrong"]
     assert not scored(answer, replace(edge, named="unnamed", alike=("unnamed",)))["wrong"]
     assert not scored(answer, SILENT)["wrong"]
+
+
+def test_a_statement_holds_if_the_truth_is_in_its_set_and_only_once():
+    slope = Said("gain_offset", ("gain_offset", "gain_slope"), True, 0.99)
+    line = Said("emission_line", ("emission_line",), False, 0.9)
+    unnamed = Said("unnamed", ("unnamed", "reflection"), False, 0.5)
+    found = replace(NAMED, statements=(line, slope, slope, unnamed))
+    assert stated(ANSWER, found) == (found.statements, [False, True, False, False])
+    pair = replace(ANSWER, kind="pair", names=("gain_slope", "emission_line"))
+    assert stated(pair, found)[1] == [True, True, False, False]
+    bare = replace(ANSWER, kind="nothing", names=(), stratum="nothing, bright")
+    assert stated(bare, found)[1] == [False] * 4
+    # A curve of the area that is wrong is one, or something without a name.
+    area = replace(bare, stratum="nothing, area wrong by 3%")
+    assert stated(area, found)[1] == [False, False, False, True]
+    # What the library lacks takes as many statements as it takes.
+    edges = replace(ANSWER, kind="unlisted", names=("two_edges",))
+    edge = Said("absorption_edge", ("absorption_edge",), True, 0.9)
+    assert stated(edges, replace(found, statements=(edge, edge, line, unnamed)))[1] == [
+        True,
+        True,
+        False,
+        True,
+    ]
+    made = statements_table({"7": stated(ANSWER, found)})
+    assert made["case"].values.tolist() == ["7"] * 4
+    assert made["at"].values.tolist() == [0, 1, 2, 3]
+    assert made["right"].values.tolist() == [False, True, False, False]
+    assert made["alike"].values.tolist()[1] == "gain_offset gain_slope"
+    assert made["probability"].values.tolist() == [0.9, 0.99, 0.99, 0.5]
 
 
 def rows():

@@ -1,0 +1,197 @@
+"""Spectra with nothing in them: made as they say, read as they were made, counted as they should be."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("jaxspec")
+from studies import nulls
+from studies.kit.page import filled
+from studies.kit.results import DOCS, read
+
+pytestmark = pytest.mark.usefixtures("xray_data")
+
+
+@pytest.fixture(scope="module")
+def tools(xray_data):
+    return {name: nulls.response(files.rmf, files.arf) for name, files in nulls.instruments(None).items()}
+
+
+def made(tools, counts=20000.0, seed=1, **changed):
+    case = nulls.Case(**{"instrument": "EPIC-pn", "model": "tbabs*powerlaw", "band": (0.5, 8.0),
+                         "grouping": "20", "background": True, **changed})  # fmt: skip
+    return case, nulls.spectrum(case, counts, tools[case.instrument], np.random.default_rng(seed))
+
+
+def inside(tool, band):
+    return (tool.edges[:-1] >= band[0]) & (tool.edges[1:] <= band[1])
+
+
+@pytest.mark.parametrize("model", nulls.MODELS)
+def test_a_source_has_the_counts_that_were_asked_for(tools, model):
+    for instrument, tool in tools.items():
+        case, found = made(tools, 40000.0, 3, model=model, instrument=instrument, background=False)
+        total = found["counts"][inside(tool, case.band)].sum()
+        assert abs(total - 40000.0) < 5 * 200.0, instrument
+        assert found["region"] is None
+        assert found["exposure"] > 0
+
+
+def test_a_background_is_in_the_source_region_too(tools):
+    """Less the region's counts in the ratio of areas, what is left is the source."""
+    tool = tools["EPIC-pn"]
+    left = []
+    for seed in range(40):
+        case, found = made(tools, 30000.0, seed)
+        both, region = (found[name][inside(tool, case.band)].sum() for name in ("counts", "region"))
+        behind = region / found["larger"]
+        assert 0.008 * 30000 < behind < 0.32 * 30000
+        assert 3.0 <= found["larger"] <= 30.0
+        left.append((both - behind - 30000.0) / np.sqrt(both + behind / found["larger"]))
+    assert abs(np.mean(left)) < 4 / np.sqrt(40)
+    assert 0.6 < np.std(left) < 1.4
+
+
+@pytest.mark.parametrize("least", [1, 20])
+def test_groups_are_closed_as_soon_as_they_are_full(tools, least):
+    _, found = made(tools, grouping=str(least))
+    begins = np.flatnonzero(found["flags"] == 1)
+    assert begins[0] == 0
+    sums = np.add.reduceat(found["counts"], begins)
+    assert np.all(sums[:-1] >= least)
+    last = np.append(begins[1:], len(found["counts"])) - 1
+    assert np.all((sums - found["counts"][last])[:-1] < least)
+
+
+def test_groups_by_the_resolution_are_a_third_to_the_whole_of_it(tools):
+    for instrument, tool in tools.items():
+        case, found = made(tools, 1e6, grouping="by the resolution", instrument=instrument)
+        begins = np.flatnonzero(found["flags"] == 1)
+        share = np.diff(begins) / nulls.fwhm(tool)[begins[:-1]]
+        used = inside(tool, case.band)[begins[:-1]] & (nulls.fwhm(tool)[begins[:-1]] >= 9)
+        assert share[used].min() > 0.28, instrument
+        assert share[used].max() < 1.06, instrument
+        assert share[used].min() < 0.40, instrument
+
+
+def test_the_fwhm_is_that_of_a_line(tools):
+    """The quartiles of a normal distribution are 0.573 of its FWHM apart."""
+    for instrument, tool in tools.items():
+        line = int(np.argmin(abs(tool.energies.mean(axis=1) - 6.4)))
+        row = tool.redistribution[:, [line]].toarray()[:, 0]
+        core = np.where(abs(tool.centres - 6.4) < 0.5, row, 0.0)
+        low, high = np.interp([0.25, 0.75], np.cumsum(core) / core.sum(), tool.edges[1:])
+        at = int(np.searchsorted(tool.centres, 6.4))
+        width = nulls.fwhm(tool)[at] * np.diff(tool.edges)[at]
+        assert high - low == pytest.approx(0.573 * width, rel=0.15), instrument
+
+
+@pytest.mark.parametrize("instrument", ["EPIC-pn", "EPIC-MOS", "NICER"])
+@pytest.mark.parametrize("grouping", ["none", "20", "by the resolution"])
+def test_files_are_read_as_they_were_made(tools, tmp_path, instrument, grouping):
+    from gaugeblock.simulators.xray import read_observation
+
+    case, found = made(tools, instrument=instrument, grouping=grouping)
+    files, tool = nulls.instruments(None)[instrument], tools[instrument]
+    paths = nulls.written(found, files, tmp_path)
+    read = read_observation(
+        paths["pha"], model=case.model, rmf=files.rmf, arf=files.arf, background=paths["background"],
+        band=case.band, regroup="never",
+    )  # fmt: skip
+    begins = np.arange(len(found["counts"]))
+    if found["flags"] is not None:
+        begins = np.flatnonzero(found["flags"] == 1)
+    ends = np.append(begins[1:], len(found["counts"]))
+    whole = (tool.edges[begins] >= case.band[0]) & (tool.edges[ends] <= case.band[1])
+    wanted = [np.add.reduceat(found[name], begins)[whole] for name in ("counts", "region")]
+    np.testing.assert_array_equal(read.counts[0], np.concatenate(wanted))
+    np.testing.assert_allclose(read.simulator.background.scale, 1 / found["larger"])
+    assert read.simulator.exposure == pytest.approx(found["exposure"])
+
+
+@pytest.mark.parametrize(
+    ("model", "theta"),
+    [
+        ("tbabs*powerlaw", lambda rng: [None, rng.uniform(1.2, 2.8)]),
+        ("tbabs*cutoffpl", lambda rng: [None, rng.uniform(1.2, 2.8), None]),
+    ],
+)
+def test_models_are_those_that_are_searched_with(tools, tmp_path, model, theta):
+    """A spectrum of 1e6 counts is fitted by its own model as well as Poisson noise allows."""
+    from gaugeblock.discovery.fitting import fit
+    from gaugeblock.simulators.xray import read_observation
+
+    case, found = made(tools, 1e6, 7, model=model, background=False, grouping="by the resolution")
+    files = nulls.instruments(None)[case.instrument]
+    paths = nulls.written(found, files, tmp_path)
+    read = read_observation(
+        paths["pha"], model=model, rmf=files.rmf, arf=files.arf, background="none", band=case.band
+    )
+    best = fit(read.simulator, read.counts, seed=1)
+    counts, mean = read.counts[0], best.expected[0]
+    deviance = 2 * (counts * np.log(counts / mean) - counts + mean).sum()
+    bins = len(counts)
+    assert abs(deviance - bins) < 4 * np.sqrt(2 * bins)
+
+
+def test_cases_are_of_all_kinds_and_the_same_again():
+    known = nulls.instruments(None)
+    drawn = [nulls.drawn(np.random.default_rng(seed), known) for seed in range(400)]
+    assert drawn == [nulls.drawn(np.random.default_rng(seed), known) for seed in range(400)]
+    assert {one.model for one in drawn} == set(nulls.MODELS)
+    assert {one.grouping for one in drawn} == set(nulls.GROUPINGS)
+    assert {one.instrument for one in drawn} == set(known)
+    assert {one.band for one in drawn} >= {None, (0.5, 8.0)}
+    assert 150 < sum(one.background for one in drawn) < 250
+
+
+def test_a_run_counts_alarms_names_and_what_stopped(tmp_path, monkeypatch, capsys):
+    """Nine of ten agree; one in ten alarms, with a name that is certain; NICER stops."""
+    asked = []
+
+    def search(case, counts, files, rng, seed):
+        asked.append((case, counts))
+        alarm = seed == 3
+        said = [{"effect": "pileup", "alike": ["pileup"], "certain": True, "probability": 0.9}] * alarm
+        if case.instrument == "NICER":
+            return {
+                "error": "InputError: no",
+                "p_global": np.nan,
+                "named": "",
+                "said": [],
+                "bins": 0,
+                "statistic": np.nan,
+            }
+        return {"error": "", "p_global": 0.001 if alarm else 0.5, "named": "pileup" if alarm else "",
+                "said": said, "bins": 10, "statistic": 9.0}  # fmt: skip
+
+    monkeypatch.setattr(nulls, "search", search)
+    arguments = ["--each", "10", "--generator-seed", "4", "--out", str(tmp_path)]
+    assert nulls.main(arguments) == 0
+    table = read(tmp_path / "nulls.nc")
+    assert table.sizes["row"] == 40
+    for stratum, (low, high) in enumerate(zip(nulls.EDGES, nulls.EDGES[1:], strict=False)):
+        counts = table["counts"].values[table["stratum"].values == stratum]
+        assert len(counts) == 10
+        assert np.all((counts >= low) & (counts < high))
+    stopped = table["instrument"].values == "NICER"
+    alarms = (table["number"].values == 3) & ~stopped
+    assert 0 < stopped.sum() < 40
+    np.testing.assert_array_equal(table["error"].values != "", stopped)
+    np.testing.assert_array_equal(table["certain"].values, alarms)
+    shown = capsys.readouterr().out
+    assert shown.count("InputError: no") == stopped.sum()
+    last = next(line for line in shown.splitlines() if line.startswith("| all |"))
+    assert last.split("|")[2].strip() == str(40 - stopped.sum())
+    assert last.split("|")[3].split()[0] == str(alarms.sum())
+    # Nothing is searched again.
+    before = len(asked)
+    assert nulls.main(arguments) == 0
+    assert len(asked) == before == 40
+
+
+def test_the_page_is_of_the_stored_table():
+    stored = DOCS.parent / "studies" / "results" / "nulls.nc"
+    if not stored.exists():
+        pytest.skip("studies/results/nulls.nc is not there")
+    page = (DOCS / "measured.md").read_text(encoding="utf-8")
+    assert filled(page, {"measured nulls": nulls.shown(read(stored))}) == page
