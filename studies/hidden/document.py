@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from studies.hidden.paired import paired, reliability
 from studies.hidden.targets import Target, eligible, targets
 from studies.kit import page, plots
 from studies.kit.page import table as rows
 from studies.kit.plots import BLUE, GREY, ORANGE, pyplot
-from studies.kit.results import clopper_pearson, command_of, stored
+from studies.kit.results import clopper_pearson, command_of, read, stored
 
 BINS = (2.0, 5.0, 7.5, 10.0, 12.5, 15.0, 25.0)
 """Edges of the bins in sigma from the nearest rival."""
@@ -102,6 +103,9 @@ ENOUGH = 90
 TABLES = {"hidden": "spectra", "hidden-catalogues": "catalogues"}
 """Stored tables, and what the page calls them."""
 
+AGAIN = "hidden-today"
+"""The table of the first one's sealed set as it is searched today."""
+
 
 def document(folder: Path, docs: Path) -> None:
     """Fill in the page's tables and draw its figures from the tables in `folder`."""
@@ -110,6 +114,12 @@ def document(folder: Path, docs: Path) -> None:
         page.fill(docs / PAGE, blocks(table, label))
         figures = {name: partial(make, table) for name, make in FIGURE.items()}
         plots.draw(figures, docs / "figures", prefix=f"hidden-{label}-")
+    both = stored(["hidden", AGAIN], folder)
+    if len(both) == 2:
+        said = blocks(both[AGAIN], "today")
+        said["today paired"] = paired(both["hidden"], both[AGAIN])
+        said["today reliability"] = reliability(read(folder / f"{AGAIN}.nc", "statements"))
+        page.fill(docs / PAGE, said)
 
 
 def blocks(table: xr.Dataset, label: str) -> dict[str, str]:
