@@ -121,7 +121,12 @@ class Counts(Engine):
         tested = scores(sources.counts, fitted, found.values)
         first, second = self._streams["look"].spawn(2)
         null = largest_null(
-            fitted.expected[0], tested.shape[0], found.sign, replicates=self.replicates, rng=first
+            fitted.expected[0],
+            tested.shape[0],
+            tested.skew[0],
+            found.sign,
+            replicates=self.replicates,
+            rng=first,
         )
         scanned = scan_windows(
             sources.counts[0], fitted.expected[0], fitted.jacobian[0], sources.edges, rng=second, **told

@@ -6,11 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.name.score import allowed
+from gaugeblock.discovery.name.score import allowed, normalised
 
 
 def largest_null(
-    expected: Array, shape: Array, sign: NDArray[np.int64], *, replicates: int, rng: np.random.Generator
+    expected: Array,
+    shape: Array,
+    skew: Array,
+    sign: NDArray[np.int64],
+    *,
+    replicates: int,
+    rng: np.random.Generator,
 ) -> Array:
     """Largest allowed z ``(replicate,)`` where simulated counts of one source are searched as its data were.
 
@@ -22,8 +28,10 @@ def largest_null(
         Fitted mean.
     shape : array, shape (template, channel)
         Projected whitened templates of unit length.
+    skew : array, shape (template,)
+        Their third cumulants.
     sign : array of int, shape (template,)
     """
     simulated = rng.poisson(np.broadcast_to(expected, (replicates, len(expected))))
     residual = (simulated - expected) / np.sqrt(np.maximum(expected, 1e-12))
-    return np.asarray(allowed(residual @ shape.T, sign).max(axis=1))
+    return np.asarray(allowed(normalised(residual @ shape.T, skew), sign).max(axis=1))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.fitting import TINY, Fit
+from gaugeblock.discovery.locate.fitted import normal_score
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,22 +49,23 @@ def projection(fit: Fit) -> Projection:
 class ScoreTests:
     """Score tests of templates, each for itself.
 
-    ``z = score / sqrt(information)`` is standard normal without the effect; ``amplitude = score /
-    information`` is one step from neutral towards the likeliest amplitude, with standard error
-    ``information ** -0.5``. `kept` is the share of the template's information that the nuisances leave. All
-    ``(source, template)``; `shape` ``(source, template, channel)`` are the projected whitened templates, of
-    unit length.
+    `z` is standard normal without the effect: ``score / sqrt(information)``, or for few counts its
+    `normalised` score; ``amplitude = score / information`` is one step from neutral towards the likeliest
+    amplitude, with standard error ``information ** -0.5``. `kept` is the share of the template's information
+    that the nuisances leave; `skew` the third cumulant of ``score / sqrt(information)``. All ``(source,
+    template)``; `shape` ``(source, template, channel)`` are the projected whitened templates, of unit length.
     """
 
     score: Array
     information: Array
     kept: Array
+    skew: Array
     shape: Array
 
     @property
     def z(self) -> Array:
         """Significance without look-elsewhere, signed like the amplitude."""
-        return np.asarray(self.score / np.sqrt(self.information))
+        return normalised(self.score / np.sqrt(self.information), self.skew)
 
     @property
     def amplitude(self) -> Array:
@@ -95,12 +97,27 @@ def scores(counts: Any, fit: Fit, values: Array) -> ScoreTests:
     seen = information > 1e-9 * np.maximum(total, 1e-300)
     safe = np.where(seen, information, 1.0)
     score = np.where(seen, np.einsum("ntc,nc->nt", projected, residual), 0.0)
+    shape = np.where(seen[..., None], projected / np.sqrt(safe)[..., None], 0.0)
     return ScoreTests(
         score,
         np.where(seen, information, 1e-300),
         np.where(seen, information / np.maximum(total, 1e-300), 0.0),
-        np.where(seen[..., None], projected / np.sqrt(safe)[..., None], 0.0),
+        np.einsum("ntc,nc->nt", shape**3, 1.0 / project.root_mean),
+        shape,
     )
+
+
+def normalised(z: Array, skew: Array) -> Array:
+    """A sum of Poisson residuals of unit variance as a standard normal score, for few counts as for many.
+
+    The signed root of the deviance of a Poisson variable with the sum's third cumulant `skew`. One count
+    where a thousandth was expected is not thirty standard errors, and would hide whatever else there is.
+
+    >>> normalised(np.array([31.6, 3.0, -3.0]), np.array([31.6, 0.0, -1.0])).round(2)
+    array([ 3.44,  3.  , -2.26])
+    """
+    side = np.where(skew < 0, -1.0, 1.0)
+    return side * normal_score(side * z, np.maximum(np.abs(skew), 1e-9) ** -0.5, 1.0)
 
 
 def allowed(z: Array, sign: NDArray[np.int64]) -> Array:

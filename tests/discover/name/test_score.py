@@ -47,7 +47,7 @@ def test_p_global_is_uniform_without_an_effect(quiet):
     p = [
         beyond(
             largest_null(
-                fitted.expected[i], tested.shape[i], found.sign, replicates=199,
+                fitted.expected[i], tested.shape[i], tested.skew[i], found.sign, replicates=199,
                 rng=np.random.default_rng(1000 + i),
             ),
             allowed(tested.z[i], found.sign).max(),
