@@ -145,16 +145,17 @@ def _best(
 ) -> Fit:
     """Fit from every start at once and keep each source's best."""
     sources, tries = starts.shape[:2]
-    place = _climb(
-        simulator,
-        coordinates,
-        np.repeat(counts, tries, axis=0),
-        np.repeat(scale, tries),
-        coordinates.of(starts).reshape(sources * tries, -1),
-        free,
-        iterations,
-    )
-    position, objective, converged = place
+    # A step may go where counts overflow: it is refused, and nobody need be warned.
+    with np.errstate(over="ignore", invalid="ignore"):
+        position, objective, converged = _climb(
+            simulator,
+            coordinates,
+            np.repeat(counts, tries, axis=0),
+            np.repeat(scale, tries),
+            coordinates.of(starts).reshape(sources * tries, -1),
+            free,
+            iterations,
+        )
     compiled = len(position) > DIFFERENCES
     pick = np.arange(sources) * tries + np.argmin(objective.reshape(sources, tries), axis=1)
     position, objective, converged = position[pick], objective[pick], converged[pick]

@@ -120,6 +120,15 @@ class HasGaps(Protocol):
 
 
 @runtime_checkable
+class HasNotes(Protocol):
+    """Knows what was repaired or left out when its files were read."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """One line each."""
+
+
+@runtime_checkable
 class HasExactPosterior(Protocol):
     """Draws from its own posterior exactly."""
 
@@ -154,7 +163,7 @@ class Described(Protocol):
 CAPABILITIES: tuple[type, ...] = (
     *(Simulator, HasExpected, HasJacobian, HasNoise, Holdable),
     *(HasLikelihood, LikelihoodSimulator, HasTraceableLikelihood, Extensible, HasEffectLibrary, HasGaps),
-    *(Segmented, HasExactPosterior, HasExactDensity, HasExactEvidence, Described),
+    *(Segmented, HasNotes, HasExactPosterior, HasExactDensity, HasExactEvidence, Described),
 )
 
 

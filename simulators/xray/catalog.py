@@ -198,7 +198,7 @@ def read_catalog(
     """
     model, given = settled(model, priors)
     listed = entries(folder)
-    reader = Reader(band=band, regroup=regroup)
+    reader = Reader(band=band, regroup=regroup, reached=True)
     sources = []
     for done, entry in enumerate(listed, start=1):
         without = None if background else "none"

@@ -58,6 +58,11 @@ class CrossCalibrated:
         array = self.prior.array(np.asarray(theta, dtype=float))
         return dict(self.source.effect_library(array[..., :-1]))
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was repaired or left out when the files were read, one line each."""
+        return tuple(self.source.notes)
+
     def not_in_library(self) -> Mapping[str, str]:
         """Effects that the response does not allow: by name, why and how to mend it."""
         return dict(self.source.not_in_library())

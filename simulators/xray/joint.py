@@ -140,6 +140,11 @@ class JointSpectra(PoissonCounts):
             {part.name: part.simulator.effect_library(own[part.name]) for part in self.parts}
         )
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was repaired or left out when the files were read, one line each."""
+        return tuple(f"{part.name}: {note}" for part in self.parts for note in part.simulator.notes)
+
     def not_in_library(self) -> Mapping[str, str]:
         """Effects that an instrument's response does not allow, as ``<effect>[<instrument>]``: why."""
         return {

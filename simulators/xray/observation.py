@@ -97,7 +97,7 @@ def read_observation(
         raise InputError("spectra: none given; name at least one PHA file")
     if exposure is not None and len(paths) > 1:
         raise InputError("exposure: can be given for a single spectrum only; correct the headers instead")
-    reader = Reader(band=band, regroup=regroup)
+    reader = Reader(band=band, regroup=regroup, reached=True)
     columns = [_each(role, files, len(paths)) for role, files in (("rmf", rmf), ("arf", arf))]
     behind = _each("background", background, len(paths))
     readings = [

@@ -176,13 +176,18 @@ class Reader:
         Energies in keV; only channels that lie wholly inside are kept.
     regroup : {"never", "ungrouped", "always"}
         Which spectra are grouped by the detector's resolution (`resolution_grouping`).
+    reached : bool
+        Whether channels beyond the response's last photons are left out where no band is given.
     """
 
-    def __init__(self, *, band: tuple[float, float] | None = None, regroup: str = "never"):
+    def __init__(
+        self, *, band: tuple[float, float] | None = None, regroup: str = "never", reached: bool = False
+    ):
         if regroup not in {"never", "ungrouped", "always"}:
             raise InputError(f"grouping: must be never, ungrouped or always, got {regroup!r}")
         self._band = band
         self._regroup = regroup
+        self._reached = reached and band is None
         self._digests: dict[tuple[str, int, int], str] = {}
         self._detectors: dict[tuple[str, str], Detector] = {}
         self._responses: dict[str, Response] = {}
@@ -265,10 +270,27 @@ class Reader:
         identity = key.hexdigest()
         if identity not in self._responses:
             grouping = _by_resolution(detector, raw, pha) if regroup else None
-            self._responses[identity] = respond(
-                detector, raw, band=self._band, grouping=grouping, name=None, pha=pha
-            )
+            made = respond(detector, raw, band=self._band, grouping=grouping, name=None, pha=pha)
+            self._responses[identity] = _reached(made) if self._reached else made
         return self._responses[identity], identity
+
+
+def _reached(response: Response) -> Response:
+    """Without the channels beyond all photons that the response knows: no model can explain their counts."""
+    low, high = float(response.energies[0, 0]), float(response.energies[-1, 1])
+    kept = (response.channels[:, 1] > low) & (response.channels[:, 0] < high)
+    if kept.all() or not kept.any():
+        return response
+    told = (
+        f"no band was given: channels below {low:.3g} or above {high:.3g} keV, where the response ends, "
+        "are left out"
+    )
+    return replace(
+        response,
+        channels=response.channels[kept],
+        grouping=response.grouping[kept],
+        notes=(*response.notes, told),
+    )
 
 
 def _by_resolution(detector: Detector, raw: Pha, pha: FilePath) -> NDArray[np.int64]:

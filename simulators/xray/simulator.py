@@ -128,6 +128,11 @@ class XraySpectrum(PoissonCounts):
         """The effects that may be missing, their amplitudes scaled for fitted theta ``(n, parameter)``."""
         return effect_library(self._assembly, self.response, theta)
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was repaired or left out when the files were read, one line each."""
+        return self.response.notes
+
     def not_in_library(self) -> Mapping[str, str]:
         """Effects that this response does not allow: by name, why and how to mend it."""
         return not_in_library(self.response)

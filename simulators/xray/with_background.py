@@ -136,6 +136,11 @@ class WithBackground(PoissonCounts):
             )
         return found
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was repaired or left out when the files were read, one line each."""
+        return tuple(self.source.notes)
+
     def not_in_library(self) -> Mapping[str, str]:
         """Effects that the source's response does not allow: by name, why and how to mend it."""
         return dict(self.source.not_in_library())

@@ -1,5 +1,7 @@
 """Fits: the likeliest theta, bounds kept, held parameters held, every source for itself."""
 
+import warnings
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize
@@ -111,3 +113,18 @@ def test_few_rows_take_differences_many_a_derivative_and_both_agree(power_law):
     np.testing.assert_allclose(few.theta, many.theta[:DIFFERENCES], rtol=1e-4)
     same = many.jacobian[:DIFFERENCES]
     np.testing.assert_allclose(few.jacobian, same, rtol=1e-3, atol=1e-3 * same.max())
+
+
+def test_a_step_to_where_counts_overflow_is_refused_in_silence(power_law):
+    """Above a norm of 1,200 the mean is infinite, and the first step from 30 goes far beyond."""
+
+    class Steep(power_law):
+        def expected(self, theta):
+            mean = super().expected(theta)
+            return np.where(np.asarray(theta)[..., :1] > 1200.0, np.inf, mean)
+
+    counts = power_law().expected(np.array([[1000.0, 2.0]]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = fit(Steep(), counts, start=np.array([[30.0, 2.5]]))
+    assert found.theta[0, 1] == pytest.approx(2.0, abs=1e-3)

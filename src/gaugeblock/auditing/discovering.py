@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -35,6 +36,7 @@ from gaugeblock.simulators.protocol import (
     Extensible,
     HasExpected,
     HasLikelihood,
+    HasNotes,
     description,
     poisson_log_likelihood,
 )
@@ -176,7 +178,8 @@ def discover(
         steps.end()
     data = [group.counts.tolist() for group in groups] if groups else np.asarray(x).tolist()
     searched = [group.simulator for group in groups] if groups else [simulator]
-    found = found.with_provenance(
+    notes = dict.fromkeys(note for one in searched if isinstance(one, HasNotes) for note in one.notes)
+    found = replace(found, remarks=(*found.remarks, *notes)).with_provenance(
         plain(
             {
                 "command": command,
@@ -186,6 +189,7 @@ def discover(
                 "model": found.model_before,
                 "simulators": [description(one) for one in searched],
                 "data": digest(data),
+                "notes": list(notes),
             }
         )
     )

@@ -116,5 +116,7 @@ def discover(
         if name.startswith("background_1.rate_"):
             continue  # as many as the background's channels; they are in the report
         say(f"  {name}: {before}" + (f"; after: {after}" if summary["named_all"] else ""))
+    for note in summary["provenance"]["notes"]:
+        say(f"note: {note}")
     say(f"report: {out / 'report.html'}")
     hand_over(summary)
