@@ -13,7 +13,7 @@ import xarray as xr
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.arrays import channel_arrays, counted_arrays
 from gaugeblock.discovery.confirm.amplitude import Place, estimates, held_out_amplitude
-from gaugeblock.discovery.confirm.floated import floated
+from gaugeblock.discovery.confirm.floated import floated, near
 from gaugeblock.discovery.confirm.thinned import ScoredModel, random_shapes, thinned_scores
 from gaugeblock.discovery.engine import Comparison, Engine, Look, Round, Thresholds
 from gaugeblock.discovery.fitting import Fit, fit
@@ -205,9 +205,13 @@ class Counts(Engine):
         simulator, start = best.candidate.simulator, best.fit.theta
         if any(entry.origin == "source" for entry in best.entries):
             # What catalogues leave free beside whatever they claim of a source.
-            simulator, start = floated(
+            made, begin = floated(
                 simulator, self.entries, best.path, start, channels=self.sources.counts.shape[1]
             )
+            pulled = fit(made, self.sources.counts, scale=self.sources.scale, start=begin)
+            # A model that is far off drags an instrument along, and a line's energy with it.
+            if near(made.prior, pulled.theta[0], simulator.prior.size):
+                simulator, start = made, begin
         found = amplitude_places(self.entries, best.path, self.simulator.prior.size)
         places = [Place(*one, simulator) for one in found]
         streams = self._streams["amplitude"].spawn(len(places))

@@ -12,12 +12,23 @@ from gaugeblock.discovery.name.unnamed import curves
 from gaugeblock.discovery.reshaped import Adapted, Reshaped
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.marginals import Normal
+from gaugeblock.simulators.prior import Prior
 
 GAIN = {"gain_slope": 0.01, "gain_offset": 0.01}
 """Prior standard deviations: of the slope, and of the offset in keV."""
 
 AREA, BUMPS = 0.02, 8
 """Prior standard deviation of the area's logarithm along each of so many smooth curves."""
+
+
+FAR = 5.0
+"""Prior standard deviations from which on what floats has taken up what the model lacks: no calibration."""
+
+
+def near(prior: Prior, theta: Array, own: int) -> bool:
+    """Whether what floats, all after the first `own` of theta ``(parameter,)``, is near neutral."""
+    floats = [prior.marginals[name] for name in prior.names[own:]]
+    return all(abs(value - one.mean) <= FAR * one.sd for value, one in zip(theta[own:], floats, strict=True))
 
 
 def floated(

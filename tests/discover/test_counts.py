@@ -55,6 +55,27 @@ def test_names_what_is_hidden(library, effect, amplitude):
     assert measured["held_out"]
 
 
+def test_what_a_wrong_model_drags_along_does_not_float(library, monkeypatch):
+    """A line beside a gap that nothing in the library explains: smooth curves of the area would fill it."""
+    from gaugeblock.discovery import counts
+    from gaugeblock.discovery.confirm import floated
+
+    hidden = [
+        Effect("line", {"energy": 3.3, "counts": 8000.0}),
+        Effect("dip", {"energy": 1.0, "depth": -0.5}),
+    ]
+    lines = Candidates.of(library.simulator, THETA[None], only=("line",))
+
+    def amplitude():
+        return run(lines, hidden, 12).to_json()["amplitude"][0]
+
+    said = amplitude()
+    monkeypatch.setattr(floated, "FAR", np.inf)
+    dragged = amplitude()
+    monkeypatch.setattr(counts, "floated", lambda simulator, *_, **__: (simulator, _[-1]))
+    assert said == amplitude() != dragged
+
+
 def test_what_is_stored_follows_from_counts_and_fits(library):
     """Curve, gaps and places of a discovery, computed again from the counts and expectations in its tree."""
     found = run(library, [Effect("line", {"energy": 3.3, "counts": 900.0})], 11)

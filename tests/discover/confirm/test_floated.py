@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gaugeblock.discovery.confirm.floated import AREA, floated
+from gaugeblock.discovery.confirm.floated import AREA, FAR, floated, near
 from gaugeblock.simulators import Uniform
 from gaugeblock.simulators.library import LibraryEffect
 
@@ -34,3 +34,16 @@ def test_a_gain_that_the_library_has_floats_with_a_normal_prior(power_law):
     assert made.prior.marginals["gain_slope_1.slope"].sd == pytest.approx(0.01)
     named = floated(power_law(), {"gain_slope": SHIFT}, ("gain_slope",), THETA, channels=60)[0]
     assert "gain_slope_1.slope" not in named.prior.names
+
+
+def test_an_instrument_far_from_neutral_is_no_calibration(power_law):
+    made, start = floated(power_law(), {"gain_slope": SHIFT}, ("line",), THETA, channels=60)
+    for at, sd in ((2, 0.01), (3, AREA), (10, AREA)):
+        for side in (-1.0, 1.0):
+            moved = start[0].copy()
+            moved[at] += side * 0.999 * FAR * sd
+            assert near(made.prior, moved, 2)
+            moved[at] += side * 0.002 * FAR * sd
+            assert not near(made.prior, moved, 2)
+    # What is not floated may be anywhere.
+    assert near(made.prior, np.concatenate([[1e9, -50.0], start[0, 2:]]), 2)
