@@ -262,6 +262,21 @@ def test_a_probability_counts_the_models_outside_the_set_and_the_chance_of_an_al
     assert faint.claims[0].probability == pytest.approx(0.99 * (1.0 - LOUD.p_global))
 
 
+def test_a_later_name_that_is_not_certain_has_the_chance_of_the_look_that_showed_it():
+    both = Extension(("line", "dip"), 430.0, 2)
+    held = replace(scored(), names=("before", "line + dip", "edge", "unnamed", "random 1"))
+    faint = look(5.0, above=8)
+    made = (Round(LOUD, rounds()[0].comparisons), Round(faint, rounds(both)[-1].comparisons))
+    assert faint.p_global > 5 * LOUD.p_global > 0
+    said = [
+        decide(COUNTS, LOUD, made, QUIET, held, worth=(400.0, worth), lost=((), ())).claims[1]
+        for worth in (24.0, 26.0)
+    ]
+    assert [one.certain for one in said] == [False, True]
+    assert said[0].probability == pytest.approx(0.81 * (1.0 - faint.p_global))
+    assert said[1].probability > 0.94
+
+
 def test_an_excess_stays_when_no_name_predicts_better_than_chance():
     # A random shape does as well as the line; thirty nats are there all the same.
     found = decide(COUNTS, LOUD, rounds(), LOUD, scored(line=0.9, unnamed=0.5), worth=(30.0,), lost=((),))
