@@ -28,7 +28,8 @@ FAR = 5.0
 def near(prior: Prior, theta: Array, own: int) -> bool:
     """Whether what floats, all after the first `own` of theta ``(parameter,)``, is near neutral."""
     floats = [prior.marginals[name] for name in prior.names[own:]]
-    return all(abs(value - one.mean) <= FAR * one.sd for value, one in zip(theta[own:], floats, strict=True))
+    pairs = zip(theta[own:], floats, strict=True)
+    return all(abs(at - one.mean) <= FAR * one.sd for at, one in pairs if isinstance(one, Normal))
 
 
 def floated(
