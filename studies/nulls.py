@@ -30,10 +30,10 @@ from gaugeblock import discovery, simulators
 from gaugeblock.core.progress import Bars
 from studies.hidden.instrument import Instrument, response
 from studies.hidden.spectrum import CrossSection, blackbody, gaussian, powerlaw
-from studies.kit.command import carried_out, given, parser
+from studies.kit.command import carried_out, given_folder, of_a_commit
 from studies.kit.commit import ROOT, committed, seed_of
 from studies.kit.page import fill, table
-from studies.kit.results import clopper_pearson, read, record, write
+from studies.kit.results import clopper_pearson, measured_commit, read, record, write
 from studies.kit.resume import Pieces, code_of, stream
 from studies.kit.statements import said
 
@@ -411,8 +411,7 @@ def shown(made: xr.Dataset) -> str:
             *(stopped[name].values for name in ("instrument", "model", "band", "error")), strict=True
         )
     )
-    measured = f"Measured is commit `{made.attrs['commit']}`, `{made.attrs['command']}`."
-    return f"{table(header, lines)}{errors}\n\n{measured}"
+    return f"{table(header, lines)}{errors}\n\n{measured_commit(made)}"
 
 
 def _rate(hits: Any) -> str:
@@ -422,18 +421,13 @@ def _rate(hits: Any) -> str:
 
 def main(arguments: Sequence[str]) -> int:
     """Run it, or make the page of what is stored."""
-    options = parser(NAME, __doc__)
-    options.add_argument("folder", type=Path, nargs="?", help="with the responses of four more instruments")
-    options.add_argument("--commit", default="HEAD", help="of the code that is measured: draws the cases")
-    options.add_argument("--generator-seed", type=int, help="in place of the one that the commit gives")
+    options = of_a_commit(NAME, __doc__, folder="with the responses of four more instruments")
     options.add_argument("--each", type=int, default=EACH, help="cases in a stratum of counts")
-    options.add_argument("--page", action="store_true", help="only make the page of what is stored")
     chosen = options.parse_args(arguments)
     if chosen.page:
         made = shown(read(chosen.out / "nulls.nc"))
         return carried_out(partial(fill, chosen.docs / "measured.md", {"measured nulls": made}))
-    kept = [word for word in arguments if not chosen.folder or word != str(chosen.folder)]
-    return carried_out(partial(run, chosen, given(NAME, [*kept, *(["FOLDER"] if chosen.folder else [])])))
+    return carried_out(partial(run, chosen, given_folder(NAME, arguments, chosen.folder)))
 
 
 if __name__ == "__main__":

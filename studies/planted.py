@@ -35,10 +35,10 @@ from scipy import optimize, special
 from gaugeblock import discovery, simulators
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.progress import Bars
-from studies.kit.command import carried_out, given, parser
+from studies.kit.command import carried_out, given_folder, of_a_commit
 from studies.kit.commit import ROOT, committed, seed_of
 from studies.kit.page import fill, table
-from studies.kit.results import clopper_pearson, read, record, write
+from studies.kit.results import clopper_pearson, measured_commit, read, record, write
 from studies.kit.resume import Pieces, code_of, stream
 from studies.measured import scored
 
@@ -427,8 +427,7 @@ def shown(made: xr.Dataset) -> str:
         strong = strong.isel(row=(strong["statistic"] - strong["bins"]).values >= STRONG)
         lines.append(["of these strong: 25 nats or more in the best fit", _rate(strong), "", ""])
     rows = table(["planted", "headline holds the answer", "else named", "CPU s, median"], lines)
-    said = f"Measured is commit `{made.attrs['commit']}`, `{made.attrs['command']}`."
-    return f"{rows}\n\n{said}"
+    return f"{rows}\n\n{measured_commit(made)}"
 
 
 def _rate(part: xr.Dataset) -> str:
@@ -439,19 +438,14 @@ def _rate(part: xr.Dataset) -> str:
 
 def main(arguments: Sequence[str]) -> int:
     """Run it, or make the page of what is stored."""
-    options = parser(NAME, __doc__)
-    options.add_argument("folder", type=Path, nargs="?", help="with cases.json; without it NGC 7793 alone")
-    options.add_argument("--commit", default="HEAD", help="of the code that is measured: draws the cases")
-    options.add_argument("--generator-seed", type=int, help="in place of the one that the commit gives")
+    options = of_a_commit(NAME, __doc__, folder="with cases.json; without it NGC 7793 alone")
     options.add_argument("--each", type=int, help="no more than so many cases of a fault in a spectrum")
-    options.add_argument("--page", action="store_true", help="only make the page of what is stored")
     chosen = options.parse_args(arguments)
     if chosen.page:
         files = {name: chosen.out / f"{name}.nc" for name in ("planted", "planted-first")}
         said = {f"measured {name}": shown(read(file)) for name, file in files.items() if file.exists()}
         return carried_out(partial(fill, chosen.docs / "measured.md", said))
-    kept = [word for word in arguments if not chosen.folder or word != str(chosen.folder)]
-    return carried_out(partial(run, chosen, given(NAME, [*kept, *(["FOLDER"] if chosen.folder else [])])))
+    return carried_out(partial(run, chosen, given_folder(NAME, arguments, chosen.folder)))
 
 
 if __name__ == "__main__":

@@ -51,12 +51,7 @@ class Compiled:
     """
 
     def __init__(
-        self,
-        function: Callable[..., Any],
-        rows: int,
-        *,
-        chunk: int = CHUNK,
-        smallest: int = SMALLEST,
+        self, function: Callable[..., Any], rows: int, *, chunk: int = CHUNK, smallest: int = SMALLEST
     ):
         self._chunk = chunk
         self._sizes = (*(size for size in (smallest, 8 * smallest) if size < chunk), chunk)

@@ -26,6 +26,26 @@ def parser(name: str, says: str | None) -> argparse.ArgumentParser:
     return made
 
 
+def of_a_commit(name: str, says: str | None, *, folder: str) -> argparse.ArgumentParser:
+    """The same for a study whose cases are drawn from the commit that it measures; `folder` is its help."""
+    made = parser(name, says)
+    made.add_argument("folder", type=Path, nargs="?", help=folder)
+    made.add_argument("--commit", default="HEAD", help="of the code that is measured: draws the cases")
+    made.add_argument("--generator-seed", type=int, help="in place of the one that the commit gives")
+    made.add_argument("--page", action="store_true", help="only make the page of what is stored")
+    return made
+
+
+def given_folder(name: str, arguments: Sequence[str], folder: Path | None) -> str:
+    """`given`, with FOLDER where a folder was named without an option.
+
+    >>> given_folder("studies nulls", ["here", "--each", "3"], Path("here"))
+    'python -m studies nulls --each 3 FOLDER'
+    """
+    kept = [word for word in arguments if not folder or word != str(folder)]
+    return given(name, [*kept, *(["FOLDER"] if folder else [])])
+
+
 def given(name: str, arguments: Sequence[str]) -> str:
     """The command as it is kept with its results: which folders were used is nobody's concern.
 

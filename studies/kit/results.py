@@ -53,6 +53,11 @@ def command_of(table: xr.Dataset) -> str:
     return renamed(str(table.attrs.get("command", "")))
 
 
+def measured_commit(table: xr.Dataset) -> str:
+    """Which code a table measures, and the command, in a sentence."""
+    return f"Measured is commit `{table.attrs['commit']}`, `{table.attrs['command']}`."
+
+
 def write(tables: Mapping[str, xr.Dataset], path: Path) -> None:
     """One file of several tables, each a group; the root is ""."""
     made_folder(path.parent)
