@@ -14,14 +14,15 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.core.digest import digest
+from gaugeblock.core.errors import InputError
 from gaugeblock.core.progress import Bars
 from studies.kit.command import carried_out, given, parser
 from studies.kit.commit import committed
 from studies.kit.results import STUDIES, read_groups, record, write
 from studies.kit.resume import Pieces
 from studies.mutants.bench import bench, copied
-from studies.mutants.document import document
-from studies.mutants.places import Mutant, Tree, drawn
+from studies.mutants.document import UNNOTICED, document
+from studies.mutants.places import Mutant, Tree, drawn, found_again
 
 NAME = "studies mutants"
 HERE = Path(__file__).parent
@@ -90,6 +91,11 @@ def main(arguments: Sequence[str]) -> int:
     )
     options.add_argument("--seconds", type=float, default=240, help="CPU seconds for the tests of one mutant")
     options.add_argument("--repository", type=Path, default=STUDIES.parent, help="another checkout")
+    options.add_argument(
+        "--again",
+        action="store_true",
+        help="what DRAW left unnoticed, by OUT's table, made in COMMIT once more",
+    )
     options.add_argument("--list", action="store_true", help="the draw alone; nothing is run")
     options.add_argument("--so-far", action="store_true", help="what was run before; nothing else is")
     options.add_argument("--report", action="store_true", help="the page, from OUT; nothing is run")
@@ -103,12 +109,16 @@ def main(arguments: Sequence[str]) -> int:
 def _run(chosen: Any, command: str) -> None:
     root = chosen.repository.resolve()
     commit = committed(root, chosen.commit)
-    mutants = named(_drawn(root, commit, chosen))
+    path = chosen.out / "mutants.nc"
+    groups = read_groups(path) if path.exists() else {}
+    left = _left(groups, chosen.draw) if chosen.again else []
+    mutants = named(_chosen(root, commit, chosen, left))
     if chosen.list:
         for name, mutant in mutants.items():
             sys.stdout.write(_line(name, mutant, " ".join(mutant.tests)))
         return
     settings = {"commit": commit, "draw": chosen.draw, "seconds": chosen.seconds}
+    settings |= {"again": left} if chosen.again else {}
     key = {"seed": chosen.seed, **settings, "code": [digest((HERE / name).read_text()) for name in DECIDES]}
     with Bars() as bars:
         kept = Pieces(chosen.work or chosen.out / "checkpoints", key, "mutants", bars.show, chosen.workers)
@@ -119,16 +129,32 @@ def _run(chosen: Any, command: str) -> None:
     for name in answers:
         if (outcome := str(found["outcome"].sel(mutant=name).values)) != "noticed":
             sys.stdout.write(_line(name, mutants[name], outcome))
-    path = chosen.out / "mutants.nc"
-    groups = read_groups(path) if path.exists() else {}
     attributes = record(command, chosen.seed, drawn=len(mutants), **settings)
-    write({**groups, chosen.draw: found.assign_attrs(attributes)}, path)
+    if chosen.again:
+        attributes["left"] = len(left)
+    name = f"{chosen.draw} draw again" if chosen.again else chosen.draw
+    write({**groups, name: found.assign_attrs(attributes)}, path)
 
 
-def _drawn(root: Path, commit: str, chosen: Any) -> list[Mutant]:
-    """The draw from the files of the commit, whatever the checkout looks like."""
+def _left(groups: Mapping[str, xr.Dataset], draw: str) -> list[dict[str, str]]:
+    """What a draw left unnoticed: the rows of its table."""
+    if draw not in groups:
+        raise InputError(f"no draw {draw!r} in mutants.nc; it has {', '.join(filter(None, groups)) or 'none'}")
+    table = groups[draw]
+    rows = table.isel(mutant=np.isin(table["outcome"], UNNOTICED))
+    columns = ("room", "place", "before", "change")
+    return [
+        dict(zip(columns, row, strict=True))
+        for row in zip(*(rows[c].values.tolist() for c in columns), strict=True)
+    ]
+
+
+def _chosen(root: Path, commit: str, chosen: Any, left: Sequence[Mapping[str, str]]) -> list[Mutant]:
+    """The draw from the commit's files, whatever the checkout looks like, or what an earlier one left."""
     with tempfile.TemporaryDirectory() as folder:
         tree = Tree(copied(root, commit, Path(folder) / "copy"))
+        if chosen.again:
+            return found_again(tree, left)
         return drawn(tree, chosen.number, chosen.seed, commit, chosen.draw)
 
 

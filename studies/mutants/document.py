@@ -39,9 +39,14 @@ def draw_table(table: xr.Dataset, name: str) -> str:
         rows.append([room, str(number), str(noticed), str(survived), str(equivalent), share])
     header = ["room", "run", "noticed", "survived", "equivalent", "noticed, of those that are not equivalent"]
     run, drawn = len(table["mutant"]), int(table.attrs["drawn"])
+    what = f"**{name.capitalize()} draw**, {run} run of {drawn} drawn, from commit"
+    if "left" in table.attrs:
+        what = (
+            f"**{name.capitalize()}**: of {table.attrs['left']} changes that it left unnoticed {drawn} can "
+            f"still be made, {run} were, at commit"
+        )
     return (
-        f"**{name.capitalize()} draw**, {run} run of {drawn} drawn, from commit "
-        f"`{str(table.attrs['commit'])[:10]}`:\n\n{page.table(header, rows)}\n\n"
+        f"{what} `{str(table.attrs['commit'])[:10]}`:\n\n{page.table(header, rows)}\n\n"
         f"Made by `{command_of(table)}`, {float(table['seconds'].sum()) / 60:.0f} CPU minutes, "
         f"at most {float(table.attrs['seconds']):.0f} seconds a mutant."
     )

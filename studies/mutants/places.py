@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -183,6 +183,23 @@ def drawn(
         per_room.append(chosen)
     most = max(map(len, per_room))
     return [chosen[i] for i in range(most) for chosen in per_room if i < len(chosen)]
+
+
+def found_again(tree: Tree, rows: Iterable[Mapping[str, str]]) -> list[Mutant]:
+    """The changes of a table's rows in a checkout; lines that are gone are left out.
+
+    Of lines that read alike the nearest to where it was is taken.
+    """
+    found = []
+    for row in rows:
+        file, line = row["place"].rsplit(":", 1)
+        path = tree.root / file
+        made = mutations(path.read_bytes()) if path.exists() else []
+        near = sorted(made, key=lambda mutation: abs(mutation.line - int(line)))
+        mutants = (mutant for mutation in near if (mutant := _mutant(tree, row["room"], path, mutation)))
+        same = (m for m in mutants if (m.before, m.after) == (row["before"], row["change"]))
+        found += [first] if (first := next(same, None)) else []
+    return found
 
 
 def _mutant(tree: Tree, room: str, path: Path, mutation: Mutation) -> Mutant | None:

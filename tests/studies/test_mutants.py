@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 from studies.kit.commit import committed
-from studies.kit.results import read_groups
-from studies.mutants.__main__ import equivalents, main
+from studies.kit.results import read_groups, write
+from studies.mutants.__main__ import equivalents, main, table
 from studies.mutants.bench import bench
-from studies.mutants.document import counts
+from studies.mutants.document import counts, draw_table
 from studies.mutants.operators import mutations
-from studies.mutants.places import ROOMS, Mutant, Tree, drawn
+from studies.mutants.places import ROOMS, Mutant, Tree, drawn, found_again
 
 from gaugeblock.core.errors import InputError
 
@@ -177,6 +177,43 @@ def test_a_run_is_kept_and_goes_on(toy, tmp_path, capsys, monkeypatch):
     groups = read_groups(tmp_path / "mutants.nc")
     assert groups["second"].sizes["mutant"] == 0
     assert groups["first"].identical(longer)
+
+
+def test_what_a_draw_left_is_made_once_more_where_its_line_still_stands(toy, tmp_path, capsys):
+    root, out = tmp_path / "toy", tmp_path / "out"
+    subprocess.run(["git", "clone", "-q", str(toy), str(root)], check=True)
+    tree, line = Tree(root), "    return abs(len(x))\n"
+    row = {"room": "validate", "before": line.strip(), "change": "abs(len(x)) -> (len(x))"}
+    (left,) = found_again(tree, [{**row, "place": "validate/spread.py:6"}])
+    said = {"by": "", "seconds": 1.0}
+    first = table(
+        {"a": {**said, "outcome": "survived"}, "b": {**said, "outcome": "noticed"}}, {"a": left, "b": left}
+    )
+    out.mkdir()
+    write({"first": first.assign_attrs(commit="before")}, out / "mutants.nc")
+    # The line moves, and one that reads alike stands further down.
+    path = root / "validate/spread.py"
+    path.write_text("LIMIT = 1\n\n\n" + path.read_text() + f"\n\ndef again(x):\n{line}")
+    assert found_again(tree, [{**row, "place": "validate/spread.py:6"}])[0].mutation.line == 9
+    assert found_again(tree, [{**row, "place": "validate/spread.py:12"}])[0].mutation.line == 13
+    gone = [
+        {**row, "place": "validate/none.py:6"},
+        {**row, "place": "validate/spread.py:6", "change": "0 -> 1"},
+    ]
+    assert found_again(tree, gone) == []
+    git = ["git", "-C", str(root), "-c", "user.name=t", "-c", "user.email=t@example.org"]
+    subprocess.run([*git, "commit", "-q", "-a", "-m", "moved"], check=True)
+
+    arguments = ["--repository", str(root), "--out", str(out), "--seconds", "60", "--again"]
+    assert main(arguments) == 0
+    again = read_groups(out / "mutants.nc")["first draw again"]
+    assert again["change"].values.tolist() == [row["change"]]
+    assert again["outcome"].values.tolist() == ["survived"]
+    assert (again.attrs["left"], again.attrs["drawn"]) == (1, 1)
+    assert again.attrs["commit"] == committed(root, "HEAD")
+    assert "of 1 changes that it left unnoticed 1 can still be made, 1 were" in draw_table(again, "first")
+    assert main([*arguments, "--draw", "third"]) == 2
+    assert "no draw 'third' in mutants.nc; it has first, first draw again" in capsys.readouterr().err
 
 
 def test_the_draw_is_of_equally_many_a_room_and_no_line_twice(toy):
