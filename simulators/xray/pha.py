@@ -71,10 +71,10 @@ def read_pha(path: Path, *, number: int | None = None) -> Pha:
     with opened_fits(path, most=SPECTRUM) as hdus:
         table = hdus["SPECTRUM"]
         header, columns = table.header.copy(), table.columns.names
-        several = "SPEC_NUM" in columns or header.get("HDUCLAS4") == "TYPE:II" or _two_dimensional(table)
         if "COUNTS" not in columns and "RATE" not in columns:
             raise InputError("has neither a COUNTS nor a RATE column")
-        data = _row(table, number) if several else _columns(table, number)
+        # By what is there: keywords that say TYPE:II stand in files of one spectrum too.
+        data = _row(table, number, path.name) if _several(table) else _columns(table, number)
 
         def value(key: str, default: Any) -> Any:
             return np.asarray(data[key], dtype=float) if key in data else header.get(key, default)
@@ -149,8 +149,10 @@ def _per_channel(name: str, value: Any, size: int, *, whole: bool = False) -> ND
     return np.broadcast_to(numbers, size).astype(np.int64 if whole else np.float64)
 
 
-def _two_dimensional(table: Any) -> bool:
-    return any(np.ndim(table.data[key]) == 2 for key in ("COUNTS", "RATE") if key in table.columns.names)
+def _several(table: Any) -> bool:
+    """Whether a row holds all channels of a spectrum; those of unlike lengths are objects."""
+    held = [table.data[key] for key in ("COUNTS", "RATE") if key in table.columns.names]
+    return any(np.ndim(one) == 2 or one.dtype == object for one in held)
 
 
 def _columns(table: Any, number: int | None) -> dict[str, Any]:
@@ -159,13 +161,11 @@ def _columns(table: Any, number: int | None) -> dict[str, Any]:
     return {key: np.asarray(table.data[key]) for key in table.columns.names}
 
 
-def _row(table: Any, number: int | None) -> dict[str, Any]:
+def _row(table: Any, number: int | None, file: str) -> dict[str, Any]:
     """What a file of type II says of one of its spectra, as the columns of a file of type I would."""
     size = len(table.data)
     if number is None or not 1 <= number <= size:
-        raise InputError(
-            f"holds {size} spectra (type II); name one of them, file.pha{{1}} to file.pha{{{size}}}"
-        )
+        raise InputError(f"holds {size} spectra (type II); name one of them, {file}{{1}} to {file}{{{size}}}")
     row = {key: np.asarray(table.data[key][number - 1]) for key in table.columns.names}
     length = len(row["COUNTS"] if "COUNTS" in row else row["RATE"])
     if np.ndim(row.get("CHANNEL", 0)) == 0:

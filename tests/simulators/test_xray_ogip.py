@@ -245,7 +245,6 @@ def test_broken_files_each_give_one_line_with_their_name(tmp_path, rmf, arf, rol
         (lambda p: write_pha(p, range(9)), "give the response that was made for this spectrum"),
         (lambda p: write_pha(p, (1, 2, 3), DETCHANS=9), "of 9"),
         (lambda p: write_pha(p, HDUCLAS2="NET"), "background-subtracted"),
-        (lambda p: write_pha(p, HDUCLAS4="TYPE:II"), "type II"),
         (
             lambda p: write_pha(p, columns=[column("STAT_ERR", "E", [5, 5, 5, 5])], POISSERR=False),
             "neither weighted",
@@ -403,6 +402,26 @@ def test_one_spectrum_of_several_is_named_by_its_number(tmp_path, rmf, arf):
             Spectrum.from_ogip(name)
     with pytest.raises(InputError, match="holds one spectrum, and number 2"):
         Spectrum.from_ogip(f"{write_pha(tmp_path / 's.pha')}{{2}}", rmf, arf)
+
+
+def test_a_file_of_one_spectrum_may_say_that_it_has_several(tmp_path):
+    # As CIAO leaves it where one order of a grating was taken out of a file of all.
+    pha = write_pha(tmp_path / "s.pha", columns=[column("SPEC_NUM", "I", [1] * 4)], HDUCLAS4="TYPE:II")
+    assert (
+        load_pha("PHA", pha).counts.tolist() == load_pha("PHA", write_pha(tmp_path / "t.pha")).counts.tolist()
+    )
+
+
+def test_spectra_of_one_file_may_differ_in_channels(tmp_path):
+    counts = np.array([np.array([5, 6, 7, 8]), np.array([1, 2])], dtype=object)
+    table = fits.BinTableHDU.from_columns(
+        [column("COUNTS", "PJ()", counts), column("EXPOSURE", "D", [10.0, 20.0])], name="SPECTRUM"
+    )
+    path = tmp_path / "many.pha"
+    fits.HDUList([fits.PrimaryHDU(), table]).writeto(path)
+    assert load_pha("PHA", f"{path}{{2}}").counts.tolist() == [1, 2]
+    with pytest.raises(InputError, match=r"holds 2 spectra \(type II\); name one of them, many\.pha\{1\} to"):
+        load_pha("PHA", path)
 
 
 def test_channels_that_a_file_of_several_does_not_number_are_from_one_on(tmp_path):
