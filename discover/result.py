@@ -81,11 +81,12 @@ class CandidateSaid:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A value with its 90% interval; None where there is none."""
+    """A value with its 90% interval, None where there is none; `at_limit` where its prior's end stopped it."""
 
     value: float
     low: float | None = None
     high: float | None = None
+    at_limit: bool = False
 
 
 @dataclass(frozen=True)

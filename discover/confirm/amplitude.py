@@ -16,7 +16,7 @@ from gaugeblock.discovery.coordinates import Coordinates
 from gaugeblock.discovery.fitting import Fit, fit
 from gaugeblock.discovery.result import Amplitude, Estimate
 from gaugeblock.discovery.sources import Sources
-from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators.library import AT, LibraryEffect
 
 POINTS = 33
 """Amplitudes at which the profile is taken."""
@@ -93,13 +93,14 @@ def estimates(prior: Any, fitted: Fit, *, level: float = 0.9) -> dict[str, Estim
     half = float(ndtri(0.5 + level / 2.0)) * errors
     place = coordinates.of(fitted.theta[0])
     low, high = (coordinates.theta(coordinates.clip(place + move)) for move in (-half, half))
+    stopped = coordinates.bounded & ((place < AT) | (place > 1.0 - AT))
     made = {}
     for i, name in enumerate(prior.names):
         value = float(fitted.theta[0, i])
         # Nothing is said where counts do not change with a parameter, or jump: a line narrower than the
         # response's bins moves from one into the next.
         ends = (float(low[i]), float(high[i])) if errors[i] > JUMPS else (None, None)
-        made[name] = Estimate(value, *ends)
+        made[name] = Estimate(value, *ends, at_limit=bool(stopped[i]))
     return made
 
 

@@ -45,9 +45,8 @@ def _value(one: Any) -> str:
         return NOTHING
     value, low, high = (finite(one.get(key)) for key in ("value", "low", "high"))
     digits = digits_of(value, low, high)
-    if low is None or high is None:
-        return short(value, digits)
-    return f"{short(value, digits)} ({short(low, digits)} to {short(high, digits)})"
+    interval = "" if low is None or high is None else f" ({short(low, digits)} to {short(high, digits)})"
+    return short(value, digits) + interval + (", at its prior's end" if one.get("at_limit") else "")
 
 
 def _statistic(side: Mapping[str, Any]) -> str:

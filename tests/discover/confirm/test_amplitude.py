@@ -62,6 +62,15 @@ def test_at_a_bound_the_interval_ends_there(power_law):
     assert found.interval[1] > 0.0
 
 
+def test_estimates_say_where_the_priors_end_stopped_them(power_law):
+    simulator = power_law()
+    low, high = simulator.prior.marginals["index"].support
+    for index, stopped in ((high + 1.0, True), (low - 1.0, True), (high - 0.1 * (high - low), False)):
+        counts = simulator.expected(np.array([[THETA[0], index]]))
+        said = estimates(simulator.prior, fit(simulator, counts, start=THETA[None]))
+        assert (said["norm"].at_limit, said["index"].at_limit) == (False, stopped)
+
+
 def test_estimates_have_fishers_intervals_and_none_where_counts_jump(power_law):
     simulator = power_law()
     found = fit(simulator, simulator.expected(THETA[None]), start=THETA[None])

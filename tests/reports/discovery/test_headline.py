@@ -93,3 +93,5 @@ def test_the_best_fit_is_told_with_errors_before_and_after(summary):
         ("C / bins", "284.0 / 200", "204.0 / 200"),
     ]
     assert fit_rows({}) == []
+    summary["fit"]["before"]["parameters"]["powerlaw_1.alpha"]["at_limit"] = True
+    assert fit_rows(summary)[0][1] == "1.7 (1.65 to 1.75), at its prior's end"
