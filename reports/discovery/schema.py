@@ -30,7 +30,8 @@ The summary (discovery.json)
         "statements": [{"effect", "indistinguishable", "certain", "probability", "evidence", "identification",
                         "parameters": {name: {"value", "low", "high"}}, "energy_lo_kev", "energy_hi_kev",
                         "text"}]                    what is claimed, in order
-        "fit": {"before": {"parameters": {name: {"value", "low", "high"}}, "statistic", "bins"}, "after"}
+        "fit": {"before": {"parameters": {name: {"value", "low", "high", "at_limit"}}, "statistic", "bins"},
+                "after"}
                                                     of many sources their median, 16 and 84%
         "e_value": {"log", "p", "log_own", "paths"} split likelihood ratio, natural log: log_own of the named
                                                     effects, log with the choice among all paid for
