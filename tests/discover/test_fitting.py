@@ -30,6 +30,19 @@ def test_agrees_with_a_general_minimiser(power_law):
         assert theta[1] == pytest.approx(other.x[1], abs=1e-3)
 
 
+def test_at_most_so_many_steps_are_made(power_law):
+    simulator, truth = power_law(), np.array([[50.0, 2.0]])
+    start = truth * [1.05, 1.01]
+    counts = simulator.expected(truth)
+    none, one, two = (fit(simulator, counts, start=start, iterations=number) for number in (0, 1, 2))
+    np.testing.assert_allclose(none.theta, start, rtol=1e-9)
+    # Newton's: what was a hundredth of the way is a hundredth of that, but for damping of a thousandth.
+    left = [float(abs(found.theta / truth - 1).max()) for found in (none, one, two)]
+    assert left[1] < 0.05 * left[0]
+    assert left[2] < 0.05 * left[1]
+    assert one.objective[0] > two.objective[0]
+
+
 def test_noise_free_counts_give_back_theta(power_law):
     simulator = power_law()
     found = fit(simulator, simulator.expected(THETA))

@@ -1,6 +1,8 @@
 import os
 import subprocess
 import sys
+import time
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -29,6 +31,29 @@ def test_the_kernel_is_told_every_limit_that_it_can_keep() -> None:
         *("prlimit", "--data=2000000000", "--cpu=31", "--nproc=7", "--nofile=9", "--fsize=5000000"),
         *("--core=0", "--"),
     ]
+
+
+@pytest.mark.skipif(sys.platform != "linux" or os.uname().machine != "x86_64", reason="a number of Linux")
+def test_memory_of_a_process_whose_first_thread_has_ended_is_counted() -> None:
+    program = (
+        "import ctypes, threading, time\n"
+        "block = bytearray(b'x' * 50_000_000)\n"
+        "threading.Thread(target=time.sleep, args=(60,)).start()\n"
+        "print('ready', flush=True)\n"
+        "ctypes.CDLL(None).syscall(60, 0)\n"
+    )
+    started = subprocess.Popen([sys.executable, "-I", "-c", program], stdout=subprocess.PIPE)
+    try:
+        assert started.stdout is not None
+        started.stdout.readline()
+        state = Path(f"/proc/{started.pid}/stat")
+        while state.read_text().rpartition(")")[2].split()[0] != "Z":
+            time.sleep(0.01)
+        assert usage(started.pid).memory > 50_000_000
+        assert usage(started.pid).threads >= 1
+    finally:
+        started.kill()
+        started.communicate()
 
 
 def test_usage_counts_what_a_process_started() -> None:

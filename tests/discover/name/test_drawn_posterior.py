@@ -8,24 +8,40 @@ from gaugeblock.discovery.name.drawn_posterior import posterior_draws
 from gaugeblock.simulators import Normal, Prior, Uniform
 
 
-@pytest.fixture(params=["inside", "at a border", "unbounded"])
+CASES = {
+    # Where draws of the prior are enough, and where they have to be drawn around the fit.
+    "faint": (50.0, Uniform(10.0, 200.0), Uniform(0.0, 4.0)),
+    "faint, at a border": (50.0, Uniform(10.0, 55.0), Uniform(1.9, 4.0)),
+    "faint, unbounded": (50.0, Uniform(10.0, 200.0), Normal(1.8, 0.3)),
+    "bright": (20000.0, Uniform(10.0, 1e5), Uniform(0.0, 4.0)),
+    "bright, at a border": (20000.0, Uniform(10.0, 20100.0), Uniform(1.999, 4.0)),
+    "bright, unbounded": (20000.0, Uniform(10.0, 1e5), Normal(1.8, 0.3)),
+}
+
+
+@pytest.fixture(params=CASES)
 def posterior(request, power_law):
-    """A simulator, three spectra, and each one's posterior on a grid of the unit cube."""
-    prior = {
-        "inside": Prior({"norm": Uniform(10.0, 200.0), "index": Uniform(0.0, 4.0)}),
-        "at a border": Prior({"norm": Uniform(10.0, 55.0), "index": Uniform(1.9, 4.0)}),
-        "unbounded": Prior({"norm": Uniform(10.0, 200.0), "index": Normal(1.8, 0.3)}),
-    }[request.param]
+    """A simulator, three spectra, and each one's mean and evidence by sums over a grid of the unit cube."""
+    norm, *marginals = CASES[request.param]
+    prior = Prior(dict(zip(("norm", "index"), marginals, strict=True)))
     simulator = power_law(prior=prior)
-    counts = simulator.simulate(np.array([[50.0, 2.0]] * 3), np.random.default_rng(0)).astype(float)
-    side = (np.arange(300) + 0.5) / 300
-    grid = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
-    mean = simulator.expected(prior.from_unit_cube(grid))
-    likelihood = np.log(mean) @ counts.T - mean.sum(axis=1, keepdims=True)
-    top = likelihood.max(axis=0)
-    weight = np.exp(likelihood - top)
-    evidence = np.log(weight.mean(axis=0)) + top
-    return simulator, counts, grid.T @ weight / weight.sum(axis=0), evidence
+    counts = simulator.simulate(np.array([[norm, 2.0]] * 3), np.random.default_rng(0)).astype(float)
+
+    def summed(rows):
+        low, high = np.zeros(2), np.ones(2)
+        for _ in range(6):
+            # Closer, until the grid holds what is worth summing and little else.
+            side = [lo + (hi - lo) * (np.arange(120) + 0.5) / 120 for lo, hi in zip(low, high, strict=True)]
+            grid = np.stack(np.meshgrid(*side, indexing="ij"), axis=-1).reshape(-1, 2)
+            mean = simulator.expected(prior.from_unit_cube(grid))
+            likelihood = np.log(mean) @ rows - mean.sum(axis=1)
+            weight, cell = np.exp(likelihood - likelihood.max()), (high - low) / 120
+            near = grid[likelihood > likelihood.max() - 30.0]
+            low, high = np.maximum(near.min(axis=0) - cell, 0.0), np.minimum(near.max(axis=0) + cell, 1.0)
+        return grid.T @ weight / weight.sum(), np.log(weight.sum() * cell.prod()) + likelihood.max()
+
+    means, evidences = zip(*map(summed, counts), strict=True)
+    return simulator, counts, np.array(means).T, np.array(evidences)
 
 
 def test_means_and_evidences_agree_with_quadrature(posterior):

@@ -118,6 +118,16 @@ def test_a_blurred_control_is_wider_and_leaves_the_truth_in_place():
     assert centre.std() == pytest.approx(0.5, rel=0.1)
 
 
+def test_a_control_looks_at_the_data_as_the_audit_does():
+    truth, draws, x = exact("gaussian", np.random.default_rng(6), n=300)
+    made = prepared(truth, draws, x=x)
+    control = control_trials(made, "test", displaced(np.ones(300)))
+    np.testing.assert_array_equal(control.features.values, made.features.values)
+    assert control.features is made.features
+    assert control.order is made.order
+    assert control.theta_true is not made.theta_true
+
+
 def test_passes_over_the_draws_do_not_add_up():
     truth, draws, _ = exact("gaussian", np.random.default_rng(6), n=300)
     made = prepared(truth, draws)
