@@ -81,7 +81,7 @@ class CandidateSaid:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A value with its 90% interval, None where there is none; `at_limit` where its prior's end stopped it."""
+    """A value, its 90% interval, None where there is none, and whether its prior's end stopped it."""
 
     value: float
     low: float | None = None

@@ -16,7 +16,7 @@ from gaugeblock.discovery.coordinates import Coordinates
 from gaugeblock.discovery.fitting import Fit, fit
 from gaugeblock.discovery.result import Amplitude, Estimate
 from gaugeblock.discovery.sources import Sources
-from gaugeblock.simulators.library import AT, LibraryEffect
+from gaugeblock.simulators.library import LibraryEffect
 
 POINTS = 33
 """Amplitudes at which the profile is taken."""
@@ -24,6 +24,8 @@ POINTS = 33
 REACH = 4.5
 """How far the profile goes on either side, in standard errors."""
 
+STOPPED = 1e-6
+"""Distance from a prior's end, in its coordinate, at which a fit was stopped there."""
 
 JUMPS = 1e-5
 """Standard error, in a prior's coordinate, below which it is the derivative that is wrong."""
@@ -93,14 +95,15 @@ def estimates(prior: Any, fitted: Fit, *, level: float = 0.9) -> dict[str, Estim
     half = float(ndtri(0.5 + level / 2.0)) * errors
     place = coordinates.of(fitted.theta[0])
     low, high = (coordinates.theta(coordinates.clip(place + move)) for move in (-half, half))
-    stopped = coordinates.bounded & ((place < AT) | (place > 1.0 - AT))
+    ends = (coordinates.clip(place + side) for side in (-1.0, 1.0))
+    stopped = coordinates.bounded & np.any([np.abs(place - end) < STOPPED for end in ends], axis=0)
     made = {}
     for i, name in enumerate(prior.names):
         value = float(fitted.theta[0, i])
         # Nothing is said where counts do not change with a parameter, or jump: a line narrower than the
         # response's bins moves from one into the next.
-        ends = (float(low[i]), float(high[i])) if errors[i] > JUMPS else (None, None)
-        made[name] = Estimate(value, *ends, at_limit=bool(stopped[i]))
+        interval = (float(low[i]), float(high[i])) if errors[i] > JUMPS else (None, None)
+        made[name] = Estimate(value, *interval, at_limit=bool(stopped[i]))
     return made
 
 

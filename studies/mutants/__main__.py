@@ -139,7 +139,8 @@ def _run(chosen: Any, command: str) -> None:
 def _left(groups: Mapping[str, xr.Dataset], draw: str) -> list[dict[str, str]]:
     """What a draw left unnoticed: the rows of its table."""
     if draw not in groups:
-        raise InputError(f"no draw {draw!r} in mutants.nc; it has {', '.join(filter(None, groups)) or 'none'}")
+        there = ", ".join(filter(None, groups)) or "none"
+        raise InputError(f"no draw {draw!r} in mutants.nc; it has {there}")
     table = groups[draw]
     rows = table.isel(mutant=np.isin(table["outcome"], UNNOTICED))
     columns = ("room", "place", "before", "change")

@@ -7,7 +7,6 @@ from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.name.drawn_posterior import posterior_draws
 from gaugeblock.simulators import Normal, Prior, Uniform
 
-
 CASES = {
     # Where draws of the prior are enough, and where they have to be drawn around the fit.
     "faint": (50.0, Uniform(10.0, 200.0), Uniform(0.0, 4.0)),
