@@ -259,10 +259,8 @@ class FitSaid:
 
 def spread(names: Sequence[str], rows: Any) -> dict[str, Estimate]:
     """Median, low and high ``(3, parameter)`` over sources or data sets, by name."""
-    return {
-        name: Estimate(*map(float, column))
-        for name, column in zip(names, zip(*rows, strict=True), strict=True)
-    }
+    columns = zip(names, *rows, strict=True)
+    return {name: Estimate(float(value), float(low), float(high)) for name, value, low, high in columns}
 
 
 @dataclass(frozen=True)

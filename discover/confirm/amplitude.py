@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -102,8 +102,9 @@ def estimates(prior: Any, fitted: Fit, *, level: float = 0.9) -> dict[str, Estim
         value = float(fitted.theta[0, i])
         # Nothing is said where counts do not change with a parameter, or jump: a line narrower than the
         # response's bins moves from one into the next.
-        interval = (float(low[i]), float(high[i])) if errors[i] > JUMPS else (None, None)
-        made[name] = Estimate(value, *interval, at_limit=bool(stopped[i]))
+        made[name] = Estimate(value, at_limit=bool(stopped[i]))
+        if errors[i] > JUMPS:
+            made[name] = replace(made[name], low=float(low[i]), high=float(high[i]))
     return made
 
 
