@@ -128,8 +128,11 @@ def test_what_was_hashed_is_what_is_loaded(stranger: Any, file: Any) -> None:
 
 
 def test_without_a_sandbox_only_by_the_word(
-    simulator: Any, file: Any, monkeypatch: pytest.MonkeyPatch
+    simulator: Any, file: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    copies = tmp_path / "copies"
+    copies.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(copies))
     monkeypatch.setattr("gaugeblock.stranger.sandbox.shutil.which", lambda *_, **__: None)
     with pytest.raises(InputError, match="--i-trust-this-estimator"):
         Stranger(file(), simulator)
@@ -138,8 +141,11 @@ def test_without_a_sandbox_only_by_the_word(
         assert one.sample(X, 3, np.random.default_rng(1)).shape == (2, 3, 2)
         assert one.describe()["sandbox"] == "none: trusted by whoever ran the audit"
         assert one.confinement()["sandbox"] == "none: trusted by whoever ran the audit"
+        assert list(copies.iterdir())
     finally:
         one.close()
+    # Of the stranger's files nothing is left lying about.
+    assert not list(copies.iterdir())
 
 
 PERL = """#!/usr/bin/perl
