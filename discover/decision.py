@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from gaugeblock.discovery.engine import Look, Round, Thresholds
+from gaugeblock.discovery.engine import Comparison, Look, Round, Thresholds
 from gaugeblock.discovery.held_out import UNNAMED, HeldOut
 
 CERTAIN = 25.0
@@ -145,8 +145,8 @@ def decide(
             alike.append(UNNAMED)
         outside = sum(
             math.exp(-min(max(one.lead, 0.0), 700.0))
-            for one in rounds[-1].comparisons[1:]
-            if one.model.path[at : at + 1] and one.model.path[at] not in alike
+            for one, instead in _others(rounds[-1], at)
+            if instead not in alike
         )
         # What was added later stood out of what the effects before it had left.
         chance = 0.0 if certain else rounds[min(at, len(rounds) - 1)].seen.p_global
@@ -181,21 +181,30 @@ def _rivals(t: Thresholds, final: Round, scored: HeldOut | None, at: int) -> lis
     in which they were found: the first for what explains most.
     """
     best, found = final.best, []
-    for one in final.comparisons[1:]:
-        path, label = one.model.path, one.model.label
-        mine, theirs = Counter(best.path) - Counter(path), Counter(path) - Counter(best.path)
-        instead = dict(zip(_last(best.path, mine), _last(path, theirs), strict=False))
-        if at not in instead:
-            continue
-        near = one.z < t.critical
+    for one, instead in _others(final, at):
+        label, near = one.model.label, one.z < t.critical
         if scored is not None and label in scored.names:
             near |= scored.gain(best.label, over=label) < t.margin
             near |= scored.behind(label, best.label) < t.errors
         # Three times as wide a prior, or a third, changes which comes first.
         near |= best.merit - one.model.merit < WIDER * abs(best.size - one.model.size)
         if near:
-            found.append(path[instead[at]])
+            found.append(instead)
     return found
+
+
+def _others(final: Round, at: int) -> Iterator[tuple[Comparison, str]]:
+    """Models that have another effect in the place of one of the best's, and that effect.
+
+    The same effects in another order are the same model: none of them stands for another.
+    """
+    best = final.best.path
+    for one in final.comparisons[1:]:
+        path = one.model.path
+        mine, theirs = Counter(best) - Counter(path), Counter(path) - Counter(best)
+        instead = dict(zip(_last(best, mine), _last(path, theirs), strict=False))
+        if at in instead:
+            yield one, path[instead[at]]
 
 
 def _last(path: Sequence[str], many: Counter[str]) -> list[int]:

@@ -64,7 +64,8 @@ def sentence(
     many = len(alike) > 1
     *others, final = map(effect_phrase, alike)
     what = f"{', '.join(others)} or {final}" if others else final
-    sure = f"{'certain' if certain else 'likely'} ({probability:.3g}; {evidence:.3g} nats)"
+    word = "certain" if certain else "likely"
+    sure = f"{word} ({probability:.3g}; {evidence:.3g} nats)"
     if alike[0] == UNNAMED:
         said = "Beyond that, something remains that nothing here explains" if beyond else f"{_start(what)}"
         said += f" is {sure}" if not beyond else f": {sure}"
@@ -75,7 +76,11 @@ def sentence(
             said += f", most at {place[0]:.4g} to {place[1]:.4g} keV"
         return f"{said}."
     if many:
-        said = f"That something is there is {sure}: {what}; which of them these data do not say."
+        # What is certain is the excess; the probability is that one of the names is right.
+        said = (
+            f"That something is there is {word} ({evidence:.3g} nats): {what}, one of them with a "
+            f"probability of {probability:.3g}; which of them these data do not say."
+        )
     else:
         said = f"{_start(what)} is {sure}."
     shown = ", ".join(_amount(name, one, units.get(name, "")) for name, one in parameters.items())

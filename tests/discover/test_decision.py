@@ -262,6 +262,23 @@ def test_a_probability_counts_the_models_outside_the_set_and_the_chance_of_an_al
     assert faint.claims[0].probability == pytest.approx(0.99 * (1.0 - LOUD.p_global))
 
 
+def test_the_same_effects_in_another_order_are_no_rival():
+    both, turned, other = (
+        Extension(path, 430.0, 2) for path in (("line", "dip"), ("dip", "line"), ("line", "edge"))
+    )
+    held = replace(scored(), names=("before", "line + dip", "edge", "unnamed", "random 1"))
+
+    def said(rival, lead):
+        made = (Round(LOUD, (Comparison(both, 0.0, 0.0), Comparison(rival, lead, 9.0))),)
+        found = decide(COUNTS, LOUD, made, QUIET, held, worth=(400.0, 30.0), lost=((), ()))
+        return [(claim.alike, round(claim.probability, 3)) for claim in found.claims]
+
+    alone = [(("line",), 0.99), (("dip", "unnamed"), 0.99)]
+    assert said(turned, 0.0) == alone
+    # Another effect in the place of the second alone is the second's rival alone.
+    assert said(other, 1.0) == [alone[0], (("dip", "unnamed"), round(0.99 / (1 + np.exp(-1.0)), 3))]
+
+
 def test_a_later_name_that_is_not_certain_has_the_chance_of_the_look_that_showed_it():
     both = Extension(("line", "dip"), 430.0, 2)
     held = replace(scored(), names=("before", "line + dip", "edge", "unnamed", "random 1"))

@@ -68,7 +68,11 @@ def test_a_range_grows_within_its_limits(start, length):
     assert grown(rows, 0, 1000).stop - grown(rows, 0, 1000).start == size_above(length)
 
 
-def test_every_effect_expects_the_same_counts(response):
+OF_EACH_KIND = ("emission_line", "partial_covering", "effective_area", "gain_curve", "resolution")
+"""What is added, what is multiplied, and the three ways in which a detector may differ."""
+
+
+def test_every_kind_of_effect_expects_the_same_counts(response):
     plain, shared = spectrum(response), spectrum(replace(response, shared=True))
     theta = PRIOR.sample(3, np.random.default_rng(1))
     channels = len(response.channels)
@@ -80,13 +84,15 @@ def test_every_effect_expects_the_same_counts(response):
     np.testing.assert_allclose(
         shared.log_likelihood(theta, counts), plain.log_likelihood(theta, counts), rtol=1e-9
     )
-    for name, entry in plain.effect_library(theta).items():
-        mine, theirs = shared.with_effect(entry.effect()), plain.with_effect(entry.effect())
+    library = plain.effect_library(theta)
+    for name in OF_EACH_KIND:
+        effect = library[name].effect()
+        mine, theirs = shared.with_effect(effect), plain.with_effect(effect)
         rows = theirs.prior.sample(4, np.random.default_rng(2))
         # Gains interpolate a cumulative sum: what lies outside of the band takes part in its rounding.
         np.testing.assert_allclose(mine.expected(rows), theirs.expected(rows), rtol=1e-9, err_msg=name)
-        held = [one.held(rows[0, 3:]).expected(rows[:, :3]) for one in (mine, theirs)]
-        np.testing.assert_allclose(held[0], held[1], rtol=1e-9, err_msg=name)
+        held = mine.held(rows[0, 3:]).expected(rows[:1, :3])
+        np.testing.assert_allclose(held, theirs.expected(rows[:1]), rtol=1e-9, err_msg=name)
 
 
 @pytest.mark.parametrize("effect", [None, "gain_slope", "emission_line", "resolution"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated
 
@@ -113,7 +114,7 @@ def discover(
         say(f"{number}. {statement}")
     say(top.paragraph)
     for name, before, after in fit_rows(summary):
-        if name.startswith("background_1.rate_"):
+        if re.match(r"background_\d+\.(rate|line)_", name):
             continue  # as many as the background's channels; they are in the report
         say(f"  {name}: {before}" + (f"; after: {after}" if summary["named_all"] else ""))
     for note in summary["provenance"]["notes"]:
