@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,13 +10,19 @@ from gaugeblock.reports.discovery.chapter import Chapter, Heading, LeftOut, RowG
 from gaugeblock.reports.discovery.phrases import digits_of, finite, pick
 from gaugeblock.reports.words import NOTHING, number, short
 
+_SHAPE = re.compile(r"background_\d+\.(rate|line)_\d")
+
 Sides = tuple[Mapping[str, Any], Mapping[str, Any]]
 
 
-def fit_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, str]]:
-    """Parameter, before, after; then the statistic over its bins. Empty where no fit is recorded."""
+def fit_rows(summary: Mapping[str, Any], *, backgrounds: bool = True) -> list[tuple[str, str, str]]:
+    """Parameter, before, after; then the statistic over its bins. Empty where no fit is recorded.
+
+    The shape of a measured background has a parameter every few channels: without `backgrounds` none of them.
+    """
     sides = _sides(summary)
     names = dict.fromkeys(name for side in sides for name in side.get("parameters") or {})
+    names = {name: None for name in names if backgrounds or not _SHAPE.match(name)}
     rows = [(str(name), *(_value(pick(side, "parameters", name)) for side in sides)) for name in names]
     if any(finite(side.get("statistic")) is not None for side in sides):
         rows.append(("C / bins", *(_statistic(side) for side in sides)))

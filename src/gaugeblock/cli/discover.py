@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Annotated
 
@@ -113,9 +112,7 @@ def discover(
     for number, statement in enumerate(top.statements, 1):
         say(f"{number}. {statement}")
     say(top.paragraph)
-    for name, before, after in fit_rows(summary):
-        if re.match(r"background_\d+\.(rate|line)_", name):
-            continue  # as many as the background's channels; they are in the report
+    for name, before, after in fit_rows(summary, backgrounds=False):
         say(f"  {name}: {before}" + (f"; after: {after}" if summary["named_all"] else ""))
     for note in summary["provenance"]["notes"]:
         say(f"note: {note}")

@@ -93,5 +93,13 @@ def test_the_best_fit_is_told_with_errors_before_and_after(summary):
         ("C / bins", "284.0 / 200", "204.0 / 200"),
     ]
     assert fit_rows({}) == []
+    shape = {
+        f"background_{k}.{part}": {"value": 1.0} for k in (1, 3) for part in ("rate_1", "line_12", "level")
+    }
+    summary["fit"]["before"]["parameters"] |= shape
+    assert [row[0] for row in fit_rows(summary, backgrounds=False)] == [
+        "powerlaw_1.alpha", "background_1.level", "background_3.level", "C / bins",
+    ]  # fmt: skip
+    assert len(fit_rows(summary)) == 2 + len(shape)
     summary["fit"]["before"]["parameters"]["powerlaw_1.alpha"]["at_limit"] = True
     assert fit_rows(summary)[0][1] == "1.7 (1.65 to 1.75), at its prior's end"
