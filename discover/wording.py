@@ -25,6 +25,10 @@ _PHRASES = {
 }
 
 
+LISTED, SHOWN = 7, 5
+"""Names of a set that a sentence lists; of a longer set it gives so many and the number of the others."""
+
+
 def effect_phrase(name: str) -> str:
     """An effect with its article.
 
@@ -63,6 +67,8 @@ def sentence(
     """
     many = len(alike) > 1
     *others, final = map(effect_phrase, alike)
+    if len(alike) > LISTED:
+        others, final = others[:SHOWN], f"one of {len(alike) - SHOWN} other effects"
     what = f"{', '.join(others)} or {final}" if others else final
     word = "certain" if certain else "likely"
     sure = f"{word} ({probability:.3g}; {evidence:.3g} nats)"

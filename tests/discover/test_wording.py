@@ -29,6 +29,14 @@ def test_a_set_is_never_told_as_one_name():
     )
 
 
+def test_a_long_set_is_told_by_its_first_and_their_number():
+    names = [f"thing_{k}" for k in range(7)]
+    assert "a thing 5 or a thing 6, one of them with" in sentence(names, **GIVEN)
+    assert "a thing 3, a thing 4 or one of 3 other effects, one of them with" in sentence(
+        [*names, "last"], **GIVEN
+    )
+
+
 def test_no_digit_is_said_that_the_data_do_not_know():
     given = {**GIVEN, "place": None, "units": {}}
     for ends, shown in (
