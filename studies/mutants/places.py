@@ -32,8 +32,8 @@ NEVER = ("tests/peers", "tests/test_", "tests/trust/test_kills", "tests/trust/te
 FAR = 99
 """Steps of imports to a test that does not look at all."""
 
-FILES = 10
-"""Files of tests for a mutant, at most."""
+FILES = 30
+"""Files of tests for a mutant, at most: the seconds that it is given end it sooner."""
 
 
 @dataclass(frozen=True)
@@ -130,9 +130,10 @@ class Tree:
             edge = {name for name, read in self.imports.items() if read & edge and name not in steps}
             steps |= dict.fromkeys(edge, step)
 
-        words = {
-            word for part in path.relative_to(self.root).with_suffix("").parts for word in part.split("_")
-        }
+        def words_of(name: str) -> set[str]:
+            return {word.removesuffix("s") for word in name.split("_")}
+
+        words = set().union(*map(words_of, path.relative_to(self.root).with_suffix("").parts))
 
         def place(test: str) -> tuple[int, int, str]:
             same = Path(test).parent == mirror
@@ -140,7 +141,7 @@ class Tree:
                 return -99, 0, test
             near = min((steps[name] for name in self.tests[test] if name in steps), default=FAR)
             # Where tests lie in one folder, as those of simulators do, their names say what they are of.
-            alike = len(words & set(Path(test).stem.split("_")))
+            alike = len(words & words_of(Path(test).stem))
             return near - same - 2 * alike if near < FAR else FAR, near, test
 
         ranked = [test for test in sorted(self.tests, key=place) if place(test)[0] < FAR]

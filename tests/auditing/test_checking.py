@@ -88,6 +88,14 @@ def test_an_outlier_fails_is_placed_and_named(failed):
     assert "features: distance" in failed.to_frame().index
 
 
+def test_without_an_estimator_no_posterior_moves(outlier):
+    result = check(line, outlier, prior=PRIOR, seed=1, **SMALL)
+    assert result.outcome == "FAIL"
+    assert result.answer.moved == ()
+    assert result.named == "outliers"
+    assert dict(result.answer.not_checked).keys() == {"after fitting"}
+
+
 def test_where_else_it_might_be_is_said_while_it_is_in_doubt(failed):
     place = failed.answer.where.places[0]
     assert place.departure > 5

@@ -10,6 +10,7 @@ import sys
 import textwrap
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -255,3 +256,45 @@ def test_leaves_of_an_equinox_module_with_its_builder(load, tmp_path, monkeypatc
     np.testing.assert_allclose(model.log_prob(draws, x), density, atol=1e-3)
     assert model.describe()["parameters"] == ["a", "b"]
     assert "equinox" in model.describe()["versions"]
+
+
+def joining(**names):
+    """An adapter that joins names with lengths, as BayesFlow's does once it has seen data."""
+    made = [
+        SimpleNamespace(
+            keys=list(parts),
+            into=into,
+            indices=np.cumsum(list(parts.values()))[:-1].tolist() + [sum(parts.values())],
+        )
+        for into, parts in names.items()
+    ]
+    return SimpleNamespace(transforms=[SimpleNamespace(), *made])
+
+
+def approximator(monkeypatch, **functions):
+    """The wrapper of a BayesFlow approximator about functions of ours; the library has an environment of its own."""
+    spec = importlib.util.spec_from_file_location("stranger_format", FORMATS / "bayesflow.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    monkeypatch.setattr(module, "AT_ONCE", 5)
+    adapter = joining(inference_variables={"a": 1, "b": 2}, summary_variables={"early": 2, "late": 1})
+    return module.Approximator(SimpleNamespace(adapter=adapter, **functions), {})
+
+
+def test_an_approximator_gets_data_and_parameters_under_its_names(monkeypatch):
+    seen = []
+
+    def log_prob(given):
+        seen.append({name: value.shape for name, value in given.items()})
+        return given["a"][:, 0] + 10 * given["b"].sum(axis=1) + 100 * given["late"][:, 0]
+
+    one = approximator(monkeypatch, log_prob=log_prob)
+    theta, x = np.arange(24.0).reshape(2, 4, 3), np.arange(6.0).reshape(2, 3)
+    expected = theta[..., 0] + 10 * theta[..., 1:].sum(axis=-1) + 100 * x[:, None, 2]
+    np.testing.assert_array_equal(one.log_prob(theta, x), expected)
+    assert seen == [{"a": (n, 1), "b": (n, 2), "early": (n, 2), "late": (n, 1)} for n in (5, 3)]
+
+
+def test_an_approximator_without_a_density_has_none(monkeypatch):
+    assert approximator(monkeypatch).log_prob is None
+    assert approximator(monkeypatch, log_prob=None).log_prob is None
