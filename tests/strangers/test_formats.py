@@ -272,7 +272,7 @@ def joining(**names):
 
 
 def approximator(monkeypatch, **functions):
-    """The wrapper of a BayesFlow approximator about functions of ours; the library has an environment of its own."""
+    """The wrapper of an approximator, about functions of ours; BayesFlow has an environment of its own."""
     spec = importlib.util.spec_from_file_location("stranger_format", FORMATS / "bayesflow.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
