@@ -16,6 +16,9 @@ from gaugeblock.core.foreign import RESPONSE, opened_fits
 MATRICES = ("MATRIX", "SPECRESP MATRIX", "RSP_MATRIX")
 """What the extension of a matrix is called, where its HDUCLAS2 does not say RSP_MATRIX."""
 
+NOISE = 1e-3
+"""Share of a matrix that may be negative: calibrations by splines or simulations leave a little."""
+
 
 @dataclass(frozen=True, eq=False)
 class Rmf:
@@ -51,8 +54,8 @@ def read_rmf(path: Path) -> Rmf:
     Raises
     ------
     InputError
-        If an extension is missing, numbers are not finite or negative, channels are unknown, or blocks lie on
-        input bins that do not nest.
+        If an extension is missing, numbers are not finite or well below 0, channels are unknown, or blocks
+        lie on input bins that do not nest.
     """
     with opened_fits(path, most=RESPONSE) as hdus:
         tables = [hdu for hdu in hdus[1:] if hdu.name in MATRICES or _says(hdu, "HDUCLAS2") == "RSP_MATRIX"]
@@ -63,7 +66,9 @@ def read_rmf(path: Path) -> Rmf:
                 "one; check that it is complete and an RMF"
             )
         channel, fine, notes = _channels(bounds[0], tables[0])
-        blocks = [_block(table, channel) for table in tables]
+        read = [_block(table, channel) for table in tables]
+        blocks = [block[:2] for block in read]
+        notes += tuple(block[2] for block in read if block[2])
         full = {_says(table, "HDUCLAS3") == "FULL" or _area(table) is not None for table in tables}
     if len(full) > 1:
         raise InputError("some of its MATRIX blocks include the effective area and some do not; split it")
@@ -127,8 +132,8 @@ def _ragged(column: Any, counts: NDArray[np.int64], name: str) -> Any:
     return flat
 
 
-def _block(table: Any, channel: NDArray[np.int64]) -> tuple[Array, Any]:
-    """Input bins ``(bin, 2)`` and matrix ``(fine, bin)`` of one extension."""
+def _block(table: Any, channel: NDArray[np.int64]) -> tuple[Array, Any, str]:
+    """Input bins ``(bin, 2)`` and matrix ``(fine, bin)`` of one extension, and what was repaired in it."""
     from scipy.sparse import coo_array
 
     energies = _keV(table, "ENERG_LO", "ENERG_HI")
@@ -143,13 +148,24 @@ def _block(table: Any, channel: NDArray[np.int64]) -> tuple[Array, Any]:
     start = np.cumsum(width) - width
     number = np.arange(len(values)) + np.repeat(first - start, width)
     place = np.minimum(np.searchsorted(channel, number), len(channel) - 1)
+    values, note = _nonnegative(values)
     used = values != 0
-    if not np.isfinite(values).all() or np.any(values < 0):
-        raise InputError("MATRIX holds numbers that are negative or not finite; make it anew")
     if np.any(channel[place[used]] != number[used]):
         raise InputError("MATRIX has channels that EBOUNDS does not; it is damaged")
     at = (place[used].astype(np.int32), np.repeat(row, width)[used])
-    return energies, coo_array((values[used], at), shape=(len(channel), len(energies))).tocsr()
+    return energies, coo_array((values[used], at), shape=(len(channel), len(energies))).tocsr(), note
+
+
+def _nonnegative(values: Array) -> tuple[Array, str]:
+    """Entries without what rounding or smoothing has left below 0, and a note of it."""
+    negative = values < 0
+    lost, held = -values[negative].sum(), values[~negative].sum()
+    if not np.isfinite(lost + held) or lost > NOISE * held:
+        raise InputError("MATRIX holds numbers that are negative or not finite; make it anew")
+    if not negative.any():
+        return values, ""
+    note = f"{negative.sum():,} entries of MATRIX are negative, {lost / held:.1g} of it, and are taken for 0"
+    return np.where(negative, 0.0, values), note
 
 
 def _parents(energies: Array, theirs: Array) -> NDArray[np.int64]:

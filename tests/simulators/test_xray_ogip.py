@@ -404,6 +404,22 @@ def test_one_spectrum_of_several_is_named_by_its_number(tmp_path, rmf, arf):
         Spectrum.from_ogip(f"{write_pha(tmp_path / 's.pha')}{{2}}", rmf, arf)
 
 
+@pytest.mark.parametrize("at", [(0, 2), (5, 0)])
+def test_a_little_below_nothing_in_a_matrix_is_nothing_and_more_is_refused(tmp_path, arf, at):
+    # The matrix adds up to 5.4.
+    little, much = MATRIX.copy(), MATRIX.copy()
+    little[at], much[at] = -0.005, -0.006
+    path = write_rmf(tmp_path / "little.rmf", matrix=little)
+    found, plain = read_rmf(path), read_rmf(write_rmf(tmp_path / "plain.rmf"))
+    np.testing.assert_array_equal(found.matrix.toarray(), plain.matrix.toarray())
+    assert plain.notes == ()
+    assert found.notes == ("1 entries of MATRIX are negative, 0.0009 of it, and are taken for 0",)
+    assert found.notes[0] in Response.from_ogip(path, arf).notes
+    for wrong in (much, np.where(little < 0, np.nan, little), np.where(little < 0, np.inf, little)):
+        with pytest.raises(InputError, match="negative or not finite"):
+            read_rmf(write_rmf(tmp_path / "much.rmf", matrix=wrong))
+
+
 def test_a_file_of_one_spectrum_may_say_that_it_has_several(tmp_path):
     # As CIAO leaves it where one order of a grating was taken out of a file of all.
     pha = write_pha(tmp_path / "s.pha", columns=[column("SPEC_NUM", "I", [1] * 4)], HDUCLAS4="TYPE:II")
