@@ -229,7 +229,10 @@ class Reader:
         return Reading(spectrum, identity, (raw.instrument or "").strip())
 
     def _with_background(self, spectrum: Spectrum, raw: Pha, pha: FilePath, background: FilePath) -> Spectrum:
-        other = load_pha("background", background)
+        try:
+            other = load_pha("background", background)
+        except InputError as error:
+            raise InputError(f"{error}; background 'none' does without it") from None
         if not np.array_equal(other.channel, raw.channel):
             raise InputError(f"background {background}: has other channels than the spectrum {pha}")
         response = spectrum.response
@@ -271,26 +274,41 @@ class Reader:
         if identity not in self._responses:
             grouping = _by_resolution(detector, raw, pha) if regroup else None
             made = respond(detector, raw, band=self._band, grouping=grouping, name=None, pha=pha)
-            self._responses[identity] = _reached(made) if self._reached else made
+            self._responses[identity] = _reached(made, raw.instrument) if self._reached else made
         return self._responses[identity], identity
 
 
-def _reached(response: Response) -> Response:
-    """Without the channels beyond all photons that the response knows: no model can explain their counts."""
+USUAL = {
+    "EPN": (0.3, 12.0), "EMOS1": (0.3, 10.0), "EMOS2": (0.3, 10.0), "ACIS": (0.5, 8.0), "XTI": (0.3, 12.0),
+    "FPMA": (3.0, 79.0), "FPMB": (3.0, 79.0), "XRT": (0.3, 10.0), "SIS0": (0.5, 10.0), "SIS1": (0.5, 10.0),
+    "XIS0": (0.5, 10.0), "XIS1": (0.5, 10.0), "XIS3": (0.5, 10.0),
+}  # fmt: skip
+"""Energies (keV) at which instruments are commonly used, as their teams' guides advise, by INSTRUME."""
+
+
+def _reached(response: Response, instrument: str | None) -> Response:
+    """Without the channels beyond all photons that the response knows: no model can explain their counts.
+
+    What else lies outside of an instrument's usual energies stays, and is told.
+    """
     low, high = float(response.energies[0, 0]), float(response.energies[-1, 1])
     kept = (response.channels[:, 1] > low) & (response.channels[:, 0] < high)
-    if kept.all() or not kept.any():
-        return response
-    told = (
-        f"no band was given: channels below {low:.3g} or above {high:.3g} keV, where the response ends, "
-        "are left out"
-    )
-    return replace(
-        response,
-        channels=response.channels[kept],
-        grouping=response.grouping[kept],
-        notes=(*response.notes, told),
-    )
+    notes = list(response.notes)
+    if not kept.all() and kept.any():
+        notes.append(
+            f"no band was given: channels below {low:.3g} or above {high:.3g} keV, where the response ends, "
+            "are left out"
+        )
+        response = replace(response, channels=response.channels[kept], grouping=response.grouping[kept])
+    lowest, highest = float(response.channels.min()), float(response.channels.max())
+    usual = USUAL.get((instrument or "").strip().upper())
+    if usual is not None and (lowest < 0.9 * usual[0] or highest > 1.1 * usual[1]):
+        notes.append(
+            f"no band was given: {instrument} is commonly used at {usual[0]:g} to {usual[1]:g} keV, and "
+            f"there are {lowest:.2g} to {highest:.3g}; what is named beyond may be the calibration's (--band "
+            f"{usual[0]:g} {usual[1]:g} leaves it out)"
+        )
+    return replace(response, notes=tuple(notes))
 
 
 def _by_resolution(detector: Detector, raw: Pha, pha: FilePath) -> NDArray[np.int64]:

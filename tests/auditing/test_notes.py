@@ -53,6 +53,18 @@ def test_channels_that_no_photon_reaches_are_left_out(files):
     )
 
 
+def test_energies_at_which_an_instrument_is_seldom_used_are_told(files, tmp_path):
+    full = {"rmf": path(EXAMPLE + "PN.rmf"), "arf": path(EXAMPLE + "PN.arf")}
+    (note,) = read(files, **full).simulator.notes
+    assert note.startswith("no band was given: EPN is commonly used at 0.3 to 12 keV, and there are 0.")
+    assert note.endswith("(--band 0.3 12 leaves it out)")
+    assert read(files, **full, band=(0.3, 12.0)).simulator.notes == ()
+    with fits.open(files["pha"]) as file:
+        file["SPECTRUM"].header["INSTRUME"] = "NEW"
+        file.writeto(tmp_path / "new.pha")
+    assert read({**files, "pha": tmp_path / "new.pha"}, **full).simulator.notes == ()
+
+
 def test_a_band_that_is_given_is_the_band(files):
     cut = read(files, band=(1.0, 9.0))
     assert cut.simulator.channels.min() < 1.1

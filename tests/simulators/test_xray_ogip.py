@@ -152,6 +152,11 @@ def test_a_spectrum_finds_the_files_that_its_header_names(tmp_path, rmf, arf):
     assert spectrum.exposure == 100.0
     assert set(spectrum.response.files) == {"rmf", "arf", "pha", "background"}
     assert Spectrum.from_ogip(pha, background="none").background is None
+    write_pha(tmp_path / "w.pha", (10.505, 0, 0, 4), name="RATE")
+    with pytest.raises(
+        InputError, match=r"^background .*w\.pha: .*whole.*; background 'none' does without it$"
+    ):
+        Spectrum.from_ogip(pha, background=tmp_path / "w.pha")
     with open(rmf, "rb") as source, gzip.open(tmp_path / "r.rmf.gz", "wb") as target:
         shutil.copyfileobj(source, target)
     rmf.unlink()
