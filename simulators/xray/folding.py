@@ -32,7 +32,7 @@ def forward(assembly: Assembly, response: Response, *, integration: str = "jaxsp
     names = assembly.prior.names
     # Whoever asks first may be tracing: without this the constants would belong to that trace alone.
     with double_precision(), jax.core.eval_context():
-        folding = _folding(assembly, response.sized())
+        folding = _folding(assembly, response.sized)
         low, high = _photon_energies(assembly, response)[:, folding.live]
         flux = photon_flux(assembly.tree, names, low, high, integration)
         source = _factors(assembly.factors, names, low, high)

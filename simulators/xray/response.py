@@ -133,6 +133,7 @@ class Response:
         weights = (self.area * self.exposure)[None, :]
         return np.asarray((grouping @ self.redistribution).multiply(weights).todense(), dtype=float)
 
+    @cached_property
     def sized(self) -> Response:
         """What is compiled: where programs are `shared` the last channel is there again, up to their size."""
         number = len(self.channels)

@@ -1,5 +1,6 @@
 """Programs that spectra of one instrument share: other sizes, the same numbers, compiled once."""
 
+import gc
 from dataclasses import replace
 
 import numpy as np
@@ -76,7 +77,7 @@ def test_every_kind_of_effect_expects_the_same_counts(response):
     plain, shared = spectrum(response), spectrum(replace(response, shared=True))
     theta = PRIOR.sample(3, np.random.default_rng(1))
     channels = len(response.channels)
-    assert len(shared.response.sized().channels) > channels
+    assert len(shared.response.sized.channels) > channels
     np.testing.assert_allclose(shared.expected(theta), plain.expected(theta), rtol=1e-12)
     assert shared.jacobian(theta).shape == (3, channels, 3)
     np.testing.assert_allclose(shared.jacobian(theta), plain.jacobian(theta), rtol=1e-9, atol=1e-9)
@@ -136,3 +137,19 @@ def test_measured_spectra_share_programs():
         **files,
     )
     assert read.simulator.response.shared
+
+
+def test_models_of_one_response_share_its_matrix(response):
+    jax = pytest.importorskip("jax")
+    theta, models, held = PRIOR.sample(1, np.random.default_rng(4)), [], []
+    plain = spectrum(response)
+    library = plain.effect_library(theta)
+    shifted = plain.with_effect(library["gain_offset"].effect())
+    for name in (None, "emission_line", "absorption_edge"):
+        gc.collect()
+        held.append(sum(array.nbytes for array in jax.live_arrays()))
+        models.append(shifted if name is None else shifted.with_effect(library[name].effect()))
+        models[-1].expected(models[-1].prior.sample(1, np.random.default_rng(5)))
+    first, *others = np.diff([*held, sum(array.nbytes for array in jax.live_arrays())])
+    assert first > 8 * len(response.channels) * 100
+    assert max(others) < 0.2 * first

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,14 +41,12 @@ def recorded_folding(response: Response, recorded: Sequence[Bound], prior: Prior
     rows = near(places, min(low), max(high))
     if response.shared:
         rows = grown(rows, 0, len(places.order))
-    dense = per_second(response, places.order[rows])
-    others = _others(response, recorded, places.order[rows])
-    live = response.evaluated(np.asarray(dense.any(axis=0) | (others > 0)))
-    dense, others = dense[:, live], others[live]
+    asked = any(not bound.what.affine for bound in recorded)
+    columns, live = _columns(response, places.order, rows, asked)
     reads = tuple(s for bound in recorded for s in bound.sources.values() if isinstance(s, str))
     if len(recorded) == 1 and isinstance(recorded[0].what, Broadening) and recorded[0].free:
         edges, members = places.edges[rows.start : rows.stop + 1], places.members[:, rows].toarray()
-        broad, matrix = recorded[0].what.alone(edges, dense, members)
+        broad, matrix = recorded[0].what.alone(edges, np.asarray(columns[:-1]), members)
         return Folding(
             lambda flux, theta: broad(flux, recorded[0].values(theta, names)),
             live,
@@ -55,17 +54,15 @@ def recorded_folding(response: Response, recorded: Sequence[Bound], prior: Prior
             reads,
         )
     group = _grouped(response, recorded, places, rows, names)
-    stacked = np.concatenate([dense, others[None]])
-    # What comes out where nothing goes in is added whatever the flux.
-    columns, with_nothing = jnp.asarray(stacked), jnp.asarray(np.pad(stacked, ((0, 0), (0, 1))))
 
     def transfer(theta: Any) -> tuple[Any, Any]:
-        # The compiler would spend minutes on what it can fold of constants this large.
-        given = jax.lax.optimization_barrier(with_nothing)
+        # The compiler would spend minutes on what it can fold of constants this large. What comes out where
+        # nothing goes in is added whatever the flux.
+        given = jnp.pad(jax.lax.optimization_barrier(columns), ((0, 0), (0, 1)))
         made = jax.vmap(lambda column: group(column, theta), in_axes=1, out_axes=1)(given)
         return made[:, :-1] - made[:, -1:], made[:, -1]
 
-    if all(bound.what.affine for bound in recorded):
+    if not asked:
         if not reads:
             # Compiled as one: operation by operation it would be a hundred compilations.
             matrix, added = jax.jit(transfer)(None)
@@ -91,12 +88,32 @@ def _background_folding(response: Response, recorded: Sequence[Bound], names: Se
     return Folding(fold, live)
 
 
-def _others(response: Response, recorded: Sequence[Bound], rows: Any) -> NDArray[np.float64]:
-    """Counts per second in all other channels for unit photon flux, where an operation asks for them."""
-    if all(bound.what.affine for bound in recorded):
-        return np.zeros(len(response.area))
-    rest = np.delete(np.arange(response.redistribution.shape[0]), rows)
-    return np.asarray(response.redistribution[rest].sum(axis=0)).ravel() * response.area
+_COLUMNS: WeakKeyDictionary[Response, dict[tuple[int, int, bool], tuple[Any, NDArray[np.bool_]]]] = (
+    WeakKeyDictionary()
+)
+
+
+def _columns(
+    response: Response, order: NDArray[np.int64], rows: slice, others: bool
+) -> tuple[Any, NDArray[np.bool_]]:
+    """Counts per second for unit photon flux ``(detector channel, bin)``, and which input bins they are of.
+
+    The last row is of all channels beyond `rows`, 0 unless `others` are asked for. Models of one response
+    share the array: there are as many as candidates in a search.
+    """
+    import jax.numpy as jnp
+
+    kept = _COLUMNS.setdefault(response, {})
+    key = (rows.start, rows.stop, others)
+    if key not in kept:
+        dense = per_second(response, order[rows])
+        rest = np.zeros(len(response.area))
+        if others:
+            beyond = np.delete(np.arange(response.redistribution.shape[0]), order[rows])
+            rest = np.asarray(response.redistribution[beyond].sum(axis=0)).ravel() * response.area
+        live = response.evaluated(np.asarray(dense.any(axis=0) | (rest > 0)))
+        kept[key] = jnp.asarray(np.concatenate([dense[:, live], rest[None, live]])), live
+    return kept[key]
 
 
 def _grouped(
