@@ -46,8 +46,8 @@ class Claim:
 
 @dataclass(frozen=True)
 class Decision:
-    """The answer: `claims` in order, what remains last; `added` the effects of the model that is shown;
-    `withdrawn` a name that did not hold; `why` says in one sentence what decided.
+    """The answer: `claims` in order of their evidence, what remains last; `added` the effects of the model
+    that is shown; `withdrawn` a name that did not hold; `why` says in one sentence what decided.
     """
 
     claims: tuple[Claim, ...]
@@ -153,6 +153,8 @@ def decide(
         kept = WEAK if at and not certain else KEPT[firm or len(alike) > 1]
         probability = (1.0 - chance) * kept / (1.0 + outside)
         claims.append(Claim(name, tuple(alike), mine, certain, probability, at))
+    # What was found first may have stood for what came after it, and be worth less beside it.
+    claims.sort(key=lambda claim: -claim.evidence)
     why = f"{label} predicts held-out {held} better by {gain:.1f} nats"
     if scored is None:
         why = f"{label} explains it; nothing could be held out to test that"

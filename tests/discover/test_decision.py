@@ -223,7 +223,7 @@ def test_certain_begins_at_25_nats_and_named_is_the_first_certain_name():
     both = Extension(("line", "dip"), 60.0, 2)
     held = replace(scored(), names=("before", "line + dip", "edge", "unnamed", "random 1"))
     found = decide(COUNTS, LOUD, rounds(both), QUIET, held, worth=(24.9, 25.0), lost=((), ()))
-    assert [(one.effect, one.certain) for one in found.claims] == [("line", False), ("dip", True)]
+    assert [(one.effect, one.certain) for one in found.claims] == [("dip", True), ("line", False)]
     assert found.named == found.indistinguishable[0] == "dip"
 
 
@@ -260,6 +260,17 @@ def test_a_probability_counts_the_models_outside_the_set_and_the_chance_of_an_al
     assert firm.claims[0].probability == pytest.approx(0.99 / (1.0 + np.exp(-5.0)))
     faint = decide(COUNTS, LOUD, rounds(z=1.0), QUIET, scored(), worth=(20.0,), lost=((),))
     assert faint.claims[0].probability == pytest.approx(0.99 * (1.0 - LOUD.p_global))
+
+
+def test_what_is_worth_most_stands_first_whenever_it_was_found():
+    both = Extension(("line", "dip"), 430.0, 2)
+    held = replace(scored(), names=("before", "line + dip", "edge", "unnamed", "random 1"))
+    for worth, order in (((400.0, 30.0), ["line", "dip"]), ((30.0, 400.0), ["dip", "line"])):
+        found = decide(COUNTS, LOUD, rounds(both), LOUD, held, worth=worth, lost=((), ()))
+        assert [claim.effect for claim in found.claims] == [*order, "unnamed"]
+        assert [claim.at for claim in found.claims[:2]] == [both.path.index(name) for name in order]
+        assert found.named == order[0]
+        assert found.added == ("line", "dip")
 
 
 def test_the_same_effects_in_another_order_are_no_rival():
