@@ -59,10 +59,12 @@ def test_energies_at_which_an_instrument_is_seldom_used_are_told(files, tmp_path
     assert note.startswith("no band was given: EPN is commonly used at 0.3 to 12 keV, and there are 0.")
     assert note.endswith("(--band 0.3 12 leaves it out)")
     assert read(files, **full, band=(0.3, 12.0)).simulator.notes == ()
-    with fits.open(files["pha"]) as file:
-        file["SPECTRUM"].header["INSTRUME"] = "NEW"
-        file.writeto(tmp_path / "new.pha")
-    assert read({**files, "pha": tmp_path / "new.pha"}, **full).simulator.notes == ()
+    for instrument, told in (("NEW", False), ("FPMA", True)):  # NuSTAR's energies end far above these
+        renamed = tmp_path / f"{instrument}.pha"
+        with fits.open(files["pha"]) as file:
+            file["SPECTRUM"].header["INSTRUME"] = instrument
+            file.writeto(renamed)
+        assert bool(read({**files, "pha": renamed}, **full).simulator.notes) == told
 
 
 def test_a_band_that_is_given_is_the_band(files):
