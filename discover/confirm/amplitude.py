@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -95,16 +95,15 @@ def estimates(prior: Any, fitted: Fit, *, level: float = 0.9) -> dict[str, Estim
     half = float(ndtri(0.5 + level / 2.0)) * errors
     place = coordinates.of(fitted.theta[0])
     low, high = (coordinates.theta(coordinates.clip(place + move)) for move in (-half, half))
-    ends = (coordinates.clip(place + side) for side in (-1.0, 1.0))
-    stopped = coordinates.bounded & np.any([np.abs(place - end) < STOPPED for end in ends], axis=0)
+    lowest, highest = (coordinates.clip(place + side) for side in (-1.0, 1.0))
+    stopped = coordinates.bounded & ((place - lowest < STOPPED) | (highest - place < STOPPED))
     made = {}
     for i, name in enumerate(prior.names):
         value = float(fitted.theta[0, i])
         # Nothing is said where counts do not change with a parameter, or jump: a line narrower than the
         # response's bins moves from one into the next.
-        made[name] = Estimate(value, at_limit=bool(stopped[i]))
-        if errors[i] > JUMPS:
-            made[name] = replace(made[name], low=float(low[i]), high=float(high[i]))
+        ends = (float(low[i]), float(high[i])) if errors[i] > JUMPS else (None, None)
+        made[name] = Estimate(value, ends[0], ends[1], bool(stopped[i]))
     return made
 
 

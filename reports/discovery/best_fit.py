@@ -21,8 +21,8 @@ def fit_rows(summary: Mapping[str, Any], *, backgrounds: bool = True) -> list[tu
     The shape of a measured background has a parameter every few channels: without `backgrounds` none of them.
     """
     sides = _sides(summary)
-    names = dict.fromkeys(name for side in sides for name in side.get("parameters") or {})
-    names = {name: None for name in names if backgrounds or not _SHAPE.match(name)}
+    every = dict.fromkeys(name for side in sides for name in side.get("parameters") or {})
+    names = [name for name in every if backgrounds or not _SHAPE.match(name)]
     rows = [(str(name), *(_value(pick(side, "parameters", name)) for side in sides)) for name in names]
     if any(finite(side.get("statistic")) is not None for side in sides):
         rows.append(("C / bins", *(_statistic(side) for side in sides)))

@@ -28,8 +28,8 @@ The summary (discovery.json)
         "gap": {"measure", "held_out": {..., "before_error", "after_error"},
                 "delta_log_evidence": {"value", "error", "sensitivity": [{"prior", "value"}]}}
         "statements": [{"effect", "indistinguishable", "certain", "probability", "evidence", "identification",
-                        "parameters": {name: {"value", "low", "high"}}, "energy_lo_kev", "energy_hi_kev",
-                        "text"}]                    what is claimed, in order
+                        "parameters": {name: {"value", "low", "high", "at_limit"}}, "energy_lo_kev",
+                        "energy_hi_kev", "text"}]   what is claimed, in order
         "fit": {"before": {"parameters": {name: {"value", "low", "high", "at_limit"}}, "statistic", "bins"},
                 "after"}
                                                     of many sources their median, 16 and 84%

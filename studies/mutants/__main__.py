@@ -118,8 +118,13 @@ def _run(chosen: Any, command: str) -> None:
             sys.stdout.write(_line(name, mutant, " ".join(mutant.tests)))
         return
     settings = {"commit": commit, "draw": chosen.draw, "seconds": chosen.seconds}
-    settings |= {"again": left} if chosen.again else {}
-    key = {"seed": chosen.seed, **settings, "code": [digest((HERE / name).read_text()) for name in DECIDES]}
+    again = {"again": left} if chosen.again else {}
+    key = {
+        "seed": chosen.seed,
+        **settings,
+        **again,
+        "code": [digest((HERE / name).read_text()) for name in DECIDES],
+    }
     with Bars() as bars:
         kept = Pieces(chosen.work or chosen.out / "checkpoints", key, "mutants", bars.show, chosen.workers)
         wanted = pieces(list(mutants.values()), root, commit, chosen.seconds)
