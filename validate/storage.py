@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from io import BytesIO
@@ -29,6 +30,8 @@ IN_MEMORY = 1 << 28
 TRIAL = "trial"
 # Values per block: 32 MiB of doubles. Part of what makes a run repeatable to the bit.
 VALUES = 1 << 22
+# Values that say whether an array is worth compressing.
+SAMPLE = 1 << 13
 
 
 # NetCDF and HDF5 are not made for several threads; writing may read, so one thread may come twice.
@@ -43,13 +46,20 @@ def _alone() -> Iterator[None]:
 
 
 def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
-    """Lossless compression of numeric arrays; no fill value: NaN and every integer stay as they are."""
+    """Lossless compression where it helps; no fill value: NaN and every integer stay as they are."""
     return {
-        str(name): {"zlib": True, "complevel": 1, "shuffle": True, "_FillValue": None}
+        str(name): {"zlib": _shrinks(variable), "complevel": 1, "shuffle": True, "_FillValue": None}
         if variable.ndim and np.issubdtype(variable.dtype, np.number)
         else {}
         for name, variable in dataset.variables.items()
     }
+
+
+def _shrinks(variable: xr.Variable) -> bool:
+    """Whether its first values shrink by a quarter. Draws, whose bits are random, do not: 4% in 1 s for 40 MB."""
+    first = variable.values.flat[:SAMPLE]
+    shuffled = first.view(np.uint8).reshape(-1, first.itemsize).T.tobytes()
+    return len(zlib.compress(shuffled, 1)) < 0.75 * len(shuffled)
 
 
 def write_groups(
