@@ -56,7 +56,7 @@ def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
 
 
 def _shrinks(variable: xr.Variable) -> bool:
-    """Whether its first values shrink by a quarter. Draws, whose bits are random, do not: 4% in 1 s for 40 MB."""
+    """Whether its first values shrink by a quarter. Draws, of random bits, do not: 4%, in 1 s for 40 MB."""
     first = variable.values.flat[:SAMPLE]
     shuffled = first.view(np.uint8).reshape(-1, first.itemsize).T.tobytes()
     return len(zlib.compress(shuffled, 1)) < 0.75 * len(shuffled)
