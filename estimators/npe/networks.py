@@ -16,6 +16,7 @@ from gaugeblock.estimators.npe.config import NetworkTable
 from gaugeblock.estimators.npe.features import build_features
 from gaugeblock.estimators.npe.laplace.compressor import Compressor
 from gaugeblock.estimators.npe.laplace.network import Head, LaplaceNetwork, groups_of
+from gaugeblock.estimators.npe.spline import use_splines
 
 
 @dataclass(frozen=True)
@@ -68,10 +69,13 @@ def build_network(config: NetworkTable, shape: NetworkShape, *, seed: int = 0) -
         # Of the host alone: the other devices' generators are nobody's business here.
         torch.default_generator.manual_seed(seed)
         if config.kind == "laplace":
-            return laplace_network(config, shape)
-        theta = torch.randn(2, shape.parameters)
-        x = torch.arange(2.0 * math.prod(shape.data_shape)).reshape(2, *shape.data_shape)
-        return builder(config, shape)(theta, x)
+            network: Any = laplace_network(config, shape)
+        else:
+            theta = torch.randn(2, shape.parameters)
+            x = torch.arange(2.0 * math.prod(shape.data_shape)).reshape(2, *shape.data_shape)
+            network = builder(config, shape)(theta, x)
+        use_splines(network)
+        return network
 
 
 def laplace_network(config: NetworkTable, shape: NetworkShape) -> LaplaceNetwork:

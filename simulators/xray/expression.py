@@ -414,28 +414,13 @@ def instance(leaf: Leaf) -> Any:
     return getattr(module, leaf.component)()
 
 
-def build(node: Node) -> tuple[Any, tuple[tuple[str, Source], ...]]:
-    """The jaxspec model of a tree, and where each of its dotted parameters comes from.
+Values = Callable[[Leaf], Mapping[str, Any]]
+"""The value of each of a component's parameters, by name."""
 
-    Call inside `double_precision()`.
-    """
-    made: dict[int, Leaf] = {}
 
-    def make(node: Node) -> Any:
-        if isinstance(node, Leaf):
-            component = instance(node)
-            made[id(component)] = node
-            return component
-        left, right = make(node.left), make(node.right)
-        return left + right if isinstance(node, Sum) else left * right
-
-    model = make(node)
-    if isinstance(node, Leaf):
-        model = require("jaxspec.model.abc", "xray").SpectralModel.from_component(model)
-    # jaxspec names its components when it composes them; find ours again by identity.
-    labels = dict.fromkeys(path.split(".")[0] for path in model.parameters)
-    sources = []
-    for label in labels:
-        leaf = made[id(getattr(model, label))]
-        sources += [(f"{label}.{parameter}", source) for parameter, source in leaf.bindings]
-    return model, tuple(sources)
+def with_values(component: Any, values: Mapping[str, Any]) -> Any:
+    """A jaxspec component with other values of its parameters, traced or not."""
+    nnx = require("flax.nnx", "xray")
+    definition, parameters, rest = nnx.split(component, nnx.Param, ...)
+    nnx.replace_by_pure_dict(parameters, {**nnx.to_pure_dict(parameters), **values})
+    return nnx.merge(definition, parameters, rest)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.precision import double_precision
 from gaugeblock.simulators.xray.effects.assembly import Assembly, Bound, Source
-from gaugeblock.simulators.xray.expression import Node, build, of_jaxspec, valued
+from gaugeblock.simulators.xray.expression import Node, of_jaxspec, valued
 from gaugeblock.simulators.xray.expression import Source as TreeSource
 from gaugeblock.simulators.xray.forward import ForwardModel
 from gaugeblock.simulators.xray.integration import exact_flux
@@ -20,6 +20,7 @@ from gaugeblock.simulators.xray.rate import Folding, Rate
 from gaugeblock.simulators.xray.recorded.fold import recorded_folding
 from gaugeblock.simulators.xray.response import Response
 from gaugeblock.simulators.xray.sparse import response_product
+from gaugeblock.simulators.xray.trapezoid import trapezoid_flux
 
 
 def forward(assembly: Assembly, response: Response, *, integration: str = "jaxspec") -> ForwardModel:
@@ -56,24 +57,15 @@ def photon_flux(
 
     What jaxspec does not compute is integrated exactly, whatever `integration` says.
     """
-    import jax.numpy as jnp
 
     def value(source: TreeSource, theta: Any) -> Any:
         return valued(source, lambda name: theta[names.index(name)])
 
-    if integration == "exact" or not of_jaxspec(tree):
-        exact = exact_flux(tree, low, high)
-        return lambda theta, factor: exact(
-            lambda leaf: {name: value(source, theta) for name, source in leaf.bindings}, factor
-        )
-    model, sources = build(tree)
-
-    def flux(theta: Any, factor: Any) -> Any:
-        values = {path: value(source, theta) for path, source in sources}
-        edges = (low, high) if isinstance(factor, int) else (low * factor, high * factor)
-        return model.photon_flux(*map(jnp.asarray, edges), params=values)
-
-    return flux
+    by_jaxspec = integration == "jaxspec" and of_jaxspec(tree)
+    between = (trapezoid_flux if by_jaxspec else exact_flux)(tree, low, high)
+    return lambda theta, factor: between(
+        lambda leaf: {name: value(source, theta) for name, source in leaf.bindings}, factor
+    )
 
 
 def _photon_energies(assembly: Assembly, response: Response) -> NDArray[np.float64]:

@@ -24,9 +24,11 @@ from gaugeblock.simulators.xray.expression import (
     Leaf,
     Node,
     Product,
+    Values,
     entry_of,
     instance,
     leaves,
+    with_values,
 )
 from gaugeblock.simulators.xray.formulas import EXACT, FORMULAS, Formula
 from gaugeblock.simulators.xray.tables import is_table, table_formula
@@ -122,7 +124,6 @@ def _shared(first: Any, second: Any) -> Any:
 
 
 def _of_jaxspec(leaf: Leaf) -> Evaluator:
-    nnx = require("flax.nnx", "xray")
     base = require("jaxspec.model.abc", "xray")
     made = instance(leaf)
     emission = base.AdditiveComponent
@@ -132,9 +133,7 @@ def _of_jaxspec(leaf: Leaf) -> Evaluator:
     def evaluate(values: Mapping[str, Any], pieces: Pieces) -> Any:
         import jax.numpy as jnp
 
-        definition, parameters, rest = nnx.split(made, nnx.Param, ...)
-        nnx.replace_by_pure_dict(parameters, {**nnx.to_pure_dict(parameters), **values})
-        component = nnx.merge(definition, parameters, rest)
+        component = with_values(made, values)
         if not isinstance(made, emission):
             return component.factor(pieces.nodes) * jnp.ones_like(pieces.nodes)
         photons = jnp.zeros_like(pieces.nodes)
@@ -147,9 +146,6 @@ def _of_jaxspec(leaf: Leaf) -> Evaluator:
 
     return evaluate
 
-
-Values = Callable[[Leaf], Mapping[str, Any]]
-"""The value of each of a component's parameters, by name."""
 
 INTEGRATIONS = ("jaxspec", "exact")
 

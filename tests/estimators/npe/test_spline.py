@@ -1,0 +1,63 @@
+"""The faster spline against zuko's own, and against what makes it a spline."""
+
+import pytest
+
+torch = pytest.importorskip("torch")
+zuko = pytest.importorskip("zuko")
+from zuko.transforms import MonotonicRQSTransform  # noqa: E402
+
+from gaugeblock.estimators.npe.config import NetworkTable  # noqa: E402
+from gaugeblock.estimators.npe.networks import NetworkShape, build_network  # noqa: E402
+from gaugeblock.estimators.npe.spline import Spline, use_splines  # noqa: E402
+
+
+def arguments(*shape, bins=8, seed=0):
+    """Sizes as large as training makes them, in double precision."""
+    made = torch.Generator().manual_seed(seed)
+    return [5 * torch.randn(*shape, k, generator=made).double() for k in (bins, bins, bins - 1)]
+
+
+@pytest.mark.parametrize("options", [{}, {"bound": 3.0, "slope": 1e-2}])
+@pytest.mark.parametrize("bins", [2, 8, 11])
+def test_values_inverse_and_volume_are_zukos(bins, options):
+    given = arguments(50, 3, bins=bins)
+    ours, theirs = Spline(*given, **options), MonotonicRQSTransform(*given, **options)
+    # Inside, beyond both ends, and on the ends.
+    end = options.get("bound", 5.0)
+    for x in (torch.linspace(-6, 6, 150).reshape(50, 3).double(), torch.full((50, 3), end).double(), -end):
+        x = x if isinstance(x, torch.Tensor) else torch.full((50, 3), x).double()
+        for found, expected in zip(ours.call_and_ladj(x), theirs.call_and_ladj(x), strict=True):
+            torch.testing.assert_close(found, expected, rtol=1e-9, atol=1e-9)
+        torch.testing.assert_close(ours.inv(x), theirs.inv(x), rtol=1e-8, atol=1e-8)
+
+
+def test_one_spline_may_serve_many_values():
+    ours, x = Spline(*arguments(3)), torch.linspace(-6, 6, 60).reshape(20, 3).double()
+    each = [Spline(*(part[k] for part in arguments(3)))(x[:, k]) for k in range(3)]
+    torch.testing.assert_close(ours(x), torch.stack(each, dim=-1))
+
+
+def test_it_is_learnt_as_zukos_is():
+    x, gradients = torch.linspace(-4, 4, 30).double(), []
+    for kind in (Spline, MonotonicRQSTransform):
+        given = [part.requires_grad_() for part in arguments(30)]
+        values, volume = kind(*given).call_and_ladj(x)
+        gradients.append(torch.autograd.grad((values + volume).sum(), given))
+    for found, expected in zip(*gradients, strict=True):
+        torch.testing.assert_close(found, expected, rtol=1e-7, atol=1e-9)
+
+
+def test_what_we_build_is_made_of_it_and_nothing_else_is_touched():
+    """With the bins and the least slope that sbi asked zuko for."""
+    shape = NetworkShape(2, (5,), "standard")
+    network = build_network(NetworkTable(transforms=2, hidden=[8], bins=4, embedding=[8]), shape)
+    made = [module.univariate for module in network.modules() if hasattr(module, "univariate")]
+    splines = [one for one in made if getattr(one, "func", None) is Spline]
+    assert len(splines) == 2
+    assert MonotonicRQSTransform not in {getattr(one, "func", None) for one in made}
+    own = zuko.flows.NSF(2, 3, slope=0.05)
+    affine = zuko.flows.MAF(2, 3)
+    for flow in (own, affine):
+        use_splines(flow)
+    assert {flow.univariate.keywords["slope"] for flow in own.transform.transforms} == {0.05}
+    assert not [flow for flow in affine.transform.transforms if flow.univariate is Spline]
