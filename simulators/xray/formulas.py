@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from gaugeblock.simulators.xray.averages import normal_cdf
 from gaugeblock.simulators.xray.cross_sections import PHABS, WABS, linear, table_breaks
 from gaugeblock.simulators.xray.disc import disc_integral
 from gaugeblock.simulators.xray.gaunt import gaunt
@@ -164,10 +165,10 @@ def absorber(energy: Any, *, file: str, nh: Any, redshift: Any = 0.0, f: Any = 1
 
 def zgauss(low: Any, high: Any, *, El: Any, sigma: Any, redshift: Any, norm: Any) -> Any:
     """Integral of norm / (1 + z) N(E (1 + z); El, sigma)."""
-    from jax.scipy.special import ndtr
-
     scale = 1.0 + redshift
-    return norm / scale**2 * (ndtr((high * scale - El) / sigma) - ndtr((low * scale - El) / sigma))
+    return (
+        norm / scale**2 * (normal_cdf((high * scale - El) / sigma) - normal_cdf((low * scale - El) / sigma))
+    )
 
 
 def lorentz(low: Any, high: Any, *, E_l: Any, sigma: Any, norm: Any) -> Any:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError, require
+from gaugeblock.simulators.xray.averages import normal_cdf
 from gaugeblock.simulators.xray.breaks import breaks, moving
 from gaugeblock.simulators.xray.components import CONVOLUTION
 from gaugeblock.simulators.xray.expression import (
@@ -106,13 +107,15 @@ def _power_law(values: Mapping[str, Any], pieces: Pieces) -> Any:
 def _gaussian(values: Mapping[str, Any], pieces: Pieces) -> Any:
     """By its integral: a line may be far narrower than a piece. All of its flux is at E > 0."""
     import jax.numpy as jnp
-    from jax.scipy.special import ndtr
 
-    low, middle, high = (
-        ndtr((energy - values["El"]) / values["sigma"]) for energy in (pieces.low, pieces.middle, pieces.high)
-    )
-    norm = values["norm"] / ndtr(jnp.asarray(values["El"] / values["sigma"]))
-    return norm * _shared(middle - low, high - middle)
+    places = jnp.stack([pieces.low, pieces.middle, pieces.high], axis=-1)
+    below = normal_cdf((places - values["El"]) / values["sigma"])
+    # A product of matrices, because XLA works out what it multiplies once; of sums it repeats the summands.
+    return values["norm"] / normal_cdf(values["El"] / values["sigma"]) * (below @ FROM_BELOW).T
+
+
+FROM_BELOW = np.array([[-0.5 - REACH, REACH - 0.5], [2.0 * REACH, -2.0 * REACH], [0.5 - REACH, REACH + 0.5]])
+"""From photons below a piece's ends and middle to those that its nodes stand for, as `_shared` has them."""
 
 
 def _shared(first: Any, second: Any) -> Any:

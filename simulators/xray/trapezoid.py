@@ -14,6 +14,7 @@ import numpy as np
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import require
+from gaugeblock.simulators.xray.averages import relative_expm1
 from gaugeblock.simulators.xray.expression import Leaf, Node, Product, Values, instance, leaves, with_values
 
 
@@ -70,16 +71,9 @@ def trapezoid_flux(tree: Node, low: Array, high: Array) -> Callable[[Values, Any
     return flux
 
 
-POLE = 1e-8
-"""So near to an index of 1 jaxspec's power law is the one of an index of 1."""
-
-
 def power_law_integral(low: Any, high: Any, *, alpha: Any, norm: Any) -> Any:
     """Photons of ``norm * E**-alpha`` between energies; no difference of nearly equal powers is taken."""
     import jax.numpy as jnp
 
     index, across = 1.0 - alpha, jnp.log(high / low)
-    pole = jnp.abs(index) < POLE
-    safe = jnp.where(pole, 1.0, index)
-    at_pole = across * (1.0 + 0.5 * index * across)
-    return norm * jnp.exp(index * jnp.log(low)) * jnp.where(pole, at_pole, jnp.expm1(safe * across) / safe)
+    return norm * jnp.exp(index * jnp.log(low)) * across * relative_expm1(index * across)

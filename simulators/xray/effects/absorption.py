@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.simulators.xray.averages import above, constant, gaussian, nodes, relative_expm1
 from gaugeblock.simulators.xray.cross_sections import TBABS, table, table_breaks
 from gaugeblock.simulators.xray.effects.assembly import Append
-from gaugeblock.simulators.xray.effects.averages import above, constant, gaussian, nodes, relative_expm1
 from gaugeblock.simulators.xray.effects.kinds import NONNEGATIVE, POSITIVE, EffectKind
 
 

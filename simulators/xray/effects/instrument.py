@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from gaugeblock.simulators.xray.averages import gaussian
 from gaugeblock.simulators.xray.effects.assembly import Append
-from gaugeblock.simulators.xray.effects.averages import gaussian
 from gaugeblock.simulators.xray.effects.kinds import ANY, NONNEGATIVE, POSITIVE, EffectKind
 from gaugeblock.simulators.xray.gain import Gain
 from gaugeblock.simulators.xray.recorded.background import Background

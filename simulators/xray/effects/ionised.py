@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from gaugeblock.simulators.xray.averages import above
 from gaugeblock.simulators.xray.effects.assembly import Append
-from gaugeblock.simulators.xray.effects.averages import above
 from gaugeblock.simulators.xray.effects.kinds import NONNEGATIVE, POSITIVE, EffectKind
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from gaugeblock.core.errors import InputError
+from gaugeblock.simulators.xray.averages import nodes
 from gaugeblock.simulators.xray.effects.assembly import Append
-from gaugeblock.simulators.xray.effects.averages import nodes
 from gaugeblock.simulators.xray.effects.kinds import EffectKind
 
 

@@ -12,8 +12,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from gaugeblock.simulators.xray.averages import gaussian, normal_cdf
 from gaugeblock.simulators.xray.effects.assembly import Append
-from gaugeblock.simulators.xray.effects.averages import gaussian, normal_cdf
 from gaugeblock.simulators.xray.effects.kinds import NONNEGATIVE, POSITIVE, EffectKind
 
 LINE = 6.4

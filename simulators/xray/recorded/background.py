@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.simulators.xray.effects.averages import relative_expm1
+from gaugeblock.simulators.xray.averages import relative_expm1
 from gaugeblock.simulators.xray.recorded.operation import Changed, Ranges
 from gaugeblock.simulators.xray.response import Response
 
