@@ -52,3 +52,12 @@ def test_the_deviance_is_about_one_where_the_model_holds():
     counts = np.random.default_rng(7).poisson(200.0, size=(2, 20_000))
     assert deviance(counts, np.full(counts.shape, 200.0)) == pytest.approx(1.0, abs=0.04)
     assert deviance(np.zeros((1, 4)), np.full((1, 4), 3.0)) == pytest.approx(6.0)
+
+
+def test_a_gain_scatters_by_its_stated_error(library):
+    """Channel by channel: data of other noise gain more or less by as much as one of them says."""
+    found = [scored(library, -0.06, seed) for seed in range(200, 240)]
+    stated = np.sqrt(np.mean([one.error_of("dip") ** 2 for one in found]))
+    scatter = np.std([one.gain("dip") for one in found], ddof=1)
+    # 40 values know a standard deviation to 11%; the fit's own noise is no part of what is stated.
+    assert 0.6 < scatter / stated < 1.7, (scatter, stated)

@@ -1,5 +1,7 @@
 """The confidence set keeps the true effect, and tells effects apart that are known to be far apart."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -57,3 +59,15 @@ def test_a_rival_far_away_is_put_out(library):
 def test_a_rival_nearby_stays_in(library):
     inside = sum(compared(library, 400.0, seed)[0].z < CRITICAL for seed in range(20))
     assert inside >= 15
+
+
+def test_a_parameter_costs_half_a_nat_and_a_hopeless_rival_no_fit(library):
+    counts = library["line"].simulator.simulate(np.array([[*THETA, 3.3, 1500.0]]), np.random.default_rng(1))
+    base = fit(library.simulator, counts, start=THETA[None])
+    starts = {"line": np.array([[*THETA, 3.3, 1500.0]]), "dip": np.array([[*THETA, 3.3, 0.1]])}
+    both = profiles(library, counts, base.objective[0], starts)
+    best = replace(both["line"], gain=100.0, size=5)
+    rival = replace(both["dip"], gain=40.0, size=2)
+    found = compare(best, rival, Sources.of(library.simulator, counts))
+    assert found.lead == pytest.approx(58.5)
+    assert found.z == pytest.approx(np.sqrt(2 * 58.5))
