@@ -59,7 +59,13 @@ def test_equals_jaxspec_to_rounding(simulator, theta):
         theirs = np.asarray(
             forward_model_with_multiple_inputs(Tbabs() * (Powerlaw() + Blackbodyrad()), values, observation)
         )
-    np.testing.assert_allclose(simulator.expected(theta[:200]), theirs * scale, rtol=1e-12)
+    off = np.abs(simulator.expected(theta[:200]) / (theirs * scale) - 1)
+    # jaxspec takes a power law's photons for the difference of two powers, which near an index of 1 are equal
+    # but for the index's distance times the logarithm of a bin's ends (here 5e-4): it loses as many digits.
+    # Ours are those of the integral (test_xray_trapezoid.py).
+    index = np.abs(theta[:200, 1] - 1)
+    assert (off.max(axis=1) < np.maximum(1e-12, 2.0**-52 / (5e-4 * index))).all()
+    assert off[index > 0.5].max() < 1e-12
 
 
 def test_log_likelihood_is_the_poisson_log_pmf(simulator, theta):
