@@ -114,16 +114,18 @@ def _gaussian(values: Mapping[str, Any], pieces: Pieces) -> Any:
     return values["norm"] / normal_cdf(values["El"] / values["sigma"]) * (below @ FROM_BELOW).T
 
 
-FROM_BELOW = np.array([[-0.5 - REACH, REACH - 0.5], [2.0 * REACH, -2.0 * REACH], [0.5 - REACH, REACH + 0.5]])
-"""From photons below a piece's ends and middle to those that its nodes stand for, as `_shared` has them."""
+SHARES = np.array([[0.5 + REACH, 0.5 - REACH], [0.5 - REACH, 0.5 + REACH]])
+"""What each node stands for, from the integrals over both halves: exact for emission that is straight."""
+
+FROM_BELOW = np.array([[-1.0, 0.0], [1.0, -1.0], [0.0, 1.0]]) @ SHARES
+"""The same from the photons below a piece's ends and middle."""
 
 
 def _shared(first: Any, second: Any) -> Any:
-    """What the nodes stand for, from the integrals over both halves: exact for emission that is straight."""
+    """What the nodes stand for, ``(2, piece)``."""
     import jax.numpy as jnp
 
-    mean, tilt = 0.5 * (first + second), REACH * (second - first)
-    return jnp.stack([mean - tilt, mean + tilt])
+    return jnp.stack([share[0] * first + share[1] * second for share in SHARES])
 
 
 def _of_jaxspec(leaf: Leaf) -> Evaluator:
