@@ -75,11 +75,12 @@ class Cases:
 
     def ranks(self, at: Array) -> Array:
         """Share of the draws below values ``(trial, parameter)``, ties counted half; within 0 and 1."""
-        number = self.draws.shape[1]
-        below, upto = (
-            places(np.swapaxes(self.ordered, 1, 2), at[..., None], right=right)[..., 0]
-            for right in (False, True)
-        )
+        number, ordered = self.draws.shape[1], np.swapaxes(self.ordered, 1, 2)
+        below = places(ordered, at[..., None])
+        equal = np.take_along_axis(ordered, np.minimum(below, number - 1), axis=2)[..., 0] == at
+        below = below[..., 0]
+        upto = below.copy()
+        upto[equal] = places(ordered[equal], at[equal][:, None], right=True)[:, 0]
         return np.asarray((below + upto + 1) / (2 * (number + 1)))
 
 
@@ -98,6 +99,15 @@ def places(ordered: Array, at: Array, *, right: bool = False) -> NDArray[np.int6
         size -= size // 2
     found += is_before(flat[found], asked)
     return (found - first).reshape(at.shape)
+
+
+def places_within(values: Array) -> NDArray[np.int64]:
+    """Of each of the values ``(trial, item, ...)`` its place among its trial's, ties in their order."""
+    order = np.argsort(values, axis=1, kind="stable")
+    found = np.empty_like(order)
+    every = np.arange(order.shape[1]).reshape(-1, *[1] * (order.ndim - 2))
+    np.put_along_axis(found, order, np.broadcast_to(every, order.shape), axis=1)
+    return found
 
 
 def thirds(number: int, seed: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 import numpy as np
@@ -25,13 +25,26 @@ UNTOLD = 0.95 / 12
 LEAST_FACTOR = 1.5
 
 
-def _loss(cases: Cases, parameter: int, column: int, reading: LayoutReading) -> float:
-    """Mean square error with which a column under a reading foretells a parameter, infinite if it cannot."""
-    truth = cases.theta[:TRIALS, parameter]
-    order = np.sort(truth)
-    draws = ColumnLoss.of(cases.draws[:TRIALS, :DRAWS, column], None)
-    found = draws.loss(order, share_below(order, truth), reading)
-    return float(found.mean()) if np.isfinite(found).all() else np.inf
+class _Losses:
+    """Mean square errors with which columns under readings foretell parameters, each column sorted once."""
+
+    def __init__(self, cases: Cases):
+        number = range(len(cases.names))
+        self.truths = [cases.theta[:TRIALS, k] for k in number]
+        self.draws = [cases.draws[:TRIALS, :DRAWS, k] for k in number]
+        self._orders = [np.sort(truth) for truth in self.truths]
+        self._targets = [share_below(*each) for each in zip(self._orders, self.truths, strict=True)]
+        self._columns = [ColumnLoss.of(each, None) for each in self.draws]
+
+    def __call__(self, parameter: int, column: int, reading: LayoutReading) -> float:
+        """Infinite where it cannot foretell."""
+        order, target = self._orders[parameter], self._targets[parameter]
+        found = self._columns[column].loss(order, target, reading)
+        return float(found.mean()) if np.isfinite(found).all() else np.inf
+
+    def readings(self, parameter: int, column: int) -> Iterator[LayoutReading]:
+        """What a column may be tried as for a parameter."""
+        return readings(self.truths[parameter], self.draws[column])
 
 
 def columns(cases: Cases) -> Sequence[Repair]:
@@ -39,20 +52,21 @@ def columns(cases: Cases) -> Sequence[Repair]:
     p = len(cases.names)
     if p == 1:
         return []
-    as_they_are = np.array([[_loss(cases, k, j, AS_IT_IS) for j in range(p)] for k in range(p)])
+    loss = _Losses(cases)
+    as_they_are = np.array([[loss(k, j, AS_IT_IS) for j in range(p)] for k in range(p)])
     found = [_in_order(cases, as_they_are, {})]
     # Columns that foretell something, each in its own place, are not read otherwise in another.
     if p <= EVERYWHERE and (found != [None] or (np.diag(as_they_are) > UNTOLD).any()):
-        best = {(k, j): _best(cases, k, j, float(as_they_are[k, j])) for k in range(p) for j in range(p)}
+        best = {(k, j): _best(loss, k, j, float(as_they_are[k, j])) for k in range(p) for j in range(p)}
         cost = np.array([[best[k, j][0] for j in range(p)] for k in range(p)])
         found.append(_in_order(cases, cost, {place: reading for place, (_, reading) in best.items()}))
     return [repair for repair in found if repair is not None]
 
 
-def _best(cases: Cases, parameter: int, column: int, plain: float) -> tuple[float, LayoutReading]:
+def _best(loss: _Losses, parameter: int, column: int, plain: float) -> tuple[float, LayoutReading]:
     """The least loss of a column for a parameter, dearer if it must be read otherwise, and how it is read."""
-    truth, draws = cases.theta[:TRIALS, parameter], cases.draws[:TRIALS, :DRAWS, column]
-    tried = [(_loss(cases, parameter, column, each) / RESCALED, each) for each in readings(truth, draws)]
+    every = loss.readings(parameter, column)
+    tried = [(loss(parameter, column, each) / RESCALED, each) for each in every]
     return min([(plain, AS_IT_IS), *tried], key=lambda each: each[0])
 
 
@@ -87,13 +101,12 @@ def reordered(
 
 def unit(cases: Cases) -> Sequence[Repair]:
     """Columns times a factor, where that foretells far better."""
-    factor = np.ones(len(cases.names))
+    factor, loss = np.ones(len(cases.names)), _Losses(cases)
     for k in range(len(factor)):
-        truth, draws = cases.theta[:TRIALS, k], cases.draws[:TRIALS, :DRAWS, k]
-        tried = [each for each in readings(truth, draws) if each.transform == "none" and not each.offset]
-        best = min(tried, key=lambda each, k=k: _loss(cases, k, k, each), default=AS_IT_IS)  # type: ignore[misc]
+        tried = [each for each in loss.readings(k, k) if each.transform == "none" and not each.offset]
+        best = min(tried, key=lambda each, k=k: loss(k, k, each), default=AS_IT_IS)  # type: ignore[misc]
         far = abs(np.log(abs(best.unit))) > np.log(LEAST_FACTOR)
-        if far and _loss(cases, k, k, best) < RESCALED * _loss(cases, k, k, AS_IT_IS):
+        if far and loss(k, k, best) < RESCALED * loss(k, k, AS_IT_IS):
             factor[k] = best.unit
     if (factor == 1).all():
         return []
@@ -110,12 +123,11 @@ def multiplied(cases: Cases, by: Array) -> Cases:
 
 def log(cases: Cases) -> Sequence[Repair]:
     """Columns read as logarithms, or as powers."""
-    read = [AS_IT_IS] * len(cases.names)
+    read, loss = [AS_IT_IS] * len(cases.names), _Losses(cases)
     for k in range(len(read)):
-        truth, draws = cases.theta[:TRIALS, k], cases.draws[:TRIALS, :DRAWS, k]
-        tried = [each for each in readings(truth, draws) if each.transform != "none"]
-        best = min(tried, key=lambda each, k=k: _loss(cases, k, k, each), default=AS_IT_IS)  # type: ignore[misc]
-        if _loss(cases, k, k, best) < RESCALED * _loss(cases, k, k, AS_IT_IS):
+        tried = [each for each in loss.readings(k, k) if each.transform != "none"]
+        best = min(tried, key=lambda each, k=k: loss(k, k, each), default=AS_IT_IS)  # type: ignore[misc]
+        if loss(k, k, best) < RESCALED * loss(k, k, AS_IT_IS):
             read[k] = best
     if all(each == AS_IT_IS for each in read):
         return []
@@ -145,13 +157,13 @@ def reread(cases: Cases, transforms: Sequence[str], units: Array, offsets: Array
 
 def sign(cases: Cases) -> Sequence[Repair]:
     """Columns of the other sign, or mirrored in the middle of the truths."""
-    found = []
+    found, loss = [], _Losses(cases)
     centre = np.median(cases.theta, axis=0)
     for about, words in ((np.zeros_like(centre), "the other sign"), (centre, "the other way round")):
         flipped = np.zeros(len(centre), dtype=bool)
         for k in range(len(centre)):
             mirrored = LayoutReading(unit=-1.0, offset=float(2 * about[k]))
-            flipped[k] = _loss(cases, k, k, mirrored) < RESCALED * _loss(cases, k, k, AS_IT_IS)
+            flipped[k] = loss(k, k, mirrored) < RESCALED * loss(k, k, AS_IT_IS)
         if flipped.any():
             found.append(_mirrored(cases.names, flipped, about, words))
     return found

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.diagnosis.cases import Cases
+from gaugeblock.diagnosis.cases import Cases, places_within
 from gaugeblock.diagnosis.repair import Repair, mends, weighted
 
 # A gap between draws that parts two modes, as a share of their range; each holds at least so much of them;
@@ -57,7 +57,7 @@ def correlations(cases: Cases) -> Sequence[Repair]:
 
 def _normal(draws: Array) -> Array:
     """Normal scores of the draws' ranks within their trial, ties in their order."""
-    rank = np.argsort(np.argsort(draws, axis=1, kind="stable"), axis=1, kind="stable")
+    rank = places_within(draws)
     table = special.ndtri((np.arange(draws.shape[1]) + 0.5) / draws.shape[1])
     return np.asarray((table / table.std())[rank])
 
@@ -80,8 +80,7 @@ def recoloured(cases: Cases, by: Array, added: bool) -> Cases:
     colour = wanted_root @ np.swapaxes(vectors, 1, 2)
     white = np.einsum("tdp,tpk->tdk", scores, whitening @ np.swapaxes(own_vectors, 1, 2))
     coloured = np.einsum("tdk,tkp->tdp", white, colour)
-    rank = np.argsort(np.argsort(coloured, axis=1, kind="stable"), axis=1, kind="stable")
-    return cases.drawn(np.take_along_axis(np.sort(cases.draws, axis=1), rank, axis=1))
+    return cases.drawn(np.take_along_axis(cases.ordered, places_within(coloured), axis=1))
 
 
 def missing_mode(cases: Cases) -> Sequence[Repair]:

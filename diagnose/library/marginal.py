@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.diagnosis.cases import Cases
+from gaugeblock.diagnosis.cases import Cases, places_within
 from gaugeblock.diagnosis.repair import Repair, listed, mends, root, rows_of
 
 # How far repairs are looked for: shifts in half-widths, logs of a stretch, and of a lopsided one.
@@ -190,9 +190,8 @@ def _beyond_all(cases: Cases, otherwise: float) -> float:
 def unclipped(cases: Cases, share: float) -> Cases:
     """Each draw as far out as its rank would be if the mass that is missing were there."""
     stretch = _drawn_out(cases.draws.shape[1], share)
-    rank = np.argsort(np.argsort(cases.draws, axis=1, kind="stable"), axis=1, kind="stable")
     middle = cases.middle[:, None]
-    return cases.drawn(middle + (cases.draws - middle) * stretch[rank])
+    return cases.drawn(middle + (cases.draws - middle) * stretch[places_within(cases.draws)])
 
 
 def _drawn_out(number: int, share: float) -> Array:

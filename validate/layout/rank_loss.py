@@ -100,5 +100,7 @@ def foretellings(theta_true: Array, draws: Array, *, weight: Array | None = None
 
 def share_below(order: Array, values: Array) -> Array:
     """Share of the sorted truths below each value, ties counted half; NaN of NaN."""
-    below, upto = (np.searchsorted(order, values, side) for side in ("left", "right"))
+    below = np.searchsorted(order, values)
+    upto, equal = below.copy(), order[np.minimum(below, len(order) - 1)] == values
+    upto[equal] = np.searchsorted(order, values[equal], "right")
     return np.where(np.isnan(values), np.nan, (below + upto) / (2 * len(order)))
