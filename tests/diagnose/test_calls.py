@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 
 import numpy as np
 import pytest
 
 import gaugeblock as gb
 from gaugeblock.auditing.estimator_from import LibraryEstimator
+from gaugeblock.validate import make_policy
 
 SMALL = {"trials": 600, "draws": 60, "progress": False}
+# What fails most broken estimators, which is when an audit diagnoses.
+QUICK = {"validators": ("draws", "sbc")}
+# What fails draws that do not know their data.
+SEEN = {"validators": ("draws", "local")}
 PRIOR = gb.Prior({"a": gb.Normal(0.0, 1.0), "b": gb.Normal(2.0, 1.0)})
 
 
@@ -32,9 +38,14 @@ CALLS = {
 }
 
 
+@cache
+def audited(symptom):
+    return gb.audit(CALLS[symptom], simulate, prior=PRIOR, **SMALL, **QUICK)
+
+
 @pytest.mark.parametrize("symptom", CALLS)
 def test_how_the_estimator_should_be_called_is_found_by_calling_it(symptom):
-    result = gb.audit(CALLS[symptom], simulate, prior=PRIOR, **SMALL)
+    result = audited(symptom)
     said = result.verdict.diagnosis
     assert result.outcome == "FAIL"
     # Another zero of the data moves normal posteriors as another zero of the draws does.
@@ -57,7 +68,7 @@ def test_a_chain_is_a_chain_and_knows_nothing():
             z[:, step] = 0.97 * z[:, step - 1] + np.sqrt(1 - 0.97**2) * z[:, step]
         return (np.asarray(x) / 0.25 + [0.0, 2.0])[:, None] / 5 + np.sqrt(0.2) * z
 
-    result = gb.audit(chain, simulate, prior=PRIOR, trials=300, draws=100, progress=False)
+    result = gb.audit(chain, simulate, prior=PRIOR, trials=300, draws=100, progress=False, **QUICK)
     found = result.verdict.diagnosis
     assert found["called"]
     assert found["named_all"] == ["autocorrelated"]
@@ -81,13 +92,13 @@ def test_the_same_numbers_are_no_chain_where_values_are_few():
         trials=300,
         draws=100,
         progress=False,
+        **QUICK,
     )
     assert result.diagnose().named == "fixed_seed"
 
 
 def test_draws_alone_do_not_show_how_the_estimator_is_called():
-    result = gb.audit(CALLS["x_scale"], simulate, prior=PRIOR, **SMALL)
-    found = result.diagnose()
+    found = audited("x_scale").diagnose()
     assert not found.called
     assert found.named != "x_scale"
 
@@ -115,8 +126,8 @@ def test_an_estimator_that_knows_the_truths_gives_itself_away_when_it_is_asked_a
         knowing.truths.update({row.tobytes(): truth for row, truth in zip(x, theta, strict=True)})
         return x
 
-    said = gb.audit(knowing, leaking, prior=PRIOR, **SMALL).verdict.diagnosis
-    assert said is None or said["named"] == "knows_truth"
+    said = gb.audit(knowing, leaking, prior=PRIOR, **SMALL, **QUICK).verdict.diagnosis
+    assert said["named"] == "knows_truth"
 
 
 def test_the_diagnosis_stands_in_every_output_and_is_derived_again(tmp_path, capsys, monkeypatch):
@@ -127,7 +138,8 @@ def test_the_diagnosis_stands_in_every_output_and_is_derived_again(tmp_path, cap
     theta = PRIOR.sample(600, rng)
     x = simulate(theta, rng)
     draws = right(x, 60, rng)[..., ::-1]
-    result = gb.audit_draws(theta, draws, x=x, names=["a", "b"], out=tmp_path / "out", progress=False)
+    out, names = tmp_path / "out", ["a", "b"]
+    result = gb.audit_draws(theta, draws, x=x, names=names, out=out, progress=False, **QUICK)
     content = json.loads((tmp_path / "out" / "verdict.json").read_text())["diagnosis"]
     assert content["named"] == "columns"
     assert set(content) >= {"named", "indistinguishable", "causes", "parameters", "gap", "text"}
@@ -149,7 +161,8 @@ def test_the_diagnosis_stands_in_every_output_and_is_derived_again(tmp_path, cap
 
 
 def test_a_pass_has_none_until_it_is_asked_for(tmp_path):
-    result = gb.audit(right, simulate, prior=PRIOR, trials=2500, draws=100, progress=False, out=tmp_path)
+    policy = make_policy({"required": ["sbc"], "tolerance": {"bias": 0.2, "log_width": 0.2}}, source="test")
+    result = gb.audit(right, simulate, prior=PRIOR, policy=policy, out=tmp_path, **SMALL, **QUICK)
     assert result.outcome == "PASS"
     assert result.verdict.diagnosis is None
     assert result.diagnose().named is None
@@ -169,7 +182,7 @@ def test_an_estimator_that_refuses_other_data_is_no_error():
             raise ValueError("these are no data of mine")
         return right(x, n, rng) + 1.0
 
-    said = gb.audit(strict, simulate, prior=PRIOR, **SMALL).verdict.diagnosis
+    said = gb.audit(strict, simulate, prior=PRIOR, **SMALL, **QUICK).verdict.diagnosis
     assert "shift" in (said["named"], *said["indistinguishable"])
 
 
@@ -178,7 +191,9 @@ def test_data_that_nobody_scaled_are_said_to_be_where_draws_ignore_them():
         return PRIOR.sample(len(x) * n, rng).reshape(len(x), n, 2)
 
     for factor, said in ((1e5, True), (1.0, False), (1e-3, True)):
-        result = gb.audit(prior_itself, lambda t, r, f=factor: simulate(t, r) * f, prior=PRIOR, **SMALL)
+        result = gb.audit(
+            prior_itself, lambda t, r, f=factor: simulate(t, r) * f, prior=PRIOR, **SMALL, **SEEN
+        )
         found = result.verdict.diagnosis
         assert found["named"] == "ignored_parameter"
         assert ("x is not scaled: its standard deviations are" in found["text"]) is said
@@ -215,7 +230,7 @@ def test_information_that_no_repair_finds_has_causes_all_the_same():
         mine = np.asarray(x) / 100 > [0, 2]
         return np.stack([rng.choice(theta[(sign == row).all(axis=1)], n) for row in mine])
 
-    result = gb.audit(coarse, lambda t, r: 100 * simulate(t, r), prior=PRIOR, **SMALL)
+    result = gb.audit(coarse, lambda t, r: 100 * simulate(t, r), prior=PRIOR, **SMALL, **SEEN)
     found = result.verdict.diagnosis
     assert found["named"] == "other"
     assert "what the data say beyond the draws" in found["text"]
