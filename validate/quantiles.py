@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,6 +39,14 @@ def quantile_of(values: Array, quantile: float) -> tuple[float, float]:
     return float(middle), float(high - low) * spread / max(float(place[2] - place[1]), 1.0)
 
 
+@lru_cache(maxsize=16)
+def _at_most(n: int, quantile: float) -> Array:
+    """Chance that at most k of n values lie below their quantile, k = 0..n-1."""
+    found = np.asarray(special.bdtr(np.arange(n), n, quantile))
+    found.setflags(write=False)
+    return found
+
+
 def order_statistic_bounds(values: Array, quantile: float, tail: float) -> tuple[float, float]:
     """Bounds on a quantile of `values`, each missed with probability at most `tail`, for any distribution.
 
@@ -48,7 +57,7 @@ def order_statistic_bounds(values: Array, quantile: float, tail: float) -> tuple
     """
     ordered = np.sort(values)
     n = len(ordered)
-    below = special.bdtr(np.arange(n), n, quantile)  # P(at most k values lie below the quantile), k = 0..n-1
+    below = _at_most(n, quantile)
     reach = int(np.count_nonzero(below <= tail))
     lower = float(ordered[reach - 1]) if reach else -np.inf
     first = int(np.count_nonzero(below < 1 - tail))

@@ -21,10 +21,12 @@ from gaugeblock.validate.joint.importance import importance_findings
 from gaugeblock.validate.marginal.sbc import uniform_finding
 
 DEFAULT = read_policy("default")
+# What sees a wrong width, place or density, in a few hundredths of a second.
+QUICK = ("draws", "sbc", "coverage", "importance")
 
 
-def verdict_on(trials, policy=DEFAULT, importance=None) -> Verdict:
-    findings, not_checked = run_validators(trials_tree(trials, importance), seed=1)
+def verdict_on(trials, policy=DEFAULT, importance=None, select=None) -> Verdict:
+    findings, not_checked = run_validators(trials_tree(trials, importance), seed=1, select=select)
     return judge(findings, not_checked, policy, seed=2)
 
 
@@ -59,7 +61,7 @@ def test_an_exact_estimator_passes(gaussian_trials):
 def test_broken_estimators_are_blocked_and_the_message_says_what_was_seen(
     gaussian_trials, fault, blocked, said
 ):
-    verdict = verdict_on(gaussian_trials(3000, 100, 2, seed=3, **fault))
+    verdict = verdict_on(gaussian_trials(3000, 100, 2, seed=3, **fault), select=QUICK)
     assert verdict.outcome is Outcome.FAIL
     gate = gates(verdict)[blocked]
     assert gate.outcome is Outcome.FAIL
@@ -70,7 +72,8 @@ def test_broken_estimators_are_blocked_and_the_message_says_what_was_seen(
 
 
 def test_the_coverage_message_names_every_parameter_that_fails(gaussian_trials):
-    gate = gates(verdict_on(gaussian_trials(3000, 50, 2, seed=4, ratio=0.7)))["coverage.central"]
+    verdict = verdict_on(gaussian_trials(3000, 50, 2, seed=4, ratio=0.7), select=QUICK)
+    gate = gates(verdict)["coverage.central"]
     assert gate.message.count("p0: ") == gate.message.count("p1: ") == 1
     assert "tolerated 0.05" in gate.message
 
@@ -79,7 +82,7 @@ def test_one_draw_that_is_no_number_blocks(gaussian_trials):
     trials = gaussian_trials(4000, 50, 1, seed=5)
     draws = trials["draws"].values.copy()
     draws[17, 3, 0] = np.nan
-    verdict = verdict_on(trials.assign(draws=(trials["draws"].dims, draws)))
+    verdict = verdict_on(trials.assign(draws=(trials["draws"].dims, draws)), select=QUICK)
     assert verdict.outcome is Outcome.FAIL
     gate = gates(verdict)["draws.finite"]
     assert gate.message.startswith("NaN or infinite: 1 draws (in 1 of 4000 trials: 17)")
@@ -125,18 +128,23 @@ def test_few_trials_are_inconclusive_and_say_how_many_would_do(gaussian_trials):
 
 def test_a_required_gate_without_a_finding_is_inconclusive(gaussian_trials):
     trials = gaussian_trials(4000, 50, 1, seed=13, density=False)
-    assert verdict_on(trials).outcome is Outcome.PASS
-    verdict = verdict_on(trials, policy(required=["sbc", "importance"]))
+    findings, not_checked = run_validators(trials_tree(trials), seed=1)
+
+    def judged(policy):
+        return judge(findings, not_checked, policy, seed=2)
+
+    assert judged(DEFAULT).outcome is Outcome.PASS
+    verdict = judged(policy(required=["sbc", "importance"]))
     assert verdict.outcome is Outcome.INCONCLUSIVE
     gate = gates(verdict)["importance"]
     assert gate.required
     assert "required by the policy but could not be checked: needs log_q" in gate.message
-    assert verdict_on(trials, policy(required=["sbc", "tarp"])).outcome is Outcome.INCONCLUSIVE
+    assert judged(policy(required=["sbc", "tarp"])).outcome is Outcome.INCONCLUSIVE
 
 
 def test_a_failing_gate_blocks_although_it_is_not_required(gaussian_trials):
     trials = gaussian_trials(3000, 50, 1, seed=14, log_q_noise=4.0)
-    verdict = verdict_on(trials)
+    verdict = verdict_on(trials, select=QUICK)
     assert not gates(verdict)["importance.ess"].required
     assert verdict.outcome is Outcome.FAIL
 

@@ -87,6 +87,8 @@ def _moved_pit(
     total = (number if share is None else share.sum(axis=1)) + truths
     wide = unit > 0
     away = (draws - truth[:, None]) / np.where(wide, unit, 1.0)[:, None]
+    if share is None:
+        away.sort(axis=1)  # what is in order is found among the shifts in half the time
     # How many shifts leave the truth at or below the draw.
     place = np.searchsorted(SHIFTS, away.ravel(), side="right").reshape(away.shape)
     place += (len(SHIFTS) + 1) * np.arange(n * parameters).reshape(n, 1, parameters)
