@@ -1,7 +1,6 @@
 """A stranger's file audited from the command line: the verdict it deserves, and nothing left behind."""
 
 import json
-import os
 import subprocess
 import sys
 import textwrap
@@ -9,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.cli.inside import inside
 
 from gaugeblock.auditing.audit import audit_configured
 from gaugeblock.auditing.config import AuditConfig, read_config
@@ -40,18 +40,6 @@ def theirs(tmp_path: Path) -> Any:
         return path
 
     return write
-
-
-def run(*arguments: object, cwd: Path, path: str | None = None) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "gaugeblock", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-        cwd=cwd,
-        env={**os.environ, **({} if path is None else {"PATH": path})},
-    )
 
 
 TOY = ("--simulator", "linear_gaussian", "--set", "simulator.parameters=2", "--set", "simulator.data=3")
@@ -93,7 +81,9 @@ def test_good_passes_and_narrow_fails_as_in_this_process(
 
 
 def test_one_command_is_enough(sandbox: Any, theirs: Any, tmp_path: Path) -> None:
-    done = [run("audit", "--estimator", theirs(), *TOY, *SMALL, "--out", name, cwd=tmp_path) for name in "ab"]
+    done = [
+        inside("audit", "--estimator", theirs(), *TOY, *SMALL, "--out", name, cwd=tmp_path) for name in "ab"
+    ]
     assert [one.returncode for one in done] == [3, 3], done[0].stderr
     first, second = (json.loads((tmp_path / name / "verdict.json").read_text()) for name in "ab")
     assert first["provenance"]["seed"] != second["provenance"]["seed"]
@@ -152,28 +142,23 @@ def test_interrupted_it_goes_on_with_the_seed_it_began_with(
     assert verdict["provenance"]["seed"] == seed
 
 
-def test_without_a_sandbox_the_command_ends_with_two_and_a_remedy(theirs: Any, tmp_path: Path) -> None:
-    broken = tmp_path / "sandbox.py"
-    broken.write_text(
-        "import gaugeblock.stranger.sandbox as module\n"
-        "module.STANDARD_PATH = '/nowhere'\n"
-        "from gaugeblock.cli import main\nmain()\n"
-    )
-    command = [sys.executable, broken, "audit", "--estimator", theirs(), *TOY, *SMALL]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+def test_without_a_sandbox_the_command_ends_with_two_and_a_remedy(
+    theirs: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("gaugeblock.stranger.sandbox.STANDARD_PATH", "/nowhere")
+    command = ("audit", "--estimator", theirs(), *TOY, *SMALL)
+    done = inside(*command, cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "apt-get install bubblewrap" in done.stderr
-    trusted = subprocess.run(
-        [*command, "--i-trust-this-estimator"], capture_output=True, text=True, check=False, cwd=tmp_path
-    )
+    trusted = inside(*command, "--i-trust-this-estimator", cwd=tmp_path)
     assert trusted.returncode == 3, trusted.stderr
     record = json.loads((tmp_path / "gaugeblock-audit" / "verdict.json").read_text())["provenance"]
     assert record["confinement"]["sandbox"] == "none: trusted by whoever ran the audit"
 
 
 def test_what_is_lacking_is_one_line(theirs: Any, tmp_path: Path) -> None:
-    done = run("audit", "--estimator", theirs(), cwd=tmp_path)
+    done = inside("audit", "--estimator", theirs(), cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr == (
         "gaugeblock: say what the estimator is for: --simulator NAME, or a configuration\n"

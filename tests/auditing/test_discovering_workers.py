@@ -2,7 +2,6 @@
 
 import os
 import signal
-import subprocess
 import sys
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -12,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cli.inside import inside
 
 import gaugeblock as gb
 from gaugeblock.auditing import discovering
@@ -211,8 +211,5 @@ def test_what_is_no_catalogue_is_not_shared(tmp_path: Path) -> None:
     ):
         gb.discover(one, executor=threads)
     (tmp_path / "one.pha").touch()
-    said = subprocess.run(
-        [sys.executable, "-m", "gaugeblock", "discover", "one.pha", "--workers", "0"],
-        cwd=tmp_path, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    said = inside("discover", "one.pha", "--workers", "0", cwd=tmp_path)
     assert (said.returncode, said.stderr) == (2, "gaugeblock: --workers 0: must be 1 or more\n")

@@ -5,11 +5,10 @@ from __future__ import annotations
 import io
 import json
 import math
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from tests.cli.inside import inside
 
 from gaugeblock.auditing.planned import as_json, print_table, tolerating
 from gaugeblock.core.errors import InputError
@@ -19,14 +18,10 @@ from gaugeblock.validate.planning.planner import plan
 DEFAULT = read_policy("default")
 
 
-def command(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "gaugeblock", "plan", *arguments], capture_output=True, text=True, check=False
-    )
-
-
 def test_json_on_stdout() -> None:
-    done = command("--width-error", "0.1", "--bias", "0.1", "--power", "0.9", "--params", "5", "--json")
+    done = inside(
+        "plan", "--width-error", "0.1", "--bias", "0.1", "--power", "0.9", "--params", "5", "--json"
+    )
     assert done.returncode == 0, done.stderr
     said = json.loads(done.stdout)
     assert 2000 < said["trials"] < 3500
@@ -41,7 +36,7 @@ def test_json_on_stdout() -> None:
 
 
 def test_trials_given() -> None:
-    done = command("--trials", "4000", "--draws", "250", "--json", "--seed", "3")
+    done = inside("plan", "--trials", "4000", "--draws", "250", "--json", "--seed", "3")
     assert done.returncode == 0, done.stderr
     said = json.loads(done.stdout)
     assert (said["trials"], said["draws"], said["seed"]) == (4000, 250, 3)
@@ -54,7 +49,7 @@ def test_trials_given() -> None:
     [(["--bias", "-1"], "--bias -1"), (["--params", "0"], "params = 0")],
 )
 def test_bad_input_is_one_line_and_exit_2(arguments: list[str], said: str) -> None:
-    done = command(*arguments)
+    done = inside("plan", *arguments)
     assert done.returncode == 2
     assert said in done.stderr
     assert done.stderr.count("\n") == 1

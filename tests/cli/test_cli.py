@@ -6,15 +6,13 @@ import subprocess
 import sys
 import time
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Iterator
 from importlib import metadata
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
+from tests.cli.inside import inside
 
-from gaugeblock.cli.commands import main
 from gaugeblock.validate import main_trials, make_trials, read_trials, write_trials
 
 FILES = (
@@ -22,14 +20,7 @@ FILES = (
     "model_card.md",
     "looks.json",
 )
-ROOT = Path(__file__).resolve().parents[2]
 TOY = ("--set", "simulator.name=linear_gaussian", "--set", "estimator.name=exact")
-
-
-class Said(NamedTuple):
-    returncode: int
-    stdout: str
-    stderr: str
 
 
 def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -43,25 +34,6 @@ def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProc
     )
 
 
-@pytest.fixture
-def inside(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Iterator[Callable[..., Said]]:
-    """The command line in this process, which has imported everything already."""
-    interrupt = signal.getsignal(signal.SIGINT)
-
-    def call(*arguments: object, cwd: Path = ROOT) -> Said:
-        monkeypatch.chdir(cwd)
-        monkeypatch.setattr(sys, "argv", ["gaugeblock", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        code = ended.value.code
-        return Said(code if isinstance(code, int) else int(code is not None), *capsys.readouterr())
-
-    yield call
-    signal.signal(signal.SIGINT, interrupt)
-
-
 def gaussian_trials(path: Path, *, width: float = 1.0, number: int = 3000) -> Path:
     rng = np.random.default_rng(3)
     x = rng.standard_normal((number, 2))
@@ -72,7 +44,9 @@ def gaussian_trials(path: Path, *, width: float = 1.0, number: int = 3000) -> Pa
 
 
 def test_an_exact_estimator_passes_and_leaves_all_files(tmp_path: Path) -> None:
-    done = run("audit", *TOY, "--set", "trials.number=3000", "--set", "trials.draws=100", "--out", tmp_path)
+    done = inside(
+        "audit", *TOY, "--set", "trials.number=3000", "--set", "trials.draws=100", "--out", tmp_path
+    )
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("PASS")
     assert sorted(os.listdir(tmp_path)) == sorted(FILES)
@@ -88,7 +62,7 @@ def test_an_exact_estimator_passes_and_leaves_all_files(tmp_path: Path) -> None:
     ElementTree.parse(tmp_path / "junit.xml")
 
 
-def test_draws_from_disk_pass_fail_or_stay_undecided(tmp_path: Path, inside: Callable[..., Said]) -> None:
+def test_draws_from_disk_pass_fail_or_stay_undecided(tmp_path: Path) -> None:
     good = inside("audit", "--trials", gaussian_trials(tmp_path / "good.nc"), "--out", tmp_path / "good")
     assert good.returncode == 0, good.stdout + good.stderr
     assert "not checked  importance.ess" in good.stdout
@@ -104,7 +78,7 @@ def test_draws_from_disk_pass_fail_or_stay_undecided(tmp_path: Path, inside: Cal
     assert json.loads((tmp_path / "few" / "verdict.json").read_text())["verdict"] == "INCONCLUSIVE"
 
 
-def test_a_release_is_entered_in_its_ledger(tmp_path: Path, inside: Callable[..., Said]) -> None:
+def test_a_release_is_entered_in_its_ledger(tmp_path: Path) -> None:
     small = ("--set", "trials.number=20", "--validator", "draws", "--ledger", tmp_path / "ledger.json")
     assert inside("audit", *TOY, *small, "--out", tmp_path / "first").returncode == 3
     done = inside("audit", *TOY, *small, "--release", "--out", tmp_path / "second")
@@ -117,7 +91,7 @@ def test_a_release_is_entered_in_its_ledger(tmp_path: Path, inside: Callable[...
     assert inside("verify", tmp_path / "second").returncode == 0
 
 
-def test_the_gate_judges_again_without_sampling(tmp_path: Path, inside: Callable[..., Said]) -> None:
+def test_the_gate_judges_again_without_sampling(tmp_path: Path) -> None:
     file = gaussian_trials(tmp_path / "good.nc")
     assert inside("audit", "--trials", file, "--out", tmp_path / "first").returncode == 0
     again = inside("gate", tmp_path / "first", "--policy", "strict", "--out", tmp_path / "second")
@@ -127,7 +101,7 @@ def test_the_gate_judges_again_without_sampling(tmp_path: Path, inside: Callable
     assert written["provenance"]["policy"]["tolerance"]["bias"] == 0.05
 
 
-def test_a_validator_can_be_chosen(tmp_path: Path, inside: Callable[..., Said]) -> None:
+def test_a_validator_can_be_chosen(tmp_path: Path) -> None:
     done = inside(
         "audit", "--trials", gaussian_trials(tmp_path / "t.nc"), "--validator", "coverage", "--out", tmp_path
     )
@@ -162,7 +136,7 @@ def test_a_validator_can_be_chosen(tmp_path: Path, inside: Callable[..., Said]) 
     ],
 )
 def test_bad_input_gets_a_line_exit_2_and_writes_nothing(
-    arguments: list[str], complaint: str, tmp_path: Path, inside: Callable[..., Said]
+    arguments: list[str], complaint: str, tmp_path: Path
 ) -> None:
     if "train" in arguments or "estimator.path=nowhere" in arguments:
         pytest.importorskip("sbi")
@@ -183,7 +157,7 @@ def test_bad_input_gets_a_line_exit_2_and_writes_nothing(
 
 
 def test_debug_shows_where_and_nothing_commands_the_terminal(tmp_path: Path) -> None:
-    done = run("audit", "now\x1b[2J\x9b\u202ehere.toml", "--debug", cwd=tmp_path)
+    done = inside("audit", "now\x1b[2J\x9b\u202ehere.toml", "--debug", cwd=tmp_path)
     assert done.returncode == 2
     assert "Traceback" in done.stderr
     assert done.stderr.count("now?[2J??here.toml: cannot be read") == 2
@@ -205,7 +179,7 @@ class Slow(Exact):
 INTERRUPTED = (
     *(sys.executable, "-m", "gaugeblock", "audit", "--set", "simulator.name=linear_gaussian"),
     *("--set", "estimator.name=slow:Slow", "--set", "trials.number=100", "--set", "trials.block=10"),
-    *("--quiet", "--out", "out"),
+    *("--validator", "sbc", "--quiet", "--out", "out"),
 )
 
 
@@ -246,9 +220,7 @@ def test_the_version() -> None:
     assert done.stdout == f"gaugeblock {metadata.version('gaugeblock')}\n"
 
 
-def test_arrays_of_numpy_are_audited_and_what_they_lack_is_said(
-    tmp_path: Path, inside: Callable[..., Said]
-) -> None:
+def test_arrays_of_numpy_are_audited_and_what_they_lack_is_said(tmp_path: Path) -> None:
     trials = main_trials(read_trials(gaussian_trials(tmp_path / "t.nc")))
     arrays = {name: trials[name].values for name in ("theta_true", "draws")}
     np.savez(tmp_path / "t.npz", **arrays, names=["a", "b"])

@@ -8,6 +8,7 @@ import sys
 import tomllib
 
 import pytest
+from tests.cli.inside import inside
 
 from gaugeblock.validate.policy import read_policy
 
@@ -62,13 +63,13 @@ def test_with_all_options_nothing_is_asked_and_comments_are_what_would_be_set(tm
         "--policy",
         "strict",
     )
-    done = run("init", "own.toml", *options, "--json", cwd=tmp_path)
+    done = inside("init", "own.toml", *options, "--json", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     text = (tmp_path / "own.toml").read_text()
     table = tomllib.loads(text)
     assert table["estimator"] == {"name": "stranger", "path": 'a "b".pkl'}
     assert table["policy"] == {"base": "strict"}
-    assert run("schema", "configuration", "own.toml", cwd=tmp_path).returncode == 0
+    assert inside("schema", "configuration", "own.toml", cwd=tmp_path).returncode == 0
     # With its comments taken away the tolerance is that of the strict policy, number by number.
     lines = text.partition("# [policy.tolerance]\n")[2].splitlines()
     tolerance = tomllib.loads("\n".join(line.removeprefix("# ") for line in lines))
@@ -77,7 +78,7 @@ def test_with_all_options_nothing_is_asked_and_comments_are_what_would_be_set(tm
 
 
 def test_draws_on_disk_need_no_simulator(tmp_path):
-    done = run("init", cwd=tmp_path, stdin="draws\nmy.nc\n")
+    done = inside("init", cwd=tmp_path, stdin="draws\nmy.nc\n")
     assert "next: gaugeblock audit gaugeblock.toml --trials my.nc" in done.stdout
     assert set(tomllib.loads((tmp_path / "gaugeblock.toml").read_text())) == {"policy"}
 
@@ -114,7 +115,7 @@ def test_in_a_terminal(tmp_path):
     ],
 )
 def test_what_cannot_be_is_one_line_and_nothing_is_written(options, said, tmp_path):
-    done = run("init", *options, cwd=tmp_path)
+    done = inside("init", *options, cwd=tmp_path)
     assert done.returncode == 2
     assert said in done.stderr
     assert len(done.stderr.splitlines()) == 1
@@ -124,9 +125,9 @@ def test_what_cannot_be_is_one_line_and_nothing_is_written(options, said, tmp_pa
 def test_a_file_that_is_there_stays(tmp_path):
     (tmp_path / "gaugeblock.toml").write_text("mine")
     options = ("--kind", "draws", "--posterior", "d.nc")
-    done = run("init", *options, cwd=tmp_path)
+    done = inside("init", *options, cwd=tmp_path)
     assert (done.returncode, (tmp_path / "gaugeblock.toml").read_text()) == (2, "mine")
-    assert run("init", *options, "--replace", cwd=tmp_path).returncode == 0
+    assert inside("init", *options, "--replace", cwd=tmp_path).returncode == 0
 
 
 def test_completion_in_bash(tmp_path):

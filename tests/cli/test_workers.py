@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 import yaml
+from tests.cli.inside import inside
 
 import gaugeblock as gb
 from gaugeblock.auditing.audit import audit_configured
@@ -81,7 +82,7 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 def finished(place: Path) -> bytes:
     """What the unchanged command makes of it."""
-    done = shell("gaugeblock audit audit.toml --out run", place)
+    done = inside("audit", "audit.toml", "--out", "run", cwd=place)
     assert done.returncode in (0, 3), done.stderr
     assert not (place / "run" / ".chunks").exists()
     return (place / "run" / "trials.nc").read_bytes()
@@ -95,7 +96,7 @@ def test_a_job_array_of_slurm(place: Path, alone: bytes) -> None:
     # Of six blocks, two with importance draws and three with likelihoods.
     assert [re.findall(r"part (./2): (\d+) blocks", line)[0] for line in said] == [("2/2", "5"), ("1/2", "6")]
     assert len(list(place.glob("run/.chunks/*/*-000*.nc"))) == 11
-    changed = shell("gaugeblock audit audit.toml --out run --seed 7", place)
+    changed = inside("audit", "audit.toml", "--out", "run", "--seed", "7", cwd=place)
     assert changed.returncode == 2
     assert "parts of another plan (seed 20260611 there, 7 here)" in changed.stderr
     assert len(changed.stderr.strip().splitlines()) == 1
@@ -151,7 +152,7 @@ def test_a_cluster_of_dask_jobqueue(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     ],
 )
 def test_what_cannot_be_is_one_line(place: Path, options: str, said: str) -> None:
-    done = shell(f"gaugeblock audit --out run {options}", place)
+    done = inside("audit", "--out", "run", *options.split(), cwd=place)
     assert done.returncode == 2
     assert said in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
+from tests.cli.inside import Said, inside
 
 from gaugeblock.auditing.trials_from import any_trials, trials_from_arviz
 from gaugeblock.core.errors import InputError
@@ -136,10 +135,9 @@ def test_what_cannot_be_mapped_is_one_line(case: str, drawn, tmp_path: Path) -> 
 
 
 def test_the_command_reads_them(narrow, tmp_path: Path) -> None:
-    def audit(path: Path) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "gaugeblock", "audit", "--quiet", "--trials", str(path)]
-        command += ["--validator", "sbc", "--out", str(tmp_path / "out")]
-        return subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+    def audit(path: Path) -> Said:
+        options = ("--quiet", "--validator", "sbc", "--out", tmp_path / "out")
+        return inside("audit", "--trials", path, *options)
 
     bad = audit(written(layout(narrow), tmp_path / "narrow.nc"))
     assert bad.returncode == 1, bad.stdout + bad.stderr
