@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tests.trust.fuzzing import HOSTILE, JSON, KINDS, TOML, arrays, outcome, response, spectrum
+from tests.trust.fuzzing import HOSTILE, JSON, KINDS, TOML, arrays, outcome, response, spectrum, warm
 
 Given = Iterator[tuple[str, str, bytes]]
 
@@ -210,6 +210,8 @@ def corpus() -> Given:
 
 def read(folder: Path) -> dict[str, str]:
     """What became of each file, by name; the sound ones are read before."""
+    (folder / "warm").mkdir()
+    warm(folder / "warm")
     assert outcome(KINDS["trials.npz"][1], _written(folder / "trials.npz", arrays())) == "read"
     found = {}
     for name, kind, content in corpus():

@@ -183,8 +183,18 @@ if importlib.util.find_spec("astropy") is not None:
     KINDS |= {"source.pha": (spectrum(), pha), "source.rmf": (response(), rmf)}
 
 
+def warm(folder: Path) -> None:
+    """Read the sound files once, so that no fork imports what readers import on their way."""
+    for name, (content, read) in KINDS.items():
+        (folder / name).write_bytes(content)
+        read(folder / name)
+        DERIVED[name](folder / name)
+
+
 def fuzzed(folder: Path, number: int) -> dict[str, dict[str, int]]:
     """How often each outcome came, by kind of file; the sound files first, under ``"sound"``."""
+    (folder / "warm").mkdir()
+    warm(folder / "warm")
     found = {"sound": Counter[str]()} | {name: Counter[str]() for name in KINDS}
     for name, (content, read) in KINDS.items():
         (folder / name).write_bytes(content)
