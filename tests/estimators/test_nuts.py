@@ -48,17 +48,13 @@ def test_it_reports_on_itself(run):
     assert np.all(run.step_size > 0)
 
 
-def test_nothing_is_compiled_twice_for_one_shape(simulator, x):
+def test_nothing_is_compiled_twice_for_one_shape_and_precision_is_left_as_it_was(simulator, x):
     # Warm-up, any number of draws and any last batch of up to four rows share one compiled function.
+    before = jax.config.jax_enable_x64
     estimator = Nuts(simulator, warmup=20, thinning=1, starts=8, parallel=4)
     estimator.sample(x[:8], 5, np.random.default_rng(104))
-    estimator.sample(x[:7], 9, np.random.default_rng(105))  # blocks of 4 and 3, padded to 4
+    draws = estimator.sample(x[:7], 9, np.random.default_rng(105))  # blocks of 4 and 3, padded to 4
     assert estimator._advance._cache_size() == 1
-
-
-def test_jax_s_precision_is_left_as_it_was(simulator, x):
-    before = jax.config.jax_enable_x64
-    draws = Nuts(simulator, warmup=10, starts=4).sample(x[:2], 3, np.random.default_rng(106))
     assert jax.config.jax_enable_x64 == before
     assert draws.dtype == np.float64
     assert np.any(draws != draws.astype(np.float32))
