@@ -170,14 +170,26 @@ def test_the_last_block_is_seen_whole_and_cut(simulator: Any, tmp_path: Path) ->
     assert main_trials(tree)["trial"].values.tolist() == list(range(30))
 
 
-@pytest.mark.parametrize("block", [1, 7, 20, 200])
-def test_a_shorter_run_is_the_beginning_of_a_longer_one(simulator: Any, block: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("block", "shorter", "longer"),
+    [(1, (5, 2, 4), (12, 6, 9)), *((block, (23, 10, 20), (60, 33, 45)) for block in (7, 20, 200))],
+)
+def test_a_shorter_run_is_the_beginning_of_a_longer_one(
+    simulator: Any, block: int, shorter: tuple[int, ...], longer: tuple[int, ...], tmp_path: Path
+) -> None:
     """Of all groups, bit for bit, whatever the groups' own numbers."""
-    short = collect(simulator, Exact(simulator), replace(PLAN, number=23, block=block), tmp_path)
-    more = replace(PLAN, block=block, importance_number=33, joint_number=45)
-    long = collect(simulator, Exact(simulator), more, tmp_path)
-    xr.testing.assert_identical(main_trials(short), main_trials(long).isel(trial=slice(23)))
-    for group, number in (("importance", 10), ("joint", 20)):
+    names = ("number", "importance_number", "joint_number")
+    short, long = (
+        collect(
+            simulator,
+            Exact(simulator),
+            replace(PLAN, block=block, **dict(zip(names, numbers, strict=True))),
+            tmp_path,
+        )
+        for numbers in (shorter, longer)
+    )
+    xr.testing.assert_identical(main_trials(short), main_trials(long).isel(trial=slice(shorter[0])))
+    for group, number in zip(("importance", "joint"), shorter[1:], strict=True):
         one, other = (group_trials(tree, group) for tree in (short, long))
         assert one is not None
         assert other is not None

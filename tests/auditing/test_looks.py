@@ -18,20 +18,25 @@ from gaugeblock.reports.reason import of_looks
 
 
 def audited(out: Path | None, number: int, **options: Any) -> Audit:
-    table = {
-        **{"number": number, "draws": 20, "block": 20, "importance_number": number // 2},
-        **{"importance_draws": 30, "joint_number": number, "joint_draws": 5, "seed": 7},
-    }
+    table = {"number": number, "draws": 20, "block": 20, "importance_number": 0, "joint_number": 0, "seed": 7}
     table |= options.pop("table", {})
     options = {"validators": ("sbc", "coverage"), "progress": False, **options}
     return gb.audit("exact", "linear_gaussian", trials=table, out=out, **options)
 
 
+def groups(number: int) -> dict[str, int]:
+    """Trials with importance draws and likelihoods too."""
+    return {
+        **{"importance_number": number // 2, "importance_draws": 30},
+        **{"joint_number": number, "joint_draws": 5},
+    }
+
+
 def test_an_enlarged_audit_keeps_its_trials_to_the_byte(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    audited(tmp_path / "fresh", 130)
-    audited(tmp_path / "grown", 70)
+    audited(tmp_path / "fresh", 130, table=groups(130))
+    audited(tmp_path / "grown", 70, table=groups(70))
     made: list[range] = []
     inner = collect.MainTrials.__call__
 
@@ -40,7 +45,7 @@ def test_an_enlarged_audit_keeps_its_trials_to_the_byte(
         return inner(self, trials)
 
     monkeypatch.setattr(collect.MainTrials, "__call__", watched)
-    grown = audited(tmp_path / "grown", 130)
+    grown = audited(tmp_path / "grown", 130, table=groups(130))
     # Only whole blocks are in the file: the one that was cut at 70 is made again.
     assert made == [range(60, 80), range(80, 100), range(100, 120), range(120, 140)]
     assert (tmp_path / "grown" / "trials.nc").read_bytes() == (tmp_path / "fresh" / "trials.nc").read_bytes()
