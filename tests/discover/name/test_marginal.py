@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gaugeblock.discovery.fitting import fit
-from gaugeblock.discovery.name.marginal import MarginalScores, controlled, marginal_scores
+from gaugeblock.discovery.name.marginal import EDGES, MarginalScores, controlled, marginal_scores
 from gaugeblock.discovery.name.population import Tilt
 from gaugeblock.discovery.name.shared import Term, share
 from gaugeblock.discovery.name.shared_score import shared_scores
@@ -58,6 +58,31 @@ def test_control_variates_keep_the_mean_and_lose_the_noise():
     exact = np.average(-(side - 0.3) / 0.04 + 0.1 * side, weights=density)
     assert better.std() < 0.4 * plain.std()
     assert better.mean() == pytest.approx(exact, abs=0.03)
+
+
+def test_control_variates_are_taken_off_around_their_weighted_mean():
+    """Values that are a variate and a constant: what is left is the constant, however few the draws."""
+    rng = np.random.default_rng(1)
+    unit, pull = rng.random((50, 40, 1)), rng.normal(size=(50, 40, 1))
+    weight = rng.dirichlet(np.full(40, 0.5), 50)
+    # g = 2 h - h^2, h rising from the border to 1 in the middle, and its derivative: the widest variate.
+    near = np.minimum(unit, 1.0 - unit)
+    height = np.minimum(near / EDGES[0], 1.0)
+    slope = np.where(near < EDGES[0], np.where(unit < 0.5, 1.0, -1.0) / EDGES[0], 0.0)
+    variate = height * (2.0 - height) * pull + 2.0 * (1.0 - height) * slope
+    spread = np.sqrt(np.einsum("nm,nmt->nt", weight, variate**2)).mean()
+    left = controlled(7.0 + variate, weight, unit, pull) - 7.0
+    # A ridge of 1e-3 keeps a little of them.
+    assert np.abs(left).max() < 0.02 * spread
+
+
+def test_what_no_population_absorbs_is_known_as_well_as_the_sources_are():
+    score = np.random.default_rng(2).normal(2.0, 3.0, size=(30, 1))
+    alone = MarginalScores(score, np.zeros((30, 0)), np.zeros(0), np.ones(30)).efficient()
+    np.testing.assert_allclose(alone.total, alone.information)
+    beside = MarginalScores(score, np.ones((30, 1)), np.zeros(1), np.ones(30)).efficient()
+    np.testing.assert_allclose(beside.total.sum() - beside.information.sum(), 30 * score.mean() ** 2)
+    assert stack(beside).kept[0] == pytest.approx(score.var() / (score**2).mean())
 
 
 def test_effect_free_catalogues_have_mean_nought_and_sd_one(power_law):

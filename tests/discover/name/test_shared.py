@@ -145,6 +145,31 @@ def test_effect_free_catalogues_are_quiet(power_law):
     assert max(p) > 0.3
 
 
+@pytest.mark.parametrize("sd", [0.02, np.inf])
+def test_the_null_beside_a_nuisance_is_that_of_normals_as_alike_as_the_templates(power_law, sd):
+    """A dip of free depth beside edges: 3% of the largest is five errors of a quantile."""
+    sources, _ = population(power_law, 60, 6)
+    fitted = fit(sources.simulator, sources.counts)
+    edges = Candidates.of(sources.simulator, fitted.theta, only=("edge",))
+    dip = sources.simulator.effect_library(fitted.theta)["dip"]
+    found = search_shared(
+        [Members(sources, fitted, edges)],
+        [Term(dip, {"energy": 2.0}, sd=sd)],
+        replicates=4000,
+        rng=np.random.default_rng(1),
+    )
+    cross = found.scores.cross.sum(axis=0)
+    own = found.scores.nuisance_information.sum(axis=0) + 1 / sd**2
+    known = found.gram - cross @ np.linalg.solve(own, cross.T)
+    size = np.sqrt(np.diag(known))
+    # The dip takes a good part of what some edges would be known by, so it matters how it is taken off.
+    assert np.min(np.diag(known) / np.diag(found.gram)) < 0.8
+    z = np.random.default_rng(2).multivariate_normal(np.zeros(len(size)), known / np.outer(size, size), 4000)
+    expected = allowed(z, found.sign).max(axis=1)
+    for share in (0.5, 0.9):
+        assert np.quantile(found.null, share) == pytest.approx(np.quantile(expected, share), rel=0.03)
+
+
 def test_a_search_does_not_depend_on_blocks_or_on_the_order_of_terms(power_law, monkeypatch):
     one = group(power_law, 5)
     entry = one.candidates.entries["edge"]
