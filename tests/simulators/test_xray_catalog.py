@@ -109,6 +109,13 @@ def test_without_priors_there_are_default_ones(write, tmp_path):
     assert found.simulator.prior.names == ("tbabs_1.nh", "powerlaw_1.alpha", "powerlaw_1.norm")
 
 
+def test_a_catalogue_of_one_has_the_prior_of_its_spectrum(write, tmp_path):
+    alone = read_observation(write("a.pha"), model=MODEL, band=(0.5, 8.0))
+    (found,) = read_catalog(tmp_path, model=MODEL, band=(0.5, 8.0))
+    assert found.simulator.prior == alone.simulator.prior
+    np.testing.assert_array_equal(found.counts, alone.counts)
+
+
 def test_ungrouped_spectra_are_grouped_by_resolution_and_groups_are_kept(write):
     bare = read_observation(write("a.pha"), model=MODEL, priors=PRIOR, band=(0.5, 8.0))
     assert 100 < bare.counts.shape[1] < 200

@@ -1,13 +1,14 @@
 """Several instruments: shared source, constants between them, effects where they belong."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.fitting import fit
-from gaugeblock.simulators import Effect, Simulator, Uniform
+from gaugeblock.simulators import Effect, LogUniform, Simulator, Uniform
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.protocol import Described, Extensible, HasJacobian, HasLikelihood, HasNoise
 from gaugeblock.simulators.segments import segments
@@ -183,6 +184,10 @@ def test_the_library_has_a_source_effect_once_and_an_instrument_effect_for_each(
     assert list(library) == ["line", "area[pn]", "area[nustar]"]
     assert library["line"].parameters["energy"] == Uniform(0.5, 20)
     assert library["line"].scanned["energy"].tolist() == [1, 4, 7, 12]
+    # What cannot be widened is as the first instrument has it.
+    other = replace(second["line"], parameters={**second["line"].parameters, "energy": LogUniform(3, 20)})
+    mixed = joint_library({"pn": first, "nustar": {"line": other}})["line"]
+    assert mixed.parameters == first["line"].parameters
     assert library["area[nustar]"].name == "area"
     assert library["area[nustar]"].effect().kind == OnInstrument("nustar")
 
