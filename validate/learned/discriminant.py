@@ -34,13 +34,17 @@ def columns(candidates: ArrayLike, context: ArrayLike | None = None) -> Array:
     z = np.asarray(candidates, dtype=float)
     p = z.shape[-1]
     first, second = _products(p)
-    parts = [z, z[..., first] * z[..., second]]
+    plain = p + len(first)
+    shared = np.zeros((*z.shape[:-1], 0))
     if context is not None:
         shared = np.asarray(context, dtype=float)[..., : _context_columns(p)]
-        shared = np.broadcast_to(shared, (*z.shape[:-1], shared.shape[-1]))
-        both = np.concatenate([z, z**2], axis=-1)[..., :, None] * shared[..., None, :]
-        parts.append(both.reshape(*z.shape[:-1], -1))
-    return np.concatenate(parts, axis=-1)
+    found = np.empty((*z.shape[:-1], plain + 2 * p * shared.shape[-1]))
+    found[..., :p] = z
+    found[..., p:plain] = z[..., first] * z[..., second]
+    # Written where they belong: these are nearly all columns.
+    mixed = found[..., plain:].reshape(*z.shape[:-1], 2 * p, shared.shape[-1])  # a view
+    np.multiply(np.concatenate([z, z**2], axis=-1)[..., None], shared[..., None, :], out=mixed)
+    return found
 
 
 def _products(p: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

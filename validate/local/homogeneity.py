@@ -60,7 +60,7 @@ def largest_deviation(
     null = []
     for start in range(0, permutations, size):  # bounds memory
         order = np.tile(np.arange(n, dtype=np.int32), (min(size, permutations - start), 1))
-        null.append(_largest(scaled, rows[rng.permuted(order, axis=1)], kept))
+        null.append(_largest(scaled, np.take(rows, rng.permuted(order, axis=1), axis=0), kept))
     # Equal but for rounding counts as equal.
     exceeded = np.count_nonzero(np.concatenate(null) >= observed * (1 - 1e-6))
     return float(observed), float((1 + exceeded) / (1 + permutations))
