@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from pathlib import Path
 from typing import Any
 
@@ -133,6 +135,15 @@ def test_a_saved_result_verifies(result: Audit, tmp_path: Path) -> None:
     audited = audit_draws(file, out=tmp_path / "first", policy=rules, validators=names)
     folder = audited.save(tmp_path / "made" / "here")
     assert {path.name for path in folder.iterdir()} == {path.name for path in (tmp_path / "first").iterdir()}
+    assert verify(folder).differences == ()
+
+
+def test_draws_in_hand_are_saved_with_the_digest_of_their_file(tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+    audited = gb.audit_draws(rng.normal(size=(60, 1)), rng.normal(size=(60, 20, 1)), validators=["sbc"])
+    folder = audited.save(tmp_path)
+    said = json.loads((folder / "verdict.json").read_text())["provenance"]["sha256"]["trials"]
+    assert said == hashlib.sha256((folder / "trials.nc").read_bytes()).hexdigest()
     assert verify(folder).differences == ()
 
 
