@@ -7,7 +7,7 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from gaugeblock.core.executors import one_thread
+from gaugeblock.core.executors import threads
 from gaugeblock.discovery.sources import Sources
 
 T = TypeVar("T")
@@ -29,7 +29,7 @@ class Each(Protocol):
 def here(ask: Callable[..., Answer], *columns: Sequence[Any]) -> Iterator[Answer]:
     """Answers of this process, one after the other."""
     for row in zip(*columns, strict=True):
-        with one_thread():
+        with threads(1):
             answer = settled(ask(*row))
         yield answer
 

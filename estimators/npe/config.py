@@ -40,7 +40,9 @@ class TrainingTable(Table):
     default network ends with: those of the smallest validation loss, or the last, as a training without a
     validation set would. With `redraws` a "laplace" network trains a second time, as many steps, on so many
     posterior draws beside every row's own parameters. `device` is where torch trains: "cpu", "cuda", "cuda:1"
-    or "auto"; by default what the variable GAUGEBLOCK_DEVICE says, or the CPU.
+    or "auto"; by default what the variable GAUGEBLOCK_DEVICE says, or the CPU. `threads` is how many of the
+    processor's take part in a step: by default one, so that weights are the same bits on any number of
+    cores; several wait more than they compute where networks are small or cores are shared.
     """
 
     simulations: Annotated[int, Field(ge=20)] = 50_000
@@ -59,6 +61,7 @@ class TrainingTable(Table):
     checkpoint: Count = 500
     seed: Annotated[int, Field(ge=0)] = 0
     device: str | None = None
+    threads: Count = 1
 
     @model_validator(mode="after")
     def _batch_fits(self) -> TrainingTable:

@@ -22,6 +22,7 @@ from gaugeblock.core.atomic import write_atomically
 from gaugeblock.core.devices import torch_device
 from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.executors import threads
 from gaugeblock.core.trust import modules_in, only_named
 from gaugeblock.estimators.npe.bank import Bank, Progress, describe_simulator, fingerprint, stream
 from gaugeblock.estimators.npe.config import NetworkTable, TrainingConfig, TrainingTable, read_config
@@ -118,7 +119,7 @@ def train(
 
     Simulations and checkpoints lie in ``folder/training`` until the end. A folder that holds a model, or the
     unfinished training of another, is left alone without `replace`. `progress` is called as
-    ``progress(stage, done, total)``. With the same seed, versions and threads the weights are the same bits.
+    ``progress(stage, done, total)``. With the same seed, versions and threads weights are the same bits.
 
     Raises
     ------
@@ -148,6 +149,31 @@ def train(
             "distributions of gaugeblock or scipy.stats"
         )
     _begin(place, work, digest([config.model_dump(mode="json"), describe_simulator(simulator)]), replace)
+    with threads(options.threads):
+        network, shape, curve, fresh = _trained(simulator, config, work, progress)
+    record = {
+        "network": config.network.model_dump(mode="json"),
+        "training": options.model_dump(mode="json"),
+        "simulator": describe_simulator(simulator),
+        "simulator_table": config.simulator.model_dump(mode="json"),
+        "fresh_noise": fresh,
+        "validation_loss": curve["best"],
+        "curve": _thinned(curve),
+        "wall_seconds": round(time.monotonic() - begun, 1),
+        "versions": _versions(),
+        "command": command,
+    }
+    save(place, network, shape, simulator.prior, record)
+    _draw_curve(place / "training.png", record["curve"])
+    _end(work)
+    return load(place, simulator, device=device)
+
+
+def _trained(
+    simulator: Simulator, config: TrainingConfig, work: Path, progress: Progress | None
+) -> tuple[Any, NetworkShape, dict[str, Any], bool]:
+    """The network, its shape, its losses, and whether every step drew new noise."""
+    options = config.training
     bank = Bank.simulate(
         simulator,
         options.simulations,
@@ -163,7 +189,7 @@ def train(
     if config.network.kind == "published":
         network, curve = train_published(bank, config.network, shape, options)
     else:
-        network = build_network(config.network, shape, seed=options.seed).to(device)
+        network = build_network(config.network, shape, seed=options.seed).to(options.device)
         if config.network.kind == "laplace" and not bank.fresh:
             raise InputError(
                 'network.kind = "laplace" needs a simulator with expected counts (its `expected`) and '
@@ -182,22 +208,7 @@ def train(
             curve = train_default(
                 network, bank, options, checkpoint=work / "checkpoint.safetensors", key=key, progress=progress
             )
-    record = {
-        "network": config.network.model_dump(mode="json"),
-        "training": options.model_dump(mode="json"),
-        "simulator": describe_simulator(simulator),
-        "simulator_table": config.simulator.model_dump(mode="json"),
-        "fresh_noise": bank.fresh,
-        "validation_loss": curve["best"],
-        "curve": _thinned(curve),
-        "wall_seconds": round(time.monotonic() - begun, 1),
-        "versions": _versions(),
-        "command": command,
-    }
-    save(place, network, shape, simulator.prior, record)
-    _draw_curve(place / "training.png", record["curve"])
-    _end(work)
-    return load(place, simulator, device=device)
+    return network, shape, curve, bank.fresh
 
 
 def run_training(

@@ -22,7 +22,7 @@ from gaugeblock.auditing.phases import ended
 from gaugeblock.auditing.provenance import digests
 from gaugeblock.auditing.samples import MainTrials, Plan
 from gaugeblock.core.errors import InputError
-from gaugeblock.core.executors import one_thread
+from gaugeblock.core.executors import threads
 from gaugeblock.core.progress import Progress
 from gaugeblock.core.streams import whole_blocks
 from gaugeblock.core.trust import only_named, refuse_trust
@@ -85,7 +85,7 @@ def rerun(
     with only_named(allow_modules):
         simulator = as_simulator(choices[0])
         estimator = as_estimator(choices[1], simulator, densities=isinstance(simulator, HasLikelihood))
-        with ended(estimator), one_thread():
+        with ended(estimator), threads(1):
             here = digests(plain({"simulator": identity(simulator), "estimator": identity(estimator)}))
             there = digests({name: record[name] for name in here})
             lines = [

@@ -53,7 +53,7 @@ def each(
         If work cannot be sent, or a process dies or cannot do it; what gaugeblock says itself passes.
     """
     if executor is None:
-        with one_thread():
+        with threads(1):
             for task in tasks:
                 work(task)
                 yield task
@@ -87,7 +87,7 @@ class _Sent:
     def __call__(self, task: Any) -> None:
         # A process with several threads does one task at a time too: threads are limited for all of it, and
         # nobody knows whether somebody's simulator can be called from several.
-        with _WORKING, one_thread():
+        with _WORKING, threads(1):
             _received(self.path, self.sha256)(task)
 
 
@@ -232,11 +232,11 @@ class _Unpacking(pickle.Unpickler):
 
 
 @contextmanager
-def one_thread() -> Iterator[None]:
-    """Linear algebra and OpenMP of what is loaded by now on one thread, torch's included."""
+def threads(number: int) -> Iterator[None]:
+    """Linear algebra and OpenMP of what is loaded by now on so many threads, torch's included."""
     from threadpoolctl import threadpool_limits
 
-    with threadpool_limits(1):
+    with threadpool_limits(number):
         yield
 
 

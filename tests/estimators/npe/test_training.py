@@ -122,6 +122,20 @@ def test_training_leaves_global_state_alone(tmp_path, counts, configure):
     assert before[1:] == (torch.get_num_threads(), torch.get_default_dtype())
 
 
+@pytest.mark.parametrize(("asked", "taken"), [({}, 1), ({"training.threads": 2}, 2)])
+def test_it_takes_as_many_threads_as_it_is_told_to(asked, taken, tmp_path, config):
+    before, seen = torch.get_num_threads(), set()
+    torch.set_num_threads(3)
+    try:
+        few = {"training.steps": 3, "training.simulations": 200, **asked}
+        run_training(
+            config, out=tmp_path / "m", overrides=few, progress=lambda *_: seen.add(torch.get_num_threads())
+        )
+        assert (seen, torch.get_num_threads()) == ({taken}, 3)
+    finally:
+        torch.set_num_threads(before)
+
+
 def test_a_model_is_never_replaced_without_being_told_to(tmp_path, counts, configure, monkeypatch):
     train(counts, configure("counts", steps=5), folder=tmp_path)
     weights = (tmp_path / "model.safetensors").read_bytes()
