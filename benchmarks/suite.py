@@ -32,7 +32,8 @@ def side_by_side(commands: dict[Path, list[str]]) -> dict[Path, float]:
     begun: dict[int, tuple[Path, subprocess.Popen[bytes]]] = {}
     for folder, command in commands.items():
         with (folder / "said.txt").open("w") as said:
-            mine = {**os.environ, "XDG_CACHE_HOME": str(folder / "cache")}
+            # Beside the clone: whose files are looked at by tests, too.
+            mine = {**os.environ, "XDG_CACHE_HOME": str(folder.with_name(f"{folder.name}-cache"))}
             process = subprocess.Popen(command, cwd=folder, env=mine, stdout=said, stderr=subprocess.STDOUT)
         begun[process.pid] = folder, process
     found = {}
