@@ -166,8 +166,8 @@ def test_the_null_beside_a_nuisance_is_that_of_normals_as_alike_as_the_templates
     assert np.min(np.diag(known) / np.diag(found.gram)) < 0.8
     z = np.random.default_rng(2).multivariate_normal(np.zeros(len(size)), known / np.outer(size, size), 4000)
     expected = allowed(z, found.sign).max(axis=1)
-    for share in (0.5, 0.9):
-        assert np.quantile(found.null, share) == pytest.approx(np.quantile(expected, share), rel=0.03)
+    for level in (0.5, 0.9):
+        assert np.quantile(found.null, level) == pytest.approx(np.quantile(expected, level), rel=0.03)
 
 
 def test_a_search_does_not_depend_on_blocks_or_on_the_order_of_terms(power_law, monkeypatch):
