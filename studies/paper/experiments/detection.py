@@ -39,7 +39,7 @@ POPULATIONS = 50
 
 FULL = {"clean": 200, "suspicious": 100, "reference": 500, "draws": DRAWS, "again": 20, "redrawn": 1500}
 # With fewer draws most spectra lie beyond all their replicates, and D1 ties.
-TWIN = {"clean": 20, "suspicious": 10, "reference": 50, "draws": 20, "again": 2, "redrawn": 50}
+TWIN = {"clean": 20, "suspicious": 10, "reference": 50, "draws": 40, "again": 2, "redrawn": 50}
 
 
 def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
