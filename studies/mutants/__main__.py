@@ -19,14 +19,16 @@ from gaugeblock.core.progress import Bars
 from studies.kit.command import carried_out, given, parser
 from studies.kit.commit import committed
 from studies.kit.results import STUDIES, read_groups, record, write
-from studies.kit.resume import Pieces
+from studies.kit.resume import Arrays, Pieces, Progress
 from studies.mutants.bench import bench, copied
 from studies.mutants.document import UNNOTICED, document
 from studies.mutants.places import Mutant, Tree, drawn, found_again
+from studies.mutants.reached import aimed
 
 NAME = "studies mutants"
 HERE = Path(__file__).parent
-DECIDES = ("operators.py", "places.py", "bench.py", "server.py")
+DECIDES = ("operators.py", "places.py", "reached.py", "bench.py", "server.py")
+TRACES = ("reached.py", "server.py", "traced/sitecustomize.py")
 
 
 def equivalents(path: Path = HERE / "equivalents.toml") -> dict[tuple[str, str, str], str]:
@@ -115,7 +117,7 @@ def _run(chosen: Any, command: str) -> None:
     mutants = named(_chosen(root, commit, chosen, left))
     if chosen.list:
         for name, mutant in mutants.items():
-            sys.stdout.write(_line(name, mutant, " ".join(mutant.tests)))
+            sys.stdout.write(_line(name, mutant, " ".join(mutant.tests[0])))
         return
     settings = {"commit": commit, "draw": chosen.draw, "seconds": chosen.seconds}
     again = {"again": left} if chosen.again else {}
@@ -125,8 +127,11 @@ def _run(chosen: Any, command: str) -> None:
         **again,
         "code": [digest((HERE / name).read_text()) for name in DECIDES],
     }
+    work = chosen.work or chosen.out / "checkpoints"
     with Bars() as bars:
-        kept = Pieces(chosen.work or chosen.out / "checkpoints", key, "mutants", bars.show, chosen.workers)
+        if not chosen.so_far:
+            mutants = _aimed(mutants, root, commit, chosen, work, bars.show)
+        kept = Pieces(work, key, "mutants", bars.show, chosen.workers)
         wanted = pieces(list(mutants.values()), root, commit, chosen.seconds)
         made = kept.finished() if chosen.so_far else kept.made(wanted)
     answers = {name: made[name] for name in mutants if name in made}
@@ -139,6 +144,26 @@ def _run(chosen: Any, command: str) -> None:
         attributes["left"] = len(left)
     name = f"{chosen.draw} draw again" if chosen.again else chosen.draw
     write({**groups, name: found.assign_attrs(attributes)}, path)
+
+
+def _aimed(
+    mutants: Mapping[str, Mutant], root: Path, commit: str, chosen: Any, work: Path, progress: Progress
+) -> dict[str, Mutant]:
+    """Mutants with the tests that reach them. Files of tests that did not change are not traced again."""
+    with tempfile.TemporaryDirectory() as folder:
+        tree = Tree(copied(root, commit, Path(folder) / "copy"))
+        names = {f"{file.replace('/', '.')}-{tree.text(file)[:12]}": file for file in tree.tests}
+        sources = {mutant.file: (tree.root / mutant.file).read_bytes() for mutant in mutants.values()}
+    key = {"code": [digest((HERE / name).read_text()) for name in TRACES]}
+    made = Pieces(work, key, "traces", progress, chosen.workers).made(
+        {name: partial(_traced, root, commit, file) for name, file in names.items()}
+    )
+    tables = {file: made[name] for name, file in names.items()}
+    return {name: aimed(one, sources[one.file], tables, chosen.seconds) for name, one in mutants.items()}
+
+
+def _traced(root: Path, commit: str, test: str) -> Arrays:
+    return bench(root, commit).traced(test)
 
 
 def _left(groups: Mapping[str, xr.Dataset], draw: str) -> list[dict[str, str]]:

@@ -9,18 +9,24 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from gaugeblock.core.errors import MOST, InputError, one_line
-from studies.mutants.places import Mutant
+from studies.kit.resume import Arrays
+from studies.mutants.places import ROOMS, Mutant
+from studies.mutants.reached import table
 
 BEGAN = (0, 1, 2, 5)
 """Codes of sessions of pytest that could begin."""
 
 ONE_TEST = 120
 """Seconds after which a test hangs. What a change makes endless has been noticed."""
+
+ONE_FILE = 1200
+"""Seconds of CPU for a file of tests that is traced."""
 
 
 def copied(root: Path, commit: str, folder: Path) -> Path:
@@ -58,18 +64,33 @@ class Bench:
         atexit.register(self.server.kill)
         self.sound: dict[str, bool] = {}
 
-    def run(self, tests: tuple[str, ...], seconds: float) -> dict[str, Any]:
+    def run(self, tests: Sequence[str], seconds: float, without: Sequence[str] = ()) -> dict[str, Any]:
         """What the tests say of the copy as it is, without those that fail on the unchanged one."""
         failing = [name for name, passes in self.sound.items() if not passes]
-        args = [*tests, "-x", "-q", "-m", "not slow", "-p", "no:cacheprovider", "-p", "no:xdist"]
-        args += [f"--basetemp={self.place / 'tests'}", "-o", f"timeout={ONE_TEST}"]
-        args += [word for name in failing for word in ("--deselect", name)]
+        return self._asked([*tests, "-x", "-o", f"timeout={ONE_TEST}"], seconds, without=[*failing, *without])
+
+    def _asked(
+        self, args: Sequence[str], seconds: float, *, without: Sequence[str] = (), traces: Any = None
+    ) -> dict[str, Any]:
+        always = ["-q", "-m", "not slow", "-p", "no:cacheprovider", "-p", "no:xdist"]
+        always += [f"--basetemp={self.place / 'tests'}"]
+        asked = {"args": [*args, *always], "seconds": seconds, "without": list(without), "traces": traces}
         assert self.server.stdin
         assert self.server.stdout
-        self.server.stdin.write(json.dumps({"args": args, "seconds": seconds}) + "\n")
+        self.server.stdin.write(json.dumps(asked) + "\n")
         self.server.stdin.flush()
         said: dict[str, Any] = json.loads(self.server.stdout.readline())
         return said
+
+    def traced(self, test: str) -> Arrays:
+        """What each test of a file reaches."""
+        folder = Path(tempfile.mkdtemp(dir=self.place))
+        copy = self.copy.resolve()
+        rooms = [str(copy / room) for folders in ROOMS.values() for room in folders]
+        said = self._asked([test], ONE_FILE, traces=[str(folder), rooms])
+        found = table(copy, sorted(folder.iterdir()), said.get("tests", {}))
+        shutil.rmtree(folder)
+        return found
 
     def judged(self, mutant: Mutant, seconds: float) -> dict[str, Any]:
         """Whether a mutant is noticed, by a test that passes without it."""
@@ -78,14 +99,27 @@ class Bench:
         while True:
             path.write_bytes(mutant.mutation.applied(source))
             try:
-                said = self.run(mutant.tests, seconds)
+                said = self._rounds(mutant.tests, seconds)
             finally:
                 path.write_bytes(source)
             by = said["by"]
             if said["outcome"] == "noticed" and not by:
-                self.begins(mutant.tests, seconds)
+                self.begins(mutant.tests[0], seconds)
             if not by or self.passes(by, seconds):
                 return said
+
+    def _rounds(self, rounds: Sequence[Sequence[str]], seconds: float) -> dict[str, Any]:
+        """Round after round, until a test fails or time is up."""
+        spent, passed, asked, said = 0.0, 0, [], {"outcome": "survived", "by": "", "code": 0}
+        for tests in rounds:
+            if spent > seconds - 1:
+                said = {**said, "outcome": "time was up"}
+                break
+            said = self.run(tests, seconds - spent, asked)
+            spent, passed, asked = spent + said["seconds"], passed + said["passed"], [*asked, *tests]
+            if said["outcome"] != "survived":
+                break
+        return {**said, "seconds": spent, "passed": passed}
 
     def begins(self, tests: tuple[str, ...], seconds: float) -> None:
         """Refuse to call a change noticed where tests cannot even begin without it.

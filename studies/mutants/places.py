@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gaugeblock.core.digest import digest
 from studies.kit.resume import stream
 from studies.mutants.operators import Mutation, mutations
 
@@ -45,7 +46,8 @@ class Mutant:
     mutation: Mutation
     before: str
     after: str
-    tests: tuple[str, ...]
+    tests: tuple[tuple[str, ...], ...]
+    """Round by round."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,10 +87,16 @@ class Tree:
         for path in self.files("tests", "property_tests"):
             name = path.relative_to(self.root).as_posix()
             if path.name.startswith("test_") and not name.startswith(NEVER):
-                fixtures = [f / "conftest.py" for f in path.parents if self.root / "tests" in f.parents]
-                read = [path, *(f for f in fixtures if f.exists())]
-                found[name] = frozenset().union(*map(self._imported, read))
+                found[name] = frozenset().union(*map(self._imported, self._with_fixtures(path)))
         return found
+
+    def text(self, test: str) -> str:
+        """Digest of a file of tests, its fixtures' files included."""
+        return digest([path.read_text(encoding="utf-8") for path in self._with_fixtures(self.root / test)])
+
+    def _with_fixtures(self, path: Path) -> list[Path]:
+        fixtures = [f / "conftest.py" for f in path.parents if self.root / "tests" in f.parents]
+        return [path, *(f for f in fixtures if f.exists())]
 
     def _named(self, test: str, word: str) -> bool:
         return word in (self.root / test).read_text(encoding="utf-8")
@@ -220,5 +228,5 @@ def _mutant(tree: Tree, room: str, path: Path, mutation: Mutation) -> Mutant | N
         mutation,
         whole,
         f"{' '.join(before.split())} -> {mutation.text}",
-        tests,
+        (tests,),
     )

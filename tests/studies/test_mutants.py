@@ -124,7 +124,7 @@ def mutant(toy, change):
     path = toy / "validate/spread.py"
     source = path.read_bytes()
     (found,) = [m for m in mutations(source) if change.encode() in m.applied(source)]
-    return Mutant("validate", "validate/spread.py", found, "", "", tree.looking("gaugeblock.validate.spread"))
+    return Mutant("validate", "validate/spread.py", found, "", "", (tree.looking("gaugeblock.validate.spread"),))
 
 
 def test_tests_are_asked_nearest_first(toy):
