@@ -110,7 +110,8 @@ class Bench:
 
     def _rounds(self, rounds: Sequence[Sequence[str]], seconds: float) -> dict[str, Any]:
         """Round after round, until a test fails or time is up."""
-        spent, passed, asked, said = 0.0, 0, [], {"outcome": "survived", "by": "", "code": 0}
+        spent, passed, asked = 0.0, 0, list[str]()
+        said: dict[str, Any] = {"outcome": "survived", "by": "", "code": 0}
         for tests in rounds:
             if spent > seconds - 1:
                 said = {**said, "outcome": "time was up"}

@@ -11,6 +11,7 @@ from studies.mutants.bench import bench
 from studies.mutants.document import counts, draw_table
 from studies.mutants.operators import mutations
 from studies.mutants.places import ROOMS, Mutant, Tree, drawn, found_again
+from studies.mutants.reached import EVERY, FEW, aimed, reaching, statements
 
 from gaugeblock.core.errors import InputError
 
@@ -124,7 +125,9 @@ def mutant(toy, change):
     path = toy / "validate/spread.py"
     source = path.read_bytes()
     (found,) = [m for m in mutations(source) if change.encode() in m.applied(source)]
-    return Mutant("validate", "validate/spread.py", found, "", "", (tree.looking("gaugeblock.validate.spread"),))
+    return Mutant(
+        "validate", "validate/spread.py", found, "", "", (tree.looking("gaugeblock.validate.spread"),)
+    )
 
 
 def test_tests_are_asked_nearest_first(toy):
@@ -144,6 +147,141 @@ def test_a_mutant_is_noticed_by_a_test_that_passes_without_it(toy):
     assert survived["passed"] == 3
     # What was changed is as it was, in the copy, and nothing else was ever touched.
     assert (at.copy / "validate/spread.py").read_text() == before == (toy / "validate/spread.py").read_text()
+
+
+BRANCHES = """
+LIMIT = (
+    1 + 2
+)
+
+class Shape:
+    side = 3
+
+    def area(self, x):
+        match x:
+            case 1:
+                total = sum(
+                    [x,
+                     x],
+                )
+            case _:
+                try:
+                    total = -x
+                except ValueError:
+                    total = 0
+        if (total
+                > 3):
+            return total
+        return 2 * total
+
+def other(x):
+    return 2 * x
+"""
+
+
+def test_statements_are_whole_without_their_blocks_and_keep_their_names_where_they_move():
+    lines = BRANCHES.splitlines()
+    named = statements("a.py", BRANCHES.encode())
+    parts: dict[str, list[str]] = {}
+    for line, name in named.items():
+        parts.setdefault(name, []).append(lines[line - 1].strip())
+    assert sorted(parts.values()) == sorted(
+        [
+            ["match x:"], ["total = sum(", "[x,", "x],", ")"], ["try:"], ["total = -x"],
+            ["except ValueError:"], ["total = 0"], ["if (total", "> 3):"], ["return total"],
+            ["return 2 * total"], ["return 2 * x"],
+        ]
+    )  # fmt: skip
+    moved = statements("a.py", f"import math\n\n{BRANCHES}".encode())
+    assert moved == {line + 2: name for line, name in named.items()}
+    assert not set(named.values()) & set(statements("b.py", BRANCHES.encode()).values())
+    # The same words in another function are another statement.
+    renamed = statements("a.py", BRANCHES.replace("def other", "def another").encode())
+    assert len(set(renamed.values()) ^ set(named.values())) == 2
+
+
+REACHING = """
+import subprocess, sys
+import pytest
+from gaugeblock.validate.spread import size, spread
+
+@pytest.fixture(scope="module")
+def three():
+    return size([1, 2, 3])
+
+@pytest.mark.parametrize("n", range(20))
+def test_spread(n, three):
+    assert spread([1.0], 2 + n) * (1 + n) == 1
+
+def test_spread_of_two():
+    assert spread([1.0, 2.0], 2) == 5
+
+def test_outside():
+    script = "from gaugeblock.validate.spread import spread; print(spread([2.0], 2))"
+    assert subprocess.run([sys.executable, "-c", script], capture_output=True, text=True).stdout == "4.0\\n"
+"""
+
+
+@pytest.fixture(scope="module")
+def reached(toy, tmp_path_factory):
+    """The toy with a further file of tests, and what the tests of each reach."""
+    root = tmp_path_factory.mktemp("reached") / "toy"
+    subprocess.run(["git", "clone", "-q", str(toy), str(root)], check=True)
+    (root / "tests/validate/test_reaching.py").write_text(REACHING)
+    git = ["git", "-C", str(root), "-c", "user.name=t", "-c", "user.email=t@example.org"]
+    subprocess.run([*git, "add", "."], check=True)
+    subprocess.run([*git, "commit", "-q", "-m", "more"], check=True)
+    at = bench(root, committed(root, "HEAD"))
+    return at, {file: at.traced(file) for file in Tree(root).tests}
+
+
+def test_what_reaches_a_statement_is_told_by_test_process_and_fixture(reached):
+    at, tables = reached
+    path = at.copy / "validate/spread.py"
+    spread, size = list(dict.fromkeys(statements("validate/spread.py", path.read_bytes()).values()))
+    tests = reaching(spread, tables)
+    by_file = {test.file.split("/")[-1]: set() for test in tests}
+    for test in tests:
+        by_file[test.file.split("/")[-1]].add(test.name.split("::")[-1])
+    assert by_file["test_spread.py"] == {"test_spread", "test_always_fails"}
+    assert by_file["test_other.py"] == {"test_twice"}
+    # The cheapest alone, of which one with a process is none.
+    assert len(by_file["test_reaching.py"]) == FEW
+    assert len(tables["tests/validate/test_reaching.py"]["tests"]) == 1 + 22
+    everything = tables["tests/validate/test_reaching.py"]
+    assert everything["tests"][-1] == "tests/validate/test_reaching.py::test_outside"
+    assert everything["seconds"][-1] > 0.01
+    assert {test.name.split("::")[-1] for test in reaching(size, tables)} == {"test_size", EVERY}
+
+
+def test_what_a_process_reaches_is_reached_by_its_test(reached, monkeypatch):
+    monkeypatch.setattr("studies.mutants.reached.FEW", 40)
+    at, _ = reached
+    path = at.copy / "validate/spread.py"
+    spread = next(iter(statements("validate/spread.py", path.read_bytes()).values()))
+    names = {
+        test.name.split("::")[-1]
+        for test in reaching(spread, {"": at.traced("tests/validate/test_reaching.py")})
+    }
+    assert names == {"test_outside", "test_spread_of_two", *(f"test_spread[{n}]" for n in range(20))}
+
+
+def test_what_reaches_a_change_is_asked_first_and_its_files_then(reached):
+    at, tables = reached
+    source = (at.copy / "validate/spread.py").read_bytes()
+    size = aimed(mutant(at.copy, "return (len(x))"), source, tables, 60)
+    assert size.tests[0] == ("tests/validate/test_spread.py::test_size",)
+    assert set(size.tests[1]) == {"tests/validate/test_spread.py", "tests/validate/test_reaching.py"}
+    spread = aimed(mutant(at.copy, "/ ((n))"), source, tables, 60)
+    files = [name.split("::")[0].split("/")[-1] for name in spread.tests[0]]
+    assert list(dict.fromkeys(files)) == ["test_spread.py", "test_other.py", "test_reaching.py"]
+    assert at.judged(spread, 60)["by"] == "tests/validate/test_spread.py::test_spread"
+    # Asked in one round and in the next, a test is run once; one whose name begins like another's is run too.
+    survived = at.judged(size, 60)
+    assert (survived["outcome"], survived["passed"]) == ("survived", 2 + 22)
+    # What nothing is known to reach is looked for by imports.
+    unknown = mutant(at.copy, "/ ((n))")
+    assert aimed(unknown, source, {}, 60) is unknown
 
 
 def test_time_that_is_up_is_no_answer(toy):
