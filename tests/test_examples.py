@@ -35,6 +35,7 @@ def test_the_main_job_passes(tmp_path: Path) -> None:
     done = audit("--out", tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.startswith("PASS")
+    assert f"\n{done.stdout.splitlines()[0]}\n" in (EXAMPLES.parent / "README.md").read_text()
     found = gates(tmp_path)
     assert found["draws.finite"]["n_trials"] == 4200
     assert found["importance.ess"]["interval"][0] > 0.79
