@@ -77,14 +77,19 @@ def table(copy: Path, traces: Sequence[Path], seconds: Mapping[str, float]) -> A
     -1 where there are no more.
     """
     from coverage import CoverageData
+    from coverage.exceptions import DataError
 
     names = [EVERY, *sorted(seconds, key=lambda name: (seconds[name], name))]
     place = {name: number for number, name in enumerate(names)}
     found: dict[str, set[int]] = defaultdict(set)
     for path in traces:
         data = CoverageData(str(path))
-        data.read()
-        for measured in data.measured_files():
+        try:
+            data.read()
+            files = data.measured_files()
+        except DataError:  # of a process that was killed while it wrote
+            continue
+        for measured in files:
             file = Path(measured).relative_to(copy).as_posix()
             named = statements(file, Path(measured).read_bytes())
             for line, contexts in data.contexts_by_lineno(measured).items():

@@ -75,7 +75,7 @@ class Traced:
         found = yield
         self.seconds[item.nodeid] = _seconds() - before
         self.tracer.switch_context("")
-        return found  # type: ignore[return-value]
+        return found
 
     @pytest.hookimpl(wrapper=True)
     def pytest_fixture_setup(self, fixturedef: Any) -> Iterator[None]:
@@ -84,7 +84,7 @@ class Traced:
         before, self.now = self.now, self.every if larger else self.now
         self.tracer.switch_context(self.now)
         try:
-            return (yield)  # type: ignore[return-value]
+            return (yield)
         finally:
             self.now = before
             self.tracer.switch_context(before)
@@ -102,7 +102,8 @@ def child(asked: dict[str, Any], answer: Path) -> None:
     log = os.open(answer.with_suffix(".log"), os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     for stream in (0, 1, 2):
         os.dup2(log if stream else os.open(os.devnull, os.O_RDONLY), stream)
-    code, first, said = 3, First(asked["without"]), {}
+    code, first = 3, First(asked["without"])
+    said: dict[str, Any] = {}
     try:
         if asked["traces"] is None:
             code = int(pytest.main(asked["args"], plugins=[first]))
