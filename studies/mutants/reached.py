@@ -76,23 +76,14 @@ def table(copy: Path, traces: Sequence[Path], seconds: Mapping[str, float]) -> A
     `traces` are coverage's files, with a test's name as the context. Rows of `by` are places in `tests`,
     -1 where there are no more.
     """
-    from coverage import CoverageData
-    from coverage.exceptions import DataError
-
     names = [EVERY, *sorted(seconds, key=lambda name: (seconds[name], name))]
     place = {name: number for number, name in enumerate(names)}
     found: dict[str, set[int]] = defaultdict(set)
     for path in traces:
-        data = CoverageData(str(path))
-        try:
-            data.read()
-            files = data.measured_files()
-        except DataError:  # of a process that was killed while it wrote
-            continue
-        for measured in files:
+        for measured, lines in _read(path).items():
             file = Path(measured).relative_to(copy).as_posix()
             named = statements(file, Path(measured).read_bytes())
-            for line, contexts in data.contexts_by_lineno(measured).items():
+            for line, contexts in lines.items():
                 if line in named:
                     found[named[line]] |= {place[name] for name in contexts if name in place}
     reached = sorted(name for name, tests in found.items() if tests)
@@ -106,6 +97,19 @@ def table(copy: Path, traces: Sequence[Path], seconds: Mapping[str, float]) -> A
         "statements": np.array(reached, dtype=f"U{SHORT}"),
         "by": by,
     }
+
+
+def _read(path: Path) -> dict[str, dict[int, list[str]]]:
+    """Contexts by file and line; nothing of a process that was killed while it wrote."""
+    from coverage import CoverageData
+    from coverage.exceptions import DataError
+
+    data = CoverageData(str(path))
+    try:
+        data.read()
+        return {file: data.contexts_by_lineno(file) for file in data.measured_files()}
+    except DataError:
+        return {}
 
 
 def reaching(statement: str, tables: Mapping[str, Arrays]) -> list[Test]:

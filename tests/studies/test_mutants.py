@@ -12,6 +12,7 @@ from studies.mutants.document import counts, draw_table
 from studies.mutants.operators import mutations
 from studies.mutants.places import ROOMS, Mutant, Tree, drawn, found_again
 from studies.mutants.reached import EVERY, FEW, aimed, reaching, statements
+from studies.mutants.reached import table as traced_table
 
 from gaugeblock.core.errors import InputError
 
@@ -264,6 +265,12 @@ def test_what_a_process_reaches_is_reached_by_its_test(reached, monkeypatch):
         for test in reaching(spread, {"": at.traced("tests/validate/test_reaching.py")})
     }
     assert names == {"test_outside", "test_spread_of_two", *(f"test_spread[{n}]" for n in range(20))}
+
+
+def test_what_a_process_had_not_written_when_it_was_killed_is_left_out(reached, tmp_path):
+    at, _ = reached
+    (tmp_path / "trace.half").write_bytes(b"SQLite format 3\0" + bytes(50))
+    assert len(traced_table(at.copy, [tmp_path / "trace.half"], {"a": 1.0})["statements"]) == 0
 
 
 def test_what_reaches_a_change_is_asked_first_and_its_files_then(reached):
