@@ -1,7 +1,7 @@
 """Neural posterior estimation with sbi.
 
 `config.py` the TOML of a training; `bank.py` the simulations; `coordinates.py`, `features.py`,
-`networks.py` what the network sees and is; `loop.py`, `checkpoint.py` the optimisation;
+`networks.py` what the network sees and is; `loop.py`, `adamw.py`, `checkpoint.py` the optimisation;
 `training.py` all of it together; `flows.py`, `estimator.py` the trained flow; `storage.py` the model folder.
 """
 

@@ -11,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from gaugeblock.core.errors import InputError
+from gaugeblock.estimators.npe.adamw import AdamW
 from gaugeblock.estimators.npe.bank import Progress, stream
 from gaugeblock.estimators.npe.checkpoint import load_checkpoint, save_checkpoint
 from gaugeblock.estimators.npe.config import TrainingTable
@@ -78,7 +79,7 @@ def train_default(
     size = len(bank) - held_out(len(bank), options)
     validation = _tensors(network, bank, slice(size, None), stream(options.seed, "validation"))
     parameters = [p for p in network.parameters() if p.requires_grad]
-    optimizer = torch.optim.AdamW(
+    optimizer = AdamW(
         parameters, lr=options.learning_rate, betas=(0.9, 0.99), weight_decay=options.weight_decay
     )
     average = {name: value.detach().clone() for name, value in network.named_parameters()}

@@ -15,6 +15,7 @@ from safetensors.torch import load_file, save
 
 from gaugeblock.core.atomic import write_atomically
 from gaugeblock.estimators._rows import resample
+from gaugeblock.estimators.npe.adamw import AdamW
 from gaugeblock.estimators.npe.bank import Bank, Progress, kept, stream
 from gaugeblock.estimators.npe.config import TrainingTable
 from gaugeblock.estimators.npe.coordinates import from_scores
@@ -229,7 +230,7 @@ def train_compressor(
         ("emulator", compressor.emulator, emulated, steps[0]),
         ("first guess", compressor.guess, guessed, steps[1]),
     ):
-        optimizer = torch.optim.AdamW(module.parameters(), lr=RATE, weight_decay=0.0)
+        optimizer = AdamW(module.parameters(), lr=RATE, weight_decay=0.0)
         for step in range(number):
             rng = stream(seed, stage, step)
             value = loss(rng.integers(0, len(bank), BATCH), rng)
