@@ -2,7 +2,8 @@
 
 Each row is a piece of work that both do, in processes of their own on one core, in turns; CPU seconds, the
 mean of equal repeats. 0.1.0 is the commit that was it, in a work tree of its own. Rows that are in the JSON
-file already are not measured again. `--page` fills docs/performance.md with what is there.
+file already are not measured again, nor are their floors (`benchmarks.floors`). `--page` fills
+docs/performance.md with what is there.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from pathlib import Path
 from statistics import mean
 from typing import Any
 
+from benchmarks.floors import FLOORS
 from benchmarks.kept import keep, stored
 from studies.kit import page
 from studies.kit.results import DOCS
@@ -161,17 +163,25 @@ def seconds(row: Row, checkout: Path, *, now: bool, seed: int) -> float:
     return float(json.loads(ran.stdout.splitlines()[-1]))
 
 
+def floor(name: str) -> float:
+    """CPU seconds that a row could not do without."""
+    env = {**os.environ, **dict.fromkeys(SINGLE, "1")}
+    words = [sys.executable, "-m", "benchmarks.floors", name]
+    return float(subprocess.run(words, cwd=ROOT, env=env, capture_output=True, text=True, check=True).stdout)
+
+
 def compared(rows: Mapping[str, Row], past: Path, path: Path) -> dict[str, Any]:
-    """Measure each row that the file lacks in both, in turns, and keep it at once."""
+    """Measure each row that the file lacks in both, in turns, its floor beside it, and keep it at once."""
     found = stored(path)
     for name, row in rows.items():
-        if name in found.setdefault("rows", {}):
-            continue
-        taken: dict[str, list[float]] = {"past": [], "now": []}
-        for seed in range(1, row.repeats + 1):
-            for which, checkout in (("past", past), ("now", ROOT)):
-                taken[which].append(round(seconds(row, checkout, now=which == "now", seed=seed), 3))
-        found["rows"][name] = taken
+        taken = found.setdefault("rows", {}).setdefault(name, {})
+        if "now" not in taken:
+            taken |= {"past": [], "now": []}
+            for seed in range(1, row.repeats + 1):
+                for which, checkout in (("past", past), ("now", ROOT)):
+                    taken[which].append(round(seconds(row, checkout, now=which == "now", seed=seed), 3))
+        if name in FLOORS and "floor" not in taken:
+            taken["floor"] = float(f"{floor(name):.3g}")
         keep(found, path, "python -m benchmarks.past")
         sys.stderr.write(f"{row.says}: {taken}\n")
     return found
@@ -182,9 +192,12 @@ def shown(found: Mapping[str, Any]) -> str:
     cells = []
     for name, row in ROWS.items():
         if name in found["rows"]:
-            past, now = (mean(found["rows"][name][which]) for which in ("past", "now"))
-            cells.append([row.says, f"{past:.3g}", f"{now:.3g}", f"{now / past:.2f}", row.aim])
-    return page.table(["", "0.1.0 (CPU s)", "now (CPU s)", "ratio", "aim"], cells)
+            taken = found["rows"][name]
+            past, now = (mean(taken[which]) for which in ("past", "now"))
+            least = taken.get("floor")
+            beside = ["", ""] if least is None else [f"{least:.2g}", f"{now / least:.2g}"]
+            cells.append([row.says, f"{past:.3g}", f"{now:.3g}", f"{now / past:.2f}", row.aim, *beside])
+    return page.table(["", "0.1.0 (CPU s)", "now (CPU s)", "ratio", "aim", "floor", "floors"], cells)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

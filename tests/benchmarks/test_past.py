@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from benchmarks import past
+from benchmarks.floors import FLOORS, layers, product
 
 from gaugeblock.core.errors import InputError
 
@@ -31,9 +32,28 @@ def test_seconds_are_those_of_the_last_part_in_its_own_unit():
     assert past.seconds(per, ROOT, now=True, seed=1) == pytest.approx(2.0, abs=0.1)
 
 
+def test_a_floor_is_measured_beside_what_was(tmp_path, monkeypatch):
+    (tmp_path / "past.json").write_text(json.dumps({"rows": {"judge": {"past": [9.0], "now": [2.0]}}}))
+    monkeypatch.setattr(past, "floor", lambda name: {"judge": 1.23456}[name])
+    found = past.compared({"judge": past.ROWS["judge"]}, ROOT, tmp_path / "past.json")
+    assert found["rows"]["judge"] == {"past": [9.0], "now": [2.0], "floor": 1.23}
+    assert set(FLOORS) == set(past.ROWS)
+
+
+def test_floors_count_what_is_multiplied():
+    # Twice the rows, or twice the columns, take some twice the time; clocks are coarse and cores busy.
+    one = product(2000, 256, 256)
+    assert 1.2 * one < product(4000, 256, 256) < 4 * one
+    assert product(40_000, 64, 64) < 5 * product(10_000, 64, 64)
+    assert layers([(256, 256)] * 3, 2000) > 1.5 * one
+    assert 0.01 < float(past.floor("train")) < 5.0
+
+
 def test_the_page_says_what_the_file_says(tmp_path):
-    rows = {"judge": {"past": [10.2, 9.9], "now": [2.0, 1.98]}}
-    assert "| 10.1 | 1.99 | 0.20 | 1/5 |" in past.shown({"rows": rows})
+    rows = {"judge": {"past": [10.2, 9.9], "now": [2.0, 1.98], "floor": 1.6}}
+    assert "| 10.1 | 1.99 | 0.20 | 1/5 | 1.6 | 1.2 |" in past.shown({"rows": rows})
+    del rows["judge"]["floor"]
+    assert "| 10.1 | 1.99 | 0.20 | 1/5 |  |  |" in past.shown({"rows": rows})
     stored = json.loads((ROOT / "benchmarks" / "past.json").read_text())
     assert set(stored["rows"]) == set(past.ROWS)
     assert past.shown(stored) in (ROOT / "docs" / "performance.md").read_text()
