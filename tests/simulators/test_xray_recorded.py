@@ -7,7 +7,6 @@ from scipy.special import ndtr
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators import Effect, Prior, Uniform
 
-jnp = pytest.importorskip("jax.numpy")
 pytest.importorskip("jaxspec")
 from gaugeblock.core.precision import double_precision
 from gaugeblock.simulators.xray import Response, XraySpectrum, data, reference
@@ -146,6 +145,8 @@ def test_piled_up_pairs_keep_their_energy(whole):
 
 def test_pile_up_of_unequal_channels_is_that_of_equal_ones(whole):
     """By loops: counts spread evenly over equal bins, every pair of bins added up, and spread back."""
+    import jax.numpy as jnp
+
     rng = np.random.default_rng(2)
     edges = np.concatenate([[0.0], np.cumsum(rng.uniform(0.6, 1.4, 30))])
     counts, frame, overlap, others = rng.uniform(0.0, 5.0, 30), 0.01, 0.3, 40.0
