@@ -153,6 +153,7 @@ def test_what_is_given_is_taken_where_it_is_asked_for():
 
     assert made_for(asks, "it", "given", size=3) == ("given", 3)
     assert made_for(asks_not, "it", "given", size=3) == 3
+    assert made_for(lambda simulator=None, size=1: (simulator, size), "it", "given") == ("given", 1)
     with pytest.raises(InputError, match=r"it: .*depth.*its options are: size"):
         made_for(asks, "it", "given", depth=1)
 

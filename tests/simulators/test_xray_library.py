@@ -200,10 +200,17 @@ def test_odds_usual_sizes_and_limits_are_those_of_the_page(library):
         for parameter, high in re.findall(rf"(\w+) up to {number}", usual):
             if parameter in entry.usual:
                 pairs.append((entry.usual[parameter][1], float(high)))
+        one = entry.amplitude
+        for text, known in ((usual, entry.usual.get(one)), (limits, entry.parameters[one].support)):
+            for size, small in re.findall(rf"{number}( eV)? either way", text):
+                away = float(size) * (1e-3 if small else 1.0)
+                pairs += zip(known, (-away, away), strict=True)
+            for both in re.findall(rf"^ *{number} (?:to|and) {number} *$", text):
+                pairs += zip(known, map(float, both), strict=True)
         compared += len(pairs)
         for found, said in pairs:
             assert found == pytest.approx(said), name
-    assert compared >= 25
+    assert compared >= 40
 
 
 def test_a_kind_says_what_it_takes():
