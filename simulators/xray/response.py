@@ -257,7 +257,6 @@ def respond(
         fine, usable = fine[rows], spectrum.quality == 0
         flags = spectrum.grouping if flags is None else flags
     groups = group_matrix(flags, len(fine)).multiply(usable[None, :]).tocsr()
-    groups.eliminate_zeros()
 
     channels, keep = _selected(groups, fine, band, detector.rmf)
     bins = (detector.energies[:, 0] > 0) & (np.asarray(redistribution.sum(axis=0)).ravel() > 0)

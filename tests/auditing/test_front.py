@@ -11,9 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import gaugeblock as gb
+from gaugeblock.auditing.estimator_from import RearrangedEstimator
 from gaugeblock.core.errors import InputError
+from gaugeblock.stranger.mapping import Mapping as ColumnMapping
 
 WIDE = {
     "required": ["draws.finite", "sbc.bias", "sbc.log_width"],
@@ -264,3 +267,38 @@ def test_a_suggested_arrangement_of_columns_can_be_written_for_any_estimator(tmp
     table = {"a": {"index": 1, "unit": 0.001}, "b": {"index": 0, "unit": 0.001}}
     mended = {"name": "swapped_toy:swapped", "parameters": table}
     assert gb.audit(mended, simulate, prior=prior, **SMALL).outcome == "PASS"
+
+
+class Swapped:
+    """Draws of b in thousands, then of a's logarithm, with their density."""
+
+    autocorrelated = True
+
+    def sample(self, x, n, rng):
+        return np.stack([rng.normal(5000.0, 1000.0, (len(x), n)), rng.standard_normal((len(x), n))], axis=2)
+
+    def log_prob(self, theta, x):
+        theta = np.asarray(theta)
+        return stats.norm.logpdf(theta[..., 0], 5000.0, 1000.0) + stats.norm.logpdf(theta[..., 1])
+
+    def describe(self):
+        return {"estimator": "swapped"}
+
+
+def test_an_arrangement_of_columns_has_the_density_of_its_draws_and_says_what_it_is():
+    mapping = ColumnMapping.of({"a": {"index": 1, "transform": "log"}, "b": {"index": 0, "unit": 1e-3}}, "ab")
+    made = RearrangedEstimator(Swapped(), mapping)
+    assert made.autocorrelated
+    x = np.zeros((3, 1))
+    draws = made.sample(x, 4, np.random.default_rng(1))
+    theirs = Swapped().sample(x, 4, np.random.default_rng(1))
+    np.testing.assert_allclose(draws, np.stack([np.exp(theirs[..., 1]), theirs[..., 0] / 1000], axis=2))
+    density = stats.lognorm.logpdf(draws[..., 0], 1.0) + stats.norm.logpdf(draws[..., 1], 5.0, 1.0)
+    np.testing.assert_allclose(made.log_prob(draws, x), density)
+    said = made.describe()
+    assert said["base"]["estimator"] == "swapped"
+    assert said["mapping"] == {
+        "columns": [1, 0], "transforms": ["log", "none"], "units": [1.0, 1e-3], "offsets": [0.0, 0.0]
+    }  # fmt: skip
+    beyond = ColumnMapping.of({"a": 1, "b": 2}, "ab", stranger=("c", "a", "b"))
+    assert not hasattr(RearrangedEstimator(Swapped(), beyond), "log_prob")

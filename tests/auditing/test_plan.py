@@ -78,6 +78,18 @@ def test_a_policy_from_a_file_and_what_stands_over_it(tmp_path: Path) -> None:
     assert policy.planning.power == 0.8
 
 
+def test_in_a_terminal_no_number_is_painted(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in {"FORCE_COLOR": "1", "TERM": "xterm-256color"}.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    file = io.StringIO()
+    print_table(plan(DEFAULT, params=2, trials=1000), file)
+    first, head = file.getvalue().splitlines()[:2]
+    assert first.startswith("1,000 trials of 130 draws, 2 parameters: ")
+    assert "\x1b" in head  # the table's head is in bold
+    assert "\x1b" not in first
+
+
 def test_a_table_for_people() -> None:
     file = io.StringIO()
     print_table(plan(DEFAULT, params=1, trials=1000), file)

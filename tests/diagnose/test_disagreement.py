@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import special, stats
 
 from gaugeblock.diagnosis.cases import Cases, scores_in
 from gaugeblock.diagnosis.disagreement import (
     CANDIDATES,
+    Kinds,
     Reference,
+    Tilt,
     candidates,
     columns,
     evidence,
@@ -152,3 +154,121 @@ def test_normal_scores_are_of_the_share_below():
     assert scores_in(np.array([[0.0], [2.0], [9.0]]), reference)[:, 0] == pytest.approx(
         stats.norm.ppf([1 / 8, 4 / 8, 7 / 8])
     )
+
+
+def legendre(most, at):
+    return [np.sqrt(2 * k + 1) * special.eval_legendre(k, at) for k in range(1, most + 1)]
+
+
+def score_among(value, truths):
+    return special.ndtri(((truths < value).sum() + (truths <= value).sum() + 1) / (2 * len(truths) + 2))
+
+
+def test_columns_are_those_of_a_loop():
+    rng = np.random.default_rng(5)
+    theta, draws = rng.normal(size=(40, 2)), rng.normal(size=(40, 12, 2))
+    theta[3, 1], draws[5, 2, 0], draws[6, 7, 1] = 30.0, -25.0, 40.0
+    x = rng.normal(size=(40, 3))
+    cases = Cases(("a", "b"), np.arange(40), theta, draws, x, ("u", "v", "w"))
+    reference = Reference.of(cases)
+    values, kinds = columns(cases, reference, 7)
+    asked, foretold = candidates(cases, 7), reference.foretell(cases)
+    seen = {"far": 0, "outside": 0, "beyond": 0}
+    for t in range(40):
+        whole = np.concatenate([theta[t, None], draws[t]])
+        ordered, others = np.sort(whole, axis=0), np.arange(40) != t
+        among = np.array([score_among(ordered[6, k], theta[:, k]) for k in (0, 1)])
+        width = (ordered[-3] - ordered[2]) / 2
+        at = np.array([[2 * ((whole[:, k] < v[k]).sum() + 0.5) / 13 - 1 for k in (0, 1)] for v in asked[t]])
+        radius = (at**2).sum(axis=1)
+        bright = score_among(x[t, 0], x[:, 0])
+        own = np.tanh(among / 1.5)
+        where = [own, own**2 - 0.45]
+        where += [np.tanh(bright / 1.5), np.tanh(bright / 1.5) ** 2 - 0.45, bright > 1.645, bright < -1.645]
+        for c, item in enumerate(asked[t]):
+            shapes = legendre(5, at[c])
+            place = np.tanh([score_among(item[k], theta[:, k]) / 1.5 for k in (0, 1)])
+            outside = (item < theta[others].min(axis=0)) | (item > theta[others].max(axis=0))
+            beyond = (item < draws[others].min(axis=(0, 1))) | (item > draws[others].max(axis=(0, 1)))
+            far = (np.abs(item - ordered[6]) > 8 * width).any()
+            seen = {"far": seen["far"] + far, "outside": seen["outside"] + outside.any(),
+                    "beyond": seen["beyond"] + beyond.any()}  # fmt: skip
+            rank = (radius < radius[c]).sum()
+            expected = {
+                "shape": np.concatenate(shapes),
+                "tails": [*(np.abs(at[c]) > 1 - 1.5 / 13), far],
+                "prior": np.concatenate(legendre(3, place)),
+                "support": [outside.any(), beyond.any()],
+                "pairs": [shapes[0].prod(), shapes[1].prod()],
+                "joint": legendre(3, 2 * (rank + 0.5) / len(radius) - 1),
+                "data": (foretold[t] - among) * shapes[0],
+                "regions": np.concatenate([each * shape for each in where for shape in shapes[:2]]),
+            }
+            assert tuple(expected) == kinds.names
+            for index, (name, mine) in enumerate(expected.items()):
+                if name == "joint" and (np.abs(radius - radius[c]) < 1e-5).sum() > 1:
+                    continue  # a tie, which rounding breaks one way or the other
+                np.testing.assert_allclose(values[t, c, kinds.of == index], mine, atol=2e-4, err_msg=name)
+    assert min(seen.values()) >= 2
+
+
+def test_truths_are_foretold_by_a_ridge_regression_on_the_other_half():
+    rng = np.random.default_rng(6)
+    x = rng.normal(size=(60, 2))
+    theta = np.stack([x[:, 0] + 0.5 * rng.normal(size=60), x[:, 1] ** 2 + rng.normal(size=60)], axis=1)
+    cases = Cases(("a", "b"), np.arange(60), theta, rng.normal(size=(60, 5, 2)), x, ("u", "v"))
+    reference = Reference.of(cases)
+
+    def scored(values, among):
+        return np.array(
+            [[score_among(v, column) for v, column in zip(row, among.T, strict=True)] for row in values]
+        )
+
+    def inputs(values):
+        score = scored(values, x)
+        return np.concatenate([np.ones((len(score), 1)), score, (score**2 - 1) / np.sqrt(2)], axis=1)
+
+    def fitted(rows):
+        given, target = inputs(x)[rows], scored(theta, theta)[rows]
+        found = []
+        for power in range(-4, 3):
+            root = np.linalg.inv(given.T @ given + len(given) * 10.0**power * np.eye(5)) @ given.T
+            left = target - given @ root @ target
+            found.append(((left**2).sum() / (len(given) - np.trace(given @ root)) ** 2, root @ target))
+        return min(found, key=lambda each: each[0])[1]
+
+    first, last = slice(30), slice(30, None)
+    foretold = reference.foretell(cases)
+    np.testing.assert_allclose(foretold[first], inputs(x)[first] @ fitted(last), rtol=1e-6)
+    np.testing.assert_allclose(foretold[last], inputs(x)[last] @ fitted(first), rtol=1e-6)
+    new = replace(cases, trial=np.arange(100, 160))
+    np.testing.assert_allclose(reference.foretell(new), inputs(x) @ fitted(slice(None)), rtol=1e-6)
+
+
+def test_gains_are_log_odds_of_the_truth_against_chance_and_a_doubt():
+    rng = np.random.default_rng(7)
+    values, weight, known = rng.normal(size=(30, 6, 4)), rng.normal(size=4), rng.normal(size=(30, 6))
+    kinds = Kinds(("one", "two"), np.array([0, 1, 1, 0]))
+
+    def by_hand(weight, known):
+        found = []
+        for rows, log_weight in zip(values, known, strict=True):
+            odds = np.exp(rows @ weight + log_weight)
+            even = np.exp(log_weight)
+            found.append(np.log(0.95 * odds[0] / odds.sum() * even.sum() / even[0] + 0.05))
+        return np.array(found)
+
+    tilt = Tilt(weight, kinds)
+    np.testing.assert_allclose(tilt.gains(values, known), by_hand(weight, known), rtol=1e-9)
+    np.testing.assert_allclose(tilt.gains(values), by_hand(weight, np.zeros((30, 6))), rtol=1e-9)
+    parts = {name: by_hand(weight * mask, np.zeros((30, 6))).mean()
+             for name, mask in (("one", [1, 0, 0, 1]), ("two", [0, 1, 1, 0]))}  # fmt: skip
+    assert tilt.by_kind(values) == pytest.approx(parts)
+
+
+def test_the_end_of_all_truths_is_as_far_beyond_the_last_as_these_are_apart():
+    order = np.arange(30.0) ** 2
+    reference = Reference(np.random.default_rng(8).permutation(order)[:, None], None)
+    low, high = reference.range
+    assert low == pytest.approx([0.0 - (100.0 - 0.0) / 10])
+    assert high == pytest.approx([841.0 + (841.0 - 361.0) / 10])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import gaugeblock.estimators
-from gaugeblock.core.errors import InputError
+from gaugeblock.core.errors import InputError, MissingExtraError
 from gaugeblock.estimators import ESTIMATORS, Estimator, build_estimator
 from gaugeblock.simulators import build_simulator
 
@@ -98,6 +98,19 @@ def test_a_base_given_as_a_table_is_built_first(simulator):
         "evidence_draws": 2000,
         "base": {"estimator": "exact"},
     }
+
+
+@pytest.mark.parametrize(
+    ("name", "library", "extra"),
+    [("nested_sampling", "ultranest", "ultranest"), ("nuts", "jax", "nuts"), ("nuts", "numpyro", "nuts")],
+)
+def test_a_library_that_is_not_there_names_its_extra_when_the_estimator_is_made(
+    simulator, monkeypatch, name, library, extra
+):
+    for module in [library, *(each for each in sys.modules if each.startswith(f"{library}."))]:
+        monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(MissingExtraError, match=rf"{library}.*gaugeblock\[{extra}\]"):
+        build_estimator(name, simulator)
 
 
 @pytest.mark.parametrize(

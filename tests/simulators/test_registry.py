@@ -11,7 +11,7 @@ import pytest
 import gaugeblock.simulators
 from gaugeblock.core.errors import InputError, MissingExtraError
 from gaugeblock.simulators import SIMULATORS, Simulator, build_simulator
-from gaugeblock.simulators.registry import build_named
+from gaugeblock.simulators.registry import build_named, call, made_for
 
 OWN = '''
 import numpy as np
@@ -136,6 +136,26 @@ def test_mistakes_are_one_clear_line(own, spec, options, words):
     with pytest.raises(InputError, match=words) as caught:
         build_simulator(spec, **options)
     assert "\n" not in str(caught.value)
+
+
+def test_what_has_no_signature_speaks_for_itself():
+    with pytest.raises(ValueError, match="no signature"):
+        inspect.signature(dict)
+    assert call(dict, "it", [("a", 1)], b=2) == {"a": 1, "b": 2}
+
+
+def test_what_is_given_is_taken_where_it_is_asked_for():
+    def asks(simulator, size=1):
+        return simulator, size
+
+    def asks_not(size=1):
+        return size
+
+    assert made_for(asks, "it", "given", size=3) == ("given", 3)
+    assert made_for(asks_not, "it", "given", size=3) == 3
+    assert made_for(lambda simulator=None, size=1: (simulator, size), "it", "given") == ("given", 1)
+    with pytest.raises(InputError, match=r"it: .*depth.*its options are: size"):
+        made_for(asks, "it", "given", depth=1)
 
 
 def test_a_missing_library_names_the_extra(tmp_path, monkeypatch):

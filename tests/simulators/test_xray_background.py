@@ -161,6 +161,7 @@ def test_it_can_be_pickled_and_described(both, theta):
     again = pickle.loads(pickle.dumps(both))
     assert np.array_equal(again.expected(theta[:2]), both.expected(theta[:2]))
     assert again.describe() == both.describe()
+    assert both.describe()["scale"] == sorted(set(both.background.scale.tolist()))
     assert both.with_effect(LINE).describe() != both.describe()
 
 

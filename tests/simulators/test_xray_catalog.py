@@ -109,9 +109,10 @@ def test_without_priors_there_are_default_ones(write, tmp_path):
     assert found.simulator.prior.names == ("tbabs_1.nh", "powerlaw_1.alpha", "powerlaw_1.norm")
 
 
-def test_a_catalogue_of_one_has_the_prior_of_its_spectrum(write, tmp_path):
-    alone = read_observation(write("a.pha"), model=MODEL, band=(0.5, 8.0))
-    (found,) = read_catalog(tmp_path, model=MODEL, band=(0.5, 8.0))
+@pytest.mark.parametrize("band", [(0.5, 8.0), None])
+def test_a_catalogue_of_one_has_the_prior_of_its_spectrum(write, tmp_path, band):
+    alone = read_observation(write("a.pha"), model=MODEL, band=band)
+    (found,) = read_catalog(tmp_path, model=MODEL, band=band)
     assert found.simulator.prior == alone.simulator.prior
     np.testing.assert_array_equal(found.counts, alone.counts)
 

@@ -181,6 +181,38 @@ def test_every_effect_and_parameter_is_described(library):
             )
 
 
+def test_odds_usual_sizes_and_limits_are_those_of_the_page(library):
+    """The rows of plain numbers; those of equivalent widths and tenths are prose."""
+    text = DOCS.read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `(\w+)` \| ([\d.]+) \|(.*?)\|(.+?)\|$", text, re.MULTILINE)
+    assert {name for name, *_ in rows} == set(library)
+    number = r"([\d.]+(?:e-\d)?)"
+    compared = 0
+    for name, odds, usual, limits in rows:
+        entry = library[name]
+        assert entry.odds == float(odds), name
+        pairs = []
+        for parameter, value in re.findall(rf"(\w+) {number}", limits):
+            if parameter in entry.parameters:
+                pairs.append((entry.parameters[parameter].support[1], float(value)))
+        for parameter, low, high in re.findall(rf"(\w+) {number} to {number}", usual):
+            pairs += zip(entry.usual[parameter], (float(low), float(high)), strict=True)
+        for parameter, high in re.findall(rf"(\w+) up to {number}", usual):
+            if parameter in entry.usual:
+                pairs.append((entry.usual[parameter][1], float(high)))
+        one = entry.amplitude
+        for text, known in ((usual, entry.usual.get(one)), (limits, entry.parameters[one].support)):
+            for size, small in re.findall(rf"{number}( eV)? either way", text):
+                away = float(size) * (1e-3 if small else 1.0)
+                pairs += zip(known, (-away, away), strict=True)
+            for both in re.findall(rf"^ *{number} (?:to|and) {number} *$", text):
+                pairs += zip(known, map(float, both), strict=True)
+        compared += len(pairs)
+        for found, said in pairs:
+            assert found == pytest.approx(said), name
+    assert compared >= 40
+
+
 def test_a_kind_says_what_it_takes():
     for name, kind in EFFECTS.items():
         assert isinstance(kind, EffectKind)

@@ -11,7 +11,7 @@ from gaugeblock.core.errors import InputError
 pytest.importorskip("jaxspec")
 from astropy.io import fits
 
-from gaugeblock.simulators.xray import Response, Spectrum
+from gaugeblock.simulators.xray import Response, Spectrum, writing
 from gaugeblock.simulators.xray.pha import load_pha
 from gaugeblock.simulators.xray.reader import Reader
 from gaugeblock.simulators.xray.rmf import read_rmf
@@ -164,6 +164,55 @@ def test_a_spectrum_finds_the_files_that_its_header_names(tmp_path, rmf, arf):
     (tmp_path / "b.pha").unlink()
     with pytest.raises(InputError, match=r"BACKFILE is b\.pha, which is not beside it"):
         Spectrum.from_ogip(pha)
+
+
+def test_what_is_written_is_read_again(tmp_path, rmf, arf):
+    behind = writing.write_pha(
+        tmp_path / "b.pha", [1, 2, 3, 4], 50.0, rmf="r.rmf", first_channel=0, BACKSCAL=4.0, CHANTYPE="PHA"
+    )
+    flags = np.array([1, -1, 1, 1])
+    path = writing.write_pha(
+        tmp_path / "s.pha", [5, 6, 7, 8], 100.0, rmf="r.rmf", arf="a.arf", background="b.pha",
+        grouping=flags, FRMTIME=73.4,
+    )  # fmt: skip
+    assert path == tmp_path / "s.pha"
+    spectrum = Spectrum.from_ogip(path)
+    assert spectrum.counts.tolist() == [11, 7, 8]
+    assert spectrum.background.tolist() == [3, 3, 4]
+    assert spectrum.background_scale.tolist() == [0.5, 0.5, 0.5]  # 100 s * 1 against 50 s * 4
+    assert spectrum.exposure == 100.0
+    assert spectrum.response.frame_time == pytest.approx(0.0734)
+    head = fits.getheader(behind, "SPECTRUM")
+    assert [head[key] for key in ("ANCRFILE", "BACKFILE", "DETCHANS", "CHANTYPE")] == [
+        "none",
+        "none",
+        4,
+        "PHA",
+    ]
+    assert load_pha("PHA", behind).grouping is None
+    later = writing.write_pha(tmp_path / "l.pha", [5.0, 6.0], 1.0, rmf="r.rmf", first_channel=3)
+    assert fits.getdata(later, "SPECTRUM")["CHANNEL"].tolist() == [3, 4]
+    for wrong in ([[1, 2]], [1.5, 2.0], [-1, 2]):
+        with pytest.raises(InputError, match=r"w\.pha: counts must be whole numbers"):
+            writing.write_pha(tmp_path / "w.pha", wrong, 1.0, rmf="r.rmf")
+
+
+def test_what_astropy_remarks_of_a_header_concerns_nobody(tmp_path, rmf, arf):
+    pha = write_pha(tmp_path / "s.pha")
+    with fits.open(pha, mode="update") as hdus:
+        hdus["SPECTRUM"].header["TDISP2"] = "nonsense"
+    with pytest.warns(UserWarning, match="TDISP"):
+        fits.getdata(pha, "SPECTRUM")
+    assert Spectrum.from_ogip(pha, rmf, arf).counts.tolist() == [5, 6, 7, 8]
+
+
+def test_a_bad_channel_of_a_group_takes_no_part(tmp_path, rmf, arf):
+    flags = [column("GROUPING", "I", [1, -1, 1, -1]), column("QUALITY", "I", [0, 1, 0, 0])]
+    response = Response.from_ogip(rmf, arf, write_pha(tmp_path / "s.pha", columns=flags))
+    np.testing.assert_allclose(
+        response.transfer, (np.stack([MATRIX[:, 0], MATRIX[:, 2] + MATRIX[:, 3]]) * AREA * 100.0)[:, 1:]
+    )
+    assert response.channels.tolist() == [[0.0, 1.0], [2.0, 4.0]]
 
 
 def test_a_group_without_a_good_channel_vanishes(tmp_path, rmf, arf):

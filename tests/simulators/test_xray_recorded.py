@@ -8,8 +8,10 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.simulators import Effect, Prior, Uniform
 
 pytest.importorskip("jaxspec")
+from gaugeblock.core.precision import double_precision
 from gaugeblock.simulators.xray import Response, XraySpectrum, data, reference
 from gaugeblock.simulators.xray.pha import read_pha
+from gaugeblock.simulators.xray.recorded.pileup import Pileup
 
 pytestmark = pytest.mark.usefixtures("xray_data")
 
@@ -139,6 +141,38 @@ def test_piled_up_pairs_keep_their_energy(whole):
     counts = piled.expected([*theta, 0.5])
     assert np.all(counts > 0)
     assert counts.sum() < framed.expected(theta).sum()
+
+
+def test_pile_up_of_unequal_channels_is_that_of_equal_ones(whole):
+    """By loops: counts spread evenly over equal bins, every pair of bins added up, and spread back."""
+    import jax.numpy as jnp
+
+    rng = np.random.default_rng(2)
+    edges = np.concatenate([[0.0], np.cumsum(rng.uniform(0.6, 1.4, 30))])
+    counts, frame, overlap, others = rng.uniform(0.0, 5.0, 30), 0.01, 0.3, 40.0
+    change = Pileup().prepare(edges, whole.response.with_frame_time(frame))
+    with double_precision():
+        found = np.asarray(change(jnp.asarray(counts), {"overlap": overlap}, others))
+
+    def spread(values, own, wanted):
+        made = np.zeros(len(wanted) - 1)
+        for i, value in enumerate(values):
+            for j in range(len(made)):
+                shared = min(own[i + 1], wanted[j + 1]) - max(own[i], wanted[j])
+                made[j] += value * max(shared, 0.0) / (own[i + 1] - own[i])
+        return made
+
+    equal = np.linspace(0.0, edges[-1], int(np.ceil(edges[-1] / np.median(np.diff(edges)))) + 1)
+    even = spread(counts, edges, equal)
+    pairs = np.zeros(len(even) + 1)
+    for i, one in enumerate(even):
+        for j, other in enumerate(even):
+            # Two flat bins make a triangle over two: half of it in each.
+            for k in (i + j, i + j + 1):
+                pairs[min(k, len(even))] += 0.5 * one * other
+    rate = overlap * frame
+    made = counts + 0.5 * rate * spread(pairs[:-1], equal, edges)
+    np.testing.assert_allclose(found, np.exp(-rate * (counts.sum() + others)) * made, rtol=1e-10)
 
 
 def test_pile_up_counts_the_photons_outside_the_band(whole):

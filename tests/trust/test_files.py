@@ -100,6 +100,20 @@ def test_a_small_file_that_declares_gigabytes(tmp_path: Path) -> None:
     refused(tmp_path / "huge.nc", r"declares 3\.2 GB of values in a file of")
 
 
+def test_as_many_values_as_are_allowed_may_be_declared_and_not_a_byte_more(tmp_path: Path) -> None:
+    with netCDF4.Dataset(tmp_path / "two.nc", "w") as file:
+        file.createDimension("long", 1000)
+        file.createDimension("short", 30)
+        file.createVariable("wide", "f8", ("long", "short"), contiguous=True)
+        file.createVariable("narrow", "i2", ("long",), zlib=True)
+
+    # The two arrays, and the two dimensions, which are arrays of four bytes a value.
+    declared = 1000 * 30 * 8 + 1000 * 2 + (1000 + 30) * 4
+    check_hdf5(tmp_path / "two.nc", Limits(size=declared))
+    with pytest.raises(InputError, match="values in a file of"):
+        check_hdf5(tmp_path / "two.nc", Limits(size=declared - 1))
+
+
 @pytest.mark.attack("arrays of too many axes, texts without number", "refused, exit 2")
 def test_axes_and_texts(tmp_path: Path) -> None:
     with netCDF4.Dataset(tmp_path / "axes.nc", "w") as file:

@@ -293,6 +293,12 @@ def test_keys_that_cannot_be_used(
     done = CliRunner().invoke(app, ["attest", str(folder), "--key", str(keys[0])])
     assert done.exit_code == 0, done.output
     assert "gaugeblock verify DIR --signer PUBLIC.pem" in done.output
+    elsewhere = tmp_path / "mine.json"
+    done = CliRunner().invoke(
+        app, ["attest", str(folder), "--key", str(keys[0]), "--out", str(elsewhere), "--json"]
+    )
+    assert json.loads(done.stdout) == {"statement": str(elsewhere)}
+    assert elsewhere.read_bytes() == (folder / STATEMENT).read_bytes()
     os.unlink(folder / "findings.nc")
     with pytest.raises(InputError, match=r"findings\.nc"):
         attest(folder, keys[0])

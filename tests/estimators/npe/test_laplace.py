@@ -6,13 +6,14 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("sbi")
 
 from gaugeblock.core.errors import InputError  # noqa: E402
 from gaugeblock.estimators.npe import load, train  # noqa: E402
-from gaugeblock.estimators.npe.bank import Bank  # noqa: E402
+from gaugeblock.estimators.npe.bank import Bank, stream  # noqa: E402
 from gaugeblock.estimators.npe.laplace.compressor import (  # noqa: E402
     Compressor,
     approximate,
@@ -20,7 +21,9 @@ from gaugeblock.estimators.npe.laplace.compressor import (  # noqa: E402
 )
 from gaugeblock.estimators.npe.laplace.emulator import Emulator  # noqa: E402
 from gaugeblock.estimators.npe.laplace.network import Head  # noqa: E402
-from gaugeblock.estimators.npe.laplace.training import train_compressor  # noqa: E402
+from gaugeblock.estimators.npe.laplace.training import train_compressor, train_laplace  # noqa: E402
+from gaugeblock.estimators.npe.networks import NetworkShape, build_network  # noqa: E402
+from gaugeblock.simulators.protocol import poisson_log_likelihood  # noqa: E402
 from gaugeblock.validate.joint.importance import kish_fraction, log_weights  # noqa: E402
 
 
@@ -67,6 +70,65 @@ def test_a_quadratic_posterior_is_found_as_it_is():
     torch.testing.assert_close(found.factor[0], expected, rtol=0.01, atol=1e-3)
     torch.testing.assert_close(found.mean[0], torch.tensor([0.5, -1.0, 0.0]) * 0.99, atol=0.02, rtol=0.0)
     assert found.shape.abs().max() < 0.1
+
+
+class Mixed:
+    """Log expected counts that are linear in all scores: skewed posteriors where counts are few."""
+
+    matrix = np.array([[0.9, 0.2], [-0.5, 0.6], [0.3, 0.8]])
+    level = np.log(np.array([2.0, 5.0, 1.0]))
+
+    def __call__(self, score):
+        return self.with_slope(score)[0]
+
+    def with_slope(self, score):
+        slope = torch.from_numpy(self.matrix.T).float()
+        return score @ slope + torch.from_numpy(self.level).float(), slope.expand(len(score), -1, -1)
+
+
+def by_hand(x):
+    """Mean, factor and shape for one row of counts, axis by axis."""
+
+    def expected(score):
+        return np.exp(Mixed.matrix @ score + Mixed.level)
+
+    def height(score):
+        return (expected(score) - x * np.log(expected(score))).sum() + 0.5 * score @ score
+
+    def uphill(score):
+        return score - Mixed.matrix.T @ (x - expected(score))
+
+    def covariance(score):
+        return np.linalg.inv(Mixed.matrix.T @ np.diag(expected(score)) @ Mixed.matrix + np.eye(2))
+
+    def ends(mean, factor):
+        return [mean + sign * math.sqrt(2) * factor[:, k] for sign in (1, -1) for k in (0, 1)]
+
+    mean = minimize(height, np.zeros(2), jac=uphill, tol=1e-12).x
+    found = covariance(mean)
+    for _ in range(2):
+        points = [mean, *ends(mean, np.linalg.cholesky(found))]
+        fall = [height(mean) - height(point) + (0.0 if point is mean else 1.0) for point in points]
+        weight = np.exp(np.minimum(fall, 1.5))
+        weight /= weight.sum()
+        mean = sum(w * point for w, point in zip(weight, points, strict=True))
+        found = sum(w * covariance(point) for w, point in zip(weight, points, strict=True))
+    factor = np.linalg.cholesky(found)
+    points = ends(mean, factor)
+    excess = [height(point) - height(mean) - 1.0 for point in points]
+    along = [sign * math.sqrt(2) * np.eye(2)[k] for sign in (1, -1) for k in (0, 1)]
+    steep = [uphill(point) @ factor - each for point, each in zip(points, along, strict=True)]
+    return mean, factor, np.arcsinh(np.concatenate([excess, *steep]))
+
+
+def test_a_skewed_posterior_is_described_as_by_hand():
+    rows = np.array([[0.0, 3.0, 1.0], [7.0, 2.0, 4.0], [40.0, 1.0, 0.0]])
+    found = approximate(Mixed(), torch.from_numpy(rows).float(), torch.tensor([[0.5, -0.5]] * 3))
+    for row, x in enumerate(rows):
+        for mine, theirs in zip(
+            by_hand(x), (found.mean[row], found.factor[row], found.shape[row]), strict=True
+        ):
+            np.testing.assert_allclose(theirs.numpy(), mine, rtol=2e-3, atol=2e-3)
 
 
 def test_without_counts_the_posterior_is_the_prior():
@@ -168,6 +230,52 @@ def test_the_emulator_follows_the_simulator(tmp_path, counts):
         away = compressor.emulator(torch.from_numpy(bank.scores)) - torch.log(torch.from_numpy(bank.data))
     misfit = (torch.from_numpy(bank.data) * away**2).sum(dim=1)
     assert float(misfit.median()) < 0.02
+
+
+def test_stages_hand_on_what_they_have_found(tmp_path, make_counts, settings, monkeypatch):
+    """Every stage is cut to a few steps, chunks and rows to less than the bank."""
+    for name, value in {"EMULATOR_STEPS": 2, "GUESS_STEPS": 3, "CHUNK": 100, "EXAMPLES": 150}.items():
+        monkeypatch.setattr(f"gaugeblock.estimators.npe.laplace.training.{name}", value)
+    simulator = make_counts()
+    simulator.log_likelihood = lambda theta, x: poisson_log_likelihood(simulator.expected(theta), x)
+    few = {"simulations": 260, "batch": 32, "steps": 5, "checkpoint": 4, "validation": 0.1, "redraws": 3}
+    config = settings(**few, seed=8)
+    bank = Bank.simulate(simulator, 260, seed=8, folder=tmp_path)
+    network = build_network(config.network, NetworkShape(2, (8,), "counts"), seed=8)
+    seen = []
+    curve = train_laplace(
+        network, bank, config.training, folder=tmp_path, key="k", progress=lambda *said: seen.append(said)
+    )
+    steps = [("steps", done, 5) for done in range(1, 6)]
+    assert seen == [
+        *[("emulator", done, 2) for done in (1, 2)], *[("first guess", done, 3) for done in (1, 2, 3)],
+        ("compressed", 100, 260), ("compressed", 200, 260), ("compressed", 260, 260), *steps,
+        ("redraws", 100, 234), ("redraws", 200, 234), ("redraws", 234, 234), *steps,
+    ]  # fmt: skip
+    assert curve["step"] == [2, 4, 5, 7, 9, 10]
+    assert len(curve["training"]) == len(curve["validation"]) == 6
+    assert curve["best"] == min(curve["validation"][3:])
+
+    compressor = network.compressor
+    logarithm = np.log(bank.data[:150].astype(float))
+    np.testing.assert_allclose(compressor.emulator.mean, logarithm.mean(axis=0), rtol=1e-4)
+    np.testing.assert_allclose(compressor.emulator.scale, logarithm.std(axis=0, ddof=1), rtol=1e-4)
+    assert not any(weight.requires_grad for weight in compressor.parameters())
+    noise = [simulator.observe(bank.data[i : i + 100], stream(8, "noise", i)) for i in (0, 100, 200)]
+    features = compressor.features(torch.from_numpy(np.concatenate(noise))).numpy()
+    np.testing.assert_allclose(features.mean(axis=0), 0.0, atol=0.4)
+    np.testing.assert_allclose(features.std(axis=0), 1.0, atol=0.4)
+    compressed = np.load(tmp_path / "compressed-k.npz")["data"]
+    parts = [compressor(torch.from_numpy(x)).numpy() for x in noise]
+    np.testing.assert_allclose(compressed, np.concatenate(parts), rtol=1e-4, atol=1e-5)
+    with torch.no_grad():
+        read = network.head.context(torch.from_numpy(compressed[:150]))[:, : network.head.read]
+    read = read[:, -len(network.head.mean) :].numpy()
+    np.testing.assert_allclose(read.mean(axis=0), 0.0, atol=0.01)
+    np.testing.assert_allclose(read.std(axis=0, ddof=1), 1.0, atol=0.05)
+    pools = [np.load(path)["pool"] for path in sorted((tmp_path / "redraws-k").glob("*.npz"))]
+    assert [pool.shape for pool in pools] == [(100, 4, 2), (100, 4, 2), (34, 4, 2)]
+    np.testing.assert_array_equal(np.concatenate(pools)[:, 0], bank.scores[:234])
 
 
 def test_it_is_for_counts_with_an_expectation(tmp_path, signal, counts, settings):

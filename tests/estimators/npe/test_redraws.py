@@ -13,8 +13,8 @@ pytest.importorskip("sbi")
 
 from gaugeblock.core.errors import InputError  # noqa: E402
 from gaugeblock.estimators.npe import TrainingConfig, train  # noqa: E402
-from gaugeblock.estimators.npe.bank import Bank  # noqa: E402
-from gaugeblock.estimators.npe.laplace.training import RedrawnBank, redrawn  # noqa: E402
+from gaugeblock.estimators.npe.bank import Bank, stream  # noqa: E402
+from gaugeblock.estimators.npe.laplace.training import RedrawnBank, redrawn, redrawn_bank  # noqa: E402
 from gaugeblock.simulators import Normal, Prior  # noqa: E402
 from gaugeblock.simulators.protocol import poisson_log_likelihood  # noqa: E402
 
@@ -75,6 +75,44 @@ def test_picks_follow_the_posterior_however_few_and_bad_the_draws(conjugate, num
 def test_without_weights_they_would_not(conjugate):
     bank, x = conjugate
     assert kstest(away(bank, x, 32, wrong=True)[0], "norm").pvalue < 1e-6
+
+
+def test_pools_of_chunks_are_weighed_with_the_noise_they_were_compressed_with(tmp_path, monkeypatch):
+    monkeypatch.setattr("gaugeblock.estimators.npe.laplace.training.ROWS", 30)
+    rng = np.random.default_rng(4)
+    simulator = SimpleNamespace(
+        prior=Prior({"place": Normal(3.0, 2.0)}),
+        observe=lambda mean, rng: mean + NOISE * rng.standard_normal(mean.shape),
+        log_likelihood=lambda theta, x: -0.5 * ((theta - x) ** 2).sum(axis=-1) / NOISE**2,
+    )
+    scores = rng.standard_normal((260, 1)).astype(np.float32)
+    bank = Bank(scores, 3.0 + 2.0 * scores, True, simulator)
+    seen = []
+
+    def made():
+        return redrawn_bank(
+            Shifted(), bank, Bank(scores, scores, False, simulator), number=3, rows=230, chunk=100, seed=5,
+            folder=tmp_path / "pools", progress=lambda *said: seen.append(said),
+        )  # fmt: skip
+
+    some = made()
+    assert seen == [("redraws", done, 230) for done in (100, 200, 230)]
+    x = [simulator.observe(bank.data[i : i + 100], stream(5, "noise", i)) for i in (0, 100, 200)]
+    x = np.concatenate(x)[:230]
+    np.testing.assert_array_equal(some.pool[:, 0], scores[:230])
+    assert some.pool.shape == (230, 4, 1)
+    assert len(np.unique(some.pool)) == 230 * 4
+    score = some.pool[..., 0].astype(float)
+    log_q = -0.5 * ((score - SHIFT) / WIDTH) ** 2 - np.log(WIDTH * np.sqrt(2 * np.pi))
+    expected = -0.5 * ((3.0 + 2.0 * score - x) / NOISE) ** 2 - 0.5 * score**2 - log_q
+    np.testing.assert_allclose(some.log_weight, expected, rtol=1e-4, atol=1e-4)
+    # What lies in the folder is taken as it is.
+    (tmp_path / "pools" / "00000100.npz").unlink()
+    simulator.log_likelihood = lambda theta, x: np.zeros(theta.shape[:-1])
+    again = made()
+    np.testing.assert_array_equal(again.pool, some.pool)
+    same = (again.log_weight == some.log_weight).all(axis=1)
+    assert np.flatnonzero(~same).tolist() == list(range(100, 200))
 
 
 def test_picks_are_new_every_time_and_rows_held_out_keep_their_own(conjugate):
