@@ -17,7 +17,7 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.stranger import process as module
 from gaugeblock.stranger.limits import Limits
 from gaugeblock.stranger.process import Child, Launch, Watchdog
-from gaugeblock.stranger.usage import children
+from gaugeblock.stranger.usage import children, usage
 
 X = np.zeros((2, 3))
 SAMPLE = "def sample(x, n, seed):\n    {}\n"
@@ -119,7 +119,7 @@ def test_much_goes_both_ways_while_it_writes_to_stderr(child: Any) -> None:
         header, arrays = one.ask({"request": "echo"}, {"x": x}, expect={"back": (2, None)})
         assert header == {"answer": "echo", "arrays": ["back"]}
         np.testing.assert_array_equal(arrays["back"], x)
-    assert refusal(one) == "the stranger ended by itself (exit 0): " + one.stderr[:299] + "…"
+    assert refusal(one).startswith("the stranger ended by itself (exit 0): yyy")
     # The end of what it wrote is kept.
     assert one.stderr == "y" * (module.STDERR_BYTES - 3) + "end"
 
@@ -225,9 +225,11 @@ def test_none_is_left_and_nothing_is_left_open(child: Any) -> None:
         assert one.closed
     assert children(os.getpid()) == before
     assert set(os.listdir("/proc/self/fd")) == handles
-    for number in numbers:
-        state = Path(f"/proc/{number}/stat")
-        assert not state.exists() or state.read_text().rpartition(")")[2].split()[0] == "Z"
+    # Those are for whoever inherits them to collect.
+    until = time.monotonic() + 10.0
+    while any(usage(number).memory for number in numbers):
+        assert time.monotonic() < until
+        time.sleep(0.02)
     # Also where nobody closes it.
     one = Child(Launch(["/bin/sleep", "60"], {}, "/", sandboxed=False), Limits())
     assert children(os.getpid()) != before
@@ -237,7 +239,7 @@ def test_none_is_left_and_nothing_is_left_open(child: Any) -> None:
 
 
 def test_what_cannot_be_started_is_one_line() -> None:
-    with pytest.raises(InputError, match="cannot be started: /bin/nothing: .*No such file"):
+    with pytest.raises(InputError, match=r"cannot be started: /bin/nothing: .*No such file"):
         Child(Launch(["/bin/nothing"], {}, "/", sandboxed=False), Limits())
 
 
