@@ -65,6 +65,35 @@ def test_whoever_takes_too_much_is_killed_once_with_the_reason(
     assert not [thread for thread in threading.enumerate() if thread.name == "stranger watchdog"]
 
 
+def test_a_watchdog_that_kills_is_waited_for_and_may_stop_itself() -> None:
+    said: list[str] = []
+    begun = threading.Event()
+
+    def kill() -> None:
+        begun.set()
+        time.sleep(0.2)
+        dog.stop()
+        said.append("killed")
+
+    dog = Watchdog(os.getpid(), Limits(memory_gb=1e-6), kill)
+    assert begun.wait(10)
+    dog.stop()
+    assert said == ["killed"]
+
+
+def test_an_interpreter_that_ends_takes_its_child_along(tmp_path: Path) -> None:
+    program = f"""
+from gaugeblock.stranger.limits import Limits
+from gaugeblock.stranger.process import Child, Launch
+script = "echo $$ > {tmp_path}/number; exec sleep 300"
+one = Child(Launch(["/bin/sh", "-c", script], {{}}, "/", sandboxed=False), Limits())
+import os, time
+while not os.path.exists("{tmp_path}/number") or not open("{tmp_path}/number").read(): time.sleep(0.01)
+"""
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
+    assert usage(int((tmp_path / "number").read_text())).threads == 0
+
+
 SPEAKS = """
 import json, os, struct, sys, time
 source, target = sys.stdin.buffer, sys.stdout.buffer

@@ -15,6 +15,8 @@ import numpy as np
 import pytest
 
 from gaugeblock.stranger import stranger as module
+from gaugeblock.stranger.limits import Limits
+from gaugeblock.stranger.process import Child, Launch
 from gaugeblock.stranger.wire import pack, read_array, read_header
 
 SERVER = Path(module.__file__).resolve().parent / "child" / "serve.py"
@@ -87,6 +89,19 @@ def test_each_request_is_answered_by_its_function(served: Any) -> None:
     assert read() == ({"error": "unknown request 'dance'"}, [])
     # After `stop` nothing more is answered.
     assert (done.stdout[-30:].count(b"dance"), done.returncode, done.stderr) == (1, 0, b"")
+
+
+def test_an_answer_is_there_before_the_next_request(tmp_path: Path) -> None:
+    (tmp_path / "theirs.py").write_text("def sample(x, n, seed): return x[:, None].repeat(n, 1)")
+    said = json.dumps({"format": "python", "path": str(tmp_path / "theirs.py")})
+    one = Child(Launch([sys.executable, "-I", "-B", str(SERVER), said], {}, "/", sandboxed=False), Limits())
+    try:
+        for n in (1, 2):
+            request = {"request": "sample", "n": n, "seed": 1}
+            _, arrays = one.ask(request, {"x": np.eye(2)}, expect={"draws": (2, n, 2)}, seconds=20)
+            assert arrays["draws"].tolist() == [[[1.0, 0.0]] * n, [[0.0, 1.0]] * n]
+    finally:
+        one.close()
 
 
 def test_a_file_that_says_nothing_is_described_all_the_same(served: Any) -> None:
