@@ -108,8 +108,6 @@ class Child:
         self._stderr = bytearray()
         self._pending: list[memoryview] = []
         self._buffer = bytearray()
-        self._deadline = 0.0
-        self._seconds, self._limit = 0.0, ""
         self._selector = selectors.DefaultSelector()
         handles = tuple(stream.fileno() for stream in _streams(self._process))
         for handle in handles:

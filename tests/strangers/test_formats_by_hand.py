@@ -1,4 +1,4 @@
-"""Formats around models made by hand: which data a call gets, how much at a time, and what comes back in order.
+"""Formats around models made by hand: which data a call gets, how much at a time, what comes back in order.
 
 sbi_posterior, torch_state, bayesflow and python; what libraries make of real files is in test_formats.py.
 """
