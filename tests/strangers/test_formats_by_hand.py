@@ -359,3 +359,77 @@ def test_a_folder_holds_the_file_and_what_it_imports(format: Any, tmp_path: Path
     sys.modules.pop("beside")
     with pytest.raises(ValueError, match="there is no file"):
         module.load(str(tmp_path), {"file": "none.py"})
+
+
+@pytest.fixture
+def files(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """What formats share; what it puts on the path and among the modules is gone after the test."""
+    monkeypatch.setattr(sys, "path", [*sys.path, str(FORMATS.parent)])
+    for name in ("__main__", "stranger_builder", "stranger_beside", "their.script"):
+        monkeypatch.setitem(sys.modules, name, ModuleType(name))
+    del sys.modules["stranger_beside"]
+    return importlib.import_module("stranger_files")
+
+
+BESIDE = """
+from __future__ import annotations
+import dataclasses
+import stranger_beside
+
+@dataclasses.dataclass
+class Made:
+    width: int
+
+width = 1
+def make(options):
+    return Made(stranger_beside.WIDTH), options
+"""
+
+
+def test_a_builder_is_a_function_of_a_file_beside_what_it_imports(files: Any, tmp_path: Path) -> None:
+    folder, later = tmp_path / "a:b", tmp_path / "later"
+    for width, place in enumerate((folder, later)):
+        place.mkdir()
+        (place / "stranger_beside.py").write_text(f"WIDTH = {width}")
+    sys.path.insert(0, str(later))
+    path = folder / "build.py"
+    path.write_text(BESIDE)
+    made, options = files.build({"builder": f"{path}:make"}, "it")
+    assert (made.width, options) == (0, {"builder": f"{path}:make"})
+    for wrong in ("make", f"{path}:width", f"{path}:none", ":make"):
+        with pytest.raises(ValueError, match=r"is not FILE\.py:function"):
+            files.build({"builder": wrong}, "it")
+    with pytest.raises(ValueError, match=r"a builder is needed that makes the law: FILE\.py"):
+        files.build({}, "the law")
+    (folder / "words.txt").write_text("x = 1")
+    with pytest.raises(ValueError, match="is no Python file"):
+        files.module(str(folder / "words.txt"), "words")
+    with pytest.raises(ValueError, match="there is no file"):
+        files.module(str(folder), "folder")
+
+
+def test_a_script_lends_what_the_main_program_lacks(files: Any, tmp_path: Path) -> None:
+    main: Any = sys.modules["__main__"]
+    main.taken = "ours"
+    path = tmp_path / "their.script.py"
+    path.write_text("taken = lent = 'theirs'\n_private = 1\nif __name__ == '__main__': raise SystemExit\n")
+    files.lend(str(path))
+    assert (main.taken, main.lent) == ("ours", "theirs")
+    assert not hasattr(main, "_private")
+    assert sys.modules["their.script"].lent == "theirs"
+
+
+def test_errors_of_unpickling_are_explained(files: Any) -> None:
+    other = KeyError("x")
+    assert files.explained(other) is other
+    for error, says in [
+        (
+            AttributeError("Can't get attribute 'Net' on <module '__main__' from 'x'>"),
+            "needs Net of the script",
+        ),
+        (AttributeError("Can't get attribute 'Net' on <module 'torch'>"), "written with other versions"),
+        (ModuleNotFoundError("no", name="nets.deep"), "needs the module nets.deep, which"),
+    ]:
+        found = files.explained(error)
+        assert isinstance(found, ValueError)
+        assert says in str(found)
