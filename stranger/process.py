@@ -52,7 +52,7 @@ class Watchdog:
     def _watch(self) -> None:
         while not self._done.wait(PERIOD):
             now = usage(self._root)
-            self.peak = Usage(*map(max, zip(self.peak, now, strict=True)))
+            self.peak = Usage(*map(max, self.peak, now))
             self.reason = self._too_much(now)
             if self.reason:
                 self._kill()
