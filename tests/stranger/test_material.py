@@ -24,7 +24,7 @@ def mode(path: Path) -> int:
 def test_bytes_hash_and_modes_of_a_copy(tmp_path: Path) -> None:
     handles = set(os.listdir("/proc/self/fd"))
     content = np.random.default_rng(1).bytes(3 * (1 << 20) + 5)
-    for name, given in (("weights.bin", 0o600), ("program", 0o700)):
+    for name, given in (("weights.bin", 0o600), ("program", 0o601)):
         (tmp_path / name).write_bytes(content)
         (tmp_path / name).chmod(given)
     material = Material()
@@ -60,6 +60,26 @@ def test_a_folder_is_named_by_its_files_and_what_is_in_them(tmp_path: Path) -> N
     same = digest(a="1", deep_b="2")
     assert digest(a="1", deep_b="2") == same
     assert len({same, digest(a="1", deep_b="3"), digest(a="1", b="2"), digest(a="2", deep_b="1")}) == 4
+
+
+def test_a_file_that_grows_is_copied_as_far_as_it_was_long(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "weights").write_bytes(b"before")
+
+    def grown(path: Path) -> SimpleNamespace:
+        with open(tmp_path / "weights", "ab") as file:
+            file.write(b" and after")
+        return SimpleNamespace(free=10**9)
+
+    monkeypatch.setattr(module.shutil, "disk_usage", grown)
+    material = Material()
+    assert material.take(tmp_path / "weights", "model").read_bytes() == b"before"
+    assert material.sha256 == {"model": hashlib.sha256(b"before").hexdigest()}
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputError, match="pipe: is no plain file"):
+        material.take(tmp_path / "pipe", "other")
+    material.close()
 
 
 def test_a_copy_needs_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
