@@ -154,17 +154,20 @@ def test_a_command_of_the_system_shows_nothing_more(places: Any, python: Path) -
 
 
 def test_links_to_an_interpreter_are_followed_one_by_one(python: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    (other / "lib" / "python3.12").mkdir(parents=True)
+    (other / "lib" / "python3.12" / "os.py").write_text("")
     environment = tmp_path / "environment"
     (environment / "bin").mkdir(parents=True)
     (environment / "pyvenv.cfg").write_text(
-        f"other = /nowhere/bin\nhome = {python.parent}\nhome = /later/bin\n"
+        f"other = /nowhere/bin\nhome = {other / 'bin'}\nhome = /later/bin\n"
     )
     (environment / "bin" / "python").symlink_to("../../installation/bin/../bin/python3")
     (tmp_path / "bin").mkdir()
     (tmp_path / "bin" / "python").symlink_to(environment / "bin" / "python")
     found = find_interpreter(tmp_path / "bin" / "python")
     assert found.executable == environment / "bin" / "python"
-    assert found.folders == (environment, python.parent.parent)
+    assert found.folders == (environment, python.parent.parent, other)
     # Without a library beside it, the file alone.
     alone = tmp_path / "alone" / "bin" / "python"
     alone.parent.mkdir(parents=True)
