@@ -196,12 +196,18 @@ def test_a_privileged_caller_takes_a_user_that_nobody_has(fake: Any) -> None:
     assert working_sandbox().user is None
 
 
-def test_without_privileges_in_a_container_there_may_be_namespaces_of_users(fake: Any) -> None:
+def test_without_privileges_in_a_container_there_may_be_namespaces_of_users(
+    fake: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     refuse = 'case "$*" in *{word}*) echo not with {word} >&2; exit 1;; esac'
     fake(refuse.format(word="--cap-drop"))
     found = working_sandbox()
     assert found.user is None
     assert found.describe()["privileges"] == "namespace of users"
+    with monkeypatch.context() as there:
+        for machine, calls in (("x86_64", "filtered"), ("vax", "not filtered on this processor")):
+            there.setattr("platform.machine", lambda machine=machine: machine)
+            assert found.describe()["system_calls"] == calls
     fake(refuse.format(word="--unshare-user"))
     found = working_sandbox()
     assert found.user is not None
