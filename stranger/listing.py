@@ -255,7 +255,7 @@ def listing(path: Path) -> dict[str, Any]:
 
 def _shown(names: Iterable[str]) -> list[str]:
     """Names that a stranger chose, as they may be printed."""
-    return sorted(plain(name, LONGEST_NAME) for name in sorted(names)[:NAMES])
+    return [plain(name, LONGEST_NAME) for name in sorted(names)[:NAMES]]
 
 
 def _see(path: Path, name: str, found: _Found) -> str:

@@ -52,7 +52,7 @@ class Watchdog:
     def _watch(self) -> None:
         while not self._done.wait(PERIOD):
             now = usage(self._root)
-            self.peak = Usage(*map(max, zip(self.peak, now, strict=True)))
+            self.peak = Usage(*map(max, self.peak, now))
             self.reason = self._too_much(now)
             if self.reason:
                 self._kill()
@@ -108,8 +108,6 @@ class Child:
         self._stderr = bytearray()
         self._pending: list[memoryview] = []
         self._buffer = bytearray()
-        self._deadline = 0.0
-        self._seconds, self._limit = 0.0, ""
         self._selector = selectors.DefaultSelector()
         handles = tuple(stream.fileno() for stream in _streams(self._process))
         for handle in handles:

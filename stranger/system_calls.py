@@ -108,9 +108,10 @@ def seccomp_filter(machine: str | None = None) -> bytes:
     >>> len(seccomp_filter("x86_64")) % 8, seccomp_filter("vax")
     (0, b'')
     """
-    column, architecture = MACHINES.get(machine or platform.machine(), (None, 0))
-    if column is None:
+    known = MACHINES.get(machine or platform.machine())
+    if known is None:
         return b""
+    column, architecture = known
     refuse = (RETURN, 0, 0, NO_SUCH_CALL)
     program = [
         (LOAD, 0, 0, ARCHITECTURE),

@@ -47,7 +47,7 @@ def test_every_protocol_is_read_and_nothing_is_done(tmp_path, protocol):
     assert found["imports"] == [f"{os.system.__module__}.system"]
     assert found["calls"] == found["notable"] == found["imports"]
     assert found["problems"] == []
-    assert found["note"] == NOTE
+    assert (found["note"], found["left_out"]) == (NOTE, 0)
     assert not trace.exists()
 
 
@@ -93,12 +93,41 @@ def test_a_call_of_what_a_call_gives(tmp_path):
     found = of(tmp_path, content)
     assert set(found["calls"]) == {"builtins.getattr", "what builtins.getattr gives"}
     assert set(found["notable"]) >= {"builtins.getattr", "os.system"}
+    # Names are not made longer without end.
+    names = [f"{'what ' * k}builtins.getattr{' gives' * k}" for k in range(4)]
+    found = of(tmp_path, b"\x80\x04cbuiltins\ngetattr\n" + 5 * (short("x") + b"\x85R") + b".")
+    assert set(found["calls"]) == {*names, "what ? gives"}
 
 
 def test_objects_of_old_protocols(tmp_path):
     assert of(tmp_path, b"(S'x'\nios\nsystem\n.")["calls"] == ["os.system"]
     assert of(tmp_path, b"(cos\nsystem\nS'x'\no.")["calls"] == ["os.system"]
     assert of(tmp_path, b"\x80\x02\x82\x01.")["imports"] == ["copyreg extension 1"]
+
+
+@pytest.mark.parametrize(
+    "above",
+    [
+        b"2S'x'\n\x85R0",  # a second one, called and forgotten
+        b"(S'x'\niposix\nkill\n0",
+        b"(cposix\nkill\nS'x'\no0",
+        b"NN\x930",  # an import of nobody knows what
+        b"(NNt0",
+        b"N]a0",
+        b"}(NNu0",
+        b"(NN1",
+    ],
+)
+def test_what_was_below_on_the_stack_is_called(tmp_path, above):
+    content = b"\x80\x02cos\nsystem\n" + above + b"S'y'\n\x85R."
+    pickletools.dis(content, out=io.StringIO())
+    assert set(of(tmp_path, content)["calls"]) - {"posix.kill"} == {"os.system"}
+
+
+def test_an_attribute_of_what_is_notable_is_notable(tmp_path):
+    content = b"\x80\x04" + short("builtins") + short("eval.__call__") + b"\x93."
+    assert of(tmp_path, content)["notable"] == ["builtins.eval.__call__"]
+    assert of(tmp_path, content.replace(b"eval", b"iter"))["notable"] == []
 
 
 def loading(content: bytes) -> bytes:
@@ -136,12 +165,27 @@ def test_what_is_in_values_is_bounded(tmp_path, monkeypatch, limit):
     ]
 
 
+def test_bounds_of_what_is_in_values_are_met_and_not_passed(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "VALUES", 2)
+    for number in (2, 3):
+        found = of(tmp_path, pickle.dumps([pickle.dumps(k) for k in range(number)]))
+        assert len(found["problems"]) == number - 2
+    monkeypatch.setattr(module, "VALUES", 10_000)
+    monkeypatch.setattr(module, "VALUE_BYTES", 100)
+    for length in (100, 101):
+        for value in ("\x80\x02" + "x" * (length - 2), b"\x80\x02" + b"x" * (length - 2)):
+            assert len(of(tmp_path, pickle.dumps(value))["problems"]) == length - 100
+
+
 def test_several_pickles_in_a_row_and_other_bytes_behind_them(tmp_path):
     content = pickle.dumps(1) + pickle.dumps(Hostile(tmp_path)) + b"\xff\xfe raw"
     found = of(tmp_path, content)
     assert found["pickles"] == 2
     assert found["calls"] == [f"{os.system.__module__}.system"]
     assert found["problems"] == []
+    # One opcode may be a byte of something else; after two it was a pickle, and is cut.
+    assert of(tmp_path, pickle.dumps(1) + b"N\xff")["problems"] == []
+    assert "not a whole pickle" in of(tmp_path, pickle.dumps(1) + b"NN\xff")["problems"][0]
 
 
 def test_pickles_inside_a_zip_file(tmp_path):
@@ -176,6 +220,40 @@ def test_a_folder_is_all_its_files(tmp_path):
     assert found["notable"]
 
 
+def test_problems_of_a_folder_are_told_in_order_and_not_without_end(tmp_path, monkeypatch):
+    names = [f"{number:02d}.pkl" for number in np.random.default_rng(1).permutation(25)]
+    for name in names:
+        written(tmp_path / name, b"\x80\x04")
+    problems = listing(tmp_path)["problems"]
+    assert [problem.partition(":")[0] for problem in problems] == sorted(names)[:20]
+    with zipfile.ZipFile(tmp_path / "all.zip", "w") as archive:
+        for number in range(5):
+            archive.writestr(f"{number}.pkl", pickle.dumps(number))
+    monkeypatch.setattr(module, "ENTRIES", 3)
+    found = listing(tmp_path)
+    assert found["problems"][-1] == f"{tmp_path.name}: more than 3 files; not read on"
+    assert len(found["problems"]) == 4
+    found = listing(tmp_path / "all.zip")
+    assert (found["pickles"], found["problems"]) == (3, ["all.zip: more than 3 entries; not read on"])
+
+
+@pytest.mark.parametrize("damage", ["content", "method"])
+def test_an_entry_that_cannot_be_read_is_named_and_the_others_are_read(tmp_path, damage):
+    path = tmp_path / "model.pt"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("one.pkl", pickle.dumps("canary"))
+        archive.writestr("two.pkl", pickle.dumps(Hostile(tmp_path / "trace")))
+    content = bytearray(path.read_bytes())
+    if damage == "content":
+        content[content.index(b"canary")] ^= 1
+    else:  # a way to compress that nobody knows
+        content[content.index(b"PK\1\2") + 10] = 99
+    found = listing(written(path, bytes(content)))
+    assert len(found["problems"]) == 1
+    assert "one.pkl: " in found["problems"][0]
+    assert found["calls"] == [f"{os.system.__module__}.system"]
+
+
 @pytest.mark.parametrize(
     ("content", "says"),
     [
@@ -204,8 +282,11 @@ def test_bytes_of_no_kind(tmp_path):
     for number in range(200):
         found = of(tmp_path, bytes(rng.integers(0, 256, int(rng.integers(0, 300)), dtype=np.uint8)))
         assert set(found) >= {"imports", "problems", "note"}, number
-    assert listing(written(tmp_path / "weights.bin", b"words"))["kind"] == "other"
-    assert "cannot be read" in listing(tmp_path / "none.pkl")["problems"][0]
+    for content in (b"words", b"\x80words", b"w\x02"):
+        assert listing(written(tmp_path / "weights.bin", content))["kind"] == "other"
+    found = listing(tmp_path / "none.pkl")
+    assert found["kind"] == "other"
+    assert "cannot be read" in found["problems"][0]
 
 
 def test_what_is_huge_is_given_up_on(tmp_path, monkeypatch):
@@ -214,11 +295,21 @@ def test_what_is_huge_is_given_up_on(tmp_path, monkeypatch):
     assert "more than 1,000 opcodes; not read on" in found["problems"][0]
     monkeypatch.setattr(module, "OPCODES", 10**6)
     monkeypatch.setattr(module, "PICKLES", 3)
-    assert "more than 3 pickles" in of(tmp_path, pickle.dumps(1) * 10)["problems"][0]
+    found = of(tmp_path, pickle.dumps(1) * 10)
+    assert "more than 3 pickles" in found["problems"][0]
+    assert found["pickles"] == 3
     monkeypatch.setattr(module, "NAMES", 2)
-    names = b"\x80\x02" + b"".join(b"ca\nb%d\n0" % number for number in range(10)) + b"N."
+    names = b"\x80\x02" + b"".join(b"ca\nb%d\n)R0" % number for number in range(10)) + b"ca\nz\n."
     found = of(tmp_path, names)
-    assert (len(found["imports"]), found["left_out"]) == (2, 8)
+    assert (found["imports"], found["calls"], found["left_out"]) == (["a.b0", "a.b1"], ["a.b0", "a.b1"], 17)
+
+
+def test_as_many_opcodes_as_are_read_are_no_problem(tmp_path, monkeypatch):
+    content = pickle.dumps([1, 2, 3])
+    number = len(list(pickletools.genops(content)))
+    for most in (number, number - 1):
+        monkeypatch.setattr(module, "OPCODES", most)
+        assert bool(of(tmp_path, content)["problems"]) == (most < number)
 
 
 def test_a_zip_bomb_is_not_unpacked(tmp_path, monkeypatch):

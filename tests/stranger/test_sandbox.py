@@ -1,7 +1,9 @@
 """What is to be seen, and what can be done, inside."""
 
+import dataclasses
 import json
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -59,7 +61,8 @@ def test_it_sees_no_variable_of_ours(seen: Any, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_it_sees_a_made_up_user_and_no_home(seen: Any, tmp_path: Path) -> None:
-    assert seen("return open('/etc/passwd').read().split(':')[0]") == "user"
+    own = "import grp, pwd\n    return [pwd.getpwuid(os.getuid()).pw_name, grp.getgrgid(os.getgid()).gr_name]"
+    assert seen(own) == ["user", "user"]
     names = ["hosts", "hostname", "machine-id", "resolv.conf", "shadow", "ssl"]
     assert seen(f"return [n for n in {names} if os.path.exists('/etc/' + n)]") == ["hosts"]
     assert not seen(f"return os.path.exists({str(tmp_path / 'theirs.py')!r})")
@@ -167,6 +170,124 @@ def test_a_sandbox_that_does_not_work_is_refused(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(module.shutil, "which", lambda name, **_: str(broken))
     with pytest.raises(InputError, match=r"does not work here .*Creating new namespace failed.*bubblewrap"):
         working_sandbox()
+
+
+@pytest.fixture
+def fake(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
+    """Put a script in bubblewrap's place, for a caller of this number."""
+
+    def put(script: str, caller: int = 0) -> None:
+        program = tmp_path / "bwrap"
+        program.write_text(f"#!/bin/sh\n{script}\n")
+        program.chmod(0o755)
+        places = {"bwrap": str(program), "python3": None}
+        monkeypatch.setattr(module.shutil, "which", lambda name, **_: places.get(name, f"/usr/bin/{name}"))
+        monkeypatch.setattr(module.os, "geteuid", lambda: caller)
+
+    return put
+
+
+def test_a_privileged_caller_takes_a_user_that_nobody_has(fake: Any) -> None:
+    fake("exit 0")
+    users = [working_sandbox().user for _ in range(3)]
+    assert len(set(users)) == 3
+    assert all(user is not None and 1 << 30 <= user < (1 << 30) + (1 << 29) for user in users)
+    fake("exit 0", caller=1000)
+    assert working_sandbox().user is None
+
+
+def test_without_privileges_in_a_container_there_may_be_namespaces_of_users(
+    fake: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refuse = 'case "$*" in *{word}*) echo not with {word} >&2; exit 1;; esac'
+    fake(refuse.format(word="--cap-drop"))
+    found = working_sandbox()
+    assert found.user is None
+    assert found.describe()["privileges"] == "namespace of users"
+    with monkeypatch.context() as there:
+        for machine, calls in (("x86_64", "filtered"), ("vax", "not filtered on this processor")):
+            there.setattr("platform.machine", lambda machine=machine: machine)
+            assert found.describe()["system_calls"] == calls
+    fake(refuse.format(word="--unshare-user"))
+    found = working_sandbox()
+    assert found.user is not None
+    assert found.describe()["privileges"] == "unprivileged user of its own"
+    # Of two reasons the first is told; there is only one without privileges.
+    both = refuse.format(word="--cap-drop") + "\n" + refuse.format(word="--unshare-user")
+    fake(both)
+    with pytest.raises(InputError, match=r"does not work here \(not with --cap-drop\)"):
+        working_sandbox()
+    fake(both, caller=1000)
+    with pytest.raises(InputError, match=r"does not work here \(not with --unshare-user\)"):
+        working_sandbox()
+
+
+@pytest.mark.parametrize(
+    ("script", "why"),
+    [("exit 0", "^$"), ("exit 3", "^exit 3$"), ("echo why >&2; exit 1", "^why$"), ("sleep 9", "timed out")],
+)
+def test_why_a_sandbox_does_not_work_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str, why: str
+) -> None:
+    monkeypatch.setattr(module, "TRIAL_SECONDS", 0.5)
+    program = tmp_path / "bwrap"
+    program.write_text(f"#!/bin/sh\nPATH=/bin:/usr/bin\n{script}\n")
+    program.chmod(0o755)
+    one = module.Sandbox(bwrap=str(program), prlimit="prlimit", setpriv="setpriv", user=None)
+    assert re.search(why, one.works())
+    nothing = module.Sandbox(bwrap="/nowhere/bwrap", prlimit="prlimit", setpriv="setpriv", user=None)
+    assert "No such file" in nothing.works()
+
+
+def test_places_are_made_before_what_is_put_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "link").symlink_to("usr/bin")
+    system = [str(tmp_path / name) for name in ("folder", "link", "none")]
+    monkeypatch.setattr(module, "SYSTEM", system)
+    monkeypatch.setattr(module, "CONFIGURATION", (system[0], system[2]))
+    own = module.Sandbox(
+        bwrap="bwrap", prlimit="prlimit", setpriv="setpriv", user=7, python="/usr/bin/python3"
+    )
+    show = {"/srv/deep/model": tmp_path / "model", "/usr/local/there": tmp_path / "there"}
+    limits = Limits(file_mb=3)
+    words = own.words(["run", "it"], limits=limits, environment={"A": "1", "B": "2"}, show=show)
+
+    def after(option: str, number: int) -> list[tuple[str, ...]]:
+        return [tuple(words[k + 1 : k + 1 + number]) for k, word in enumerate(words) if word == option]
+
+    folders = [str(folder) for folder in [*reversed(tmp_path.parents)][1:]] + [str(tmp_path)]
+    assert after("--dir", 1) == [(place,) for place in sorted([*folders, "/srv", "/srv/deep"])]
+    landlock = ("/srv/landlock.py",)
+    assert after("--ro-bind", 2) == [
+        (system[0], system[0]),
+        *sorted(
+            [
+                ("/usr", "/usr"),
+                (system[0], system[0]),
+                (str(module.LANDLOCK), *landlock),
+                (str(tmp_path / "model"), "/srv/deep/model"),
+                (str(tmp_path / "there"), "/usr/local/there"),
+            ],
+            key=lambda pair: pair[1],
+        ),
+    ]
+    assert after("--symlink", 2) == [("usr/bin", system[1])]
+    assert after("--tmpfs", 1) == [("/dev/shm",), ("/tmp",)]
+    assert after("--size", 1) == [("3000000",)] * 2
+    assert after("--setenv", 2) == [("A", "1"), ("B", "2")]
+    assert after("--perms", 1) == [("1777",)] * 2 + [("0755",)] * (len(folders) + 2)
+    assert words.index("--dir") < words.index("--ro-bind") < words.index("--setenv") < words.index("--")
+    assert {f"--unshare-{name}" for name in ("pid", "net", "ipc", "uts", "cgroup-try")} <= set(words)
+    held = words[words.index("--") + 1 :]
+    assert held[:4] == ["setpriv", "--reuid=7", "--regid=7", "--clear-groups"]
+    assert held[-2:] == ["run", "it"]
+    rights = json.loads(held[-3])
+    assert rights["write"] == ["/dev/shm", "/tmp"]
+    assert set(rights["run"]) == {system[0], "/srv", *(place for _, place in after("--ro-bind", 2))}
+    assert (rights["read"], rights["use"]) == (["/proc"], ["/dev"])
+    alone = dataclasses.replace(own, python=None).words(["run"], limits=limits, environment={}, show={})
+    assert alone[-2] == "--"
+    assert "/srv/landlock.py" not in alone
 
 
 def test_only_folders_of_an_interpreter_are_shown(tmp_path: Path) -> None:

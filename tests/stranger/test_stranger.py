@@ -1,8 +1,11 @@
 import hashlib
 import os
+import resource
 import stat
+import struct
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,7 +16,8 @@ from gaugeblock.core.streams import generator
 from gaugeblock.estimators import build_estimator
 from gaugeblock.estimators.protocol import Embeds, HasDensity
 from gaugeblock.stranger.material import Material
-from gaugeblock.stranger.stranger import Stranger
+from gaugeblock.stranger.stranger import Claims, Stranger, system_files
+from gaugeblock.stranger.usage import children
 
 X = np.array([[0.1, -0.4, 1.2], [0.0, 2.0, -1.0]])
 
@@ -106,6 +110,155 @@ def test_its_own_order_and_scale_are_undone(stranger: Any, simulator: Any) -> No
     np.testing.assert_allclose(draws, plain)
 
 
+def test_a_density_is_zero_without_a_counterpart_and_nan_without_a_point(file: Any) -> None:
+    """The stranger holds logarithms: a uniform density there is one over both parameters here."""
+    text = """
+        def log_prob(theta, x):
+            assert np.isfinite(theta).all()
+            return np.zeros(theta.shape[:2]) + x[:, :1]
+        """
+    simulator: Any = SimpleNamespace(prior=SimpleNamespace(names=("a", "b"), center=np.ones(2)))
+    table = {name: {"transform": "log"} for name in ("a", "b")}
+    one = Stranger(file(text), simulator, parameters=table, trust=True)
+    theta = np.array([[2.0, 3.0], [-2.0, 3.0], [2.0, 0.0], [np.nan, 3.0], [-1.0, np.inf], [5.0, 0.5]])
+    inside = np.array([-np.log(6.0), -np.inf, -np.inf, np.nan, np.nan, -np.log(2.5)])
+    found = one.log_prob(np.stack([theta, theta[::-1]]), X)
+    one.close()
+    np.testing.assert_allclose(found, np.stack([inside, inside[::-1]]) + X[:, :1], atol=1e-12)
+
+
+def test_a_column_that_is_left_out_leaves_draws_and_no_density(stranger: Any) -> None:
+    one = stranger(
+        """
+        def sample(x, n, seed):
+            return np.broadcast_to([1.0, 2.0, 3.0], (len(x), n, 3))
+        def describe():
+            return {"parameters": ["a", "b", "c"]}
+        """,
+        parameters={"theta_1": "c", "theta_2": "a"},
+        trust=True,
+    )
+    assert not isinstance(one, HasDensity)
+    assert one.sample(X, 4, np.random.default_rng(1)).tolist() == [[[3.0, 1.0]] * 4] * 2
+
+
+def test_one_that_failed_is_asked_again_in_a_fresh_process(stranger: Any) -> None:
+    one = stranger(
+        """
+        CALLS = []
+        def sample(x, n, seed):
+            CALLS.append(n)
+            if n == 1:
+                raise ValueError
+            return np.full((len(x), n, 2), float(len(CALLS)))
+        """,
+        trust=True,
+    )
+    rng, before = np.random.default_rng(1), children(os.getpid())
+    assert one.sample(X, 2, rng).max() == 1
+    assert children(os.getpid()) == before
+    with pytest.raises(InputError, match="could not answer sample: ValueError"):
+        one.sample(X, 1, rng)
+    assert one.sample(X, 2, rng).max() == 1
+    assert len(children(os.getpid())) == len(before)
+    one.close()
+    assert len(children(os.getpid())) == len(before) - 1
+
+
+def test_the_most_that_it_used_is_kept_when_a_phase_ends(stranger: Any) -> None:
+    one = stranger(
+        """
+        import threading
+        def sample(x, n, seed):
+            if n == 1:
+                held, until = np.ones(15 * 10**6), time.process_time() + 0.4
+                threading.Thread(target=time.sleep, args=(60,), daemon=True).start()
+                while time.process_time() < until: pass
+            return np.zeros((len(x), n, 2))
+        """,
+        trust=True,
+    )
+    rng = np.random.default_rng(1)
+    one.sample(X, 1, rng)
+    used = one.confinement()["used"]
+    assert list(used) == ["draws"]
+    assert 0.12 < used["draws"]["memory_gb"] < 0.4
+    assert 0.3 < used["draws"]["cpu_seconds"] < 5
+    assert used["draws"]["threads"] == 2
+    one.end_phase()
+    one.sample(X, 2, rng)
+    assert one.confinement()["used"]["draws"]["memory_gb"] >= used["draws"]["memory_gb"]
+    one.log_prob(np.zeros((2, 1, 2)), X)
+    one.end_phase()
+    later = one.confinement()["used"]
+    assert set(later) == {"draws", "densities"}
+    assert later["draws"]["threads"] == 2
+    assert later["densities"]["memory_gb"] < used["draws"]["memory_gb"]
+
+
+def test_one_that_is_trusted_is_held_by_what_the_kernel_keeps(
+    stranger: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OURS", "here")
+    before = resource.getrlimit(resource.RLIMIT_NPROC)[0]
+    one = stranger(
+        """
+        import resource
+        def describe():
+            kinds = resource.RLIMIT_NOFILE, resource.RLIMIT_NPROC
+            words = [*(resource.getrlimit(kind)[0] for kind in kinds), os.environ["OMP_NUM_THREADS"]]
+            return {"library": f"{words} {os.environ['OURS']}"}
+        """,
+        trust=True,
+        limits={"open_files": 77, "threads": 3, "processes": 200},
+    )
+    record = one.describe()
+    assert record["claims"]["library"] == f"[77, {before}, '3'] here"
+    assert record["threads"] == 3
+    assert record["mapping"]["columns"] == [0, 1]
+
+
+def test_what_it_says_of_itself_is_plain_and_short() -> None:
+    said = {
+        "can": ["embed", "fly", "sample"],
+        "parameters": ["a" * 200, 7],
+        "versions": {"k": 1, "l\n": None},
+    }
+    found = Claims.of({**said, "library": "x" * 200, "autocorrelated": 1})
+    assert (found.can, found.autocorrelated) == (("sample", "embed"), False)
+    assert (len(found.library), [len(name) for name in found.parameters or ()]) == (100, [100, 1])
+    assert found.versions == {"k": "1", "l": "None"}
+    found = Claims.of({"can": ["sample"], "library": None, "autocorrelated": True})
+    assert found == Claims(library="", versions={}, parameters=None, can=("sample",), autocorrelated=True)
+    for key in ("parameters", "versions"):
+        assert Claims.of({"can": ["sample"], key: None}) == Claims.of({"can": ["sample"]})
+    assert len(Claims.of({"can": ["sample"], "parameters": ["p"] * 1000}).parameters or ()) == 1000
+    for wrong in ({"parameters": []}, {"parameters": ["p"] * 1001}, {"can": "sample"}, {"versions": []}):
+        with pytest.raises(InputError, match="the stranger"):
+            Claims.of({"can": ["sample"], **wrong})
+
+
+@pytest.mark.parametrize(("user", "number"), [(None, 65534), (1234567, 1234567)])
+def test_the_made_up_user_is_who_it_runs_as(user: int | None, number: int) -> None:
+    material = Material()
+    try:
+        found = system_files(material, user)
+        assert set(found) == {f"/etc/{name}" for name in ("passwd", "group", "hosts", "nsswitch.conf")}
+        assert found["/etc/passwd"].read_text() == f"user:x:{number}:{number}::/tmp:/bin/sh\n"
+        assert found["/etc/group"].read_text() == f"user:x:{number}:\n"
+        assert stat.S_IMODE(found["/etc/hosts"].stat().st_mode) == 0o644
+    finally:
+        material.close()
+
+
+def test_the_seed_it_gets_is_a_hash_of_numbers_one_a_trial(stranger: Any) -> None:
+    one = stranger("def sample(x, n, seed):\n    raise ValueError(str(seed))", trust=True)
+    numbers = np.random.default_rng(5).integers(0, 1 << 62, 2).tolist()
+    expected = int(hashlib.sha256(struct.pack("<2q", *numbers)).hexdigest()[:16], 16) % 2**62
+    with pytest.raises(InputError, match=f"ValueError: {expected}$"):
+        one.sample(X, 1, np.random.default_rng(5))
+
+
 def test_the_seed_it_gets_tells_nothing_of_ours(stranger: Any) -> None:
     one = stranger("def sample(x, n, seed):\n    return np.full((len(x), n, 2), float(seed % 2**50))")
     seeds = {one.sample(X, 1, generator(seed, "draws", 0))[0, 0, 0] for seed in range(5)}
@@ -125,6 +278,7 @@ def test_what_was_hashed_is_what_is_loaded(stranger: Any, file: Any) -> None:
     confinement = one.confinement()
     assert confinement["limits"]["memory_gb"] == 1.0
     assert confinement["sandbox"]["program"].startswith("bubblewrap")
+    assert one.listing()["kind"] == "other"
 
 
 def test_without_a_sandbox_only_by_the_word(
@@ -184,6 +338,7 @@ def test_a_program_in_another_language_is_asked(sandbox: Any, simulator: Any, tm
         record = one.describe()  # type: ignore[attr-defined]
         assert record["claims"]["library"] == "perl"
         assert record["command"] == ["answer.pl"]
+        assert one.listing() == {}  # type: ignore[attr-defined]
         assert record["sha256"] == {"program": hashlib.sha256(PERL.encode()).hexdigest()}
     finally:
         one.close()  # type: ignore[attr-defined]

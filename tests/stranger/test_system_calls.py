@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import re
 import struct
 from pathlib import Path
 
 import pytest
 
-from gaugeblock.stranger.system_calls import REFUSED, seccomp_filter
+from gaugeblock.stranger.system_calls import REFUSED, filtered, seccomp_filter
 
 HEADERS = {
     "x86_64": Path("/usr/include/x86_64-linux-gnu/asm/unistd_64.h"),
@@ -31,7 +32,9 @@ def answered(machine: str, number: int, first: int = 0, *, kind: int | None = No
         place += 1
         if operation == 0x20:
             (held,) = struct.unpack_from("=I", asked, value)
+            assert (true, false) == (0, 0)
         elif operation == 0x06:
+            assert (true, false) == (0, 0)
             return value
         else:
             met = {0x15: held == value, 0x35: held >= value, 0x45: bool(held & value)}[operation]
@@ -49,7 +52,8 @@ def test_what_is_named_is_refused_and_the_rest_of_the_known_is_not(column: int) 
         if number not in (socket, clone):
             assert answered(machine, number) == wanted, number
     for number in NEEDED[machine]:
-        assert answered(machine, number) == ALLOW
+        for first in (0, 2, 0x10000011):  # of no matter there
+            assert answered(machine, number, first) == ALLOW
     for number in (0x40000000, 0x40000001, 0xFFFFFFFF):
         assert answered(machine, number) == ABSENT
     for number in (0, socket, 1000):
@@ -58,6 +62,23 @@ def test_what_is_named_is_refused_and_the_rest_of_the_known_is_not(column: int) 
         assert answered(machine, socket, family) == (ALLOW if family in (1, 2, 10, 16) else ABSENT)
     assert answered(machine, clone, 0x01200011) == ALLOW
     assert answered(machine, clone, 0x10000011) == ABSENT
+
+
+@pytest.mark.skipif(not seccomp_filter(), reason="no filter of system calls for this kind of processor")
+def test_the_filter_is_handed_over_to_be_read_and_closed() -> None:
+    before = set(os.listdir("/proc/self/fd"))
+    with filtered(["bwrap", "--die-with-parent", "true"]) as (words, handles):
+        (handle,) = handles
+        assert words == ["bwrap", "--seccomp", str(handle), "--die-with-parent", "true"]
+        assert os.read(handle, 1 << 16) == seccomp_filter()
+    assert set(os.listdir("/proc/self/fd")) == before
+
+
+def test_without_a_filter_the_words_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("platform.machine", lambda: "vax")
+    assert seccomp_filter() == b""
+    with filtered(("bwrap", "true")) as found:
+        assert found == (["bwrap", "true"], ())
 
 
 @pytest.mark.parametrize("machine", KINDS)

@@ -26,11 +26,12 @@ def instance_of(monkeypatch, module, name):
     return made.__dict__[name]()
 
 
-def archived(content, *, name="archive/data.pkl"):
+def archived(content, *names):
     """As torch.save writes it, or Keras."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:
-        archive.writestr(name, content)
+        for name in names or ("archive/data.pkl",):
+            archive.writestr(name, content)
     return buffer.getvalue()
 
 
@@ -48,10 +49,11 @@ def archived(content, *, name="archive/data.pkl"):
 def test_objects_of_sbi_are_told_apart(tmp_path, monkeypatch, protocol, wrap, module, name, expected):
     found = instance_of(monkeypatch, module, name)
     # Weights are in it too: what is outermost decides.
-    found.state = OrderedDict(weight=1)
-    path = tmp_path / "file.bin"
-    path.write_bytes(wrap(pickle.dumps(found, protocol=protocol)))
-    assert detect(path) == expected
+    for state in (OrderedDict(weight=1), None):
+        found.state = state
+        path = tmp_path / "file.bin"
+        path.write_bytes(wrap(pickle.dumps(found, protocol=protocol)))
+        assert detect(path) == expected
 
 
 @pytest.mark.parametrize("wrap", [bytes, archived], ids=["pickle", "torch"])
@@ -69,6 +71,9 @@ def test_a_state_dict_is_known(tmp_path, wrap):
         ("weights.safetensors", b"", "torch_state"),
         ("flow.eqx", b"", "jax_leaves"),
         ("leaves", b"\x93NUMPY\x01\x00", "jax_leaves"),
+        ("flow.zip", archived(b"{}", "config.json", "metadata.json"), "bayesflow"),
+        ("flow.zip", archived(b"{}", "config.json", "metadata.json", "model.weights.h5"), "bayesflow"),
+        ("weights.pt", archived(b"\x80\x02}.", "data.pkl"), "torch_state"),
         ("weights.pt", archived(pickle.dumps({"weight": 1}, protocol=2)), "torch_state"),
     ],
 )
@@ -79,8 +84,16 @@ def test_suffixes_and_first_bytes(tmp_path, name, content, expected):
 
 @pytest.mark.parametrize(
     "content",
-    [b"", b"text", b"PK\x03\x04 no archive", archived(b"", name="other"), pickle.dumps([1, 2])],
-    ids=["empty", "text", "broken archive", "other archive", "other pickle"],
+    [
+        b"",
+        b"text",
+        b"PK\x03\x04 no archive",
+        archived(b"", "other"),
+        archived(b"{}", "config.json"),
+        pickle.dumps([1, 2]),
+        *(first + b"ccollections\nOrderedDict\n)R." for first in (b"\x80\xff", b"x\x02")),
+    ],
+    ids=["empty", "text", "broken archive", "other archive", "half of Keras's", "other pickle", "6", "7"],
 )
 def test_anything_else_asks_for_the_format(tmp_path, content):
     path = tmp_path / "file.bin"
