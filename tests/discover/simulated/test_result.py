@@ -66,7 +66,11 @@ def test_the_same_keys_whatever_was_searched(all_three):
 
 @pytest.mark.usefixtures("all_three")
 def test_what_begins_is_told_in_order(told):
-    first = {"counts": ["as it is"], "catalogue": ["40 sources"], "simulations": ["population", "every effect"]}
+    first = {
+        "counts": ["as it is"],
+        "catalogue": ["40 sources"],
+        "simulations": ["population", "every effect"],
+    }
     for name, said in told.items():
         rest = iter(said)
         for words in (*first[name], "disagree", "effect 1", "held-out", "amplitude"):
