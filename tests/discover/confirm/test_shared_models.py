@@ -1,10 +1,11 @@
 """What sources of a catalogue teach of others: learned from some alone, judged on the rest."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from gaugeblock.discovery.confirm.shared_models import (
-    SIZE,
     SharedModel,
     before_model,
     curve_model,
@@ -18,7 +19,7 @@ from gaugeblock.discovery.name.shared import Term
 from gaugeblock.discovery.name.shared_profile import profile_shared
 from gaugeblock.discovery.name.unnamed import curves
 from gaugeblock.discovery.sources import Sources
-from gaugeblock.simulators import Effect
+from gaugeblock.simulators import Effect, Uniform
 
 SIZES = (9, 6)
 
@@ -88,7 +89,7 @@ def test_a_smooth_correction_has_the_curves_of_the_channels_and_a_tenth_of_freed
     model = smooth_model(groups, fits)
     assert model.kind == "unnamed"
     shapes = curves(groups[0].simulator, 60)
-    expected = shapes @ learned(groups, fits, shapes, SIZE, kept)
+    expected = shapes @ learned(groups, fits, shapes, 0.1, kept)
     found = log_factors(groups[0], held[0], model.train(kept)(held)[0])
     np.testing.assert_allclose(found[0], expected, atol=1e-6)
 
@@ -98,11 +99,15 @@ def test_a_random_shape_is_one_shape_whoever_trains_it(made):
     kept, held = halves()
     models = random_models(groups, fits, number=3, rng=np.random.default_rng(2))
     assert list(models) == ["random 1", "random 2", "random 3"]
+    basis, rng = curves(groups[0].simulator, 60), np.random.default_rng(2)
     shapes = []
     for model in models.values():
         assert model.kind == "random"
+        shape = basis @ rng.normal(size=(basis.shape[1], 1))
+        expected = shape @ learned(groups, fits, shape, 1.0, kept)
         one = log_factors(groups[0], held[0], model.train(kept)(held)[0])[0]
         other = log_factors(groups[0], kept[0], model.train(held)(kept)[0])[0]
+        np.testing.assert_allclose(one, expected, atol=1e-8)
         one, other = one / np.linalg.norm(one), other / np.linalg.norm(other)
         assert abs(one @ other) == pytest.approx(1.0, abs=1e-6)
         shapes.append(one)
@@ -113,11 +118,12 @@ def test_a_random_shape_is_one_shape_whoever_trains_it(made):
     assert smooth_model(apart, fits) is None
 
 
-def test_a_shared_effect_is_learned_from_the_training_sources_alone(made):
+@pytest.mark.parametrize("sd", [np.inf, 0.1])
+def test_a_shared_effect_is_learned_from_the_training_sources_alone(made, sd):
     groups, fits = made
     kept, held = halves()
     dip = groups[0].simulator.effect_library(np.array([[1000.0, 2.0]]))["dip"]
-    term = Term(dip, {"energy": 1.7})
+    term = Term(dip, {"energy": 1.7}, sd=sd)
     whole = profile_shared(groups, term, fits=fits)
     model = effect_model(groups, fits, [term], whole.phi, "named")
     assert model.kind == "named"
@@ -130,6 +136,19 @@ def test_a_shared_effect_is_learned_from_the_training_sources_alone(made):
             depth = np.expm1(log_factors(group, rows, judged)[:, peak]) / bell
             np.testing.assert_allclose(depth, own.value, atol=0.1 * own.standard_error)
         assert abs(own.value - whole.value) > 0.3 * own.standard_error
+
+
+def test_what_is_learned_stays_inside_the_prior(made):
+    groups, fits = made
+    kept, held = halves()
+    dip = groups[0].simulator.effect_library(np.array([[1000.0, 2.0]]))["dip"]
+    near = replace(dip, parameters={**dip.parameters, "depth": Uniform(-0.1, 0.3)}, step=0.02)
+    model = effect_model(groups, fits, [Term(near, {"energy": 1.7})], np.array([-0.05]), "named")
+    (judged, _) = model.train(kept)(held)
+    at = np.sqrt(groups[0].edges.prod(axis=1))
+    factor = 1.0 - (0.1 - 4e-4) * np.exp(-0.5 * ((at - 1.7) / 0.4) ** 2)
+    found = log_factors(groups[0], held[0], judged)
+    np.testing.assert_allclose(found, np.tile(np.log(factor), (len(found), 1)), atol=1e-9)
 
 
 def test_every_source_is_judged_once_by_what_the_others_taught(made):

@@ -10,7 +10,7 @@ from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.name.shared import Term, fit_held, share
 from gaugeblock.discovery.name.shared_profile import profile_shared
 from gaugeblock.discovery.sources import Sources
-from gaugeblock.simulators import Effect
+from gaugeblock.simulators import Effect, Uniform
 
 
 def hidden(power_law, n, seed, effect, *, redshift=None, bright=2000.0):
@@ -139,3 +139,16 @@ def test_an_interval_is_of_the_larger_error(power_law):
         made = replace(found, value=5.0, neutral=2.0, standard_error=errors[0], sandwich_error=errors[1])
         assert made.interval() == pytest.approx((5.0 - 3.2897, 5.0 + 3.2897), abs=1e-3)
         assert made.z == 3.0 / errors[0]
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_an_amplitude_stops_where_its_template_still_has_both_sides(power_law, side):
+    sources = hidden(power_law, 15, 8, Effect("dip", {"energy": 2.0, "depth": 0.4 * side}))
+    entry = sources.simulator.effect_library(np.array([[1000.0, 2.0]]))["dip"]
+    low, high = sorted((-0.3 * side, 0.1 * side))
+    # Half a step from the end, or half a tenth of the prior where that is less.
+    for step, away in ((0.02, 0.01), (0.08, 0.02)):
+        near = replace(entry, parameters={**entry.parameters, "depth": Uniform(low, high)}, step=step)
+        found = profile_shared([sources], Term(near, {"energy": 2.0}))
+        assert found.value == pytest.approx(side * (0.1 - away))
+        assert found.at_edge

@@ -66,6 +66,9 @@ def test_an_amplitude_begins_neither_at_nothing_nor_beyond_a_third_of_its_prior(
         assert state[-2:] == pytest.approx([at, 5.0])
     np.testing.assert_allclose(state[0], before.fit.state[0])
     assert state[1] == max(before.fit.state[1], -0.5)
+    narrow = replace(before.fit, state=np.array([0.3, -2.0]))
+    ((_, state),) = begun((replace(before, fit=narrow), found), z)
+    np.testing.assert_allclose(state, [0.3, -0.5, 0.3, 5.0])
     assert model.steps[-2:].tolist() == [found.scores.step[5], 0.5]
     assert model.simulator is before.candidates["spike"].simulator
 
@@ -75,7 +78,7 @@ def test_values_are_sought_between_neighbours_that_differ_in_nothing_else():
         name="bump",
         parameters={"height": Uniform(-3, 3), "mark": Uniform(0, 7), "width": Uniform(0.1, 4)},
         amplitude="height", neutral=0.0, step=0.4, cause="", typical="",
-        scanned={"mark": np.arange(5.0), "width": np.array([0.5, 1.0, 2.0])},
+        scanned={"mark": np.array([3.0, 0.0, 1.0, 2.0, 4.0]), "width": np.array([0.5, 1.0, 2.0])},
     )  # fmt: skip
     nodes = bump.nodes
     scores = SimpleNamespace(owner=np.array(["bump"] * len(nodes)), node=tuple(nodes))
