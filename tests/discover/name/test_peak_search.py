@@ -35,11 +35,12 @@ def test_a_proposal_is_half_as_wide_again_in_variance_as_fishers_information_say
 
 
 def test_every_peak_comes_at_all_widths(fitted):
-    simulator, counts, found = fitted
-    bank = np.random.default_rng(2).random((400, 2))
+    simulator, counts, _ = fitted
+    scale, bank = np.array([2.0, 0.5]), np.random.default_rng(2).random((400, 2))
+    found = fit(simulator, counts, scale=scale)
     mean = simulator.expected(PRIOR.from_unit_cube(bank))
-    likelihood = counts @ np.log(mean).T - mean.sum(axis=1)
-    center, root = peaks(simulator, counts, np.ones(2), found, (bank, likelihood), np.random.default_rng(3))
+    likelihood = counts @ np.log(mean).T - scale[:, None] * mean.sum(axis=1)
+    center, root = peaks(simulator, counts, scale, found, (bank, likelihood), np.random.default_rng(3))
     each = 1 + STARTS
     assert center.shape == (2, len(WIDTHS) * each, 2)
     own, covariance = around(PRIOR, found)
