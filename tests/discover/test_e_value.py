@@ -33,8 +33,10 @@ def test_it_is_reported_with_the_choice_paid_for(library):
     assert said["p"] == pytest.approx(np.exp(-said["log"]))
     assert said["log"] > np.log(20)
     assert found.to_json() | {"e_value": None} == plain.to_json()
-    again = searched(library, hidden, e_value=True)
+    told = []
+    again = searched(library, hidden, e_value=True, step=told.append)
     assert again.to_json()["e_value"] == said
+    assert "split likelihood ratio" in told[-1]
 
 
 def test_two_effects_pay_twice(library):

@@ -114,6 +114,24 @@ def test_without_a_point_inside_a_prior_nothing_is_claimed():
     assert curve.error[1] < 1.0
 
 
+def test_the_error_of_the_evidence_without_the_effect_is_part_of_every_error():
+    run, amplitude = run_of(lambda rng, n: rng.uniform(-4.0, 6.0, n))
+    zero = LogEvidence(value=0.0, error=0.0, replicates=np.zeros(400))
+    noisy = LogEvidence(value=2.0, error=0.3, replicates=np.zeros(400))
+    given = {"factors": [0.5, 1.0, 2.0]}
+    known, found = (
+        prior_sensitivity(run, amplitude, entry(), base, zero, rng=np.random.default_rng(1), **given)
+        for base in (zero, noisy)
+    )
+    np.testing.assert_allclose(found.error**2 - known.error**2, 0.09)
+    np.testing.assert_allclose(found.value - known.value, -2.0)
+    # A uniform amplitude that data know nothing of: any width is as good.
+    np.testing.assert_allclose(known.value[:2], 0.0, atol=4 * known.error[0])
+    assert known.error[0] > 0.05
+    assert known.value[2] == pytest.approx(-np.log(2.0))
+    assert known.lower_bound.tolist() == [False, False, True]
+
+
 def test_factors_and_priors_that_cannot_be_used_are_said():
     run, amplitude = run_of(lambda rng, n: rng.uniform(-4.0, 6.0, n))
     zero = LogEvidence(value=0.0, error=0.0, replicates=np.zeros(400))

@@ -3,6 +3,7 @@ import pytest
 from scipy.special import logsumexp
 
 from gaugeblock.discovery.extend.adaptive import Mixture, effective_draws, tempered
+from gaugeblock.discovery.extend.engines import split_rhat
 from gaugeblock.simulators import LogUniform, Normal, Prior, Uniform
 
 PRIOR = Prior({"a": Uniform(-1.0, 3.0), "b": LogUniform(0.1, 10.0), "c": Normal(0.0, 2.0)})
@@ -91,3 +92,27 @@ def test_draws_that_rounding_puts_on_the_border_count_for_nothing():
     assert np.isneginf(log_weight[0, border]).all()
     # What is left are draws of the wide part, the prior itself, a fifth of all.
     assert np.exp(log_weight[0, ~border]).sum() / 4000 == pytest.approx(1.0, abs=0.15)
+
+
+def test_the_learnt_part_has_the_moments_of_weighted_draws_a_fifth_wider():
+    rng = np.random.default_rng(8)
+    prior = Prior({"a": Normal(0.0, 1.0), "b": Normal(2.0, 3.0)})
+    theta = prior.sample(4000, rng).reshape(2, 2000, 2) * [1.0, 0.5]
+    weight = rng.uniform(0.5, 1.5, size=(2, 2000))
+    found = Mixture(None, prior).learn(theta, np.log(weight))
+    for row, z in enumerate(prior.to_unbounded(theta)):
+        np.testing.assert_allclose(found.mean[row], np.average(z, axis=0, weights=weight[row]))
+        spread = 1.2 * np.cov(z.T, bias=True, aweights=weight[row])
+        np.testing.assert_allclose(found.root[row] @ found.root[row].T, spread, rtol=1e-6)
+        assert (np.diag(found.root[row]) > 0).all()
+
+
+def test_chains_are_halved_and_their_means_held_against_their_scatter():
+    chains = np.random.default_rng(9).normal(size=(2, 3, 21, 2)) + np.arange(3.0)[:, None, None]
+    found = split_rhat(chains)
+    for source in range(2):
+        for k in range(2):
+            parts = [half for one in chains[source, :, :, k] for half in (one[:10], one[10:20])]
+            within = np.mean([np.var(part, ddof=1) for part in parts])
+            between = np.var([np.mean(part) for part in parts], ddof=1)
+            assert found[source, k] == pytest.approx(np.sqrt(0.9 + between / within))

@@ -1,5 +1,7 @@
 """Shared amplitudes with every source fitted anew: no bias at either sign, redshifts, intervals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.name.shared import Term, fit_held, share
 from gaugeblock.discovery.name.shared_profile import profile_shared
 from gaugeblock.discovery.sources import Sources
-from gaugeblock.simulators import Effect
+from gaugeblock.simulators import Effect, Uniform
 
 
 def hidden(power_law, n, seed, effect, *, redshift=None, bright=2000.0):
@@ -93,3 +95,60 @@ def test_fits_with_amplitudes_held_at_neutral_are_plain_fits(power_law):
         np.testing.assert_allclose(held.objective, plain.objective, atol=2e-3)
         assert held.theta.shape == plain.theta.shape
         assert held.jacobian.shape == plain.jacobian.shape
+
+
+def test_where_a_fit_stands_its_errors_and_its_gain_are_those_there(power_law):
+    """Without a step: the profile at a depth of 0.2, with a prior, from fits with that depth worked in."""
+    sources = hidden(power_law, 15, 6, Effect("dip", {"energy": 2.0, "depth": 0.3}))
+    plain, sd, depth = sources.simulator, 0.1, 0.2
+    entry = plain.effect_library(np.array([[1000.0, 2.0]]))["dip"]
+    given = {"start": [depth], "iterations": 0}
+    found = profile_shared([sources], Term(entry, {"energy": 2.0}, sd=sd), **given)
+    there = fit(plain.with_effect(Effect("dip", {"energy": 2.0, "depth": depth})), sources.counts)
+    bell = np.exp(-0.5 * ((np.sqrt(sources.edges.prod(axis=1)) - 2.0) / 0.4) ** 2)
+    score, information = np.zeros(15), np.zeros(15)
+    for i, (counts, mean) in enumerate(zip(sources.counts, there.expected, strict=True)):
+        own = there.jacobian[i] / np.sqrt(mean)[:, None]
+        shape = np.sqrt(mean) * bell / (1.0 + depth * bell)
+        shape = shape - own @ np.linalg.lstsq(own, shape, rcond=None)[0]
+        score[i], information[i] = shape @ ((counts - mean) / np.sqrt(mean)), shape @ shape
+    known = information.sum() + sd**-2
+    left = score - information * score.sum() / information.sum()
+    assert (found.value, found.neutral, found.phi.tolist()) == (depth, 0.0, [depth])
+    assert found.standard_error == pytest.approx(known**-0.5, rel=1e-3)
+    assert found.sandwich_error == pytest.approx(np.sqrt((left**2).sum() * 15 / 14) / known, rel=0.02)
+    bare = fit(plain, sources.counts)
+    gain = bare.objective.sum() - there.objective.sum() - 0.5 * (depth / sd) ** 2
+    assert found.gain == pytest.approx(gain, abs=0.05)
+    assert not found.converged
+    # From there a whole step leads nearly all of the way.
+    one = profile_shared([sources], Term(entry, {"energy": 2.0}, sd=sd), start=[depth], iterations=1)
+    end = profile_shared([sources], Term(entry, {"energy": 2.0}, sd=sd))
+    assert abs(end.value - depth) > 2 * end.standard_error
+    assert one.value == pytest.approx(end.value, abs=0.3 * end.standard_error)
+    assert one.standard_error == pytest.approx(end.standard_error, rel=0.02)
+    assert end.converged
+    assert end.gain > one.gain - 0.05 > found.gain
+
+
+def test_an_interval_is_of_the_larger_error(power_law):
+    sources = hidden(power_law, 5, 7, Effect("dip", {"energy": 2.0, "depth": 0.0}))
+    entry = sources.simulator.effect_library(np.array([[1000.0, 2.0]]))["dip"]
+    found = profile_shared([sources], Term(entry, {"energy": 2.0}), iterations=0)
+    for errors in ((1.0, 2.0), (2.0, 1.0)):
+        made = replace(found, value=5.0, neutral=2.0, standard_error=errors[0], sandwich_error=errors[1])
+        assert made.interval() == pytest.approx((5.0 - 3.2897, 5.0 + 3.2897), abs=1e-3)
+        assert made.z == 3.0 / errors[0]
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_an_amplitude_stops_where_its_template_still_has_both_sides(power_law, side):
+    sources = hidden(power_law, 15, 8, Effect("dip", {"energy": 2.0, "depth": 0.4 * side}))
+    entry = sources.simulator.effect_library(np.array([[1000.0, 2.0]]))["dip"]
+    low, high = sorted((-0.3 * side, 0.1 * side))
+    # Half a step from the end, or half a tenth of the prior where that is less.
+    for step, away in ((0.02, 0.01), (0.08, 0.02)):
+        near = replace(entry, parameters={**entry.parameters, "depth": Uniform(low, high)}, step=step)
+        found = profile_shared([sources], Term(near, {"energy": 2.0}))
+        assert found.value == pytest.approx(side * (0.1 - away))
+        assert found.at_edge

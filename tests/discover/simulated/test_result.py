@@ -15,17 +15,26 @@ CONTRACT = {
 }  # fmt: skip
 
 
+@pytest.fixture(scope="module", name="told")
+def told_fixture():
+    """What each of them says that begins."""
+    return {"counts": [], "catalogue": [], "simulations": []}
+
+
 @pytest.fixture(scope="module")
-def all_three(power_law, ruler, readings):
+def all_three(power_law, ruler, readings, told):
     """A dip in one source, the same in forty, a spike in readings that can only be simulated."""
     plain, rng = power_law(), np.random.default_rng(1)
     theta = np.stack([1e4 * np.exp(rng.uniform(-1, 1, 40)), rng.uniform(0.5, 2.5, 40)], axis=1)
     dipped = plain.with_effect(Effect("dip", {"energy": 1.7, "depth": -0.12}))
     alone = dipped.simulate(np.array([[20_000.0, 1.5]]), np.random.default_rng(11))
-    one = discover_source(Sources.of(plain, alone), replicates=199)
-    many = discover_catalogue([Sources.of(plain, dipped.simulate(theta, rng))], replicates=199)
+    one = discover_source(Sources.of(plain, alone), replicates=199, step=told["counts"].append)
+    forty = [Sources.of(plain, dipped.simulate(theta, rng))]
+    many = discover_catalogue(forty, replicates=199, step=told["catalogue"].append)
     x = readings(200, 11, spike={"height": 0.5, "mark": 2.0})
-    learned = discover_simulated(ruler, x, seed=1, simulations=2000, replicates=399)
+    learned = discover_simulated(
+        ruler, x, seed=1, simulations=2000, replicates=399, step=told["simulations"].append
+    )
     return {"counts": one, "catalogue": many, "simulations": learned}
 
 
@@ -53,6 +62,19 @@ def test_the_same_keys_whatever_was_searched(all_three):
         shapes = [json.dumps(one[part], sort_keys=True) for one in told.values() if one[part]]
         assert len(set(shapes)) == 1, part
     assert set(told["counts"]) == set(told["catalogue"]) == set(told["simulations"])
+
+
+@pytest.mark.usefixtures("all_three")
+def test_what_begins_is_told_in_order(told):
+    first = {
+        "counts": ["as it is"],
+        "catalogue": ["40 sources"],
+        "simulations": ["population", "every effect"],
+    }
+    for name, said in told.items():
+        rest = iter(said)
+        for words in (*first[name], "disagree", "effect 1", "held-out", "amplitude"):
+            assert any(words in one for one in rest), (words, said)
 
 
 def test_regions_have_one_pair_of_ends_and_energies_where_they_are_energies(all_three):

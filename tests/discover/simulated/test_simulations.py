@@ -10,6 +10,7 @@ from gaugeblock.discovery import discover_simulated, simulations
 from gaugeblock.discovery.result import Discovery
 from gaugeblock.discovery.simulated import judged
 from gaugeblock.discovery.simulated.extend import extended_by, refine, refit
+from gaugeblock.discovery.simulations import LEAST, Simulations
 from gaugeblock.simulators import build_simulator
 
 SMALL = {"simulations": 3000, "replicates": 399}
@@ -49,6 +50,80 @@ def test_the_gap_shrinks_where_it_was_not_fitted(spike):
     assert spike.candidate("spike").held_out > 5
     for decoy in spike.to_json()["decoys"]:
         assert decoy["held_out"] < spike.candidate("spike").held_out
+
+
+def test_what_is_stored_follows_from_moments_and_null(spike):
+    """Regions, gaps and intervals of a discovery, computed again from the arrays in its tree."""
+    windows, null, held = (spike.tree[name] for name in ("windows", "null", "moments"))
+    z, largest = windows["strongest"].values, null["moment"].values
+    assert len(z) == 8
+    assert len(largest) == 399
+    np.testing.assert_array_equal(z, held["z"].values[:8])
+    p = [(1 + np.sum(largest >= abs(one))) / 400 for one in z]
+    runs = []
+    for k in range(8):
+        if p[k] > 0.01:
+            continue
+        if runs and runs[-1][-1] == k - 1 and z[k] * z[k - 1] > 0:
+            runs[-1].append(k)
+        else:
+            runs.append([k])
+    runs.sort(key=lambda run: -max(abs(z[k]) for k in run))
+    said = spike.to_json()["disagreement"]["regions"]
+    assert [(one["start"], one["stop"]) for one in said] == [(run[0], run[-1] + 1) for run in runs]
+    for one, run in zip(said, runs, strict=True):
+        assert (one["lo"], one["hi"], one["unit"]) == (run[0], run[-1] + 1, "channel")
+        assert one["z"] == pytest.approx(max((z[k] for k in run), key=abs), abs=0.01)
+        assert one["p_global"] == pytest.approx(min(p[k] for k in run))
+    p_largest = (1 + np.sum(largest >= np.abs(held["z"].values).max())) / 400
+    p_square = (1 + np.sum(null["square"].values >= (held["z"].values ** 2).mean())) / 400
+    assert windows.attrs["p_global"] == pytest.approx(min(1.0, 2 * p_largest, 2 * p_square))
+    gap = spike.to_json()["gap"]["in_sample"]
+    for side in ("before", "after"):
+        assert gap[side] == pytest.approx((held[side].values ** 2).mean())
+    (one,) = spike.to_json()["amplitude"]
+    assert one["interval"] == pytest.approx(
+        [one["value"] + side * 1.64485 * one["standard_error"] for side in (-1, 1)], rel=1e-3
+    )
+    after = spike.fit.after.parameters
+    assert after["spike_1.height"].value == pytest.approx(one["value"])
+    assert (spike.data.name, spike.data.n_sources, spike.data.n_channels) == ("300 data sets", 300, 8)
+
+
+@pytest.fixture(scope="module")
+def two(ruler, readings):
+    """An engine with a spike, and a tilt that leaves the spike unexplained."""
+    x = readings(80, 11, spike={"height": 0.9, "mark": 2.0})
+    engine = Simulations(
+        ruler, x, seed=1, own=None, only=("spike", "tilt"), most=1, simulations=1000, replicates=399,
+        summaries=None, step=lambda _: None,
+    )  # fmt: skip
+    spike, tilt = engine.fitted(engine.look(), ["spike", "tilt"], None)
+    return engine, spike, tilt
+
+
+def test_the_best_is_of_those_that_leave_nothing_to_explain(two):
+    engine, spike, tilt = two
+    state, one = np.array([*tilt.fit.state[:2], 0.05]), np.eye(3)
+    ahead = replace(tilt, gain=spike.gain + 9.0, fit=replace(tilt.fit, state=state, covariance=1e-6 * one))
+    assert ahead.significance > LEAST
+    (first, second) = engine.compared([ahead, spike], engine.look())
+    assert (first.model, first.lead, first.z) == (spike, 0.0, 0.0)
+    assert second.model is ahead
+    assert second.lead == pytest.approx(-9.0)
+    assert second.z > 3
+    left = engine.after(ahead).p_global
+    assert engine.after(spike).p_global > 0.01 >= left
+    # What is as rare as the level has something left to explain; where all leave something, merit decides.
+    engine.thresholds = replace(engine.thresholds, level=left)
+    assert engine.compared([ahead, spike], engine.look())[0].model is spike
+    engine.thresholds = replace(engine.thresholds, level=1.0)
+    assert engine.compared([ahead, spike], engine.look())[0].model is ahead
+    # An amplitude that may well be neutral is that of something else that has moved.
+    unsure = replace(ahead, fit=replace(ahead.fit, covariance=one))
+    assert unsure.significance < LEAST
+    assert engine.compared([unsure, spike], engine.look())[0].model is spike
+    assert engine.compared([unsure], engine.look())[0].model is unsure
 
 
 def test_the_same_seed_finds_the_same(ruler, readings):

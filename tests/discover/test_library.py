@@ -1,0 +1,62 @@
+"""Candidates: where their parameters stand in theta, and that each is worked in once."""
+
+import numpy as np
+import pytest
+
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.library import Candidates, amplitude_places
+from gaugeblock.simulators import Uniform
+from gaugeblock.simulators.library import LibraryEffect
+
+THETA = np.array([[1000.0, 1.5]])
+AREA = LibraryEffect(
+    name="effective_area",
+    parameters={"area": Uniform(-0.5, 0.5), "energy": Uniform(0.6, 7.5), "width": Uniform(0.1, 5.0)},
+    amplitude="area",
+    neutral=0.0,
+    step=0.02,
+    scanned={"energy": [1.0, 2.0], "width": [0.3]},
+    cause="",
+    typical="",
+)
+
+
+@pytest.fixture(name="library")
+def library_fixture(power_law):
+    return Candidates.of(power_law(), THETA, own={"effective_area": AREA})
+
+
+def test_values_of_an_effect_stand_behind_the_theta_before_it(library):
+    area, dip = library["effective_area"], library["dip"]
+    theta = area.at(THETA, np.array([0.1, 2.0, 0.3]))
+    np.testing.assert_array_equal(theta, [[1000.0, 1.5, 0.1, 2.0, 0.3]])
+    assert area.values(theta[0]) == {"area": 0.1, "energy": 2.0, "width": 0.3}
+    assert (area.amplitude_index, dip.amplitude_index) == (-3, -1)
+    many = area.at(np.zeros((4, 5, 2)), np.array([0.1, 2.0, 0.3]))
+    assert many.shape == (4, 5, 5)
+    found = amplitude_places(library.entries, ("dip", "effective_area", "line"), 2)
+    assert [(key, entry.name, at) for key, entry, at in found] == [
+        ("dip", "dip", 3), ("effective_area", "effective_area", 4), ("line", "line", 8)
+    ]  # fmt: skip
+
+
+def test_each_effect_is_worked_in_once_and_beside_those_before_it(library):
+    assert len(library) == 4
+    assert [one.key for one in library] == ["line", "dip", "edge", "effective_area"]
+    assert library["dip"] is library["dip"]
+    after = library.after("dip")
+    assert after is library.after("dip")
+    assert after["line"].simulator.prior.names == (
+        "norm", "index", "dip_1.energy", "dip_1.depth", "line_1.energy", "line_1.counts"
+    )  # fmt: skip
+
+
+def test_a_search_without_effects_is_refused(power_law):
+    class Bare:
+        prior = power_law().prior
+
+    with pytest.raises(InputError, match="Bare has no effect_library"):
+        Candidates.of(Bare(), THETA)
+    with pytest.raises(InputError, match="no effect glow; there are effective_area"):
+        Candidates.of(Bare(), THETA, own={"effective_area": AREA}, only=("glow",))
+    assert list(Candidates.of(Bare(), THETA, own={"effective_area": AREA}).entries) == ["effective_area"]
