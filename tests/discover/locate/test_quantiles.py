@@ -10,6 +10,12 @@ def test_the_curve_by_hand():
     np.testing.assert_allclose(curve.difference, np.array([1.0, 0.0, 0.0, 0.0]) / np.sqrt(8))
     assert np.all(curve.low < 0)
     np.testing.assert_array_equal(curve.high, -curve.low)
+    # Nothing is fitted: the curve scatters as a random walk. A fitted total pins its end.
+    np.testing.assert_allclose(curve.high / curve.high[0], np.sqrt([1.0, 2.0, 3.0, 4.0]), rtol=0.1)
+    pinned = cumulative_counts(
+        [3.0, 1.0, 2.0, 2.0], [2.0] * 4, np.full((4, 1), 2.0), rng=np.random.default_rng(1)
+    )
+    np.testing.assert_allclose(pinned.high / pinned.high[1], np.sqrt([0.75, 1.0, 0.75, 0.01]), rtol=0.1)
 
 
 def test_p_and_band_are_right_for_fitted_data(power_laws, uniform_size):

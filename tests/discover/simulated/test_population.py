@@ -50,6 +50,22 @@ def test_around_one_data_set_it_is_a_point(ruler, readings):
     assert population.names == ("mean[length]",)
 
 
+@pytest.mark.parametrize("n", [1, 400])
+def test_rounds_close_in_as_gaussian_posteriors_do(ruler, readings, n):
+    """Eight readings a ruler: each round's population in closed form, by Bayes's theorem."""
+    x = readings(n, 33, centre=1.0, width=0.4)
+    population = close_in(ruler, x, simulations=6000, seed=5)
+    centre, variance, means = 0.0, 1.0, x.mean(axis=1)
+    for k in range(5):
+        left = 1.0 / (8.0 + 1.0 / variance)
+        posterior = left * (8.0 * means + centre / variance)
+        wider = np.var(posterior, ddof=1) if n > 1 else (1.5**2 - 1.0) * left if k < 4 else 0.0
+        centre, variance = posterior.mean(), left + wider
+    assert population.centre[0] == pytest.approx(centre, abs=0.05)
+    assert population.root[0, 0] ** 2 == pytest.approx(variance, rel=0.1)
+    assert (population.shape_free, population.width) == ((True, 1.0) if n > 1 else (False, 0.05))
+
+
 def log_density(population, hyper, z):
     """Of normal scores z ``(n, parameter)``: Gaussian, from mean and covariance."""
     p = z.shape[1]
