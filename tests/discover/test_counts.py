@@ -10,6 +10,7 @@ from scipy.stats import binom, norm
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery import Candidates, Sources, discover_source
 from gaugeblock.discovery.counts import Counts
+from gaugeblock.discovery.engine import Comparison, Round
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.library import Known
 
@@ -122,6 +123,68 @@ def test_of_equal_fits_the_order_that_was_tried_first_stands(library):
     assert (
         engine.compared([forth, replace(back, gain=one.gain + 5.0)], engine.look())[0].model.path == back.path
     )
+
+
+def noise_free(library, *hidden):
+    """An engine on the rounded mean of the library's simulator with effects, and that mean."""
+    true = library.simulator
+    for effect in hidden:
+        true = true.with_effect(effect)
+    counts = np.round(true.expected(THETA[None]))
+    sources = Sources.of(library.simulator, counts)
+    return Counts(sources, rng=np.random.default_rng(1), replicates=99, proposed=library), counts[0]
+
+
+def test_an_engine_says_what_each_effect_is_worth_and_where_it_is(library):
+    engine, counts = noise_free(
+        library,
+        Effect("line", {"energy": 5.0, "counts": 700.0}),
+        Effect("edge", {"energy": 1.2, "depth": 0.2}),
+    )
+    seen, located = engine.look(), engine.located()
+    assert seen.p_rest == pytest.approx(2.0 * min(located.values())) == 0.02
+    edge, line = engine.fitted(seen, ["edge", "line"], None)
+    (both,) = engine.fitted(engine.after(edge), ["line"], edge)
+    alone = [Round(seen, tuple(Comparison(one, 0.0, 0.0) for one in some)) for some in ([edge, line], [edge])]
+    last = Round(engine.after(edge), (Comparison(both, 0.0, 0.0),))
+    assert engine.worth(alone[:1]) == (edge.merit,)
+    assert engine.worth([alone[0], last]) == pytest.approx([both.merit - line.merit, both.merit - edge.merit])
+    # What was not fitted alone is fitted now; of two of a kind each is worth what it won when it was added.
+    assert engine.worth([alone[1], last]) == pytest.approx(engine.worth([alone[0], last]), abs=0.5)
+    twice = Round(seen, (Comparison(replace(both, path=("edge", "edge")), 0.0, 0.0),))
+    assert engine.worth([alone[0], twice]) == pytest.approx([edge.merit, both.merit - edge.merit])
+    # All that is not fitted again is as in the fit: the expected counts with the line, and without.
+    theta = both.fit.theta.copy()
+    theta[0, -1] = 0.0
+    mean = both.fit.expected[0]
+    told = (mean - both.candidate.simulator.expected(theta)[0]) ** 2 / mean
+    inside = next(k for k in range(60) if told[: k + 1].sum() >= 0.1 * told.sum())
+    outside = next(k for k in range(60) if told[: k + 1].sum() >= 0.9 * told.sum())
+    assert engine.place(both, 1) == pytest.approx(
+        (engine.sources.edges[inside, 0], engine.sources.edges[outside, 1])
+    )
+    for model, fitted in ((None, engine.base), (both, both.fit)):
+        safe, mean = np.maximum(counts, 1e-300), fitted.expected[0]
+        total = 2.0 * (mean - counts + counts * np.log(safe / mean)).sum()
+        state = engine.state(model)
+        assert (state.statistic, 60 * engine.gap(model)) == pytest.approx((total, total), rel=1e-6)
+    assert engine.data().counts == counts.sum()
+
+
+def test_a_quiet_engine_doubles_the_rarer_p_of_its_looks_up_to_one(library):
+    engine, _ = noise_free(library)
+    assert engine.look().p_rest == 1.0
+
+
+def test_a_first_effect_gives_way_only_beyond_two_paired_errors(library):
+    engine, counts = noise_free(library, Effect("line", {"energy": 3.3, "counts": 900.0}))
+    line, dip = engine.fitted(engine.look(), ["line", "dip"], None)
+    error = np.sqrt((counts * np.log(line.fit.expected[0] / dip.fit.expected[0]) ** 2).sum())
+    for lead, best in ((1.9, "dip"), (2.1, "line")):
+        ahead = replace(line, gain=dip.merit + line.gain - line.merit + lead * error)
+        made = engine.compared([ahead, dip], engine.look(), first="dip")
+        assert made[0].model.path == (best,)
+        assert engine.compared([ahead, dip], engine.look())[0].model.path == ("line",)
 
 
 def test_what_the_library_lacks_has_no_name(power_law, library):

@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.locate import Fixed, compare_frames, stack_excess, stacking_bins
+from gaugeblock.discovery.locate.stacking import StackedExcess
 
 REDSHIFTS = np.random.default_rng(3).uniform(0.0, 1.0, 200)
 
@@ -99,6 +101,53 @@ def test_size_in_both_frames(power_laws, uniform_size):
         assert (frames.fixed is Fixed.NOTHING) == (min(found[-1][:2]) > 0.01)
     for p_values in np.array(found).T:
         uniform_size(p_values)
+
+
+def two_bins(excess, alike, *, mean=1e4):
+    """Two bins, each alike in both frames and as wide as a factor of 2; redshifts 0 and 1.5."""
+    covariance = 1e4 * (np.eye(4) + np.diag(alike, 2) + np.diag(alike, -2))
+    edges, shifts = np.array([2.0, 4.0, 8.0]), np.array([0.0, 1.5])
+    return StackedExcess(edges, 100.0 * np.array(excess), np.broadcast_to(mean, 4), covariance, shifts)
+
+
+def test_each_frame_is_judged_with_what_the_other_explains_taken_off():
+    """Standard normal z of 3 and 1.8 that correlate by 0.8: 2.6 and -1 given the other."""
+
+    def compared(alike, **options):
+        stack = two_bins([3.0, 0.0, 1.8, 0.0], alike, **options)
+        return compare_frames(stack, rng=np.random.default_rng(1), replicates=4000, level=0.04)
+
+    def of_two(z):
+        return 1.0 - (1.0 - 2.0 * norm.sf(z)) ** 2
+
+    found = compared([0.8, 0.8])
+    assert found.p_detector == pytest.approx(of_two(3.0), abs=0.003)
+    assert found.p_source == pytest.approx(of_two(1.8), abs=0.03)
+    assert found.p_detector_alone == pytest.approx(of_two(2.6), abs=0.007)
+    assert found.p_source_alone == pytest.approx(of_two(1.0), abs=0.03)
+    assert found.fixed is Fixed.DETECTOR
+    # A bin that is the same in both frames says nothing of either.
+    assert compared([0.8, 1.0]).p_detector_alone == pytest.approx(2.0 * norm.sf(2.6), abs=0.005)
+    assert compared([1.0, 1.0]).p_detector_alone == 1.0
+    empty = compared([0.8, 0.8], mean=[1e4, 1e4, 0.0, 0.0])
+    assert (empty.p_source, empty.p_source_alone) == (1.0, 1.0)
+    assert np.isnan(empty.source).all()
+    assert empty.p_detector_alone == pytest.approx(empty.p_detector, abs=0.003)
+
+
+@pytest.mark.parametrize(
+    ("excess", "fixed"),
+    [
+        ([30.0, 0.0, 24.0, 0.0], Fixed.DETECTOR),
+        ([24.0, 0.0, 30.0, 0.0], Fixed.SOURCE),
+        ([30.0, 0.0, 30.0, 0.0], Fixed.BOTH),
+        ([0.0, 0.0, 0.0, 0.0], Fixed.NOTHING),
+    ],
+)
+def test_a_p_value_of_the_level_counts(excess, fixed):
+    """Of 99 replicates none is beyond: 1 / 100."""
+    stack = two_bins(excess, [0.8, 0.8])
+    assert compare_frames(stack, rng=np.random.default_rng(2), replicates=99, level=0.01).fixed is fixed
 
 
 def test_left_out_channels_are_in_no_bin(power_laws):
