@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gaugeblock.discovery import Sources, discover_catalogue
+from gaugeblock.discovery.catalogue import CatalogueCounts, shared_nuisances
 from gaugeblock.discovery.held_out import HeldOut
 from gaugeblock.simulators import Uniform
 from gaugeblock.simulators.effects import Effect
@@ -199,3 +200,67 @@ def test_an_amplitude_at_the_edge_of_its_prior_is_said(power_law):
 
 def test_an_amplitude_inside_its_prior_is_not_remarked_on(dip):
     assert not any("edge of its prior" in remark for remark in dip.to_json()["remarks"])
+
+
+@pytest.fixture(scope="module")
+def engine(power_law):
+    """Six sources behind the dip, in two groups of one response."""
+    sources = catalogue(power_law, Effect("dip", {"energy": 1.7, "depth": -0.12}), number=6)
+    groups = [sources.select(slice(0, 2)), sources.select(slice(2, 6))]
+    rng, told = np.random.default_rng(1).spawn(2)
+    return CatalogueCounts(groups, rng=rng, told=told, replicates=99)
+
+
+def test_rivals_are_compared_as_in_the_linear_model(engine):
+    """With z_r^2 twice the rival's gain, of which templates that correlate by rho share rho^2."""
+    seen = engine.look()
+    dip, edge = engine.fitted(seen, ["dip", "edge"], None)
+    assert (dip.path, dip.size, edge.values["depth"]) == (("dip",), 2, edge.amplitude.value)
+    edge = replace(edge, size=3, gain=dip.gain - 7.0)
+    first, second = engine.compared([edge, dip], seen)
+    assert (first.model.path, first.lead, first.z) == (("dip",), 0.0, 0.0)
+    gram = seen.state.found.gram
+    alike = gram[dip.template, edge.template] ** 2
+    alike /= gram[dip.template, dip.template] * gram[edge.template, edge.template]
+    variance = 2.0 * edge.gain * (1.0 - alike)
+    # Parameters are taken for half a nat each, chance for as much of the variance.
+    lead = 7.0 + 0.5
+    assert second.lead == pytest.approx(lead)
+    assert second.z == pytest.approx((lead + variance / 2.0) / np.sqrt(variance + 2.5))
+    correlation = engine.likeness(seen, [dip.template, edge.template])
+    np.testing.assert_allclose(np.diag(correlation), 1.0)
+    assert correlation[0, 1] ** 2 == pytest.approx(alike)
+
+
+def test_a_state_of_many_sources_is_their_quantiles_and_a_gap_their_mean_deviance(engine):
+    (dip,) = engine.fitted(engine.look(), ["dip"], None)
+    counts = np.concatenate([group.counts for group in engine.blocks])
+    for model, fits in ((None, engine.fits), (dip, dip.amplitude.fits)):
+        mean = np.concatenate([one.expected for one in fits])
+        total = 2.0 * (mean - counts + counts * np.log(np.maximum(counts, 1e-300) / mean)).sum()
+        state = engine.state(model)
+        assert (state.statistic, state.bins) == (pytest.approx(total, rel=1e-6), 360)
+        assert engine.gap(model) == pytest.approx(total / 360)
+        index = np.sort(np.concatenate([one.theta[:, 1] for one in fits]))
+        said = state.parameters["index"]
+        # Of six, sorted: between the third and the fourth, and 0.8 of the way from one end to the next.
+        assert said.value == pytest.approx(index[2:4].mean())
+        assert said.low == pytest.approx(0.2 * index[0] + 0.8 * index[1])
+        assert said.high == pytest.approx(0.2 * index[5] + 0.8 * index[4])
+    assert state.parameters["dip_1.depth"].value == dip.amplitude.value
+    data = engine.data()
+    assert (data.name, data.n_sources, data.n_channels, data.counts) == ("6 sources", 6, 60, counts.sum())
+
+
+def test_every_instrument_s_gain_is_free_but_for_what_is_named():
+    def made(name):
+        return LibraryEffect(
+            name=name, parameters={"size": Uniform(-0.1, 0.1)}, amplitude="size", neutral=0.0, step=0.01,
+            cause="", typical="",
+        )  # fmt: skip
+
+    entries = {name: made(name) for name in ("gain_offset", "gain_slope", "line")}
+    told = [(one.entry.name, one.sd, one.values) for one in shared_nuisances(entries, "line")]
+    assert told == [("gain_slope", 0.01, {}), ("gain_offset", 0.01, {})]
+    assert [one.entry.name for one in shared_nuisances(entries, "gain_slope")] == ["gain_offset"]
+    assert shared_nuisances({"line": made("line")}, "line") == ()

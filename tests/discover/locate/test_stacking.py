@@ -71,6 +71,8 @@ def test_parts_of_a_catalogue_add_up(power_laws):
 
     whole, both = part(slice(None)), part(slice(0, 15)) + part(slice(15, None))
     np.testing.assert_allclose(whole.excess, both.excess, atol=1e-9)
+    np.testing.assert_allclose(whole.mean, both.mean, rtol=1e-9)
+    np.testing.assert_array_equal(whole.redshifts, both.redshifts)
     np.testing.assert_allclose(whole.covariance, both.covariance, atol=1e-8)
     with pytest.raises(InputError, match="different"):
         whole + stack_excess([[1.0]], [[1.0]], None, [[1.0, 2.0]], [0.0], bins=[1.0, 2.0])
