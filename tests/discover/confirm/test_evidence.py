@@ -1,5 +1,7 @@
 """Delta log evidence and its dependence on the prior, where both are integrals of one dimension."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.integrate import trapezoid
@@ -102,6 +104,31 @@ def run_of(departures, live=60, seed=0):
     rng = np.random.default_rng(seed)
     run = perfect_run(lambda log_volume: -50 * np.exp(2 * log_volume), live_points=live, depth=12, rng=rng)
     return run, departures(rng, len(run.log_likelihood))
+
+
+def test_a_point_weighs_its_likelihood_times_the_volume_that_goes_with_it():
+    """Three points of the prior: with 3, 2 and 1 left volume shrinks by exp(-1/3), exp(-1/2), exp(-1)."""
+    log_likelihood, amplitude = np.array([0.3, 0.1, 0.8]), np.array([-3.0, 5.5, 1.0])
+    run = SimpleNamespace(log_likelihood=log_likelihood, birth_log_likelihood=np.full(3, -np.inf))
+    base, own = (LogEvidence(value=value, error=0.1, replicates=np.zeros(9)) for value in (-2.0, 1.5))
+    found = prior_sensitivity(
+        run,
+        amplitude,
+        entry(),
+        base,
+        own,
+        rng=np.random.default_rng(1),
+        factors=[0.2, 0.8, 1.0],
+        replicates=9,
+    )
+    weight, volume = [], 1.0
+    for left, at in zip((3, 2, 1), (0.1, 0.3, 0.8), strict=True):
+        weight.append(np.exp(at) * volume * (1.0 - np.exp(-1.0 / left)))
+        volume *= np.exp(-1.0 / left)
+    # Of -4 to 6 about 0: the first point lies outside 0.8 of it, the second outside 0.2.
+    inside = [weight[2], weight[1] + weight[2], sum(weight)]
+    expected = 3.5 + np.log(np.array(inside) / sum(weight)) - np.log([0.2, 0.8, 1.0])
+    np.testing.assert_allclose(found.value, expected)
 
 
 def test_without_a_point_inside_a_prior_nothing_is_claimed():

@@ -44,6 +44,17 @@ def test_sums_by_hand():
     assert stack.covariance[0, 6] == 0.0
 
 
+def test_bins_hold_both_frames_and_are_no_narrower_than_channels():
+    for channels in (200, 40, 10):
+        ends = np.geomspace(0.5, 8.0, channels + 1)
+        made = stacking_bins(np.stack([ends[:-1], ends[1:]], axis=1), [0.0, 0.5, 3.0**0.5])
+        top = 8.0 * (1.0 + 3.0**0.5)
+        width = max(np.log(top / 0.5) / 48, np.log(16.0) / channels)
+        assert made[0] == pytest.approx(0.5)
+        np.testing.assert_allclose(np.diff(np.log(made)), width)
+        assert made[-2] < top <= made[-1] * (1 + 1e-12)
+
+
 def test_covariance_is_that_of_fitted_data(power_laws):
     shifts = np.array([0.0, 0.3, 0.8])
     excesses = []

@@ -79,3 +79,18 @@ def test_a_line_is_sought_as_emission(power_law, truth):
     assert best[0] == pytest.approx(near[at], abs=0.7 / 2**3)
     assert away == pytest.approx(amplitude[at], rel=0.1)
     assert away > 0
+
+
+def test_a_pass_that_gains_less_than_half_a_nat_is_the_last(power_law, truth):
+    """Three of a bright line between scanned energies; two of one that stands where it is scanned."""
+    for energy, counts, most in ((3.4, 900.0, 3), (4.0, 60.0, 2)):
+        groups = catalogue(power_law, truth, Effect("line", {"energy": energy, "counts": counts}))
+        passes = []
+
+        def each(asked, *rows, passes=passes):
+            passes.append(asked)
+            return list(map(asked, *rows))
+
+        node = next(one for one in groups[0].candidates.entries["line"].nodes if one[0] == 4.0)
+        refined(groups, "line", node, each=each)
+        assert len(passes) == most
