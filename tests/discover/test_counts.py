@@ -143,6 +143,8 @@ def test_an_engine_says_what_each_effect_is_worth_and_where_it_is(library):
     )
     seen, located = engine.look(), engine.located()
     assert seen.p_rest == pytest.approx(2.0 * min(located.values())) == 0.02
+    signs = {np.sign(one.z) for one in engine.regions() if one.lo < 5.0 < one.hi}
+    assert signs == {np.sign(one.excess) for one in engine.regions() if one.lo < 5.0 < one.hi} == {1.0}
     edge, line = engine.fitted(seen, ["edge", "line"], None)
     (both,) = engine.fitted(engine.after(edge), ["line"], edge)
     alone = [Round(seen, tuple(Comparison(one, 0.0, 0.0) for one in some)) for some in ([edge, line], [edge])]
@@ -169,6 +171,16 @@ def test_an_engine_says_what_each_effect_is_worth_and_where_it_is(library):
         state = engine.state(model)
         assert (state.statistic, 60 * engine.gap(model)) == pytest.approx((total, total), rel=1e-6)
     assert engine.data().counts == counts.sum()
+
+
+def test_behind_an_effect_templates_are_those_of_the_model_with_it(library):
+    """A dip changes every channel by the same share of what is there, with a line or without."""
+    engine, _ = noise_free(library, Effect("line", {"energy": 5.0, "counts": 2000.0}))
+    (line,) = engine.fitted(engine.look(), ["line"], None)
+    found = engine.after(line).state.templates
+    rows, nodes = found.values[0, found.owner == "dip"], library["dip"].entry.nodes[:, 0]
+    bell = np.exp(-0.5 * ((np.sqrt(engine.sources.edges.prod(axis=1)) - nodes[:, None]) / 0.4) ** 2)
+    np.testing.assert_allclose(rows / line.fit.expected[0], bell, atol=1e-3)
 
 
 def test_a_quiet_engine_doubles_the_rarer_p_of_its_looks_up_to_one(library):
