@@ -152,3 +152,15 @@ def test_an_amplitude_stops_where_its_template_still_has_both_sides(power_law, s
         found = profile_shared([sources], Term(near, {"energy": 2.0}))
         assert found.value == pytest.approx(side * (0.1 - away))
         assert found.at_edge
+
+
+def test_a_step_that_makes_things_worse_is_halved(power_law):
+    """An edge that leaves hardly any counts: a whole step would make a thousand times as many as there are."""
+    plain, rng = power_law(), np.random.default_rng(0)
+    theta = np.column_stack([rng.uniform(2000, 9000, 8), rng.uniform(1.0, 2.5, 8)])
+    counts = np.round(plain.with_effect(Effect("edge", {"energy": 3.0, "depth": 1.0})).expected(theta))
+    entry = plain.effect_library(theta)["edge"]
+    entry = replace(entry, parameters={**entry.parameters, "depth": Uniform(-4.0, 4.0)})
+    found = profile_shared([Sources.of(plain, counts)], Term(entry, {"energy": 3.0}), start=[3.5])
+    assert found.value == pytest.approx(1.0, abs=found.standard_error)
+    assert found.gain > 100
