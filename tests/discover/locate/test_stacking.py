@@ -148,6 +148,13 @@ def test_each_frame_is_judged_with_what_the_other_explains_taken_off():
     assert empty.p_detector_alone == pytest.approx(empty.p_detector, abs=0.003)
 
 
+def test_bins_that_are_nearly_one_are_one_trial():
+    stack = two_bins([2.0, 2.0, 0.0, 0.0], [0.0, 0.0])
+    stack.covariance[:2, :2] = 1e4 * np.array([[1.0, 0.999], [0.999, 1.0]])
+    found = compare_frames(stack, rng=np.random.default_rng(1), replicates=4000)
+    assert found.p_detector == pytest.approx(2.0 * norm.sf(2.0), abs=0.013)
+
+
 @pytest.mark.parametrize(
     ("excess", "fixed"),
     [

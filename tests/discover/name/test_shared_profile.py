@@ -155,7 +155,7 @@ def test_an_amplitude_stops_where_its_template_still_has_both_sides(power_law, s
 
 
 def test_a_step_that_makes_things_worse_is_halved(power_law):
-    """An edge that leaves hardly any counts: a whole step would make a thousand times as many as there are."""
+    """An edge that leaves hardly any counts: a whole step would make a thousand times what there is."""
     plain, rng = power_law(), np.random.default_rng(0)
     theta = np.column_stack([rng.uniform(2000, 9000, 8), rng.uniform(1.0, 2.5, 8)])
     counts = np.round(plain.with_effect(Effect("edge", {"energy": 3.0, "depth": 1.0})).expected(theta))
