@@ -172,7 +172,7 @@ def controlled(values: Array, weight: Array, unit: Array, pull: Array) -> Array:
     away = every - np.matmul(weight[:, None], every)
     middle = np.matmul(weight[:, None], values)
     square = np.matmul((away * weight[..., None]).swapaxes(1, 2), away)
-    product = np.matmul((away * weight[..., None]).swapaxes(1, 2), values)
+    product = np.matmul((away * weight[..., None]).swapaxes(1, 2), values - middle)
     size = np.sqrt(np.einsum("nkk->nk", square)) + 1e-300
     square = square / size[:, :, None] / size[:, None] + 1e-3 * np.eye(square.shape[1])
     coefficient = np.linalg.solve(square, product / size[..., None]) / size[..., None]
