@@ -132,8 +132,8 @@ class Mutation:
 def mutations(source: bytes) -> list[Mutation]:
     """Every change of lines that compute, in order of the source.
 
-    Messages, docstrings, type hints, defaults, refusals (``if ...: raise``) and what lies outside functions
-    are left alone.
+    Messages, docstrings, type hints, defaults, refusals (``if ...: raise``, ``strict=``) and what lies outside
+    functions are left alone.
 
     >>> [m.applied(b"def f(x): return x.std()").decode() for m in mutations(b"def f(x): return x.std()")]
     ['def f(x): return None', 'def f(x): return (x.var())']
@@ -167,8 +167,8 @@ def _inside(node: ast.AST) -> Iterator[Edit]:
     for name, value in ast.iter_fields(node):
         if name in ("annotation", "returns", "decorator_list"):
             continue
-        if isinstance(node, ast.keyword) and node.arg in ("axis", "ddof", "side"):
-            continue  # they have changes of their own
+        if isinstance(node, ast.keyword) and node.arg in ("axis", "ddof", "side", "strict"):
+            continue  # they have changes of their own; `strict` refuses, and computes nothing
         for child in value if isinstance(value, list) else [value]:
             if isinstance(child, ast.AST):
                 yield from _inside(child)
