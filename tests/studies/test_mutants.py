@@ -61,7 +61,7 @@ def f(x: Annotated[int, 1 + 1] = 5 - 1, *, y=f(-1)) -> Literal[1]:
     assert x > 1, str(-x)
     warn(x + 1)
     z = f"{x - 1:.3f}"
-    w = zip(x, y, strict=True)
+    w = zip(*x, strict=True)
 '''
 
 
