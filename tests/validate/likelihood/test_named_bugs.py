@@ -541,6 +541,23 @@ def test_what_explains_nearly_all_explains_nothing(mostly):
     assert caught.value.name is None
 
 
+@pytest.mark.parametrize("step", [400.0, -0.003])
+def test_an_offset_of_any_size_is_found(step):
+    """Looked for by the range that a parameter has, of thousands or of hundredths."""
+    scale = 1e3 if step > 1 else 1e-2
+    prior = Prior({"place": Normal(0.0, scale)})
+
+    def right(theta, x):
+        return norm.logpdf(x, np.asarray(theta), 0.1 * scale).sum(-1)
+
+    with pytest.raises(LikelihoodsDiffer, match=f"{step:g} is added to place") as caught:
+        assert_same_likelihood(
+            right, lambda t, x: right(t + step, x), prior,
+            lambda t, rng: rng.normal(t, 0.1 * scale, (len(t), 4)),
+        )  # fmt: skip
+    assert caught.value.name == "offset"
+
+
 def test_two_values_do_not_make_a_law():
     """A parameter of two values: any function of it is a straight line, and is not called one."""
     prior = Prior({"kind": Discrete((1.0, 2.0), (0.5, 0.5)), "mean": Normal(0.0, 1.0)})
