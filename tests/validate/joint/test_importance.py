@@ -131,3 +131,17 @@ def test_weights_that_draws_do_not_confirm_are_doubted():
             (f"importance.{name}", NotChecked) for name in ("khat", "evidence")
         ]
         assert all(re.search(why, item.why) for item in others)
+
+
+def test_the_error_of_a_share_of_trials_is_that_of_a_proportion_and_never_none():
+    """Agresti and Coull's: two trials more of either kind."""
+    rng = np.random.default_rng(7)
+    heavy = rng.pareto(0.6, (30, 400))
+    weight = np.log(np.concatenate([heavy, np.ones((20, 400))]))
+    _, khat, _ = importance_findings(weight)
+    above = np.count_nonzero(pareto_khat(weight) > 0.7)
+    assert 20 < above <= 30
+    assert khat.estimate[0] == above / 50
+    share = (above + 2) / 54
+    assert khat.standard_error[0] == pytest.approx(np.sqrt(share * (1 - share) / 50))
+    np.testing.assert_allclose(khat.influence[0], (pareto_khat(weight) > 0.7) - above / 50)
