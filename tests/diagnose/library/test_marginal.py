@@ -28,6 +28,9 @@ def test_shifts_in_half_widths_and_in_units():
         moved = cases.drawn(cases.draws + planted)
         found = shift(moved)
         assert [each.variant for each in found] == ["of their half-widths", "in their own units"]
+        for each in found:
+            below = (each.apply(moved).draws < cases.theta[:, None]).mean(axis=(0, 1))
+            np.testing.assert_allclose(below, 0.5, atol=1e-3)
         repair = found[place]
         wanted = (0.4, -0.3) if place == 0 else (0.3, -0.3) * unit[0]
         np.testing.assert_allclose(list(repair.numbers.values()), wanted, rtol=0.25)
