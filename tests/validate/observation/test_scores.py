@@ -57,3 +57,22 @@ def test_smooth_scores_are_straight_in_units_of_the_middle_two_thirds():
     np.testing.assert_allclose(scores(values), (values - middle) / ((high - low) / 2), atol=1e-12)
     far = scores(middle + (high - low) / 2 * np.array([[8.0], [-8.0]]))
     np.testing.assert_allclose(far, [[5 + np.log(4.0)] * 2, [-5 - np.log(4.0)] * 2])
+
+
+def test_shapes_are_their_formulas_there_and_back():
+    x = np.array([0.0, 10.0, -10.0, 1e4, -0.3])
+    root = np.sign(x) * (np.sqrt(np.abs(x) + 3 / 8) - np.sqrt(3 / 8))
+    for shape, wanted in ((Shape("plain"), x), (Shape("root"), root), (Shape("log", 2.0), np.arcsinh(x / 2))):
+        np.testing.assert_allclose(shape(x), wanted)
+        np.testing.assert_allclose(shape.inverse(shape(x)), x, atol=1e-12)
+
+
+@pytest.mark.parametrize(("wanted", "made"), [("plain", lambda z: 3 * z), ("log", lambda z: np.exp(2 * z))])
+def test_the_shape_with_which_columns_say_most_of_each_other_is_taken(wanted, made):
+    """Readings of one number; columns that never vary have no say."""
+    rng = np.random.default_rng(5)
+    x = made(rng.normal(size=(1500, 1)) + 0.2 * rng.normal(size=(1500, 6)))
+    assert SmoothScores.learned(x).shape.name == wanted
+    still = np.concatenate([np.full((1500, 30), 4.0), x], axis=1)
+    assert SmoothScores.learned(still).shape.name == wanted
+    assert SmoothScores.learned(still[:, :30]).shape == Shape("plain")
