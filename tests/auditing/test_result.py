@@ -147,12 +147,29 @@ def test_draws_in_hand_are_saved_with_the_digest_of_their_file(tmp_path: Path) -
     assert verify(folder).differences == ()
 
 
-def test_judged_again_the_diagnosis_stays_where_it_is_asked_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Another policy that blocks asks the same of the trials; one that does not asks anew."""
+@pytest.fixture(scope="module")
+def audited() -> Audit:
+    """Of draws 0.6 times as wide as they should be."""
     rng = np.random.default_rng(3)
-    audited = gb.audit_draws(
+    return gb.audit_draws(
         rng.normal(size=(300, 1)), 0.6 * rng.normal(size=(300, 40, 1)), validators=["sbc"], progress=False
     )
+
+
+def test_a_folder_is_diagnosed_as_its_audit_was(audited: Audit, tmp_path: Path) -> None:
+    folder = audited.save(tmp_path)
+    before = json.loads((folder / "verdict.json").read_text())["diagnosis"]
+    content = json.loads((folder / "verdict.json").read_text())
+    del content["diagnosis"]
+    (folder / "verdict.json").write_text(json.dumps(content))
+    assert diagnosing.diagnose_folder(folder) == before["text"]
+    assert json.loads((folder / "verdict.json").read_text())["diagnosis"] == before
+
+
+def test_judged_again_the_diagnosis_stays_where_it_is_asked_the_same(
+    audited: Audit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another policy that blocks asks the same of the trials; one that does not asks anew."""
     assert audited.outcome == "FAIL"
     asked: list[str] = []
     real = diagnosing.diagnose

@@ -18,7 +18,7 @@ from gaugeblock.auditing.samples import Plan
 from gaugeblock.auditing.watch import Watch, watched
 from gaugeblock.estimators.exact import Exact
 from gaugeblock.simulators import build_simulator
-from gaugeblock.validate import Outcome, read_policy
+from gaugeblock.validate import Outcome, make_policy, make_trials, read_policy
 
 PLAN = Plan(
     number=4000,
@@ -140,3 +140,29 @@ def test_the_configuration_and_the_choice_of_validators() -> None:
     assert AuditConfig.build({"trials": {"anytime": True}}).trials.anytime
     assert watched(["sbc", "draws"]) == ("sbc", "draws", "anytime")
     assert set(watched(None)) >= {"sbc", "coverage", "draws", "anytime"}
+
+
+def block(trials: int, *, width: float = 1.0, seed: int = 1) -> Any:
+    """Trials of one parameter, of which draws are `width` times as wide as they should be."""
+    rng = np.random.default_rng(seed)
+    return make_trials(rng.normal(size=(trials, 1)), width * rng.normal(size=(trials, 60, 1)), ["a"])
+
+
+def test_what_a_watch_says_block_by_block() -> None:
+    """Nothing yet, then that it FAILs or PASSes; a draw that is no number at once; in between it rests."""
+    lenient = make_policy(
+        {"required": ["sbc"], "tolerance": {"bias": 0.5, "log_width": 0.5, "coverage": 0.4}}, source="test"
+    )
+    for width, number in ((0.4, 400), (1.0, 1500)):
+        watch = Watch(lenient if width == 1 else DEFAULT, 1)
+        assert watch.see(block(20, width=width)) is False
+        # Not a twentieth more: whatever it holds, nobody looks.
+        assert watch.see(block(1, width=width, seed=2)) is False
+        assert watch.see(block(number, width=width, seed=3)) is True
+    watch = Watch(DEFAULT, 1)
+    assert watch.confirm(block(20)) is False
+    assert watch.confirm(block(400, width=0.4)) is True
+    broken = block(20)
+    broken["draws"][3, 2, 0] = np.nan
+    assert watch.see(broken) is True
+    assert Watch(DEFAULT, 1).confirm(broken) is True

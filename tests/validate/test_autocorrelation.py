@@ -159,3 +159,5 @@ def test_a_flag_without_an_order_is_remarked_on():
     white = np.random.default_rng(0).normal(size=(40, 60, 1))
     trials = make_trials(np.zeros((40, 1)), white, autocorrelated=True)
     assert "their order shows nothing of it" in Prepared(trials_tree(trials), 1).caveats[0]
+    plain = make_trials(np.zeros((40, 1)), white)
+    assert Prepared(trials_tree(plain), 1).caveats == ()

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from scipy import stats
 
 from gaugeblock.validate.family import Judgeable, bounds, pass_level
-from gaugeblock.validate.finding import MeanFinding
+from gaugeblock.validate.finding import MeanFinding, QuantileFinding
 from gaugeblock.validate.forecast import GROWTH, LOOKS, forecast
 
 TOLERANCE = 0.1
@@ -69,3 +72,26 @@ def test_a_range_is_that_of_futures_followed_one_by_one():
     # A tenth of 500 futures lies within a look or two of where a tenth of all does.
     assert low / GROWTH**2 <= found.low <= low * GROWTH**2
     assert high / GROWTH**3 <= found.high <= high * GROWTH**3
+
+
+@pytest.mark.parametrize("sense", ["at-least", "at-most"])
+def test_a_one_sided_quantile_is_forecast_as_the_share_on_its_wrong_side(sense):
+    values, sign = np.random.default_rng(10).normal(size=(1, 200)), 1 if sense == "at-least" else -1
+    edge, q = sign * -1.1, 0.1 if sense == "at-least" else 0.9
+    said = {"id": "importance.ess", "quantity": "efficiency", "claim": "", "null": "", "reference": ""}
+    quantile = QuantileFinding(
+        **said, n_trials=200, sense=sense, values=values, quantile=np.array([q]),
+        estimate=np.quantile(values, q, axis=1), standard_error=np.array([0.1]),
+    )  # fmt: skip
+    item = Judgeable(
+        finding=quantile,
+        low=edge if sense == "at-least" else -np.inf,
+        high=np.inf if sense == "at-least" else edge,
+    )
+    wrong = (sign * values < -1.1).astype(float) - 0.1
+    share = replace(mean_of(wrong), standard_error=np.array([0.3 / np.sqrt(200)]))
+    same = Judgeable(finding=share, low=-np.inf, high=0.0)
+    (bound,) = bounds([same], budget=0.05, number=1, seed=1)
+    found = forecast(item, bound, look=1, seed=3)
+    assert found == forecast(same, bound, look=1, seed=3)
+    assert 200 < found.low < found.high

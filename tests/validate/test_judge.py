@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +19,10 @@ from gaugeblock.validate import (
     run_validators,
     trials_tree,
 )
+from gaugeblock.validate.family import Judgeable, bounds_at
+from gaugeblock.validate.finding import MeanFinding, QuantileFinding
 from gaugeblock.validate.joint.importance import importance_findings
+from gaugeblock.validate.judging import smallest_detectable
 from gaugeblock.validate.marginal.sbc import uniform_finding
 
 DEFAULT = read_policy("default")
@@ -198,3 +203,57 @@ def test_two_trials_never_block_a_sound_estimator(marginal_findings):
         found = marginal_findings("a", rng.normal(size=(n, 1)), rng.normal(size=(n, 3, 1)), seed=repeat)
         failed += judge(found, [], policy(required=["sbc"]), seed=repeat).outcome is Outcome.FAIL
     assert failed <= stats.binom.ppf(0.999, 400, 0.05)
+
+
+def finding_of(kind, sense, **more):
+    said = {"id": "importance.ess", "quantity": "efficiency", "claim": "", "null": "", "reference": ""}
+    return kind(**said, **{"n_trials": 100, "sense": sense} | more)
+
+
+def region(sense, edge):
+    low = {"at-least": edge, "at-most": -np.inf, "two-sided": -edge}[sense]
+    return {"low": low, "high": np.inf if sense == "at-least" else edge}
+
+
+@pytest.mark.parametrize(
+    ("sense", "quantity", "error"),
+    [
+        ("at-least", "efficiency", 0.2),
+        ("at-most", "efficiency", 0.2),
+        ("two-sided", "bias", 0.2),
+        ("two-sided", "log_width", 0.1),
+    ],
+)
+def test_a_mean_as_far_off_as_said_fails_with_the_power_that_was_said(sense, quantity, error):
+    """By the normal law of its estimate, at the error of the worst known component, or the best of widths."""
+    errors = np.array([0.1, 0.2])
+    finding = finding_of(
+        MeanFinding, sense, estimate=np.zeros(2), standard_error=errors, influence=np.ones((2, 100))
+    )
+    item = Judgeable(finding=replace(finding, quantity=quantity), **region(sense, 0.5))
+    bound = SimpleNamespace(critical=2.5)
+    fault = smallest_detectable(item, bound, 0.8)
+    below = stats.norm.cdf(0.5 - 2.5 * error, loc=fault, scale=error)
+    above = stats.norm.sf(0.5 + 2.5 * error, loc=fault, scale=error)
+    assert (below if sense == "at-least" else above) == pytest.approx(0.8)
+
+
+@pytest.mark.parametrize(("sense", "q"), [("at-least", 0.25), ("at-most", 0.6)])
+def test_a_quantile_as_far_off_as_said_fails_with_the_power_that_was_said(sense, q):
+    """Trials drawn again from all of them, changed in proportion: 300 audits."""
+    rng = np.random.default_rng(5)
+    values, n = stats.lognorm.ppf((np.arange(2000) + 0.5) / 2000, 1.0), 2000
+
+    def fails(of):
+        estimate = np.quantile(of, q, method="inverted_cdf")
+        finding = finding_of(
+            QuantileFinding, sense, n_trials=n, values=of[None], quantile=np.array([q]),
+            estimate=np.array([estimate]), standard_error=np.array([0.1]),
+        )  # fmt: skip
+        (low,), (high,) = bounds_at(finding, stats.norm.sf(2.0), n - 1)
+        return finding, high < 0.5 if sense == "at-least" else low > 0.5
+
+    item = Judgeable(finding=fails(values)[0], **region(sense, 0.5))
+    fault = smallest_detectable(item, SimpleNamespace(critical=2.0), 0.9)
+    scaled = values * fault / item.finding.estimate[0]
+    assert 0.84 < np.mean([fails(rng.choice(scaled, n))[1] for _ in range(300)]) < 0.96

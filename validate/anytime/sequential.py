@@ -119,7 +119,7 @@ def _bounds(found: Evidence, worst: int, threshold: float) -> Bounds:
         (wager.aimed(high, asked.exact)[1], AIMED, PASS_THRESHOLD),
         asked.edges,
     )
-    spread = np.full((6, len(found.outside)), np.nan)
+    spread = np.full((5, len(found.outside)), np.nan)
     for row, (least, most) in zip((0, 2), (wide, narrow), strict=True):
         units = asked.unit(least)[0], asked.unit(most)[0]
         spread[row : row + 2, worst] = units[::-1] if asked.falls else units
@@ -129,7 +129,7 @@ def _bounds(found: Evidence, worst: int, threshold: float) -> Bounds:
         pass_low=spread[2],
         pass_high=spread[3],
         p_value=spread[4],
-        p_adjusted=spread[5],
+        p_adjusted=spread[4],
         critical=math.nan,
         next_critical=math.nan,
     )

@@ -238,3 +238,38 @@ def test_all_bets_together_stake_one_capital(parameters):
     # A gate that has a part s of the capital FAILs alone when that part has grown to 1 / budget.
     alone = gathered[0]
     assert np.exp(alone.threshold(0.05) + alone.share) == pytest.approx(20.0)
+
+
+def test_stated_errors_are_the_scatter_of_the_estimates():
+    """150 audits of 400 trials that are half as wide again: within 25%, four errors of such a scatter.
+
+    Of coverage, whose error is that of an exact posterior, as many of those.
+    """
+    wide = [sequences([15, replicate], 400, log_width=0.4, draws=1000)[:2] for replicate in range(150)]
+    exact = [sequences([17, replicate], 400, draws=1000)[2:] for replicate in range(150)]
+    for kind in (*zip(*wide, strict=True), *zip(*exact, strict=True)):
+        scatter = np.std([finding.estimate for finding in kind], axis=0)
+        stated = np.mean([finding.standard_error for finding in kind], axis=0)
+        np.testing.assert_allclose(stated / scatter, 1, atol=0.25)
+
+
+def test_a_message_of_coverage_names_the_faulty_parameter_alone():
+    gates = {g.id: g for g in sequence_gates(sequences(16, 3000, 2, log_width=-0.7, faulty=1), DEFAULT)}
+    gate = gates["anytime.coverage"]
+    assert gate.outcome is Outcome.FAIL
+    assert "p0: " in gate.message
+    assert "p1" not in gate.message
+
+
+@pytest.mark.parametrize(("bias", "trials", "settles"), [(0.35, 60, Outcome.FAIL), (0.03, 700, Outcome.PASS)])
+def test_as_many_trials_as_said_settle_it(bias, trials, settles):
+    """25 audits of the fault that was estimated: most settle, and with a quarter of the trials few do."""
+    gate, *_ = sequence_gates(sequences(18, trials, bias=bias)[:1], DEFAULT)
+    assert gate.outcome is Outcome.INCONCLUSIVE
+
+    def settled(n):
+        found = (sequences([19, r], n, bias=gate.statistic)[:1] for r in range(25))
+        return sum(decide(gather(one, DEFAULT), DEFAULT.error_budget) == [settles] for one in found)
+
+    assert settled(gate.trials_to_settle) >= 20
+    assert settled(gate.trials_to_settle // 4) <= 12

@@ -43,7 +43,8 @@ def test_wilcoxon_with_ties_and_zeros():
     test = wilcoxon_signed_rank(difference, np.zeros(8))
     assert test.exact
     assert test.p_value == pytest.approx(expected)
-    assert wilcoxon_signed_rank(np.zeros(5), np.zeros(5)).p_value == 1.0
+    still = wilcoxon_signed_rank(np.zeros(5), np.zeros(5))
+    assert (still.p_value, still.exact, still.effect_size) == (1.0, True, 0.0)
     many = np.random.default_rng(0).integers(-3, 5, 200).astype(float)
     found = wilcoxon_signed_rank(many, np.zeros(200))
     assert not found.exact

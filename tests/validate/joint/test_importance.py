@@ -1,17 +1,22 @@
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from scipy import stats
 
+from gaugeblock.validate import NotChecked, make_trials, trials_tree
 from gaugeblock.validate.joint.importance import (
     acceptance,
+    importance,
     importance_findings,
     kish_fraction,
     log_evidence,
     log_weights,
 )
 from gaugeblock.validate.joint.psis import pareto_khat, pareto_shape, tail_length
+from gaugeblock.validate.prepared import Prepared
 
 
 def test_weights_where_prior_or_likelihood_vanish_or_are_not_numbers():
@@ -95,3 +100,48 @@ def test_findings_name_population_and_sense():
     assert (ess.kind, ess.sense, ess.population) == ("quantile", "at-least", "importance")
     assert ess.details["ess"].shape == khat.details["khat"].shape == (50,)
     assert set(evidence.details) == {"log_evidence", "log_evidence_error", "acceptance"}
+
+
+def weighed(*, offset=0.0, wider=1.0, trials=150):
+    """Importance of draws of an exact Gaussian posterior, with a log q `offset` nat too high, or `wider`."""
+    rng = np.random.default_rng(31)
+    theta = rng.normal(size=(trials, 1))
+    x = theta + rng.normal(size=(trials, 1))
+    draws = x[:, None] / 2 + wider * np.sqrt(0.5) * rng.normal(size=(trials, 60, 1))
+    log_q = stats.norm.logpdf(draws, x[:, None] / 2, np.sqrt(0.5))[..., 0] + offset
+    likelihood = stats.norm.logpdf(x[:, None], draws)[..., 0]
+    made = make_trials(
+        theta, draws, ["a"], log_q=log_q, log_likelihood=likelihood,
+        log_prior=stats.norm.logpdf(draws)[..., 0],
+    )  # fmt: skip
+    return importance(Prepared(trials_tree(made), 1))
+
+
+def test_weights_that_draws_do_not_confirm_are_doubted():
+    exact = weighed()
+    assert [found.id for found in exact] == ["importance.ess", "importance.khat", "importance.evidence"]
+    assert not any(isinstance(found, NotChecked) or found.doubt for found in exact)
+    for made, why in (
+        ({"offset": 1.0}, r"differ by -(0\.9|1\.0)"),
+        ({"wider": 4.0}, r"nat lower at the draws"),
+    ):
+        ess, *others = weighed(**made)
+        assert re.search(why, ess.doubt)
+        assert [(item.id, type(item)) for item in others] == [
+            (f"importance.{name}", NotChecked) for name in ("khat", "evidence")
+        ]
+        assert all(re.search(why, item.why) for item in others)
+
+
+def test_the_error_of_a_share_of_trials_is_that_of_a_proportion_and_never_none():
+    """Agresti and Coull's: two trials more of either kind."""
+    rng = np.random.default_rng(7)
+    heavy = rng.pareto(0.6, (30, 400))
+    weight = np.log(np.concatenate([heavy, np.ones((20, 400))]))
+    _, khat, _ = importance_findings(weight)
+    above = np.count_nonzero(pareto_khat(weight) > 0.7)
+    assert 20 < above <= 30
+    assert khat.estimate[0] == above / 50
+    share = (above + 2) / 54
+    assert khat.standard_error[0] == pytest.approx(np.sqrt(share * (1 - share) / 50))
+    np.testing.assert_allclose(khat.influence[0], (pareto_khat(weight) > 0.7) - above / 50)

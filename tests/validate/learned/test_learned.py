@@ -113,3 +113,21 @@ def test_each_trial_is_ranked_once_or_only_teaches(n):
     found = learned_ranks(z, context, ties, discriminant_fit, order=rng.permutation(n))
     assert len(np.unique(found.row)) == len(found.row) == n - n // 6
     assert ((found.pit >= 0) & (found.pit < 1)).all()
+
+
+def test_a_stage_learns_from_the_latest_trials_before_it(monkeypatch):
+    monkeypatch.setattr("gaugeblock.validate.learned.learned.MOST_TAUGHT", 50)
+    rng = np.random.default_rng(12)
+    z, context, ties = exact(rng, 120, 5, 1)
+    order, taught = rng.permutation(120), []
+
+    def fit(coordinates, shared):
+        taught.append(coordinates[:, 0, 0])
+        return discriminant_fit(coordinates, shared)
+
+    found = learned_ranks(z, context, ties, fit, order=order)
+    edges = np.linspace(20, 120, 6).astype(int)
+    for values, edge in zip(taught, edges[:-1], strict=True):
+        latest = order[max(0, edge - 50) : edge]
+        np.testing.assert_array_equal(np.sort(values), np.sort(z[latest, 0, 0]))
+    assert sorted(found.row) == sorted(order[20:])

@@ -541,6 +541,24 @@ def test_what_explains_nearly_all_explains_nothing(mostly):
     assert caught.value.name is None
 
 
+def test_an_offset_is_looked_for_by_the_range_of_its_parameter():
+    """Of thousands, through waves that hide it from any search that begins nearby."""
+    prior = Prior({"place": Uniform(0.0, 1e4)})
+
+    def mean(theta):
+        return np.asarray(theta) / 1e3 + 5.0 * np.sin(np.asarray(theta) / 500.0)
+
+    def right(theta, x):
+        return norm.logpdf(x, mean(theta)).sum(-1)
+
+    with pytest.raises(LikelihoodsDiffer, match="3500 is added to place") as caught:
+        assert_same_likelihood(
+            right, lambda t, x: right(np.asarray(t) + 3500.0, x), prior,
+            lambda t, rng: rng.normal(mean(t), 1.0, (len(t), 4)),
+        )  # fmt: skip
+    assert caught.value.name == "offset"
+
+
 def test_two_values_do_not_make_a_law():
     """A parameter of two values: any function of it is a straight line, and is not called one."""
     prior = Prior({"kind": Discrete((1.0, 2.0), (0.5, 0.5)), "mean": Normal(0.0, 1.0)})

@@ -35,3 +35,14 @@ def test_one_feature_alone_is_a_strip():
     assert made["map_feature"].values.tolist() == ["w", ""]
     assert made["map_gap"].shape == (1, 2)
     assert made["map_worst"].values.tolist() == [[0.0, 1.0]]
+
+
+def test_cuts_are_in_order_whatever_the_regions_say_first():
+    cuts = [0.9, -1.3, 0.2, 1.7, -0.4, 0.0, 2.5, -2.2]
+    regions = tuple(Region(((Condition(2, cut, True),),)) for cut in cuts)
+    made = calibration_map(regions, 0, VALUES, NAMES, GAP)
+    assert made["map_x_cut"].values.tolist() == sorted(cuts)
+    number, _ = np.histogram(VALUES[:, 2], [-np.inf, *sorted(cuts), np.inf])
+    assert made["map_n"].values[0].tolist() == number.tolist()
+    share = np.cumsum(number) / 1000
+    np.testing.assert_allclose(made["map_x_edge"].values, [0, *share])

@@ -107,4 +107,10 @@ def test_a_circular_parameter_has_a_place_and_no_regression():
     draws = (phase[:, None] + 0.1 * rng.normal(size=(N, 9, 1))) % (2 * np.pi)
     trials = make_trials(phase, draws, ["phase"], x=np.column_stack([np.cos(phase), np.sin(phase)]),
                          circular=["phase"])  # fmt: skip
-    assert not any("regression" in name for name in declared(trials).names)
+    found = declared(trials)
+    assert not any("regression" in name for name in found.names)
+    place = found.values[:, found.names.index("the posterior of phase")]
+    assert ((place >= 0) & (place < 2 * np.pi)).all()
+    pool = np.concatenate([phase, draws[..., 0]], axis=1)
+    middle = np.angle(np.exp(1j * pool).mean(axis=1))
+    np.testing.assert_allclose(np.angle(np.exp(1j * (place - middle))), 0, atol=0.01)

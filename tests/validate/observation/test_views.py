@@ -47,3 +47,27 @@ def test_distances_are_taken_where_data_sets_vary_more_than_noise_does(views):
     for way in ("neighbours", "kernel"):
         at = [views.names.index(way)]
         assert np.mean(p_values_against(reference[:, at], planted[:, at]) <= 0.05) > 0.6
+
+
+def test_scores_are_those_of_their_definitions(views):
+    """By brute force from what is left, where distances are taken, and what the views were learned on."""
+    learned_on, own = Sets(data(1500, np.random.default_rng(1))), data(25, np.random.default_rng(6)) * 1.5
+    before, rows = views(learned_on), views(Sets(own))
+    score = dict(zip(views.names, rows.scores.T, strict=True))
+    np.testing.assert_allclose(score["largest"], np.abs(rows.left["data"]).max(axis=1))
+    for name, column in (("first", 0), ("last", -1)):
+        middle = np.median(learned_on.x[:, column])
+        np.testing.assert_allclose(score[name], np.abs(own[:, column] - middle))
+    # The signed numbers end in level, remainder, whole, largest, least and eight parts.
+    for name, column in (("size", -13), ("remainder", -12)):
+        middle = np.median(before.signed[:, column])
+        np.testing.assert_allclose(score[name], np.abs(rows.signed[:, column] - middle))
+    whole = np.exp(rows.signed[:, -11])
+    assert np.argsort(whole).tolist() == np.argsort(score["distance"]).tolist()
+    square = np.square(rows.space[:, None] - before.space).sum(axis=2)
+    near = np.sort(np.sqrt(square), axis=1)[:, :5]
+    np.testing.assert_allclose(score["neighbours"], np.log(near).mean(axis=1))
+    some = before.space[:400]
+    apart = np.square(some[:, None] - some).sum(axis=2)[np.triu_indices(400, 1)]
+    alike = np.exp(-square / np.median(apart)).mean(axis=1)
+    np.testing.assert_allclose(score["kernel"], -np.log(alike))

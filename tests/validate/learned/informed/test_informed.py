@@ -182,3 +182,20 @@ def test_prepared_trials_are_not_changed():
     informed(prepared)
     for statistic, kept in zip((pools, channels), before, strict=True):
         np.testing.assert_array_equal(prepared.per_trial(statistic), kept)
+
+
+@pytest.mark.parametrize(
+    ("linear", "bent", "said"),
+    [
+        (1, 0, "a ridge regression on x[0]: "),
+        (0, 2, "boosted trees on x[1]: "),
+        (1, 1, "a ridge regression on total and by boosted trees on x[1]: "),
+    ],
+)
+def test_trees_are_named_beside_a_ridge_where_they_tell_more(linear, bent, said):
+    rng = np.random.default_rng(4)
+    x = rng.normal(size=(600, 2))
+    theta = linear * x[:, :1] + bent * (np.abs(x[:, 1:]) - 0.8) + 0.3 * rng.normal(size=(600, 1))
+    prior = rng.choice(theta[:, 0], (600, 20, 1))
+    gates, *_ = judged(make_trials(theta, prior, ["a"], x=x))
+    assert gates["informed.rank"].message.startswith(f"where a lies, by {said}")
