@@ -237,7 +237,6 @@ def test_what_the_base_lacks_is_lacked_with_the_truth_and_nothing_else(simulator
         simulate=simulator.simulate,
         **{n: getattr(simulator, n) for n in names - {lacks}},
     )
-    # An exact density, and an evidence, are of a simulator with exact draws.
     assert {name for name in names if hasattr(WithTruth(some), name)} == names - {lacks}
 
 
@@ -251,13 +250,13 @@ class TwoPoints:
         number = np.arange(n)
         up = number % self.every == 0
         return np.broadcast_to(
-            np.stack([np.where(up, 9.0 + number / 1e4, 0.0), 0.1 * up], axis=1), (len(x), n, 2)
+            np.stack([np.where(up, 0.9 + number / 1e4, 0.0), 0.1 * up], axis=1), (len(x), n, 2)
         )
 
 
 def test_what_lies_above_comes_round_again_where_it_is_too_little(simulator):
     draws = Broken(simulator, fault="mode_dropped", base=TwoPoints(20)).sample(np.zeros((2, 3)), 20, None)
-    above = 9.0 + np.arange(0, 4 * 20 + 60, 20) / 1e4
+    above = 0.9 + np.arange(0, 4 * 20 + 60, 20) / 1e4
     assert len(above) == 7
     np.testing.assert_array_equal(draws[..., 0], np.resize(above, (20,))[None].repeat(2, axis=0))
 
