@@ -149,6 +149,15 @@ def test_as_many_effective_draws_as_are_needed_are_no_collapse(trials):
         assert one.collapsed.tolist() == [collapsed]
 
 
+def test_one_weight_that_is_no_number_spoils_its_row_and_no_other(trials):
+    _, x = trials
+    made = ImportanceRefined(Widened(1.0), SIMULATOR).weights(x[:2], 10, np.random.default_rng(83))
+    made.log_weight[1, 4] = np.nan
+    draws = made.resample(6, np.random.default_rng(84))
+    assert np.isnan(draws).all(axis=(1, 2)).tolist() == [False, True]
+    assert np.isfinite(draws[0]).all()
+
+
 def test_resampling_is_in_proportion_to_the_weights():
     log_weight = np.log(np.array([[0.1, 0.0, 0.6, 0.3]]) + 1e-300) + 1000.0
     index = resample(log_weight, np.random.default_rng(78).random((1, 100_000)))
