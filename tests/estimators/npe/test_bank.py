@@ -14,6 +14,7 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.npe import bank as module
 from gaugeblock.estimators.npe.bank import Bank, describe_simulator, fingerprint, stream
 from gaugeblock.estimators.npe.coordinates import to_scores
+from gaugeblock.simulators import Prior
 
 
 @pytest.fixture(autouse=True)
@@ -50,10 +51,11 @@ def test_rows_are_of_the_prior_and_their_own_data(counts, tmp_path, fresh, n):
     np.testing.assert_array_equal(x, expected)
 
 
-def test_without_a_mean_there_is_no_fresh_noise(signal, tmp_path):
+def test_without_a_mean_there_is_no_fresh_noise(counts, signal, tmp_path):
     bank, _ = simulated(signal, 5, tmp_path)
     assert not bank.fresh
     np.testing.assert_array_equal(bank.observe(slice(1, 3), None), bank.data[1:3])
+    assert describe_simulator(counts) == counts.describe()
     assert describe_simulator(signal) == {"simulator": "Signal", "prior": signal.prior.describe()}
 
 
@@ -73,6 +75,11 @@ def test_what_is_left_is_taken_and_of_another_simulation_nothing(counts, tmp_pat
         assert not np.isclose(other.data, again.data).all(axis=1).any()
         json.loads((place / "key.json").read_text())
     np.testing.assert_array_equal(simulated(counts, 20, tmp_path)[0].data, first.data)
+    # The same parameters in another order are another simulator's.
+    turned = type(counts)()
+    turned.prior = Prior(dict(reversed(counts.prior.marginals.items())))
+    theta = simulated(turned, 20, tmp_path)[0].scores
+    np.testing.assert_array_equal(theta, simulated(turned, 20, tmp_path / "empty")[0].scores)
 
 
 def test_data_that_cannot_be_trained_on_name_their_parameters(counts, tmp_path):
