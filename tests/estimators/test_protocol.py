@@ -76,27 +76,27 @@ def test_rows_are_filled_up_to_a_power_of_two_with_the_last(number):
 
 
 class Stretched:
-    """Normal draws along (1, -2) about the data, with a hundredth of that across."""
+    """Normal draws along (1, -2, 0) about the data, with a hundredth of that across."""
 
     def sample(self, x, n, rng):
         along, across = rng.standard_normal((2, len(x), n, 1))
-        return x[:, None] + along * [1.0, -2.0] + 0.01 * across * [2.0, 1.0]
+        return x[:, None] + along * [1.0, -2.0, 0.0] + 0.01 * across * [2.0, 1.0, 1.0]
 
 
 def test_moments_and_axis_are_of_draws_that_depend_on_the_data_alone():
     made = Ingredients(Stretched(), SimpleNamespace(), 1.0)
-    x = np.array([[0.0, 0.0], [3.0, 1.0], [0.0, 0.0]])
+    x = np.array([[0.0, 0.0, 0.0], [3.0, 1.0, 2.0], [0.0, 0.0, 0.0]])
     draws = made.reference(x)
-    assert draws.shape == (3, REFERENCE_DRAWS, 2)
+    assert draws.shape == (3, REFERENCE_DRAWS, 3)
     np.testing.assert_array_equal(draws[0], draws[2])
     np.testing.assert_array_equal(made.reference(x[1:2]), draws[1:2])
     assert not np.allclose(draws[1] - x[1], draws[0])
     mean, sd = made.moments(x)
-    assert mean.shape == sd.shape == (3, 1, 2)
+    assert mean.shape == sd.shape == (3, 1, 3)
     np.testing.assert_allclose(mean[:, 0], [row.sum(axis=0) / REFERENCE_DRAWS for row in draws])
     np.testing.assert_allclose(sd[:, 0] ** 2, [((r - r.mean(axis=0)) ** 2).mean(axis=0) for r in draws])
     center, axis = made.longest_axis(x)
     np.testing.assert_array_equal(center, mean)
     # Its sign is such that its parts sum to more than nothing.
-    np.testing.assert_allclose(axis[..., 0], np.tile([-1.0, 2.0], (3, 1)) / 5**0.5, atol=1e-3)
+    np.testing.assert_allclose(axis[..., 0], np.tile([-1.0, 2.0, 0.0], (3, 1)) / 5**0.5, atol=5e-3)
     np.testing.assert_array_equal(total(np.arange(12).reshape(2, 2, 3)), [15, 51])
