@@ -189,7 +189,7 @@ class _Found:
     def see(self, stream: BinaryIO, where: str, depth: int = 0) -> None:
         """One pickle after the other, until one ends otherwise than it should."""
         bounded = _Bounded(stream)
-        for number in range(PICKLES):
+        for number in range(PICKLES + 1):
             machine = Machine(self)
             try:
                 for opcode, argument, _ in pickletools.genops(bounded):  # type: ignore[arg-type]
@@ -208,7 +208,7 @@ class _Found:
             except zipfile.BadZipFile as error:
                 self.problems.append(f"{where}: {error}")
                 return
-            self.pickles += not depth
+            self.pickles += not depth and number < PICKLES
         self.problems.append(f"{where}: more than {PICKLES} pickles; not read on")
 
     def _look_into(self, value: object, where: str, depth: int) -> None:

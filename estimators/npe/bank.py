@@ -86,8 +86,7 @@ class Bank:
         """
         fresh = fresh and isinstance(simulator, HasNoise)
         key = json.dumps(
-            {"simulator": describe_simulator(simulator), "seed": seed, "chunk": CHUNK, "fresh": fresh},
-            sort_keys=True,
+            {"simulator": describe_simulator(simulator), "seed": seed, "chunk": CHUNK, "fresh": fresh}
         )
         place = folder / "bank"
         if place.is_dir() and _read_key(place) != key:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -198,6 +199,79 @@ class Image:
 
     def simulate(self, theta, rng):
         return np.zeros((len(theta), 2, 2))
+
+
+class NoDensities:
+    """Exact draws of a simulator and nothing else; they are said to be chains."""
+
+    autocorrelated = True
+
+    def __init__(self, simulator):
+        self.prior = SimpleNamespace(size=2, names=simulator.prior.names, sample=simulator.prior.sample)
+        self._simulator = simulator
+
+    def sample(self, x, n, rng):
+        return self._simulator.posterior_sample(x, n, rng)
+
+
+def test_a_density_needs_that_of_the_base_or_the_prior(simulator):
+    bare, exact = NoDensities(simulator), build_estimator("exact", simulator)
+    for own, base, fault, known in (
+        (bare, exact, "prior", False),
+        (bare, exact, "fixed_seed", True),
+        (simulator, bare, "fixed_seed", False),
+        (simulator, exact, "prior", True),
+    ):
+        broken = Broken(own, fault=fault, base=base)
+        assert isinstance(broken, HasDensity) == known
+        assert broken.autocorrelated == (base is bare)
+
+
+@pytest.mark.parametrize(
+    "lacks", ["log_likelihood", "posterior_sample", "posterior_log_prob", "log_evidence"]
+)
+def test_what_the_base_lacks_is_lacked_with_the_truth_and_nothing_else(simulator, lacks):
+    names = {"log_likelihood", "posterior_sample", "posterior_log_prob", "log_evidence"}
+    some = SimpleNamespace(
+        prior=simulator.prior,
+        simulate=simulator.simulate,
+        **{n: getattr(simulator, n) for n in names - {lacks}},
+    )
+    assert {name for name in names if hasattr(WithTruth(some), name)} == names - {lacks}
+
+
+class TwoPoints:
+    """Few draws above the plane between two points: one in `every`."""
+
+    def __init__(self, every):
+        self.every = every
+
+    def sample(self, x, n, rng):
+        number = np.arange(n)
+        up = number % self.every == 0
+        return np.broadcast_to(
+            np.stack([np.where(up, 0.9 + number / 1e4, 0.0), 0.1 * up], axis=1), (len(x), n, 2)
+        )
+
+
+def test_what_lies_above_comes_round_again_where_it_is_too_little(simulator):
+    draws = Broken(simulator, fault="mode_dropped", base=TwoPoints(20)).sample(np.zeros((2, 3)), 20, None)
+    above = 0.9 + np.arange(0, 4 * 20 + 60, 20) / 1e4
+    assert len(above) == 7
+    np.testing.assert_array_equal(draws[..., 0], np.resize(above, (20,))[None].repeat(2, axis=0))
+
+
+def test_widths_of_faint_data_make_up_for_the_bright_ones(simulator):
+    broken, sound = build("wrong_when_bright", simulator, size=0.6), build_estimator("exact", simulator)
+    x = simulator.simulate(simulator.prior.sample(60, np.random.default_rng(1)), np.random.default_rng(2))
+    width, own = (one.sample(x, 30, np.random.default_rng(3)).std(axis=1) for one in (broken, sound))
+    ratio = (width / own)[:, 0]
+    bright = x.sum(axis=1) > np.quantile(x.sum(axis=1), 0.8)
+    np.testing.assert_allclose(width / own, ratio[:, None].repeat(2, axis=1))
+    assert ((ratio < 1) == bright).mean() > 0.9
+    np.testing.assert_allclose(ratio[ratio < 1], 0.6)
+    # A truth lies so many of the stated widths away, in the mean square over a fifth and the rest: one.
+    np.testing.assert_allclose(0.2 / 0.6**2 + 0.8 / ratio[ratio > 1] ** 2, 1.0)
 
 
 def test_what_the_simulator_cannot_give_is_said(simulator):

@@ -144,6 +144,67 @@ def test_shares_reach_beyond_the_scores_without_a_jump():
     assert abs(above - below) < 1e-6
 
 
+class Shifts:
+    """Truths are seen by the simulator, which notes them; the data are their shifts."""
+
+    prior = SIMULATOR.prior
+
+    def __init__(self):
+        self.seen = []
+
+    def simulate(self, theta, rng):
+        self.seen.append(theta)
+        return 0.5 * theta
+
+
+class Grid:
+    """Its draws are the same numbers around the data, in another order of each parameter."""
+
+    autocorrelated = True
+    draws = np.linspace(-6.0, 6.0, 31) ** 3 / 20
+
+    def sample(self, x, n, rng):
+        turned = np.stack([np.roll(self.draws, 7), self.draws[::-1]], axis=-1)
+        return x[:, None] + np.concatenate([turned, turned])[None, :n]
+
+
+def test_draws_go_where_the_definition_says():
+    """Levels of 250 truths by interpolation, then levels of draws at the shares that those give."""
+    simulator = Shifts()
+    repaired = Conformal(Grid(), simulator, seed=7, number=250, draws=31)
+    x = np.array([[0.3, -1.0], [2.0, 0.5], [0.0, 0.0]])
+    found = repaired.sample(x, 20, np.random.default_rng(3))
+    truth = np.concatenate(simulator.seen)
+    assert len(truth) == 400
+    assert repaired.autocorrelated
+    even = np.linspace(0.0, 1.0, 31)
+    scores = np.sort(np.interp(0.5 * truth[:250], Grid.draws, even), axis=0)
+    share = np.sort(np.random.default_rng(3).random((3, 20, 2)), axis=1)
+    for row in range(3):
+        drawn = Grid().sample(x, 20, None)[row]
+        for k in range(2):
+            level = np.interp(251 * share[row, :, k], np.arange(1, 251), scores[:, k])
+            expected = x[row, k] + np.interp(level, even, Grid.draws)
+            inside = (share[row, :, k] > 1 / 251) & (share[row, :, k] < 250 / 251)
+            assert inside.sum() > 15
+            order = np.argsort(drawn[:, k])
+            np.testing.assert_allclose(found[row, order, k][inside], expected[inside], atol=1e-9)
+
+
+def test_tails_are_as_long_as_those_of_the_outermost_scores():
+    scores = np.sort(np.random.default_rng(95).normal(size=(60, 2)), axis=0)
+    share = np.array([0.3, 0.9]) / 61
+    below = _at_share(share[None, :, None].repeat(2, axis=2), scores)[0]
+    above = _at_share(1 - share[None, :, None].repeat(2, axis=2), scores)[0]
+    for k in range(2):
+        left, right = (
+            np.mean([abs(end - one) for one in ten])
+            for end, ten in ((scores[10, k], scores[:10, k]), (scores[-11, k], scores[-10:, k]))
+        )
+        np.testing.assert_allclose(below[:, k], scores[0, k] + left * np.log([0.3, 0.9]))
+        np.testing.assert_allclose(above[:, k], scores[-1, k] - right * np.log([0.3, 0.9]))
+
+
 def test_no_draw_leaves_the_prior():
     class Bounded:
         prior = Prior({"a": Uniform(0.0, 1.0)})

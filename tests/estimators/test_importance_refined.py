@@ -1,5 +1,7 @@
 """Importance refinement: mends what a density covers, says so where it cannot."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.stats import kstest
@@ -120,6 +122,42 @@ def test_nan_draws_of_the_base_stay_visible(trials):
     np.testing.assert_array_equal(weighted.collapsed, [True, False, False])
 
 
+def test_each_draw_is_one_of_so_many_of_the_base(trials):
+    _, x = trials
+    refined = ImportanceRefined(Widened(), SIMULATOR, oversample=3, evidence_draws=2)
+    draws, weighted = refined.refine(x[:2], 7, np.random.default_rng(80))
+    assert weighted.draws.shape == (2, 21, 2)
+    assert draws.shape == (2, 7, 2)
+    assert (draws[:, :, None] == weighted.draws[:, None]).all(axis=-1).any(axis=-1).all()
+    whole = refined.sample_and_log_evidence(x[:2], 7, np.random.default_rng(80))
+    for found, expected in zip(
+        whole, (draws, weighted.log_evidence, weighted.log_evidence_error), strict=True
+    ):
+        np.testing.assert_array_equal(found, expected)
+    value, error = refined.log_evidence(x[:2], np.random.default_rng(81))
+    two = refined.weights(x[:2], 2, np.random.default_rng(81))
+    np.testing.assert_array_equal((value, error), (two.log_evidence, two.log_evidence_error))
+    said = refined.describe()
+    assert (said["oversample"], said["evidence_draws"]) == (3, 2)
+
+
+def test_as_many_effective_draws_as_are_needed_are_no_collapse(trials):
+    _, x = trials
+    ten = ImportanceRefined(Widened(1.0), SIMULATOR).weights(x[:1], 10, np.random.default_rng(82))
+    for effective, collapsed in ((10.0, False), (np.nextafter(10.0, 0), True), (np.nan, True)):
+        one = dataclasses.replace(ten, effective_draws=np.array([effective]))
+        assert one.collapsed.tolist() == [collapsed]
+
+
+def test_one_weight_that_is_no_number_spoils_its_row_and_no_other(trials):
+    _, x = trials
+    made = ImportanceRefined(Widened(1.0), SIMULATOR).weights(x[:2], 10, np.random.default_rng(83))
+    made.log_weight[1, 4] = np.nan
+    draws = made.resample(6, np.random.default_rng(84))
+    assert np.isnan(draws).all(axis=(1, 2)).tolist() == [False, True]
+    assert np.isfinite(draws[0]).all()
+
+
 def test_resampling_is_in_proportion_to_the_weights():
     log_weight = np.log(np.array([[0.1, 0.0, 0.6, 0.3]]) + 1e-300) + 1000.0
     index = resample(log_weight, np.random.default_rng(78).random((1, 100_000)))
@@ -150,6 +188,10 @@ def test_every_row_has_a_seed_of_its_own():
         (lambda: ImportanceRefined(NoDensity(), SIMULATOR), "NoDensity has no log_prob"),
         (lambda: ImportanceRefined(Widened(), object()), "object has no log_likelihood"),
         (lambda: ImportanceRefined(Widened(), SIMULATOR, oversample=0), "oversample >= 1"),
+        (
+            lambda: ImportanceRefined(Widened(), SIMULATOR, evidence_draws=1),
+            "evidence_draws >= 2, got 8 and 1",
+        ),
     ],
 )
 def test_misuse_is_one_clear_line(make, words):

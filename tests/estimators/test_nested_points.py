@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.estimators.nested_sampling import from_dynesty, from_ultranest
+from gaugeblock.estimators.nested_sampling import from_dynesty, from_ultranest, ultranest_tree
 from gaugeblock.validate.evidence.bootstrap import thread_bootstrap
 from gaugeblock.validate.evidence.insertion_order import insertion_order_test
 from gaugeblock.validate.evidence.nested_threads import split_threads, threads_of
@@ -88,6 +88,46 @@ def test_dynamic_dynesty(dynamic):
     assert np.count_nonzero(np.isfinite(threads.start)) == 150
     np.testing.assert_array_equal(
         threads.live_points(np.ones(len(dynamic.logl))), dynamic.samples_n[np.argsort(dynamic.logl)]
+    )
+
+
+def test_a_strand_is_born_where_its_batch_begins_and_each_point_above_the_one_before():
+    """Two strands of the first batch, one of a second that starts at 1.5, mixed as a result mixes them."""
+    given = SimpleNamespace(
+        logl=[0.0, 1.0, 2.0, 2.5, 3.0, 4.0],
+        samples_id=[5, 2, 5, 9, 2, 9],
+        samples_batch=[0, 0, 0, 1, 0, 1],
+        batch_logl_bounds=[(-np.inf, np.inf), (1.5, 3.5)],
+    )
+    points = from_dynesty(given)
+    assert points.log_likelihood.tolist() == given.logl
+    assert points.birth_log_likelihood.tolist() == [-np.inf, -np.inf, 0.0, 1.5, 1.0, 2.5]
+    mixed = [4, 0, 5, 2, 3, 1]
+    turned = {name: np.array(value)[mixed] for name, value in vars(given).items() if len(value) == 6}
+    other = from_dynesty(SimpleNamespace(**{**vars(given), **turned}, nlive=2, niter=4))
+    np.testing.assert_array_equal(other.birth_log_likelihood, points.birth_log_likelihood[mixed])
+    del given.samples_batch, given.batch_logl_bounds
+    born = [-np.inf, -np.inf, 0.0, -np.inf, 1.0, 2.5]
+    assert from_dynesty(given).birth_log_likelihood.tolist() == born
+    # One of the two alone says nothing of points that lack.
+    assert from_dynesty(SimpleNamespace(**vars(given), niter=6)).birth_log_likelihood.tolist() == born
+
+
+def test_a_point_of_ultranest_is_born_on_the_contour_of_its_parent():
+    def node(number, value, *children):
+        return SimpleNamespace(id=number, value=value, children=children)
+
+    tree = node(
+        -1, -np.inf, node(0, 1.0, node(3, 2.0, node(5, 6.0)), node(4, 3.0)), node(1, 0.5), node(2, 4.0)
+    )
+    value, birth, row = ultranest_tree(SimpleNamespace(root=tree))
+    assert sorted(zip(row.tolist(), value.tolist(), birth.tolist(), strict=True)) == [
+        (0, 1.0, -np.inf), (1, 0.5, -np.inf), (2, 4.0, -np.inf), (3, 2.0, 1.0), (4, 3.0, 1.0), (5, 6.0, 2.0)
+    ]  # fmt: skip
+    points = from_ultranest(SimpleNamespace(root=tree))
+    assert (points.log_likelihood.tolist(), points.birth_log_likelihood.tolist()) == (
+        value.tolist(),
+        birth.tolist(),
     )
 
 

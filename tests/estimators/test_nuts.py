@@ -48,16 +48,25 @@ def test_it_reports_on_itself(run):
     assert np.all(run.step_size > 0)
 
 
-def test_nothing_is_compiled_twice_for_one_shape_and_precision_is_left_as_it_was(simulator, x):
-    # Warm-up, any number of draws and any last batch of up to four rows share one compiled function.
+def test_every_so_many_steps_are_kept_by_one_compiled_function_and_no_row_sees_another(simulator, x):
+    """One chain with all of its steps and with every third, in blocks of rows and of draws."""
     before = jax.config.jax_enable_x64
     estimator = Nuts(simulator, warmup=20, thinning=1, starts=8, parallel=4)
-    estimator.sample(x[:8], 5, np.random.default_rng(104))
-    draws = estimator.sample(x[:7], 9, np.random.default_rng(105))  # blocks of 4 and 3, padded to 4
+    first = estimator.sample(x[:8], 5, np.random.default_rng(104))
+    draws = estimator.sample(x[:7], 156, np.random.default_rng(104))  # blocks of 4 and 3, padded to 4
+    np.testing.assert_allclose(draws[:, :5], first[:7], rtol=1e-6, atol=1e-9)
+    assert len(np.unique(draws[..., 0])) > 7 * 100
+    # Warm-up, any number of draws and any last batch of up to four rows share one compiled function.
+    estimator._settings["thinning"] = 3
+    some = estimator.sample(x[:7], 52, np.random.default_rng(104))
+    np.testing.assert_allclose(some, draws[:, 2::3], rtol=1e-6, atol=1e-9)
     assert estimator._advance._cache_size() == 1
     assert jax.config.jax_enable_x64 == before
     assert draws.dtype == np.float64
     assert np.any(draws != draws.astype(np.float32))
+    assert estimator.describe() == {
+        "estimator": "nuts", "parallel": 4, "warmup": 20, "thinning": 3, "starts": 8, "target_acceptance": 0.8
+    }  # fmt: skip
 
 
 def test_no_data_no_draws(simulator):

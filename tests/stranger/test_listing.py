@@ -312,6 +312,14 @@ def test_as_many_opcodes_as_are_read_are_no_problem(tmp_path, monkeypatch):
         assert bool(of(tmp_path, content)["problems"]) == (most < number)
 
 
+def test_as_many_pickles_as_are_read_are_no_problem(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "PICKLES", 3)
+    for number in (2, 3, 4):
+        for behind in (b"", b"\0" * 8):
+            found = of(tmp_path, pickle.dumps("one") * number + behind)
+            assert (found["pickles"], bool(found["problems"])) == (min(number, 3), number > 3)
+
+
 def test_a_zip_bomb_is_not_unpacked(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "LONGEST", 1 << 20)
     path = tmp_path / "model.pt"

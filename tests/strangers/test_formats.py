@@ -108,6 +108,65 @@ def test_the_network_alone_gives_the_same_with_its_prior(load, trained, tmp_path
         load("sbi_density_estimator", trained / "npe.network")
 
 
+NETWORKS = """
+import torch
+from sbi.neural_nets import classifier_nn, likelihood_nn, posterior_nn
+from torch.distributions import Independent, Normal
+
+PRIOR = Independent(Normal(torch.tensor([0.5]), torch.tensor([2.0])), 1)
+
+
+def made(kind, seed):
+    torch.manual_seed(seed)
+    theta = PRIOR.sample((50,))
+    build = {"posterior": posterior_nn, "likelihood": likelihood_nn, "ratio": classifier_nn}[kind]
+    return build("linear" if kind == "ratio" else "mdn")(theta, theta + torch.randn(50, 2))
+
+
+def prior(options):
+    return PRIOR
+
+
+def both(options):
+    return PRIOR, made(options["network"], 2)
+"""
+
+
+@quiet
+@pytest.mark.parametrize("kind", ["posterior", "likelihood", "ratio"])
+def test_weights_alone_need_the_prior_and_the_network_before_training(load, tmp_path, kind):
+    pytest.importorskip("sbi")
+    import torch
+
+    builder = tmp_path / "networks.py"
+    builder.write_text(NETWORKS)
+    there = {}
+    exec(NETWORKS, there)
+    network = there["made"](kind, 1)
+    assert network.training
+    torch.save(network.state_dict(), tmp_path / "weights.pt")
+    path, options = tmp_path / "weights.pt", {"network": kind, "sampler": {"num_chains": 3, "thin": 2}}
+    said = {} if kind == "posterior" else {"kind": kind}
+    model = load("sbi_density_estimator", path, builder=f"{builder}:both", **said, **options)
+    theta, x = torch.tensor([[0.3], [-1.0], [2.0]]), torch.tensor([[0.7, -0.2]])
+    with torch.no_grad():
+        if kind == "posterior":
+            expected = network.log_prob(theta[:, None], x.expand(3, 2))[:, 0]
+            found = torch.as_tensor(model.log_prob(theta[None].numpy(), x.numpy()))[0]
+        else:
+            data = x.expand(3, 2)
+            own = network(theta, data) if kind == "ratio" else network.log_prob(data[None], theta)
+            expected = own.reshape(3) + there["PRIOR"].log_prob(theta)
+            found = model.posterior.set_default_x(x).potential(theta)
+            assert (model.posterior.num_chains, model.posterior.thin) == (3, 2)
+            assert not hasattr(model, "log_prob")
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
+    with pytest.raises(ValueError, match="holds a state dict: the builder must return"):
+        load("sbi_density_estimator", path, builder=f"{builder}:prior")
+    with pytest.raises(ValueError, match="kind is 'flow'; there are posterior, likelihood, ratio"):
+        load("sbi_density_estimator", path, builder=f"{builder}:both", kind="flow", **options)
+
+
 @quiet
 def test_markov_chains_are_told_and_their_potential_is_no_density(load, trained):
     model = load("sbi_posterior", trained / "nle.pkl")
@@ -241,6 +300,9 @@ def test_leaves_of_an_equinox_module_with_its_builder(load, tmp_path, monkeypatc
     slope = np.array([[1.0, -0.5], [0.3, 2.0]], dtype=np.float32)
     equinox.tree_serialise_leaves(tmp_path / "law.eqx", slope)
     model = load("jax_leaves", tmp_path / "law.eqx", builder=f"{builder}:make", parameters=["a", "b"])
+    # Even one data set may be more than goes through at a time.
+    monkeypatch.setitem(type(model).sample.__globals__, "AT_ONCE", 4)
+    assert model.log_prob(model.sample(np.eye(3, 2), 5, 3), np.eye(3, 2)).shape == (3, 5)
     monkeypatch.setitem(type(model).sample.__globals__, "AT_ONCE", 1000)
     x = np.random.default_rng(1).normal(size=(7, 2))
     draws = model.sample(x, 500, 3)

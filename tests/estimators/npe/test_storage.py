@@ -47,6 +47,15 @@ def test_the_folder_holds_weights_and_a_description_and_no_pickle(counts_folder)
         (lambda p: edit(p, format=99), "format 99"),
         (lambda p: edit(p, network={"transforms": 5}), "do not fit together"),
         (lambda p: edit(p, network={"layers": 5}), "do not fit together"),
+        (lambda p: edit(p, data_shape=[10_000_001]), r"data of shape \(10000001,\)"),
+        (lambda p: edit(p, data_shape=[3200, 3200]), r"data of shape \(3200, 3200\)"),
+        (lambda p: edit(p, data_shape=[8, -1]), r"data of shape \(8, -1\)"),
+        (lambda p: network(p, embedding=[200, 200]), "larger than its weights"),
+        (lambda p: network(p, embedding_output=2000), "larger than its weights"),
+        (lambda p: network(p, hidden=[200, 200]), "larger than its weights"),
+        (lambda p: network(p, bins=2000), "larger than its weights"),
+        (lambda p: network(p, transforms=1000), "larger than its weights"),
+        (lambda p: network(p, kind="laplace", emulator=[200, 200]), "larger than its weights"),
         (lambda p: edit(p, prior={"slope": {"distribution": "cauchy"}}), "do not fit together"),
     ],
 )
@@ -70,6 +79,15 @@ def flip(path):
 def edit(folder, **changes):
     path = folder / "model.json"
     path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+
+
+def network(folder, **changes):
+    edit(folder, network={**json.loads((folder / "model.json").read_text())["network"], **changes})
+
+
+def test_an_emulator_is_large_only_where_there_is_one(folder):
+    network(folder, emulator=[200, 200])
+    assert load(folder).record["network"]["emulator"] == [200, 200]
 
 
 def test_another_prior_is_refused(counts_folder, make_counts):

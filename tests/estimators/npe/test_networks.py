@@ -1,0 +1,73 @@
+"""Networks as built: sizes, weights by their seed, and a published embedding that NumPy can follow."""
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("sbi")
+
+from gaugeblock.core.errors import InputError  # noqa: E402
+from gaugeblock.estimators.npe.config import NetworkTable  # noqa: E402
+from gaugeblock.estimators.npe.networks import NetworkShape, PublishedEmbedding, build_network  # noqa: E402
+
+
+def pooled(x, layer):
+    """Convolution with a border of two zeros, rectified, the larger of two neighbours."""
+    weight, bias = (part.detach().numpy() for part in (layer.weight, layer.bias))
+    wide = np.pad(x, ((0, 0), (2, 2)))
+    made = [
+        [(wide[:, at : at + 5] * one).sum() + own for at in range(x.shape[1])]
+        for one, own in zip(weight, bias, strict=True)
+    ]
+    whole = np.maximum(made, 0.0)[:, : x.shape[1] // 2 * 2]
+    return whole.reshape(len(whole), -1, 2).max(axis=2)
+
+
+@pytest.mark.parametrize("channels", [4, 13])
+def test_the_published_embedding_is_what_it_says(channels):
+    network = PublishedEmbedding(channels)
+    x = np.random.default_rng(1).poisson(20.0, (2, channels)).astype(float)
+    found = network(torch.from_numpy(x)).detach().numpy()
+    first, second = (layer for layer in network.convolutions if hasattr(layer, "weight"))
+    inner, outer = (layer for layer in network.dense if hasattr(layer, "weight"))
+    for row, summary in zip(x, found, strict=True):
+        flat = pooled(pooled(np.log(1 + row)[None], first), second).ravel()
+        assert len(flat) == 32 * (channels // 4)
+        hidden = np.maximum(inner.weight.detach().numpy() @ flat + inner.bias.detach().numpy(), 0.0)
+        expected = outer.weight.detach().numpy() @ hidden + outer.bias.detach().numpy()
+        np.testing.assert_allclose(summary, expected, rtol=1e-4, atol=1e-5)
+
+
+def test_sizes_are_those_of_the_table_and_weights_those_of_the_seed():
+    table = NetworkTable(embedding=[9, 7], embedding_output=5, transforms=3, hidden=[11, 10], bins=4)
+    shape = NetworkShape(2, (6,), "counts")
+    before = torch.get_rng_state()
+    one, same, other = (build_network(table, shape, seed=seed) for seed in (1, 1, 2))
+    assert torch.equal(before, torch.get_rng_state())
+    dense = [tuple(part.weight.shape) for part in one.embedding_net if hasattr(part, "weight")]
+    # Six roots, six shares, the total and one group.
+    assert dense == [(9, 14), (7, 9), (5, 7)]
+    transforms = [part for part in one.net.transform.transforms if hasattr(part, "hyper")]
+    assert len(transforms) == 3
+    sizes = [tuple(layer.weight.shape) for layer in transforms[0].hyper if hasattr(layer, "weight")]
+    assert sizes == [(11, 7), (10, 11), (2 * 11, 10)]
+    weights = [torch.cat([part.flatten() for part in net.parameters()]) for net in (one, same, other)]
+    assert torch.equal(weights[0], weights[1])
+    assert not torch.isclose(weights[0], weights[2]).all()
+
+
+@pytest.mark.parametrize("shape", [(3,), (4, 4)])
+def test_the_published_network_reads_spectra_of_four_channels_or_more(shape):
+    table = NetworkTable(kind="published")
+    with pytest.raises(InputError, match="reads spectra of at least 4 channels"):
+        build_network(table, NetworkShape(2, shape, "counts"))
+    assert build_network(table, NetworkShape(2, (4,), "counts")).embedding_net(torch.ones(2, 4)).shape == (
+        2,
+        20,
+    )
+
+
+@pytest.mark.parametrize("features", ["standard", "auto"])
+def test_the_laplace_network_is_for_counts(features):
+    with pytest.raises(InputError, match="is for counts in one dimension"):
+        build_network(NetworkTable(kind="laplace"), NetworkShape(2, (8,), features))
