@@ -132,8 +132,8 @@ class Mutation:
 def mutations(source: bytes) -> list[Mutation]:
     """Every change of lines that compute, in order of the source.
 
-    Messages, docstrings, type hints, defaults, refusals (``if ...: raise``, ``strict=``) and what lies outside
-    functions are left alone.
+    Messages, docstrings, type hints, defaults, refusals (``if ...: raise``, ``strict=``) and what lies
+    outside functions are left alone.
 
     >>> [m.applied(b"def f(x): return x.std()").decode() for m in mutations(b"def f(x): return x.std()")]
     ['def f(x): return None', 'def f(x): return (x.var())']
