@@ -85,9 +85,9 @@ class Bank:
             If the simulator gives data that are not finite, or the wrong number of rows.
         """
         fresh = fresh and isinstance(simulator, HasNoise)
-        key = json.dumps(
-            {"simulator": describe_simulator(simulator), "seed": seed, "chunk": CHUNK, "fresh": fresh}
-        )
+        # Columns are in the prior's order, which a description sorted by names hides.
+        said = {"simulator": describe_simulator(simulator), "parameters": list(simulator.prior.names)}
+        key = json.dumps({**said, "seed": seed, "chunk": CHUNK, "fresh": fresh}, sort_keys=True)
         place = folder / "bank"
         if place.is_dir() and _read_key(place) != key:
             shutil.rmtree(place)

@@ -282,7 +282,8 @@ def test_what_reaches_a_change_is_asked_first_and_its_files_then(reached):
     assert set(size.tests[1]) == {"tests/validate/test_spread.py", "tests/validate/test_reaching.py"}
     spread = aimed(mutant(at.copy, "/ ((n))"), source, tables, 60)
     files = [name.split("::")[0].split("/")[-1] for name in spread.tests[0]]
-    assert list(dict.fromkeys(files)) == ["test_spread.py", "test_other.py", "test_reaching.py"]
+    assert files[0] == "test_spread.py"
+    assert set(files) == {"test_spread.py", "test_other.py", "test_reaching.py"}
     assert at.judged(spread, 60)["by"] == "tests/validate/test_spread.py::test_spread"
     # Asked in one round and in the next, a test is run once; one whose name begins like another's is run too.
     survived = at.judged(size, 60)
