@@ -72,7 +72,9 @@ class Bench:
     def _asked(
         self, args: Sequence[str], seconds: float, *, without: Sequence[str] = (), traces: Any = None
     ) -> dict[str, Any]:
-        always = ["-q", "-m", "not slow", "-p", "no:cacheprovider", "-p", "no:xdist"]
+        # No differences of what was compared: of two large files they take minutes.
+        always = ["-q", "--assert=plain", "--tb=line", "-m", "not slow"]
+        always += ["-p", "no:cacheprovider", "-p", "no:xdist"]
         always += [f"--basetemp={self.place / 'tests'}"]
         asked = {"args": [*args, *always], "seconds": seconds, "without": list(without), "traces": traces}
         assert self.server.stdin

@@ -1,5 +1,6 @@
 """Mutants: what operators change and leave alone, the draw, and that tests are asked as they say."""
 
+import resource
 import subprocess
 from pathlib import Path
 
@@ -298,6 +299,23 @@ def test_time_that_is_up_is_no_answer(toy):
     endless = at.copy / "tests" / "test_endless.py"
     endless.write_text("def test_endless():\n    while True:\n        pass\n")
     assert at.run(("tests/test_endless.py",), 1.0)["outcome"] == "time was up"
+
+
+def test_a_session_may_raise_its_limit_and_says_at_once_that_files_differ(toy):
+    at = bench(toy, committed(toy, "HEAD"))
+    (at.copy / "tests" / "test_limit.py").write_text(
+        "import resource\n\n\ndef test_limit():\n    hard = resource.getrlimit(resource.RLIMIT_CPU)[1]\n"
+        "    resource.setrlimit(resource.RLIMIT_CPU, (hard, hard))\n"
+        f"    assert hard == {resource.getrlimit(resource.RLIMIT_CPU)[1]}\n"
+    )
+    assert at.run(("tests/test_limit.py",), 60)["outcome"] == "survived"
+    (at.copy / "tests" / "test_large.py").write_text(
+        "import random\n\n\ndef test_large():\n"
+        "    assert random.Random(1).randbytes(10**6) == random.Random(2).randbytes(10**6)\n"
+    )
+    said = at.run(("tests/test_large.py",), 60)
+    assert (said["outcome"], said["by"]) == ("noticed", "tests/test_large.py::test_large")
+    assert said["seconds"] < 10
 
 
 def test_tests_that_cannot_begin_notice_nothing(toy):
