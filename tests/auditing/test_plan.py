@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
+import re
 from pathlib import Path
 
 import pytest
@@ -61,7 +62,8 @@ def test_bad_input_is_one_line_and_exit_2(arguments: list[str], said: str) -> No
     [
         ({"bias": math.inf}, "--bias inf"),
         ({"width_error": math.nan}, "--width-error nan"),
-        ({"coverage": 1.5}, "--coverage 1.5"),
+        ({"coverage": 1.0}, "--coverage 1"),
+        ({"coverage": 1.2}, "--coverage 1.2"),
         ({"power": 0.3}, "--power 0.3"),
     ],
 )
@@ -95,5 +97,10 @@ def test_a_table_for_people() -> None:
     print_table(plan(DEFAULT, params=1, trials=1000), file)
     text = file.getvalue()
     assert text.startswith("1,000 trials of 130 draws, 1 parameter: ")
-    assert "coverage gap" in text
+    (row,) = (line for line in text.splitlines() if line.startswith("coverage gap"))
+    _, head = text.split("\n", 1)
+    assert re.split(r"  +", head.splitlines()[0].strip()) == [
+        "fault", "tolerated", "90% FAIL from", "twice tolerated FAILs", "rank test notices",
+    ]  # fmt: skip
+    assert re.fullmatch(r"coverage gap +0\.05 +0\.\d+ +\d+\.\d%( +[\d,]+ trials)? *", row)
     assert max(map(len, text.splitlines())) < 120

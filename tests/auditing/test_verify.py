@@ -296,6 +296,10 @@ def test_the_command(folder: Path, tmp_path: Path) -> None:
     runner = CliRunner()
     done = runner.invoke(app, ["verify", str(folder)])
     assert (done.exit_code, done.stdout.splitlines()[0][:5]) == (0, "SAME:")
+    *_, kept, asked = done.stdout.splitlines()
+    assert asked == "An edit of trials.nc itself shows against a digest kept elsewhere: --trials-sha256 HEX"
+    again = runner.invoke(app, ["verify", str(folder), "--trials-sha256", kept.split()[-1]])
+    assert again.stdout.splitlines() == done.stdout.splitlines()[:-1]
     edited(folder / "verdict.json", lambda content: content.update(verdict="FAIL"))
     done = runner.invoke(app, ["verify", str(folder)])
     assert done.exit_code == 1

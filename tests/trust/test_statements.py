@@ -104,6 +104,8 @@ def test_what_is_signed_is_what_the_standards_say(folder: Path, keys: tuple[Path
     assert predicate["policy"] == verdict["provenance"]["policy"]
     assert predicate["gates"] == [{"id": gate["id"], "verdict": gate["verdict"]} for gate in verdict["gates"]]
     assert predicate["seed"] == 4
+    # One text whatever wrote it: what is signed again is the same file.
+    assert signed.endswith(json.dumps(statement, sort_keys=True, separators=(",", ":")).encode())
 
 
 @pytest.mark.parametrize("locked", [False, True])

@@ -99,6 +99,19 @@ def test_accuracy_of_a_known_difference():
     assert found.fits == 5
 
 
+def test_on_what_it_was_fitted_to_either_sample_counts_equally():
+    """Of 30 below and 20 above a cut at 0 some are on the wrong side: counted by hand."""
+    first = np.where(np.arange(30) < 24, -1.0, 1.0)[:, None]
+    second = np.where(np.arange(20) < 19, 1.0, -1.0)[:, None]
+
+    def cut(rows, labels, seed):
+        return lambda points: points[:, 0]
+
+    found = classifier_two_sample(first, second, rng=np.random.default_rng(7), permutations=19, fit=cut)
+    assert found.in_sample == pytest.approx((24 / 30 + 19 / 20) / 2)
+    assert found.majority == 0.6
+
+
 def test_the_default_classifier_sees_what_second_moments_do_not():
     pytest.importorskip("sklearn")
     rng = np.random.default_rng(5)
