@@ -52,3 +52,21 @@ def test_flags_group_or_do_not():
     assert not grouped(None)
     assert not grouped(np.ones(4, int))
     assert grouped(np.array([1, -1]))
+
+
+def test_widths_that_jump_are_smoothed_by_medians_of_five():
+    """Bins of so many equal channels around a higher one: medians of five, the ends repeated."""
+    from scipy.sparse import csr_array
+
+    channels = np.array([1, 5, 3, 1, 7, 3, 9, 1, 5])
+    fine = np.stack([np.arange(90.0), np.arange(1.0, 91.0)], axis=1)
+    matrix = np.zeros((90, len(channels)))
+    for j, number in enumerate(channels):
+        middle = 5 + 10 * j
+        matrix[middle - number // 2 : middle + number // 2 + 1, j] = 1.0
+        matrix[middle, j] = 1.5
+    around = [np.clip(np.arange(j - 2, j + 3), 0, 8) for j in range(9)]
+    expected = [np.sort(channels[near])[2] for near in around]
+    found = resolution(csr_array(matrix), fine)
+    np.testing.assert_allclose(found[5 + 10 * np.arange(9)], expected)
+    assert found[10] == pytest.approx((expected[0] + expected[1]) / 2)

@@ -37,9 +37,9 @@ class Level:
         return -0.5 * ((x - mean) ** 2).sum(axis=-1) - 5.0 * np.log(2 * np.pi)
 
 
-def entry(low=-4.0, high=6.0):
+def entry(low=-4.0, high=6.0, neutral=0.0):
     return LibraryEffect(
-        name="bend", parameters={"amplitude": Uniform(low, high)}, amplitude="amplitude", neutral=0.0,
+        name="bend", parameters={"amplitude": Uniform(low, high)}, amplitude="amplitude", neutral=neutral,
         step=0.5, cause="", typical="",
     )  # fmt: skip
 
@@ -106,15 +106,16 @@ def run_of(departures, live=60, seed=0):
     return run, departures(rng, len(run.log_likelihood))
 
 
-def test_a_point_weighs_its_likelihood_times_the_volume_that_goes_with_it():
+@pytest.mark.parametrize("neutral", [0.0, 1.5])
+def test_a_point_weighs_its_likelihood_times_the_volume_that_goes_with_it(neutral):
     """Three points of the prior: with 3, 2 and 1 left volume shrinks by exp(-1/3), exp(-1/2), exp(-1)."""
     log_likelihood, amplitude = np.array([0.3, 0.1, 0.8]), np.array([-3.0, 5.5, 1.0])
     run = SimpleNamespace(log_likelihood=log_likelihood, birth_log_likelihood=np.full(3, -np.inf))
     base, own = (LogEvidence(value=value, error=0.1, replicates=np.zeros(9)) for value in (-2.0, 1.5))
     found = prior_sensitivity(
         run,
-        amplitude,
-        entry(),
+        amplitude + neutral,
+        entry(neutral - 4.0, neutral + 6.0, neutral),
         base,
         own,
         rng=np.random.default_rng(1),
@@ -125,7 +126,7 @@ def test_a_point_weighs_its_likelihood_times_the_volume_that_goes_with_it():
     for left, at in zip((3, 2, 1), (0.1, 0.3, 0.8), strict=True):
         weight.append(np.exp(at) * volume * (1.0 - np.exp(-1.0 / left)))
         volume *= np.exp(-1.0 / left)
-    # Of -4 to 6 about 0: the first point lies outside 0.8 of it, the second outside 0.2.
+    # Of -4 to 6 about what is neutral: the first point lies outside 0.8 of it, the second outside 0.2.
     inside = [weight[2], weight[1] + weight[2], sum(weight)]
     expected = 3.5 + np.log(np.array(inside) / sum(weight)) - np.log([0.2, 0.8, 1.0])
     np.testing.assert_allclose(found.value, expected)
