@@ -87,6 +87,14 @@ def test_a_template_inside_the_nuisances_knows_nothing(made):
     assert np.isinf(found.standard_error[0])
 
 
+def test_a_template_that_no_source_sees_is_of_no_source(made):
+    sources, fitted, values = made
+    unseen = np.concatenate([values[:, :1], np.zeros_like(values[:, :1])], axis=1)
+    found = stack(shared_scores(sources.counts, fitted, unseen))
+    assert (found.z[1], found.amplitude[1], found.kept[1], found.effective_sources[1]) == (0, 0, 0, 0)
+    assert found.standard_error[1] == found.smallest_detectable[1] == np.inf
+
+
 def test_z_is_standard_normal_with_nuisances_drawn_from_their_priors(made):
     _, fitted, values = made
     rng = np.random.default_rng(2)

@@ -348,6 +348,12 @@ BUGS = {
         "factorial",
         "minus log N! of the total",
     ),
+    "log N! twice": (
+        M,
+        after(M, lambda v, t, x: v + gammaln(x.sum(-1) + 1)),
+        "factorial",
+        "all of it: log N! of the total",
+    ),
     "shares swapped": (
         M,
         with_theta(M, lambda t: t[..., [0, 2, 1, 3]]),
