@@ -1,0 +1,67 @@
+"""Which effects a look sends on to be fitted, by a loop."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gaugeblock.discovery.engine import Extension, Look, Thresholds, promising
+from gaugeblock.simulators import Uniform
+from gaugeblock.simulators.library import LibraryEffect
+
+
+def entry(name, parameters):
+    named = {f"p{i}": Uniform(-1.0, 1.0) for i in range(parameters)}
+    return LibraryEffect(
+        name=name, parameters=named, amplitude="p0", neutral=0.0, step=0.1, cause="", typical="",
+        scanned={key: (0.0, 0.5) for key in named if key != "p0"},
+    )  # fmt: skip
+
+
+def look(rng, most):
+    """Thirty templates of eight effects of one to three parameters, of either sign."""
+    owner = np.array([f"e{i % 8}" for i in range(30)])
+    z = rng.uniform(-most, most, 30)
+    return Look(
+        entries={f"e{i}": entry(f"e{i}", 1 + i % 3) for i in range(8)}, owner=owner, node=np.arange(30), z=z,
+        amplitude=np.zeros(30), kept=np.ones(30), smallest_detectable=np.ones(30), null=np.zeros(9),
+        state=None,
+    )  # fmt: skip
+
+
+def by_hand(seen, thresholds, behind):
+    promise = {}
+    for i in range(8):
+        key = f"e{i}"
+        best = max(z for z, owner in zip(seen.z, seen.owner, strict=True) if owner == key)
+        if thresholds.again or behind is None or key not in behind.path:
+            promise[key] = (best**2 / 2 if best > 0 else 0.0) - (1 + i % 3)
+    ranked = [key for _, key in sorted((-value, key) for key, value in promise.items())]
+    gross = max(seen.z) > 0 and max(seen.z) ** 2 / 2 > thresholds.far
+    if not gross:
+        most = max(promise.values())
+        near = [
+            key
+            for key in ranked
+            if promise[key] >= thresholds.share * most or promise[key] >= most - thresholds.behind
+        ]
+        ranked = ranked[: len(near) if len(near) > thresholds.at_least else thresholds.at_least]
+    if behind is not None:
+        return ranked[: thresholds.later]
+    return ranked if gross else ranked[: thresholds.profiled]
+
+
+@pytest.mark.parametrize("most", [2.0, 4.0, 9.9, 14.0])
+def test_effects_are_sent_on_by_what_they_promise(most):
+    rng = np.random.default_rng(int(10 * most))
+    usual = Thresholds(behind=1.5, share=0.9)
+    few = replace(usual, again=False, profiled=3, later=2, at_least=1)
+    lengths = set()
+    for _ in range(60):
+        seen = look(rng, most)
+        for thresholds in (usual, few, Thresholds()):
+            for behind in (None, Extension(("e1",), 9.0, 1)):
+                chosen = promising(seen, thresholds, behind)
+                assert chosen == by_hand(seen, thresholds, behind)
+                lengths.add(len(chosen))
+    assert len(lengths) > 2
