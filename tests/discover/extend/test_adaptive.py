@@ -94,6 +94,19 @@ def test_draws_that_rounding_puts_on_the_border_count_for_nothing():
     assert np.exp(log_weight[0, ~border]).sum() / 4000 == pytest.approx(1.0, abs=0.15)
 
 
+def test_a_draw_on_the_border_of_one_parameter_teaches_nothing_of_the_others():
+    prior = Prior({"place": Uniform(0.0, 1.0), "size": Uniform(0.0, 1.0)})
+    rng = np.random.default_rng(6)
+    inside = rng.uniform(0.3, 0.6, (1, 300, 2))
+    border = np.stack([np.ones((1, 100)), rng.uniform(0.9, 0.95, (1, 100))], axis=-1)
+    blank = Mixture(Inside(), prior)
+    # Weights of ones: none is flattened.
+    alone = blank.learn(inside, np.zeros((1, 300)))
+    both = blank.learn(np.concatenate([inside, border], axis=1), np.zeros((1, 400)))
+    np.testing.assert_allclose(both.mean, alone.mean)
+    np.testing.assert_allclose(both.root, alone.root)
+
+
 def test_the_learnt_part_has_the_moments_of_weighted_draws_a_fifth_wider():
     rng = np.random.default_rng(8)
     prior = Prior({"a": Normal(0.0, 1.0), "b": Normal(2.0, 3.0)})
