@@ -171,7 +171,7 @@ def _nonnegative(values: Array) -> tuple[Array, str]:
 def _parents(energies: Array, theirs: Array) -> NDArray[np.int64]:
     """For every input bin the one of another block that it lies in."""
     middle = energies.mean(axis=1)
-    place = np.clip(np.searchsorted(theirs[:, 0], middle, side="right") - 1, 0, len(theirs) - 1)
+    place = np.maximum(np.searchsorted(theirs[:, 0], middle, side="right") - 1, 0)
     slack = 0.01 * (energies[:, 1] - energies[:, 0])
     inside = (energies[:, 0] >= theirs[place, 0] - slack) & (energies[:, 1] <= theirs[place, 1] + slack)
     if not inside.all():
