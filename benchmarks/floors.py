@@ -9,8 +9,7 @@ from __future__ import annotations
 import sys
 import time
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
-from itertools import pairwise
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -20,6 +19,11 @@ import numpy as np
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 REPEATS, ROWS = 3, 10_000
 SHIPPED = "shipped:epic-pn-medium"
+# What an audit of 0.1.0 did by default.
+NAMES = (
+    *("draws", "sbc", "coverage", "joint", "density", "local", "c2st", "lc2st"),
+    *("posterior_sbc", "layout", "conformal", "importance", "evidence", "identifiability"),
+)
 
 
 def seconds(work: Callable[[], object]) -> float:
@@ -38,19 +42,20 @@ def product(rows: int, inner: int, columns: int, kind: Any = np.float32) -> floa
     return seconds(lambda: left @ right) * rows / some
 
 
-def layers(shapes: Iterable[tuple[int, int]], rows: int) -> float:
-    """Of so many rows through matrices ``(out, in)``."""
-    return sum(product(rows, inner, out) for out, inner in shapes)
+def layers(network: Any) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
+    """Matrices ``(out, in)`` of a flow: of its embedding, and of its transforms."""
+    kept = [(name, tuple(p.shape)) for name, p in network.named_parameters() if p.ndim == 2]
+    embedding = [shape for name, shape in kept if "embedding" in name]
+    return embedding, [shape for name, shape in kept if "embedding" not in name]
 
 
 def flow(spectra: int, draws: int) -> float:
     """The shipped flow: spectra through its embedding, draws through its transforms."""
     import gaugeblock as gb
 
-    kept = [(name, tuple(p.shape)) for name, p in gb.load(SHIPPED).network.named_parameters() if p.ndim == 2]
-    embedded = [shape for name, shape in kept if "embedding" in name]
-    drawn = [shape for name, shape in kept if "embedding" not in name]
-    return layers(embedded, spectra) + layers(drawn, draws)
+    embedding, transforms = layers(gb.load(SHIPPED).network)
+    embedded = sum(product(spectra, inner, out) for out, inner in embedding)
+    return embedded + sum(product(draws, inner, out) for out, inner in transforms)
 
 
 def folded(spectra: int) -> float:
@@ -68,21 +73,15 @@ def audit() -> float:
 
 def train() -> float:
     """Each step's batch forward once and back twice: to the layer before, and to the weights."""
-    options = tomllib.loads((EXAMPLES / "train-undertrained.toml").read_text())
-    net, training = options["network"], options["training"]
-    channels, parameters, knots = 222, 5, 3 * net["bins"] - 1
-    first = [channels, *net["embedding"], net["embedding_output"]]
-    inside = [parameters + net["embedding_output"], *net["hidden"], parameters * knots]
-    sizes = [
-        *pairwise(first),
-        *list(pairwise(inside)) * net["transforms"],
-    ]
-    one = sum(
-        product(training["batch"], *size) + product(training["batch"], *size[::-1])
-        + product(size[0], training["batch"], size[1])
-        for size in sizes
-    )  # fmt: skip
-    return one * training["steps"]
+    import gaugeblock as gb
+
+    training = tomllib.loads((EXAMPLES / "train-undertrained.toml").read_text())["training"]
+    embedding, transforms = layers(gb.load(EXAMPLES / "undertrained-model").network)
+    batch, steps = training["batch"], training["steps"]
+    return steps * sum(
+        product(batch, inner, out) + product(batch, out, inner) + product(inner, batch, out)
+        for out, inner in (*embedding, *transforms)
+    )
 
 
 def validators() -> float:
@@ -109,8 +108,6 @@ def validators() -> float:
 
 def findings(kept: Any) -> list[Any]:
     """What validators of 0.1.0 find."""
-    from benchmarks.past import VALIDATORS as NAMES
-
     from gaugeblock.validate import VALIDATORS, trials_tree
     from gaugeblock.validate.prepared import Prepared
 

@@ -19,7 +19,7 @@ from gaugeblock.core.progress import Bars
 from studies.kit.command import carried_out, given, parser
 from studies.kit.commit import committed
 from studies.kit.results import STUDIES, read_groups, record, write
-from studies.kit.resume import Arrays, Pieces, Progress
+from studies.kit.resume import Arrays, Pieces
 from studies.mutants.bench import bench, copied
 from studies.mutants.document import UNNOTICED, document
 from studies.mutants.places import Mutant, Tree, drawn, found_again
@@ -114,7 +114,15 @@ def _run(chosen: Any, command: str) -> None:
     path = chosen.out / "mutants.nc"
     groups = read_groups(path) if path.exists() else {}
     left = _left(groups, chosen.draw) if chosen.again else []
-    mutants = named(_chosen(root, commit, chosen, left))
+    with tempfile.TemporaryDirectory() as folder:
+        # From the commit's files, whatever the checkout looks like.
+        tree = Tree(copied(root, commit, Path(folder) / "copy"))
+        if chosen.again:
+            mutants = named(found_again(tree, left))
+        else:
+            mutants = named(drawn(tree, chosen.number, chosen.seed, commit, chosen.draw))
+        sources = {mutant.file: (tree.root / mutant.file).read_bytes() for mutant in mutants.values()}
+        tests = {f"{file.replace('/', '.')}-{tree.text(file)[:12]}": file for file in tree.tests}
     if chosen.list:
         for name, mutant in mutants.items():
             sys.stdout.write(_line(name, mutant, " ".join(mutant.tests[0])))
@@ -130,39 +138,30 @@ def _run(chosen: Any, command: str) -> None:
     work = chosen.work or chosen.out / "checkpoints"
     with Bars() as bars:
         if not chosen.so_far:
-            mutants = _aimed(mutants, root, commit, chosen, work, bars.show)
+            code = [digest((HERE / name).read_text()) for name in TRACES]
+            traces = Pieces(work, {"code": code}, "traces", bars.show, chosen.workers)
+            found = traces.made({name: partial(_traced, root, commit, file) for name, file in tests.items()})
+            tables = {file: found[name] for name, file in tests.items()}
+            mutants = {
+                name: aimed(one, sources[one.file], tables, chosen.seconds) for name, one in mutants.items()
+            }
         kept = Pieces(work, key, "mutants", bars.show, chosen.workers)
         wanted = pieces(list(mutants.values()), root, commit, chosen.seconds)
         made = kept.finished() if chosen.so_far else kept.made(wanted)
     answers = {name: made[name] for name in mutants if name in made}
-    found = table(answers, mutants)
+    told = table(answers, mutants)
     for name in answers:
-        if (outcome := str(found["outcome"].sel(mutant=name).values)) != "noticed":
+        if (outcome := str(told["outcome"].sel(mutant=name).values)) != "noticed":
             sys.stdout.write(_line(name, mutants[name], outcome))
     attributes = record(command, chosen.seed, drawn=len(mutants), **settings)
     if chosen.again:
         attributes["left"] = len(left)
     name = f"{chosen.draw} draw again" if chosen.again else chosen.draw
-    write({**groups, name: found.assign_attrs(attributes)}, path)
-
-
-def _aimed(
-    mutants: Mapping[str, Mutant], root: Path, commit: str, chosen: Any, work: Path, progress: Progress
-) -> dict[str, Mutant]:
-    """Mutants with the tests that reach them. Files of tests that did not change are not traced again."""
-    with tempfile.TemporaryDirectory() as folder:
-        tree = Tree(copied(root, commit, Path(folder) / "copy"))
-        names = {f"{file.replace('/', '.')}-{tree.text(file)[:12]}": file for file in tree.tests}
-        sources = {mutant.file: (tree.root / mutant.file).read_bytes() for mutant in mutants.values()}
-    key = {"code": [digest((HERE / name).read_text()) for name in TRACES]}
-    made = Pieces(work, key, "traces", progress, chosen.workers).made(
-        {name: partial(_traced, root, commit, file) for name, file in names.items()}
-    )
-    tables = {file: made[name] for name, file in names.items()}
-    return {name: aimed(one, sources[one.file], tables, chosen.seconds) for name, one in mutants.items()}
+    write({**groups, name: told.assign_attrs(attributes)}, path)
 
 
 def _traced(root: Path, commit: str, test: str) -> Arrays:
+    """What a file of tests reaches; one that did not change is not traced again."""
     return bench(root, commit).traced(test)
 
 
@@ -178,15 +177,6 @@ def _left(groups: Mapping[str, xr.Dataset], draw: str) -> list[dict[str, str]]:
         dict(zip(columns, row, strict=True))
         for row in zip(*(rows[c].values.tolist() for c in columns), strict=True)
     ]
-
-
-def _chosen(root: Path, commit: str, chosen: Any, left: Sequence[Mapping[str, str]]) -> list[Mutant]:
-    """The draw from the commit's files, whatever the checkout looks like, or what an earlier one left."""
-    with tempfile.TemporaryDirectory() as folder:
-        tree = Tree(copied(root, commit, Path(folder) / "copy"))
-        if chosen.again:
-            return found_again(tree, left)
-        return drawn(tree, chosen.number, chosen.seed, commit, chosen.draw)
 
 
 def _line(name: str, mutant: Mutant, says: str) -> str:

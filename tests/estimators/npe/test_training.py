@@ -7,7 +7,6 @@ import sys
 
 import numpy as np
 import pytest
-from scipy.stats import norm
 
 from gaugeblock.core.errors import InputError
 
@@ -15,7 +14,7 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("sbi")
 
 from gaugeblock.estimators.npe import load, run_training, train, training  # noqa: E402
-from gaugeblock.estimators.npe.bank import Bank, stream  # noqa: E402
+from gaugeblock.estimators.npe.bank import Bank  # noqa: E402
 from gaugeblock.estimators.npe.storage import weights_of  # noqa: E402
 
 CONFIG = """
@@ -238,43 +237,6 @@ def test_each_row_gets_fresh_noise_where_the_simulator_can(tmp_path, counts, sig
     kept = Bank.simulate(signal, 10, seed=1, folder=tmp_path / "b")
     assert not kept.fresh
     np.testing.assert_array_equal(kept.observe(rows[:2], rng), kept.data[[0, 0]])
-
-
-def test_a_bank_is_known_again_whatever_the_order_its_simulator_is_described_in(tmp_path, make_counts):
-    class Turned(make_counts):
-        def describe(self):
-            return dict(reversed(super().describe().items()))
-
-        def expected(self, theta):
-            raise AssertionError("simulated again")
-
-    seen = []
-    first = Bank.simulate(
-        make_counts(), 10, seed=1, folder=tmp_path, progress=lambda *said: seen.append(said)
-    )
-    again = Bank.simulate(Turned(), 10, seed=1, folder=tmp_path)
-    np.testing.assert_array_equal(again.data, first.data)
-    np.testing.assert_array_equal(again.scores, first.scores)
-    assert seen == [("simulations", 10, 10)]
-    for other in ({"seed": 2}, {"seed": 1, "fresh": False}):
-        made = Bank.simulate(make_counts(), 10, folder=tmp_path, **other)
-        assert not np.array_equal(made.data, first.data)
-
-
-def test_chunks_of_a_bank_are_of_streams_of_their_own(tmp_path, counts, monkeypatch):
-    monkeypatch.setattr("gaugeblock.estimators.npe.bank.CHUNK", 4)
-    seen = []
-    bank = Bank.simulate(counts, 10, seed=1, folder=tmp_path, progress=lambda *said: seen.append(said))
-    assert seen == [("simulations", done, 10) for done in (4, 8, 10)]
-    parts = [counts.prior.sample(rows, stream(1, "bank", k)) for k, rows in enumerate((4, 4, 2))]
-    theta = np.concatenate(parts)
-    np.testing.assert_allclose(bank.data, counts.expected(theta), rtol=1e-6)
-    np.testing.assert_allclose(bank.scores, norm.ppf(counts.prior.to_unit_cube(theta)), rtol=1e-5)
-    assert len(np.unique(bank.scores, axis=0)) == 10
-    # More of the same: whole chunks are read again, and the last is made anew.
-    more = Bank.simulate(counts, 12, seed=1, folder=tmp_path)
-    np.testing.assert_array_equal(more.data[:8], bank.data[:8])
-    assert len(more) == 12
 
 
 def test_a_bank_of_another_simulator_is_made_anew(tmp_path, counts, make_counts):
