@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.simulators import LogUniform, Uniform
+from gaugeblock.simulators import LogUniform, Prior, Uniform
 
 pytest.importorskip("jaxspec")
 from gaugeblock.simulators.xray import default_prior, reference
@@ -131,3 +131,36 @@ def test_what_cannot_be_is_refused_in_one_line(simulator):
         default_prior("powerlaw", simulator.response, np.ones(102), given={"tbabs_1.nh": Uniform(0, 1)})
     with pytest.raises(InputError, match="no counts"):
         default_prior("powerlaw", simulator.response, np.zeros(102))
+
+
+def test_a_norm_reaches_three_decades_to_either_side_of_what_the_counts_need(simulator):
+    counts = np.full(102, 10)
+    response = simulator.response
+    sharp = default_prior(
+        "powerlaw", response, counts, given={"powerlaw_1.alpha": Uniform(2.0, 2.0 + 1e-9)}
+    ).marginals["powerlaw_1.norm"]
+    made = type(simulator)("powerlaw(alpha=2.0)", response, Prior({"powerlaw_1.norm": LogUniform(1e-6, 1e6)}))
+    needed = counts.sum() / made.expected(np.array([[1.0]])).sum()
+    # From a thousandth to ten times of it would be four decades about a tenth of it: there are six.
+    np.testing.assert_allclose(sharp.support, needed * 0.1 * np.array([1e-3, 1e3]), rtol=1e-6)
+    # Two sources: the faint one from below, the bright one from above.
+    two = default_prior(
+        "powerlaw", response, [counts, 100 * counts], given={"powerlaw_1.alpha": Uniform(2.0, 2.0 + 1e-9)}
+    ).marginals["powerlaw_1.norm"]
+    np.testing.assert_allclose(two.support, needed * np.array([1e-3, 1e3]), rtol=1e-6)
+
+
+def test_shapes_that_need_unlike_norms_widen_the_prior(simulator):
+    """By the tenths of draws, sorted by hand: indices from -1 to 5 ask for norms of seven decades."""
+    counts = np.full(102, 10)
+    low, high = default_prior("powerlaw", simulator.response, counts).marginals["powerlaw_1.norm"].support
+    made = type(simulator)(
+        "powerlaw", simulator.response,
+        Prior({"powerlaw_1.alpha": Uniform(-1, 5), "powerlaw_1.norm": LogUniform(1e-6, 1e6)}),
+    )  # fmt: skip
+    index = np.linspace(-1, 5, 2001)
+    needed = np.sort(counts.sum() / made.expected(np.column_stack([index, np.ones(2001)])).sum(axis=1))
+    middle = np.sqrt(1e-3 * needed[200] * 10 * needed[1800])
+    half = max(0.5 * np.log10(1e4 * needed[1800] / needed[200]), 3.0)
+    # 512 draws tell the tenths within a few percent of an index.
+    np.testing.assert_allclose(np.log10([low, high]), np.log10(middle) + np.array([-half, half]), atol=0.15)
