@@ -231,3 +231,31 @@ def test_a_fixed_effect_may_be_there_before_joining(pn):
     assert again.prior.names[-1] == "gain_slope_2.slope"
     moved = again.expected(np.append(at, 1.03)) - joint.expected(at)
     assert np.abs(moved[:102]).max() < 1e-6 < np.abs(moved[102:]).max()
+
+
+def test_an_instrument_with_a_constant_is_its_source_times_it(pn):
+    """What `JointSpectra` asks of an instrument, asked of the second one by itself."""
+    noted = replace(pn.response, notes=("mended",))
+    source = XraySpectrum(pn.model, noted, pn.prior)
+    joint = joint_spectra([pn, source], ["a", "b"], cross_calibration=LogUniform(0.5, 2.0))
+    alone = joint.parts[1].simulator
+    assert alone.prior.names[-1] == "cross_calibration_1.factor"
+    assert joint.prior.marginals["cross_calibration_2.factor"] == LogUniform(0.5, 2.0)
+    assert alone.notes == ("mended",)
+    assert dict(alone.not_in_library()) == dict(source.not_in_library())
+    at = np.append(pn.prior.center, 1.25)
+    np.testing.assert_allclose(alone.expected(at), 1.25 * pn.expected(at[:-1]), rtol=1e-12)
+    np.testing.assert_allclose(
+        alone.with_exposure(3 * pn.exposure).expected(at), 3 * alone.expected(at), rtol=1e-9
+    )
+    # Whatever the constant, no channel expects less than the floor.
+    assert alone.expected(np.append(pn.prior.center, 1e-30)).min() == 1e-6
+    lined = alone.with_effect(LINE)
+    assert lined.prior.names[-1] == "cross_calibration_1.factor"
+    assert lined.prior.names[-2] == "emission_line_1.norm"
+    told = alone.describe()
+    assert told["source"] == source.describe()
+    assert told["cross_calibration_1.factor"] == LogUniform(0.5, 2.0).describe()
+    assert set(alone.effect_library(at[None])) == set(source.effect_library(at[None, :-1]))
+    with double_precision():
+        np.testing.assert_allclose(alone.expected_jax(at), alone.expected(at), rtol=1e-12)
