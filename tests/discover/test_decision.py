@@ -346,3 +346,15 @@ def test_what_no_amplitude_of_its_prior_could_show_is_unseen():
 def test_a_score_promises_no_more_than_a_prior_allows():
     for amplitude, value in ((0.4, 0.4), (70.0, 1.0), (-70.0, -1.0)):
         assert replace(look(1.0), amplitude=np.array([amplitude])).tested("line").values == {"size": value}
+
+
+def test_something_without_a_name_is_as_sure_as_the_search_that_showed_it():
+    faint, strong = look(6.0, above=6), look(9.0, above=6)
+    assert (faint.strength, strong.strength) == (pytest.approx(18.0), pytest.approx(40.5))
+    alone = decide(COUNTS, faint, (), QUIET, None)
+    assert (alone.named, alone.claims[0].certain, alone.claims[0].at) == ("unnamed", False, None)
+    assert alone.claims[0].probability == pytest.approx(0.95 * (1.0 - 7 / 1000))
+    assert "no effect of the library explains it" in alone.why
+    # Twenty-five nats are certain, whatever chance shows in a thousand searches.
+    sure = decide(COUNTS, strong, (), QUIET, None)
+    assert (sure.claims[0].certain, sure.claims[0].probability) == (True, pytest.approx(0.95))
