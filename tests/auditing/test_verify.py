@@ -12,9 +12,11 @@ import pytest
 from typer.testing import CliRunner
 
 from gaugeblock.auditing.audit import audit, audit_draws, judge
+from gaugeblock.auditing.compare import NEAR
 from gaugeblock.auditing.config import TrialsTable
 from gaugeblock.auditing.verify import verify
 from gaugeblock.cli import app
+from gaugeblock.core.digest import file_digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.exact import Exact
 from gaugeblock.simulators import build_simulator
@@ -310,3 +312,129 @@ def test_the_command(folder: Path, tmp_path: Path) -> None:
     assert "64 hexadecimal digits" in str(bad.exception)
     (folder / "trials.nc").write_bytes(b"no")
     assert isinstance(runner.invoke(app, ["verify", str(folder)]).exception, InputError)
+
+
+def told(folder: Path, change: Any, **options: Any) -> list[str]:
+    """What of verdict.json differs once its provenance is changed; pages, which hold that too, aside."""
+    path = folder / "verdict.json"
+    before = path.read_bytes()
+    edited(path, change)
+    try:
+        lines = verify(folder, **options).differences
+    finally:
+        path.write_bytes(before)
+    return [line for line in lines if line.startswith(("verdict.json: ", "trials.nc: ", "findings.nc: "))]
+
+
+def in_record(**changes: Any) -> Any:
+    return lambda content: content["provenance"].update(changes)
+
+
+def test_digests_that_were_kept_in_any_letters(tiny: Path) -> None:
+    kept = file_digest(tiny / "trials.nc")
+    assert verify(tiny).trials_sha256 == kept
+    assert verify(tiny, trials_sha256=f" {kept.upper()}\n").differences == ()
+    for length in (63, 65):
+        with pytest.raises(InputError) as caught:
+            verify(tiny, trials_sha256=(kept * 2)[:length])
+        assert str(caught.value) == (
+            f"--trials-sha256 {(kept * 2)[:length]}: must be 64 hexadecimal digits, as the audit printed"
+        )
+    (line,) = verify(tiny, trials_sha256="0" * 64).differences
+    assert line == f"trials.nc: has sha256 {kept}, not the {'0' * 64} that was kept elsewhere"
+    (line,) = verify(tiny, estimator_sha256="A" * 64).differences
+    assert line == f"verdict.json: sha256.estimator is None, not the {'a' * 64} that was kept elsewhere"
+    lines = told(tiny, in_record(sha256={}))
+    assert lines[0] == f"trials.nc: has sha256 {kept}, verdict.json says None"
+    assert lines[1].startswith("verdict.json: provenance: sha256.policy is None, should be ")
+    assert len(lines) == 2
+
+
+@pytest.mark.parametrize(
+    ("trials", "lines"),
+    [
+        ({"number": 12, "draws": 5}, []),
+        ({"number": 13}, ["trials.number is 13, should be 12"]),
+        ({"number": 13, "draws": 6}, ["trials.number is 13, should be 12", "trials.draws is 6, should be 5"]),
+        ({"number": 13, "anytime": True, "used": 12}, []),
+        ({"number": 12, "anytime": True, "used": 11}, ["trials.used is 11, should be 12"]),
+        ({"used": 11}, []),
+    ],
+)
+def test_sizes_that_the_record_states(tiny: Path, trials: dict[str, Any], lines: list[str]) -> None:
+    assert told(tiny, in_record(trials=trials)) == [f"verdict.json: provenance: {line}" for line in lines]
+
+
+def test_how_near_numbers_must_be(tiny: Path) -> None:
+    assert verify(tiny).notes == ()
+    assert verify(tiny, tolerance=0.0).notes == ()
+    assert verify(tiny, tolerance=1e-4).notes == ("numbers are compared to 0.0001",)
+    versions = json.loads((tiny / "verdict.json").read_text())["provenance"]["versions"]
+    other = {**versions, "numpy": "1.0", "more": "3"}
+    del other["scipy"]
+    edited(tiny / "verdict.json", in_record(versions=other))
+    try:
+        said = [verify(tiny, tolerance=tolerance).notes for tolerance in (None, 0.0, 1e-3)]
+    finally:
+        edited(tiny / "verdict.json", in_record(versions=versions))
+    assert said == [
+        (
+            f"versions differ (numpy 1.0 there, {versions['numpy']} here; scipy absent there, "
+            f"{versions['scipy']} here; more 3 there, absent here), so numbers are compared to {near:g} only",
+        )
+        for near in (NEAR, 0.0, 1e-3)
+    ]
+
+
+def test_looks_end_at_the_trials_that_there_are(tiny: Path) -> None:
+    def change(content: Any) -> None:
+        content["looks"]["trials"] = [12, 13]
+
+    assert told(tiny, change)[0] == (
+        "verdict.json: looks: the last is at 13 trials, which is not how many there are"
+    )
+
+
+def test_policies_that_were_asked_for(tiny: Path) -> None:
+    assert verify(tiny, policy="default").differences == ()
+    lines = verify(tiny, policy={"error_budget": 0.01}).differences
+    assert lines == (
+        "verdict.json: provenance: policy: error_budget is 0.05, should be 0.01 in the policy that was asked "
+        "for",
+    )
+    assert verify(tiny).policy == "the default policy"
+    assert verify(tiny).outcome == "INCONCLUSIVE"
+
+
+def test_validators_that_an_old_record_does_not_name(tiny: Path) -> None:
+    """All of them then, or those that watch."""
+    lines = told(tiny, lambda content: content["provenance"].pop("validators"))
+    assert any(line.startswith("findings.nc: ") for line in lines)
+    assert any("validators" in line or "not_checked" in line for line in lines)
+    for seed in (True, -1, "one"):
+        for name in ("seed", "judge_seed"):
+            with pytest.raises(InputError) as caught:
+                told(tiny, in_record(**{name: seed}))
+            assert str(caught.value) == (
+                f"verdict.json: provenance.{name} is {seed!r}; it must be a whole number"
+            )
+
+
+def test_trials_and_findings_that_lie_elsewhere(tiny: Path, tmp_path: Path) -> None:
+    copy = Path(shutil.copytree(tiny, tmp_path / "copy"))
+    (copy / "trials.nc").rename(tmp_path / "kept.nc")
+    with pytest.raises(InputError) as caught:
+        verify(copy)
+    assert str(caught.value) == (
+        f"{copy / 'trials.nc'}: no such file; give the audit's Trials with --trials FILE.nc"
+    )
+    (copy / "findings.nc").unlink()
+    assert verify(copy, trials=tmp_path / "kept.nc").differences == ()
+    (tmp_path / "kept.nc").rename(copy / "trials.nc")
+    (line,) = verify(copy).differences
+    assert line.startswith("findings.nc: ")
+    with pytest.raises(InputError) as caught:
+        verify(tiny, statement=tmp_path / "s.json")
+    assert str(caught.value) == (
+        f"--statement {tmp_path / 's.json'}: say whose it should be: --signer PUBLIC.pem"
+    )

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gaugeblock.core.atomic import atomic_path, write_atomically
+from gaugeblock.core.atomic import atomic_path, made_folder, write_atomically, write_once
 from gaugeblock.core.errors import InputError
 
 
@@ -65,3 +65,38 @@ def test_a_process_killed_while_it_writes_leaves_the_old_file(tmp_path: Path) ->
     ended = subprocess.run([sys.executable, "-c", program, str(target)], env=dict(os.environ), check=False)
     assert ended.returncode == -signal.SIGKILL
     assert target.read_text() == "old"
+
+
+def test_folders_are_made_with_those_above_and_may_be_there(tmp_path: Path) -> None:
+    for _ in range(2):
+        assert made_folder(str(tmp_path / "a" / "b")) == tmp_path / "a" / "b"
+        assert (tmp_path / "a" / "b").is_dir()
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=r"^cannot make the folder .*file: File exists$"):
+        made_folder(tmp_path / "file")
+
+
+@pytest.mark.parametrize("private", [False, True])
+def test_who_writes_first_has_written(tmp_path: Path, private: bool) -> None:
+    """Whole, with nothing beside it, and for nobody else to read where it is private."""
+    (tmp_path / "ordinary").write_text("")
+    usual = (tmp_path / "ordinary").stat().st_mode & 0o777
+    path = tmp_path / "once.json"
+    content = bytes(range(256)) * 1000
+    assert write_once(path, content, private=private) == content
+    assert write_once(path, b"too late", private=not private) == content
+    assert path.read_bytes() == content
+    assert path.stat().st_mode & 0o777 == (0o600 if private else usual)
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["once.json", "ordinary"]
+    with pytest.raises(InputError, match=r"^cannot write .*x: No such file or directory$"):
+        write_once(tmp_path / "missing" / "x", b"")
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="no list of open files on this system")
+def test_nothing_stays_open(tmp_path: Path) -> None:
+    write_atomically(tmp_path / "first", "")
+    before = len(os.listdir("/proc/self/fd"))
+    for k in range(5):
+        write_atomically(tmp_path / str(k), "text")
+        write_once(tmp_path / f"once {k}", b"text")
+    assert len(os.listdir("/proc/self/fd")) == before

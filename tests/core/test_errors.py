@@ -76,3 +76,9 @@ def test_kinds_fit_the_builtin_ones():
     assert issubclass(MissingExtraError, ImportError)
     assert issubclass(InputError, GaugeblockError)
     assert issubclass(MissingExtraError, GaugeblockError)
+
+
+def test_long_words_are_cut_to_the_letter():
+    assert one_line("abcdef", most=6) == "abcdef"
+    assert one_line("abcdefg", most=6) == "abc..."
+    assert one_line("a" * 1000) == "a" * 1000

@@ -111,3 +111,22 @@ def test_multinomial_counts_have_their_moments():
     assert (np.abs(counts.mean(axis=0) - n * cells) < 5 * error).all()
     expected = n * (np.diag(cells) - np.outer(cells, cells))
     np.testing.assert_allclose(np.cov(counts.T), expected, atol=0.05 * expected.max())
+
+
+def test_streams_stay_what_they_were():
+    """Purposes in words of four letters, numbers in two halves: what was drawn once can be drawn again."""
+    words = (int.from_bytes(b"nois", "big"), int.from_bytes(b"e", "big"))
+    for numbers, halves in (((), ()), ((3,), (3, 0)), ((2**33 + 5, 1), (5, 2, 1, 0))):
+        key = np.random.SeedSequence(7, spawn_key=(5, len(numbers), *words, *halves))
+        expected = np.random.default_rng(key).random(4)
+        np.testing.assert_array_equal(generator(7, "noise", *numbers).random(4), expected)
+    assert Rows(7, "noise", [ROWS + 2]).random((1,))[0] == generator(7, "noise", 1).random(ROWS)[2]
+
+
+def test_binomial_quantiles_of_many_and_on_a_step():
+    """Far from 0 and from the number, to a millionth of probability on either side."""
+    uniform = np.array([1e-6, 0.3, 1 - 1e-6])
+    expected = binom.ppf(uniform, 10**7, 0.3).astype(int).tolist()
+    assert binomial_quantile(uniform, 10**7, 0.3).tolist() == expected
+    assert binomial_quantile(np.array([0.0, 0.5]), 1, 0.5).tolist() == [0, 1]
+    assert binomial_quantile(np.array([0.4, 0.6]), 1, 0.5).tolist() == [0, 1]

@@ -72,9 +72,15 @@ def test_how_many_truths_would_tell_is_what_the_laws_say():
 def test_a_third_of_the_trials_reports_and_does_not_tell(mean, told):
     """Of 600 trials 400 are asked: with sd 1 and mean 0.1 it takes 3.28² / 0.01 = 1,077 of them."""
     at = mean + np.tile([1.0, -1.0], 16)[None]
-    parts = SimpleNamespace(cases=range(600), ratios=lambda *_: [LogRatios(np.zeros(200), at + step)] * 2)
     step = np.linspace(-1e-6, 1e-6, 200)[:, None]
-    assert _Parts.to_tell(parts, None, None) == told
+
+    def ratios(one, other):
+        # Were the other the right one, a tenth as many would tell.
+        drawn = at if (one, other) == ("named", "other") else at + 0.3
+        return [LogRatios(np.zeros(200), drawn + step)] * 2
+
+    parts = SimpleNamespace(cases=range(600), ratios=ratios)
+    assert _Parts.to_tell(parts, "named", "other") == told
 
 
 def test_no_number_tells_equal_laws():

@@ -165,6 +165,8 @@ def test_truncation_keeps_the_kind_where_it_can():
 
 def test_discrete():
     own = Discrete((3.0, 1.0, 2.0), (0.5, 0.2, 0.3))
+    assert own.support == (1.0, 3.0)
+    assert own.center == 2.0
     assert own.from_unit([0.0, 0.19, 0.21, 0.49, 0.51, 1.0]).tolist() == [1.0, 1.0, 2.0, 2.0, 3.0, 3.0]
     np.testing.assert_allclose(
         own.log_prob(np.array([1.0, 2.0, 3.0, 2.5])), [*np.log([0.2, 0.3, 0.5]), -np.inf]

@@ -4,10 +4,10 @@ import time
 
 import numpy as np
 import pytest
-from scipy import signal
+from scipy import signal, stats
 
 from gaugeblock.validate import judge, make_trials, read_policy, run_validators, trials_tree
-from gaugeblock.validate.autocorrelation import draw_order
+from gaugeblock.validate.autocorrelation import draw_order, measured_trials
 from gaugeblock.validate.prepared import Prepared
 from gaugeblock.validate.verdict import Outcome
 
@@ -161,3 +161,67 @@ def test_a_flag_without_an_order_is_remarked_on():
     assert "their order shows nothing of it" in Prepared(trials_tree(trials), 1).caveats[0]
     plain = make_trials(np.zeros((40, 1)), white)
     assert Prepared(trials_tree(plain), 1).caveats == ()
+
+
+def by_hand(draws):
+    """Stride and worth by sums over pairs of draws, one lag at a time; see `draw_order`."""
+    trials, n, parameters = draws.shape
+    scores = np.empty((trials, n, 2 * parameters))
+    for k in range(parameters):
+        for trial in range(trials):
+            rank = stats.rankdata(draws[trial, :, k])
+            scores[trial, :, k] = rank - rank.mean()
+            scores[trial, :, parameters + k] = abs(rank - rank.mean()) - abs(rank - rank.mean()).mean()
+    scores -= scores.mean(axis=0)
+    energy = (scores**2).sum(axis=1)
+    lags, size = np.arange(1, n), (n - 1, 2 * parameters)
+    found, error, mean, spread = (np.empty(size) for _ in range(4))
+    number = np.maximum((energy > 0).sum(axis=0), 2)
+    for lag in lags:
+        product = (scores[:, lag:] * scores[:, : n - lag]).sum(axis=1)
+        excess = product + energy * (n - lag) / n / (n - 1)
+        found[lag - 1] = excess.sum(axis=0) / energy.sum(axis=0) * n / (n - lag)
+        error[lag - 1] = np.sqrt((energy**2).sum(axis=0)) / energy.sum(axis=0) / np.sqrt(n - lag)
+        mean[lag - 1] = excess.sum(axis=0) / number
+        variance = (excess**2).sum(axis=0) / number - mean[lag - 1] ** 2
+        spread[lag - 1] = np.sqrt(variance / (number - 1))
+    chance = 1e-3 / found.size / 2
+    real = (abs(found) > stats.norm.isf(chance) * error) & (
+        abs(mean) > stats.t.isf(chance, number - 1) * spread
+    )
+    ordered, overlap = real.any(axis=0), ((n - lags) / n)[:, None]
+    if not ordered.any():
+        return 1, float(n)
+    for _ in range(3):
+        lost = np.clip((1 + 2 * (found * real * overlap).sum(axis=0)) / n, 1 / n, 0.9) - 1 / n
+        known = found * (1 - lost) + lost
+        real = ordered & (abs(known) > 3 * error * np.sqrt(1 + 2 * ((known * real) ** 2).sum(axis=0)))
+    known = abs(np.where(real, known, 0.0)) * overlap
+    for stride in range(1, n // 2):
+        left = 2 * max(sum(known[stride - 1 :: stride]))
+        if left <= max(0.15, 0.002 * (n // stride)):
+            break
+    else:
+        stride = n // 2
+    return stride, n / (1 + 2 * max(known.sum(axis=0)))
+
+
+@pytest.mark.parametrize(
+    ("size", "rho"), [((30, 90, 2), 0.6), ((12, 41, 1), -0.7), ((40, 60, 1), 0.25), ((60, 24, 3), 0.98)]
+)
+def test_the_order_by_sums_over_pairs(size, rho):
+    """Chains, some trials of which hold still or hold two values only, against sums without any FFT."""
+    draws = chains(*size[:2], rho, 5, parameters=size[2])
+    draws[0] = 1.0
+    draws[1] = np.sign(draws[1])
+    stride, worth = draw_order(draws)
+    expected = by_hand(draws)
+    assert stride == expected[0] > 1
+    assert worth == pytest.approx(expected[1], rel=1e-6)
+
+
+def test_trials_that_are_looked_at_are_spread_over_all():
+    assert measured_trials(7, 10).tolist() == list(range(7))
+    assert measured_trials(100, 10**6).tolist() == [k * 100 // 30 for k in range(30)]
+    assert measured_trials(1000, 10_000).tolist() == list(range(0, 1000, 20))
+    assert measured_trials(0, 10).tolist() == []

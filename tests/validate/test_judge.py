@@ -257,3 +257,140 @@ def test_a_quantile_as_far_off_as_said_fails_with_the_power_that_was_said(sense,
     fault = smallest_detectable(item, SimpleNamespace(critical=2.0), 0.9)
     scaled = values * fault / item.finding.estimate[0]
     assert 0.84 < np.mean([fails(rng.choice(scaled, n))[1] for _ in range(300)]) < 0.96
+
+
+def mean_of(name, estimate, error=0.01, *, n=401, **more):
+    """A finding of means whose influences have the errors that are said, and no correlation."""
+    estimate = np.asarray(estimate, dtype=float)
+    influence = np.random.default_rng(len(estimate)).normal(size=(len(estimate), n))
+    said = {"quantity": "bias", "claim": "", "null": "", "reference": "", "n_trials": n} | more
+    return MeanFinding(
+        id=name, estimate=estimate, standard_error=np.full(len(estimate), error), influence=influence,
+        **{"components": tuple("abcd"[: len(estimate)])} | said,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("estimate", "outcome", "worst"),
+    [
+        ([0.02, -0.05, 0.03], Outcome.PASS, "b"),
+        ([0.05, 0.02, -0.02], Outcome.PASS, "a"),
+        ([0.09, 0.0, -0.095], Outcome.INCONCLUSIVE, "c"),
+        ([0.2, -0.3, 0.11], Outcome.FAIL, "b"),
+        ([0.4, -0.3, 0.11], Outcome.FAIL, "a"),
+    ],
+)
+def test_a_gate_is_of_its_worst_component(estimate, outcome, worst):
+    """Farthest outside where one fails, else that with the least margin; all its numbers are of that one."""
+    finding = mean_of("sbc.bias[p]", estimate)
+    (gate,) = judge([finding], [], policy(required=["sbc"], tolerance={"bias": 0.1}), seed=1).gates
+    assert (gate.outcome, gate.component) == (outcome, worst)
+    at = estimate["abc".index(worst)]
+    assert (gate.statistic, gate.tolerance, gate.n_trials, gate.required) == (at, 0.1, 401, True)
+    assert gate.interval[1] - at == pytest.approx(at - gate.interval[0])
+    reach = stats.t.isf(0.05 * 0.8, 400) * 0.01
+    assert gate.pass_interval == (pytest.approx(at - reach), pytest.approx(at + reach))
+    far = gate.interval[1] - at
+    assert gate.smallest_detectable == pytest.approx(0.1 + far + stats.norm.ppf(0.9) * 0.01)
+    assert gate.p_value == pytest.approx(stats.t.sf((abs(at) - 0.1) / 0.01, 400))
+    assert (gate.trials_to_settle is None) == (outcome is not Outcome.INCONCLUSIVE)
+
+
+def test_what_is_doubted_may_fail_and_never_passes():
+    sound, broken = (mean_of("sbc.bias[p]", [at], doubt="something") for at in (0.0, 0.5))
+    table = policy(required=["sbc"])
+    (gate,) = judge([sound], [], table, seed=1).gates
+    assert (gate.outcome, gate.trials_to_settle, gate.trials_to_settle_range) == (
+        Outcome.INCONCLUSIVE, None, None,
+    )  # fmt: skip
+    assert judge([broken], [], table, seed=1).gates[0].outcome is Outcome.FAIL
+
+
+def test_one_sided_gates_have_one_edge_and_what_has_no_tolerance_is_no_gate():
+    table = policy(required=["sbc"], tolerance={"ess": 0.5, "outliers": 0.2})
+    least, most = (
+        mean_of(f"importance.{sense}", [at], sense=sense, quantity=quantity)
+        for sense, at, quantity in (("at-least", 0.9, "ess"), ("at-most", -0.9, "outliers"))
+    )
+    found = judge([least, most, mean_of("x.y", [9.0], quantity=""), mean_of("x.z", [9.0], quantity="odd")],
+                  [], table, seed=1)  # fmt: skip
+    first, second = found.gates[:2]
+    assert [gate.id for gate in found.gates] == ["importance.at-least", "importance.at-most", "sbc"]
+    assert (first.outcome, first.tolerance) == (Outcome.PASS, 0.5)
+    assert (second.outcome, second.tolerance) == (Outcome.PASS, 0.2)
+    assert first.smallest_detectable < 0.5 < 1 - second.smallest_detectable < 0.8
+
+
+def test_levels_of_a_policy_are_judged_alone_and_lacking_ones_named():
+    from gaugeblock.validate.judging import at_levels
+    from gaugeblock.validate.policy import Levels
+
+    names = ("a @ 0.5", "a @ 0.9", "b @ 0.5", "b @ 0.9")
+    central = mean_of("coverage.central", [0.1, 0.2, 0.3, 0.4], quantity="coverage", components=names)
+    other = mean_of("local.coverage", [0.1, 0.2], quantity="local", components=("a @ 0.5", "a @ 0.9"))
+    chosen, lacking = at_levels([central, other], Levels(coverage=(0.2, 0.5, 0.68)))
+    assert [finding.id for finding in chosen] == ["coverage.central", "local.coverage"]
+    assert chosen[0].components == ("a @ 0.5", "b @ 0.5")
+    assert chosen[0].estimate.tolist() == [0.1, 0.3]
+    assert chosen[1] is other
+    assert [(item.id, item.why) for item in lacking] == [
+        ("coverage.central", "no interval of 0.2, 0.68 was looked at: audit under this policy")
+    ]
+    assert at_levels([central], Levels(coverage=(0.5, 0.9))) == ([central], [])
+    assert at_levels([central], Levels(coverage=(0.5, 0.9)))[0][0] is central
+    chosen, lacking = at_levels([central], Levels(coverage=(0.2,)))
+    assert (chosen, len(lacking)) == ([], 1)
+    known = replace(central, details=central.details.assign(unresolved=("level", [0.2])))
+    assert at_levels([known], Levels(coverage=(0.2, 0.5)))[1] == []
+    (gate, *rest) = judge(
+        [central], [], policy(required=["coverage"], levels={"coverage": [0.2, 0.9]}), seed=1
+    ).gates  # fmt: skip
+    assert (gate.component, gate.statistic) == ("b @ 0.9", 0.4)
+    assert [g.id for g in rest] == ["coverage"]
+    assert "could not be checked: no interval of 0.2 was looked at" in rest[0].message
+
+
+def test_what_lacks_is_a_gate_of_nothing_and_says_why_once():
+    lacking = [
+        NotChecked("importance.ess", "needs log_q"), NotChecked("importance.other", "needs log_q"),
+        NotChecked("importance", "and more"), NotChecked("joint.hpd", "no x", without_data=True),
+    ]  # fmt: skip
+    table = policy(required=["importance", "joint", "sbc.bias", "tails"])
+    found = gates(judge([mean_of("sbc.bias[p]", [0.0])], lacking, table, seed=1))
+    assert set(found) == {"sbc.bias[p]", "importance", "tails"}
+    gate = found["importance"]
+    assert gate.message == (
+        "importance is required by the policy but could not be checked: needs log_q; and more"
+    )
+    assert found["tails"].message.endswith("could not be checked: no validator computed it")
+    assert (gate.outcome, gate.required, gate.n_trials, gate.component) == (Outcome.INCONCLUSIVE, True, 0, "")
+    assert np.isnan([gate.statistic, gate.tolerance, *gate.interval, *gate.pass_interval]).all()
+    assert {gate.p_value, gate.p_adjusted, gate.smallest_detectable, gate.trials_to_settle} == {None}
+    half = judge([mean_of("sbc.bias[p]", [0.0])], [NotChecked("sbc.bias[q]", "flat")],
+                 policy(required=["sbc"]), seed=1)  # fmt: skip
+    assert [gate.id for gate in half.gates] == ["sbc.bias[p]", "sbc"]
+    assert half.outcome is Outcome.INCONCLUSIVE
+
+
+def test_no_fault_is_large_enough_for_a_quantile_of_a_few():
+    """Ten of ten values must lie beyond an order statistic that is not there; or that is 0 or infinite."""
+
+    def sized(values, q, sense, critical=2.0):
+        of = np.array(values, dtype=float)
+        finding = finding_of(
+            QuantileFinding, sense, n_trials=len(of), values=of[None], quantile=np.array([q]),
+            estimate=np.array([3.0]), standard_error=np.array([0.1]),
+        )  # fmt: skip
+        return smallest_detectable(
+            Judgeable(finding=finding, **region(sense, 0.5)), SimpleNamespace(critical=critical), 0.5
+        )
+
+    values = np.arange(1.0, 101.0)
+    # 50 + 2 * 5 is the rank, from 0, whose value must move to the edge; of the other side 40.
+    assert sized(values[::-1], 0.5, "at-least") == pytest.approx(0.5 * 3.0 / 61)
+    assert sized(values, 0.5, "at-most") == pytest.approx(0.5 * 3.0 / 41)
+    assert sized(values, 0.5, "at-least", 10.0) is None
+    assert sized(values, 0.5, "at-most", 10.0) == pytest.approx(0.5 * 3.0 / 1)
+    assert sized(values, 0.5, "at-most", 10.2) is None
+    assert sized(values - 61, 0.5, "at-least") is None
+    assert sized(np.r_[values[:60], np.full(40, np.inf)], 0.5, "at-least") is None

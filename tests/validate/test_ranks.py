@@ -106,3 +106,25 @@ def test_unequal_weights_count_as_they_weigh():
             )
             expected = (below + (tied + own) * lot[trial, k]) / (sum(weight[trial]) + own)
             np.testing.assert_allclose(found[trial, k], expected, rtol=1e-12)
+
+
+def test_ranks_and_cuts_by_hand():
+    """Ties are counted whole into the lot; angles are cut half a period from the mean of truth and draws."""
+    truth, draws = np.array([[2.0], [2.0], [2.0]]), np.array([[[1.0], [2.0], [2.0], [5.0]]] * 3)
+
+    class Lot:
+        def random(self, shape):
+            return np.array([[0.0], [0.5], [0.999]]).reshape(shape)
+
+    assert randomised_ranks(truth, draws, Lot()).ravel().tolist() == [1, 2, 3]
+    np.testing.assert_allclose(randomised_pit(truth, draws, Lot()).ravel(), [0.2, 0.5, 0.7994])
+    truth, draws = np.array([[5.0, 350.0, 1.0]]), np.array([[[6.0, 20.0, 23.0], [7.0, 350.0, 0.0]]])
+    cut, cut_draws = unwrap_circular(truth, draws, {1: 360.0, 2: 24.0})
+    assert (truth[0, 1], draws[0, 0, 1]) == (350.0, 20.0)
+    np.testing.assert_allclose(cut_draws[0, :, 0], [6.0, 7.0])
+    assert cut[0, 0] == 5.0
+    mean = np.degrees(np.angle(np.exp(1j * np.radians([350.0, 20.0, 350.0])).mean()))
+    np.testing.assert_allclose(np.r_[cut[0, 1], cut_draws[0, :, 1]], np.array([-10, 20, -10]) - mean)
+    np.testing.assert_allclose(np.r_[cut[0, 2], cut_draws[0, :, 2]], [1.0, -1.0, 0.0], atol=1e-12)
+    far, _ = unwrap_circular([[10.0]], np.zeros((1, 9, 1)), {0: 24.0})
+    assert 8 < far[0, 0] < 10  # the mean of nine zeros and a ten lies a little above zero

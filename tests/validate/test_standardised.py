@@ -119,3 +119,39 @@ def test_two_equal_errors_are_no_certainty():
     assert log_width([1.0, -1.0])[1] > 0.3
     estimate, error, influence = log_width([2.0, 2.0])
     assert np.isfinite([estimate, error, *influence]).all()
+
+
+def test_weighted_errors_are_those_of_the_pool_by_hand():
+    """A loop: the truth weighs as one effective draw; sums are of the pool's weighted moments."""
+    rng = np.random.default_rng(9)
+    truth, draws = rng.normal(size=(6, 2)), 3 + 2 * rng.normal(size=(6, 5, 2))
+    weight = rng.gamma(0.8, size=(6, 5))
+    found = standardised_errors(truth, draws, rng, weight=weight)
+    plain = standardised_errors(truth, draws, rng)
+    for trial in range(6):
+        own = sum(weight[trial] ** 2) / sum(weight[trial])
+        for k in range(2):
+            pool = np.r_[draws[trial, :, k], truth[trial, k]]
+            for t, w in ((found, np.r_[weight[trial], own]), (plain, np.ones(6))):
+                mean = np.average(pool, weights=w)
+                sd = np.sqrt(np.average((pool - mean) ** 2, weights=w))
+                assert t[trial, k] == pytest.approx((mean - truth[trial, k]) / sd, rel=1e-9)
+
+
+def test_bias_and_log_width_by_hand():
+    t = np.array([1.0, -2.0, 0.5, 0.1, 3.0, -0.6, 0.0])
+    n, mean, var = 7, t.mean(), t.var()
+    estimate, error, influence = bias(t)
+    assert estimate == pytest.approx(mean)
+    np.testing.assert_allclose(influence, t - mean)
+    assert error == pytest.approx(np.sqrt((n * var + 10) / (n + 10) / n))
+    estimate, error, influence = log_width(t, draws=20)
+    kurtosis = ((t - mean) ** 4).mean() / var**2
+    hidden = 1 + (kurtosis + 1) / 20
+    assert estimate == pytest.approx(-0.5 * hidden * (np.log(var) + (1 + (kurtosis - 1) / 2) / n))
+    np.testing.assert_allclose(influence, hidden * 0.5 * (1 - (t - mean) ** 2 / var))
+    assert error == pytest.approx(np.sqrt(((influence**2).sum() + 10 * 0.5) / (n + 10) / n))
+    estimate, error, influence = log_width(np.full(7, 2.0), draws=20)
+    assert estimate == pytest.approx(26 * np.log(2))  # half the log of the smallest step from 1, 2^-52
+    assert error == pytest.approx(np.sqrt(5 / 17 / 7))
+    assert influence.tolist() == [0.0] * 7

@@ -10,6 +10,7 @@ from scipy import stats
 
 from gaugeblock import trials_from_samplers
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import generator
 
 TRUTHS = np.array([[0.3, -0.2], [1.0, 0.5], [-0.4, 0.1]])
 
@@ -86,3 +87,51 @@ def test_folders_and_results_of_ultranest(tmp_path):
 def test_what_is_no_run_is_one_line(runs, said):
     with pytest.raises(InputError, match=said):
         trials_from_samplers(runs, TRUTHS[: len(runs)], draws=5)
+
+
+def test_every_run_is_drawn_from_with_a_stream_of_its_own():
+    """Of equal weights none twice; by their weights with what NumPy chooses; points without weight never."""
+    rows = np.random.default_rng(1).normal(size=(2, 40, 2))
+    equal = trials_from_samplers(list(rows), TRUTHS[:2], draws=30, seed=5)["draws"].values
+    log_weight = np.log(np.arange(40.0) + 1) - 1000.0
+    log_weight[[3, 9]] = -np.inf
+    runs = [(points, log_weight) for points in rows]
+    weighed = trials_from_samplers(runs, TRUTHS[:2], draws=50, seed=5)["draws"].values
+    weight = np.exp(log_weight - log_weight.max())
+    for trial in range(2):
+        rng = generator(5, "trials_from_samplers", trial)
+        np.testing.assert_array_equal(equal[trial], rows[trial][rng.permutation(40)[:30]])
+        rng = generator(5, "trials_from_samplers", trial)
+        np.testing.assert_array_equal(
+            weighed[trial], rows[trial][rng.choice(40, 50, p=weight / weight.sum())]
+        )
+    whole = trials_from_samplers([rows[0]], TRUTHS[:1], draws=40)["draws"].values[0]
+    assert sorted(map(tuple, whole)) == sorted(map(tuple, rows[0]))
+
+
+def test_truths_of_one_parameter_and_data():
+    chain = np.arange(12.0).reshape(3, 4, 1)
+    made = trials_from_samplers([chain, chain + 1], [0.5, 0.6], x=[[1.0], [2.0]], names=["m"])
+    assert made["theta_true"].values.tolist() == [[0.5], [0.6]]
+    assert made["draws"].values[0, :, 0].tolist() == [0, 4, 8, 1, 5, 9, 2, 6, 10, 3, 7, 11]
+    assert made["x"].values.tolist() == [[1.0], [2.0]]
+    assert made["parameter"].values.tolist() == ["m"]
+    assert trials_from_samplers([chain[..., 0]], TRUTHS[:1, :1].repeat(4, 1), draws=3).sizes["parameter"] == 4
+
+
+@pytest.mark.parametrize(
+    ("run", "said"),
+    [
+        ((np.zeros((5, 2)), np.zeros(4)), "points of shape (5, 2) with log weights of shape (4,); expected"),
+        ((np.zeros(5), np.zeros(5)), "points of shape (5,) with log weights of shape (5,); expected"),
+        (np.zeros((3, 2, 2, 2)), " has the shape (3, 2, 2, 2); expected an emcee EnsembleSampler"),
+        (np.zeros(7), " has the shape (7,); expected an emcee EnsembleSampler"),
+        ({"sample": 3}, " is a dict; expected an emcee EnsembleSampler"),
+        (np.zeros((4, 2)), " has 4 draws; 5 are asked for: give draws=4"),
+    ],
+)
+def test_runs_of_other_shapes_are_told_with_their_trial(run, said):
+    with pytest.raises(InputError) as caught:
+        trials_from_samplers([np.zeros((9, 2)), run], TRUTHS[:2], draws=5)
+    assert str(caught.value).startswith("trials_from_samplers: run 1")
+    assert said in str(caught.value)

@@ -8,6 +8,8 @@ of their draws. Every limit is the 0.999 binomial quantile of the declared 5%: f
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,8 +17,11 @@ from scipy import stats
 
 from gaugeblock.validate import NotChecked, Outcome, combine, judge, make_policy, read_policy, run_validators
 from gaugeblock.validate.anytime.anytime import bias_sequence, coverage_sequence, log_width_sequence
-from gaugeblock.validate.anytime.sequential import sequence_gates
+from gaugeblock.validate.anytime.sequence import gap_sequence
+from gaugeblock.validate.anytime.sequential import answered, only_counts, sequence_gates
 from gaugeblock.validate.anytime.stakes import decide, gather
+from gaugeblock.validate.anytime.wager import AIMED, BOLD
+from gaugeblock.validate.finding import CountFinding, MeanFinding
 from gaugeblock.validate.findings_file import read_findings, write_findings
 from gaugeblock.validate.marginal.winsorised import CUT, cut_square_ratio
 
@@ -273,3 +278,106 @@ def test_as_many_trials_as_said_settle_it(bias, trials, settles):
 
     assert settled(gate.trials_to_settle) >= 20
     assert settled(gate.trials_to_settle // 4) <= 12
+
+
+@pytest.mark.parametrize("probability", [0.74, 0.9])
+def test_the_numbers_of_a_gate_by_hand(probability):
+    """Of two components, one far off: capital, p-values, the smallest fault, and when it would be settled."""
+    rng = np.random.default_rng(31)
+    hits = rng.random((2, 120)) < np.array([[0.5], [probability]])
+    found = gap_sequence("anytime.coverage", "coverage", hits, [0.5, 0.6], ("a @ 0.5", "b @ 0.6"), claim="")
+    bias = bias_sequence("a", rng.normal(size=120).clip(-3, 3), np.zeros(120))
+    policy = make_policy({"tolerance": {"coverage": 0.15, "bias": 0.2}, "required": ["sbc"]}, source="test")
+    of_bias, gate = sequence_gates([bias, found], policy)
+    _, evidence = gather([bias, found], policy)
+    assert gate.outcome is Outcome.INCONCLUSIVE
+    worst = int(np.argmin(evidence.outside.min(axis=1)))
+    assert (worst, gate.component) == (1, "b @ 0.6")
+    grown = evidence.grown
+    assert gate.p_value == pytest.approx(min(1, 2 * np.exp(-grown[1].max())))
+    assert gate.p_adjusted == pytest.approx(min(1, np.exp(-grown.max()) * 8))
+    assert (gate.p_value < gate.p_adjusted < 1) == (gate.statistic > 0.15) == (probability > 0.8)
+    error = found.standard_error[1]
+    # Log capital of drift d is about normal, of mean d^2 / 2 and variance d^2.
+    z = stats.norm.ppf(0.9)
+
+    def drift(growth):
+        return z + np.sqrt(z**2 + 2 * growth)
+
+    assert stats.norm.sf(7.0, drift(7.0) ** 2 / 2, drift(7.0)) == pytest.approx(0.9)
+    reach = drift(np.log(20 * 8) + np.log(8)) * error
+    assert gate.smallest_detectable == pytest.approx(0.15 + reach)
+    margin = 0.15 - abs(gate.statistic)
+    growth = np.log(40) if margin > 0 else np.log(20 * 8 * 8)
+    assert gate.trials_to_settle == max(121, np.ceil((drift(growth) * error * np.sqrt(120) / margin) ** 2))
+    assert f"about {gate.trials_to_settle:,} would" in gate.message
+    assert (gate.statistic, gate.tolerance, gate.n_trials) == (found.estimate[1], 0.15, 120)
+    # Edges that bets of the tolerance's own refute at the best moment, and their neighbours do not.
+    wager, low, high = evidence.question.wager, np.full(2, -0.15), np.full(2, 0.15)
+    for edge, bets, weights, threshold, inwards in (
+        (gate.interval[0], wager.bold(high)[0], BOLD, np.log(160), 1e-5),
+        (gate.interval[1], wager.bold(low)[1], BOLD, np.log(160), -1e-5),
+        (gate.pass_interval[0], wager.aimed(low, 0.0)[0], AIMED, np.log(20), 1e-5),
+        (gate.pass_interval[1], wager.aimed(high, 0.0)[1], AIMED, np.log(20), -1e-5),
+    ):
+        assert wager.against(edge, bets, weights)[1].max() >= threshold - 1e-9
+        assert wager.against(edge + inwards, bets, weights)[1].max() < threshold
+    assert of_bias.component == "a"
+    at_once = sequence_gates([bias_sequence("a", np.full(30, 3.0), np.zeros(30))], policy)[0]
+    assert (at_once.outcome, at_once.trials_to_settle) == (Outcome.FAIL, None)
+    on_edge = gap_sequence("anytime.coverage", "coverage", hits[:1, :4], [0.5], ("a @ 0.5",), claim="")
+    on_edge = replace(on_edge, estimate=np.array([0.15]))
+    (gate,) = sequence_gates([on_edge], policy)
+    assert gate.trials_to_settle is None
+    assert "the fault is as large as what is tolerated" in gate.message
+    (gate,) = sequence_gates([replace(on_edge, estimate=np.array([0.0]), standard_error=np.zeros(1))], policy)
+    assert gate.trials_to_settle == 5
+
+
+def test_a_width_s_interval_lies_the_right_way_round():
+    """A large cut square is a narrow posterior: edges of the ratio turn round."""
+    (gate,) = sequence_gates(sequences(32, 900, log_width=-0.3)[1:2], DEFAULT)
+    low, high = gate.interval
+    assert low < gate.pass_interval[0] < gate.statistic < gate.pass_interval[1] < high
+    assert gate.statistic == pytest.approx(-0.3, abs=0.1)
+
+
+def test_what_answers_what():
+    """Entries of `required` that sequences answer, and what lies between."""
+
+    def says(entry, *names):
+        return answered(entry, [SimpleNamespace(id=name) for name in names])
+
+    both = ("anytime.bias[a]", "anytime.log_width[a]")
+    assert says("sbc", *both)
+    assert not says("sbc", both[0])
+    assert says("sbc.bias", both[0])
+    assert says("sbc.bias[a]", both[0])
+    assert not says("sbc.bias[a]", both[1])
+    assert says("coverage", "anytime.coverage")
+    assert says("coverage.central", "anytime.coverage")
+    assert says("joint.tarp", "anytime.joint")
+    assert says("joint.projections", "anytime.joint")
+    assert says("informed.rank", "anytime.joint")
+    assert says("joint.hpd", "anytime.hpd")
+    assert not says("joint.hpd", "anytime.joint")
+    assert not says("joint", "anytime.joint", "anytime.hpd")
+    assert not says("informed", "anytime.joint")
+    assert not says("importance", *both)
+    assert not says("anytime", *both)
+
+
+def test_beside_sequences_each_group_of_gates_is_named_once():
+    def item(name, kind):
+        return SimpleNamespace(finding=object.__new__(kind), id=name)
+
+    items = [item(*pair) for pair in (("a", CountFinding), ("sbc.bias[a]", MeanFinding),
+             ("sbc.bias[b]", MeanFinding), ("joint.hpd", MeanFinding))]  # fmt: skip
+    for one in items:
+        object.__setattr__(one.finding, "id", one.id)
+    kept, left = only_counts(items)
+    assert kept == items[:1]
+    assert [one.id for one in left] == ["sbc.bias", "joint.hpd"]
+    assert {one.why for one in left} == {
+        "reported, not judged: its intervals hold for a number of trials fixed beforehand, not watched ones"
+    }

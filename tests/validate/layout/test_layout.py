@@ -2,9 +2,21 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
-from gaugeblock.validate import make_trials, read_findings, run_validators, write_findings
+from gaugeblock.validate import (
+    make_trials,
+    read_findings,
+    run_validators,
+    storage,
+    trials_tree,
+    write_findings,
+)
+from gaugeblock.validate.layout import layout as module
 from gaugeblock.validate.layout.layout import layout_finding, rank_correlation
+from gaugeblock.validate.layout.rank_loss import foretellings
+from gaugeblock.validate.layout.readings import AS_IT_IS
+from gaugeblock.validate.prepared import Prepared
 
 NAMES = ("a", "b", "c.d")
 
@@ -90,3 +102,65 @@ def test_it_runs_by_default_is_reported_only_and_survives_the_disk(tmp_path):
     few, unchecked = run_validators(trials.isel(trial=slice(0, 20)), seed=1, select=["layout"])
     assert few == ()
     assert "20 trial(s) with finite draws; at least 50" in unchecked[0].why
+
+
+def test_what_is_said_of_each_parameter_by_hand():
+    """The best other column or reading, its gain over the own column's loss; p-values times their number."""
+    theta, draws = posterior(8, n=60)
+    draws = draws[..., [1, 0, 2]]
+    weight = np.random.default_rng(1).exponential(size=draws.shape[:2])
+    finding = layout_finding(NAMES, theta, draws, weight=weight, caveats=("said",))
+    found = foretellings(theta, draws, weight=weight)
+    plain = {(f.parameter, f.column): f for f in found if f.reading == AS_IT_IS}
+    for k in range(3):
+        others = [f for f in found if f.parameter == k and not (f.column == k and f.reading == AS_IT_IS)]
+        best = max(others, key=lambda f: f.gain)
+        assert finding.estimate[k] == pytest.approx(best.gain / plain[k, k].loss)
+        assert finding.standard_error[k] == pytest.approx(best.standard_error / plain[k, k].loss)
+        for j in range(3):
+            assert finding.details["loss"].values[k, j] == plain[k, j].loss
+            mean = (weight * draws[..., j]).sum(axis=1) / weight.sum(axis=1)
+            spearman = stats.spearmanr(theta[:, k], mean).statistic
+            assert finding.details["rank_correlation"].values[k, j] == pytest.approx(spearman)
+    largest = max(f.z for f in found)
+    assert finding.p_value == pytest.approx((len(found) - 3) * stats.norm.sf(largest), rel=1e-6)
+    assert (finding.n_trials, finding.components, finding.caveats) == (60, NAMES, ("said",))
+    assert finding.details["layout_column"].values.tolist() == [
+        "a (column 0)", "b (column 1)", "c.d (column 2)",
+    ]  # fmt: skip
+
+
+def test_the_first_trials_by_number_and_evenly_spaced_draws_are_looked_at(monkeypatch):
+    """Of 90 trials in any order the 60 first that are finite; every third of seven draws, weights alike."""
+    theta, draws = posterior(9, n=90, draws=7)
+    rng = np.random.default_rng(3)
+    draws[5, 2, 0] = np.nan
+    weight = rng.exponential(size=(90, 7))
+    weight[8, [0, 3, 6]] = 0.0
+    order = rng.permutation(90)
+    trials = make_trials(theta, draws, NAMES, weight=weight).isel(trial=order)
+    trials = trials.assign_coords(trial=order)
+    monkeypatch.setattr(module, "MOST_TRIALS", 60)
+    monkeypatch.setattr(module, "LEAST_TRIALS", 30)
+    monkeypatch.setattr(module, "MOST_DRAWS", 3)
+    monkeypatch.setattr(storage, "VALUES", 21 * 13)
+    (found,) = module.layout(Prepared(trials_tree(trials), 1))
+    first = np.delete(np.arange(61), 5)
+    counted = weight[first][:, ::3]
+    counted[7] = 1.0  # the ninth trial
+    expected = layout_finding(NAMES, theta[first], draws[first][:, ::3], weight=counted)
+    assert found.n_trials == 60
+    np.testing.assert_allclose(found.details["loss"], expected.details["loss"])
+    np.testing.assert_allclose(found.details["rank_correlation"], expected.details["rank_correlation"])
+    assert found.p_value == pytest.approx(expected.p_value)
+    assert "NaN or infinite" in found.caveats[0]
+    (few,) = module.layout(Prepared(trials_tree(make_trials(theta[:29], draws[:29], NAMES)), 1))
+    assert few.why == "28 trial(s) with finite draws; at least 30 are needed"
+
+
+def test_as_many_trials_as_can_be_ranked():
+    """Values that are ranked: trials, 50 draws, columns of each parameter, and nine readings of some."""
+    for parameters, pairs in ((1, 10), (8, 640), (9, 81 + 81), (60, 3600 + 540)):
+        wanted = min(max((1 << 24) // (50 * pairs), 100), 500)
+        assert module._affordable(parameters) == wanted
+    assert 100 < module._affordable(26) < 500

@@ -12,8 +12,14 @@ from gaugeblock.validate.learned.informed.informed import rank_finding
 from gaugeblock.validate.learned.informed.learning import (
     NOTHING,
     Told,
+    _account,
+    _chosen,
+    _columns,
+    _gain,
+    _pit,
     _unseen,
     learn,
+    stage_edges,
     together,
     weights,
 )
@@ -214,3 +220,90 @@ def test_skill_of_the_prior_is_nothing_and_of_the_truth_all():
     assert skill(truth, np.repeat(truth[:, None], 16, axis=1)).draws.mean() == pytest.approx(0, abs=1e-9)
     forecast = forecast_crps(truth, np.zeros(2000), np.ones(2000), truth)
     assert forecast.mean() == pytest.approx(1 / 6, abs=2e-3)
+
+
+def test_stages_grow_by_the_same_factor():
+    assert stage_edges(80) == [10, 17, 28, 48, 80]
+    assert stage_edges(87)[0] == 10
+
+
+def test_columns_are_terms_times_what_is_foretold_of_them():
+    """All but places alone, then terms by ridge, then by trees; each less its mean over the pool."""
+    rng = np.random.default_rng(21)
+    seen, rows = known(rng.normal(size=(20, 9, 2)), rng.normal(size=(20, 3)), rng), np.array([3, 11, 4])
+    terms = with_products(regressed_terms(2), seen.pools.scores)
+    linear, trees = rng.normal(size=(3, 6)), rng.normal(size=(3, 5))
+    for candidates in (None, 4):
+        scores = seen.pools.scores[rows, :candidates]
+        values = values_of(terms.every, scores)
+        values = values - values.mean(axis=1, keepdims=True)
+        wanted = [values[..., k] for k in range(2, 6)]
+        wanted += [values[..., k] * linear[:, [k]] for k in range(6)]
+        wanted += [values[..., k] * trees[:, [k]] for k in range(5)]
+        found = _columns(seen, terms, rows, (linear, trees), candidates)
+        np.testing.assert_allclose(found, np.stack(wanted, axis=2), atol=1e-5)
+    told = {}
+    for _ in range(2):
+        _account(told, terms, found)
+    ridge = [(0,), (1,), (0, 0), (1, 1), (), (0, 1)]
+    every = {"alone": ridge[2:], "ridge": ridge, "trees": ridge[:5]}
+    keys = [(term, how) for how, some in every.items() for term in some]
+    assert list(told) == keys
+    for k, key in enumerate(keys):
+        assert told[key].excess == pytest.approx(2 * found[:, 0, k].sum(), rel=1e-4)
+        assert told[key].square == pytest.approx(2 * (found[..., k] ** 2).mean(axis=1).sum(), rel=1e-4)
+        assert told[key].z == pytest.approx(told[key].excess / np.sqrt(told[key].square))
+    assert NOTHING.z == 0.0
+
+
+def test_columns_that_chance_explains_stay_out():
+    """Kept: beyond two standard errors, alone or beside the kept; what was kept is fitted together."""
+    rng = np.random.default_rng(22)
+    columns = rng.normal(size=(300, 8, 6)) * np.array([1.0, 1e4, 1e-3, 1.0, 1.0, 0.0])
+    columns[:, 0, 0] += 0.5
+    columns[:, 0, 1] += 3e3
+    columns[:, :, 3] = columns[:, :, 0] + 0.2 * columns[:, :, 4]
+    columns[:, 0, 3] -= 0.5
+    columns -= columns.mean(axis=1, keepdims=True)
+    found = _chosen(columns)
+    scale = np.sqrt((columns**2).mean(axis=(0, 1)))
+    standard = columns / np.where(scale > 0, scale, 1.0)
+    kept = np.abs(score_z(standard, np.zeros(6))) >= 2
+    first = np.zeros(6)
+    first[kept] = fit_choice(standard[:, :, kept])
+    both = kept | (np.abs(score_z(standard, first)) >= 2)
+    both[5] = False
+    wanted = np.zeros(6)
+    wanted[both] = fit_choice(standard[:, :, both])
+    np.testing.assert_allclose(found, np.divide(wanted, scale, out=np.zeros(6), where=scale > 0))
+    assert kept[:2].all()
+    assert both.sum() > kept.sum()
+    # Of nothing but chance the strongest alone is kept.
+    noise = rng.normal(size=(300, 8, 4))
+    noise -= noise.mean(axis=1, keepdims=True)
+    z = np.abs(score_z(noise, np.zeros(4)))
+    assert z.max() < 2
+    assert int(z.argmax()) in np.flatnonzero(_chosen(noise))
+    assert np.count_nonzero(_chosen(noise)) <= 2
+    assert _chosen(np.zeros((5, 3, 2))).tolist() == [0.0, 0.0]
+
+
+def test_ranks_and_gains_of_a_few_candidates():
+    values = np.array([[2.0, 1.0, 2.0, 5.0], [0.0, 0.0, 0.0, 0.0], [9.0, 1.0, 2.0, 3.0]])
+    ties = np.array([0.5, 0.25, 0.75])
+    np.testing.assert_allclose(_pit(values, ties), [(1 + 2 * 0.5) / 4, (0 + 4 * 0.25) / 4, 0.75 / 4])
+    chance = np.exp(values) / np.exp(values).sum(axis=1, keepdims=True)
+    rank = np.array([7, 5, 3, 1]) / 8  # from the one with the smallest chance on
+    wanted = 0.5 - (np.sort(chance, axis=1) * rank).sum(axis=1)
+    np.testing.assert_allclose(_gain(values), wanted)
+    assert wanted[1] == 0.0
+    np.testing.assert_allclose(softmax(values + 1e4), chance)
+
+
+def test_weights_are_cut_and_scaled_twice():
+    gain = np.r_[np.full(60, 0.01), 1.0, 0.5]
+    size = gain.copy()
+    for _ in range(2):
+        size = np.minimum(size / np.sqrt(np.mean(size**2)), 5.0)
+    np.testing.assert_allclose(weights(gain), np.minimum(size / np.sqrt(np.mean(size**2)), 5.0))
+    assert weights([-1.0, 0.0]).tolist() == [1.0, 1.0]

@@ -1,0 +1,343 @@
+"""What each command hands on of its options, and what it refuses; the work is tested where it is done."""
+
+from __future__ import annotations
+
+import io
+import json
+import signal
+import sys
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from tests.cli.inside import Said, inside
+
+from gaugeblock.auditing import audit as audits
+from gaugeblock.auditing import checking, discovering, planned
+from gaugeblock.cli import commands
+from gaugeblock.cli.options import command, stranger_settings
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.interrupts import Interrupted
+from gaugeblock.validate import Outcome, read_policy
+
+TOY = ("--set", "simulator.name=linear_gaussian", "--set", "estimator.name=exact")
+
+
+class Asked(Exception):
+    """A command has come to its work."""
+
+
+class Calls:
+    def __init__(self) -> None:
+        self.given: tuple[Any, ...] = ()
+        self.named: dict[str, Any] = {}
+        self.answer: Any = Asked("so far")
+
+    def __call__(self, *given: Any, **named: Any) -> Any:
+        self.given, self.named = given, named
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return self.answer
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch) -> Calls:
+    """Stands where the work is done, and keeps what it was asked."""
+    found = Calls()
+    for module, name in (
+        (audits, "audit_configured"),
+        (audits, "audit_draws"),
+        (audits, "audit_part"),
+        (audits, "commit"),
+        (audits, "judge"),
+        (checking, "check"),
+        (discovering, "discover"),
+    ):
+        monkeypatch.setattr(module, name, found)
+    return found
+
+
+def asked(cwd: Path, *words: object) -> None:
+    done = inside(*words, cwd=cwd)
+    assert done.returncode == 2
+    assert done.stderr == "gaugeblock: internal error: Asked: so far (--debug shows where)\n", done.stderr
+
+
+def refused(cwd: Path, *words: object) -> str:
+    done = inside(*words, cwd=cwd)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    return done.stderr.removeprefix("gaugeblock: ").rstrip("\n")
+
+
+def test_an_audit_of_a_configuration(calls: Calls, tmp_path: Path) -> None:
+    words = ("audit", *TOY, "--seed", 0, "--anytime", "--validator", "sbc", "--validator", "draws")
+    asked(tmp_path, *words, "--baseline", "old", "--ledger", "l.json", "--allow-mixed")
+    (config,) = calls.given
+    assert (config.simulator.name, config.estimator.name) == ("linear_gaussian", "exact")
+    assert (config.trials.seed, config.trials.anytime, config.validators) == (0, True, ("sbc", "draws"))
+    assert calls.named == {
+        "out": Path("gaugeblock-audit"),
+        "policy": read_policy("default"),
+        "baseline": Path("old"),
+        "command": "gaugeblock "
+        + " ".join(map(str, words))
+        + " --baseline old --ledger l.json --allow-mixed",
+        "progress": True,
+        "ledger": Path("l.json"),
+        "release": False,
+        "executor": None,
+        "allow_mixed": True,
+    }
+    asked(tmp_path, "audit", *TOY, "--quiet", "--release", "--policy", "strict", "--out", "o")
+    assert calls.named["policy"] == "strict"
+    assert (calls.named["progress"], calls.named["release"], calls.named["out"]) == (False, True, Path("o"))
+    assert calls.named["allow_mixed"] is False
+    config = calls.given[0]
+    assert (config.trials.anytime, config.validators, "seed" in config.trials.model_fields_set) == (
+        False, None, False
+    )  # fmt: skip
+    asked(tmp_path, "audit", *TOY, "--commit", "c.json", "--commit-text", "t.txt")
+    assert calls.named["commitment"] == (Path("c.json"), Path("t.txt"))
+
+
+def test_an_audit_of_somebodys_file(calls: Calls, tmp_path: Path) -> None:
+    (tmp_path / "f.pt").write_text("")
+    asked(
+        tmp_path, "audit", "--estimator", "f.pt", "--simulator", "two_moons", "--estimator-python", "py",
+        "--estimator-format", "sbi", "--estimator-builder", "b.py:make", "--i-trust-this-estimator",
+    )  # fmt: skip
+    config = calls.given[0]
+    assert config.simulator.table == {"name": "two_moons"}
+    assert config.estimator.table == {
+        "name": "stranger", "path": "f.pt", "python": "py", "format": "sbi", "builder": "b.py:make",
+        "trust": True,
+    }  # fmt: skip
+    asked(tmp_path, "audit", "--simulator", "xray", "--estimator-command", "run it")
+    assert calls.given[0].estimator.table == {"name": "stranger", "command": "run it"}
+    assert refused(tmp_path, "audit", "--estimator", "f.pt") == (
+        "say what the estimator is for: --simulator NAME, or a configuration"
+    )
+    (tmp_path / "c.toml").write_text('[simulator]\nname = "two_moons"\n')
+    asked(tmp_path, "audit", "c.toml", "--estimator", "f.pt", "--allow-module", "mine")
+    assert calls.given[0].modules == {"mine"}
+    assert calls.given[0].simulator.name == "two_moons"
+
+
+def test_draws_from_disk(calls: Calls, tmp_path: Path) -> None:
+    asked(
+        tmp_path,
+        "audit",
+        "--trials",
+        "d.nc",
+        "--seed",
+        5,
+        "--validator",
+        "sbc",
+        "--baseline",
+        "b",
+        "--out",
+        "o",
+    )
+    assert calls.given == (Path("d.nc"),)
+    assert {name: calls.named[name] for name in ("seed", "validators", "out", "baseline")} == {
+        "seed": 5, "validators": ("sbc",), "out": Path("o"), "baseline": Path("b")
+    }  # fmt: skip
+    assert not {"ledger", "executor"} & set(calls.named)
+    asked(tmp_path, "audit", "--trials", "d.nc")
+    assert (calls.named["seed"], calls.named["validators"]) == (0, None)
+    for more in (("--ledger", "l"), ("--release",)):
+        assert refused(tmp_path, "audit", "--trials", "d.nc", *more).startswith("a ledger counts audits")
+    for more in (("--workers", 2), ("--scheduler", "tcp://a:1"), ("--part", "1/2"), ("--allow-mixed",)):
+        assert refused(tmp_path, "audit", "--trials", "d.nc", *more) == (
+            "draws from disk leave nothing to fill: leave out --workers, --scheduler, --part and "
+            "--allow-mixed, or --trials"
+        )
+
+
+def test_a_commitment_alone(calls: Calls, tmp_path: Path) -> None:
+    calls.answer = None
+    for more, policy in (((), None), (("--policy", "strict"), "strict")):
+        done = inside("audit", *TOY, "--commit", "c.json", *more, cwd=tmp_path)
+        assert done.returncode == 0
+        assert done.stdout == (
+            "committed: c.json; publish it, and audit with a text that comes later: --commit-text\n"
+        )
+        assert (calls.given[1], calls.named) == (Path("c.json"), {"policy": policy})
+    done = inside("audit", *TOY, "--commit", "c.json", "--json", cwd=tmp_path)
+    assert json.loads(done.stdout) == {"commitment": "c.json"}
+    assert refused(tmp_path, "audit", *TOY, "--commit-text", "t") == (
+        "--commit-text goes with --commit FILE, what it was committed to"
+    )
+    for more in (("--trials", "d.nc"), ("--part", "1/2")):
+        own = TOY if "--part" in more else ()
+        assert refused(tmp_path, "audit", *own, "--commit", "c.json", *more) == (
+            "a commitment is to a whole audit: leave out --trials and --part"
+        )
+
+
+def test_a_part_of_an_audit(calls: Calls, tmp_path: Path) -> None:
+    calls.answer = 7
+    done = inside("audit", *TOY, "--part", "2/5", "--ledger", "l", "--baseline", "b", "--quiet", cwd=tmp_path)
+    assert done.stdout == "part 2/5: 7 blocks are filled; the same command without --part finishes\n"
+    assert done.returncode == 0
+    assert calls.named == {
+        "part": (2, 5), "out": Path("gaugeblock-audit"), "policy": read_policy("default"), "progress": False,
+        "ledger": Path("l"), "release": False, "executor": None, "allow_mixed": False,
+    }  # fmt: skip
+    done = inside("audit", *TOY, "--part", "2/5", "--json", cwd=tmp_path)
+    assert json.loads(done.stdout) == {"part": "2/5", "blocks": 7}
+
+
+def test_the_gate(calls: Calls, tmp_path: Path) -> None:
+    asked(tmp_path, "gate", "done")
+    assert calls.given == (Path("done"), "default")
+    assert calls.named == {"out": Path("done"), "seed": None, "command": "gaugeblock gate done"}
+    asked(tmp_path, "gate", "done", "--policy", "strict", "--out", "o", "--seed", 0)
+    assert calls.given == (Path("done"), "strict")
+    assert (calls.named["out"], calls.named["seed"]) == (Path("o"), 0)
+
+
+def test_a_check(calls: Calls, tmp_path: Path) -> None:
+    asked(tmp_path, "check", "--simulator", "xray", "--observation", "x.npy")
+    assert calls.given == ("xray", Path("x.npy"), None)
+    plain = {
+        "trials": 999, "simulations": 4000, "level": 0.05, "sees": None, "views": None, "axes": (), "seed": 0,
+        "out": Path("gaugeblock-check"), "progress": True,
+    }  # fmt: skip
+    assert {name: calls.named[name] for name in plain} == plain
+    (tmp_path / "f.pt").write_text("")
+    words = (
+        "check --simulator xray --observation x.npy --estimator f.pt --trials 99 --simulations 500 "
+        "--level 0.1 --sees noise=0.5 --sees line=2 --view a --axis day --seed 4 --out o --quiet "
+        "--set simulator.level=bright --set estimator.device=cpu --estimator-format sbi"
+    )
+    asked(tmp_path, *words.split())
+    assert calls.given == (
+        {"name": "xray", "level": "bright"},
+        Path("x.npy"),
+        {"name": "stranger", "path": "f.pt", "format": "sbi", "device": "cpu"},
+    )
+    assert {name: calls.named[name] for name in plain} == {
+        "trials": 99, "simulations": 500, "level": 0.1, "sees": {"noise": 0.5, "line": 2.0}, "views": ["a"],
+        "axes": ["day"], "seed": 4, "out": Path("o"), "progress": False,
+    }  # fmt: skip
+    asked(tmp_path, "check", "--simulator", "a", "--observation", "x", "--estimator", "exact")
+    assert calls.given[2] == "exact"
+    calls.answer = SimpleNamespace(
+        lines=["FAIL: words", "more"], to_json=lambda: {"a": 1}, outcome=Outcome.FAIL
+    )
+    done = inside("check", "--simulator", "a", "--observation", "x", "--out", "o", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (1, "FAIL: words\n  more\nReport: o/report.html\n")
+    for more, said in (
+        (
+            ("--set", "trials.number=3"),
+            "--set trials.number: a check has options of simulator and estimator only",
+        ),
+        (("--set", "estimator.a=3"), "--set estimator.a: say which estimator, with --estimator NAME"),
+        (("--sees", "noise"), "--sees noise: give KIND=SIZE, for instance noise=0.5"),
+    ):
+        assert refused(tmp_path, "check", "--simulator", "a", "--observation", "x", *more) == said
+
+
+def test_a_search(calls: Calls, tmp_path: Path) -> None:
+    asked(tmp_path, "discover", "a.pha", "b.pha")
+    assert calls.given == ([Path("a.pha"), Path("b.pha")],)
+    plain = {
+        "model": "tbabs*powerlaw", "priors": None, "band": None, "rmf": (), "arf": (), "background": (),
+        "redshift": 0.0, "regroup": "ungrouped", "effects": (), "only": (), "energy": None, "evidence": False,
+        "replicates": 999, "seed": 0, "out": Path("gaugeblock-discovery"), "progress": True, "executor": None,
+        "command": "gaugeblock discover a.pha b.pha",
+    }  # fmt: skip
+    assert calls.named == plain
+    (tmp_path / "many").mkdir()
+    words = (
+        "discover --catalog many --model powerlaw --priors p.toml --band 0.5 7 --rmf r --arf a "
+        "--background none --redshift 0.3 --regroup always --effect gauss --energy 6.4 --own m:e "
+        "--replicates 99 --evidence --out o --seed 3 --quiet"
+    )
+    asked(tmp_path, *words.split())
+    assert calls.given == (Path("many"),)
+    del calls.named["command"]
+    assert calls.named == {
+        "model": "powerlaw", "priors": Path("p.toml"), "band": (0.5, 7.0), "rmf": [Path("r")],
+        "arf": [Path("a")], "background": ["none"], "redshift": 0.3, "regroup": "always", "effects": ["m:e"],
+        "only": ["gauss"], "energy": 6.4, "evidence": True, "replicates": 99, "seed": 3, "out": Path("o"),
+        "progress": False, "executor": None,
+    }  # fmt: skip
+    for words in ((), ("a.pha", "--catalog", "many")):
+        assert refused(tmp_path, "discover", *words) == (
+            "discover: name either PHA files of one source, or --catalog with a folder of many"
+        )
+    assert refused(tmp_path, "discover", "--catalog", "none") == "discover: --catalog none is no folder"
+
+
+def test_a_plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = Calls()
+    monkeypatch.setattr(planned, "plan", found)
+    asked(tmp_path, "plan")
+    assert found.named == {
+        "bias": None, "width_error": None, "coverage": None, "power": None, "params": 5, "trials": None,
+        "draws": None, "policy": "default", "seed": 0,
+    }  # fmt: skip
+    words = "plan --bias 0.1 --width-error 0.2 --coverage 0.3 --power 0.8 --params 2 --trials 50 --draws 60"
+    asked(tmp_path, *words.split(), "--policy", "strict", "--seed", 7)
+    assert found.named == {
+        "bias": 0.1, "width_error": 0.2, "coverage": 0.3, "power": 0.8, "params": 2, "trials": 50,
+        "draws": 60, "policy": "strict", "seed": 7,
+    }  # fmt: skip
+
+
+def test_options_of_a_stranger() -> None:
+    assert stranger_settings(path=None, command=None, trust=False) == {}
+    assert stranger_settings(path=None, command=None, python=Path("p"), trust=True) == {
+        "estimator.python": "p", "estimator.trust": True
+    }  # fmt: skip
+    assert stranger_settings(path=None, command="") == {"estimator.name": "stranger", "estimator.command": ""}
+
+
+def test_the_command_line_that_is_running(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["/usr/bin/anything", "audit", "--seed", "3"])
+    assert command() == "gaugeblock audit --seed 3"
+
+
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (InputError("this is\n\x1b[1m wrong"), "gaugeblock: this is ?[1m wrong"),
+        (Interrupted("interrupted: so far"), "gaugeblock: interrupted: so far"),
+        (
+            MemoryError(),
+            "gaugeblock: memory ran short; fewer trials a block (trials.block) or fewer draws take less",
+        ),
+        (KeyError("a"), "gaugeblock: internal error: KeyError: 'a' (--debug shows where)"),
+    ],
+)
+@pytest.mark.parametrize("more", [(), ("--json",), ("--debug",)])
+def test_errors_are_a_line_and_exit_2(error: BaseException, line: str, more: tuple[str, ...]) -> None:
+    def failing() -> None:
+        raise error
+
+    done = _run(failing, *more)
+    assert done.returncode == 2
+    *before, last = done.stderr.splitlines()
+    assert last == line
+    assert bool(before) == (more == ("--debug",))
+    assert ("Traceback" in done.stderr) == (more == ("--debug",))
+    said = json.dumps({"error": line.removeprefix("gaugeblock: ")}) + "\n" if more == ("--json",) else ""
+    assert done.stdout == said
+
+
+def _run(work: Any, *more: str) -> Said:
+    """`run`, with these words on the command line, in a process's own streams."""
+    before, words = signal.getsignal(signal.SIGINT), sys.argv
+    out, err = io.StringIO(), io.StringIO()
+    sys.argv = ["gaugeblock", "audit", *more]
+    try:
+        with redirect_stdout(out), redirect_stderr(err), pytest.raises(SystemExit) as ended:
+            commands.run(work)
+    finally:
+        sys.argv = words
+        signal.signal(signal.SIGINT, before)
+    return Said(int(str(ended.value.code)), out.getvalue(), err.getvalue())

@@ -1,0 +1,101 @@
+"""Data as challengers see them: sums, standardised or ranked, named in the data's own terms."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from gaugeblock.validate import make_trials, trials_tree
+from gaugeblock.validate.learned.discriminant import normal_scores
+from gaugeblock.validate.learned.informed.data import (
+    channel_names,
+    channels,
+    data_of,
+    make_data,
+    summed,
+    usable,
+)
+from gaugeblock.validate.prepared import Prepared
+
+
+def test_neighbours_are_summed_until_there_are_few_enough():
+    x = np.random.default_rng(1).normal(size=(3, 10, 60))
+    flat = x.reshape(3, -1)
+    starts = [int(600 * k / 256) for k in range(257)]
+    wanted = np.stack([flat[:, a:b].sum(axis=1) for a, b in itertools.pairwise(starts)], axis=1)
+    np.testing.assert_allclose(summed(x), wanted)
+    np.testing.assert_array_equal(summed(x[:, :, :25]), x[:, :, :25].reshape(3, -1))
+    assert summed(np.ones((2, 256))).shape == (2, 256)
+    assert summed(np.ones((2, 257))).shape == (2, 256)
+    assert summed(np.ones(4)).tolist() == [[1.0]] * 4
+
+
+def test_channels_are_called_as_they_lie():
+    assert channel_names((3,)) == ["x[0]", "x[1]", "x[2]"]
+    assert channel_names((2, 2)) == ["x[0, 0]", "x[0, 1]", "x[1, 0]", "x[1, 1]"]
+    assert channel_names(()) == ["x"]
+    assert channel_names((0,)) == channel_names((3, 0)) == []
+    many = channel_names((2, 300))
+    assert len(many) == 256
+    assert many[:2] == ["x[0, 0] to x[0, 1]", "x[0, 2] to x[0, 3]"]
+    assert many[-1] == "x[1, 297] to x[1, 299]"
+    assert channel_names((300,))[0] == "x[0]"
+
+
+def test_values_are_standardised_counts_by_their_roots_and_heavy_ones_by_rank():
+    rng = np.random.default_rng(2)
+    plain = rng.normal(size=200)
+    heavy = rng.standard_cauchy(200)
+    features = rng.exponential(size=(200, 2))
+    found = make_data(
+        np.column_stack([plain, np.full(200, 3.0), heavy]), features, shape=(3,), names=["one", "two"]
+    )
+    assert (found.names, found.channels) == (("x[0]", "x[2]", "one", "two"), 2)
+    np.testing.assert_allclose(found.values[:, 0], (plain - plain.mean()) / plain.std())
+    np.testing.assert_allclose(found.values[:, 1], normal_scores(heavy[:, None], heavy[:, None])[:, 0])
+    np.testing.assert_allclose(found.values[:, 2:], normal_scores(features, features))
+    counts = rng.poisson(4.0, (200, 2)).astype(float)
+    root = np.sqrt(counts)
+    found = make_data(counts, np.empty((200, 0)), shape=(2,), names=[])
+    np.testing.assert_allclose(found.values, (root - root.mean(axis=0)) / root.std(axis=0))
+
+
+@pytest.mark.parametrize(("share", "ranked"), [(0.03, False), (0.05, True)])
+def test_ranks_are_taken_where_far_values_make_most_of_the_spread(share, ranked):
+    """Beyond twice what quartiles say of a normal distribution: 16 times 9^2 or so many percent decide."""
+    rng = np.random.default_rng(3)
+    values = rng.normal(size=2000)
+    values[: int(2000 * share)] *= 9.0
+    ratio = values.std() / (np.subtract(*np.quantile(values, [0.75, 0.25])) / 1.349)
+    assert (ratio > 2) == ranked
+    assert abs(ratio - 2) < 0.35
+    found = make_data(values[:, None], np.empty((2000, 0)), shape=(1,), names=[]).values[:, 0]
+    scores = normal_scores(values[:, None], values[:, None])[:, 0]
+    wanted = scores if ranked else (values - values.mean()) / values.std()
+    np.testing.assert_allclose(found, wanted)
+
+
+def test_data_of_some_trials_leave_out_features_that_are_no_numbers():
+    rng = np.random.default_rng(4)
+    x = rng.normal(size=(30, 2, 2))
+    trials = make_trials(np.zeros((30, 1)), rng.normal(size=(30, 5, 1)), ["a"], x=x)
+    trials = trials.assign(own=("trial", rng.normal(size=30)), bad=("trial", np.full(30, np.nan)))
+    rows = np.array([4, 2, 9, 20, 7])
+    made = Prepared(trials_tree(trials), 1)
+    found = data_of(made, rows)
+    features = made.features
+    kept = [k for k, name in enumerate(features.names) if name != "bad"]
+    assert "bad" in features.names
+    wanted = make_data(
+        x.reshape(30, 4)[rows], features.values[rows][:, kept], shape=(2, 2),
+        names=[features.names[k] for k in kept],
+    )  # fmt: skip
+    assert (found.names, found.channels) == (wanted.names, 4)
+    np.testing.assert_allclose(found.values, wanted.values)
+    np.testing.assert_array_equal(usable(features.values), features.values[:, kept])
+    alone = data_of(Prepared(trials_tree(trials.drop_vars("x")), 1), rows)
+    assert (alone.names, alone.channels, alone.values.shape) == (("own",), 0, (5, 1))
+    none = data_of(Prepared(trials_tree(trials.drop_vars(["x", "own", "bad"])), 1), rows)
+    assert (none.names, none.values.shape) == ((), (5, 0))
+    (block,) = made.blocks()
+    np.testing.assert_array_equal(channels(block), x.reshape(30, 4))
