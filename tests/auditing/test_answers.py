@@ -1,4 +1,4 @@
-"""Answers as files: asked once, in the order of questions and blocks, and made again where one is not ours."""
+"""Answers as files: asked once, in the order of questions and blocks, and made again where one is gone."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import pytest
 
 from gaugeblock.auditing.answers import Answers, fingerprint
 from gaugeblock.discovery import Sources
+from gaugeblock.simulators import Normal, Prior
 
 
 class Asking:
@@ -38,7 +39,7 @@ def test_each_block_is_asked_once_and_answers_stay(tmp_path: Path) -> None:
     found = list(answers(first, *ROWS))
     assert numbers(found) == first.asked == [(1, "a"), (2, "b"), (3, "c")]
     assert found[0]["number"].shape == (3, 2)
-    assert list(answers(first, [7], ["d"]))[0]["word"] == "d"
+    assert next(answers(first, [7], ["d"]))["word"] == "d"
     assert first.asked[3:] == [(7, "d")]
     assert {path.name for path in folder.glob("*.npz")} == {
         *(f"answer-000000-00000{k}.npz" for k in range(3)),
@@ -71,8 +72,19 @@ def test_an_executor_answers_the_same_in_the_order_of_blocks(tmp_path: Path) -> 
 class Counting:
     """A simulator with a state."""
 
+    prior = Prior({"level": Normal(0.0, 1.0)})
+
     def __init__(self, level: Any = 1.0):
         self.level = level
+
+    def expected(self, theta: Any) -> Any:
+        return np.ones((len(theta), 3))
+
+    def with_effect(self, effect: Any) -> Any:
+        return self
+
+    def effect_library(self, theta: Any) -> Any:
+        return {}
 
 
 def sources(**changes: Any) -> Sources:
@@ -101,3 +113,19 @@ def test_a_search_is_told_by_all_that_decides_its_bits() -> None:
     unknown = sources(simulator=Counting(lambda: 0))
     assert fingerprint([unknown], False) != fingerprint([unknown], False)
     assert fingerprint([sources()], True) != fingerprint([sources()], True)
+
+
+def test_what_compiles_is_sent_once_and_not_at_all_to_this_process(tmp_path: Path) -> None:
+    pytest.importorskip("cloudpickle")
+    simulator = Counting(3.0)
+
+    def ask(number: int, held: Any) -> dict[str, Any]:
+        return {"level": np.array([number, held.level])}
+
+    for name, workers in (("here", 0), ("there", 2)):
+        folder = tmp_path / name / "0123456789abcdef"
+        with ThreadPoolExecutor(2) as executor:
+            answers = Answers(folder, executor if workers else None)
+            found = [one["level"].tolist() for one in answers(ask, [1, 2, 3], [simulator] * 3)]
+        assert found == [[1.0, 3.0], [2.0, 3.0], [3.0, 3.0]]
+        assert len(list(folder.glob("kept-*.pickle"))) == (1 if workers else 0)

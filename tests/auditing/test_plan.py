@@ -6,6 +6,7 @@ import io
 import json
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -104,3 +105,55 @@ def test_a_table_for_people() -> None:
     ]  # fmt: skip
     assert re.fullmatch(r"coverage gap +0\.05 +0\.\d+ +\d+\.\d%( +[\d,]+ trials)? *", row)
     assert max(map(len, text.splitlines())) < 120
+
+
+def test_every_number_of_the_table_has_its_place() -> None:
+    made = replace(
+        plan(DEFAULT, params=2, trials=1000),
+        trials=12_345,
+        draws=67,
+        pass_probability_exact=0.98765,
+        smallest_detectable={"bias": 0.123456, "log_width": 0.2, "coverage": 0.3},
+        fail_probability={"bias": 0.5, "log_width": 0.98765, "coverage": 1.0},
+        noticed_by_rank_test={"bias": {"neyman_4": 1234}, "log_width": {"neyman_4": 5}},
+    )
+    file = io.StringIO()
+    print_table(made, file)
+    first, _, *rows = (line.rstrip() for line in file.getvalue().splitlines())
+    assert first == (
+        "12,345 trials of 67 draws, 2 parameters: an exact estimator passes with probability 0.988"
+    )
+    assert [re.split(r"  +", row) for row in rows] == [
+        ["bias, half-widths", "0.1", "0.1235", "50.0%", "1,234 trials"],
+        ["log of width ratio", "0.1", "0.2", "98.8%", "5 trials"],
+        ["coverage gap", "0.05", "0.3", "100.0%"],
+    ]
+    other = replace(made, policy=tolerating(DEFAULT, power=0.75, bias=0.25))
+    file = io.StringIO()
+    print_table(other, file)
+    assert "75% FAIL from" in file.getvalue()
+    assert "0.25" in file.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"bias": 0.0}, "--bias 0: must be a number above 0, as in --bias 0.1"),
+        ({"width_error": -0.1}, "--width-error -0.1: must be a number above 0, as in --width-error 0.1"),
+        ({"coverage": 1.0}, "--coverage 1: must be a number above 0 and below 1, as in --coverage 0.1"),
+        ({"power": 0.5}, "--power 0.5: must be above 0.5 and below 1, as in --power 0.9"),
+        ({"power": 1.0}, "--power 1: must be above 0.5 and below 1, as in --power 0.9"),
+    ],
+)
+def test_the_ends_of_what_may_be_tolerated(given: dict[str, float], said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        tolerating(DEFAULT, **given)
+    assert str(caught.value) == said
+
+
+def test_what_is_not_given_is_as_in_the_policy() -> None:
+    assert tolerating(DEFAULT) == DEFAULT
+    made = tolerating(DEFAULT, width_error=0.25, coverage=0.999, power=0.51, bias=1e-6)
+    assert made.tolerance.log_width == pytest.approx(math.log(1.25))
+    assert (made.tolerance.coverage, made.tolerance.bias, made.planning.power) == (0.999, 1e-6, 0.51)
+    assert made.tolerance.joint == DEFAULT.tolerance.joint

@@ -166,3 +166,20 @@ def test_what_a_watch_says_block_by_block() -> None:
     broken["draws"][3, 2, 0] = np.nan
     assert watch.see(broken) is True
     assert Watch(DEFAULT, 1).confirm(broken) is True
+
+
+def test_a_watch_looks_again_after_a_twentieth_more() -> None:
+    class Counting(Watch):
+        looks = 0
+
+        def _settled(self, sequences: Any) -> bool:
+            self.looks += 1
+            return super()._settled(sequences)
+
+    watch, looked = Counting(DEFAULT, 1), []
+    for seed, number in enumerate((100, 4, 1, 5, 1)):
+        before = watch.looks
+        assert watch.see(block(number, seed=seed)) is False
+        looked.append(watch.looks > before)
+    # At 100, 105 and 111 trials.
+    assert looked == [True, False, True, False, True]

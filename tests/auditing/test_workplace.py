@@ -157,3 +157,40 @@ def test_a_private_folder_is_its_owners(tmp_path: Path) -> None:
         assert str(caught.value) == (
             f"{tmp_path / name}: cannot be made private to you ({why}); give another --out"
         )
+
+
+def test_a_lock_that_comes_too_late_is_taken_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Between opening the file and its lock the audit that had it ends, twice, and takes the file with it."""
+    import fcntl
+
+    lock, path, late = fcntl.flock, tmp_path / LOCK, [1, 2]
+
+    def ended_just_before(handle: int, how: int) -> None:
+        if late:
+            late.pop()
+            path.unlink()
+        lock(handle, how)
+
+    monkeypatch.setattr(fcntl, "flock", ended_just_before)
+    before = open_files()
+    with alone_in(tmp_path):
+        assert late == []
+        assert path.exists()
+        assert open_files() == before + (before > 0)
+        with pytest.raises(InputError, match="another audit is at work there"), alone_in(tmp_path):
+            pass
+    assert not path.exists()
+    assert open_files() == before
+
+
+def open_files() -> int:
+    """How many this process has open; 0 where that cannot be told."""
+    listed = Path("/proc/self/fd")
+    return len(os.listdir(listed)) if listed.is_dir() else 0
+
+
+def test_a_private_folder_leaves_no_file_open(tmp_path: Path) -> None:
+    before = open_files()
+    for _ in range(3):
+        private_folder(tmp_path / "seeds")
+    assert open_files() == before

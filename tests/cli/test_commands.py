@@ -14,12 +14,15 @@ from typing import Any
 import pytest
 from tests.cli.inside import Said, inside
 
+from gaugeblock.auditing import attest as attesting
 from gaugeblock.auditing import audit as audits
-from gaugeblock.auditing import checking, discovering, planned
+from gaugeblock.auditing import checking, discovering, planned, stored
+from gaugeblock.auditing import verify as verifying
 from gaugeblock.cli import commands
 from gaugeblock.cli.options import command, stranger_settings
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.interrupts import Interrupted
+from gaugeblock.reports import comparison
 from gaugeblock.validate import Outcome, read_policy
 
 TOY = ("--set", "simulator.name=linear_gaussian", "--set", "estimator.name=exact")
@@ -341,3 +344,128 @@ def _run(work: Any, *more: str) -> Said:
         sys.argv = words
         signal.signal(signal.SIGINT, before)
     return Said(int(str(ended.value.code)), out.getvalue(), err.getvalue())
+
+
+def document(cwd: Path, *words: object, stdin: str = "") -> Any:
+    """What --json prints, which is all of stdout."""
+    done = inside(*words, "--json", cwd=cwd, stdin=stdin)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_pages_that_are_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    report, compare = Calls(), Calls()
+    monkeypatch.setattr(stored, "report_folder", report)
+    monkeypatch.setattr(stored, "compare_folders", compare)
+    monkeypatch.setattr(comparison, "comparison_text", lambda found: f"{found} in words")
+    report.answer, compare.answer = Path("a/report.html"), "compared"
+    assert inside("report", "a", cwd=tmp_path).stdout == "Report: a/report.html\n"
+    assert report.given == (Path("a"),)
+    assert document(tmp_path, "report", "a") == {"report": "a/report.html"}
+    assert inside("compare", "a", "b", cwd=tmp_path).stdout == (
+        "compared in words\nReport: comparison/report.html\n"
+    )
+    assert compare.given == ([Path("a"), Path("b")], Path("comparison"))
+    assert document(tmp_path, "compare", "b", "a", "--out", "o") == {
+        "report": "o/report.html", "text": "compared in words"
+    }  # fmt: skip
+    assert compare.given == ([Path("b"), Path("a")], Path("o"))
+
+
+def test_a_signature(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = Calls()
+    found.answer = Path("s.json")
+    monkeypatch.setattr(attesting, "attest", found)
+    done = inside("attest", "a", "--key", "k.pem", cwd=tmp_path)
+    assert done.stdout == "signed: s.json; checked by: gaugeblock verify DIR --signer PUBLIC.pem\n"
+    assert (found.given, found.named) == ((Path("a"), Path("k.pem")), {"trials": None, "out": None})
+    more = ("--trials", "t.nc", "--out", "o.json")
+    assert document(tmp_path, "attest", "a", "--key", "k.pem", *more) == {"statement": "s.json"}
+    assert found.named == {"trials": Path("t.nc"), "out": Path("o.json")}
+
+
+def test_a_verification(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = Calls()
+    monkeypatch.setattr(verifying, "verify", found)
+    found.answer = verifying.Verification((), ("a note",), "ab" * 32, "PASS", "the default policy")
+    done = inside("verify", "a", cwd=tmp_path)
+    same = "SAME: findings, verdict and reports are what the trials, the policy and the seed give"
+    kept = "An edit of trials.nc itself shows against a digest kept elsewhere: --trials-sha256 HEX"
+    lines = ["note: a note", same, "PASS under the default policy", f"trials.nc sha256 {'ab' * 32}"]
+    assert (done.returncode, done.stdout.splitlines()) == (0, [*lines, kept])
+    none = dict.fromkeys(
+        ("trials", "policy", "trials_sha256", "estimator_sha256", "tolerance", "commitment", "text", "signer")
+    )
+    none |= dict.fromkeys(("statement", "share"))
+    assert (found.given, found.named) == ((Path("a"),), {**none, "allow_modules": ()})
+    for more in (("--trials-sha256", "x"), ("--signer", "p.pem")):
+        assert inside("verify", "a", *more, cwd=tmp_path).stdout.splitlines() == lines
+    words = (
+        "--trials t.nc --policy strict --trials-sha256 x --estimator-sha256 y --tolerance 0.001 --commit c "
+        "--commit-text d --signer p --statement s --rerun 0.5 --allow-module m --allow-module n"
+    )
+    found.answer = verifying.Verification(("one\n\x1b[1m", "two"), (), "ab", "FAIL", "mine")
+    done = inside("verify", "a", *words.split(), cwd=tmp_path)
+    assert done.returncode == 1
+    assert done.stdout.splitlines() == [
+        "one ?[1m",
+        "two",
+        "DIFFERENT: what is listed above is not what the trials, the policy and the seed give, or not what "
+        "was signed",
+        "FAIL under mine",
+        "trials.nc sha256 ab",
+    ]
+    assert found.named == {
+        "trials": Path("t.nc"), "policy": "strict", "trials_sha256": "x", "estimator_sha256": "y",
+        "tolerance": 0.001, "commitment": Path("c"), "text": Path("d"), "signer": Path("p"),
+        "statement": Path("s"), "share": 0.5, "allow_modules": ["m", "n"],
+    }  # fmt: skip
+    done = inside("verify", "a", "--json", cwd=tmp_path)
+    assert json.loads(done.stdout) == {
+        "same": False, "differences": ["one\n\x1b[1m", "two"], "notes": [], "trials_sha256": "ab",
+        "outcome": "FAIL", "policy": "mine",
+    }  # fmt: skip
+    assert "signed" not in inside("verify", "a", cwd=tmp_path).stdout
+
+
+def test_a_configuration_and_its_schema(tmp_path: Path) -> None:
+    following = "gaugeblock audit own.toml --allow-module mine"
+    words = ("init", "own.toml", "--kind", "own", "--posterior", "mine:draw", "--simulator", "xray")
+    assert document(tmp_path, *words) == {"file": "own.toml", "next": following}
+    assert refused(tmp_path, *words) == "own.toml is there already; give another name, or --replace"
+    assert inside(*words, "--replace", cwd=tmp_path).stdout == f"wrote own.toml\nnext: {following}\n"
+    assert (tmp_path / "own.toml").read_text().startswith(f"# Audit it with: {following}\n")
+    done = inside("init", "b.toml", cwd=tmp_path, stdin="npe\n\n\n")
+    assert "Which one? (a model folder that gaugeblock train made) [model]:" in done.stderr
+    simulator = "Which simulator? (a name, or module:object with simulate(theta, rng)) [mine:simulate]:"
+    assert simulator in done.stderr
+    assert "  own       an object of mine, module:object, with sample(x, n, rng)\n" in done.stderr
+    assert 'path = "model"' in (tmp_path / "b.toml").read_text()
+    done = inside("init", "c.toml", "--kind", "draws", cwd=tmp_path, stdin="\n")
+    assert done.stdout.lstrip() == "wrote c.toml\nnext: gaugeblock audit c.toml --trials draws.nc\n"
+    assert document(tmp_path, "schema", "configuration", "own.toml") == {"files": ["own.toml"]}
+    assert inside("schema", "configuration", "own.toml", cwd=tmp_path).stdout == "own.toml: can be audited\n"
+    made = document(tmp_path, "schema", "verdict")
+    assert json.loads(inside("schema", "verdict", cwd=tmp_path).stdout) == made
+    assert refused(tmp_path, "schema", "none").startswith("schema: there is none of none; there are ")
+    assert refused(tmp_path, "schema", "verdict", "own.toml") == (
+        "schema: of verdict only the schema; any validator of JSON schemas takes it"
+    )
+
+
+def test_a_training(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = Calls()
+    found.answer = Path("model")
+    npe = pytest.importorskip("gaugeblock.estimators.npe", exc_type=ImportError)
+    monkeypatch.setattr(npe, "run_training", found)
+    assert inside("train", "t.toml", "--quiet", cwd=tmp_path).stdout == "trained: model\n"
+    assert found.given == (Path("t.toml"),)
+    assert callable(found.named.pop("progress"))
+    assert found.named == {"out": None, "overrides": {}, "allow_modules": (), "seed": None, "replace": False}
+    words = "--out o --seed 0 --replace --set training.epochs=3 --allow-module m"
+    assert document(tmp_path, "train", "t.toml", *words.split()) == {"model": "model"}
+    del found.named["progress"]
+    assert found.named == {
+        "out": Path("o"), "overrides": {"training.epochs": 3}, "allow_modules": ["m"], "seed": 0,
+        "replace": True,
+    }  # fmt: skip

@@ -6,7 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -261,3 +261,61 @@ def test_a_scheduler_that_does_not_answer_is_named(address: str, monkeypatch: py
         opened(scheduler=address),
     ):
         pass
+
+
+def test_what_processes_inherit_is_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second, *_ = executors.SINGLE
+    monkeypatch.setenv(first, "7")
+    monkeypatch.delenv(second, raising=False)
+    with opened() as (executor, line):
+        assert (executor, line) == (None, "")
+        assert [os.environ[name] for name in executors.SINGLE] == ["1"] * len(executors.SINGLE)
+    assert os.environ[first] == "7"
+    assert second not in os.environ
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("0/4", "--part 0/4: parts are counted from 1 to 4"),
+        ("5/4", "--part 5/4: parts are counted from 1 to 4"),
+        ("1/0", "--part 1/0: parts are counted from 1 to 0"),
+        ("1-4", "--part 1-4: must be i/N, as in --part 3/8"),
+        ("1/4/2", "--part 1/4/2: must be i/N, as in --part 3/8"),
+        ("1/1234567890", "--part 1/1234567890: must be i/N, as in --part 3/8"),
+    ],
+)
+def test_parts_that_are_none_are_told(text: str, said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        parse_part(text)
+    assert str(caught.value) == said
+    assert parse_part(" 1/123456789 ") == (1, 123456789)
+
+
+def test_the_order_of_tasks_is_kept_here_and_all_of_them_are_done_there(tmp_path: Path) -> None:
+    done: list[int] = []
+    assert list(each(done.append, iter([3, 1, 2]), folder=tmp_path)) == done == [3, 1, 2]
+    assert list(each(done.append, [], folder=tmp_path)) == []
+    with ThreadPoolExecutor(1) as threads:
+        assert sorted(each(partial(square, tmp_path), [4, 5], folder=tmp_path, executor=threads)) == [4, 5]
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["4", "5"]
+
+
+def test_what_has_not_begun_when_it_ends_is_not_done(tmp_path: Path) -> None:
+    futures: list[Future[Any]] = []
+
+    class Lazy(Executor):
+        """Does the first of its tasks alone."""
+
+        def submit(self, *given: Any) -> Future[Any]:  # type: ignore[override]
+            futures.append(Future())
+            if len(futures) == 1:
+                futures[0].set_result(None)
+            return futures[-1]
+
+    begun = each(partial(square, tmp_path), [7, 8, 9], folder=tmp_path, executor=Lazy())
+    assert next(begun) == 7
+    assert [path.name[:5] for path in tmp_path.iterdir()] == ["sent-"]
+    begun.close()
+    assert [future.cancelled() for future in futures] == [False, True, True]
+    assert list(tmp_path.iterdir()) == []

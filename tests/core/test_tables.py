@@ -22,6 +22,7 @@ class Outer(Table):
     inner: Inner = Inner()
     further: dict[str, int] | None = None
     pair: tuple[int, int] = (1, 2)
+    maybe: Inner | None = None
 
     @field_validator("name")
     @classmethod
@@ -41,7 +42,11 @@ class Outer(Table):
     ("values", "said"),
     [
         ({}, "name is missing"),
-        ({"name": "a", "other": 1}, "unknown key other; there are name, inner, further, pair"),
+        ({"name": "a", "other": 1}, "unknown key other; there are name, inner, further, pair, maybe"),
+        (
+            {"name": "a", "maybe": {"sise": 1}},
+            "unknown key maybe.sise; there are name, inner, further, pair, maybe",
+        ),
         ({"name": "a", "inner": {"sise": 1}}, "unknown key inner.sise; there are size, share"),
         ({"name": "nobody"}, "name = 'nobody' cannot be: nobody is called so"),
         ({"name": 3}, "name = 3 cannot be: input should be a valid string"),

@@ -13,7 +13,7 @@ from tests.validate.layout.test_layout import NAMES, posterior
 
 from gaugeblock.diagnosis.arrangement import arrangement
 from gaugeblock.diagnosis.cases import Cases
-from gaugeblock.diagnosis.repair import plain_repair
+from gaugeblock.diagnosis.repair import from_data, plain_repair
 from gaugeblock.diagnosis.workflow import locate_and_name
 from gaugeblock.stranger.mapping import Mapping
 
@@ -98,3 +98,56 @@ def test_a_hostile_name_stays_a_key_of_toml():
     theta, draws = posterior(8, n=900)
     (suggestion,) = said(theta, draws[..., [1, 0, 2]], names)
     assert set(tomllib.loads(suggestion.toml)["estimator"]["parameters"]) == set(names[:2])
+
+
+PLAIN, LOGS = ["none"] * 3, ["none", "log10", "log"]
+STEPS = {
+    "multiplied": {"function": "multiplied", "by": [2.0, 1.0, 0.5]},
+    "mirrored": {"function": "mirrored", "flipped": [True, False, True], "about": [1.0, 5.0, 0.0]},
+    "moved": {"function": "moved", "by": [0.5, -1.0, 0.0], "in_widths": False},
+    "ordered": {
+        "function": "reordered", "order": [2, 0, 1], "transforms": PLAIN, "units": [3.0, 1.0, -1.0],
+        "offsets": [0.5, 2.0, 0.0],
+    },
+    "read": {
+        "function": "reread", "transforms": PLAIN, "units": [1.0, -2.0, 4.0], "offsets": [1.0, 0.0, -3.0]
+    },
+    "logs": {"function": "reread", "transforms": LOGS, "units": [1.0, 2.0, 3.0], "offsets": [0.0, 0.0, 0.5]},
+    "ordered logs": {
+        "function": "reordered", "order": [1, 2, 0], "transforms": LOGS, "units": [2.0, 1.0, 1.0],
+        "offsets": [0.0, 0.0, 0.0],
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "steps",
+    [
+        *([name] for name in STEPS if name != "moved"),
+        ["multiplied", "mirrored", "moved"],
+        ["moved", "mirrored", "ordered", "multiplied"],
+        ["ordered", "ordered", "read"],
+        ["read", "moved", "ordered", "mirrored"],
+        ["logs", "ordered", "multiplied", "read"],
+        ["ordered logs", "mirrored", "moved", "ordered"],
+    ],
+)
+def test_what_is_written_does_what_the_repairs_do(steps):
+    draws = np.random.default_rng(1).uniform(0.1, 2.0, (4, 5, 3))
+    cases = Cases(("a", "b", "c"), np.arange(4), np.ones((4, 3)), draws)
+    for name in steps:
+        cases = from_data(STEPS[name], where="here")(cases)
+    (suggestion,) = arrangement({"repair": [STEPS[name] for name in steps]}, ("a", "b", "c"))
+    np.testing.assert_allclose(mended(suggestion, draws, ("a", "b", "c")), cases.draws, rtol=1e-6)
+
+
+def test_what_is_said_of_two_columns():
+    step = {"function": "reordered", "order": [1, 0, 2], "transforms": PLAIN, "units": [1.0, 2.0, 1.0],
+            "offsets": [0.0] * 3}  # fmt: skip
+    (suggestion,) = arrangement({"repair": [step]}, ("a", "b", "c"))
+    head, _, last = suggestion.text.partition("; ")
+    assert head == "The draws look as if a is in column 1, where b is expected"
+    assert last.startswith("b is in column 0, where a is expected and is drawn as ")
+    assert last.endswith(" (columns are counted from 0).")
+    assert suggestion.toml.splitlines()[:2] == ["[estimator.parameters]", '"a" = { index = 1 }']
+    assert len(suggestion.toml.splitlines()) == 3

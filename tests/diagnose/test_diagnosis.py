@@ -281,3 +281,54 @@ def test_few_trials_do_not_say_and_ids_are_ones_own() -> None:
                 tree, verdict, seed=3, faults={"mine": Fault(lambda c, r: []), taken: Fault(lambda c, r: [])}
             )
         assert str(caught.value) == f"faults: {taken} is the library's own: give yours another id"
+
+
+def asked(draws: np.ndarray, *failed: str, x: np.ndarray | None = None, **options: Any) -> Diagnosis:
+    """A diagnosis of 150 trials of few draws, of which the disagreement is not asked."""
+    theta = np.random.default_rng(8).normal(size=(len(draws), 1))
+    tree = xr.DataTree(make_trials(theta, draws, ["a"], x=x))
+    gates = tuple(gate(name, Outcome.FAIL) for name in failed)
+    verdict: Any = SimpleNamespace(gates=gates, outcome=Outcome.FAIL if gates else Outcome.INCONCLUSIVE)
+    return diagnose(tree, verdict, seed=3, **options)
+
+
+FEW = np.random.default_rng(7).normal(size=(150, 19, 1))
+
+
+def test_a_density_that_a_gate_has_failed_of_draws_of_which_nothing_is_seen() -> None:
+    made = asked(FEW, "density.normalisation", "importance.ess")
+    assert made.text == (
+        "of the draws nothing is wrong that these trials show; their log density is: density.normalisation "
+        f"is off {_cures(causes('log_q'))}"
+    )
+    assert (made.named, made.named_all, made.causes) == ("log_q", ("log_q",), causes("log_q"))
+    assert made.parameters == {"density.normalisation": (0.5, 0.4, 0.6)}
+    for failed, words in (
+        (("density.normalisation", "sbc.bias"), "what is wrong is too small to be named: "),
+        ((), "nothing is seen to be wrong: "),
+    ):
+        other = asked(FEW, *failed)
+        assert (other.named, other.called) == (None, False)
+        assert other.text.startswith(words)
+
+
+def test_what_shows_in_draws_alone_comes_before_their_density() -> None:
+    same = np.repeat(FEW[:, :9], 2, axis=1)
+    made = asked(same, "density.normalisation")
+    assert (made.named, made.named_all) == ("few_distinct", ("few_distinct",))
+    assert made.text.startswith("only 50% of the draws of a trial are different ones. Possible causes: ")
+
+
+def test_an_estimator_that_can_be_called_is() -> None:
+    rng = np.random.default_rng(8)
+    theta = rng.normal(size=(150, 1))
+
+    def sample(x: Any, n: int, rng: Any) -> Any:
+        return x[:, None] + rng.normal(size=(len(x), n, 1))
+
+    made = asked(sample(theta, 19, rng), x=theta, sample=sample)
+    assert made.called is True
+    assert asked(sample(theta, 19, rng), sample=sample).called is False
+    # Draws that were better than they are once more, of which the data say nothing.
+    known = asked(theta[:, None] + 0.01 * FEW, x=rng.normal(size=(150, 1)), sample=sample)
+    assert (known.named, known.called) == ("knows_truth", True)

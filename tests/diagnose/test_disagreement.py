@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import special, stats
+from scipy import optimize, special, stats
 
+from gaugeblock.core.streams import generator
 from gaugeblock.diagnosis.cases import Cases, scores_in
 from gaugeblock.diagnosis.disagreement import (
     CANDIDATES,
@@ -272,3 +273,56 @@ def test_the_end_of_all_truths_is_as_far_beyond_the_last_as_these_are_apart():
     low, high = reference.range
     assert low == pytest.approx([0.0 - (100.0 - 0.0) / 10])
     assert high == pytest.approx([841.0 + (841.0 - 361.0) / 10])
+
+
+def test_a_fit_is_the_likeliest_under_ridges_that_are_the_likeliest():
+    """By inverses and a general minimiser: MacKay's rounds at even chances, then the penalised likelihood."""
+    rng = np.random.default_rng(9)
+    values = rng.normal(size=(500, 5, 4)) * [1.0, 3.0, 0.5, 1.0] + 2.0
+    log_weight = 0.3 * rng.normal(size=(500, 5))
+    # Of the first column truths are told, of the others hardly or not.
+    values[:, 0] += [0.9, 0.3, 0.0, 0.0]
+    values[..., 3] = 7.0  # which tells nothing
+    kinds = Kinds(("one", "two"), np.array([0, 0, 1, 1]))
+    centred = values - values.mean(axis=1, keepdims=True)
+    scale = np.sqrt((centred[..., :3] ** 2).mean(axis=(0, 1)))
+    seen = np.concatenate([centred[..., :3] / scale, np.zeros((500, 5, 1))], axis=2)
+    chance = special.softmax(log_weight, axis=1)
+    mean = np.einsum("tc,tcf->tf", chance, seen)
+    spread = np.einsum("tc,tcf,tcg->fg", chance, seen, seen) - mean.T @ mean
+    gradient = (seen[:, 0] - mean).sum(axis=0)
+    precision = np.full(4, 0.3)
+    for _ in range(10):
+        covariance = np.linalg.inv(spread + np.diag(precision))
+        weight, known = covariance @ gradient, 1 - precision * np.diag(covariance)
+        for mine in (slice(2), slice(2, 4)):
+            precision[mine] = np.clip(known[mine].sum() / (weight[mine] ** 2).sum(), 0.3, 1e8)
+
+    def loss(weight):
+        score = seen @ weight + log_weight
+        return -special.log_softmax(score, axis=1)[:, 0].sum() + (precision * weight**2).sum() / 2
+
+    best = optimize.minimize(loss, np.zeros(4), tol=1e-10).x
+    found = fit_tilt(values, kinds, log_weight).weight
+    assert found[3] == 0.0
+    at = np.append(found[:3] * scale, 0.0)
+    assert loss(at) < loss(best) + 0.1
+    np.testing.assert_allclose(at, best, atol=0.02)
+    assert abs(best[0]) > 0.5
+
+
+def test_evidence_foretells_each_quarter_by_those_before_it():
+    cases = noise(4, 90, draws=10)
+    cases = cases.drawn(0.3 * cases.draws)
+    reference = Reference.of(cases)
+    values, kinds = columns(cases, reference, 6)
+    log_weight = np.random.default_rng(1).normal(size=values.shape[:2])
+    order = generator(6, "diagnosis evidence").permutation(90)
+    parts = [order[:23], order[23:46], order[46:68], order[68:]]
+    for odds, given in ((np.zeros_like(log_weight), None), (log_weight, log_weight)):
+        whole = 0.0
+        for k in (1, 2, 3):
+            before = np.concatenate(parts[:k])
+            tilt = fit_tilt(values[before], kinds, odds[before])
+            whole += tilt.gains(values[parts[k]], odds[parts[k]]).sum()
+        assert evidence(cases, reference, 6, given) == pytest.approx(whole)

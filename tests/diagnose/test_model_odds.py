@@ -31,9 +31,9 @@ def test_a_model_that_is_true_more_often_than_is_stated():
     assert found["named_all"] == ("prior_odds",)
     assert found["causes"] == CAUSES["prior_odds"]
     assert found["text"] == (
-        "bent is true in 30.0% of the trials and stated with 20.0% on average. Possible causes: trained with "
-        "other prior odds: draw the models as often as the trials do, or reweight; undertrained: train longer, "
-        "or on more simulations."
+        "bent is true in 30.0% of the trials and stated with 20.0% on average. Possible causes: trained "
+        "with other prior odds: draw the models as often as the trials do, or reweight; undertrained: train "
+        "longer, or on more simulations."
     )
     # One less what was stated, or as much below it, in 100 and 400, and in 200 and 300 trials.
     square = (100 * 0.9**2 + 400 * 0.1**2 + 200 * 0.7**2 + 300 * 0.3**2) / 1000
@@ -63,10 +63,8 @@ def test_a_power_of_all_probabilities(temperature, named):
     (size,) = found["parameters"].values()
     assert size == pytest.approx((best, best - reach, best + reach), rel=1e-3)
     assert best == pytest.approx(temperature, rel=0.2)
-    assert (
-        f"too {named[4:]}: raised to the power {best:.2f} (90%: {best - reach:.2f} to {best + reach:.2f}) they "
-        "would fit best." in found["text"]
-    )
+    power = f"{best:.2f} (90%: {best - reach:.2f} to {best + reach:.2f})"
+    assert f"{named.replace('_', ' ')}: raised to the power {power} they would fit best." in found["text"]
     assert found["causes"] == CAUSES[named]
 
 

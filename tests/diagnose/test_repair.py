@@ -1,11 +1,27 @@
 """What repairs are made of, and what cases know of their draws: each against a loop."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy import stats
 
+from gaugeblock.core.errors import InputError
 from gaugeblock.diagnosis.cases import Cases, places_within, scores_in, thirds
-from gaugeblock.diagnosis.repair import few_values, in_steps, listed, root, rows_of, weighted
+from gaugeblock.diagnosis.library.calls import standardised
+from gaugeblock.diagnosis.library.marginal import moved, stretched
+from gaugeblock.diagnosis.repair import (
+    Repair,
+    as_data,
+    few_values,
+    from_data,
+    in_steps,
+    listed,
+    plain_repair,
+    root,
+    rows_of,
+    weighted,
+)
 
 
 def made(n=30, draws=17, *, rounded=False):
@@ -95,3 +111,65 @@ def test_those_that_stand_out_are_listed():
     assert listed(names, sizes, neutral=1.0, by="") == "b 2, e 3, f 1.9, g 0.1"
     assert listed(["a", "b"], np.array([0.0, -0.4]), "{:+.1f}") == "b by -0.4"
     assert listed(["a"], np.array([0.4])) == "a by 0.4"
+
+
+INNER = partial(moved, by=np.array([0.5, -1.0]), in_widths=True)
+MENDED = partial(in_steps, mend=INNER, columns=np.array([0, 0]), steps=np.array([1.0, 2.0]))
+DATA = {
+    "function": "in_steps",
+    "mend": {"function": "moved", "by": [0.5, -1.0], "in_widths": True},
+    "columns": [0, 0],
+    "steps": [1.0, 2.0],
+}
+
+
+def test_repairs_as_plain_data_and_back():
+    assert as_data(MENDED) == DATA
+    again = from_data(DATA, where="here")
+    assert again.func is in_steps
+    assert (again.keywords["mend"].func, again.keywords["mend"].keywords["in_widths"]) == (moved, True)
+    np.testing.assert_array_equal(again(made()).draws, MENDED(made()).draws)
+    assert as_data(partial(stretched, by=np.float64(2.0), about="mean")) == {
+        "function": "stretched", "by": 2.0, "about": "mean"
+    }  # fmt: skip
+    for none in (
+        moved,
+        lambda cases: cases,
+        partial(lambda cases, by: cases, by=1),
+        partial(moved, made(), by=1.0, in_widths=True),
+        partial(in_steps, mend=partial(lambda cases: cases), columns=[], steps=[]),
+    ):
+        assert as_data(none) is None
+
+
+def test_all_of_a_repair_can_be_written_down_or_nothing():
+    def of(apply, **options):
+        return Repair("a", apply, "words", **options)
+
+    turn = partial(standardised, zero=0.0, unit=2.0)
+    moves = {"function": "moved", "by": [0.5, -1.0], "in_widths": True}
+    turns = {"function": "standardised", "zero": 0.0, "unit": 2.0}
+    assert plain_repair([of(INNER), of(lambda cases: cases, turn=turn)]) == (moves, turns)
+    assert plain_repair([of(INNER), of(lambda cases: cases)]) == ()
+    assert plain_repair([]) == ()
+
+
+def test_what_this_version_does_not_know_is_told():
+    for data, said in (
+        ("moved", "here: no repair of this version: 'moved'; diagnose the audit again"),
+        ({"function": "f" * 90}, f"here: no repair of this version: {'f' * 60!r}; diagnose the audit again"),
+        ({"by": 1}, "here: no repair of this version: 'None'; diagnose the audit again"),
+        ({"function": "moved"}, "here: moved does not take nothing"),
+        ({"function": "moved", "by": 1}, "here: moved does not take by"),
+        (
+            {"function": "moved", "by": 1, "in_widths": True, "k": 2},
+            "here: moved does not take by, in_widths, k",
+        ),
+        (
+            {**DATA, "mend": {"function": "no"}},
+            "here: no repair of this version: 'no'; diagnose the audit again",
+        ),
+    ):
+        with pytest.raises(InputError) as caught:
+            from_data(data, where="here")
+        assert str(caught.value) == said

@@ -13,7 +13,7 @@ from tests.diagnose.test_calls import PRIOR, QUICK, SMALL, right, simulate
 import gaugeblock as gb
 from gaugeblock.auditing.identity import identity
 from gaugeblock.core.errors import InputError
-from gaugeblock.diagnosis import Cause, Fault, Repair, Repaired
+from gaugeblock.diagnosis import Cause, Diagnosis, Fault, Repair, Repaired
 from gaugeblock.diagnosis.disagreement import Reference
 from gaugeblock.diagnosis.library.symptoms import STRUCTURAL, SYMPTOMS
 from gaugeblock.diagnosis.repair import as_data, from_data
@@ -213,3 +213,79 @@ def test_repairs_of_a_region_hold_there_alone():
     changed = (mended.draws != broken.draws).any(axis=(1, 2))
     assert changed[side].mean() > 0.8
     assert changed[~side].mean() < 0.1
+
+
+class Asked:
+    """Draws that rise from 0, of which some are far out; and what it was asked."""
+
+    def __init__(self, far=0.0):
+        self.far, self.asked = far, []
+
+    def sample(self, x, n, rng):
+        self.asked.append((np.array(x), n))
+        draws = np.array(np.broadcast_to(np.arange(n, dtype=float)[:, None] / n, (len(x), n, 2)))
+        draws[:, : int(self.far * n)] += 1e6
+        return draws
+
+
+def repaired(base, *repair, **options):
+    held = Diagnosis(named="a", text="words", repair=repair, **options)
+    return Repaired(base, gb_simulator(), diagnosis=held)
+
+
+SHIFT = {"function": "moved", "by": [-1.0, 2.0], "in_widths": False}
+TURN = {"function": "standardised", "zero": 1.0, "unit": 2.0}
+
+
+def test_what_a_repaired_estimator_asks_of_its_base_and_makes_of_it():
+    x = np.array([[1, 3], [5, 7]])
+    base = Asked()
+    found = repaired(base, TURN, SHIFT, seed=9).sample(x, 10, np.random.default_rng(1))
+    ((asked, n),) = base.asked
+    np.testing.assert_allclose(asked, [[0.0, 1.0], [2.0, 3.0]])
+    assert (n, found.shape) == (40, (2, 10, 2))
+    # By lot, in their order, none twice.
+    assert (np.diff(found[..., 0], axis=1) > 0).all()
+    assert np.isin(((found - [1.0, -2.0]) * 40).round(9), np.arange(40.0)).all()
+    assert not np.array_equal(found, repaired(Asked(), TURN, SHIFT).sample(x, 10, np.random.default_rng(2)))
+    assert repaired(base, SHIFT, seed=9).seed_of_repair == 9
+    turned = Asked()
+    found = repaired(turned, TURN).sample(x, 10, np.random.default_rng(1))
+    assert turned.asked[0][1] == 10
+    np.testing.assert_array_equal(found[0, :, 0], np.arange(10) / 10)
+
+
+def test_it_asks_for_more_where_a_repair_leaves_few():
+    few = {"function": "thinned", "stride": 7}
+    base = Asked()
+    assert repaired(base, few).sample(np.zeros((2, 1)), 10, np.random.default_rng(1)).shape == (2, 10, 2)
+    assert [n for _, n in base.asked] == [40, 160]
+    base = Asked()
+    with pytest.raises(InputError, match=r"^the repair leaves fewer than one of 256 draws over$"):
+        repaired(base, {"function": "thinned", "stride": 300}).sample(
+            np.zeros((2, 1)), 10, np.random.default_rng(1)
+        )
+    assert [n for _, n in base.asked] == [40, 160, 640, 2560]
+
+
+def test_where_a_diagnosis_is_read_from(tmp_path):
+    content = {"diagnosis": {"named": "a", "repair": [SHIFT], "seed": 3}}
+    (tmp_path / "verdict.json").write_text(json.dumps(content))
+    for place in (tmp_path, str(tmp_path), tmp_path / "verdict.json"):
+        made = Repaired(Asked(), gb_simulator(), diagnosis=place)
+        assert made.seed_of_repair == 3
+        assert made.describe()["repair"] == [SHIFT]
+    for held, said in (
+        ({"diagnosis": {"repair": []}}, "verdict.json has no repair: it names nothing, which draws alone"),
+        ({"diagnosis": {"named": "a", "repair": "b"}}, "verdict.json has no repair: it names a, which draws"),
+        (
+            {"diagnosis": None},
+            "verdict.json holds no diagnosis: give the folder of an audit that did not PASS",
+        ),
+        ([], "verdict.json holds no diagnosis"),
+    ):
+        (tmp_path / "verdict.json").write_text(json.dumps(held))
+        with pytest.raises(InputError) as caught:
+            Repaired(Asked(), gb_simulator(), diagnosis=tmp_path)
+        assert f"{tmp_path / 'verdict.json'}"[:-12] in str(caught.value)
+        assert said in str(caught.value)

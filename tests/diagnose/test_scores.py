@@ -73,3 +73,26 @@ def test_draws_of_which_one_has_all_the_weight_are_scored_as_that_one():
     log_weight[:, 3] = 0.0
     alone = np.log1p(np.abs(few.draws[:, 3] - few.theta))
     assert kernel_scores(few, np.ones((6, 1)), log_weight) == pytest.approx(alone)
+
+
+@pytest.mark.parametrize(("draws", "step"), [(39, 1), (79, 1), (81, 2), (130, 3)])
+def test_of_many_draws_some_are_scored_evenly_spaced(draws, step):
+    rng = np.random.default_rng(draws)
+    some = Cases(("a", "b"), np.arange(5), rng.normal(size=(5, 2)), rng.normal(size=(5, draws, 2)))
+    unit = np.exp(rng.normal(size=(5, 2)))
+    few = some.draws[:, ::step][:, :40]
+    found = kernel_scores(some, unit)
+    for k in range(2):
+        for trial in range(5):
+            one = slowly(some.theta[trial, k][None, None], few[trial, :, k][None, :, None], unit[trial, k])
+            assert found[trial, k] == pytest.approx(one[0])
+    log_weight = rng.normal(size=(5, draws))
+    weight = np.exp(log_weight[:, ::step][:, :40])
+    weight /= weight.sum(axis=1, keepdims=True)
+    expected = []
+    for trial in range(5):
+        values, share = few[trial, :, 0], weight[trial]
+        apart = np.log1p(np.abs(values[:, None] - values) / unit[trial, 0])
+        pairs = (share[:, None] * share * apart).sum() / 2 / (1 - (share**2).sum())
+        expected.append(share @ np.log1p(np.abs(values - some.theta[trial, 0]) / unit[trial, 0]) - pairs)
+    assert kernel_scores(some, unit, log_weight)[:, 0] == pytest.approx(expected)

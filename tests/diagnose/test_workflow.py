@@ -7,12 +7,24 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import stats
 from tests.diagnose.problems import FAULTS, about_middle, exact, lighter, noisier, one_sign, two_modes, width
 
 from gaugeblock.diagnosis.cases import Cases
+from gaugeblock.diagnosis.duel import trials_to_tell
 from gaugeblock.diagnosis.library import joint, marginal, structure
 from gaugeblock.diagnosis.repair import Repair, from_data, plain_repair
-from gaugeblock.diagnosis.workflow import _Parts, _too_much, locate_and_name
+from gaugeblock.diagnosis.workflow import (
+    HOPELESS,
+    Tried,
+    _alike,
+    _firsts,
+    _numbers_in,
+    _Parts,
+    _sizes,
+    _too_much,
+    locate_and_name,
+)
 
 SEED = 1
 
@@ -257,3 +269,101 @@ def test_few_trials_are_paired_by_number_where_a_repair_leaves_some_out(kept, le
     )
     repair = Repair("shift", lambda cases: cases, "", recovers=0.95)
     assert _Parts.promising(parts, (repair,), (None, None)) is promising
+
+
+def one_tried(*symptoms, loss=1.0, share=0.5, numbers=0, scatter=0.0):
+    """Repairs of these symptoms, and what they leave of a hundred trials."""
+    held = {str(k): 1.0 for k in range(numbers)}
+    repairs = tuple(Repair(symptom, lambda cases: cases, "", held) for symptom in symptoms)
+    left = loss + scatter * np.tile([1.0, -1.0], 50)
+    return Tried(repairs, repairs, left, left, share, True)
+
+
+def test_a_second_repair_follows_the_three_best_of_those_that_take_a_part_away():
+    every = [
+        one_tried(share=0.0, loss=0.0),
+        one_tried("shift", loss=0.5),
+        one_tried("shift", loss=0.4),
+        one_tried("scale", loss=0.3, share=0.25),
+        one_tried("skew", loss=0.7, share=0.26),
+        one_tried("log", loss=0.6),
+        one_tried("unit", loss=0.9),
+    ]
+    assert _firsts(every) == [every[2], every[5], every[4]]
+    assert _firsts(every[:1]) == []
+
+
+def test_alike_are_those_within_two_paired_errors_of_the_best_once_a_symptom():
+    best = one_tried("scale", loss=0.5, scatter=0.1)
+    error = 0.1 / np.sqrt(99)  # of the mean of a hundred differences of 0.1 either way
+    near = one_tried("shift", loss=0.5 + 1.99 * error)
+    nearer = one_tried("shift", loss=0.5 + 1.0 * error)
+    beyond = one_tried("skew", loss=0.5 + 2.01 * error)
+    same = one_tried("scale", loss=0.5 + 0.5 * error)
+    both, turned = one_tried("a", "b", loss=0.5 + error), one_tried("b", "a", loss=0.5 + error)
+    assert _alike([beyond, near, same, best, nearer, both, turned]) == [best, nearer, both]
+    assert _alike([]) == []
+    assert [_numbers_in(one_tried("a", "b", numbers=3)), _numbers_in(one_tried())] == [6, 0]
+
+
+@pytest.mark.parametrize(
+    ("ahead", "left"),
+    [
+        ({(0, 1): 2.1, (0, 2): 0.0, (1, 2): 0.0}, [0, 2]),
+        ({(0, 1): -2.1, (0, 2): 1.9, (1, 2): -1.9}, [1, 2]),
+        ({(0, 1): 3.0, (0, 2): -3.0, (1, 2): 3.0}, [0, 1, 2]),
+        ({(0, 1): 3.0, (0, 2): 3.0, (1, 2): -3.0}, [0]),
+        ({(0, 1): 2.0, (0, 2): -2.0, (1, 2): 2.0}, [0, 1, 2]),
+    ],
+)
+def test_who_is_beaten_by_another_is_out_unless_all_are(ahead, left):
+    alike = [one_tried(name) for name in "abc"]
+    place = {id(each): k for k, each in enumerate(alike)}
+    parts = SimpleNamespace(duel=lambda one, other: ahead[place[id(one)], place[id(other)]])
+    assert _Parts.unbeaten(parts, alike) == [alike[k] for k in left]
+
+
+def test_how_many_trials_would_tell_two_apart():
+    """As many as two normal laws of that distance take, of the trials that there are; or too many."""
+    rng = np.random.default_rng(3)
+
+    def told(shift):
+        drawn = shift + rng.normal(size=(400, 20))
+        ratios = [SimpleNamespace(drawn=each, truths=np.zeros(200)) for each in np.split(drawn, 2)]
+        parts = SimpleNamespace(ratios=lambda one, other: ratios, cases=range(600))
+        return _Parts.to_tell(parts, None, None), trials_to_tell(drawn) * 600 / 400
+
+    found, expected = told(0.3)
+    assert found == int(float(f"{expected:.2g}"))
+    found, expected = told(0.0)
+    assert (found is None) == (expected > HOPELESS * 600)
+    four = [SimpleNamespace(truths=np.array([1.0, 2.0])), SimpleNamespace(truths=np.array([3.0, 6.0]))]
+    differences = SimpleNamespace(ratios=lambda one, other: four)
+    mean, error = 3.0, np.std([1, 2, 3, 6], ddof=1) / 2
+    assert _Parts.duel(differences, None, None) == pytest.approx(mean / error)
+
+
+def test_sizes_are_of_the_third_part_with_a_jackknife():
+    rng = np.random.default_rng(4)
+    theta = rng.normal(size=(95, 1))
+    cases = Cases(("a",), np.arange(95), theta, np.zeros((95, 3, 1)))
+
+    def fit(part, reference):
+        mean = float(part.theta.mean() - part.draws.mean())
+        return [
+            Repair("mine", lambda other: other, "", {"a": 99.0}, variant="other"),
+            Repair("mine", lambda other: other.drawn(other.draws + mean), "", {"a": mean}, variant="this"),
+        ]
+
+    parts = SimpleNamespace(reporting=cases, reference=None, symptoms={"mine": fit})
+    chosen = Repair("mine", lambda other: other.drawn(other.draws + 0.5), "", {"a": 0.0}, variant="this")
+    foreign = Repair("called", lambda other: other, "", {"factor": 2.0})
+    named = SimpleNamespace(repairs=(chosen, foreign))
+    found = _sizes(parts, named)
+    left = np.array([theta[np.arange(95) % 10 != g].mean() for g in range(10)])
+    reach = stats.t.ppf(0.95, 9) * np.sqrt(0.9 * ((left - left.mean()) ** 2).sum())
+    assert found["a"] == pytest.approx((theta.mean(), theta.mean() - reach, theta.mean() + reach))
+    assert found["factor"] == (2.0, 2.0, 2.0)
+    # A second of the same is fitted to what the first has left.
+    second = _sizes(parts, SimpleNamespace(repairs=(chosen, chosen)))
+    assert second["a"][0] == pytest.approx(theta.mean() - 0.5)

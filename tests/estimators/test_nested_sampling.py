@@ -128,16 +128,17 @@ def test_a_likelihood_that_is_no_number_is_named(value):
     assert "\n" not in str(caught.value)
 
 
-def test_the_host_s_state_survives_even_a_failure():
+def test_the_host_s_state_survives_even_a_failure(caplog):
     logger = logging.getLogger("ultranest")
-    handlers, level, disabled = list(logger.handlers), logger.level, logger.disabled
+    caplog.set_level(logging.ERROR, logger="ultranest")
+    handlers, disabled = list(logger.handlers), logger.disabled
     np.random.seed(3)  # noqa: NPY002
     expected = np.random.random(4)  # noqa: NPY002
     np.random.seed(3)  # noqa: NPY002
     with pytest.raises(InputError):
         NestedSampling(Awkward(np.nan)).run(np.zeros(1), np.random.default_rng(93))
     np.testing.assert_array_equal(np.random.random(4), expected)  # noqa: NPY002
-    assert (logger.handlers, logger.level, logger.disabled) == (handlers, level, disabled)
+    assert (logger.handlers, logger.level, logger.disabled) == (handlers, logging.ERROR, disabled)
 
 
 def test_no_files_are_written(simulator, x, tmp_path, monkeypatch):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicHermiteSpline
 from scipy.special import ndtr
 
 from gaugeblock.core.errors import InputError
@@ -10,7 +11,9 @@ from gaugeblock.simulators import Effect, Prior, Uniform
 pytest.importorskip("jaxspec")
 from gaugeblock.core.precision import double_precision
 from gaugeblock.simulators.xray import Response, XraySpectrum, data, reference
+from gaugeblock.simulators.xray.gain import Gain
 from gaugeblock.simulators.xray.pha import read_pha
+from gaugeblock.simulators.xray.recorded.layout import Layout, near
 from gaugeblock.simulators.xray.recorded.pileup import Pileup
 
 pytestmark = pytest.mark.usefixtures("xray_data")
@@ -48,6 +51,48 @@ def moments(spectrum, counts):
     near = np.abs(middle - middle[np.argmax(counts)]) < 0.4
     mean = np.average(middle[near], weights=counts[near])
     return mean, np.average((middle[near] - mean) ** 2, weights=counts[near])
+
+
+def test_counts_move_along_a_cubic_of_their_sum_and_begin_to_with_its_slope():
+    """Six unequal channels; the slope between two lies between their densities, at the ends it is theirs."""
+    import jax
+    import jax.numpy as jnp
+
+    edges = np.array([1.0, 1.5, 2.5, 3.0, 4.5, 5.0, 7.0])
+    counts = np.array([4.0, 9.0, 2.0, 30.0, 1.0, 12.0])
+    width = np.diff(edges)
+    density = counts / width
+    slope = np.empty(7)
+    slope[0], slope[-1] = density[0], density[-1]
+    for i in range(1, 6):
+        # The nearer a middle, the more its density counts.
+        slope[i] = np.interp(edges[i], edges[i - 1 : i + 1].mean() + [0, (width[i - 1] + width[i]) / 2],
+                             density[i - 1 : i + 1])  # fmt: skip
+    cubic = CubicHermiteSpline(edges, np.append(0.0, np.cumsum(counts)), slope)
+    change = Gain(lambda energy, shift: energy + shift).prepare(edges, None)
+
+    def moved(shift):
+        return change(jnp.asarray(counts), {"shift": shift}, None)
+
+    both = jax.jit(lambda shift: (moved(shift), jax.jacfwd(moved)(shift)))
+    with double_precision():
+        for shift in (-0.3, 0.0, 0.7):
+            between = cubic(np.clip(edges + shift, 1.0, 7.0))
+            np.testing.assert_allclose(both(shift)[0], np.diff(between), rtol=1e-11, atol=1e-11)
+        found, rise = both(0.0)
+    assert found.tolist() == counts.tolist()
+    # Where nothing moves yet, also at both ends, and not half of it.
+    np.testing.assert_allclose(rise, np.diff(slope), rtol=1e-11, atol=1e-11)
+
+
+def test_channels_between_two_energies_have_one_or_two_to_spare_on_either_side():
+    edges = np.array([1.0, 1.5, 2.5, 3.0, 4.5, 5.0, 7.0])
+    places = Layout(np.arange(6), edges, edges[None, [0, -1]], np.ones((1, 1)), None)
+    for low, high in [(2.7, 2.8), (2.5, 3.0), (1.2, 2.0), (0.1, 1.1), (4.6, 9.0), (0.1, 9.0), (1.0, 7.0)]:
+        touched = [i for i in range(6) if edges[i] <= high and edges[i + 1] >= low]
+        found = near(places, low, high)
+        assert found.start == max(touched[0] - 1, 0), (low, high)
+        assert min(touched[-1] + 2, 6) <= found.stop <= min(touched[-1] + 3, 6), (low, high)
 
 
 @pytest.mark.parametrize("curve", [-0.02, 0.015])

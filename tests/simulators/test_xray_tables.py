@@ -20,6 +20,7 @@ from gaugeblock.simulators.xray import (
 )
 from gaugeblock.simulators.xray.expression import parameter_names, parse, with_sources, written
 from gaugeblock.simulators.xray.folding import photon_flux
+from gaugeblock.simulators.xray.tables import table_priors
 
 TEMPERATURES, SLOPES = np.array([0.5, 1.0, 4.0]), np.array([1.0, 1.6, 2.5, 3.0])
 EDGES = np.geomspace(0.2, 15.0, 301)
@@ -166,6 +167,17 @@ def test_a_table_is_a_component_like_others_batched_and_differentiable(tmp_path)
     write(tmp_path / "p.fits", scale=2.0)
     assert XraySpectrum(model, response, prior).describe()["tables"] != described
     assert not np.allclose(XraySpectrum(model, response, prior).expected(theta), counts)
+
+
+@pytest.mark.parametrize("redshift", [True, False])
+def test_priors_reach_over_the_file_s_ranges_and_of_a_redshift_only_where_there_is_one(tmp_path, redshift):
+    made = table_priors(write(tmp_path / "p.fits", redshift=redshift))
+    assert list(made) == ["kT", "slope_x", "Fe"] + ["redshift"] * redshift
+    # Interpolated in the logarithm, within the file's bottom and top; in the value; added.
+    assert isinstance(made["kT"], LogUniform)
+    assert made["kT"].support == pytest.approx((0.6, 3.0))
+    assert [made["slope_x"], made["Fe"]] == [Uniform(1.0, 3.0), Uniform(0.0, 5.0)]
+    assert made.get("redshift", Uniform(0.0, 1.0)) == Uniform(0.0, 1.0)
 
 
 def test_xspec_gets_the_file_s_name_as_it_is(tmp_path):

@@ -140,3 +140,20 @@ def test_what_learns_is_shown_the_first_by_number(trials, monkeypatch):
             assert one.n_trials == other.n_trials <= 600
             assert one.population == f"{other.population}, the first 600"
             assert any(said.startswith("the first 600 of 2,400 trials") for said in one.caveats)
+
+
+def test_a_few_sums_by_hand(monkeypatch):
+    """Of more than ten trials about five sums: of 13 in pieces of six (two sums each), one left over."""
+    monkeypatch.setattr(module, "MANY", 10)
+    monkeypatch.setattr(module, "SUMS", 5)
+    monkeypatch.setattr(module, "CHUNK", 8)
+    assert [together(n) for n in (10, 11, 15, 16)] == [1, 3, 3, 4]
+    pieces = []
+
+    def of(rows):
+        pieces.append((rows.start, rows.stop))
+        return np.arange(13.0)[None, rows]
+
+    found = contributions(13, of)
+    assert pieces == [(0, 6), (6, 12), (12, 13)]
+    np.testing.assert_allclose(found, [np.array([0 + 1 + 2, 3 + 4 + 5, 6 + 7 + 8, 9 + 10 + 11, 12]) * 5 / 13])

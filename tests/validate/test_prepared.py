@@ -61,6 +61,7 @@ def test_trials_with_draws_that_are_no_numbers_are_left_out(trials, monkeypatch)
         assert made.theta_true.dtype == np.float64
         assert [len(x) for x in made.data()] == ([6] if values > 1 else [1] * 6)
         np.testing.assert_array_equal(np.concatenate(list(made.data())), np.delete(trials["x"].values, 3, 0))
+    assert count_not_finite(trials.isel(trial=[0, 4, 3])).tolist() == [[0, 0], [0, 2], [2, 0]]
     assert count_not_finite(trials.drop_vars("log_q"))[:, 1].tolist() == [0] * 7
     assert values_per_trial(trials) == 12
     assert values_per_trial(trials.isel(trial=slice(0, 0))) == 0

@@ -46,3 +46,24 @@ def test_what_is_not_made_smaller_is_not_compressed(tmp_path: Path) -> None:
         said = {name: variable.filters()["zlib"] for name, variable in file.variables.items()}
     assert said == {"draws": False, "counts": True, "block": True, "nothing": False, "single": False}
     assert (tmp_path / "a.nc").stat().st_size < draws.nbytes + 0.3 * counts.nbytes + 20_000
+
+
+def test_words_numbers_and_single_values_come_back_as_they_were(tmp_path: Path) -> None:
+    """Words as NumPy and as pandas hold them; NaN and every integer, alone and in arrays."""
+    words = ["a", "longer", "\N{GREEK SMALL LETTER SIGMA}"]
+    whole = xr.Dataset(
+        {
+            "words": ("parameter", np.array(words)),
+            "objects": ("parameter", np.array(words, dtype=object)),
+            "numbers": ("parameter", np.array([np.nan, -np.inf, 9.969209968386869e36])),
+            "integers": ("parameter", np.array([-(2**31) + 1, -1, 2**31 - 1], dtype=np.int32)),
+            "truths": ("parameter", np.array([True, False, True])),
+            "word": ((), "alone"),
+            "number": ((), np.nan),
+            "integer": ((), np.int64(-9223372036854775806)),
+        }
+    )
+    write_groups({"": whole, "child": whole[["objects", "integers"]]}, tmp_path / "a.nc")
+    groups = read_groups(tmp_path / "a.nc", what="Trials")
+    assert groups[""].identical(whole)
+    assert groups["child"].identical(whole[["objects", "integers"]])

@@ -65,7 +65,7 @@ def test_what_was_probably_meant():
 
     assert advice((7, 4), (4,)) == "; the draws look like (draw, trial, ...): exchange their first two axes"
     assert advice((5, 7), (4,)) == "; there are draws of 5 trials and truths of 4"
-    assert advice((4, 4, 2), (4, 3)) == ""
+    assert advice((4, 4, 2), (4, 3)) == advice((4, 7, 2), (4, 3)) == ""
     assert advice((4,), (4,)) == advice((4, 7), ()) == ""
 
 

@@ -87,6 +87,7 @@ TRUE = np.arange(10.0).reshape(2, 5)
     [
         xr.DataArray(TRUE, dims=("trial", "k")),
         xr.DataArray(TRUE.T, dims=("k", "trial")),
+        xr.DataArray(TRUE, dims=("trial", "k"), coords={"trial": [7, 3], "k": list("abcde")}),
         xr.DataArray(TRUE[::-1], dims=("trial", "k"), coords={"trial": [3, 7]}),
         xr.DataArray(TRUE[:, ::-1], dims=("trial", "k"), coords={"k": list("edcba")}),
         xr.DataArray(TRUE, dims=("other", "m")),

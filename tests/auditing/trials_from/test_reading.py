@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gzip
 from pathlib import Path
 from typing import Any
 
+import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
@@ -67,7 +69,8 @@ def test_what_is_in_memory_stays_what_it_is(tmp_path: Path) -> None:
     made = make_trials(THETA, DRAWS, ["a", "b"], x=X)
     tree = trials_tree(made)
     assert any_trials(tree) is tree
-    xr.testing.assert_identical(any_trials(made).to_dataset(), made)
+    for held in (made, make_trials(THETA, DRAWS, ["a", "b"])):
+        xr.testing.assert_identical(any_trials(held).to_dataset(), held)
     with pytest.raises(InputError, match=r"^trials: "):
         any_trials(made.drop_vars("parameter").isel(parameter=0, drop=True))
     for path in (tmp_path / "t.nc", str(tmp_path / "t.nc")):
@@ -89,3 +92,15 @@ def test_our_own_trials_come_before_groups_of_arviz(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"other\.nc") as caught:
         any_trials(tmp_path / "other.nc")
     assert "group posterior" not in str(caught.value)
+
+
+def test_no_library_opens_a_file_before_it_was_walked_through(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hostile = Path(__file__).parents[2] / "trust" / "hostile" / "external.nc.gz"
+    (tmp_path / "external.nc").write_bytes(gzip.decompress(hostile.read_bytes()))
+    opened: list[Any] = []
+    monkeypatch.setattr(netCDF4, "Dataset", lambda *given, **named: opened.append(given))
+    with pytest.raises(InputError, match="external storage"):
+        any_trials(tmp_path / "external.nc")
+    assert opened == []

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import optimize, special, stats
 
 from gaugeblock.diagnosis.cases import Cases
-from gaugeblock.diagnosis.library.joint import correlations, missing_mode
+from gaugeblock.diagnosis.library.joint import correlations, missing_mode, mode_weights
 
 
 def correlated(rng, rho, shape):
@@ -64,3 +64,33 @@ def test_a_mode_on_the_other_side_is_drawn_as_often_as_truths_are_there():
     assert np.abs(mended - draws)[..., 1].max() < 0.4
     sound = cases.drawn(np.where(rng.random((600, 40, 1)) < 0.3, draws * [-1.0, 1.0], draws))
     assert not missing_mode(sound)
+
+
+@pytest.mark.parametrize("odds", [3.0, 1 / 6])
+def test_odds_of_modes_are_the_likeliest_of_which_is_the_truth(odds):
+    """Modes of all sizes at -5 and 5; the odds by SciPy, of the truth among its draws."""
+    rng = np.random.default_rng(4)
+    share = rng.uniform(0.15, 0.85, 400)
+    upper = rng.random((400, 30)) < share[:, None]
+    truth = rng.random(400) < odds * share / (odds * share + 1.0 - share)
+    even = np.tile(np.linspace(-1.0, 1.0, 30), (400, 1))
+    draws = np.stack([np.where(upper, 5.0, -5.0), even], axis=2)
+    theta = np.stack([np.where(truth, 5.0, -5.0), rng.normal(size=400)], axis=1)
+    draws[..., 0] += 0.3 * rng.normal(size=upper.shape)
+    theta[:, 0] += 0.3 * rng.normal(size=400)
+    cases = Cases(("a", "b"), np.arange(400), theta, draws)
+    found = {repair.variant: repair for repair in mode_weights(cases)}
+    assert set(found) == {"upper", "heavier"}
+    for kind, turned in (("upper", np.ones(400)), ("heavier", np.sign(upper.mean(axis=1) - 0.5))):
+
+        def loss(log, turned=turned):
+            own, others = log * turned * truth, log * turned[:, None] * upper
+            return (special.logsumexp(np.column_stack([own, others]), axis=1) - own).sum()
+
+        best = optimize.minimize_scalar(loss, bounds=(-6.0, 6.0), method="bounded", options={"xatol": 1e-8}).x
+        repair = found[kind]
+        assert repair.numbers == {"a": pytest.approx(np.exp(-best), rel=1e-5)}
+        weighed = repair.log_weight(cases, draws)
+        np.testing.assert_allclose(weighed, best * turned[:, None] * upper, atol=1e-5)
+        assert f"the {kind} mode of a has {np.exp(-best):.3g} times the odds" in repair.words
+    assert found["upper"].numbers["a"] == pytest.approx(1 / odds, rel=0.35)

@@ -13,6 +13,7 @@ from gaugeblock.diagnosis.library.structure import (
     fixed_seed,
     thinned,
 )
+from gaugeblock.validate.autocorrelation import draw_order
 
 
 def cases_of(draws, theta=None):
@@ -90,8 +91,11 @@ def test_chains_are_thinned_as_far_as_they_depend_on_their_order():
     np.testing.assert_array_equal(repair.apply(cases).draws, cases.draws[:, ::stride])
     np.testing.assert_array_equal(thinned(cases, 7).draws, cases.draws[:, ::7])
     assert autocorrelated(cases_of(normal(300, 400, 1))) == []
-    # Of 0.2 two thirds are left: no chain.
-    assert autocorrelated(cases_of(chains(300, 400, 0.2))) == []
+    # Of 0.315 more than half are left, which is no chain, though their order tells.
+    some = chains(300, 400, 0.315)
+    assert draw_order(some).stride > 1
+    assert autocorrelated(cases_of(some)) == []
+    assert len(autocorrelated(cases_of(chains(300, 400, 0.4)))) == 1
 
 
 def test_the_same_random_numbers_in_every_trial():
@@ -107,7 +111,11 @@ def test_the_same_random_numbers_in_every_trial():
     assert few.numbers == {"mean square": pytest.approx(100.0)}
     assert fixed_seed(cases_of(normal(600, 40, 2))) == []
     assert fixed_seed(cases.drawn(np.sort(cases.draws, axis=1))) == []
-    # Of 500 trials a twentieth that are alike add nothing that chance would not.
+    ties = np.sort(np.round(cases.draws), axis=1)
+    assert fixed_seed(cases.drawn(ties)) == []
+    # An eighth of 500 trials that are alike make the mean square 1 + 500 / 64: it is to be 40.
     some = normal(600, 40, 2)
-    some[:25] = (numbers * wide)[:25]
+    some[:62] = (numbers * wide)[:62]
     assert fixed_seed(cases_of(some)) == []
+    some[:250] = (numbers * wide)[:250]
+    assert fixed_seed(cases_of(some))[0].numbers == {"mean square": pytest.approx(126, rel=0.1)}

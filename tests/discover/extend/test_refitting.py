@@ -145,9 +145,25 @@ def test_what_cannot_be_done_is_said(line, parabola, data, changes, words):
         refit(line, parabola, data, rng=np.random.default_rng(1), **changes)
 
 
+def test_a_flow_that_does_not_say_what_it_draws_is_taken_at_its_word(line, parabola, bent, data):
+    class Nameless:
+        """Exact draws, without a prior and without a density."""
+
+        def sample(self, x, n, rng):
+            return bent.posterior_sample(x, n, rng)
+
+    found = refit(
+        line, parabola, data, by="flow", rng=np.random.default_rng(2), draws=50, estimator=Nameless()
+    )
+    np.testing.assert_array_equal(found.draws, bent.posterior_sample(data, 50, np.random.default_rng(2)))
+    assert found.log_evidence is found.log_evidence_error is None
+    assert found.diagnostics == {}
+
+
 def test_estimators_of_other_parameters_are_refused(line, parabola, bent, data, exact_density):
     rng = np.random.default_rng(1)
-    with pytest.raises(InputError, match="train one for it"):
+    words = "draws level, slope; the extended simulator has level, slope, bend_1.amplitude: train one for it"
+    with pytest.raises(InputError, match=words):
         refit(line, parabola, data, by="flow", rng=rng, estimator=exact_density(line))
     with pytest.raises(InputError, match="simulator without the effects"):
         refit(line, parabola, data, by="importance", rng=rng, estimator=exact_density(bent))

@@ -1,5 +1,7 @@
 """Shared effects over a catalogue: exact projections, priors, influence, the search and its null."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,7 +17,7 @@ from gaugeblock.discovery.name.shared import Term, share
 from gaugeblock.discovery.name.shared_score import join, shared_scores
 from gaugeblock.discovery.name.stacked import influence, stack, without
 from gaugeblock.discovery.sources import Sources
-from gaugeblock.simulators import Effect
+from gaugeblock.simulators import Effect, Uniform
 
 
 def population(power_law, n, seed, *, depth=0.0, energy=2.0):
@@ -196,6 +198,44 @@ def test_a_search_does_not_depend_on_blocks_or_on_the_order_of_terms(power_law, 
     edge = whole.owner == "edge"
     np.testing.assert_allclose(whole.stack.z[edge], alone.stack.z[edge], atol=1e-12)
     assert np.abs(whole.stack.z[~edge] - alone.stack.z[~edge]).max() > 1e-3
+
+
+def test_the_unit_of_an_amplitude_decides_nothing(power_law):
+    """Lines in counts and in billionths of a count, beside a dip."""
+
+    class Small(power_law):
+        def with_effect(self, effect):
+            made = super().with_effect(effect)
+            return Small(made.effects, made.prior)
+
+        def expected(self, theta):
+            free = [name for effect in self.effects for name in effect.free]
+            unit = [1.0, 1.0, *(1e-9 if name == "counts" else 1.0 for name in free)]
+            return super().expected(np.asarray(theta) * unit)
+
+        def effect_library(self, theta):
+            made = super().effect_library(theta)
+            line = made["line"]
+            most = Uniform(0.0, 1e9 * line.support[1])
+            line = replace(line, step=1e9 * line.step, parameters={**line.parameters, "counts": most})
+            return {**made, "line": line}
+
+    sources, _ = population(power_law, 20, 7)
+    found = []
+    for simulator in (power_law(), Small()):
+        own = Sources.of(simulator, sources.counts)
+        fitted = fit(simulator, own.counts)
+        lines = Candidates.of(simulator, fitted.theta, only=("line",))
+        dip = Term(simulator.effect_library(fitted.theta)["dip"], {"energy": 2.0}, sd=0.05)
+        found.append(
+            search_shared([Members(own, fitted, lines)], [dip], replicates=50, rng=np.random.default_rng(1))
+        )
+    plain, small = found
+    assert (plain.null > 0.1).sum() > 45
+    np.testing.assert_allclose(small.null, plain.null, rtol=1e-6)
+    np.testing.assert_allclose(small.stack.z, plain.stack.z, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(small.stack.kept, plain.stack.kept, rtol=1e-6)
+    np.testing.assert_allclose(small.stack.standard_error, 1e9 * plain.stack.standard_error, rtol=1e-6)
 
 
 def test_terms_are_checked(power_law):

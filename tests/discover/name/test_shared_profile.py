@@ -10,7 +10,8 @@ from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.name.shared import Term, fit_held, share
 from gaugeblock.discovery.name.shared_profile import profile_shared
 from gaugeblock.discovery.sources import Sources
-from gaugeblock.simulators import Effect, Uniform
+from gaugeblock.simulators import Effect, Prior, Uniform
+from gaugeblock.simulators.library import LibraryEffect
 
 
 def hidden(power_law, n, seed, effect, *, redshift=None, bright=2000.0):
@@ -164,3 +165,54 @@ def test_a_step_that_makes_things_worse_is_halved(power_law):
     found = profile_shared([Sources.of(plain, counts)], Term(entry, {"energy": 3.0}), start=[3.5])
     assert found.value == pytest.approx(1.0, abs=found.standard_error)
     assert found.gain > 100
+
+
+CHANNELS = np.linspace(0.0, 1.0, 20)
+BUMP = np.exp(-0.5 * ((CHANNELS - 0.5) / 0.1) ** 2)
+
+
+class Twofold:
+    """Counts that rise or fall along the channels: places about -0.6, and less well those about 0.5, do."""
+
+    def __init__(self, effects=()):
+        self.effects = effects
+        self.prior = Prior({"place": Uniform(-1.0, 1.0), "norm": Uniform(0.5, 1.5)})
+        for number, effect in enumerate(effects, 1):
+            more = effect.prior(f"bump_{number}")
+            self.prior = self.prior if more is None else self.prior * more
+
+    def with_effect(self, effect):
+        return Twofold((*self.effects, effect))
+
+    def expected(self, theta):
+        values = np.asarray(theta, dtype=float)
+        place, free = values[..., :1], iter(range(2, values.shape[-1]))
+        shape = np.where(place < 0.0, 2.0 * (place + 0.6), 0.3 + (place - 0.5) ** 2)
+        mean = 500.0 * values[..., 1:2] * np.exp(shape * CHANNELS)
+        for effect in self.effects:
+            at = next(free) if effect.free else None
+            mean = mean * (1.0 + BUMP * (effect.fixed["depth"] if at is None else values[..., at, None]))
+        return mean
+
+
+def test_a_source_that_began_in_the_wrong_valley_leaves_it_where_the_amplitude_has_settled():
+    simulator, rng = Twofold(), np.random.default_rng(9)
+    theta = np.column_stack([np.full(6, -0.6), rng.uniform(0.8, 1.2, 6)])
+    true = simulator.with_effect(Effect("bump", {"depth": 0.3}))
+    sources = Sources.of(simulator, rng.poisson(true.expected(theta)))
+    entry = LibraryEffect(
+        name="bump", parameters={"depth": Uniform(-0.9, 2.0)}, amplitude="depth", step=0.05, cause="",
+        typical="",
+    )  # fmt: skip
+    begun = [fit(simulator, sources.counts, start=np.tile([place, 1.0], (6, 1))) for place in (-0.6, 0.5)]
+    assert (begun[1].theta[:, 0] > 0.3).all()
+    right, wrong = (profile_shared([sources], Term(entry), fits=[one]) for one in begun)
+    low, high = right.interval(0.999)
+    assert low < 0.3 < high
+    np.testing.assert_allclose(wrong.fits[0].theta, right.fits[0].theta, atol=0.01)
+    assert wrong.converged
+    assert wrong.value == pytest.approx(right.value, abs=0.1 * right.standard_error)
+    # What was won is counted from the fits that were given.
+    lost = begun[1].objective.sum() - begun[0].objective.sum()
+    assert lost > 100
+    assert wrong.gain == pytest.approx(right.gain + lost, abs=0.1)

@@ -151,6 +151,39 @@ def test_where_data_answer_in_jumps_the_rest_is_fitted_all_the_same():
     np.testing.assert_array_equal(stuck.state, start)
 
 
+class Counted:
+    """Eight readings that rise by a height; counts how often it was asked."""
+
+    prior = Prior({"length": Normal(0.0, 1.0), "height": Uniform(-3.0, 3.0)})
+
+    def __init__(self):
+        self.asked = 0
+
+    def simulate(self, theta, rng):
+        self.asked += 1
+        mean = theta[:, :1] + theta[:, 1:2] * np.linspace(0.0, 1.0, 8)
+        return mean + rng.standard_normal(mean.shape)
+
+
+def test_a_fit_that_begins_within_a_tenth_of_its_errors_takes_one_step():
+    simulator, rng = Counted(), np.random.default_rng(3)
+    plain = Model.plain(simulator, LearnedPopulation.of(Prior({"length": Normal(0.0, 1.0)})))
+    model = plain.extended(simulator, np.array([0.2]))
+    theta = np.column_stack([0.2 + 0.5 * rng.normal(size=200), np.full(200, 0.8)])
+    start = np.array([0.0, 0.0, 0.5])
+    features = learn_features(model.draw(start, 3000, 1), model.normal(3000, 1))
+    observed = Observed.of(simulator.simulate(theta, rng), features, Budget(3000, 2))
+    first = fit_simulated(model, observed, start=start)
+    np.testing.assert_array_less(np.abs(first.state - [0.2, np.log(0.5), 0.8]), 4 * first.error)
+    for away, least, most in ((0.02, 2, 2), (2.0, 3, 5)):
+        simulator.asked = 0
+        again = fit_simulated(model, observed, start=first.state + away * first.error, lesson=first.lesson)
+        # Where it begins, and after each step.
+        assert least <= simulator.asked <= most
+        np.testing.assert_array_less(np.abs(again.state - first.state), 0.1 * first.error)
+        assert again.converged
+
+
 def test_steps_of_scanned_parameters_reach_halfway_to_the_next_value(spiked):
     before, _, _, _, found = spiked
     candidate = before.candidates["spike"]

@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 from gaugeblock.core.errors import InputError
+from gaugeblock.validate.designs import count_ratio
 from gaugeblock.validate.designs.count_ratio import count_ratio_regression
 
 # Twelve published pairs (WizardEternal/sbi-xray-calibration, MIT, commit e4f3869): log evidence with a 3%
@@ -86,3 +87,28 @@ def test_misuse_is_one_clear_line(arguments, words):
     with pytest.raises(InputError, match=words) as caught:
         count_ratio_regression(*arguments, rng=np.random.default_rng(0))
     assert "\n" not in str(caught.value)
+
+
+def test_permutations_and_student_s_t_by_hand(monkeypatch):
+    """49 permutations of eight ratios, 16 at a time and one left over; t of slope and of raw mean."""
+    monkeypatch.setattr(count_ratio, "VALUES", 16 * 8)
+    difference, first, second = pairs(np.random.default_rng(7), 8, effect=1.0, slope=0.0)
+    found = count_ratio_regression(difference, first, second, rng=np.random.default_rng(6), replicates=49)
+    x = np.log(second / first)
+    lot, away = np.random.default_rng(6), x - x.mean()
+    mixed = np.concatenate([lot.permuted(np.tile(away, (rows, 1)), axis=1) for rows in (16, 16, 16, 1)])
+    y = difference - difference.mean()
+    extreme = np.sum(abs(mixed @ y) >= abs(away @ y) - 1e-12)
+    assert 0 < extreme < 49
+    assert found.p_slope == pytest.approx((1 + extreme) / 50)
+    line = stats.linregress(x, difference)
+    assert found.r_squared == pytest.approx(line.rvalue**2)
+    assert found.p_effect == pytest.approx(2 * stats.t.sf(abs(line.intercept) / line.intercept_stderr, 6))
+    raw = stats.ttest_1samp(difference, 0.0)
+    assert (found.p_raw, found.raw_effect) == (pytest.approx(raw.pvalue), pytest.approx(difference.mean()))
+    assert found.raw_error == pytest.approx(stats.sem(difference))
+    assert found.n == 8
+    still = count_ratio_regression(np.zeros(8), first, second, rng=lot, replicates=9)
+    assert (still.p_slope, still.p_effect, still.p_raw, still.r_squared) == (1.0, 1.0, 1.0, 0.0)
+    one = count_ratio_regression(np.ones(8), first, second, rng=lot, replicates=9)
+    assert (one.p_effect, one.p_raw) == (0.0, 0.0)

@@ -73,3 +73,26 @@ def test_misuse_is_one_clear_line(arguments, words):
     with pytest.raises(InputError, match=words) as caught:
         count_controlled_residual(*arguments, rng=np.random.default_rng(0))
     assert "\n" not in str(caught.value)
+
+
+def test_replicates_by_lines_through_repeated_cases():
+    """Reference and cases as often as they were drawn; replicates without a line are left out."""
+    rng = np.random.default_rng(4)
+    value, totals, reference, reference_totals = sample(rng, cases=3, reference=4)
+    reference_totals[1] = reference_totals[0]
+    found = count_controlled_residual(
+        value, totals, reference, reference_totals, rng=np.random.default_rng(5), replicates=60, level=0.8
+    )
+    lot = np.random.default_rng(5)
+    lines, cases = lot.multinomial(4, [0.25] * 4, size=60), lot.multinomial(3, [1 / 3] * 3, size=60)
+    means = []
+    for line, case in zip(lines, cases, strict=True):
+        x, y = np.repeat(np.log10(reference_totals), line), np.repeat(reference, line)
+        if np.ptp(x) > 0:
+            slope, intercept = np.polyfit(x, y, 1)
+            means.append(
+                np.mean(np.repeat(value, case) - slope * np.repeat(np.log10(totals), case)) - intercept
+            )
+    assert len(means) < 60
+    np.testing.assert_allclose(found.interval, np.quantile(means, [0.1, 0.9]), rtol=1e-6)
+    assert found.error == pytest.approx(np.std(means, ddof=1), rel=1e-6)

@@ -7,6 +7,7 @@ from scipy import optimize
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.designs.fisher import (
     effect_information,
+    off_span,
     predicted_sd,
     predicted_shrink,
 )
@@ -134,3 +135,42 @@ def test_misuse_is_one_clear_line(call, words):
 
 def test_channels_without_counts_or_derivatives_are_harmless():
     assert predicted_sd([[1.0], [0.0]], [4.0, 0.0]).item() == 2.0
+
+
+def test_predicted_errors_are_those_of_the_inverse_information():
+    """Of a few channels and units apart; a prior adds its precision, an infinite one nothing."""
+    rng = np.random.default_rng(3)
+    slope, mean = rng.normal(size=(5, 3)) * [1.0, 1e3, 1e-4], rng.uniform(1, 9, 5)
+    information = slope.T @ (slope / mean[:, None])
+    np.testing.assert_allclose(predicted_sd(slope, mean), np.sqrt(np.diag(np.linalg.inv(information))))
+    prior = np.array([0.2, np.inf, 1e3])
+    held = np.sqrt(np.diag(np.linalg.inv(information + np.diag(prior**-2.0))))
+    np.testing.assert_allclose(predicted_sd(slope, mean, prior_sd=prior), held)
+    everywhere = np.sqrt(np.diag(np.linalg.inv(information + np.eye(3) / 4)))
+    np.testing.assert_allclose(predicted_sd(slope, mean, prior_sd=2.0), everywhere)
+    np.testing.assert_allclose(predicted_shrink([1.0, 3.0], [2.0, 4.0]), [5**-0.5, 0.6])
+
+
+def test_information_off_the_span_by_hand():
+    """One nuisance direction: what a regression on it leaves of the template, in units of Poisson noise."""
+    rng = np.random.default_rng(4)
+    template, slope, mean = rng.normal(size=6), rng.normal(size=(6, 1)), rng.uniform(1, 9, 6)
+    found = effect_information(template, slope, mean)
+    one, other = template / np.sqrt(mean), slope[:, 0] / np.sqrt(mean)
+    left = one - other * (one @ other) / (other @ other)
+    assert found.unprojected == pytest.approx(one @ one)
+    assert found.projected == pytest.approx(left @ left)
+    assert found.kept == pytest.approx((left @ left) / (one @ one))
+    np.testing.assert_allclose(off_span(one, other[:, None]), left)
+    twice = np.column_stack([other, 1e-3 * other, np.zeros(6)])
+    np.testing.assert_allclose(off_span(one, twice), left)
+    nothing = effect_information(np.zeros(6), slope, mean)
+    assert (nothing.kept, nothing.projected, nothing.sd) == (0, 0, np.inf)
+    held = effect_information(template, slope, mean, prior_sd=0.5)
+    joint = np.array([[other @ other + 4, other @ one], [other @ one, one @ one]])
+    assert held.projected == pytest.approx(1 / np.linalg.inv(joint)[1, 1])
+    shift = finite_shift(mean, mean + template, slope, amplitude=-0.2)
+    assert (shift.sd, shift.power) == (pytest.approx(0.2 * found.sd), pytest.approx(found.projected))
+    assert shift.kept == pytest.approx(found.kept)
+    with_prior = finite_shift(mean, mean + template, slope, amplitude=0.2, prior_sd=0.5)
+    assert with_prior.power == pytest.approx(held.projected)

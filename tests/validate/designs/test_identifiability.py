@@ -8,6 +8,7 @@ from gaugeblock.validate import make_trials, run_validators, trials_tree
 from gaugeblock.validate.designs.identifiability import capture_finding, shrink_finding
 from gaugeblock.validate.designs.shrinkage import capture, effective_dimension, shrink, weighted_sd
 from gaugeblock.validate.finding import NotChecked, finding_from
+from gaugeblock.validate.joint.psis import pareto_khat
 
 # theta ~ N(0, 1), x ~ N(theta, 1): the posterior's sd is 0.707 of the prior's.
 EXACT = np.sqrt(0.5)
@@ -193,3 +194,98 @@ def test_influences_of_both_are_those_of_leaving_trials_out():
         assert (n - 1) * (shrunk.estimate[0] - moved) == pytest.approx(shrunk.influence[0, trial], abs=0.03)
         moved = (1 - wide[kept].mean() / prior) / (1 - exact[kept].mean() / prior)
         assert (n - 1) * (share.estimate[0] - moved) == pytest.approx(share.influence[0, trial], abs=0.03)
+
+
+def test_both_findings_by_hand():
+    rng = np.random.default_rng(21)
+    wide, exact, truth = (
+        np.exp(rng.normal(-1, 0.3, 40)),
+        np.exp(rng.normal(-1.2, 0.3, 40)),
+        rng.normal(size=40),
+    )
+    prior = truth.std(ddof=1)
+    square = (truth - truth.mean()) ** 2 / truth.var()
+    found = shrink_finding("a", wide, truth, trial=np.arange(40) + 7, caveats=("said",))
+    ratio = wide / prior
+    influence = ratio - ratio.mean() - 0.5 * ratio.mean() * (square - 1)
+    np.testing.assert_allclose(found.influence[0], influence)
+    assert found.estimate[0] == pytest.approx(ratio.mean())
+    assert found.standard_error[0] == pytest.approx(influence.std(ddof=1) / np.sqrt(40))
+    assert (found.components, found.caveats, found.n_trials) == (("a",), ("said",), 40)
+    assert float(found.details["prior_sd"]) == prior
+    np.testing.assert_array_equal(found.details["posterior_sd"], wide)
+    assert found.details["trial"].values[0] == 7
+    truths = rng.normal(size=90)
+    prior, square = truths.std(ddof=1), (truths - truths.mean()) ** 2 / truths.var()
+    share = capture_finding(
+        "a", wide, exact, truths, trial=np.arange(40), population="some", caveats=("said",)
+    )
+    a, b = wide.mean() / prior, exact.mean() / prior
+    value = (1 - a) / (1 - b)
+    influence = (value * (exact / prior - b) - (wide / prior - a)) / (1 - b)
+    moved = (a - value * b) / (1 - b) * 0.5 * square.std() / np.sqrt(90)
+    assert share.estimate[0] == pytest.approx(value)
+    np.testing.assert_allclose(share.influence[0], influence)
+    assert share.standard_error[0] == pytest.approx(np.hypot(influence.std(ddof=1) / np.sqrt(40), moved))
+    np.testing.assert_array_equal(share.details["exact_sd"], exact)
+    np.testing.assert_array_equal(share.details["posterior_sd"], wide)
+    assert (share.population, share.caveats) == ("some", ("said",))
+
+
+@pytest.mark.parametrize(("errors", "enough"), [(2.9, False), (3.1, True)])
+def test_a_constraint_must_be_three_of_its_errors(errors, enough):
+    """Of widths that scatter and of a prior known from so many truths, both together."""
+    rng = np.random.default_rng(22)
+    truth, scatter = rng.normal(size=200), rng.normal(size=50)
+    scatter = (scatter - scatter.mean()) / scatter.std(ddof=1)
+    prior = truth.std(ddof=1)
+    square = (truth - truth.mean()) ** 2 / truth.var()
+    of_prior = 0.5 * square.std() / np.sqrt(200)
+    # 1 - b = errors * hypot(0.1 / sqrt(50), b * of_prior), for b by bisection.
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        b = (low + high) / 2
+        low, high = (b, high) if 1 - b > errors * np.hypot(0.1 / np.sqrt(50), b * of_prior) else (low, b)
+    found = capture_finding("a", np.full(50, 0.5), prior * (b + 0.1 * scatter), truth)
+    assert isinstance(found, NotChecked) != enough
+    if not enough:
+        assert f"(shrink {b:.3f} +- {np.hypot(0.1 / np.sqrt(50), b * of_prior):.3f})" in found.why
+
+
+def test_weighted_widths_by_hand():
+    rng = np.random.default_rng(23)
+    draws, weight = rng.normal(size=(3, 6, 2)), rng.exponential(size=(3, 6))
+    weight[2] = [0, 0, 7.0, 0, 0, 0]
+    found = weighted_sd(draws, weight)
+    for k, j in np.ndindex(2, 2):
+        share = weight[k] / weight[k].sum()
+        mean = share @ draws[k, :, j]
+        variance = share @ (draws[k, :, j] - mean) ** 2 / (1 - share @ share)
+        assert found[k, j] == pytest.approx(np.sqrt(variance))
+    assert found[2].tolist() == [0.0, 0.0]
+    matrix = np.array([[2.0, 1.0, 0.0], [1.0, 3.0, 0.5], [0.0, 0.5, 1.0]])
+    values = np.linalg.eigvalsh(matrix)
+    assert effective_dimension(matrix) == pytest.approx(values.sum() ** 2 / (values**2).sum())
+
+
+def test_shares_are_of_the_trials_whose_weights_can_be_relied_on(gaussian_trials):
+    """Widths of draws and of weighted draws, trial by trial; one with a likelihood that is no number."""
+    trials = gaussian_trials(40, 200, 1, seed=24, ratio=1.2)
+    likelihood = trials["log_likelihood"].values.copy()
+    likelihood[11, 3] = np.nan
+    trials = trials.assign(log_likelihood=(("trial", "draw"), likelihood)).assign_coords(
+        trial=np.arange(40) + 5
+    )
+    findings, _ = run(trials)
+    found = findings["identifiability.capture[p0]"]
+    weight = np.exp(trials["log_likelihood"] + trials["log_prior"] - trials["log_q"]).values
+    khat = pareto_khat(np.log(weight))
+    kept = np.flatnonzero(khat < 0.7)
+    assert 20 <= len(kept) < 40
+    assert 11 not in kept
+    draws = trials["draws"].values
+    np.testing.assert_allclose(found.details["posterior_sd"], draws[kept, :, 0].std(axis=1, ddof=1))
+    np.testing.assert_allclose(found.details["exact_sd"], weighted_sd(draws, weight)[kept, 0])
+    assert found.details["trial"].values.tolist() == (kept + 5).tolist()
+    assert found.population == "reliable importance weights"
+    assert found.caveats == (f"on the {len(kept)} of 40 trials with k-hat below 0.7",)

@@ -7,7 +7,9 @@ import pytest
 from scipy import stats
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate.designs.paired import paired_permutation, stratified_permutation
+from gaugeblock.validate.designs import paired
+from gaugeblock.validate.designs.paired import paired_permutation, sign_flips, stratified_permutation
+from gaugeblock.validate.designs.shifts import Shifts, shift_interval
 from gaugeblock.validate.designs.signed_rank import wilcoxon_signed_rank
 
 PAIRED = [
@@ -179,3 +181,74 @@ def test_misuse_is_one_clear_line(call, words):
     with pytest.raises(InputError, match=words) as caught:
         call(np.random.default_rng(0))
     assert "\n" not in str(caught.value)
+
+
+def test_flips_of_many_pairs_are_drawn_in_pieces(monkeypatch):
+    """Seven replicates of 15 pairs, three at a time and one left over, from the same random numbers."""
+    monkeypatch.setattr(paired, "VALUES", 3 * 15)
+    difference = np.random.default_rng(9).normal(0.3, 1, 15)
+    shifts = sign_flips(difference, rng=np.random.default_rng(10), replicates=7)
+    lot = np.random.default_rng(10)
+    sign = np.concatenate([1 - 2 * lot.integers(0, 2, (rows, 15)) for rows in (3, 3, 1)])
+    np.testing.assert_allclose(shifts.permuted, (sign * difference).mean(axis=1))
+    np.testing.assert_allclose(shifts.slope, sign.mean(axis=1))
+    assert (shifts.observed, shifts.exact) == (pytest.approx(difference.mean()), False)
+    assert sign_flips(difference[:14], rng=lot, replicates=1).exact
+    assert len(sign_flips(difference[:14], rng=lot, replicates=1).permuted) == 2**14
+    found = paired_permutation(
+        difference, np.zeros(15), rng=np.random.default_rng(10), replicates=7, level=0.6
+    )
+    far = np.sum(abs(shifts.permuted) >= abs(difference.mean()) - 1e-12)
+    assert found.p_value == pytest.approx((1 + far) / 8)
+    assert found.interval == shift_interval(shifts, 0.6)
+    assert (found.n, found.exact) == (15, False)
+    still = paired_permutation(np.ones(3), np.zeros(3), rng=lot)
+    assert np.isnan(still.effect_size)
+
+
+def test_strata_by_a_loop(monkeypatch):
+    """Labels permuted within strata; of those with one group only nothing is used."""
+    monkeypatch.setattr(paired, "VALUES", 4 * 10)
+    rng = np.random.default_rng(11)
+    value = rng.normal(size=13)
+    group = np.array([1, 0, 0, 1, 1, 0, 1, 1, 0, 0, 1, 1, 1], dtype=bool)
+    stratum = np.array(list("abacabbacbddd"))
+    kept = np.isin(stratum, list("abc"))
+    found = stratified_permutation(
+        value, group, stratum, rng=np.random.default_rng(12), replicates=9, level=0.5
+    )
+    v, g, s = value[kept], group[kept], stratum[kept]
+
+    def difference(v, g):
+        parts = []
+        for one in "abc":
+            here = s == one
+            n1, n0 = g[here].sum(), (~g[here]).sum()
+            parts.append((n1 * n0 / (n1 + n0), v[here & g].mean() - v[here & ~g].mean()))
+        weight, apart = np.array(parts).T
+        return weight @ apart / weight.sum()
+
+    assert found.n == 10
+    assert found.difference == pytest.approx(difference(v, g))
+    squares, cells = 0.0, 0
+    for one in "abc":
+        for label in (True, False):
+            here = v[(s == one) & (g == label)]
+            squares, cells = squares + ((here - here.mean()) ** 2).sum(), cells + 1
+    assert found.effect_size == pytest.approx(found.difference / np.sqrt(squares / (10 - cells)))
+    order = np.argsort(s, kind="stable")
+    lot, layer = np.random.default_rng(12), np.unique(s, return_inverse=True)[1]
+    permuted, slope = [], []
+    for rows in (4, 4, 1):
+        for mixed in np.argsort(layer[order] + lot.random((rows, 10)), axis=1):
+            label = np.empty(10, dtype=bool)
+            label[order] = g[order][mixed]
+            permuted.append(difference(v, label))
+            slope.append(difference(g.astype(float), label))
+    shifts = Shifts(difference(v, g), np.array(permuted), np.array(slope), exact=False)
+    assert found.p_value == pytest.approx(shifts.p_value(0.0))
+    assert found.interval == pytest.approx(shift_interval(shifts, 0.5))
+    assert not found.exact
+    two = stratified_permutation([1.0, 3.0], np.array([True, False]), [0, 0], rng=rng, replicates=3)
+    assert (two.difference, two.n) == (-2.0, 2)
+    assert np.isnan(two.effect_size)

@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy import stats
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.detectors.embeddings import embedding_distance, mahalanobis
+from gaugeblock.validate.detectors.kernels import mmd
 
 
 def test_conformal_p_values_are_exact_in_many_dimensions_and_few_simulations():
@@ -78,3 +81,69 @@ def test_bad_input():
         mahalanobis(np.zeros((1, 2)), np.zeros((3, 2)), rng=rng)
     with pytest.raises(InputError, match="NaN"):
         mahalanobis(np.full((1, 2), np.nan), np.zeros((9, 2)), rng=rng)
+
+
+@pytest.mark.parametrize("distance", [0.5, 1.5, 30.0])
+def test_the_permutation_p_value_is_the_share_of_all_choices(distance):
+    """Three of seven, counted one by one, ties among them; 2,000 permutations, limits at 4.5 errors."""
+    rng = np.random.default_rng(8)
+    observed = distance * np.array([[1.0, 0.0], [0.0, -1.0], [-0.6, 0.8]])
+    found, _ = embedding_distance(observed, rng.normal(size=(8, 2)), rng=rng, permutations=2000)
+    here, there = found.details["distance"].values, found.details["simulated_distance"].values
+    assert (len(here), len(there)) == (3, 4)
+    scores = np.log1p(np.concatenate([here, there]))
+    sums = [scores[list(chosen)].sum() for chosen in itertools.combinations(range(7), 3)]
+    share = np.mean([s >= scores[:3].sum() - 1e-9 for s in sums])
+    assert share >= 1 / 35
+    assert abs(found.p_value - share) < 4.5 * np.sqrt(share * (1 - share) / 2000) + 1e-3
+    assert found.estimate[0] == pytest.approx(here.mean())
+    assert found.standard_error[0] == pytest.approx(there.std(ddof=1) / np.sqrt(3))
+    assert found.null.startswith(f"{there.mean():.3g}, ")
+
+
+def test_where_nothing_varies_nothing_is_odd():
+    rng = np.random.default_rng(9)
+    for item in embedding_distance(np.ones((3, 2)), np.ones((12, 2)), rng=rng, permutations=99):
+        assert item.p_value == 1.0
+
+
+def test_distances_and_ranks_by_hand():
+    """From the mean of half of the simulations, by their covariance; ranked among the other half."""
+    rng = np.random.default_rng(7)
+    observed, simulated = rng.normal(size=(4, 3)), rng.normal(size=(21, 3)) @ np.diag([1.0, 9.0, 0.1])
+    found = mahalanobis(observed, simulated, rng=np.random.default_rng(8))
+    order = np.random.default_rng(8).permutation(21)
+    fitted, held = simulated[order[:10]], simulated[order[10:]]
+    inverse = np.linalg.inv(np.cov(fitted.T))
+
+    def squared(points):
+        away = points - fitted.mean(axis=0)
+        return np.einsum("np,pq,nq->n", away, inverse, away)
+
+    np.testing.assert_allclose(found.observed, squared(observed))
+    np.testing.assert_allclose(found.simulated, squared(held))
+    farther = [np.sum(squared(held) >= one) for one in squared(observed)]
+    np.testing.assert_allclose(found.p_value, (1 + np.array(farther)) / 12)
+    same = mahalanobis(held[:1], simulated, rng=np.random.default_rng(8))
+    assert same.p_value[0] == (1 + np.sum(found.simulated >= found.simulated[0])) / 12
+    distance, discrepancy = embedding_distance(
+        observed, simulated, rng=np.random.default_rng(8), permutations=19
+    )
+    lot = np.random.default_rng(8)
+    lot.permutation(21)
+    score = np.log1p(np.concatenate([found.observed, found.simulated]))
+    null = lot.permuted(np.tile(score, (19, 1)), axis=1)[:, :4].mean(axis=1)
+    assert distance.p_value == pytest.approx((1 + np.sum(null >= score[:4].mean() - 1e-12)) / 20)
+    assert distance.estimate[0] == pytest.approx(found.observed.mean())
+    assert distance.standard_error[0] == pytest.approx(found.simulated.std(ddof=1) / 2)
+    np.testing.assert_array_equal(distance.details["conformal_p"], found.p_value)
+    np.testing.assert_array_equal(distance.details["simulated_distance"], found.simulated)
+    assert distance.caveats == ("11 simulations to rank against: p is at least 0.0833",)
+    value, p_value, spread = mmd(observed, simulated, rng=lot, permutations=19)
+    assert (discrepancy.estimate[0], discrepancy.p_value) == (value, p_value)
+    assert discrepancy.standard_error[0] == pytest.approx(spread.std(ddof=1))
+    assert discrepancy.n_trials == distance.n_trials == 25
+    many = rng.normal(size=(400, 2))
+    assert embedding_distance(many[:1], many, rng=rng, permutations=9)[0].caveats == ()
+    assert embedding_distance(many[:1], many[:399], rng=rng, permutations=9)[0].caveats == ()
+    assert embedding_distance(many[:1], many[:398], rng=rng, permutations=9)[0].caveats != ()

@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 from gaugeblock.core.errors import InputError
+from gaugeblock.validate.detectors import kernels
 from gaugeblock.validate.detectors.kernels import gaussian_kernel, mmd
 
 
@@ -53,3 +54,39 @@ def test_bad_input():
         mmd(np.zeros((2, 1)), np.zeros((1, 1)), rng=rng)
     with pytest.raises(InputError, match="NaN"):
         mmd(np.full((2, 1), np.nan), np.zeros((4, 1)), rng=rng)
+
+
+@pytest.mark.parametrize("m", [1, 4])
+def test_the_null_is_of_relabelled_points(m):
+    """Every permutation's statistic by plain sums, from the same random numbers; p counts those as large."""
+    rng = np.random.default_rng(7)
+    a, b = rng.normal(size=(m, 2)) + 0.5, rng.normal(size=(9, 2))
+    points = np.concatenate([a, b])
+    away = ((points[:, None] - points) ** 2).sum(axis=2)
+    kernel = np.exp(-away / np.median(away[np.triu_indices(m + 9, 1)]))
+    np.testing.assert_allclose(gaussian_kernel(points + 1e3), kernel, rtol=1e-6)
+
+    def statistic(mine):
+        one, other = kernel[np.ix_(mine, mine)], kernel[np.ix_(~mine, ~mine)]
+        across = kernel[np.ix_(mine, ~mine)].mean()
+        within = (one.sum() - m) / (m * (m - 1)) if m > 1 else across
+        return within + (other.sum() - 9) / 72 - 2 * across
+
+    value, p, null = mmd(a, b, rng=np.random.default_rng(8), permutations=6)
+    mine = np.zeros((m + 9, 7))
+    mine[:m] = 1
+    mine[:, 1:] = np.random.default_rng(8).permuted(mine[:, 1:], axis=0)
+    wanted = [statistic(column > 0) for column in mine.T]
+    assert value == pytest.approx(wanted[0])
+    np.testing.assert_allclose(null, wanted[1:])
+    assert p == pytest.approx((1 + np.sum(null >= value - 1e-12)) / 7)
+
+
+def test_equal_points_have_a_width_of_one_and_many_are_drawn_without_replacement(monkeypatch):
+    np.testing.assert_allclose(gaussian_kernel([[0.0]] * 4 + [[2.0]])[0], [1, 1, 1, 1, np.exp(-4)])
+    monkeypatch.setattr(kernels, "MOST_POINTS", 5)
+    points = np.arange(9.0)[:, None]
+    some = kernels._some(points, np.random.default_rng(9))
+    np.testing.assert_array_equal(some, points[np.random.default_rng(9).permutation(9)[:5]])
+    assert kernels._some(points[:5], np.random.default_rng(9)) is not some
+    np.testing.assert_array_equal(kernels._some(points[:5], np.random.default_rng(9)), points[:5])

@@ -98,3 +98,44 @@ def test_bad_input():
         predictive_check(x, replicated, x, rng=rng)
     with pytest.raises(InputError, match="as many of each"):
         predictive_check(x, replicated, x, replicated[:, :9], rng=rng)
+
+
+def test_p_values_and_their_combination_by_hand():
+    """Observation and replicates are scored by the moments of all of them; ties count as higher."""
+    rng = np.random.default_rng(4)
+    x, replicated = rng.poisson(4.0, (3, 5)), rng.poisson(4.0, (3, 9, 5))
+    x[2] = replicated[2, 4]
+    p = []
+    for k in range(3):
+        pool = np.concatenate([x[k, None], replicated[k]])
+        score = ((pool - pool.mean(axis=0)) ** 2 / pool.var(axis=0)).sum(axis=1)
+        p.append((1 + np.sum(score[1:] >= score[0])) / 10)
+    np.testing.assert_allclose(predictive_p(x, replicated), p)
+    found = predictive_check(x, replicated, rng=rng)
+    z = stats.norm.ppf(np.array(p) - 0.05)
+    assert found.p_value == pytest.approx(stats.norm.cdf(z.sum() / np.sqrt(3)))
+    assert found.estimate[0] == np.median(p)
+    spread = np.mean(np.array(p) * (1 - np.array(p)))
+    assert found.standard_error[0] == pytest.approx(np.sqrt(spread / 9 / 3))
+    np.testing.assert_allclose(found.details["predictive_p"], p)
+    assert set(found.details) == {"predictive_p"}
+    assert found.n_trials == 3
+
+
+def test_calibration_by_hand():
+    rng = np.random.default_rng(5)
+    x, replicated = rng.poisson(9.0, (2, 4)), rng.poisson(4.0, (2, 6, 4))
+    simulated, copies = rng.poisson(4.0, (5, 4)), rng.poisson(4.0, (5, 6, 4))
+    found = predictive_check(
+        x, replicated, simulated, copies, rng=np.random.default_rng(6), permutations=19,
+        name="kolmogorov_smirnov",
+    )  # fmt: skip
+    p, known = (predictive_p(*each, kolmogorov_smirnov) for each in ((x, replicated), (simulated, copies)))
+    np.testing.assert_array_equal(found.details["predictive_p"], p)
+    np.testing.assert_array_equal(found.details["simulated_p"], known)
+    ranked = [(1 + np.sum(known <= one)) / 6 for one in p]
+    np.testing.assert_allclose(found.details["calibrated_p"], ranked)
+    z = stats.norm.ppf(np.concatenate([p, known]) - 0.5 / 7)
+    null = np.random.default_rng(6).permuted(np.tile(z, (19, 1)), axis=1)[:, :2].mean(axis=1)
+    assert found.p_value == pytest.approx((1 + np.sum(null <= z[:2].mean() + 1e-12)) / 20)
+    assert (found.n_trials, found.id) == (7, "predictive_check.kolmogorov_smirnov")

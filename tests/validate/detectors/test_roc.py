@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 from gaugeblock.core.errors import InputError
+from gaugeblock.validate.detectors import roc
 from gaugeblock.validate.detectors.roc import (
     auc,
     best_of_cells,
@@ -143,3 +144,55 @@ def test_adjusted_p_is_neither_too_small_nor_too_large():
     for level in (0.1, 0.3, 0.6):
         low, high = stats.binom.ppf([1e-4, 1 - 1e-4], 250, level)
         assert low <= np.count_nonzero(np.array(smallest) <= level) <= high
+
+
+@pytest.mark.parametrize("two_sided", [False, True])
+def test_permutation_p_is_counted_in_pieces(two_sided, monkeypatch):
+    """Seven permutations, three at a time and one left over, from the same random numbers."""
+    monkeypatch.setattr(roc, "CHUNK", 3 * 9)
+    clean, suspicious = [0.3, 1.0, 2.0, 2.5, 0.0], [1.0, 2.7, -1.0, 2.2]
+    for seed in range(6):
+        found = permutation_p(
+            clean, suspicious, rng=np.random.default_rng(seed), permutations=7, two_sided=two_sided
+        )
+        lot, rank = np.random.default_rng(seed), stats.rankdata([*clean, *suspicious])
+        mixed = np.concatenate([lot.permuted(np.tile(rank, (k, 1)), axis=1) for k in (3, 3, 1)])
+        sums = mixed[:, :4].sum(axis=1)
+        away, observed = sums - 4 * 5, rank[5:].sum() - 4 * 5
+        far = abs(away) >= abs(observed) if two_sided else away >= observed
+        assert found == pytest.approx((1 + far.sum()) / 8)
+
+
+def test_bootstrap_replicates_by_counts():
+    """AUC of scores that are repeated as often as they were drawn, ties included."""
+    clean, suspicious = np.array([2.0, 0.0, 1.0, 1.0]), np.array([1.0, 3.0, 0.5])
+    found = bootstrap_auc(clean, suspicious, rng=np.random.default_rng(9), replicates=20)
+    lot, low = np.random.default_rng(9), np.sort(clean)
+    counts = lot.multinomial(4, [0.25] * 4, size=20), lot.multinomial(3, [1 / 3] * 3, size=20)
+    wanted = [auc(np.repeat(low, a), np.repeat(suspicious, b)) for a, b in zip(*counts, strict=True)]
+    np.testing.assert_allclose(found, wanted)
+    assert bootstrap_auc(clean, suspicious, rng=lot).shape == (2000,)
+
+
+def test_cells_are_permuted_and_drawn_in_pieces(monkeypatch):
+    """Whole data sets together, three at a time and one left over; the largest cell of each."""
+    monkeypatch.setattr(roc, "CHUNK", 3 * 2 * 3 * 7)
+    rng = np.random.default_rng(10)
+    clean, suspicious = rng.normal(size=(2, 4)), rng.normal(size=(2, 3, 3))
+    found = best_of_cells(clean, suspicious, rng=np.random.default_rng(11), permutations=7)
+    lot, pooled = np.random.default_rng(11), np.concatenate([clean, suspicious.reshape(2, 9)], axis=1)
+    order = np.concatenate([lot.permuted(np.tile(np.arange(13), (k, 1)), axis=1) for k in (3, 3, 1)])
+
+    def largest(scores):
+        parts = scores[:, 4:].reshape(2, 3, 3)
+        return max(auc(scores[d, :4], parts[d, s]) for d in range(2) for s in range(3))
+
+    null = np.sort([largest(pooled[:, one]) for one in order])
+    np.testing.assert_allclose(found.null, null)
+    for cell in np.ndindex(2, 3):
+        assert found.auc[cell] == pytest.approx(float(auc(clean[cell[0]], suspicious[cell])))
+        assert found.p_adjusted[cell] == pytest.approx((1 + np.sum(null >= found.auc[cell] - 1e-9)) / 8)
+    drawn = null_of_best(4, 3, detectors=2, strengths=3, rng=np.random.default_rng(12), replicates=7)
+    lot = np.random.default_rng(12)
+    wanted = [largest(one) for k in (3, 3, 1) for one in lot.random((k, 2, 13))]
+    np.testing.assert_allclose(drawn, wanted)

@@ -187,3 +187,57 @@ def test_misuse_is_one_clear_line():
         with pytest.raises(InputError, match=words) as caught:
             call()
         assert "\n" not in str(caught.value)
+
+
+def test_evidences_by_a_loop_over_points_that_count():
+    """Volumes shrink by 1 / live points; trapezoids between points that count, the rest is the last one's."""
+    rng = np.random.default_rng(10)
+    run = perfect_run(higson, live_points=6, depth=12, rng=rng)
+    counts = rng.integers(0, 3, size=(4, len(run.start)))[:, run.thread]
+    counts[0] = 1
+    found = log_evidence_of_threads(run, counts)
+    for row, value in zip(counts, found, strict=True):
+        live = run.live_points(row)
+        log_volume, before, total = 0.0, None, -np.inf
+        for point in np.flatnonzero(row):
+            now = log_volume - row[point] / live[point]
+            here = run.log_likelihood[point]
+            before = here if before is None else before
+            shell = np.log(np.exp(log_volume) - np.exp(now))
+            total = np.logaddexp(total, shell + np.logaddexp(here, before) - np.log(2))
+            log_volume, before = now, here
+        assert value == pytest.approx(np.logaddexp(total, log_volume + before), rel=1e-10)
+    shrunk = log_evidence_of_threads(run, counts[:1], rng=np.random.default_rng(11))
+    gamma = np.random.default_rng(11).standard_gamma(counts[:1].astype(float))[0] / run.live_points(counts[0])
+    log_volume = np.concatenate([[0.0], -np.cumsum(gamma)])
+    values = np.exp(run.log_likelihood - run.log_likelihood.max())
+    pairs = (values + np.concatenate([values[:1], values[:-1]])) / 2
+    exact = -np.diff(np.exp(log_volume)) @ pairs + np.exp(log_volume[-1]) * values[-1]
+    assert shrunk[0] == pytest.approx(np.log(exact) + run.log_likelihood.max())
+
+
+def test_threads_are_drawn_with_replacement_by_where_they_start():
+    """Those from the prior among themselves, those from inside among themselves, one replicate at a time."""
+    run = split_threads(np.arange(1.0, 9.0), [-np.inf, -np.inf, -np.inf, 1.0, 1.0, 2.0, 2.0, 5.0])
+    inside = np.isfinite(run.start)
+    assert 0 < inside.sum() < len(run.start)
+    found = thread_bootstrap(run, rng=np.random.default_rng(12), replicates=20)
+    lot, counts = np.random.default_rng(12), np.zeros((20, len(run.start)), dtype=int)
+    for group in (np.flatnonzero(~inside), np.flatnonzero(inside)):
+        for row in counts:
+            for which in np.floor(lot.random(len(group)) * len(group)).astype(int):
+                row[group[which]] += 1
+    np.testing.assert_allclose(found.replicates, log_evidence_of_threads(run, counts[:, run.thread]))
+    assert found.error == pytest.approx(found.replicates.std(ddof=1))
+    assert found.value == pytest.approx(log_evidence_of_threads(run, np.ones(8))[0])
+    assert len(thread_bootstrap(run, rng=lot).replicates) == 1000
+
+
+def test_sums_and_differences_by_hand():
+    one, two = (LogEvidence(value=v, error=0.0, replicates=np.array(r)) for v, r in (
+        (1.0, [1.0, 2.0, 4.0]), (5.0, [4.0, 6.0, 5.0])))  # fmt: skip
+    total = evidence_sum([one, two], coefficients=[2.0, -0.5])
+    assert (total.value, total.replicates.tolist()) == (-0.5, [0.0, 1.0, 5.5])
+    assert total.error == pytest.approx(np.std([0.0, 1.0, 5.5], ddof=1))
+    apart = evidence_difference([one, two], [two, two])
+    assert (apart.value, apart.replicates.tolist()) == (-4.0, [-3.0, -4.0, -1.0])

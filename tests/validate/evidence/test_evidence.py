@@ -5,6 +5,8 @@ import pytest
 from scipy import stats
 
 from gaugeblock.validate.evidence.evidence import error_finding, pull_finding
+from gaugeblock.validate.p_values import SMALLEST
+from gaugeblock.validate.standardised import bias, log_width
 from gaugeblock.validate.validators import run_validators
 
 
@@ -84,3 +86,54 @@ def test_what_is_missing_is_named(gaussian_trials):
 def test_error_finding_of_one_run():
     finding = error_finding(0.15)
     assert (finding.n_trials, float(finding.estimate[0]), finding.kind) == (1, 0.15, "quantile")
+
+
+def test_pulls_and_their_joint_p_value_by_hand():
+    """The two estimates' normal law, with steadied errors and the correlation of their influences."""
+    rng = np.random.default_rng(3)
+    value, error, truth = rng.normal(size=30), rng.uniform(0.5, 2, 30), rng.normal(size=30) ** 2
+    found = pull_finding(value, error, truth, trial=np.arange(30) + 3, population="some", caveats=("said",))
+    pull = (value - truth) / error
+    (mean, mean_error, first), (width, width_error, second) = bias(pull), log_width(pull)
+    np.testing.assert_allclose(found.estimate, [mean, width])
+    np.testing.assert_allclose(found.standard_error, [mean_error, width_error])
+    np.testing.assert_allclose(found.influence, [first, second])
+    correlation = np.corrcoef(first, second)[0, 1]
+    errors = found.standard_error
+    covariance = np.array([[1, correlation], [correlation, 1]]) * np.outer(errors, errors)
+    square = found.estimate @ np.linalg.solve(covariance, found.estimate)
+    assert abs(correlation) > 0.1
+    assert found.p_value == pytest.approx(stats.chi2.sf(square, 2))
+    assert (found.n_trials, found.population, found.caveats) == (30, "some", ("said",))
+    np.testing.assert_allclose(found.details["pull"], pull)
+    assert found.details["trial"].values[0] == 3
+    same = pull_finding(np.ones(5), np.ones(5), np.zeros(5))
+    assert 0 < same.p_value < 1
+    assert np.isfinite(same.estimate).all()
+    assert pull_finding(rng.normal(50, 1, 3000), np.ones(3000), np.zeros(3000)).p_value == SMALLEST
+
+
+def test_median_errors_by_hand():
+    stated = np.array([0.3, 0.1, 0.2, 0.9])
+    found = error_finding(stated, trial=[4, 5, 6, 7], caveats=("said",))
+    assert (found.estimate.tolist(), found.quantile.tolist(), found.n_trials) == ([0.2], [0.5], 4)
+    assert (found.sense, found.population, found.caveats) == ("at-most", "evidence", ("said",))
+    np.testing.assert_array_equal(found.details["log_evidence_error"], stated)
+    assert found.details["trial"].values.tolist() == [4, 5, 6, 7]
+
+
+def test_errors_of_nothing_and_truths_that_are_no_numbers(gaussian_trials):
+    trials = with_evidence(gaussian_trials(20, 20, 1, seed=0)).load()
+    trials["log_evidence_error"][4], trials["log_evidence_error"][5] = 0.0, np.inf
+    found, _ = run_validators(trials, seed=0, select=["evidence"])
+    assert [one.n_trials for one in found] == [18, 18]
+    assert found[0].caveats == ("2 of 20 trials have no finite log evidence and error; left out here",)
+    trials["log_evidence_true"][7] = np.nan
+    found, missing = run_validators(trials, seed=0, select=["evidence"])
+    assert [one.id for one in found] == ["evidence.error"]
+    assert missing[0].why == "log_evidence_true has NaN or infinite values"
+    for n, enough in ((2, True), (1, False)):
+        few = trials.isel(trial=slice(n))
+        found, missing = run_validators(few, seed=0, select=["evidence"])
+        assert bool(found) == enough
+        assert enough or missing[0].why == "1 trial(s) with a finite log evidence and error; 2 are needed"

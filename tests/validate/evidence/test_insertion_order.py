@@ -6,11 +6,13 @@ from scipy import stats
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.evidence.insertion_order import (
+    _smaller_before,
     insertion_order_test,
     insertion_ranks,
 )
 from gaugeblock.validate.evidence.nested_threads import split_threads
 from gaugeblock.validate.evidence.perfect_runs import perfect_run
+from gaugeblock.validate.marginal.uniformity import ecdf_test
 
 
 def uniform(rng):
@@ -123,3 +125,32 @@ def test_misuse_is_one_clear_line():
         insertion_order_test(short, rng=rng)
     with pytest.raises(InputError, match="0 windows"):
         insertion_order_test(run, rng=rng, windows=0)
+
+
+def test_p_values_are_of_ranks_in_the_order_of_contours():
+    """Randomised with the generator's numbers; windows as long as the run begins with, or as asked."""
+    run = sampled(uniform, live_points=22, deaths=90, rng=np.random.default_rng(7))
+    above, others = insertion_ranks(run)
+    n = len(above)
+    rank = (above + np.random.default_rng(8).random(n)) / (others + 1)
+    for windows, pieces in ((None, n // 22), (1, 1), (3, 3)):
+        found = insertion_order_test(run, rng=np.random.default_rng(8), windows=windows)
+        np.testing.assert_allclose(found.rank, rank)
+        assert found.p_value == ecdf_test(rank).p_value
+        z = abs(rank.mean() - 0.5) * np.sqrt(12 * n)
+        assert found.p_mean == pytest.approx(2 * stats.norm.sf(z))
+        worst = min(ecdf_test(piece).p_value for piece in np.array_split(rank, pieces))
+        assert found.p_windows == pytest.approx(1 - (1 - worst) ** pieces)
+    few = sampled(uniform, live_points=5, deaths=60, rng=np.random.default_rng(9))
+    n = len(insertion_ranks(few)[0])
+    by_default, asked = (
+        insertion_order_test(few, rng=np.random.default_rng(8), windows=windows)
+        for windows in (None, n // 20)
+    )
+    assert by_default.p_windows == asked.p_windows
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 8, 9, 33])
+def test_smaller_ones_before_are_counted(n):
+    value = np.random.default_rng(n).permutation(n).astype(float)
+    assert _smaller_before(value).tolist() == [int(np.sum(value[:k] < value[k])) for k in range(n)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import special, stats
+from scipy import optimize, special, stats
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate import judge, make_trials, run_validators
@@ -18,6 +18,7 @@ from gaugeblock.validate.evidence.models import (
     reliability_finding,
     score_finding,
 )
+from gaugeblock.validate.marginal.coverage import STEADYING
 from gaugeblock.validate.policy import read_policy
 
 ALONE = read_policy("default").model_copy(update={"required": ("models",)})
@@ -205,3 +206,76 @@ def test_what_are_no_probabilities_is_refused():
     for names in (["a"], ["a", "a"]):
         with pytest.raises(InputError, match="2 models need as many names"):
             check_names(names, 2)
+
+
+def test_bins_of_a_few_by_hand():
+    """A bin closes when it holds its share; what is left over joins the last if it is less than half."""
+    assert bins([0.1, 0.2, 0.3, 0.4], 2).tolist() == [0, 0, 1, 1]
+    assert bins([0.4, 0.1, 0.3, 0.2], 2).tolist() == [1, 0, 1, 0]
+    assert bins([0.1, 0.1, 0.1, 0.2, 0.3, 0.3, 0.4], 2).tolist() == [0, 0, 0, 0, 1, 1, 1]
+    # Shares of 2.5: three and three and one, and one is less than half of it.
+    assert (
+        bins([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95], 4).tolist() == [0] * 3 + [1] * 3 + [2] * 4
+    )
+    assert bins([0.1] * 3 + [0.2] * 3 + [0.3] * 2, 4).tolist() == [0] * 3 + [1] * 3 + [2] * 2
+    assert bins([0.1, 0.1, 0.9], 1).tolist() == [0, 0, 0]
+
+
+def test_reliability_of_a_few_trials_is_in_fewer_bins():
+    """At least twenty trials a bin, five bins at most; influences and errors of each by hand."""
+    rng = np.random.default_rng(9)
+    for n, number in ((20, 1), (39, 1), (40, 2), (99, 4), (100, 5), (300, 5)):
+        stated, true = rng.random(n), rng.random(n) < 0.5
+        found = reliability_finding(stated, true, name="m", id="m")
+        assert len(found.estimate) == number
+        label = bins(stated, number)
+        for k in range(number):
+            here = label == k
+            gap = (true - stated)[here].mean()
+            assert found.estimate[k] == pytest.approx(gap)
+            np.testing.assert_allclose(found.influence[k], here * (true - stated - gap) * n / here.sum())
+            steadied = (true[here].sum() + STEADYING) / (here.sum() + 2 * STEADYING)
+            assert found.standard_error[k] == pytest.approx(np.sqrt(steadied * (1 - steadied) / here.sum()))
+
+
+def test_the_exponent_and_its_influences_by_hand():
+    """Where the slope of the log score is 0, by bisection; the curvature is the variance of the logs."""
+    probability, true = exact(60, 3, np.random.default_rng(10))
+    logs = np.log(probability)
+
+    def slope(power):
+        weight = special.softmax(power * logs, axis=1)
+        return logs[np.arange(60), true] - (weight * logs).sum(axis=1)
+
+    power, influence = exponent(probability, true)
+    assert power == pytest.approx(optimize.brentq(lambda at: slope(at).mean(), 0.01, 20), rel=1e-8)
+    weight = special.softmax(power * logs, axis=1)
+    curvature = ((weight * logs**2).sum(axis=1) - (weight * logs).sum(axis=1) ** 2).mean()
+    np.testing.assert_allclose(influence, slope(power) / curvature, atol=1e-8)
+    found = exponent_finding(probability, true)
+    assert found.estimate[0] == pytest.approx(np.log(power))
+    error = influence.std() / np.sqrt(60)
+    assert found.standard_error[0] == pytest.approx(error / power)
+    np.testing.assert_allclose(found.influence[0], influence / power)
+    assert found.p_value == pytest.approx(2 * stats.norm.sf(abs(power - 1) / error))
+    assert found.n_trials == 60
+    flat = exponent_finding(np.full((30, 2), 0.5), np.arange(30) % 2)
+    assert flat.estimate[0] == 0.0
+    sharp = exponent_finding(np.tile([0.99, 0.01], (30, 1)), np.zeros(30, dtype=int))
+    assert sharp.estimate[0] > 2
+
+
+def test_scores_and_checks_of_a_few():
+    probability, true = exact(25, 3, np.random.default_rng(11))
+    found = score_finding(probability, true)
+    share = np.bincount(true, minlength=3) / 25
+    gain = [np.log(p[m] / share[m]) for p, m in zip(probability, true, strict=True)]
+    assert found.estimate[0] == pytest.approx(np.mean(gain))
+    np.testing.assert_allclose(found.influence[0], np.array(gain) - np.mean(gain))
+    assert found.standard_error[0] == pytest.approx(np.std(gain) / 5)
+    rough = np.array([[0.501, 0.5], [0.4, 0.6015]])
+    np.testing.assert_allclose(check_probabilities(rough), rough / rough.sum(axis=1, keepdims=True))
+    with pytest.raises(InputError, match="trial 1 are"):
+        check_probabilities(np.array([[0.5, 0.5], [0.4, 0.603]]))
+    assert check_index([[1.0], [0.0], [2.0]], 3).tolist() == [1, 0, 2]
+    assert check_names(["b", 7], 2) == ["b", "7"]

@@ -5,7 +5,8 @@ import pytest
 from scipy import stats
 
 from gaugeblock.validate.joint.gaps import both_names, both_regions, curve, gap_finding, uniform_finding
-from gaugeblock.validate.marginal.coverage import LEVELS, STEADYING, central_finding
+from gaugeblock.validate.marginal.coverage import LEVELS, STEADYING, central_finding, perfect_estimator
+from gaugeblock.validate.marginal.uniformity import ecdf_test
 
 
 def gaps(inside, **arguments):
@@ -83,3 +84,54 @@ def test_uniform_finding_is_a_test_alone():
     assert 0 < finding.p_value <= 1
     np.testing.assert_array_equal(finding.details["pit"], u)
     assert uniform_finding("i", "q", stats.norm.cdf(2 * stats.norm.ppf(u)), reference="r").p_value < 1e-6
+
+
+def test_gaps_of_fractions_by_hand():
+    """Means, second moments, both steadied by eight more inside and eight outside; influences of means."""
+    inside = np.array([[0.5, 1.0, 0.0, 0.25], [1.0, 1.0, 1.0, 0.5]])
+    found = gap_finding("i", inside, [0.4, 0.9], ["a", "b"], claim="c", reference="r", caveats=("said",))
+    np.testing.assert_allclose(found.estimate, [0.4375 - 0.4, 0.875 - 0.9])
+    more, total = STEADYING, 4 + 2 * STEADYING
+    for k in range(2):
+        first, second = (inside[k].sum() + more) / total, ((inside[k] ** 2).sum() + more) / total
+        assert found.standard_error[k] == pytest.approx(np.sqrt((second - first**2) / 4))
+    np.testing.assert_allclose(found.influence, inside - inside.mean(axis=1, keepdims=True))
+    assert (found.n_trials, found.components, found.caveats) == (4, ("a", "b"), ("said",))
+    assert np.isnan(found.p_value)
+
+
+def test_the_curve_and_its_band_by_hand():
+    u = np.random.default_rng(6).random(50)
+    inside = u <= np.array([[0.02], [0.5], [0.9]])
+    details = curve(inside, (0.02, 0.5, 0.9))
+    covered = inside.mean(axis=1)
+    (floor, low, high), multiple = perfect_estimator(50, 1, (0.02, 0.5, 0.9))
+    half = multiple * np.sqrt(np.array([0.0196, 0.25, 0.09]) / 50)
+    np.testing.assert_allclose(details["coverage"], covered)
+    np.testing.assert_allclose(details["band_low"], [0.0, 0.5 - half[1], 0.9 - half[2]])
+    np.testing.assert_allclose(details["band_high"], np.minimum(np.array([0.02, 0.5, 0.9]) + half, 1))
+    assert half[0] > 0.02
+    assert float(details["deviation"]) == pytest.approx(np.abs(covered - [0.02, 0.5, 0.9]).mean())
+    measured = [float(details[f"deviation_floor{end}"]) for end in ("", "_low", "_high")]
+    assert measured == [floor, low, high]
+
+
+def test_regions_of_a_few_ranks():
+    u = [0.1, 0.25, 0.5, 0.8]
+    assert both_regions(u, [0.5, 0.8]).tolist() == [
+        [False, True, True, False], [True, True, True, True], [True, True, True, False], [True] * 4,
+    ]  # fmt: skip
+    names = both_names("f", [0.5, 0.8])
+    assert names == ("f @ 0.5", "f @ 0.8", "lower tail of f @ 0.5", "lower tail of f @ 0.8")
+
+
+def test_a_test_s_distance_is_the_largest():
+    u = np.random.default_rng(7).random(60) ** 1.3
+    found, test = uniform_finding("i", "q", u, reference="r", caveats=("said",)), ecdf_test(u)
+    assert (found.estimate[0], found.p_value) == (np.abs(test.difference).max(), test.p_value)
+    np.testing.assert_array_equal(found.details["ecdf_difference"], test.difference)
+    np.testing.assert_array_equal(found.details["band_low"], test.low)
+    np.testing.assert_array_equal(found.details["band_high"], test.high)
+    np.testing.assert_array_equal(found.details["evaluation_point"], test.point)
+    assert "trial" not in found.details.coords
+    assert (found.n_trials, found.caveats, found.population) == (60, ("said",), "trials")

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gaugeblock.validate.joint.hpd import credible_level, density_caveats, hpd_findings
+from gaugeblock.core.streams import Rows
+from gaugeblock.validate import make_trials, trials_tree
+from gaugeblock.validate.joint.hpd import credible_level, density_caveats, hpd, hpd_findings
 from gaugeblock.validate.marginal.coverage import LEVELS
+from gaugeblock.validate.prepared import Prepared
 
 
 def test_level_is_the_exact_one_of_a_gaussian():
@@ -79,3 +82,39 @@ def test_findings_have_their_floor_and_say_what_is_missing():
     assert density_caveats(np.array([[0.5, 0, 0, 0]])) == ()
     said = density_caveats(np.array([[1, 1, 0, 0], [1, 0, 1, 4]]))
     assert [text.split(" ", 1)[0] for text in said] == ["1", "1", "4"]
+
+
+def test_levels_and_what_lacks_of_a_few_trials():
+    """Weighted draws at or above the truth's density; densities that are missing are counted, not dropped."""
+    rng = np.random.default_rng(7)
+    log_q, log_q_true = np.round(rng.normal(size=(8, 6)), 1), np.round(rng.normal(size=8), 1)
+    log_q[0, 1], log_q[1, :2], log_q_true[2], log_q_true[3] = np.nan, [np.inf, -np.inf], -np.inf, np.nan
+    weight = rng.exponential(size=(8, 6))
+    trials = make_trials(
+        np.zeros((8, 1)), rng.normal(size=(8, 6, 1)), log_q=log_q, log_q_true=log_q_true, weight=weight
+    )
+    (block,) = Prepared(trials_tree(trials), 5).blocks()
+    found = hpd(block)
+    lot = Rows(5, "highest density", range(8)).random((8, 1))[:, 0]
+    for k in range(8):
+        own = (weight[k] ** 2).sum() / weight[k].sum()
+        drawn = np.where(np.isnan(log_q[k]), -np.inf, log_q[k])
+        above, equal = weight[k][drawn > log_q_true[k]].sum(), weight[k][drawn == log_q_true[k]].sum()
+        wanted = (above + (equal + own) * lot[k]) / (weight[k].sum() + own)
+        assert found[k, 0] == pytest.approx(1.0 if k in (2, 3) else wanted)
+    assert found[:, 1].tolist() == [k == 2 for k in range(8)]
+    assert found[:, 2].tolist() == [k == 3 for k in range(8)]
+    assert found[:, 3].tolist() == [1, 2, 0, 0, 0, 0, 0, 0]
+    assert density_caveats(found) == (
+        "1 truth(s) have density 0: outside every region",
+        "1 truth(s) have a density that is NaN; counted as outside every region",
+        "3 draw(s) have a log q that is not finite",
+    )
+    for lacking in ("log_q", "log_q_true"):
+        (block,) = Prepared(trials_tree(trials.drop_vars(lacking)), 5).blocks()
+        assert hpd(block).shape == (8, 0)
+    gaps, test = hpd_findings(found[:, 0], trial=np.arange(8), population="joint")
+    np.testing.assert_allclose(gaps.estimate, [np.mean(found[:, 0] <= at) - at for at in LEVELS])
+    np.testing.assert_array_equal(test.details["pit"], found[:, 0])
+    assert gaps.population == test.population == "joint"
+    np.testing.assert_allclose(gaps.details["coverage"], [np.mean(found[:, 0] <= at) for at in LEVELS])

@@ -14,6 +14,7 @@ from gaugeblock.validate.joint.importance import (
     kish_fraction,
     log_evidence,
     log_weights,
+    summarise,
 )
 from gaugeblock.validate.joint.psis import pareto_khat, pareto_shape, tail_length
 from gaugeblock.validate.prepared import Prepared
@@ -145,3 +146,64 @@ def test_the_error_of_a_share_of_trials_is_that_of_a_proportion_and_never_none()
     share = (above + 2) / 54
     assert khat.standard_error[0] == pytest.approx(np.sqrt(share * (1 - share) / 50))
     np.testing.assert_allclose(khat.influence[0], (pareto_khat(weight) > 0.7) - above / 50)
+
+
+def test_errors_of_an_evidence_by_hand():
+    weight = np.array([0.5, 2.0, 1.0, 0.0, 3.5])
+    with np.errstate(divide="ignore"):
+        value, error = log_evidence(np.log(weight)[None] + 900)
+    assert value[0] == pytest.approx(900 + np.log(1.4))
+    assert error[0] == pytest.approx(weight.std(ddof=1) / np.sqrt(5) / 1.4)
+    with np.errstate(divide="ignore"):
+        assert acceptance(np.log(weight)[None])[0] == pytest.approx(1.4 / 3.5)
+
+
+def test_findings_of_weights_some_of_which_could_not_be_computed():
+    rng = np.random.default_rng(32)
+    weight = rng.normal(size=(9, 40))
+    weight[2, 5], weight[7] = np.nan, -np.inf
+    number = np.arange(9)[::-1]
+    ess, khat, evidence = importance_findings(weight, trial=number, caveats=("said",))
+    summary = summarise(weight)
+    assert summary.broken.tolist() == [k == 2 for k in range(9)]
+    said = "in 1 trial(s) a weight could not be computed (NaN likelihood or prior); ESS counts as 0"
+    for one in (ess, khat, evidence):
+        assert (one.n_trials, one.caveats, one.population) == (9, ("said", said), "trials")
+        assert one.details["trial"].values.tolist() == number.tolist()
+    assert "fraction of 40 draws" in ess.claim
+    assert ess.estimate[0] == np.sort(kish_fraction(weight))[4]
+    assert ess.quantile.tolist() == evidence.quantile.tolist() == [0.5]
+    np.testing.assert_array_equal(evidence.values[0], log_evidence(weight)[1])
+    np.testing.assert_array_equal(evidence.details["log_evidence"], log_evidence(weight)[0])
+    np.testing.assert_array_equal(evidence.details["log_evidence_error"], log_evidence(weight)[1])
+    np.testing.assert_array_equal(evidence.details["acceptance"], acceptance(weight))
+    np.testing.assert_array_equal(khat.details["khat"], pareto_khat(weight))
+    assert (khat.quantity, khat.sense, evidence.quantity, evidence.sense) == ("", "at-most", "", "at-most")
+
+
+def test_a_group_s_trials_are_summarised_some_at_a_time_without_those_that_are_broken(monkeypatch):
+    """31 trials of 40 draws in blocks of ten: one is left over, one has a log q that is no number."""
+    rng = np.random.default_rng(33)
+    theta = rng.normal(size=(31, 1))
+    draws = theta[:, None] + rng.normal(size=(31, 40, 1))
+    log_q, likelihood, prior = rng.normal(size=(3, 31, 40))
+    log_q[12, 3] = np.nan
+    words = {"log_q": log_q, "log_likelihood": likelihood, "log_prior": prior}
+    main = make_trials(theta, draws, ["a"])
+    group = make_trials(theta, draws, ["a"], **words).assign_coords(trial=np.arange(31) + 100)
+    monkeypatch.setattr("gaugeblock.validate.storage.VALUES", 16 * 40 * 10)
+    kept = np.delete(np.arange(31), 12)
+    for tree, population in ((trials_tree(main, group), "importance"), (trials_tree(group), "trials")):
+        ess, *others = importance(Prepared(tree, 1))
+        assert (ess.n_trials, ess.population) == (30, population)
+        np.testing.assert_allclose(ess.values[0], kish_fraction(likelihood + prior - log_q)[kept])
+        assert ess.details["trial"].values.tolist() == (kept + 100).tolist()
+        assert ess.caveats == ("1 of 31 trials have NaN or infinite draws or log_q; left out here",)
+        assert all(isinstance(item, NotChecked) for item in others) == bool(ess.doubt)
+    lean = importance(Prepared(trials_tree(main.assign(log_q=group["log_q"].drop_vars("trial"))), 1))
+    assert [item.id for item in lean] == ["importance.ess", "importance.khat", "importance.evidence"]
+    assert {item.why.split("; ")[1] for item in lean} == {"the trials lack log_likelihood, log_prior"}
+    told = importance(Prepared(trials_tree(main.assign_attrs(no_log_prior="it is a box")), 1))
+    assert {item.why for item in told} == {"needs the log density of the prior: it is a box"}
+    nothing = importance(Prepared(trials_tree(group.assign(log_q=group["log_q"] * np.nan)), 1))
+    assert {item.why for item in nothing} == {"every trial has NaN or infinite draws or log_q"}

@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 from scipy import stats
 
+from gaugeblock.core.streams import Rows
 from gaugeblock.validate import (
     Finding,
     NotChecked,
@@ -16,8 +17,12 @@ from gaugeblock.validate import (
     run_validators,
     trials_tree,
 )
+from gaugeblock.validate.autocorrelation import DrawOrder
 from gaugeblock.validate.finding import finding_from
+from gaugeblock.validate.joint.hpd import hpd
 from gaugeblock.validate.joint.joint import STATISTICS, joint
+from gaugeblock.validate.joint.quantities import likelihood_pit, quantities
+from gaugeblock.validate.joint.tarp import tarp
 from gaugeblock.validate.prepared import Prepared
 
 POLICY = make_policy({"required": ["joint"]}, source="test")
@@ -168,3 +173,55 @@ def test_nan_in_quantities_and_densities_is_said():
     items = found(made.assign(quantity_radius=(("trial", "draw"), radius), log_q_true=("trial", log_q)))
     assert "radius is NaN somewhere in 1 trial(s)" in items["joint.quantity[radius]"].caveats[0]
     assert [text[:8] for text in items["joint.hpd"].caveats] == ["1 truth(", "1 truth("]
+
+
+def test_the_group_is_weighted_and_thinned_with_its_own_random_numbers():
+    main, group = trials(80, 48), trials(60, 48, seed=2, likelihood=True, density=False)
+    rng = np.random.default_rng(4)
+    number = rng.permutation(60) + 500
+    weight = rng.exponential(size=(60, 48))
+    group = group.assign(weight=(("trial", "draw"), weight)).assign_coords(trial=number)
+    group["draws"][9, 3, 0] = np.inf
+    prepared = Prepared(trials_tree(main, joint=group), 3)
+    vars(prepared)["order"] = DrawOrder(3, 80.0)
+    items = {item.id: item for item in joint(prepared)}
+    kept = np.delete(np.arange(60), 9)
+    wanted = likelihood_pit(
+        group["log_likelihood_true"].values[kept],
+        prepared.thinned(group["log_likelihood"].values[kept], number[kept]),
+        Rows(3, "joint likelihood", number[kept]),
+        weight=prepared.thinned(weight[kept], number[kept]),
+    )[:, 0]
+    uniform = items["joint.likelihood_uniform"]
+    np.testing.assert_array_equal(uniform.details["pit"], wanted)
+    assert uniform.details["trial"].values.tolist() == number[kept].tolist()
+    assert uniform.population == "joint"
+    assert items["joint.likelihood"].estimate[5] == pytest.approx(np.mean(abs(wanted - 0.5) <= 0.25) - 0.5)
+    for few, said in ((2, 2), (1, None)):
+        less = group.isel(trial=[9, *range(few)])
+        item = found(trials_tree(main, joint=less))["joint.likelihood"]
+        if said is None:
+            assert item.why == "1 joint trial(s) with finite draws; at least 2 are needed"
+        else:
+            assert item.n_trials == said
+    lean = found(trials_tree(main, joint=group.drop_vars("log_likelihood_true")))["joint.likelihood"]
+    assert lean.why.endswith("the trials lack log_likelihood_true")
+
+
+def test_findings_are_of_the_unaffected_trials_in_their_order():
+    made = trials(90, 40, likelihood=True).assign_coords(trial=np.random.default_rng(5).permutation(90))
+    made["draws"][4, 0, 1] = np.nan
+    prepared = Prepared(trials_tree(made), 3)
+    items = {item.id: item for item in joint(prepared)}
+    kept = np.delete(np.arange(90), 4)
+    for name in ("likelihood_uniform", "hpd_uniform", "tarp_uniform", "quantity_uniform[radius]"):
+        item = items[f"joint.{name}"]
+        assert item.details["trial"].values.tolist() == made["trial"].values[kept].tolist()
+        assert item.caveats == ("1 of 90 trials have NaN or infinite draws; left out here",)
+    for name, statistic in (("hpd", hpd), ("tarp", tarp)):
+        pit = items[f"joint.{name}_uniform"].details["pit"]
+        np.testing.assert_array_equal(pit, prepared.per_trial(statistic)[:, 0])
+    radius = prepared.per_trial(quantities)[:, 0, 0]
+    np.testing.assert_array_equal(items["joint.quantity_uniform[radius]"].details["pit"], radius)
+    gap = items["joint.quantity[radius]"].estimate
+    assert gap[5] == pytest.approx(np.mean(abs(radius - 0.5) <= 0.25) - 0.5)

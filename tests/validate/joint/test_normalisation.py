@@ -9,7 +9,17 @@ from scipy import special, stats
 from gaugeblock.simulators.two_moons import TwoMoons
 from gaugeblock.validate import NotChecked, judge, make_policy, make_trials, trials_tree
 from gaugeblock.validate.joint.dense_ratio import least_draws, log_density_ratio
-from gaugeblock.validate.joint.normalisation import density, normalisation_finding, ratios, tail_index
+from gaugeblock.validate.joint.normalisation import (
+    _held,
+    density,
+    discrete,
+    lacking_density,
+    normalisation_finding,
+    ratios,
+    tail_index,
+    unconfirmed,
+)
+from gaugeblock.validate.joint.psis import pareto_khat
 from gaugeblock.validate.prepared import Prepared
 
 POLICY = make_policy({"required": ["density"]}, source="test")
@@ -263,3 +273,112 @@ def test_the_error_is_the_scatter_of_the_estimate_and_influences_are_what_trials
         part = normalisation_finding(np.delete(logs, trial))
         gone = 299 * (whole.estimate[0] - part.estimate[0])
         assert gone == pytest.approx(whole.influence[0, trial], abs=0.03)
+
+
+def test_what_density_lacks_trial_by_trial():
+    """Minus the mean log q, less the entropy of a Gaussian as wide, whose covariance is Wishart's."""
+    rng = np.random.default_rng(22)
+    draws = rng.normal(size=(5, 30, 2)) @ np.array([[1.0, 2.0], [0.0, 1e-3]])
+    log_q = rng.normal(size=(5, 30))
+    found = lacking_density(draws, log_q)
+    for k in range(5):
+        determinant = np.linalg.slogdet(np.cov(draws[k].T))[1]
+        noise = special.digamma(29 / 2) + special.digamma(28 / 2) + 2 * np.log(2 / 29)
+        entropy = 1 + np.log(2 * np.pi) + 0.5 * (determinant - noise)
+        assert found[k] == pytest.approx(-log_q[k].mean() - entropy)
+    with np.errstate(divide="ignore"):
+        assert lacking_density(np.zeros((1, 30, 1)), np.zeros((1, 30)))[0] == np.inf
+
+
+def test_the_mean_ratio_and_its_influences_by_hand():
+    logs = np.array([0.3, -0.4, np.nan, -np.inf, 0.9, 0.1])
+    found = normalisation_finding(logs, trial=np.arange(6), caveats=("said",))
+    known = np.exp(logs[[0, 1, 3, 4, 5]])
+    assert found.estimate[0] == pytest.approx(np.log(known.mean()))
+    influence = (np.where(np.isnan(logs), known.mean(), np.exp(logs)) / known.mean() - 1) / (5 / 6)
+    np.testing.assert_allclose(found.influence[0], influence, atol=1e-12)
+    assert found.standard_error[0] == pytest.approx(np.sqrt(((influence**2).sum() + 10) / 16 / 6))
+    assert found.caveats == ("said", "1 trial(s) say nothing: draws at the edge of the truths' range")
+    np.testing.assert_array_equal(found.details["log_ratio"], logs)
+    assert found.details["trial"].values.tolist() == list(range(6))
+    nothing = normalisation_finding(np.full(4, -np.inf))
+    assert nothing.estimate[0] < -1000
+    assert np.isfinite(nothing.influence).all()
+
+
+def test_tail_indices_need_enough_trials():
+    logs = np.random.default_rng(23).normal(size=230)
+    logs[:30] = np.nan
+    assert tail_index(logs) == pareto_khat(logs[None, 30:])[0] != 0
+    assert tail_index(logs[:-1]) == 0.0
+
+
+def test_few_values_are_no_density():
+    rng = np.random.default_rng(24)
+    draws = rng.normal(size=(30, 50, 3))
+    draws[:20, :, 0] = rng.integers(0, 49, (20, 50))
+    draws[:20, :, 1] = np.arange(50)
+    trials = make_trials(np.zeros((30, 3)), draws, ["a", "b", "c"], log_q=np.zeros((30, 50)))
+    assert discrete(Prepared(trials_tree(trials), 1)) == ["a"]
+    (item,) = density(Prepared(trials_tree(trials), 1))
+    assert item.why == "a takes few values: log q is no density over draws there"
+    assert Prepared(trials_tree(trials), 1).per_trial(ratios).shape == (30, 0)
+    later = trials.isel(trial=np.r_[20:30, 0:20])
+    assert discrete(Prepared(trials_tree(later), 1)) == []
+
+
+def doubt(trials, kept=None):
+    kept = np.ones(trials.sizes["trial"], dtype=bool) if kept is None else kept
+    return unconfirmed(Prepared(trials_tree(trials), 1), trials, kept)
+
+
+def test_why_draws_do_not_confirm_a_density(monkeypatch):
+    assert doubt(made()) == ""
+    assert doubt(made(offset=0.6)) == ""
+    trials = made(offset=1.0)
+    truth = trials["theta_true"].values
+    ratio = normalisation_finding(log_density_ratio(
+        trials["draws"].values, trials["log_q"].values, low=truth.min(axis=0), high=truth.max(axis=0),
+    ))  # fmt: skip
+    wanted = f"draws and log q differ by {ratio.estimate[0]:+.2f} nat where the draws are dense"
+    assert doubt(made(offset=1.0)) == wanted
+    # 13 trials a block and one left over, of which the first and the last alone are looked at.
+    monkeypatch.setattr("gaugeblock.validate.storage.VALUES", 60 * 13)
+    assert doubt(made(n=27), np.isin(np.arange(27), [0, 26])) == ""
+    assert doubt(made(n=27), np.arange(27) == 0).startswith("too few draws lie dense")
+    assert doubt(made(n=287, offset=1.0)).startswith("draws and log q differ by -")
+    monkeypatch.undo()
+    kept = np.arange(300) < 150
+    half = made(offset=1.0).copy(deep=True)
+    half["log_q"][150:] -= 1.0
+    assert doubt(half, ~kept) == ""
+    assert "differ by" in doubt(half, kept)
+    lower = made(offset=-1.0)
+    lack = lacking_density(lower["draws"].values, lower["log_q"].values).mean()
+    assert lack > 0.8
+    assert doubt(lower) == f"log q is {lack:.2f} nat lower at the draws than that of any density as wide"
+    assert doubt(made(weight=np.ones((300, 60)))).startswith("draws are weighted, and log q")
+    assert doubt(made(draws=35)) == "it takes 36 draws for 1 parameters, and there are 35"
+    assert doubt(made(draws=36)) == ""
+    few = made()
+    assert doubt(few.assign(draws=np.round(few["draws"]))) == "a takes few values"
+    away = made()
+    said = "too few draws lie dense, or within the range of the truths"
+    assert doubt(away.assign(draws=away["draws"] + 50)) == said
+
+
+def test_an_estimate_that_cannot_be_relied_on_says_why():
+    heavy = np.random.default_rng(25).standard_cauchy(400) * 3
+    finding, why = _held(heavy, 100, 1)
+    assert tail_index(heavy) > 0.5
+    said = f"the estimate, {finding.estimate[0]:+.2f} nat, is not to be relied on (tail index "
+    assert why.startswith(said)
+    low = np.full(50, -1.0)
+    for number, parameters, said in ((119, 2, True), (120, 2, False), (40, 1, False)):
+        _, why = _held(low, number, parameters)
+        assert bool(why) == said
+        assert not said or f"({number} draws, below 120)" in why
+    assert _held(-low, 50, 2)[1] == ""
+    # Two of its errors, the root of 10 / 60 / 50, are 0.115.
+    assert _held(np.full(50, -0.14), 50, 2)[1] != ""
+    assert _held(np.full(50, -0.10), 50, 2)[1] == ""

@@ -74,3 +74,42 @@ def test_whatever_is_made_of_the_pool_is_uniform_at_any_number_of_draws(draws):
     own = pooled[:, 1:]
     f = ((pooled - own.mean(axis=1, keepdims=True)) / own.std(axis=1, keepdims=True)).prod(axis=2)[:, None]
     assert stats.kstest(pool_pit(f, rng)[:, 0], "uniform").pvalue < 1e-12
+
+
+def test_weighted_pools_and_ranks_by_a_loop():
+    """Moments, whitening and ranks of each trial alone; the truth weighs as one effective draw."""
+    rng = np.random.default_rng(7)
+    truth, draws = rng.integers(0, 4, (7, 2)) * 1.0, rng.integers(0, 4, (7, 9, 2)) * 1.0
+    weight = rng.exponential(size=(7, 9))
+    pool = make_pool(truth, draws, weight=weight)
+    lot = np.random.default_rng(8).random((7, 2))
+    found = pool_pit(pool.members, np.random.default_rng(8), weight=pool.weight)
+    plain = make_pool(truth, draws)
+    assert plain.weight is None
+    for k in range(7):
+        own = np.r_[(weight[k] ** 2).sum() / weight[k].sum(), weight[k]]
+        np.testing.assert_allclose(pool.weight[k], own)
+        both = np.concatenate([truth[k, None], draws[k]])
+        for made, w in ((pool, own), (plain, np.ones(10))):
+            mean = np.average(both, axis=0, weights=w)
+            sd = np.sqrt(np.average((both - mean) ** 2, axis=0, weights=w))
+            np.testing.assert_allclose(made.mean[k], mean, atol=1e-12)
+            np.testing.assert_allclose(made.sd[k], sd)
+            np.testing.assert_allclose(made.members[k], ((both - mean) / sd).T, atol=1e-12)
+            correlation = np.cov(made.members[k], aweights=w, ddof=0)
+            values, vectors = np.linalg.eigh(correlation)
+            np.testing.assert_allclose(
+                made.whitening[k], vectors @ np.diag(values**-0.5) @ vectors.T, atol=1e-9
+            )
+        for q in range(2):
+            below = own[1:][draws[k, :, q] < truth[k, q]].sum()
+            tied = own[1:][draws[k, :, q] == truth[k, q]].sum()
+            wanted = (below + (tied + own[0]) * lot[k, q]) / own.sum()
+            assert found[k, q] == pytest.approx(wanted)
+
+
+def test_a_direction_without_spread_is_not_blown_up_beyond_rounding():
+    draws = np.random.default_rng(9).normal(size=(1, 40, 2))
+    draws[:, :, 1] = draws[:, :, 0]
+    pool = make_pool(draws[:, 0], draws[:, 1:])
+    assert np.linalg.eigvalsh(pool.whitening[0]) == pytest.approx([2**-0.5, 1e5], rel=1e-3)

@@ -130,3 +130,37 @@ def test_structure_beyond_pairs_that_no_direction_shows_is_a_blind_spot():
     products = [k for k, name in enumerate(found.components) if "*" in name]
     assert np.abs(found.estimate / found.standard_error)[products].max() < 4
     assert stats.kstest(stats.norm.cdf(truth[:, 0]), "uniform").pvalue > 1e-3
+
+
+@pytest.mark.parametrize("parameters", [1, 2, 9])
+def test_ranks_are_of_projections_then_of_products(parameters):
+    """By a loop, in single precision; a single parameter has neither."""
+    rng = np.random.default_rng(41)
+    truth, draws = rng.normal(size=(5, parameters)), rng.normal(size=(5, 30, parameters))
+    pool = make_pool(truth, draws)
+    number, chosen = len(directions(parameters)), pairs(parameters)
+    found = projected_pit(pool, np.random.default_rng(42))
+    assert number == (0 if parameters == 1 else 16)
+    assert found.shape == (5, number + len(chosen))
+    lot = np.random.default_rng(42).random(found.shape)
+    np.testing.assert_allclose((directions(parameters) ** 2).sum(axis=1), 1)
+    for k in range(5):
+        white = pool.whitening[k] @ pool.members[k]
+        rows = [d @ white for d in directions(parameters)]
+        rows += [pool.members[k, a] * pool.members[k, b] for a, b in chosen]
+        for q, row in enumerate(rows):
+            assert found[k, q] == pytest.approx((np.sum(row[1:] < row[0]) + lot[k, q]) / 31)
+
+
+def test_gaps_of_projections_are_central_and_of_products_lowest():
+    u = np.random.default_rng(43).random((60, 17))
+    found = projections_finding(u, ["a", "b"], caveats=("said",))
+    wanted = [np.mean(abs(u[:, k] - 0.5) <= at / 2) - at for k in range(16) for at in (0.3, 0.5, 0.8, 0.95)]
+    wanted += [np.mean(u[:, 16] <= at) - at for at in (0.2, 0.5, 0.8)]
+    np.testing.assert_allclose(found.estimate, wanted)
+    assert found.components[:4] == tuple(f"projection 1 @ {at}" for at in (0.3, 0.5, 0.8, 0.95))
+    assert found.components[60:64] == tuple(f"projection 16 @ {at}" for at in (0.3, 0.5, 0.8, 0.95))
+    assert found.components[64:] == tuple(f"lower tail of a*b @ {at}" for at in (0.2, 0.5, 0.8))
+    np.testing.assert_array_equal(found.details["direction"], directions(2))
+    assert found.details["projection"].values.tolist() == list(range(1, 17))
+    assert (found.caveats, found.n_trials) == (("said",), 60)

@@ -5,8 +5,19 @@ import pytest
 from scipy import stats
 
 from gaugeblock.core.streams import Rows
+from gaugeblock.validate import make_trials, trials_tree
 from gaugeblock.validate.joint.gaps import uniform_finding
-from gaugeblock.validate.joint.quantities import REFERENCE, quantity_gaps, quantity_names, quantity_pit
+from gaugeblock.validate.joint.quantities import (
+    REFERENCE,
+    likelihood,
+    not_a_number,
+    quantities,
+    quantity_gaps,
+    quantity_names,
+    quantity_pit,
+)
+from gaugeblock.validate.levels import LEVELS
+from gaugeblock.validate.prepared import Prepared
 
 
 def exact(n, draws, seed, *, prior=False):
@@ -70,3 +81,58 @@ def test_weights_and_rows():
 def test_names_come_in_order():
     names = ["quantity_b", "quantity_b_true", "x", "quantity_a_true", "quantity_a"]
     assert quantity_names(names) == ["a", "b"]
+
+
+def test_quantities_of_trials_by_a_loop():
+    """Each by its name in order, with weights and one stream of random numbers; NaN is counted and lowest."""
+    rng = np.random.default_rng(8)
+    values = {name: np.round(rng.normal(size=(9, 5)), 1) for name in ("b", "a")}
+    truths = {name: np.round(rng.normal(size=9), 1) for name in ("b", "a")}
+    values["a"][0, :2], truths["a"][1], values["b"][2, 3] = np.nan, np.nan, np.nan
+    weight = rng.exponential(size=(9, 5))
+    likelihoods, likelihood_true = rng.normal(size=(9, 5)), rng.normal(size=9)
+    trials = make_trials(
+        np.zeros((9, 1)), rng.normal(size=(9, 5, 1)), weight=weight, log_likelihood=likelihoods,
+        log_likelihood_true=likelihood_true,
+    )  # fmt: skip
+    for name in values:
+        trials[f"quantity_{name}"] = (("trial", "draw"), values[name])
+        trials[f"quantity_{name}_true"] = ("trial", truths[name])
+    (block,) = Prepared(trials_tree(trials), 6).blocks()
+    found = quantities(block)
+    lot = Rows(6, "test quantities", range(9))
+    for column, name in enumerate("ab"):
+        wanted = quantity_pit(truths[name], values[name], lot, weight=weight)
+        np.testing.assert_array_equal(found[:, column, 0], wanted)
+    assert found[:, 0, 1].tolist() == [2, 1, 0, 0, 0, 0, 0, 0, 0]
+    assert found[:, 1, 1].tolist() == [0, 0, 1, 0, 0, 0, 0, 0, 0]
+    lot = Rows(6, "joint likelihood", range(9))
+    np.testing.assert_array_equal(
+        likelihood(block)[:, 0], quantity_pit(likelihood_true, likelihoods, lot, weight=weight)
+    )
+    assert not likelihood(block)[:, 1].any()
+    for lacking in ("log_likelihood", "log_likelihood_true"):
+        (lean,) = Prepared(trials_tree(trials.drop_vars(lacking)), 6).blocks()
+        assert likelihood(lean).shape == (9, 0)
+    (bare,) = Prepared(trials_tree(trials[["theta_true", "draws"]]), 6).blocks()
+    assert quantities(bare).shape == (9, 0, 2)
+    low = quantity_pit([np.nan, 1.0], [[1.0, 2.0, 3.0], [np.nan, np.nan, 0.0]], np.random.default_rng(1))
+    assert low[0] < 0.25
+    assert low[1] >= 0.75
+    assert not_a_number("q", [0, 2, 0, 1]) == (
+        "q is NaN somewhere in 2 trial(s); there it ranks below every number",
+    )
+    assert not_a_number("q", np.zeros(3)) == ()
+
+
+def test_gaps_of_a_quantity_by_hand():
+    u = np.random.default_rng(9).random(70)
+    found = quantity_gaps("joint.q", "f", u, population="joint", caveats=("said",))
+    wanted = [np.mean(abs(u - 0.5) <= at / 2) - at for at in LEVELS] + [
+        np.mean(u <= at) - at for at in LEVELS
+    ]
+    np.testing.assert_allclose(found.estimate, wanted)
+    assert found.components[0] == "f @ 0.05"
+    assert found.components[12] == "lower tail of f @ 0.05"
+    np.testing.assert_allclose(found.details["coverage"], np.array(wanted[:12]) + LEVELS)
+    assert (found.id, found.population, found.caveats) == ("joint.q", "joint", ("said",))

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from gaugeblock.core.streams import Rows
 from gaugeblock.validate import make_trials, trials_tree
 from gaugeblock.validate.joint.pool import make_pool
 from gaugeblock.validate.joint.tarp import REFERENCES, distance_pit, has_features, tarp, tarp_findings
+from gaugeblock.validate.learned.expected import expected_of
 from gaugeblock.validate.marginal.coverage import LEVELS
 from gaugeblock.validate.prepared import Prepared, pit
 
@@ -129,3 +131,62 @@ def test_blocks_and_the_order_of_trials_do_not_matter(monkeypatch):
     none = trials(120, 20, 2, 10, data=False)
     shuffled = Prepared(trials_tree(none.main.isel(trial=order)), 1)
     np.testing.assert_allclose(shuffled.per_trial(tarp), none.per_trial(tarp)[order], atol=1e-12)
+
+
+def test_shares_of_balls_and_their_test_by_hand():
+    u = np.random.default_rng(12).random((50, 3))
+    gap, test = tarp_findings(u, trial=np.arange(50), population="joint", caveats=("said",))
+    wanted = [np.mean([np.mean(row <= at) for row in u]) for at in LEVELS]
+    np.testing.assert_allclose(gap.estimate, np.array(wanted) - LEVELS)
+    np.testing.assert_allclose(gap.details["coverage"], wanted)
+    np.testing.assert_array_equal(test.details["pit"], u[:, 0])
+    assert gap.population == test.population == "joint"
+    assert gap.caveats == test.caveats == ("said",)
+    assert gap.components[0] == "balls around references @ 0.05"
+
+
+def test_references_without_data_are_other_trials_truths(monkeypatch):
+    """By their place in the order of numbers, any but the trial's own; blocks of three trials."""
+    prepared = trials(20, 15, 2, 13, data=False)
+    number = np.random.default_rng(14).permutation(20)
+    made = Prepared(trials_tree(prepared.main.assign_coords(trial=number)), 1)
+    monkeypatch.setattr("gaugeblock.validate.storage.VALUES", 15 * 2 * 3)
+    found = made.per_trial(tarp)
+    lot = Rows(1, "tarp", number)
+    further = 1 + np.floor(lot.random((20, REFERENCES)) * 19).astype(int)
+    of = {n: k for k, n in enumerate(number)}  # the row of each number, and so of each place
+    rows = np.array([[of[(n + f) % 20] for f in row] for n, row in zip(number, further, strict=True)])
+    assert all(k not in row for k, row in enumerate(rows))
+    truth, draws = prepared.main["theta_true"].values, prepared.main["draws"].values
+    np.testing.assert_allclose(found, distance_pit(make_pool(truth, draws), truth[rows], lot), atol=1e-12)
+
+
+def test_references_with_data_scatter_as_the_regression_errs():
+    """One and a half of its errors about what the location of the trial's own stage expects."""
+    prepared = trials(120, 15, 2, 15)
+    expected = prepared.once(expected_of)
+    lot = Rows(1, "tarp", np.arange(120))
+    jitter = lot.standard_normal((120, REFERENCES, 2))
+    assert len(set(expected.stage.tolist())) > 1
+    points = np.empty(jitter.shape)
+    for k in range(120):
+        location = expected.locations[expected.stage[k]]
+        for r in range(REFERENCES):
+            scores = expected.scores[k].copy()
+            scores[:2] += 1.5 * (location.root @ jitter[k, r])
+            points[k, r] = location.values(scores[None])[0]
+    truth, draws = prepared.main["theta_true"].values, prepared.main["draws"].values
+    wanted = distance_pit(make_pool(truth, draws), points, lot)
+    np.testing.assert_allclose(prepared.per_trial(tarp), wanted, atol=1e-12)
+
+
+def test_references_of_circular_parameters_are_anywhere():
+    rng = np.random.default_rng(16)
+    trial = make_trials(rng.uniform(0, 6, (9, 1)), rng.uniform(0, 6, (9, 12, 1)), ["a"], circular=["a"])
+    made = Prepared(trials_tree(trial), 1)
+    (block,) = made.blocks()
+    lot = Rows(1, "tarp", np.arange(9))
+    lot.random((9, REFERENCES))  # which other trials
+    points = (lot.random((9, REFERENCES)) - 0.5) * 2 * np.pi
+    wanted = distance_pit(make_pool(block.theta_true, block.draws), points[..., None], lot)
+    np.testing.assert_allclose(made.per_trial(tarp), wanted, atol=1e-12)

@@ -143,7 +143,7 @@ def test_the_first_trials_by_number_and_evenly_spaced_draws_are_looked_at(monkey
     monkeypatch.setattr(module, "MOST_TRIALS", 60)
     monkeypatch.setattr(module, "LEAST_TRIALS", 30)
     monkeypatch.setattr(module, "MOST_DRAWS", 3)
-    monkeypatch.setattr(storage, "VALUES", 21 * 13)
+    monkeypatch.setattr(storage, "VALUES", 21 * 59)
     (found,) = module.layout(Prepared(trials_tree(trials), 1))
     first = np.delete(np.arange(61), 5)
     counted = weight[first][:, ::3]

@@ -131,3 +131,23 @@ def test_a_stage_learns_from_the_latest_trials_before_it(monkeypatch):
         latest = order[max(0, edge - 50) : edge]
         np.testing.assert_array_equal(np.sort(values), np.sort(z[latest, 0, 0]))
     assert sorted(found.row) == sorted(order[20:])
+
+
+def test_ranks_by_hand_with_ties():
+    """The score is a whole number, so that a truth is often level with draws: counted trial by trial."""
+    rng = np.random.default_rng(13)
+    z = rng.integers(-2, 3, size=(60, 8, 2)).astype(float)
+    context, ties, order = rng.integers(0, 2, size=(60, 1)), rng.random(60), rng.permutation(60)
+
+    def fit(coordinates, shared):
+        return lambda points, beside: points[..., 0] + beside[..., 0] - 0.5
+
+    found = learned_ranks(z, context, ties, fit, order=order)
+    assert found.row.tolist() == sorted(order[10:])
+    assert found.draws == 7
+    for place, row in enumerate(found.row):
+        truth, *draws = z[row, :, 0]
+        below, level = sum(d < truth for d in draws), sum(d == truth for d in draws)
+        assert found.pit[place] == pytest.approx((below + ties[row] * (level + 1)) / 8)
+        assert found.truth_above[place] == (truth + context[row, 0] > 0.5)
+        assert found.draws_above[place] == sum(d + context[row, 0] > 0.5 for d in draws)

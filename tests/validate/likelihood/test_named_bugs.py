@@ -1,5 +1,6 @@
 """Planted bugs in three kinds of likelihood: each is called by its name, and what is none of them by none."""
 
+import re
 import warnings
 
 import numpy as np
@@ -578,3 +579,46 @@ def test_two_values_do_not_make_a_law():
     with pytest.raises(LikelihoodsDiffer, match="does not depend on the data") as caught:
         assert_same_likelihood(right, wrong, prior, lambda t, rng: rng.normal(t[:, 1:], 1.0, (len(t), 4)))
     assert caught.value.name == "parameter term"
+
+
+def test_of_explanations_as_good_the_one_of_usual_numbers_comes_first():
+    """A log-uniform prior is minus log norm and a constant: which was added, a constant that is known tells.
+
+    The other one, with a constant of which nothing is known, comes next; factors that are no usual ones last.
+    """
+    prior = Prior({"norm": LogUniform(0.5, 20.0)})
+    of_prior = np.log(np.log(20.0 / 0.5))
+
+    def right(theta, x):
+        return norm.logpdf(x, np.asarray(theta)).sum(-1)
+
+    def told(constant):
+        def wrong(theta, x):
+            return right(theta, x) - np.log(np.asarray(theta)[..., 0]) + constant
+
+        with pytest.raises(LikelihoodsDiffer) as caught:
+            assert_same_likelihood(right, wrong, prior, lambda t, rng: t + rng.normal(size=(len(t), 3)))
+        *usual, last = (each.words for each in caught.value.explanations)
+        assert re.fullmatch(
+            r"-[\d.]+ times the log prior is added; and -[\d.]+ times log norm is added", last
+        )
+        return caught.value.name, usual
+
+    five = 5 * np.log(2.0)
+    assert told(five) == (
+        "log 2",
+        [
+            "the same 3.4657359 is added everywhere: 5 times log 2; and minus log norm is added",
+            "the log prior is added; and "
+            f"the same {five + of_prior:.9g} is added everywhere: a constant of the "
+            "normalisation",
+        ],
+    )
+    assert told(five - of_prior) == (
+        "log 2",
+        [
+            "the same 3.4657359 is added everywhere: 5 times log 2; and the log prior is added",
+            f"the same {five - of_prior:.9g} is added everywhere: a constant of the normalisation; and minus "
+            "log norm is added",
+        ],
+    )

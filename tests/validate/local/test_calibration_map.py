@@ -46,3 +46,24 @@ def test_cuts_are_in_order_whatever_the_regions_say_first():
     assert made["map_n"].values[0].tolist() == number.tolist()
     share = np.cumsum(number) / 1000
     np.testing.assert_allclose(made["map_x_edge"].values, [0, *share])
+
+
+def test_the_worst_region_decides_and_then_the_commonest_feature():
+    """Feature 1 is in the worst region alone, 2 in three others, 0 in two; cells without a trial are 0."""
+    regions = (
+        Region(((Condition(0, 0.3, True),),)), Region(((Condition(2, 0.0, True),),)),
+        Region(((Condition(1, -0.2, True),),)), Region(((Condition(2, 9.0, True),),)),
+        Region(((Condition(0, 0.1, False), Condition(2, 0.5, True)),)),
+    )  # fmt: skip
+    made = calibration_map(regions, 2, VALUES, NAMES, GAP)
+    assert made["map_feature"].values.tolist() == ["v", "w"]
+    assert made["map_x_cut"].values.tolist() == [-0.2]
+    assert made["map_y_cut"].values.tolist() == [0.0, 0.5, 9.0]
+    assert made["map_gap"].shape == (4, 2)
+    assert made["map_n"].values[3].tolist() == made["map_gap"].values[3].tolist() == [0.0, 0.0]
+    for row, (low, high) in enumerate([(-np.inf, 0.0), (0.0, 0.5), (0.5, 9.0)]):
+        for column in range(2):
+            here = (VALUES[:, 2] > low) & (VALUES[:, 2] <= high) & ((VALUES[:, 1] > -0.2) == column)
+            assert made["map_n"].values[row, column] == here.sum()
+            np.testing.assert_allclose(made["map_gap"].values[row, column], GAP[here].mean())
+            assert made["map_worst"].values[row, column] == column

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from gaugeblock.validate import make_trials, trials_tree
-from gaugeblock.validate.local.declared import declared_features
+from gaugeblock.validate.learned.discriminant import normal_scores
+from gaugeblock.validate.learned.informed.data import data_of
+from gaugeblock.validate.learned.informed.ridge import fit_ridge
+from gaugeblock.validate.local.declared import declared_features, in_terms_of_x
 from gaugeblock.validate.prepared import Prepared
 
 N = 900
@@ -114,3 +118,65 @@ def test_a_circular_parameter_has_a_place_and_no_regression():
     pool = np.concatenate([phase, draws[..., 0]], axis=1)
     middle = np.angle(np.exp(1j * pool).mean(axis=1))
     np.testing.assert_allclose(np.angle(np.exp(1j * (place - middle))), 0, atol=0.01)
+
+
+def correlation(one, other):
+    return 0.0 if np.ptp(one) == 0 or np.ptp(other) == 0 else abs(np.corrcoef(one, other)[0, 1])
+
+
+def test_channels_that_stay_are_those_most_correlated_with_ranks_or_truths():
+    """On normal scores of the trials that teach, or on their squares; the others tell nothing."""
+    trials = made(channels=45, own=False)
+    trials["x"][:, 7] = np.abs(trials["theta_true"][:, 0] - 1.0)
+    trials["x"][:, 9] = 4.0
+    ready = Prepared(trials_tree(trials), 1)
+    taught = np.arange(100, 350)
+    found = declared_features(ready, taught)
+    rank = ready.pit[taught] - 0.5
+    told = np.concatenate([rank, abs(rank), ready.theta_true[taught]], axis=1)
+    x = trials["x"].values
+    place = normal_scores(x[taught], x[taught])
+    strength = [max(max(correlation(p, t), correlation(p**2, t)) for t in told.T) for p in place.T]
+    kept = np.sort(np.argsort(-np.array(strength), kind="stable")[:40])
+    names = [name for name in found.names if name.startswith("x[")]
+    assert names == [f"x[{k}]" for k in kept if k != 9]
+    for k in (0, 7):
+        np.testing.assert_array_equal(found.values[:, found.names.index(f"x[{k}]")], x[:, k])
+    # A component is named by the channel that it goes with on the trials that teach.
+    for number in (1, 2):
+        column = ready.features.column(f"component {number}")
+        main = kept[np.argmax([correlation(column[taught], x[taught, k]) for k in kept])]
+        assert f"component {number} (most of it x[{main}])" in found.names
+        said = in_terms_of_x(ready, f"component {number}", column, taught)
+        assert said == f"component {number} (most of it x[{main}])"
+    assert in_terms_of_x(ready, "total", column, taught) == "total"
+
+
+def test_a_regression_s_quantile_is_one_of_the_truths_that_teach():
+    """Linear between the sorted truths of the trials that teach, at the level of the expected score."""
+    rng = np.random.default_rng(4)
+    theta = np.column_stack([rng.uniform(0, 6, N), np.exp(rng.normal(size=N)), rng.normal(size=N)])
+    x = np.column_stack([np.log(theta[:, 1]) + rng.normal(size=N), theta[:, 2], rng.normal(size=N)])
+    draws = rng.uniform(0, 6, size=(N, 9, 3))
+    ready = Prepared(trials_tree(make_trials(theta, draws, ["p", "a", "b"], x=x, circular=["p"])), 1)
+    taught = np.arange(5, 210)
+    found = declared_features(ready, taught)
+    assert found.names[-2:] == ("a as a regression on x expects it", "b as a regression on x expects it")
+    inputs = data_of(ready, np.arange(N)).values
+    truth = theta[taught][:, 1:]
+    level = stats.norm.cdf(fit_ridge(inputs[taught], normal_scores(truth, truth))(inputs))
+    for k in range(2):
+        at = level[:, k] * 204
+        order = np.sort(truth[:, k])
+        low = np.minimum(at.astype(int), 203)
+        wanted = order[low] + (at - low) * (order[low + 1] - order[low])
+        np.testing.assert_allclose(found.values[:, -2 + k], wanted, rtol=1e-6, atol=1e-9)
+
+
+def test_of_a_single_channel_the_total_is_all():
+    trials = made(own=False)
+    trials = trials.drop_vars("x").assign(x=(("trial", "place"), trials["x"].values[:, :1]))
+    found = declared(trials)
+    assert found.names[2:] == (
+        "total", "a as a regression on x expects it", "b as a regression on x expects it",
+    )  # fmt: skip

@@ -1,8 +1,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy import stats
 
+from gaugeblock.core.streams import generator
+from gaugeblock.validate.local import homogeneity
 from gaugeblock.validate.local.homogeneity import largest_deviation
 from gaugeblock.validate.local.regions import quantile_regions
 
@@ -66,3 +69,41 @@ def test_the_seed_decides():
     first, again, other = (largest_deviation(values, where, seed=seed)[1] for seed in (1, 1, 2))
     assert first == again
     assert first != other
+
+
+def test_deviations_and_p_value_by_a_loop(monkeypatch):
+    """Two groups of regions, each of a parameter of its own; nine permutations in pieces of four."""
+    rng = np.random.default_rng(8)
+    values = rng.exponential(size=(2, 3, 40))
+    values[1, 2] = 7.0
+    members = rng.random((3, 40)) < [[0.3], [0.5], [0.7]]
+    monkeypatch.setattr(homogeneity, "CHUNK", 5 * 40 * 4)
+    found = largest_deviation(values, [(members[:2], [1]), (members[2:], [0])], seed=9, permutations=9)
+
+    def largest(rows):
+        each = []
+        for member, parameter in zip(members, (1, 1, 0), strict=True):
+            for row in rows[parameter]:
+                if row.std() > 0:
+                    k = member.sum()
+                    error = row.std(ddof=1) * np.sqrt((1 - k / 40) / k)
+                    each.append(abs(row[member].mean() - row.mean()) / error)
+        return max(each)
+
+    assert found[0] == pytest.approx(largest(values), rel=1e-5)
+    lot = generator(9, "homogeneity", 40, 3)
+    order = np.concatenate(
+        [lot.permuted(np.tile(np.arange(40, dtype=np.int32), (k, 1)), axis=1) for k in (4, 4, 1)]
+    )
+    beyond = sum(largest(values[..., one]) >= found[0] for one in order)
+    assert 0 < beyond < 9
+    assert found[1] == pytest.approx((1 + beyond) / 10)
+
+
+def test_the_deviation_as_a_finding():
+    values, member = np.random.default_rng(10).normal(size=(1, 1, 300)), (np.arange(300) < 90)[None]
+    found = homogeneity.homogeneous_finding(values, [(member, [0])], seed=2, caveats=("said",))
+    largest, p_value = largest_deviation(values, [(member, [0])], seed=2)
+    assert (found.estimate.tolist(), found.p_value, found.n_trials) == ([largest], p_value, 300)
+    assert (found.id, found.quantity, found.caveats) == ("local.homogeneous", "", ("said",))
+    assert round(p_value * 1000, 6) == round(p_value * 1000)  # 999 permutations where they cost little

@@ -6,20 +6,28 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from gaugeblock.core.streams import generator
 from gaugeblock.validate import NotChecked, Outcome, judge, make_policy, make_trials, trials_tree
-from gaugeblock.validate.local.declared import location
+from gaugeblock.validate.local.calibration_map import calibration_map
+from gaugeblock.validate.local.declared import declared_features, location
+from gaugeblock.validate.local.homogeneity import homogeneous_finding
 from gaugeblock.validate.local.local import (
     CHECKS,
     NOMINAL,
     TAUGHT,
+    Regional,
     held,
     learned_regions,
     local,
     local_coverage,
+    local_finding,
     teaching_scores,
 )
+from gaugeblock.validate.local.trees import Condition, Region, grow
 from gaugeblock.validate.marginal.coverage import STEADYING
+from gaugeblock.validate.marginal.half_widths import SHIFTS, half_width_scores, log_stretch, moved_pit
 from gaugeblock.validate.prepared import Prepared, pit
+from gaugeblock.validate.quantiles import quantile_of, roots_of
 from gaugeblock.validate.ranks import randomised_pit
 
 SD = np.sqrt(0.5)
@@ -155,8 +163,6 @@ def test_an_exact_posterior_has_gaps_like_chance_in_regions_that_were_learned():
         found = learned_regions(ready)
         others = np.setdiff1d(np.arange(800), found.rows)
         taught = teaching_scores(ready.pit[others])[0, 0]
-        from gaugeblock.validate.local.declared import declared_features
-
         values = declared_features(ready, others).values[others]
         inside = np.array([region.members(values) for region in found.regions[0]])
         sums = inside @ taught / np.sqrt(inside.sum(axis=1))
@@ -378,3 +384,116 @@ def test_teaching_scores_are_standardised_and_point_both_ways():
     assert (teaching_scores(narrow)[0, 1:].mean(axis=1) > 0.1).all()
     assert teaching_scores(u**2)[0, 0].mean() < -0.3
     assert len(NOMINAL) == len(CHECKS)
+
+
+def test_teaching_scores_by_quadrature():
+    """Normal scores cut at 3, their squares, and misses of 80% intervals, by their moments under the null."""
+    u = np.array([[0.02], [0.5], [0.93], [1 - 1e-9], [0.9], [0.0001]])
+    z = np.clip(stats.norm.ppf(u[:, 0]), -3, 3)
+    grid = np.clip(stats.norm.ppf((np.arange(10**6) + 0.5) / 10**6), -3, 3)
+    square = (z**2 - (grid**2).mean()) / (grid**2).std()
+    missed = (0.8 - (np.abs(u[:, 0] - 0.5) <= 0.4)) / 0.4
+    found = teaching_scores(np.tile(u, (1, 2)))
+    assert found.shape == (2, 3, 6)
+    for k in range(2):
+        np.testing.assert_allclose(found[k], [z / grid.std(), square, missed], rtol=2e-3)
+
+
+def test_regions_are_those_of_trees_on_three_tenths_by_number():
+    """By hand from the order that the seed gives numbers; regions of all or of few are dropped."""
+    made = trials(500, 20, 2, seed=21, bias=lambda x: 0.8 * (x[:, 0] > 0), nuisance=2)
+    number = np.random.default_rng(22).permutation(500)
+    ready = prepared(made.assign_coords(trial=number), seed=3)
+    found = learned_regions(ready)
+    place = np.argsort(number)  # of the trial with each number
+    chosen = generator(3, "order of the regions", 500).permutation(500)
+    taught, tested = place[np.sort(chosen[:150])], place[np.sort(chosen[150:])]
+    assert found.taught == 150
+    np.testing.assert_array_equal(found.rows, tested)
+    declared = declared_features(ready, taught)
+    assert (found.names, found.left_out) == (declared.names, declared.left_out)
+    np.testing.assert_array_equal(found.values, declared.values[tested])
+    for k, scores in enumerate(teaching_scores(ready.pit[taught])):
+        tree = grow(declared.values[taught], scores.T, smallest=100 / 350)
+        kept = [r for r in tree.regions if 60 <= r.members(declared.values[tested]).sum() < 350]
+        assert found.regions[k] == tuple(kept) != ()
+        np.testing.assert_array_equal(
+            found.members[k], [region.members(declared.values[tested]) for region in kept]
+        )
+    ready = prepared(trials(3000, 9, 1, seed=23, data=False))
+    large = learned_regions(ready)
+    taught = np.setdiff1d(np.arange(3000), large.rows)
+    declared = declared_features(ready, taught)
+    tree = grow(declared.values[taught], teaching_scores(ready.pit[taught])[0].T, smallest=0.05)
+    assert set(large.regions[0]) <= set(tree.regions)
+    assert declared.names == ("the posterior of p0",)
+
+
+def test_a_finding_of_two_regions_by_hand():
+    """Gaps as in a twentieth, the map of the worst, bias and width there, influences of the tested trials."""
+    rng = np.random.default_rng(24)
+    values = rng.normal(size=(400, 2))
+    regions = (
+        Region(((Condition(1, 0.5, True),),)),
+        Region(((Condition(0, 0.0, False), Condition(1, 0.5, False)),)),
+    )
+    members = tuple(np.array([region.members(values) for region in some]) for some in ((), regions))
+    rows = np.sort(rng.permutation(600)[:400])
+    found = Regional(
+        ("first", "second"), rows, values, ((), regions), (np.zeros((0, 400)), members[1]), 200, ()
+    )
+    truth, draws = rng.normal(size=(400, 1)), rng.normal(size=(400, 50, 1))
+    draws[members[1][1]] += 0.7
+    u = randomised_pit(truth, draws, rng)
+    scores = np.concatenate(half_width_scores(truth, draws), axis=-1)
+    finding = local_finding(found, 1, "b", u[:, 0], n=600, scores=scores, caveats=("said",))
+    assert (finding.id, finding.quantity, finding.n_trials) == ("local.coverage[b]", "local", 600)
+    assert finding.caveats == ("said", "regions learned on 200 trials, tested on the other 400")
+    says = ("second > 0.5", "first <= 0 and second <= 0.5")
+    parts = (" @ 0.8", " @ 0.95", " (lower half) @ 0.5")
+    assert finding.components == tuple(f"b where {one}{part}" for one in says for part in parts)
+    details, at = finding.details, 0
+    influence = np.zeros((6, 600))
+    for r in range(2):
+        here = members[1][r]
+        scale = np.sqrt(here.mean() / 0.05)
+        for c, (inside, level) in enumerate(
+            zip((abs(u - 0.5) <= 0.4, abs(u - 0.5) <= 0.475, u <= 0.5), (0.8, 0.95, 0.5), strict=True)
+        ):
+            hits, n = inside[here].sum(), here.sum()
+            steadied = (hits + STEADYING) / (n + 2 * STEADYING)
+            error = np.sqrt(steadied * (1 - steadied) / n)
+            assert details["gap"].values[r, c] == pytest.approx(hits / n - level)
+            assert details["z"].values[r, c] == pytest.approx((hits / n - level) / error)
+            assert finding.estimate[at] == pytest.approx((hits / n - level) * scale)
+            assert finding.standard_error[at] == pytest.approx(error * scale)
+            influence[at, rows] = 1.5 * scale * here * (inside[:, 0] - hits / n) * 400 / n
+            at += 1
+        shift = roots_of(SHIFTS, np.moveaxis(moved_pit(scores, u), 1, 0)[:, here] - 0.5)
+        width = quantile_of(-log_stretch(scores, u, 0.68)[here, 0], 0.32)
+        measured = [float(details[name].values[r]) for name in ("bias", "bias_error")]
+        assert measured == pytest.approx([shift.estimate[0], shift.standard_error[0]])
+        measured = [float(details[name].values[r]) for name in ("log_width", "log_width_error")]
+        assert measured == pytest.approx(list(width))
+    np.testing.assert_allclose(finding.influence, influence)
+    assert details["n"].values.tolist() == members[1].sum(axis=1).tolist()
+    np.testing.assert_allclose(details["share"], members[1].mean(axis=1))
+    worst, check = divmod(int(np.abs(finding.estimate).argmax()), 3)
+    assert (worst, check) == (1, 2)
+    assert str(details["map_check"].values) == "lower half"
+    wanted = calibration_map(regions, 1, values, ("first", "second"), (u[:, 0] <= 0.5) - 0.5)
+    for name in wanted:
+        np.testing.assert_array_equal(details[name], wanted[name])
+    assert "bias" not in local_finding(found, 1, "b", u[:, 0], n=600).details
+
+
+def test_homogeneity_is_of_each_parameter_in_regions_of_its_own():
+    ready = prepared(trials(600, 20, 2, seed=25, bias=lambda x: (x[:, 0] > 0) * 1.0))
+    found = local(ready)
+    regions = learned_regions(ready)
+    groups = [(regions.members[k], [k]) for k in range(2)]
+    assert all(len(members) for members, _ in groups)
+    wanted = homogeneous_finding(held(ready.pit[regions.rows]), groups, seed=5)
+    assert found[-1].p_value == wanted.p_value
+    np.testing.assert_array_equal(found[-1].estimate, wanted.estimate)
+    assert found[-1].n_trials == 420

@@ -10,6 +10,7 @@ import pytest
 from scipy import stats
 
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.streams import Rows
 from gaugeblock.validate import (
     NotChecked,
     Outcome,
@@ -27,6 +28,8 @@ from gaugeblock.validate.local.posterior_sbc import (
     posterior_sbc_findings,
     weighted_pit,
 )
+from gaugeblock.validate.marginal.half_widths import bias_finding, half_width_scores, log_width_finding
+from gaugeblock.validate.marginal.sbc import uniform_finding
 from gaugeblock.validate.prepared import Prepared
 
 SD = np.sqrt(0.5)
@@ -239,3 +242,85 @@ def test_a_single_trial_is_too_few(gaussian_trials):
     made = group(around(1, 20, seed=15))
     said = posterior_sbc(Prepared(trials_tree(gaussian_trials(50, 20, 1, seed=1), posterior=made), 1))
     assert all(isinstance(item, NotChecked) and "1 trial(s)" in item.why for item in said)
+
+
+def test_weighted_ranks_by_a_loop():
+    rng = np.random.default_rng(21)
+    truth, draws = rng.integers(0, 4, (8, 2)) * 1.0, rng.integers(0, 4, (8, 5, 2)) * 1.0
+    weight = rng.dirichlet(np.full(6, 0.5), size=8)
+    found = weighted_pit(truth, draws, weight, np.random.default_rng(22))
+    lot = np.random.default_rng(22).random((8, 2))
+    for trial, k in np.ndindex(8, 2):
+        below = weight[trial, 1:][draws[trial, :, k] < truth[trial, k]].sum()
+        equal = weight[trial, 1:][draws[trial, :, k] == truth[trial, k]].sum() + weight[trial, 0]
+        assert found[trial, k] == pytest.approx(below + equal * lot[trial, k])
+
+
+def test_findings_are_those_of_the_weighted_scores():
+    """One trial has all its weight at the truth, three have fewer than ten effective draws; by number."""
+    theta, sampled, likelihood, true = around(40, 30, seed=23, dimensions=2)
+    likelihood[3], likelihood[5, 1:], likelihood[6, 9:] = -np.inf, -np.inf, -np.inf
+    number = np.random.default_rng(24).permutation(40)
+    found = posterior_sbc_findings(
+        theta, sampled, likelihood, true, ("a", "b"), seed=6, trial=number, caveats=("said",)
+    )
+    assert [one.id for one in found] == [
+        *(f"posterior_sbc.{what}[{name}]" for name in "ab" for what in ("bias", "log_width", "uniform")),
+        "posterior_sbc.ess",
+    ]  # fmt: skip
+    weight = pool_weights(likelihood, true)
+    shares = weight[:, 1:]
+    squares = (shares**2).sum(axis=1)
+    effective = np.divide(shares.sum(axis=1) ** 2, squares, out=np.zeros(40), where=squares > 0)
+    few = int((effective < 10).sum())
+    assert 3 <= few < 40
+    caveats = (
+        "said",
+        f"{few} of 40 trials have fewer than 10 effective draws: they stay, but can hardly show a fault; "
+        "more draws would help",
+    )
+    u = weighted_pit(theta, sampled, weight, Rows(6, "posterior ranks", number))
+    shares = np.where(np.arange(40)[:, None] == 3, 1.0, shares)
+    scores = np.concatenate(half_width_scores(theta, sampled, weight=shares, own=weight[:, 0]), axis=-1)
+    for k, name in enumerate("ab"):
+        wanted = (
+            bias_finding(name, scores[:, k], u[:, k]),
+            log_width_finding(name, scores[:, k], u[:, k], draws=float(effective.mean())),
+            uniform_finding(name, u[:, k], trial=number),
+        )
+        for one, other in zip(found[3 * k : 3 * k + 3], wanted, strict=True):
+            np.testing.assert_allclose(one.estimate, other.estimate, rtol=1e-9)
+            np.testing.assert_allclose(one.standard_error, other.standard_error, rtol=1e-9)
+            assert one.p_value == pytest.approx(other.p_value, rel=1e-9)
+            assert (one.caveats[: len(caveats)], one.population, one.n_trials) == (caveats, "posterior", 40)
+            assert one.claim == f"around the observation: {other.claim}"
+    ess = found[-1]
+    np.testing.assert_allclose(ess.values[0], effective / 30)
+    np.testing.assert_allclose(ess.details["ess"], effective / 30)
+    assert ess.details["trial"].values.tolist() == number.tolist()
+    assert ess.estimate[0] == pytest.approx(np.sort(effective / 30)[19])
+    assert (ess.sense, ess.quantity, ess.caveats) == ("at-least", "", caveats)
+    assert "fraction of 30 draws" in ess.claim
+
+
+def test_a_group_s_own_numbers_caveat_and_circles(gaussian_trials):
+    arrays = around(40, 30, seed=25)
+    made = group(arrays).assign_coords(trial=np.arange(40)[::-1]).assign_attrs(caveat="of a chain")
+    made["draws"][7, 2] = np.nan
+    made["weight"][5] = 0.0
+    tree = trials_tree(gaussian_trials(50, 20, 1, seed=1), posterior=made)
+    found = posterior_sbc(Prepared(tree, 9))
+    kept = np.delete(np.arange(40), 7)
+    with np.errstate(divide="ignore"):
+        log = np.log(made["weight"].values[kept]), np.log(made["weight_true"].values[kept])
+    wanted = posterior_sbc_findings(
+        arrays[0][kept], arrays[1][kept], *log, ("p0",), seed=9, trial=np.arange(40)[::-1][kept]
+    )
+    for one, other in zip(found, wanted, strict=True):
+        np.testing.assert_allclose(one.estimate, other.estimate)
+        assert one.p_value == other.p_value or np.isnan(one.p_value)
+    assert found[0].caveats[:2] == (
+        "of a chain", "1 of 40 trials have NaN or infinite draws; left out here",
+    )  # fmt: skip
+    two = trials_tree(gaussian_trials(50, 20, 1, seed=1), posterior=made.isel(trial=[0, 1]))
+    assert {one.n_trials for one in posterior_sbc(Prepared(two, 9))} == {2}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from gaugeblock.validate.local.trees import Condition, Region, grow
 
@@ -107,3 +108,71 @@ def test_a_region_is_said_in_the_data_s_own_terms():
         False,
         True,
     ]
+
+
+def grown(x, gaps, least):
+    """Leaves by loops: the best of all splits, or of all pairs of medians, by their own chi-squared."""
+    places = [0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95]
+    ordered, n = np.sort(x, axis=0), len(x)
+    cuts = [[ordered[int(np.ceil(q * n - 1e-9)) - 1, k] for q in places] for k in range(x.shape[1])]
+
+    def parts(inside, splits):
+        for sides in np.ndindex(*(2,) * len(splits)):
+            here = inside.copy()
+            for side, (k, q) in zip(sides, splits, strict=True):
+                here &= (x[:, k] > cuts[k][q]) == bool(side)
+            yield (
+                tuple(Condition(k, cuts[k][q], bool(s)) for s, (k, q) in zip(sides, splits, strict=True)),
+                here,
+            )
+
+    def squares(inside, splits):
+        found = [here for _, here in parts(inside, splits)]
+        if min(here.sum() for here in found) < least:
+            return np.zeros((1, gaps.shape[1]))
+        return np.array([gaps[here].sum(axis=0) ** 2 / here.sum() for here in found])
+
+    def leaves(path, inside):
+        if len(path) == 3 or inside.sum() < 2 * least:
+            return [path]
+        single = {(k, q): squares(inside, [(k, q)]).max() for k in range(x.shape[1]) for q in range(9)}
+        best = max(single, key=single.get)
+        if single[best] == 0:
+            return [path]
+        splits = [best]
+        if len(path) < 2:
+            pairs = {
+                (a, b): squares(inside, [(a, 4), (b, 4)]).sum(axis=0).max()
+                for a in range(x.shape[1]) for b in range(x.shape[1]) if a != b
+            }  # fmt: skip
+            one, other = max(pairs, key=pairs.get)
+            if stats.chi2.sf(pairs[one, other], 4) < stats.chi2.sf(single[best], 1):
+                splits = [(one, 4), (other, 4)]
+        return [leaf for more, here in parts(inside, splits) for leaf in leaves((*path, *more), here)]
+
+    return leaves((), np.ones(n, dtype=bool))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_tree_is_that_of_a_search_by_loops(seed):
+    rng = np.random.default_rng([31, seed])
+    x = np.round(rng.normal(size=(230, 3)), 1 + seed % 2)
+    gaps = rng.normal(size=(230, 2))
+    if seed < 4:
+        gaps[:, 1] += 0.7 * np.sign(x[:, 0] * x[:, 2]) + (x[:, 1] > 1)
+    tree = grow(x, gaps, smallest=0.1)
+    wanted = grown(x, gaps, 19)  # four fifths of 23, rounded up
+    first = [(condition.feature, condition.threshold) for condition in tree.leaves[0]]
+    assert sorted(map(sorted, tree.leaves)) == sorted(map(sorted, wanted))
+    assert len(first) <= 3
+    nodes = {leaf[:depth] for leaf in tree.leaves for depth in range(1, len(leaf) + 1)}
+    single = [region.paths[0] for region in tree.regions if len(region.paths) == 1]
+    assert (set(single), len(single)) == (nodes, len(nodes))
+    quarters = list(dict.fromkeys(leaf[:2] for leaf in tree.leaves))
+    sums = np.array([gaps[Region((q,)).members(x)].sum(axis=0) for q in quarters])
+    numbers = np.array([Region((q,)).members(x).sum() for q in quarters])
+    most = (sums**2 / numbers[:, None]).sum(axis=0).argmax()
+    sides = [{q for q, s in zip(quarters, sums[:, most], strict=True) if (s > 0) == side} for side in (1, 0)]
+    unions = [set(region.paths) for region in tree.regions if len(region.paths) == 2]
+    opposite = len(quarters) == 4 and len(sides[0]) == 2 and len({q[0] for q in sides[0]}) == 2
+    assert unions == (sides if opposite else [])

@@ -13,7 +13,7 @@ from gaugeblock.validate import Outcome, family, judge, make_policy, read_policy
 from gaugeblock.validate.marginal.coverage import LEVELS, central_finding
 from gaugeblock.validate.marginal.half_widths import bias_finding, half_width_scores, log_width_finding
 from gaugeblock.validate.planning.limit_process import QUANTITIES, LimitProcess, correlation, hidden_by
-from gaugeblock.validate.planning.planner import plan
+from gaugeblock.validate.planning.planner import further_comparisons, plan
 from gaugeblock.validate.planning.rank_power import RankFault, smallest
 from gaugeblock.validate.ranks import randomised_pit
 
@@ -229,3 +229,66 @@ def test_what_no_number_of_trials_settles():
     tiny = make_policy({"tolerance": {"bias": 1e-6}}, source="test", base=POLICY)
     with pytest.raises(InputError, match="no number of trials"):
         plan(tiny, params=2)
+
+
+def test_what_a_whole_audit_compares_by_hand():
+    """Two curves of twelve levels, projections and products, sixteen regions of three checks, 96 learned."""
+    assert further_comparisons(1) == 24 + 0 + 1 * 16 * 3 + 96
+    assert further_comparisons(3) == 24 + 16 * 4 + 3 * 3 + 3 * 16 * 3 + 96
+    assert further_comparisons(9) == 24 + 16 * 4 + 21 * 3 + 9 * 16 * 3 + 96
+
+
+@pytest.mark.parametrize(
+    ("required", "curves", "regions"),
+    [(["sbc"], 0, False), (["sbc", "joint.hpd"], 1, False), (["sbc", "joint", "local"], 2, True)],
+)
+def test_a_pass_takes_all_that_is_required(required, curves, regions):
+    """Curves and regions are independent of the rest; a region is a twentieth of the trials that are left."""
+    policy = make_policy({"required": required, "tolerance": {"local": 0.3}}, source="test")
+    found = plan(policy, params=2, trials=2000, draws=60, families=2, further=5, seed=3)
+    process = LimitProcess(parameters=2, draws=60, families=2, further=5, seed=3)
+    tolerance = policy.tolerance
+    wanted = process.pass_probability(2000, tolerance)
+    wanted *= process.curve_pass_probability(2000, tolerance.joint) ** curves
+    if regions:
+        for level in (0.8, 0.95, 0.5):
+            error = np.sqrt(level * (1 - level) / (0.05 * 0.7 * 2000))
+            inside = 1 - 2 * stats.norm.sf(tolerance.local / error - stats.norm.ppf(0.96))
+            wanted *= inside ** (2 * 16)
+    assert found.pass_probability_exact == pytest.approx(wanted, rel=1e-9)
+    assert found.critical_value == process.critical(2000, 0.05)
+    assert found.fail_probability == process.fail_probability(2000, tolerance, error_budget=0.05)
+    detectable = process.smallest_detectable(2000, tolerance, error_budget=0.05, power=0.9)
+    assert found.smallest_detectable == detectable
+    assert found.hidden_by_draws == hidden_by(60)
+    faults = RankFault(bias=tolerance.bias), RankFault(log_width=-tolerance.log_width)
+    assert found.noticed_by_rank_test == {
+        name: {
+            "neyman_4": fault.trials(fault.smooth_power, 0.9),
+            "ecdf_band": fault.trials(fault.band_power, 0.9),
+        }
+        for name, fault in zip(("bias", "log_width"), faults, strict=True)
+    }
+    assert found.to_json() == {
+        "trials": 2000, "draws": 60, "params": 2, "power": 0.9, "error_budget": 0.05, "families": 2,
+        "further_comparisons": 5,
+        "tolerance": {name: getattr(tolerance, name) for name in ("bias", "log_width", "coverage")},
+        "pass_probability_exact": found.pass_probability_exact,
+        "fail_probability_twice_tolerated": found.fail_probability,
+        "smallest_detectable": detectable, "hidden_by_draws": hidden_by(60),
+        "critical_value": found.critical_value, "noticed_by_rank_test": found.noticed_by_rank_test, "seed": 3,
+    }  # fmt: skip
+
+
+def test_the_fewest_trials_keep_both_promises():
+    """The number found is enough and one less is not; draws come in tens, until 3% of a fault is hidden."""
+    policy = make_policy({"required": ["sbc"], "tolerance": {"bias": 0.4, "log_width": 0.4}}, source="test")
+    found = plan(policy, params=1, families=1, further=0)
+    assert found.draws == 130
+    assert max(hidden_by(130).values()) <= 0.03 < max(hidden_by(120).values())
+    assert (found.families, found.further) == (1, 0)
+    fewer = plan(policy, params=1, trials=found.trials - 1, families=1, further=0)
+    kept = [min(one.pass_probability_exact, *one.fail_probability.values()) >= 0.9 for one in (found, fewer)]
+    assert kept == [True, False]
+    whole = plan(policy, params=1, trials=500)
+    assert (whole.families, whole.further, whole.draws) == (4, further_comparisons(1), 130)
