@@ -291,8 +291,9 @@ def _global_numpy_seeded(seed: list[int]) -> Iterator[None]:
 def _silent_ultranest() -> Iterator[None]:
     """Keep UltraNest's logger and its advice on efficiency from the host; leave the host's settings alone."""
     logger = logging.getLogger("ultranest")
-    handlers, level, disabled = list(logger.handlers), logger.level, logger.disabled
-    logger.handlers = [logging.NullHandler()]  # with a handler in place UltraNest adds none of its own
+    handlers, disabled = list(logger.handlers), logger.disabled
+    # With a handler in place UltraNest adds none of its own, and leaves the level alone.
+    logger.handlers = [logging.NullHandler()]
     logger.disabled = True
     try:
         with warnings.catch_warnings():
@@ -301,4 +302,3 @@ def _silent_ultranest() -> Iterator[None]:
             yield
     finally:
         logger.handlers, logger.disabled = handlers, disabled
-        logger.setLevel(level)

@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.check import PER_DRAW, check_trials
-from gaugeblock.validate.storage import SCHEMA_VERSION, in_parts, open_groups, schema_version, write_groups
+from gaugeblock.validate.storage import SCHEMA_VERSION, in_parts, open_groups, write_groups
 
 IMPORTANCE = "importance"
 JOINT = "joint"
@@ -201,7 +201,6 @@ def read_trials(path: str | os.PathLike[str], *, parameters: Sequence[str] | Non
         If the file is missing, unreadable, truncated, of a newer schema, or breaks the schema.
     """
     groups = open_groups(path, what="Trials")
-    schema_version(groups[""], source=str(path))
     main = check_trials(groups[""], source=str(path), parameters=parameters)
     names = [str(name) for name in main["parameter"].values]
     further = {

@@ -55,7 +55,7 @@ def layout_finding(
     best = [_most_better(found, parameter) for parameter in range(number)]
     own = {f.parameter: f.loss for f in found if f.column == f.parameter and f.reading == AS_IT_IS}
     tests = len(found) - number
-    largest = max((f.z for f in found), default=0.0)
+    largest = max(f.z for f in found)
     columns = [f"{name} (column {index})" for index, name in enumerate(names)]
     loss = np.full((number, number), np.nan)
     for f in found:

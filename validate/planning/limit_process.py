@@ -134,8 +134,8 @@ class LimitProcess:
     def fail_probability(self, trials: int, tolerance: Tolerance, *, error_budget: float) -> dict[str, float]:
         """Probability that a fault of twice the tolerance, in one parameter, FAILs its gate; at least.
 
-        A width ratio shows at all levels, so it takes the best; for the coverage: at whichever level this is
-        hardest. Fewer draws hide more of a fault; other gates, which see it too, are left out.
+        A width ratio shows at all levels, so it takes the best; for the coverage: where this is hardest, at
+        a half. Fewer draws hide more of a fault; other gates, which see it too, are left out.
         """
         error = self.standard_errors(trials)
         critical = self.critical(trials, error_budget)
@@ -146,9 +146,8 @@ class LimitProcess:
             found[name] = float(special.ndtr((TIMES * (1 - hidden[name]) - 1) * edge / worst - critical))
         edge = tolerance.coverage
         gap = TIMES * edge * (1 - hidden["coverage"])
-        covered = np.concatenate([np.array(self.levels) - gap, np.array(self.levels) + gap])
-        covered = covered[(covered > 0) & (covered < 1)]
-        spread = np.sqrt(covered * (1 - covered) / trials).max(initial=0.5 / np.sqrt(trials))
+        # No coverage scatters more than that of a half.
+        spread = 0.5 / np.sqrt(trials)
         found["coverage"] = float(special.ndtr((gap - edge) / spread - critical))
         return found
 

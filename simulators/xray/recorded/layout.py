@@ -86,8 +86,6 @@ def per_second(response: Response, rows: Any) -> Array:
 
 
 def near(layout: Layout, low: float, high: float) -> slice:
-    """The detector channels between two energies, with one to spare on either side."""
-    last = len(layout.edges) - 1
-    start = int(np.clip(np.searchsorted(layout.edges, low) - 2, 0, last - 1))
-    stop = int(np.clip(np.searchsorted(layout.edges, high) + 2, start + 1, last))
-    return slice(start, stop)
+    """The detector channels between two energies, with one or two to spare on either side."""
+    start, stop = (int(np.searchsorted(layout.edges, end)) for end in (low, high))
+    return slice(max(start - 2, 0), min(stop + 2, len(layout.order)))

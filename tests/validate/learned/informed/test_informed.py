@@ -5,15 +5,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import xarray as xr
+from scipy import stats
 from studies.informed.problems import BLIND, EXACT
 
+from gaugeblock.core.streams import generator
 from gaugeblock.reports.reason import of_the_data, reason
 from gaugeblock.reports.terminal import verdict_lines
 from gaugeblock.validate import Outcome, judge, make_trials, read_policy, run_validators
 from gaugeblock.validate.findings_file import read_findings, write_findings
-from gaugeblock.validate.learned.informed.data import channels
-from gaugeblock.validate.learned.informed.informed import informed
-from gaugeblock.validate.learned.informed.pools import pools
+from gaugeblock.validate.learned.informed.challenger import Known, fit_challenger
+from gaugeblock.validate.learned.informed.data import channels, data_of
+from gaugeblock.validate.learned.informed.informed import blame, informed, orders, rank_finding
+from gaugeblock.validate.learned.informed.learning import Learned, Told, learn
+from gaugeblock.validate.learned.informed.pools import pools, pools_of
+from gaugeblock.validate.learned.informed.skill import forecast_crps, skill
+from gaugeblock.validate.learned.informed.terms import regressed_terms
 from gaugeblock.validate.prepared import Prepared
 
 DEFAULT = read_policy("default")
@@ -199,3 +205,104 @@ def test_trees_are_named_beside_a_ridge_where_they_tell_more(linear, bent, said)
     prior = rng.choice(theta[:, 0], (600, 20, 1))
     gates, *_ = judged(make_trials(theta, prior, ["a"], x=x))
     assert gates["informed.rank"].message.startswith(f"where a lies, by {said}")
+
+
+def scored(rng, rows, last=None, told=None):
+    n = len(rows)
+    return Learned(
+        row=np.array(rows), pit=rng.random(n), weight=rng.uniform(0.5, 1.5, n), location=np.zeros((n, 1)),
+        spread=np.ones((n, 1)), told=told or {}, last=last,
+    )  # fmt: skip
+
+
+def test_a_rank_of_two_orders_by_hand():
+    rng = np.random.default_rng(11)
+    one, other = scored(rng, [1, 3, 4, 7, 8]), scored(rng, [0, 2, 5, 6, 9])
+    found = rank_finding(
+        [one, other], np.arange(10), blame="b", skills={"a": (0.5, 0.6), "c": (0.1, 0.2)}, caveats=("said",)
+    )
+    values = [each.weight * (0.5 - each.pit) for each in (one, other)]
+    estimate = (values[0].mean() + values[1].mean()) / 2
+    null = np.mean([np.sqrt(np.mean(each.weight**2) / 12 / 5) for each in (one, other)])
+    influence = np.zeros(10)
+    for each, value in zip((one, other), values, strict=True):
+        influence[each.row] += (value - value.mean()) * 2 / 2
+    assert found.estimate[0] == pytest.approx(estimate)
+    np.testing.assert_allclose(found.influence[0], influence)
+    assert found.standard_error[0] == pytest.approx(max(null, influence.std() / np.sqrt(10)))
+    assert found.p_value == pytest.approx(stats.norm.sf(estimate / null))
+    np.testing.assert_allclose(found.details["gap"], [value.mean() for value in values])
+    assert found.details["skill"].values.tolist() == [0.5, 0.1]
+    assert found.details["challenger_skill"].values.tolist() == [0.6, 0.2]
+    assert found.details["parameter"].values.tolist() == ["a", "c"]
+    assert (found.components, found.n_trials, found.sense) == (("b",), 10, "at-most")
+    assert found.caveats == (
+        "said", "in each of 2 orders of learning: learned on 5 trials and on, ranked in the other 5",
+    )  # fmt: skip
+    far = one._replace(pit=np.array([0.0, 1.0, 0.0, 1.0, 0.0]))
+    wide = rank_finding([far], np.arange(10), blame="", skills={})
+    assert wide.standard_error[0] == pytest.approx(wide.influence.std() / np.sqrt(10))
+
+
+def test_who_is_blamed():
+    """The strongest of all; of what stands alone the size counts; trees beside a ridge from four errors."""
+    rng = np.random.default_rng(12)
+    x = rng.normal(size=(400, 2))
+    theta = x[:, :1] + (np.abs(x[:, 1:]) - 0.8) + 0.3 * rng.normal(size=(400, 1))
+    trials = make_trials(theta, rng.choice(theta[:, 0], (400, 20, 1)), ["a"], x=x)
+    ready = Prepared(xr.DataTree(trials), 1)
+    seen = Known(pools_of(ready), data_of(ready, np.arange(400)), pools_of(ready).summaries, ("a",))
+    last = fit_challenger(seen, regressed_terms(1), np.arange(400))
+    place, wide = (0,), (0, 0)
+
+    def blamed(**z):
+        keys = {"ridge": (place, "ridge"), "trees": (place, "trees"), "alone": (wide, "alone")}
+        zero = dict.fromkeys([*keys.values(), (wide, "ridge")], Told(0.0, 1.0))
+        several = [
+            scored(rng, [0], last, zero | {keys[name]: Told(share * size, 1.0) for name, size in z.items()})
+            for share in (0.5, 1.5)
+        ]
+        return blame(several, seen)
+
+    ridge = f"where a lies, by a ridge regression on {last.looked_at(0, seen, trees=False)[0]}"
+    trees = "boosted trees on " + " and ".join(last.looked_at(0, seen, trees=True))
+    assert blamed(ridge=5.0, trees=3.9, alone=-4.9) == ridge
+    assert blamed(ridge=5.0, trees=4.1, alone=-4.9) == f"{ridge} and by {trees}"
+    assert blamed(ridge=5.0, trees=4.1, alone=-5.1) == "how wide a is, whatever the data"
+    assert blamed(ridge=5.0, trees=5.1) == f"where a lies, by {trees}"
+    assert blamed(ridge=-9.0, trees=0.5) == f"where a lies, by {trees}"
+
+
+def test_the_gate_is_made_of_its_pieces_by_number():
+    """Orders of one generator, over trials by their number; skills are of the draws and of the regression."""
+    rng = np.random.default_rng(13)
+    x = rng.normal(size=(70, 2))
+    theta = x + 0.5 * rng.normal(size=(70, 2))
+    number = rng.permutation(70)
+    made = make_trials(theta, x[:, None] + 0.5 * rng.normal(size=(70, 12, 2)), ["a", "b"], x=x)
+    ready = Prepared(xr.DataTree(made.assign_coords(trial=number)), 4)
+    found = {one.id: one for one in informed(ready)}
+    by_number = np.argsort(number)
+    pools_ = pools_of(ready).taken(by_number)
+    seen = Known(pools_, data_of(ready, by_number), pools_.summaries, ("a", "b"))
+    lot = generator(4, "order of the challenged", 70)
+    learned = [learn(seen, order=lot.permutation(70)) for _ in range(3)]
+    numbered = [each._replace(row=by_number[each.row]) for each in learned]
+    skills = {}
+    for k, name in enumerate("ab"):
+        truth, drawn = pools_.values[:, 0, k], pools_.values[:, 1:, k]
+        scores, first = skill(truth, drawn), learned[0]
+        own = forecast_crps(truth[first.row], first.location[:, k], first.spread[:, k], truth)
+        skills[name] = (1 - scores.draws.mean() / scores.prior.mean(),
+                        1 - own.mean() / scores.prior[first.row].mean())  # fmt: skip
+        one = found[f"informed.crps[{name}]"]
+        assert one.estimate[0] == pytest.approx(skills[name][0])
+        assert float(one.details["challenger"]) == pytest.approx(skills[name][1])
+    wanted = rank_finding(numbered, number, blame=blame(learned, seen), skills=skills)
+    rank = found["informed.rank"]
+    np.testing.assert_allclose(rank.estimate, wanted.estimate)
+    np.testing.assert_allclose(rank.influence, wanted.influence)
+    assert rank.components == wanted.components
+    np.testing.assert_allclose(rank.details["skill"], wanted.details["skill"])
+    np.testing.assert_allclose(rank.details["challenger_skill"], wanted.details["challenger_skill"])
+    assert [orders(p) for p in (1, 6, 7)] == [3, 3, 2]

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
-from gaugeblock.validate.learned.informed.challenger import Known
+from gaugeblock.validate.learned.informed import learning
+from gaugeblock.validate.learned.informed.challenger import Known, fit_challenger
 from gaugeblock.validate.learned.informed.choice import fit_choice, score_z, softmax
 from gaugeblock.validate.learned.informed.data import make_data
 from gaugeblock.validate.learned.informed.informed import rank_finding
@@ -307,3 +310,66 @@ def test_weights_are_cut_and_scaled_twice():
         size = np.minimum(size / np.sqrt(np.mean(size**2)), 5.0)
     np.testing.assert_allclose(weights(gain), np.minimum(size / np.sqrt(np.mean(size**2)), 5.0))
     assert weights([-1.0, 0.0]).tolist() == [1.0, 1.0]
+
+
+def test_each_stage_is_scored_by_what_was_learned_before_it(monkeypatch):
+    """Stage by stage from the pieces; at most so many trials teach, the latest; everything in rows' order."""
+    monkeypatch.setattr(learning, "MOST_TAUGHT", 30)
+    rng = np.random.default_rng(23)
+    x = rng.normal(size=(64, 3))
+    values = rng.normal(size=(64, 21, 2))
+    values[:, 0] = x[:, :2] + 0.3 * rng.normal(size=(64, 2))
+    seen, order = known(values, x, rng), rng.permutation(64)
+    found = learn(seen, order=order)
+    plain, told, parts = regressed_terms(2), {}, []
+    for start, stop in itertools.pairwise([8, 13, 23, 38, 64]):
+        taught, scored = order[max(0, start - 30) : start], order[start:stop]
+        terms = with_products(plain, seen.pools.scores[taught])
+        chosen = _chosen(_columns(seen, terms, taught, _unseen(seen, plain, taught), 17))
+        last = fit_challenger(seen, plain, taught)
+        columns = _columns(seen, terms, scored, last(seen, scored))
+        _account(told, terms, columns)
+        score = columns @ chosen
+        expected = last.location(seen.data.values[scored])[:, :2]
+        spread = np.tile(np.sqrt((last.location.root**2).sum(axis=1)), (len(scored), 1))
+        parts.append((scored, _pit(score, seen.pools.ties[scored]), _gain(score), expected, spread))
+    row, pit, gain, location, spread = (np.concatenate(part) for part in zip(*parts, strict=True))
+    back = np.argsort(row)
+    np.testing.assert_array_equal(found.row, row[back])
+    np.testing.assert_allclose(found.pit, pit[back])
+    np.testing.assert_allclose(found.weight, weights(gain)[back], rtol=1e-5)
+    np.testing.assert_allclose(found.location, location[back])
+    np.testing.assert_allclose(found.spread, spread[back])
+    assert found.told == told
+    np.testing.assert_array_equal(found.last.ridge.coefficient, last.ridge.coefficient)
+
+
+def test_the_trials_that_teach_are_foretold_in_thirds():
+    rng = np.random.default_rng(24)
+    seen, taught = known(rng.normal(size=(40, 9, 2)), rng.normal(size=(40, 3)), rng), np.arange(5, 38)
+    terms = regressed_terms(2)
+    linear, trees = _unseen(seen, terms, taught)
+    for fold in range(3):
+        held = np.arange(33) % 3 == fold
+        one, other = fit_challenger(seen, terms, taught[~held])(seen, taught[held])
+        np.testing.assert_array_equal(linear[held], one)
+        np.testing.assert_array_equal(trees[held], other)
+
+
+def test_a_step_of_the_choice_is_cut():
+    """Five Newton steps by hand, none longer than three in any coefficient."""
+    rng = np.random.default_rng(25)
+    columns = rng.normal(size=(2000, 4, 2)) * 0.05
+    columns[:, 0] += [0.4, -0.1]
+    coefficient = np.zeros(2)
+    for _ in range(5):
+        slope, curve = -20.0 * coefficient, 20.0 * np.eye(2)
+        for pool in columns:
+            chance = np.exp(pool @ coefficient) / np.exp(pool @ coefficient).sum()
+            away = pool - chance @ pool
+            slope += away[0]
+            curve += (away * chance[:, None]).T @ away
+        step = np.linalg.solve(curve, slope)
+        assert np.abs(step).max() > 3 or coefficient.any()
+        coefficient += step * min(1, 3 / np.abs(step).max())
+    np.testing.assert_allclose(fit_choice(columns), coefficient, rtol=1e-9)
