@@ -14,6 +14,7 @@ import gaugeblock as gb
 from gaugeblock.auditing.audit import audit, audit_draws, judge
 from gaugeblock.auditing.config import TrialsTable
 from gaugeblock.auditing.identity import identity, versions
+from gaugeblock.auditing.trusted import SEED
 from gaugeblock.core.digest import digest, file_digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate import Outcome, read_policy
@@ -216,6 +217,7 @@ def test_the_seed_of_who_is_not_trusted_cannot_be_foreseen_unless_it_is_given() 
     table = {**TABLE, "number": 40}
     given = audit(stranger, Model(), trials=table, validators=("draws",), progress=False)
     assert given.verdict.provenance["seed"] == 3
+    assert given.verdict.provenance["trust"]["caveats"] == [SEED]
     del table["seed"]
     seeds = {
         audit(stranger, Model(), trials=table, validators=("draws",), progress=False).verdict.provenance[
@@ -225,6 +227,8 @@ def test_the_seed_of_who_is_not_trusted_cannot_be_foreseen_unless_it_is_given() 
     }
     assert len(seeds) == 2
     assert TrialsTable().seed not in seeds
+    drawn = audit(stranger, Model(), trials=table, validators=("draws",), progress=False)
+    assert drawn.verdict.provenance["trust"]["caveats"] == []
     mine = audit(Posterior(), Model(), trials=table, validators=("draws",), progress=False)
     assert mine.verdict.provenance["seed"] == TrialsTable().seed
 

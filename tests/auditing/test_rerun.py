@@ -66,6 +66,11 @@ def test_every_row_that_differs_is_counted_and_near_is_relative_to_the_largest(
         "trials.nc: x: 2 trial(s), the first of them 0, are not what seed and simulator give",
     )
     assert "x: 3 trial(s)" in again(changed, record).differences[0]
+    below = np.flatnonzero(main["x"].values.max(axis=1) < 0)
+    assert len(below)
+    x = main["x"].values.copy()
+    x[below] *= 1.009
+    assert again(main.assign(x=(main["x"].dims, x)), record, near=0.01).differences == ()
     (line,) = again(main.drop_vars("x"), record).differences
     assert line.startswith("trials.nc: x: 45 trial(s), the first of them 0,")
     (line,) = again(main.isel(draw=slice(19)), record).differences
