@@ -6,6 +6,7 @@ Only where the estimator can be called again. What is tried is tried on a few tr
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -52,7 +53,9 @@ class Called:
         with np.errstate(all="ignore"):
             data = np.ascontiguousarray(turn(self.data[rows].astype(float)))
             found = np.asarray(self.sample(data, draws, rng), dtype=float)
-        middle = np.nanmedian(np.where(np.isfinite(found), found, np.nan), axis=(0, 1))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of a parameter of which nothing is finite
+            middle = np.nanmedian(np.where(np.isfinite(found), found, np.nan), axis=(0, 1))
         return cases.drawn(np.where(np.isfinite(found), found, np.nan_to_num(middle)))
 
 

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 from scipy import stats
 
-from gaugeblock.auditing.audit import audit_configured
+from gaugeblock.auditing.audit import audit, audit_configured
 from gaugeblock.auditing.config import read_config
 from gaugeblock.auditing.observation import OWN_TRUTHS, read_observation, trials_around
 from gaugeblock.core.errors import InputError
@@ -258,3 +258,33 @@ def test_an_estimator_that_fails_at_the_observation_is_the_one_that_is_named():
 
     with pytest.raises(InputError, match="estimator gave NaN or infinite draws at the observation"):
         trials_around(SIMULATOR, Lost(), OBSERVED, number=10, draws=20, seed=1)
+
+
+class Refusing:
+    """Draws that nobody may ask for."""
+
+    def sample(self, x, n, rng):
+        raise AssertionError("asked")
+
+
+class WithoutLikelihood:
+    prior = SIMULATOR.prior
+
+    def simulate(self, theta, rng):
+        return SIMULATOR.simulate(theta, rng)
+
+
+@pytest.mark.parametrize(
+    ("simulator", "data", "words"),
+    [
+        (WithoutLikelihood(), OBSERVED, "posterior SBC needs a likelihood; WithoutLikelihood has no"),
+        (SIMULATOR, OBSERVED[:2], r"observation: has shape \(2,\); it must be finite and of the shape"),
+        (SIMULATOR, np.array([1.0, np.inf, 0.0]), "observation: has shape"),
+    ],
+)
+def test_an_observation_that_cannot_be_judged_is_refused_before_anything_is_drawn(
+    simulator, data, words, tmp_path
+):
+    np.save(tmp_path / "x.npy", data)
+    with pytest.raises(InputError, match=words):
+        audit(Refusing(), simulator, observation=tmp_path / "x.npy", trials=50, draws=10, seed=1)

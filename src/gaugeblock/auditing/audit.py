@@ -26,7 +26,7 @@ from gaugeblock.auditing.identity import identity, versions
 from gaugeblock.auditing.kept_seed import kept_seed
 from gaugeblock.auditing.ledger import Entry, check_ledger, entered
 from gaugeblock.auditing.looks import earlier_trials, look_at, look_key, stored_looks
-from gaugeblock.auditing.observation import read_observation, trials_around
+from gaugeblock.auditing.observation import fitting, read_observation, trials_around
 from gaugeblock.auditing.phases import end_phase, ended
 from gaugeblock.auditing.provenance import FORMAT, digests, finished_audit, named, title
 from gaugeblock.auditing.result import Audit, write_arrays
@@ -182,6 +182,8 @@ def audit(
         watch = Watch(rules, plan.seed) if watching else None
         stopped: dict[str, Any] = {"anytime": True} if watching else {}
         same = {**subjects, "trials": {**vars(plan), **stopped}}
+        if observed is not None:
+            fitting(simulated, observed.data, seed=plan.seed)
         known = earlier_trials(folder, same, *devices(estimating))
         work = fingerprint(simulated, estimating, plan)
         tree = collect(

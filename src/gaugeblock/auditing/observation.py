@@ -38,6 +38,31 @@ THEIR_TRUTHS = (
 )
 
 
+def fitting(simulator: Simulator, x_obs: ArrayLike, *, seed: int) -> tuple[LikelihoodSimulator, NDArray[Any]]:
+    """A simulator and one observation, as posterior SBC needs them; asked before anything is drawn.
+
+    Raises
+    ------
+    InputError
+        If the simulator has no `log_likelihood` or its prior no density, or x_obs does not have the shape of
+        its data or is not finite.
+    """
+    if not isinstance(simulator, HasLikelihood):
+        raise InputError(
+            f"observation: posterior SBC needs a likelihood; {type(simulator).__name__} has no "
+            "log_likelihood(theta, x)"
+        )
+    require_prior(simulator.prior, HasPriorDensity, "observation: posterior SBC")
+    observed = np.asarray(x_obs)
+    shape = np.shape(simulator.simulate(simulator.prior.center[None], np.random.default_rng(seed)))[1:]
+    if observed.shape != shape or not np.isfinite(observed).all():
+        raise InputError(
+            f"observation: has shape {observed.shape}; it must be finite and of the shape of the simulator's "
+            f"data, {shape}"
+        )
+    return simulator, observed
+
+
 def trials_around(
     simulator: Simulator,
     estimator: Estimator,
@@ -77,25 +102,13 @@ def trials_around(
     ----------
     Säilynoja et al. (2025), arXiv:2502.03279.
     """
-    if not isinstance(simulator, HasLikelihood):
-        raise InputError(
-            f"observation: posterior SBC needs a likelihood; {type(simulator).__name__} has no "
-            "log_likelihood(theta, x)"
-        )
-    require_prior(simulator.prior, HasPriorDensity, "observation: posterior SBC")
-    observed = np.asarray(x_obs)
-    shape = np.shape(simulator.simulate(simulator.prior.center[None], np.random.default_rng(seed)))[1:]
-    if observed.shape != shape or not np.isfinite(observed).all():
-        raise InputError(
-            f"observation: has shape {observed.shape}; it must be finite and of the shape of the simulator's "
-            f"data, {shape}"
-        )
+    able, observed = fitting(simulator, x_obs, seed=seed)
     if min(number, proposals) < 1 or draws < 2:
         raise InputError(
             "observation: needs number >= 1, draws >= 2 and proposals >= 1, got "
             f"{number}, {draws} and {proposals}"
         )
-    around = _Around(simulator, estimator, observed, seed)
+    around = _Around(able, estimator, observed, seed)
     parts = [around.block(trials, draws, proposals) for trials in whole_blocks(number, block)]
     theta, x, sampled, weight, weight_true = (
         np.concatenate(part)[:number] for part in zip(*parts, strict=True)

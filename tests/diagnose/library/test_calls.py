@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -131,6 +133,18 @@ def test_draws_are_for_each_trials_own_data_and_finite():
     middle = np.nanmedian(expected, axis=(0, 1))
     np.testing.assert_allclose(made.draws, np.where(np.isnan(expected), middle, expected))
     np.testing.assert_array_equal(made.theta, cases.theta)
+
+
+def test_a_parameter_of_which_nothing_is_finite_is_nought_and_nobody_is_warned():
+    def sample(x, n, rng):
+        return np.stack([normal(x, n, rng)[..., 0], np.full((len(x), n), np.nan)], axis=-1)
+
+    cases, again = planted(sample)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        made = again.drawn(cases, lambda x: x, 8)
+    assert np.isfinite(made.draws[..., 0]).all()
+    assert (made.draws[..., 1] == 0).all()
 
 
 def test_a_factor_is_found_between_those_that_are_tried():
