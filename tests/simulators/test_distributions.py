@@ -217,3 +217,33 @@ def test_normal_scores_of_what_lies_outside_are_minus_infinity():
     scores = to_scores(prior, [[-1.0, 0.0, 1.0], [1.0, 0.0, 1.0]])
     assert scores.tolist() == [[-np.inf, 0.0, 0.0], [0.0, 0.0, 0.0]]
     np.testing.assert_allclose(from_scores(prior, scores[1:]), [[1.0, 0.0, 1.0]])
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda v: LogNormal(0.0, v), "log-normal: sd"),
+        (lambda v: Gamma(v, 1.0), "gamma: shape"),
+        (lambda v: Gamma(1.0, v), "gamma: scale"),
+        (lambda v: Beta(v, 1.0), "beta: alpha"),
+        (lambda v: Beta(1.0, v), "beta: beta"),
+        (lambda v: TruncatedNormal(0.0, v, low=0.0), "truncated normal: sd"),
+    ],
+)
+def test_scales_and_shapes_are_finite_and_positive(make, says):
+    make(0.5)
+    for wrong in (0.0, -1.0, math.nan, math.inf):
+        with pytest.raises(InputError, match=f"^{says} must be finite and positive, got {wrong}$"):
+            make(wrong)
+
+
+def test_means_are_finite_and_cuts_in_order():
+    for make in (lambda v: LogNormal(v, 1.0), lambda v: TruncatedNormal(v, 1.0, low=0.0)):
+        for wrong in (math.nan, math.inf):
+            with pytest.raises(InputError, match=f"the mean must be finite, got {wrong}"):
+                make(wrong)
+    for low, high in ((1.0, 1.0), (2.0, 1.0)):
+        with pytest.raises(InputError, match=f"truncated_normal: needs low < high, got {low} and {high}"):
+            TruncatedNormal(0.0, 1.0, low=low, high=high)
+        with pytest.raises(InputError, match="needs low < high"):
+            truncated(Gamma(1.0, 1.0), low=low, high=high)
