@@ -319,3 +319,12 @@ def test_what_has_not_begun_when_it_ends_is_not_done(tmp_path: Path) -> None:
     begun.close()
     assert [future.cancelled() for future in futures] == [False, True, True]
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_was_sent_may_be_gone_when_it_ends(tmp_path: Path) -> None:
+    """Somebody may clear the folder meanwhile."""
+    with ThreadPoolExecutor(1) as executor:
+        gone = [file.unlink() or 0 for _ in each(partial(square, tmp_path), range(2), folder=tmp_path,
+                executor=executor) for file in tmp_path.glob("sent-*")]  # fmt: skip
+    assert gone == [0]
+    assert {path.name for path in tmp_path.iterdir()} == {"0", "1"}

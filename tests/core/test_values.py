@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+from collections import OrderedDict
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from gaugeblock.core.values import Value
+from gaugeblock.core.values import Value, same, short
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -74,3 +75,31 @@ def test_the_repr_tells_sizes_and_stays_short():
     assert "values=float64(4000, 250)" in shown
     assert "1000 in all" in shown
     assert repr(held(further={})) == ("Held(name='n', values=array([ 1., nan]), table=Dataset(trial: 5))")
+
+
+def test_numbers_of_other_types_may_be_equal_and_nothing_else_is():
+    assert same(1, 1.0)
+    assert same(np.float64(2.5), 2.5)
+    assert not same(1, 1.5)
+    assert not same("1", 1)
+    # Equal by their own account, and of another kind.
+    assert not same({1: 2}, OrderedDict({1: 2}))
+    assert not same([0.5], (0.5,))
+    assert not same(None, 0)
+    assert same(float("nan"), float("nan"))
+    assert not same(np.zeros(2), np.zeros(2, dtype=np.float32))
+    assert not same(np.zeros(2), [0.0, 0.0])
+    assert same(np.array(["a"], dtype=object), np.array(["a"], dtype=object))
+    assert same([1, {"a": np.zeros(1)}], [1, {"a": np.zeros(1)}])
+    assert not same([1, 2], [1, 2, 3])
+
+
+def test_short_forms_are_those_of_python_where_there_is_room():
+    assert short((1,)) == "(1,)"
+    assert short((1, 2)) == "(1, 2)"
+    assert short([1]) == "[1]"
+    assert short(()) == "()"
+    assert short({"a": [0.25]}) == "{'a': [0.25]}"
+    assert short(1 / 3) == "0.333333"
+    assert short(np.array([1.0, 0.123456])) == "array([1.    , 0.1235])"
+    assert short(np.zeros((2, 2))) == "float64(2, 2)"

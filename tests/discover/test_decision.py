@@ -358,3 +358,12 @@ def test_something_without_a_name_is_as_sure_as_the_search_that_showed_it():
     # Twenty-five nats are certain, whatever chance shows in a thousand searches.
     sure = decide(COUNTS, strong, (), QUIET, None)
     assert (sure.claims[0].certain, sure.claims[0].probability) == (True, pytest.approx(0.95))
+
+
+def test_an_effect_of_which_nobody_says_what_it_is_worth_is_worth_nothing():
+    both = Extension(("line", "dip"), 60.0, 2)
+    held = replace(scored(), names=("before", "line + dip", "edge", "unnamed", "random 1"))
+    found = decide(COUNTS, LOUD, rounds(both), QUIET, held, worth=(40.0,))
+    assert [(one.effect, one.evidence) for one in found.claims] == [("line", 40.0), ("dip", 0.0)]
+    none = decide(COUNTS, LOUD, rounds(both), QUIET, held)
+    assert [one.evidence for one in none.claims] == [0.0, 0.0]

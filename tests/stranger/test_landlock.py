@@ -172,3 +172,18 @@ def test_without_landlock_the_mounts_hold_alone_and_the_record_says_so(
 
 def test_the_record_says_that_it_is_in_force(walled: Sandbox) -> None:
     assert walled.describe()["landlock"] == "in force"
+
+
+def test_the_wall_leaves_no_file_open(walled: Sandbox, tmp_path: Path) -> None:
+    program = f"""
+import importlib.util, os
+spec = importlib.util.spec_from_file_location("landlock", {str(LANDLOCK)!r})
+landlock = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(landlock)
+landlock.ctypes.CDLL(None).prctl(38, 1, 0, 0, 0)
+before = sorted(os.listdir("/proc/self/fd"))
+landlock.restrict({{"read": [{str(tmp_path)!r}, "/proc"]}})
+print(before == sorted(os.listdir("/proc/self/fd")), len(before) > 2)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.stdout.split() == ["True", "True"], done.stderr

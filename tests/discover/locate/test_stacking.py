@@ -3,7 +3,7 @@ import pytest
 from scipy.stats import norm
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.discovery.locate import Fixed, compare_frames, stack_excess, stacking_bins
+from gaugeblock.discovery.locate import Fixed, compare_frames, stack_excess, stacking, stacking_bins
 from gaugeblock.discovery.locate.stacking import StackedExcess
 
 REDSHIFTS = np.random.default_rng(3).uniform(0.0, 1.0, 200)
@@ -180,3 +180,12 @@ def test_bad_redshifts_are_said(power_laws):
     data = power_laws(1, n=2)
     with pytest.raises(InputError, match="redshift"):
         stack_excess(data.counts, data.expected, None, data.edges, [0.0, -1.0], bins=[1.0, 2.0])
+
+
+def test_every_source_counts_once_however_many_there_are(power_laws, monkeypatch):
+    data = power_laws(1, n=40)
+    whole = stacked(data, REDSHIFTS[:40])
+    monkeypatch.setattr(stacking, "SOURCES_AT_ONCE", 7)
+    parts = stacked(data, REDSHIFTS[:40])
+    np.testing.assert_allclose(parts.excess, whole.excess, atol=1e-9)
+    np.testing.assert_allclose(parts.covariance, whole.covariance, atol=1e-8)
