@@ -17,7 +17,7 @@ from gaugeblock.discovery.name.shared import Term, share
 from gaugeblock.discovery.name.shared_score import join, shared_scores
 from gaugeblock.discovery.name.stacked import influence, stack, without
 from gaugeblock.discovery.sources import Sources
-from gaugeblock.simulators import Effect, Uniform
+from gaugeblock.simulators import Effect, Prior, Uniform
 
 
 def population(power_law, n, seed, *, depth=0.0, energy=2.0):
@@ -248,3 +248,31 @@ def test_terms_are_checked(power_law):
         search_shared([], rng=np.random.default_rng(0))
     with pytest.raises(InputError, match="at least one source"):
         join([])
+
+
+def test_the_null_of_a_model_without_a_norm_is_centred(power_law):
+    """What the fit takes off hides nothing there: a score that counts more than the excess shows."""
+
+    class Slope(power_law):
+        def __init__(self, effects=(), prior=None):
+            super().__init__(effects, prior or Prior({"index": Uniform(-1.0, 4.0)}))
+
+        def expected(self, theta):
+            values = np.asarray(theta, dtype=float)
+            norm = np.full((*values.shape[:-1], 1), 500.0)
+            return super().expected(np.concatenate([norm, values], axis=-1))
+
+        def with_effect(self, effect):
+            made = super().with_effect(effect)
+            return Slope(made.effects, made.prior)
+
+    simulator, rng = Slope(), np.random.default_rng(8)
+    sources = Sources.of(simulator, simulator.simulate(rng.uniform(1.0, 2.5, (30, 1)), rng))
+    fitted = fit(simulator, sources.counts)
+    edges = Candidates.of(simulator, fitted.theta, only=("edge",))
+    found = search_shared([Members(sources, fitted, edges)], replicates=2000, rng=np.random.default_rng(1))
+    size = np.sqrt(np.diag(found.gram))
+    z = rng.multivariate_normal(np.zeros(len(size)), found.gram / np.outer(size, size), 4000)
+    expected = allowed(z, found.sign).max(axis=1)
+    for level in (0.5, 0.9):
+        assert np.quantile(found.null, level) == pytest.approx(np.quantile(expected, level), abs=0.12)
