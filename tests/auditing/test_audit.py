@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 import gaugeblock as gb
-from gaugeblock.auditing.audit import audit, audit_draws, judge
-from gaugeblock.auditing.config import TrialsTable
+from gaugeblock.auditing.audit import audit, audit_configured, audit_draws, audit_part, judge
+from gaugeblock.auditing.config import TrialsTable, read_config
 from gaugeblock.auditing.identity import identity, versions
 from gaugeblock.auditing.trusted import SEED
+from gaugeblock.auditing.workplace import alone_in
 from gaugeblock.core.digest import digest, file_digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate import Outcome, read_policy
@@ -245,3 +246,18 @@ def test_policies_of_every_kind_judge() -> None:
             progress=False,
         )
         assert result.verdict.provenance["policy"]["tolerance"] == strict.model_dump(mode="json")["tolerance"]
+
+
+def test_parts_do_not_wait_for_each_other(tmp_path: Path) -> None:
+    """Jobs of an array run side by side in one folder, which an audit has to itself."""
+    config = read_config(
+        None,
+        settings={
+            **{"simulator.name": "linear_gaussian", "estimator.name": "exact", "trials.seed": 3},
+            **{"trials.number": 10, "trials.draws": 10, "trials.block": 5},
+        },
+    )
+    with alone_in(tmp_path):
+        assert audit_part(config, tmp_path, (1, 2)) > 0
+        with pytest.raises(InputError, match="another audit is at work there"):
+            audit_configured(config, tmp_path)

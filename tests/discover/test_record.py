@@ -82,3 +82,16 @@ def test_what_is_left_is_remarked_on(searched):
     engine, found = searched[0]
     assert LEFT not in recorded(engine, found).remarks
     assert LEFT in recorded(engine, replace(found, last=found.first)).remarks
+
+
+def test_four_amplitudes_and_four_candidates_are_told_first(searched):
+    said = recorded(*searched[0])
+    (one,), first = said.amplitude, said.candidates[0]
+    many = replace(
+        said,
+        amplitude=tuple(replace(one, effect=f"effect {k}") for k in range(6)),
+        candidates=tuple(replace(first, effect=f"candidate {k}") for k in range(6)),
+    )
+    told = repr(many)
+    assert [f"effect {k}: depth" in told for k in range(6)] == [True] * 4 + [False] * 2
+    assert [f"candidate {k} (z" in told for k in range(6)] == [True] * 4 + [False] * 2

@@ -5,6 +5,7 @@ import pytest
 
 pytest.importorskip("jaxspec")
 from gaugeblock.simulators.xray import Response, data
+from gaugeblock.simulators.xray.library import scale
 from gaugeblock.simulators.xray.reader import grouped, resolution, resolution_grouping
 
 pytestmark = pytest.mark.usefixtures("xray_data")
@@ -70,3 +71,32 @@ def test_widths_that_jump_are_smoothed_by_medians_of_five():
     found = resolution(csr_array(matrix), fine)
     np.testing.assert_allclose(found[5 + 10 * np.arange(9)], expected)
     assert found[10] == pytest.approx((expected[0] + expected[1]) / 2)
+
+
+def test_energies_of_the_band_and_the_resolution_there():
+    """What the library spaces its lines by, of lines whose widths are known."""
+    from scipy.sparse import csr_array
+    from scipy.stats import norm
+
+    edges, bins = np.linspace(0.0, 10.0, 1001), np.linspace(0.5, 9.5, 301)
+    fine = np.stack([edges[:-1], edges[1:]], axis=1)
+    middle = 0.5 * (bins[:-1] + bins[1:])
+    sigma = 0.03 + 0.01 * middle
+    matrix = np.diff(norm.cdf(edges[:, None], middle, sigma), axis=0)
+    used = (fine[:, 0] >= 2.0 - 1e-9) & (fine[:, 1] <= 5.0 + 1e-9)
+    response = Response(
+        "made", np.stack([bins[:-1], bins[1:]], axis=1), fine[used], fine, np.ones(300), csr_array(matrix),
+        csr_array(np.eye(1000)[used]), 1.0,
+    )  # fmt: skip
+    energy, found = scale.resolution(response)
+    inside = (middle >= 2.0) & (middle <= 5.0)
+    np.testing.assert_allclose(energy, middle[inside], rtol=1e-12)
+    # Whole channels are counted, of 10 eV.
+    assert np.abs(found - sigma[inside]).max() < 0.021 / 2.3548
+    # From 2 to 5 keV there are some 3 keV / 65 eV of them; of few, in the middle of equal shares.
+    at = scale.spaced(response, 1000)
+    assert len(at) == pytest.approx(np.log(0.08 / 0.05) / 0.01, abs=2)
+    np.testing.assert_allclose(np.diff(at) / (0.03 + 0.01 * 0.5 * (at[1:] + at[:-1])), 1.0, atol=0.08)
+    few = scale.spaced(response, 4)
+    shares = np.log((0.03 + 0.01 * few) / 0.05) / np.log(0.08 / 0.05)
+    np.testing.assert_allclose(shares, [0.125, 0.375, 0.625, 0.875], atol=0.02)
