@@ -247,3 +247,17 @@ def test_means_are_finite_and_cuts_in_order():
             TruncatedNormal(0.0, 1.0, low=low, high=high)
         with pytest.raises(InputError, match="needs low < high"):
             truncated(Gamma(1.0, 1.0), low=low, high=high)
+
+
+def test_ends_of_a_support_are_outside_of_it():
+    """Where a density has a pole or a corner, nothing is said of the point itself."""
+    ends = {
+        Beta(2.0, 0.6): (0.0, 1.0),
+        Beta(1.0, 1.0): (0.0, 1.0),
+        Gamma(1.0, 1.0): (0.0,),
+        LogNormal(0.0, 1.0): (0.0,),
+    }
+    for own, points in ends.items():
+        assert np.all(own.log_prob(np.array(points)) == -np.inf), own
+        inside = np.array([end + (1e-9 if end == 0.0 else -1e-9) for end in points])
+        assert np.isfinite(own.log_prob(inside)).all()

@@ -199,7 +199,7 @@ def test_odds_usual_sizes_and_limits_are_those_of_the_page(library):
             pairs += zip(entry.usual[parameter], (float(low), float(high)), strict=True)
         for parameter, high in re.findall(rf"(\w+) up to {number}", usual):
             if parameter in entry.usual:
-                pairs.append((entry.usual[parameter][1], float(high)))
+                pairs += zip(entry.usual[parameter], (0.0, float(high)), strict=True)
         one = entry.amplitude
         for text, known in ((usual, entry.usual.get(one)), (limits, entry.parameters[one].support)):
             for size, small in re.findall(rf"{number}( eV)? either way", text):
@@ -211,6 +211,7 @@ def test_odds_usual_sizes_and_limits_are_those_of_the_page(library):
         for found, said in pairs:
             assert found == pytest.approx(said), name
     assert compared >= 40
+    assert library["emission_line"].usual == {"equivalent width": (0.0, 0.3), "relative width": (0.0, 0.1)}
 
 
 def test_a_kind_says_what_it_takes():
