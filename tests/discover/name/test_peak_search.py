@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from gaugeblock.discovery.fitting import fit
+from gaugeblock.discovery.name import peak_search
 from gaugeblock.discovery.name.peak_search import STARTS, WIDTHS, around, peaks, systematic
 from gaugeblock.simulators import Normal, Prior, Uniform
 
@@ -64,3 +65,25 @@ def test_draws_are_picked_evenly_by_their_weights():
     # Over many draws each comes as often as its weight says.
     many = np.bincount(systematic(np.tile(weight[:1], (4000, 1)), 1, rng).ravel(), minlength=6) / 4000
     np.testing.assert_allclose(many, weight[0], atol=5 * 0.5 / np.sqrt(4000))
+
+
+def test_fits_from_elsewhere_begin_at_several_likely_draws(fitted, monkeypatch):
+    """However sharp the likelihood is, some ten draws count: one of the last ten is never begun at."""
+    simulator, counts, found = fitted
+    bank = (np.arange(40.0)[:, None] + np.array([0.25, 0.75])) / 41.0
+    begun = []
+
+    def elsewhere(simulator, counts, *, scale, start):
+        begun.append(simulator.prior.to_unit_cube(start))
+        return fit(simulator, counts, scale=scale, start=start)
+
+    monkeypatch.setattr(peak_search, "fit_sources", elsewhere)
+    # Nats per draw: of the first source 300 from one to the next, of the second so few that all count.
+    likelihood = np.array([300.0, 0.01])[:, None] * np.arange(40.0)
+    peaks(simulator, counts, np.ones(2), found, (bank, likelihood), np.random.default_rng(3))
+    first, second = np.rint(41.0 * begun[0].reshape(2, STARTS, 2)[:, :, 0] - 0.25)
+    # Tempered twelve times by 0.6: 300 nats are 0.65, of which three draws or four count.
+    assert len(set(first)) >= 2
+    assert first.min() >= 30
+    assert len(set(second)) == STARTS
+    assert np.ptp(second) > 20

@@ -75,3 +75,24 @@ def test_normal_scores():
     np.testing.assert_allclose(scores.std(axis=0), 1, atol=0.01)
     assert (normal_scores(np.full((3, 1), 7.0), np.full((9, 1), 7.0)) == 0).all()
     assert np.isfinite(normal_scores([[-1e300], [1e300]], counts[:, :1])).all()
+
+
+@pytest.mark.parametrize("k", [0, 2])
+def test_units_of_columns_decide_nothing(k):
+    """Of columns a thousand times as large, or as small, the scores are the same; by the formula, too."""
+    rng = np.random.default_rng(5)
+    unit = np.array([1e3, 1e-3, 40.0])
+    truths, draws = rng.normal(size=(90, 3)), 0.7 * rng.normal(size=(70, 3)) + 0.2
+    first, second = (rng.normal(size=(n, k)) if k else None for n in (90, 70))
+    plain = fit_discriminant(truths, draws, context_truths=first, context_draws=second)
+    scaled = fit_discriminant(truths * unit, draws * unit, context_truths=first, context_draws=second)
+    np.testing.assert_allclose(
+        scaled(truths * unit, *([first] if k else [])), plain(truths, *([first] if k else [])), rtol=1e-6
+    )
+    one, other = columns(truths, first), columns(draws, second)
+    pooled = (np.cov(one.T, bias=True) + np.cov(other.T, bias=True)) / 2
+    sd = np.sqrt(np.diag(pooled))
+    ridge = np.diag(penalties(3, len(sd), 70))
+    wanted = np.linalg.solve(pooled / sd / sd[:, None] + ridge, (one.mean(axis=0) - other.mean(axis=0)) / sd)
+    np.testing.assert_allclose(plain.coefficient, wanted, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(plain.centre, (one.mean(axis=0) + other.mean(axis=0)) / 2, atol=1e-12)
