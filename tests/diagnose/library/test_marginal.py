@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from gaugeblock.diagnosis.cases import Cases
-from gaugeblock.diagnosis.library.marginal import clipped_tails, outliers, scale, shift, skew
+from gaugeblock.diagnosis.library.marginal import clipped_tails, outliers, scale, shift, skew, stray
 
 
 def exact(trials=3000, draws=100, *, law=None):
@@ -113,3 +113,15 @@ def test_tails_that_were_cut_off_are_drawn_out():
         repair.apply(wrong).draws.std(axis=1).mean(axis=0), cases.draws.std(axis=1).mean(axis=0), rtol=0.05
     )
     assert not clipped_tails(about(cases, 1.4))
+
+
+def test_a_draw_is_stray_beyond_eight_half_widths_and_not_at_eight():
+    """Of whole numbers, where that can be: the middle is 0, the central 68% end at 1 either way."""
+    draws = np.zeros((2, 101, 1))
+    draws[:, :25], draws[:, -25:] = -1.0, 1.0
+    draws[0, -1], draws[1, 0] = 8.0, -9.0
+    cases = Cases(("k",), np.arange(2), np.zeros((2, 1)), draws)
+    assert cases.half_width.tolist() == [[1.0], [1.0]]
+    found = stray(cases)
+    assert found.shape == (2, 101)
+    assert np.argwhere(found).tolist() == [[1, 0]]
