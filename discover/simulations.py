@@ -104,7 +104,7 @@ class Simulations(Engine):
         self.simulator, self.replicates = simulator, replicates
         self.thresholds = replace(SIMULATIONS, most=most)
         budget = Budget(simulations, int(np.random.default_rng(seed).integers(2**31)))
-        self._streams = np.random.default_rng(seed).spawn(4)
+        self._streams = np.random.default_rng(seed).spawn(3)
         step("fitting the population of theta")
         self._before = prepare(
             simulator, x, own=own, only=only, budget=budget, summaries=summaries, step=step

@@ -402,6 +402,9 @@ def test_policies_that_were_asked_for(tiny: Path) -> None:
         "verdict.json: provenance: policy: error_budget is 0.05, should be 0.01 in the policy that was asked "
         "for",
     )
+    # However little another one differs.
+    (line,) = verify(tiny, policy={"error_budget": 0.049999}).differences
+    assert "error_budget is 0.05, should be 0.049999 in the policy" in line
     assert verify(tiny).policy == "the default policy"
     assert verify(tiny).outcome == "INCONCLUSIVE"
 

@@ -1,13 +1,14 @@
 """What a finished search says of itself: its keys, from its engine and its decision."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from gaugeblock.discovery import Candidates, Sources
+from gaugeblock.discovery import Candidates, Sources, record
 from gaugeblock.discovery.counts import Counts
-from gaugeblock.discovery.record import LEFT, recorded
+from gaugeblock.discovery.record import LEFT, recorded, with_evidence
 from gaugeblock.discovery.result import Withdrawn
 from gaugeblock.discovery.workflow import search
 from gaugeblock.simulators.effects import Effect
@@ -95,3 +96,36 @@ def test_four_amplitudes_and_four_candidates_are_told_first(searched):
     told = repr(many)
     assert [f"effect {k}: depth" in told for k in range(6)] == [True] * 4 + [False] * 2
     assert [f"candidate {k} (z" in told for k in range(6)] == [True] * 4 + [False] * 2
+
+
+def test_evidence_is_asked_of_the_first_name_on_the_counts(searched, monkeypatch):
+    engine, found = searched[0]
+    asked = []
+
+    def taken(simulator, entry, counts, *, rng, with_entry):
+        asked.append((simulator, entry, counts, rng, with_entry))
+        curve = SimpleNamespace(factors=[0.5, 2.0], value=[11.5, 9.0], lower_bound=[False, True])
+        return SimpleNamespace(value=12.5, error=0.25, sensitivity=curve)
+
+    monkeypatch.setattr(record, "delta_log_evidence", taken)
+    rng = np.random.default_rng(5)
+    said = with_evidence(recorded(engine, found), engine, found, rng=rng).gap.delta_log_evidence
+    best = found.rounds[0].best.candidate
+    ((simulator, entry, counts, stream, extended),) = asked
+    assert simulator is engine.sources.simulator
+    assert (entry.name, entry) == ("edge", best.entry)
+    assert extended is best.simulator
+    assert stream is rng
+    np.testing.assert_array_equal(counts, engine.sources.counts[0])
+    assert (said.value, said.error) == (12.5, 0.25)
+    widths = [(one.prior, one.value, one.lower_bound) for one in said.sensitivity]
+    assert widths == [(0.5, 11.5, False), (2.0, 9.0, True)]
+
+
+def test_evidence_that_cannot_be_had_is_listed_with_its_reason(searched):
+    engine, found = searched[0]
+    longer = SimpleNamespace(sources=replace(engine.sources, scale=np.array([2.0])))
+    said = with_evidence(recorded(engine, found), longer, found, rng=np.random.default_rng(5))
+    assert said.gap.delta_log_evidence.value is None
+    told = {one.id: one.why for one in said.not_checked}
+    assert "the simulator's exposure is not the spectrum's" in told["evidence.delta"]

@@ -344,3 +344,11 @@ def test_what_is_none_is_one_line(make, says):
     with pytest.raises(InputError, match=says) as caught:
         make()
     assert "\n" not in str(caught.value)
+
+
+def test_what_is_unbounded_stays_as_it_is():
+    prior = as_prior({"a": stats.t(3.0), "b": stats.gumbel_r(1.0, 2.0)})
+    z = np.array([[-7.5, 0.25], [2.0, -3.0]])
+    np.testing.assert_allclose(prior.from_unbounded(z), z)
+    expected = stats.t(3.0).logpdf(z[:, 0]) + stats.gumbel_r(1.0, 2.0).logpdf(z[:, 1])
+    np.testing.assert_allclose(prior.log_prob_unbounded(z), expected, rtol=1e-12)
