@@ -144,7 +144,7 @@ def served(asked: dict[str, Any], answer: Path) -> dict[str, Any]:
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     said = json.loads(answer.read_text()) if answer.exists() else {"by": "", "code": -1, "passed": 0}
-    if os.WIFSIGNALED(status) and os.WTERMSIG(status) in (signal.SIGXCPU, signal.SIGKILL):
+    if os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGXCPU:
         outcome = "time was up"
     else:
         # Code 5: no test was left after deselecting. A session that dies has been noticed.
