@@ -63,6 +63,12 @@ def made(work: Path, names: list[str]) -> None:
         (work / name).write_text("")
 
 
+def open_files() -> int:
+    """How many this process has open; 0 where that cannot be told."""
+    listed = Path("/proc/self/fd")
+    return len(os.listdir(listed)) if listed.is_dir() else 0
+
+
 def files(work: Path) -> set[str]:
     return {path.relative_to(work).as_posix() for path in work.rglob("*") if path.is_file()}
 
@@ -118,11 +124,10 @@ def test_whoever_waits_for_a_file_that_is_removed_takes_another(tmp_path: Path) 
         with alone_in(tmp_path):
             assert (tmp_path / LOCK).exists()
         assert not (tmp_path / LOCK).exists()
-    if Path("/proc/self/fd").is_dir():
-        before = len(os.listdir("/proc/self/fd"))
-        with alone_in(tmp_path), pytest.raises(InputError), alone_in(tmp_path):
-            pass
-        assert len(os.listdir("/proc/self/fd")) == before
+    before = open_files()
+    with alone_in(tmp_path), pytest.raises(InputError), alone_in(tmp_path):
+        pass
+    assert open_files() == before
     with pytest.raises(InputError) as caught, alone_in(tmp_path / "none"):
         pass
     assert str(caught.value) == (f"{tmp_path / 'none' / LOCK}: cannot be written (No such file or directory)")
@@ -181,12 +186,6 @@ def test_a_lock_that_comes_too_late_is_taken_anew(tmp_path: Path, monkeypatch: p
             pass
     assert not path.exists()
     assert open_files() == before
-
-
-def open_files() -> int:
-    """How many this process has open; 0 where that cannot be told."""
-    listed = Path("/proc/self/fd")
-    return len(os.listdir(listed)) if listed.is_dir() else 0
 
 
 def test_a_private_folder_leaves_no_file_open(tmp_path: Path) -> None:

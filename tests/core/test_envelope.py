@@ -5,10 +5,12 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
+from tests import refusals
 
 from gaugeblock.core.envelope import (
     PASSPHRASE,
@@ -43,10 +45,7 @@ def digest(key: Any) -> str:
     return hashlib.sha256(base64.b64decode(body)).hexdigest()
 
 
-def said(call: Any, *args: Any) -> str:
-    with pytest.raises((InputError, Unsealed)) as caught:
-        call(*args)
-    return str(caught.value)
+said = partial(refusals.said, kind=(InputError, Unsealed))
 
 
 def test_an_envelope_is_what_the_standard_says() -> None:

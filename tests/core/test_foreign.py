@@ -12,16 +12,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.refusals import said
 
 from gaugeblock.core import foreign
-from gaugeblock.core.errors import InputError
 from gaugeblock.core.foreign import GB, ITEMS, MB
-
-
-def said(call: Any, *args: Any, **options: Any) -> str:
-    with pytest.raises(InputError) as caught:
-        call(*args, **options)
-    return str(caught.value)
 
 
 def test_as_many_bytes_as_are_allowed(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""A writer of OGIP spectra, as users have them."""
+"""A writer of OGIP spectra, as users have them, and a small response."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -29,3 +29,21 @@ def write_spectrum() -> Callable[..., Path]:
         return path
 
     return write
+
+
+@pytest.fixture
+def rmf(tmp_path: Path) -> Path:
+    """A matrix of six input bins and four channels."""
+    pytest.importorskip("astropy")
+    from tests.simulators.ogip_files import write_rmf
+
+    return write_rmf(tmp_path / "r.rmf")
+
+
+@pytest.fixture
+def arf(tmp_path: Path) -> Path:
+    """Its effective area."""
+    pytest.importorskip("astropy")
+    from tests.simulators.ogip_files import write_arf
+
+    return write_arf(tmp_path / "a.arf")

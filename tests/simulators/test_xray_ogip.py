@@ -10,89 +10,21 @@ from gaugeblock.core.errors import InputError
 
 pytest.importorskip("jaxspec")
 from astropy.io import fits
+from tests.simulators.ogip_files import (
+    AREA,
+    LOW,
+    MATRIX,
+    column,
+    matrix_table,
+    write_arf,
+    write_pha,
+    write_rmf,
+)
 
 from gaugeblock.simulators.xray import Response, Spectrum, writing
 from gaugeblock.simulators.xray.pha import load_pha
 from gaugeblock.simulators.xray.reader import Reader
 from gaugeblock.simulators.xray.rmf import read_rmf
-
-BINS, CHANNELS = 6, 4
-LOW = np.array([0.0, 0.5, 1.0, 1.5, 2.0, 2.5], dtype="f4")
-MATRIX = np.array([[0.6, 0.4, 0.0, 0.0]] * 3 + [[0.0, 0.1, 0.5, 0.2]] * 3, dtype="f4")
-AREA = np.array([0.0, 10.0, 20.0, 30.0, 40.0, 50.0], dtype="f4")
-
-
-def column(name, form, array, unit=None):
-    return fits.Column(name=name, format=form, array=array, unit=unit)
-
-
-def matrix_table(matrix=MATRIX, low=LOW, first=0, hduclas3="REDIST", name="MATRIX", high=None):
-    table = fits.BinTableHDU.from_columns(
-        [
-            column("ENERG_LO", "E", low, "keV"),
-            column("ENERG_HI", "E", low + np.float32(0.5) if high is None else high, "keV"),
-            column("N_GRP", "I", np.ones(len(low), int)),
-            column("F_CHAN", "I", np.full(len(low), first)),
-            column("N_CHAN", "I", np.full(len(low), CHANNELS)),
-            column("MATRIX", f"{CHANNELS}E", matrix),
-        ],
-        name=name,
-    )
-    table.header["HDUCLAS3"] = hduclas3
-    return table
-
-
-def write_rmf(path, *, first=0, more=(), channel=None, **of_table):
-    edges = np.arange(CHANNELS, dtype="f4")
-    bounds = fits.BinTableHDU.from_columns(
-        [
-            column("CHANNEL", "I", np.arange(first, first + CHANNELS) if channel is None else channel),
-            column("E_MIN", "E", edges, "keV"),
-            column("E_MAX", "E", edges + 1, "keV"),
-        ],
-        name="EBOUNDS",
-    )
-    table = matrix_table(first=first, **of_table)
-    table.header[f"TLMIN{table.columns.names.index('F_CHAN') + 1}"] = first
-    fits.HDUList([fits.PrimaryHDU(), table, *more, bounds]).writeto(path, overwrite=True)
-    return path
-
-
-def write_arf(path, *, low=LOW, area=AREA):
-    table = fits.BinTableHDU.from_columns(
-        [
-            column("ENERG_LO", "E", low, "keV"),
-            column("ENERG_HI", "E", low + np.float32(0.5), "keV"),
-            column("SPECRESP", "E", area, "cm**2"),
-        ],
-        name="SPECRESP",
-    )
-    fits.HDUList([fits.PrimaryHDU(), table]).writeto(path, overwrite=True)
-    return path
-
-
-def write_pha(path, counts=(5, 6, 7, 8), *, first=0, columns=(), name="COUNTS", **header):
-    usual = [
-        column("CHANNEL", "I", np.arange(first, first + len(counts))),
-        column(name, "J" if name == "COUNTS" else "E", np.asarray(counts)),
-    ]
-    # What is given replaces what is usual.
-    table = fits.BinTableHDU.from_columns({c.name: c for c in (*usual, *columns)}.values(), name="SPECTRUM")
-    for key, value in {"EXPOSURE": 100.0, **header}.items():
-        if value is not None:
-            table.header[key] = value
-    fits.HDUList([fits.PrimaryHDU(), table]).writeto(path, overwrite=True)
-    return path
-
-
-@pytest.fixture
-def rmf(tmp_path):
-    return write_rmf(tmp_path / "r.rmf")
-
-
-@pytest.fixture
-def arf(tmp_path):
-    return write_arf(tmp_path / "a.arf")
 
 
 def test_transfer_is_grouping_times_redistribution_times_area_times_exposure(tmp_path, rmf, arf):
@@ -534,166 +466,6 @@ def test_files_that_0_1_0_refused_are_those_that_were_mended_by_hand(shared_file
     mended = Spectrum.from_ogip(shared_file(f"spectra/{name}/source.pha"))
     assert np.array_equal(ours.counts, mended.counts)
     np.testing.assert_allclose(ours.response.transfer.sum(), mended.response.transfer.sum(), rtol=0.2)
-
-
-@pytest.mark.parametrize(("unit", "cm2"), [("cm**2", 1.0), ("m^2", 1e4), ("mm2", 1e-2)])
-def test_a_matrix_in_a_unit_of_area_includes_the_area(tmp_path, rmf, arf, unit, cm2):
-    path = write_rmf(tmp_path / "full.rsp", matrix=MATRIX * AREA[:, None] / np.float32(cm2))
-    with fits.open(path, mode="update") as hdus:
-        hdus["MATRIX"].header["TUNIT6"] = unit
-    assert read_rmf(path).full
-    assert not read_rmf(rmf).full
-    np.testing.assert_allclose(
-        Response.from_ogip(path).transfer, Response.from_ogip(rmf, arf).transfer, rtol=1e-6
-    )
-    area = (AREA * MATRIX.sum(axis=1))[1:]
-    np.testing.assert_allclose(Response.from_ogip(path).area, area, rtol=1e-6)
-
-
-def test_blocks_with_and_without_the_area_are_not_added_up(tmp_path):
-    path = write_rmf(tmp_path / "mixed.rsp", hduclas3="FULL", more=[matrix_table()])
-    with pytest.raises(InputError, match="some of its MATRIX blocks include the effective area"):
-        read_rmf(path)
-
-
-@pytest.mark.parametrize(("unit", "keV"), [("eV", 1e-3), ("MeV", 1e3), (" kev ", 1.0)])
-def test_energies_in_other_units_become_keV(tmp_path, rmf, unit, keV):
-    expected = read_rmf(rmf)
-    with fits.open(rmf, mode="update") as hdus:
-        hdus["MATRIX"].header["TUNIT1"] = hdus["MATRIX"].header["TUNIT2"] = unit
-        hdus["EBOUNDS"].header["TUNIT2"] = hdus["EBOUNDS"].header["TUNIT3"] = unit
-    found = read_rmf(rmf)
-    np.testing.assert_allclose(found.energies, keV * expected.energies, rtol=1e-12)
-    np.testing.assert_allclose(found.fine_channels, keV * expected.fine_channels, rtol=1e-12)
-    with fits.open(rmf, mode="update") as hdus:
-        hdus["MATRIX"].header["TUNIT2"] = "Angstrom"
-    with pytest.raises(InputError, match="ENERG_HI is in angstrom, which is no energy"):
-        read_rmf(rmf)
-
-
-def damaged(path, table, name, values):
-    """The file with other values in one column."""
-    with fits.open(path, mode="update") as hdus:
-        hdus[table].data[name] = values
-    return path
-
-
-@pytest.mark.parametrize(
-    ("table", "name", "values", "words"),
-    [
-        ("MATRIX", "N_GRP", [1, 1, 1, 1, 1, -1], r"N_GRP or N_CHAN is negative|N_GRP"),
-        ("MATRIX", "N_CHAN", [4, 4, 4, 4, 4, -4], "N_CHAN|shorter"),
-        ("MATRIX", "N_CHAN", [4, 4, 4, 4, 4, 5], "MATRIX has rows that are shorter"),
-        ("MATRIX", "N_GRP", [1, 1, 1, 1, 1, 2], "F_CHAN has rows that are shorter"),
-        ("MATRIX", "F_CHAN", [0, 0, 0, 1, 0, 0], "channels that EBOUNDS does not"),
-        ("MATRIX", "ENERG_HI", LOW, "ENERG_LO and ENERG_HI are not finite, positive and ascending"),
-        ("MATRIX", "ENERG_LO", -LOW, "ENERG_LO and ENERG_HI are not finite, positive and ascending"),
-        ("EBOUNDS", "E_MAX", [1, 2, np.nan, 4], "E_MIN and E_MAX are not finite, positive and ascending"),
-        ("EBOUNDS", "E_MAX", [1, 2, np.inf, 4], "E_MIN and E_MAX are not finite, positive and ascending"),
-    ],
-)
-def test_a_damaged_matrix_says_what_is_damaged(rmf, table, name, values, words):
-    with pytest.raises(InputError, match=words):
-        read_rmf(damaged(rmf, table, name, values))
-
-
-def test_channels_that_do_not_ascend_need_to_know_where_they_begin(tmp_path):
-    path = write_rmf(tmp_path / "r.rmf", first=3, channel=[9, 8, 7, 6])
-    assert read_rmf(path).channel.tolist() == [3, 4, 5, 6]
-    with fits.open(path, mode="update") as hdus:
-        del hdus["MATRIX"].header["TLMIN4"]
-        hdus["EBOUNDS"].header["TLMIN1"] = 3
-    assert read_rmf(path).channel.tolist() == [3, 4, 5, 6]
-    with fits.open(path, mode="update") as hdus:
-        del hdus["EBOUNDS"].header["TLMIN1"]
-    with pytest.raises(InputError, match="nothing says where they begin"):
-        read_rmf(path)
-
-
-def test_an_area_belongs_to_bins_that_differ_by_less_than_a_twentieth(tmp_path, rmf):
-    near = write_arf(tmp_path / "near.arf", low=LOW + np.float32(0.02))
-    assert "up to 4.0e-02 of a bin" in Response.from_ogip(rmf, near).notes[0]
-    with pytest.raises(InputError, match=r"differ by up to 0\.06 of a bin"):
-        Response.from_ogip(rmf, write_arf(tmp_path / "far.arf", low=LOW + np.float32(0.03)))
-
-
-def written(folder, name, counts=(5, 6, 7, 8), **header):
-    return write_pha(folder / name, counts, RESPFILE="r.rmf", ANCRFILE="a.arf", **header)
-
-
-def test_spectra_of_one_response_and_one_grouping_have_one_identity(tmp_path, rmf, arf):
-    reader = Reader()
-
-    def identity(**changed):
-        return reader.read(written(tmp_path, "s.pha", **changed)).identity
-
-    usual = identity()
-    assert identity(counts=(1, 2, 3, 4)) == identity(EXPOSURE=7.0) == identity(BACKSCAL=2.0) == usual
-    others = [
-        identity(columns=[column("QUALITY", "I", [0, 0, 0, 1])]),
-        identity(columns=[column("GROUPING", "I", [1, -1, 1, 1])]),
-        identity(AREASCAL=0.5),
-        identity(FRMTIME=73.4),
-        identity(counts=(1, 2, 3), DETCHANS=4),
-    ]
-    assert len({usual, *others}) == 6
-    # What is asked of the reader is the same for all that it reads, but where it groups.
-    again = Reader(regroup="always").read(written(tmp_path, "s.pha"))
-    assert again.identity not in {usual, *others}
-
-
-def test_readers_group_what_they_are_told_to(tmp_path, rmf, arf):
-    flags = [column("GROUPING", "I", [1, -1, -1, 1])]
-    plain, own = written(tmp_path, "p.pha"), written(tmp_path, "o.pha", columns=flags)
-
-    def groups(regroup, path):
-        return len(Reader(regroup=regroup).read(path).spectrum.counts)
-
-    assert [groups(regroup, own) for regroup in ("never", "ungrouped", "always")] == [2, 2, 4]
-    assert groups("ungrouped", plain) == groups("always", plain) == 4
-    with pytest.raises(InputError, match="must be never, ungrouped or always, got 'often'"):
-        Reader(regroup="often")
-
-
-def test_a_background_is_weighed_in_every_group_by_its_channels(tmp_path, rmf, arf):
-    back = column("BACKSCAL", "E", [1, 2, 4, 8])
-    write_pha(tmp_path / "b.pha", (3, 1, 4, 1), EXPOSURE=50.0, columns=[back], AREASCAL=2.0)
-    flags = [column("GROUPING", "I", [1, -1, 1, -1]), column("QUALITY", "I", [0, 0, 0, 2])]
-    pha = written(tmp_path, "s.pha", columns=flags, BACKSCAL=3.0, AREASCAL=0.5)
-    spectrum = Reader().read(pha, background=tmp_path / "b.pha").spectrum
-    assert spectrum.counts.tolist() == [11, 7]
-    assert spectrum.background.tolist() == [4, 4]
-    # 100 s * 3 * 0.5 over 50 s * BACKSCAL * 2, and the mean of it over the channels that count.
-    each = 150.0 / (100.0 * np.array([1.0, 2.0, 4.0]))
-    np.testing.assert_allclose(spectrum.background_scale, [each[:2].mean(), each[2]])
-    write_pha(tmp_path / "c.pha", (3, 1, 4))
-    with pytest.raises(InputError, match=r"c\.pha: has other channels than the spectrum"):
-        Reader().read(pha, background=tmp_path / "c.pha")
-
-
-def test_an_exposure_of_ones_own_is_the_responses(tmp_path, rmf, arf):
-    pha = written(tmp_path, "s.pha", INSTRUME=" EPN ")
-    reading = Reader().read(pha, exposure=8.0)
-    assert reading.spectrum.exposure == 8.0
-    assert reading.instrument == "EPN"
-    assert reading.spectrum.response.name == "s.pha"
-    assert Reader().read(written(tmp_path, "t.pha")).instrument == ""
-
-
-@pytest.mark.parametrize(
-    ("instrument", "told"),
-    [("FPMA", "is commonly used at 3 to 79 keV, and there are 0 to 3"), ("XYZ", None), ("xti", "0.3 to 12")],
-)
-def test_channels_beyond_all_photons_are_left_out_and_odd_energies_told(tmp_path, rmf, arf, instrument, told):
-    # Photons end at 3 keV; the fourth channel, from there on, sees none of them.
-    pha = written(tmp_path, "s.pha", INSTRUME=instrument)
-    response = Reader(reached=True).read(pha).spectrum.response
-    assert response.channels.tolist() == [[0.0, 1.0], [1.0, 2.0], [2.0, 3.0]]
-    assert "channels below 0.5 or above 3 keV, where the response ends" in response.notes[0]
-    assert [told in note for note in response.notes[1:]] == ([True] if told else [])
-    assert len(Reader().read(pha).spectrum.counts) == 4
-    band = Reader(reached=True, band=(0.0, 4.0)).read(pha).spectrum.response
-    assert (len(band.channels), band.notes) == (4, ())
 
 
 def test_what_a_response_says_of_its_band_and_widths(rmf, arf):

@@ -7,12 +7,9 @@ from gaugeblock.core.errors import InputError
 
 pytest.importorskip("astropy")
 from astropy.io import fits
+from tests.simulators.ogip_files import column, write_pha
 
 from gaugeblock.simulators.xray.pha import group_matrix, load_pha
-
-
-def column(name, form, array):
-    return fits.Column(name=name, format=form, array=np.asarray(array))
 
 
 @pytest.fixture
@@ -20,15 +17,12 @@ def read(tmp_path):
     """What is read of a spectrum of three channels with these columns and keywords."""
 
     def made(columns=(), primary=(), counts=(4, 9, 0), **header):
-        usual = [column("CHANNEL", "I", [2, 3, 5]), column("COUNTS", "J", counts)]
-        table = fits.BinTableHDU.from_columns(
-            {c.name: c for c in (*usual, *columns)}.values(), name="SPECTRUM"
+        usual = column("CHANNEL", "I", [2, 3, 5])
+        path = write_pha(
+            tmp_path / "s.pha", counts, columns=[usual, *columns], **{"EXPOSURE": 10.0, **header}
         )
-        table.header.update({"EXPOSURE": 10.0, **header})
-        first = fits.PrimaryHDU()
-        first.header.update(dict(primary))
-        path = tmp_path / "s.pha"
-        fits.HDUList([first, table]).writeto(path, overwrite=True)
+        with fits.open(path, mode="update") as hdus:
+            hdus[0].header.update(dict(primary))
         return load_pha("PHA", path)
 
     return made

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.refusals import said
 
 from gaugeblock.auditing.trials_from.arrays import assembled, chosen_names, columns, data_of, named_arrays
 from gaugeblock.core.errors import InputError
@@ -49,12 +50,6 @@ def test_shapes_that_do_not_belong_together_are_named(draws, truth):
 def test_labels_stand_in_place_of_indices():
     found = columns("theta", np.zeros((4, 7, 2)), np.zeros((4, 2)), source="here", labels=["low", "high"])
     assert found[2] == ["theta[low]", "theta[high]"]
-
-
-def said(call, *args, **options):
-    with pytest.raises(InputError) as caught:
-        call(*args, **options)
-    return str(caught.value)
 
 
 def test_what_was_probably_meant():
