@@ -1,7 +1,9 @@
 """Imports run downward only, between rooms and inside them, and no files import each other in a circle."""
 
 import ast
+import re
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -31,6 +33,15 @@ BLIND = {"validate": {"simulators", "estimators", "stranger"}}
 
 ALLOWED = {("stranger", "estimators")}
 """Neighbours on one floor of which one may know the other."""
+
+STATISTICS = ("validate", "discovery", "diagnosis")
+"""Rooms that are the same with and without extras; tox's environment `tests` alone runs their tests."""
+
+CORE = {
+    re.match(r"[\w-]+", each)[0].lower()
+    for each in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
+}
+"""What the core install has."""
 
 
 INSIDE = {
@@ -133,6 +144,40 @@ def test_imports_run_downward():
         if module != "gaugeblock":
             found += upward(path.read_text(), module, is_package=path.name == "__init__.py")
     assert not found, "\n".join(found)
+
+
+def extras(source, module, *, is_package=False):
+    """What a file imports, wherever in it, that is neither Python's, ours nor of the core install."""
+    return [
+        f"{module} (line {line}) imports {name}"
+        for line, name in imported(ast.parse(source), module, is_package)
+        if name.partition(".")[0].lower() not in CORE | {"gaugeblock"} | sys.stdlib_module_names
+    ]
+
+
+@pytest.mark.parametrize("name", STATISTICS)
+def test_statistics_import_what_the_core_install_has(name):
+    """Where an extra is needed, `require` brings it, and says what is missing."""
+    found, files = [], 0
+    for path, module in modules():
+        if room(module) == name:
+            found += extras(path.read_text(), module, is_package=path.name == "__init__.py")
+            files += 1
+    assert files > 20
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize(
+    ("source", "allowed"),
+    [
+        ("import jax", False),
+        ("def f():\n    from sklearn.linear_model import Ridge", False),
+        ("try:\n    import torch\nexcept ImportError:\n    pass", False),
+        ("import zlib\nimport netCDF4\nfrom scipy.stats import norm\nfrom .ranks import ranks", True),
+    ],
+)
+def test_the_rule_of_what_statistics_import(source, allowed):
+    assert bool(extras(source, "gaugeblock.validate.coverage")) is not allowed
 
 
 def level(name, inside):

@@ -185,7 +185,7 @@ def test_who_is_late_is_told_which_limit_it_was(child: Any, seconds: float | Non
         ("exit 3", "ended by itself (exit 3), and said nothing on stderr"),
         ("echo first >&2; echo second >&2; echo ' ' >&2; exit 1", "ended by itself (exit 1): second"),
         ("echo why >&2; kill -11 $$", "was ended by signal SIGSEGV: why"),
-        ("kill -1 $$", "was ended by signal SIGHUP, and said nothing on stderr"),
+        ("kill -10 $$", "was ended by signal SIGUSR1, and said nothing on stderr"),
         # As a shell says it of a program, and the sandbox of its own.
         ("exit 139", "was ended by signal SIGSEGV, and said nothing on stderr"),
         ("exit 129", "was ended by signal SIGHUP, and said nothing on stderr"),
