@@ -8,6 +8,7 @@ import time
 import xml.etree.ElementTree as ElementTree
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -62,10 +63,18 @@ def test_an_exact_estimator_passes_and_leaves_all_files(tmp_path: Path) -> None:
     ElementTree.parse(tmp_path / "junit.xml")
 
 
-def test_draws_from_disk_pass_fail_or_stay_undecided(tmp_path: Path) -> None:
-    good = inside("audit", "--trials", gaussian_trials(tmp_path / "good.nc"), "--out", tmp_path / "good")
-    assert good.returncode == 0, good.stdout + good.stderr
-    assert "not checked  importance.ess" in good.stdout
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Path]:
+    """An audit of exact draws from disk, and its folder."""
+    folder = tmp_path_factory.mktemp("good")
+    file, out = gaussian_trials(folder / "t.nc"), folder / "out"
+    return inside("audit", "--trials", file, "--out", out), out
+
+
+def test_draws_from_disk_pass_fail_or_stay_undecided(good: tuple[Any, Path], tmp_path: Path) -> None:
+    done, _ = good
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "not checked  importance.ess" in done.stdout
     bad = inside(
         "audit", "--trials", gaussian_trials(tmp_path / "bad.nc", width=0.7), "--out", tmp_path / "bad"
     )
@@ -91,12 +100,11 @@ def test_a_release_is_entered_in_its_ledger(tmp_path: Path) -> None:
     assert inside("verify", tmp_path / "second").returncode == 0
 
 
-def test_the_gate_judges_again_without_sampling(tmp_path: Path) -> None:
-    file = gaussian_trials(tmp_path / "good.nc")
-    assert inside("audit", "--trials", file, "--out", tmp_path / "first").returncode == 0
-    again = inside("gate", tmp_path / "first", "--policy", "strict", "--out", tmp_path / "second")
+def test_the_gate_judges_again_without_sampling(good: tuple[Any, Path], tmp_path: Path) -> None:
+    first = good[1]
+    again = inside("gate", first, "--policy", "strict", "--out", tmp_path / "second")
     assert again.returncode == 3
-    assert (tmp_path / "first" / "verdict.json").read_text().count("PASS") > 1
+    assert (first / "verdict.json").read_text().count("PASS") > 1
     written = json.loads((tmp_path / "second" / "verdict.json").read_text())
     assert written["provenance"]["policy"]["tolerance"]["bias"] == 0.05
 
@@ -183,34 +191,28 @@ INTERRUPTED = (
 )
 
 
-@pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[int, dict[str, bytes]]:
-    """Exit code and files of a run that nothing stopped."""
-    folder = tmp_path_factory.mktemp("undisturbed")
-    (folder / "slow.py").write_text(SLOW)
-    done = subprocess.run(INTERRUPTED, cwd=folder, check=False, capture_output=True, timeout=300)
-    return done.returncode, {name: (folder / "out" / name).read_bytes() for name in FILES}
+def test_interrupted_and_run_again_gives_the_same_bytes(tmp_path: Path) -> None:
+    """What is killed: tests/trust/test_kills.py."""
 
+    def finished(folder: Path) -> tuple[int, dict[str, bytes]]:
+        done = subprocess.run(INTERRUPTED, cwd=folder, check=False, capture_output=True, timeout=300)
+        return done.returncode, {name: (folder / "out" / name).read_bytes() for name in FILES}
 
-@pytest.mark.parametrize("blow", [signal.SIGKILL, signal.SIGINT])
-def test_interrupted_and_run_again_gives_the_same_bytes(
-    blow: signal.Signals, tmp_path: Path, undisturbed: tuple[int, dict[str, bytes]]
-) -> None:
-    (tmp_path / "slow.py").write_text(SLOW)
+    (undisturbed := tmp_path / "undisturbed").mkdir()
+    for folder in (tmp_path, undisturbed):
+        (folder / "slow.py").write_text(SLOW)
     run = subprocess.Popen(INTERRUPTED, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE)
     with run as process:
         deadline = time.monotonic() + 120
         while len(list(tmp_path.glob("out/.chunks/*/trials-*.nc"))) < 3:
             assert time.monotonic() < deadline
             time.sleep(0.02)
-        process.send_signal(blow)
+        process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=60)
-    assert process.returncode == (2 if blow is signal.SIGINT else -signal.SIGKILL)
-    if blow is signal.SIGINT:
-        assert said.decode().startswith("gaugeblock: interrupted")
+    assert process.returncode == 2
+    assert said.decode().startswith("gaugeblock: interrupted")
     assert not any((tmp_path / "out" / name).exists() for name in FILES)
-    again = subprocess.run(INTERRUPTED, cwd=tmp_path, check=False, capture_output=True, timeout=300)
-    assert (again.returncode, {name: (tmp_path / "out" / name).read_bytes() for name in FILES}) == undisturbed
+    assert finished(tmp_path) == finished(undisturbed)
     assert sorted(os.listdir(tmp_path / "out")) == sorted(FILES)
 
 
