@@ -144,7 +144,7 @@ def weighted(cases: Cases, log_weight: Array) -> Cases:
     share = (np.arange(number)[None] + start) / number
     # One search over all trials: those before lie below.
     flat = (total + np.arange(n)[:, None]).ravel()
-    index = np.searchsorted(flat, (share + np.arange(n)[:, None]).ravel()).reshape(n, number)
+    index = np.searchsorted(flat, (share + np.arange(n)[:, None]).ravel(), side="right").reshape(n, number)
     index = np.minimum(index - np.arange(n)[:, None] * number, number - 1)
     return cases.drawn(np.take_along_axis(cases.draws, index[..., None], axis=1))
 

@@ -93,7 +93,7 @@ def _identity(given: Any) -> dict[str, Any]:
         # A tensor's pickle holds addresses: parameters say what it is, where there is nothing else.
         names = getattr(type(given), "arg_constraints", None)
         if isinstance(names, Mapping) and names and not hasattr(given, "transforms"):
-            return {"parameters": {name: _array(getattr(given, name)).tolist() for name in sorted(names)}}
+            return {"numbers": {name: _array(getattr(given, name)).tolist() for name in sorted(names)}}
     except (AttributeError, OSError, TypeError, ValueError):
         pass
     return {"state_sha256": None}

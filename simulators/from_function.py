@@ -113,7 +113,8 @@ def as_simulator(
         if not isinstance(name, str):
             raise InputError("the simulator's table needs a name, as in {'name': 'xray', 'level': 'medium'}")
         if isinstance(options.get("prior"), str) and ":" in options["prior"]:
-            prior = load_object(options.pop("prior"), "prior") if prior is None else prior
+            theirs = options.pop("prior")
+            prior = load_object(theirs, "prior") if prior is None else prior
         simulator = (None if options else _loaded(name)) or build_simulator(name, **options)
     if inspect.isclass(simulator):
         simulator = call(simulator, f"the simulator, the class {simulator.__name__},")
@@ -146,8 +147,7 @@ def _loaded(name: str) -> Any:
     if ":" not in name:
         return None
     found = load_object(name, "simulator")
-    simulates = callable(found) and not inspect.isclass(found) and not hasattr(found, "simulate")
-    return found if simulates and first_argument(found) == "theta" else None
+    return found if first_argument(found) == "theta" else None
 
 
 def _parameters(function: Callable[..., Any]) -> list[inspect.Parameter]:

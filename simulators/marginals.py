@@ -67,15 +67,8 @@ def _log_logistic(z: Array) -> Array:
     return -size - 2.0 * xp.log1p(xp.exp(-size))
 
 
-def _sigmoid(z: Array) -> Array:
-    xp = namespace(z)
-    decay = xp.exp(-xp.abs(z))
-    return xp.where(z >= 0, 1.0 / (1.0 + decay), decay / (1.0 + decay))
-
-
 def _log_sigmoid(z: Array) -> Array:
-    xp = namespace(z)
-    return xp.minimum(z, 0.0) - xp.log1p(xp.exp(-xp.abs(z)))
+    return -namespace(z).logaddexp(0.0, -z)
 
 
 def _check(kind: str, *finite: float, positive: Mapping[str, float]) -> None:
@@ -203,8 +196,9 @@ class Uniform(Continuous):
     def from_real(self, z: Array) -> Array:
         # Anchored at the nearer end, so that values close to `high` keep their precision too.
         xp = namespace(z)
-        width = self.high - self.low
-        value = xp.where(z < 0, self.low + width * _sigmoid(z), self.high - width * _sigmoid(-z))
+        decay = xp.exp(-xp.abs(z))
+        part = (self.high - self.low) * (decay / (1.0 + decay))
+        value = xp.where(z < 0, self.low + part, self.high - part)
         return xp.clip(value, self.low, self.high)
 
     def log_prob_real(self, z: Array) -> Array:
@@ -246,7 +240,7 @@ class LogUniform(Continuous):
         return xp.where(inside, -xp.log(safe) - math.log(math.log(self.high / self.low)), -xp.inf)
 
     def to_unit(self, value: Array) -> Array:
-        return self._log.to_unit(np.log(value))
+        return self._log.to_unit(np.log(self._clip(value)))
 
     def from_unit(self, u: Array) -> Array:
         return self._clip(np.exp(self._log.from_unit(u)))
@@ -254,7 +248,7 @@ class LogUniform(Continuous):
     def to_real(self, value: Array) -> Array:
         # The logarithm of an end may round to beyond it.
         xp = namespace(value)
-        return self._log.to_real(xp.clip(xp.log(value), self._log.low, self._log.high))
+        return self._log.to_real(xp.clip(xp.log(self._clip(value)), self._log.low, self._log.high))
 
     def from_real(self, z: Array) -> Array:
         return self._clip(namespace(z).exp(self._log.from_real(z)))

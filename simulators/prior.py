@@ -382,8 +382,7 @@ class _Densities(_Quantiles):
             if hasattr(part, "sample"):
                 columns.append(part.sample(n, rng))
             else:
-                u = rng.random((n, len(_names(key))))
-                columns.append(part.from_unit(u if isinstance(key, tuple) else u[:, 0]).reshape(n, -1))
+                columns.append(part.from_unit(rng.random((n, len(_names(key))))))
         return np.concatenate(columns, axis=1)
 
 

@@ -126,14 +126,22 @@ class _Reader:
             if additive(left) != additive(right):
                 raise InputError("adds emission to a factor; use '*' for a factor")
             return Sum(left, right)
-        return _product([one for part in _factors(node) for one in self._applied(part)])
+        return _product(self._parts(node))
+
+    def _parts(self, node: ast.expr) -> list[Node]:
+        """The factors of a product, from the left."""
+        return [one for part in _factors(node) for one in self._applied(part)]
 
     def _applied(self, node: ast.expr) -> list[Node]:
         """One factor of a product; a component that is called brings what it is applied to."""
         if isinstance(node, ast.Name):
             return [self._leaf(node.id, {})]
-        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Mult):
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
             return [self.convert(node)]
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult):
+            parts = self._parts(node)
+            # A convolution with nothing to act on within the brackets acts on what follows them.
+            return parts if is_convolution(parts[-1]) else [_product(parts)]
         if isinstance(node, ast.Call) and len(node.args) <= 1 and (node.args or node.keywords):
             if node.keywords:
                 if not isinstance(node.func, ast.Name):
@@ -172,7 +180,10 @@ class _Reader:
 def _factors(node: ast.expr) -> list[ast.expr]:
     """The factors of a product, from the left, as far as no brackets hold them together."""
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult):
-        return [*_factors(node.left), node.right]
+        left = node.left
+        # Python's tree forgets brackets, but not that what is in them begins after them.
+        bracketed = (left.lineno, left.col_offset) != (node.lineno, node.col_offset)
+        return [*([left] if bracketed else _factors(left)), node.right]
     return [node]
 
 
@@ -256,6 +267,8 @@ def read_source(value: ast.expr | str | float) -> Source:
 def _straight(node: ast.expr) -> tuple[str | None, float, float]:
     """Name, factor and offset of a straight line; ValueError if it is none."""
     if isinstance(node, ast.Constant) and isinstance(node.value, int | float):
+        if isinstance(node.value, bool):
+            raise ValueError(node.value)
         return None, 0.0, float(node.value)
     if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
         return f"{node.value.id}.{node.attr}", 1.0, 0.0

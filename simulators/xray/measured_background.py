@@ -191,7 +191,7 @@ class MeasuredBackground:
 
 
 Fit = tuple[BackgroundShape, Array, Array, float]
-"""A shape, its log rates, their standard errors, and the deviance."""
+"""A shape, its log rates, their standard errors, and the deviance up to a constant of the counts."""
 
 
 def _smooth(
@@ -266,7 +266,7 @@ def _places(counts: Array, edges: Array, number: int) -> Array:
 
 
 def _likeliest(shape: BackgroundShape, counts: Array, seconds: Array) -> tuple[Array, Array, float]:
-    """Log rates, their standard errors, and the deviance, by Newton steps on a concave likelihood.
+    """Log rates, their standard errors, and the deviance up to a constant: Newton steps, as it is convex.
 
     A weak pull (3 in the logarithm) towards a constant rate without lines settles what no count speaks of.
     """
@@ -296,6 +296,5 @@ def _likeliest(shape: BackgroundShape, counts: Array, seconds: Array) -> tuple[A
         if promise < 1e-8:
             break
     mean = np.maximum(shape.rate(log_rate) * seconds, 1e-300)
-    safe = np.where(counts > 0, counts, 1.0)
-    deviance = 2.0 * float((mean - counts + counts * np.log(safe / mean)).sum())
+    deviance = 2.0 * float((mean - counts * np.log(mean)).sum())
     return log_rate, np.sqrt(np.diag(np.linalg.inv(information))), deviance

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from gaugeblock.auditing.trusted import SEED
 from gaugeblock.auditing.workplace import alone_in
 from gaugeblock.core.digest import digest, file_digest
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate import Outcome, read_policy
+from gaugeblock.validate import Outcome, read_policy, storage
 from gaugeblock.validate.validators import default_validators
 
 PRIOR = gb.Prior({"mean": gb.Normal(0.0, 1.0)})
@@ -45,6 +46,12 @@ class Posterior:
 
 
 CHECKS = ("draws", "sbc")
+# What passes, so that nothing is diagnosed.
+QUICK: dict[str, Any] = {
+    "validators": ("draws",),
+    "policy": {"required": ["draws.finite"]},
+    "progress": False,
+}
 
 
 @pytest.fixture(scope="module")
@@ -234,6 +241,25 @@ def test_the_seed_of_who_is_not_trusted_cannot_be_foreseen_unless_it_is_given() 
     assert mine.verdict.provenance["seed"] == TrialsTable().seed
 
 
+def test_looks_of_who_is_not_trusted_are_counted_together_whatever_their_seeds(tmp_path: Path) -> None:
+    stranger: Any = Posterior()
+    stranger.untrusted = True
+    table = {name: value for name, value in TABLE.items() if name != "seed"}
+    options: dict[str, Any] = {**QUICK, "out": tmp_path}
+    looks = [
+        audit(stranger, Model(), trials={**table, "number": number}, **options).verdict.looks.trials
+        for number in (20, 40)
+    ]
+    assert looks == [(20,), (20, 40)]
+
+
+def test_what_was_audited_without_a_folder_needs_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Large trials stay on disk as long as there is one."""
+    monkeypatch.setattr(storage, "IN_MEMORY", 100)
+    made = audit(Posterior(), Model(), trials=TABLE, **QUICK).trials
+    assert len(pickle.dumps(made)) > made["draws"].nbytes == 160 * 20 * 8  # which would else name its file
+
+
 def test_policies_of_every_kind_judge() -> None:
     strict = read_policy("strict")
     for policy in ("strict", strict, {"base": "strict"}):
@@ -261,3 +287,20 @@ def test_parts_do_not_wait_for_each_other(tmp_path: Path) -> None:
         assert audit_part(config, tmp_path, (1, 2)) > 0
         with pytest.raises(InputError, match="another audit is at work there"):
             audit_configured(config, tmp_path)
+
+
+def test_trials_that_an_estimator_was_repaired_on_do_not_judge_it(tmp_path: Path) -> None:
+    class Repaired:
+        seed_of_repair, base = 3, Posterior()
+        asked = False
+
+        def sample(self, x: Any, n: int, rng: Any) -> Any:
+            self.asked = True
+            return self.base.sample(x, n, rng)
+
+    repaired = Repaired()
+    with pytest.raises(InputError, match=r"^the repaired estimator was repaired on the trials of seed 3,"):
+        audit(repaired, Model(), trials=TABLE, ledger=tmp_path / "ledger.json", **QUICK)
+    assert not repaired.asked
+    assert not (tmp_path / "ledger.json").exists()
+    assert audit(repaired, Model(), trials={**TABLE, "seed": 4}, **QUICK).passed

@@ -9,10 +9,13 @@ from scipy import stats
 
 import gaugeblock as gb
 from gaugeblock.auditing.checking import check
+from gaugeblock.auditing.identity import versions
 from gaugeblock.estimators import build_estimator
 from gaugeblock.reports.check import check_lines
 from gaugeblock.reports.check.effect_code import effect_code
 from gaugeblock.simulators import build_simulator
+from gaugeblock.simulators.segments import Segment
+from gaugeblock.validate.observation.coordinates import Coordinates
 from gaugeblock.validate.observation.planted import possible
 
 PRIOR = gb.Prior({"level": gb.Normal(0.0, 3.0), "slope": gb.Normal(0.0, 1.0)})
@@ -86,11 +89,25 @@ def test_an_outlier_fails_is_placed_and_named(failed):
     assert failed.named == "outliers"
     assert "after fitting: largest" in failed.to_frame().index
     assert "features: distance" in failed.to_frame().index
+    # Views that say most come first, and places are what the user calls them.
+    rows = [(view.p_adjusted, view.p_value) for view in failed.answer.views]
+    assert rows == sorted(rows)
+    assert all(alone <= adjusted for adjusted, alone in rows)
+    assert failed.answer.positions == tuple(TIMES)
+    assert (failed.answer.fresh, failed.answer.learned, failed.answer.observations) == (199, 1000, 1)
+    assert set(failed.answer.codes) == set(possible((24,), ladder=False))
+    assert not failed.answer.has_effects
+    record = failed.provenance
+    assert (record["command"], record["seed"], record["versions"]) == ("", 1, versions())
+    assert record["trials"] == {"trials": 199, "simulations": 1000, "draws": 24}
+    assert (record["simulator"]["name"], record["estimator"]["name"]) == ("line", "Fit")
+    assert set(record["sha256"]) == {"simulator", "estimator"}
 
 
 def test_without_an_estimator_no_posterior_moves(outlier):
-    result = check(line, outlier, prior=PRIOR, seed=1, **SMALL)
+    result = check(line, outlier, prior=PRIOR, seed=1, level=1 / 200, **SMALL)
     assert result.outcome == "FAIL"
+    assert result.p_value == result.answer.level  # at most this is a FAIL, with all that is said of one
     assert result.answer.moved == ()
     assert result.named == "outliers"
     assert dict(result.answer.not_checked).keys() == {"after fitting"}
@@ -111,7 +128,12 @@ def test_the_posterior_moves_back_without_what_disagrees(outlier, failed):
     clean = outlier.copy()
     clean[9] -= 3.0
     wanted = Fit().sample(clean[None], 4000, np.random.default_rng(1))[0].mean(axis=0)
-    for moved, mean in zip(failed.answer.moved, wanted, strict=True):
+    there = Fit().sample(outlier[None], 4000, np.random.default_rng(1))[0]
+    for moved, mean, now, sd in zip(
+        failed.answer.moved, wanted, there.mean(axis=0), there.std(axis=0), strict=True
+    ):
+        assert moved.before == pytest.approx((now, sd), abs=0.01)
+        assert moved.after[1] == pytest.approx(sd, abs=0.01)
         assert abs(moved.after[0] - mean) < abs(moved.before[0] - mean) + 0.02
         assert moved.after[0] == pytest.approx(mean, abs=0.08)
     assert failed.answer.moved[0].shift < -0.5
@@ -161,6 +183,20 @@ def test_false_alarms_of_whole_checks():
     assert stats.binomtest(rejected, 120, 0.1).pvalue > 1e-3
 
 
+def test_what_a_check_made_it_ends_and_what_it_was_given_it_does_not():
+    class Closing(Fit):
+        closed = 0
+
+        def close(self):
+            Closing.closed += 1
+
+    few = {"prior": PRIOR, "seed": 1, "trials": 99, "simulations": 198, "draws": 4, "views": ["distance"]}
+    check(line, made(1), Closing(), **few)
+    assert Closing.closed == 0
+    check(line, made(1), Closing, **few)
+    assert Closing.closed == 1
+
+
 def test_views_are_learned_on_other_simulations_than_those_that_are_ranked(monkeypatch):
     seen = {}
     from gaugeblock.auditing import checking
@@ -168,6 +204,7 @@ def test_views_are_learned_on_other_simulations_than_those_that_are_ranked(monke
     class Kept(checking.Predictive):
         def pairs(self, number):
             theta, seen[self.purpose] = super().pairs(number)
+            assert len(theta) == len(seen[self.purpose]) == number
             return theta, seen[self.purpose]
 
     monkeypatch.setattr(checking, "Predictive", Kept)
@@ -175,6 +212,45 @@ def test_views_are_learned_on_other_simulations_than_those_that_are_ranked(monke
     assert set(seen) == {"learned", "ranked", "planted"}
     for one, other in (("learned", "ranked"), ("learned", "planted"), ("ranked", "planted")):
         assert not np.isin(seen[one][:, 0], seen[other][:, 0]).any()
+    assert {purpose: len(x) for purpose, x in seen.items()} == {
+        "learned": 1000,
+        "ranked": 199,
+        "planted": 200,
+    }
+    # Several observations need others enough to stand in for them.
+    check(line, made(1, 42), prior=PRIOR, seed=2, trials=99, simulations=198, views=["distance"])
+    assert {purpose: len(x) for purpose, x in seen.items()} == {"learned": 198, "ranked": 420, "planted": 210}
+
+
+@pytest.mark.parametrize(
+    ("parts", "given", "axes", "positions"),
+    [
+        ([("day", 6)], {}, ("day",), (0.5, 2.0, 4.5, 8.0, 12.5, 18.0)),
+        ([("day", 6)], {"axes": ["hour"]}, ("hour",), ()),
+        ([("day", 6)], {"coordinates": range(6)}, None, (0, 1, 2, 3, 4, 5)),
+        ([("day", 6)], {"coordinates": list("abcdef")}, None, ()),
+        ([("day", 3), ("day", 6)], {}, None, ()),
+        ([("day", 5)], {}, None, ()),
+        ([], {}, None, ()),
+    ],
+)
+def test_places_are_called_as_the_simulator_does_where_its_data_are_one_part(parts, given, axes, positions):
+    class Parted:
+        prior = gb.Prior({"level": gb.Normal(0.0, 1.0)})
+
+        def simulate(self, theta, rng):
+            return rng.normal(theta, 1.0, (len(theta), 6))
+
+        def segments(self):
+            edges = np.array([[0, 1], [1, 3], [3, 6], [6, 10], [10, 15], [15, 21]], dtype=float)
+            return tuple(
+                Segment(f"part {k}", 0, stop, edges[:stop], unit) for k, (unit, stop) in enumerate(parts)
+            )
+
+    few = {"seed": 1, "trials": 99, "simulations": 198, "views": ["distance"]}
+    found = check(Parted(), np.zeros(6), **few, **given).answer
+    assert found.axes == (axes or Coordinates.of((6,)).axes)
+    assert found.positions == pytest.approx(positions)
 
 
 def test_several_observations_and_a_shift_that_all_share():

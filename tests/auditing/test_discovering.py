@@ -1,17 +1,23 @@
 """One way in to discovery: the engine that fits, functions with effects of one's own, files if asked."""
 
 import json
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import xarray as xr
 
-from gaugeblock.auditing.discovering import discover
+from gaugeblock.auditing import discovering
+from gaugeblock.auditing.discovering import WithFunctions, discover, own_effects, read_measured
+from gaugeblock.auditing.identity import versions
+from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery import Discovery, Sources
-from gaugeblock.simulators import Normal, Prior, Uniform, build_simulator
+from gaugeblock.simulators import Effect, Normal, Prior, Uniform, build_simulator
 from gaugeblock.simulators.epidemic import EpidemicEffect
 from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators.protocol import poisson_log_likelihood
 
 PRIOR = Prior({"level": Normal(0.0, 1.0)})
 
@@ -66,8 +72,14 @@ def test_no_files_unless_they_are_asked_for(drift, tmp_path, monkeypatch):
     told = []
     quiet = discover(readings, x, prior=PRIOR, effects=OWN, progress=lambda *said: told.append(said), **FEW)
     assert list(tmp_path.iterdir()) == []
-    assert told[0][1:] == (0, 1)
-    assert told[-1][1:] == (1, 1)
+    # Each step ends before the next one begins.
+    assert len({what for what, _, _ in told}) > 2
+    assert told == [(what, done, 1) for what, begun, _ in told if not begun for done in (0, 1)]
+    record = quiet.provenance
+    assert (record["command"], record["seed"], record["replicates"], record["notes"]) == ("", 0, 399, [])
+    assert record["data"] == digest(x.tolist())
+    assert record["versions"] == versions()
+    assert (record["model"], len(record["simulators"])) == (quiet.model_before, 1)
     again = discover(readings, x, prior=PRIOR, effects=OWN, out="found", progress=lambda *_: None, **FEW)
     assert {path.name for path in (tmp_path / "found").iterdir()} == {
         "discovery.json", "discovery.nc", "report.html",
@@ -166,3 +178,213 @@ def test_a_function_is_the_kind_of_an_effect_on_a_function():
     x = readings(PRIOR.sample(40, np.random.default_rng(1)), np.random.default_rng(2))
     with pytest.raises(InputError, match="effect drift: a simulator without with_effect takes a function"):
         discover(readings, x, prior=PRIOR, effects=[entry("drift", "drift", None)], **FEW)
+
+
+class Asked(Exception):
+    """A search has come to its work."""
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """Stands where the engines are, and keeps which was asked, and what."""
+    found = []
+
+    def engine(name):
+        def run(*given, **named):
+            found.append((name, given, named))
+            raise Asked
+
+        return run
+
+    for name in ("source", "catalogue", "simulated"):
+        monkeypatch.setattr(discovering, f"discover_{name}", engine(name))
+
+    def ask(*given, **named):
+        with pytest.raises(Asked):
+            discover(*given, progress=False, **named)
+        return found.pop()
+
+    return ask
+
+
+class Rates:
+    """Three channels of one rate."""
+
+    prior = Prior({"level": Uniform(0.5, 2.0)})
+
+    def expected(self, theta):
+        return np.asarray(theta)[..., :1] * [1.0, 2.0, 3.0]
+
+    def simulate(self, theta, rng):
+        return rng.poisson(self.expected(theta))
+
+    def with_effect(self, effect):
+        return self
+
+
+class Counted(Rates):
+    off = 0.0
+
+    def log_likelihood(self, theta, x):
+        return poisson_log_likelihood(self.expected(theta), x) + self.off
+
+
+class Elsewise(Counted):
+    off = 1e-3
+
+
+class Mean:
+    """Without a mean that is known."""
+
+    prior, simulate, with_effect = Rates.prior, Rates.simulate, Rates.with_effect
+
+
+ONE, MANY = np.array([[3, 1, 4]]), np.array([[3, 1, 4], [0, 5, 9]])
+
+
+@pytest.mark.parametrize(
+    ("simulator", "x", "engine", "wanted"),
+    [
+        (Rates(), ONE, None, "source"),
+        (Rates(), ONE[0], None, "source"),
+        (Counted(), ONE.astype(float), None, "source"),
+        (Counted(), MANY, None, "catalogue"),
+        (Rates(), ONE, "catalogue", "catalogue"),
+        (Rates(), ONE, "simulations", "simulated"),
+        (Elsewise(), MANY, None, "simulated"),
+        (Elsewise(), MANY, "catalogue", "catalogue"),
+        (Rates(), MANY + 0.5, None, "simulated"),
+        (Rates(), MANY - 1, None, "simulated"),
+        (Rates(), MANY[:, :, None], None, "simulated"),
+        (Mean(), MANY, None, "simulated"),
+    ],
+)
+def test_counts_and_their_mean_say_most(asked, simulator, x, engine, wanted):
+    name, given, named = asked(simulator, x, engine=engine, only=["a"], replicates=77, seed=5)
+    assert name == wanted
+    assert (named["seed"], named["only"], named["replicates"], named["effects"]) == (5, ("a",), 77, {})
+    if wanted == "simulated":
+        assert given[0] is simulator
+        np.testing.assert_array_equal(given[1], x)
+        assert (named["most"], named["simulations"], named["summaries"]) == (1, 10_000, None)
+    else:
+        (sources,) = given if wanted == "source" else given[0]
+        assert sources.simulator is simulator
+        np.testing.assert_array_equal(sources.counts, np.atleast_2d(x))
+    if wanted == "source":
+        assert (named["energy"], named["evidence"], named["e_value"]) == (None, False, True)
+
+
+def test_sources_that_were_made_before(asked):
+    one, many = Sources.of(Rates(), ONE), Sources.of(Rates(), MANY)
+    assert asked(one, energy=6.4, evidence=True)[2]["energy"] == 6.4
+    assert asked([one])[:2] == ("source", (one,))
+    assert asked(many)[:2] == ("catalogue", ([many],))
+    assert asked([one, many])[:2] == ("catalogue", ([one, many],))
+    assert asked(one, engine="catalogue")[0] == "catalogue"
+    executor = object()
+    for what, options in ((one, {}), (Mean(), {"x": MANY})):
+        with pytest.raises(InputError) as caught:
+            discover(what, executor=executor, **options)
+        assert str(caught.value) == (
+            "discover: workers share the sources of a catalogue, and this is none: leave out --workers, "
+            "--scheduler or executor"
+        )
+    for what, options in ((many, {}), (Mean(), {"x": MANY}), (one, {"engine": "catalogue"})):
+        with pytest.raises(InputError, match=r"^discover: an energy can be stated of counts of one source$"):
+            discover(what, energy=6.4, **options)
+
+
+def test_effects_of_ones_own_by_name():
+    first, last = OWN
+    assert own_effects({"other": first}) == {"other": first}
+    assert own_effects([first, last]) == {"drift": first, "stuck": last}
+    assert own_effects([OWN, {"a": last}]) == {"drift": first, "stuck": last}
+    assert own_effects([f"{__name__}:OWN"]) == {"drift": first, "stuck": last}
+    assert own_effects([f"{__name__}:FIRST"]) == {"drift": first}
+    with pytest.raises(InputError) as caught:
+        own_effects([[first, 3]])
+    assert str(caught.value).endswith("holds a int, not a LibraryEffect")
+
+
+FIRST = OWN[0]
+
+
+def test_effects_are_worked_in_one_after_the_other_each_with_parameters_of_its_own():
+    seen = []
+
+    def base(theta, rng):
+        seen.append(theta)
+        return theta[:, :1] * 10.0
+
+    def added(simulate, theta, values, rng):
+        return simulate(theta, rng) + values["by"][:, None] + 100.0 * values["size"][:, None]
+
+    def doubled(simulate, theta, values, rng):
+        return values["times"][:, None] * simulate(theta, rng)
+
+    plain = WithFunctions(base, PRIOR)
+    own = plain.with_effect(Effect("add", {"by": Uniform(0.0, 1.0), "size": 2}, kind=added))
+    own = own.with_effect(Effect("times", {"times": Uniform(0.0, 3.0)}, kind=doubled))
+    own = own.with_effect(Effect("add", {"by": 5.0, "size": Uniform(0.0, 1.0)}, kind=added))
+    assert own.prior.names == ("level", "add_1.by", "times_1.times", "add_2.size")
+    assert plain.prior.names == ("level",)
+    theta = [[1.0, 0.5, 3.0, 0.25], [2.0, 0.25, 2.0, 0.5]]
+    found = own.simulate(theta, np.random.default_rng(1))
+    assert found.ravel().tolist() == [(10 + 0.5 + 200) * 3 + 5 + 25, (20 + 0.25 + 200) * 2 + 5 + 50]
+    assert seen[-1].tolist() == [[1.0], [2.0]]
+    assert plain.simulate([[1.5]], np.random.default_rng(1)).tolist() == [[15.0]]
+    fixed = plain.with_effect(Effect("add", {"by": 1.0, "size": 0.0}, kind=added))
+    assert fixed.prior.names == ("level",)
+    assert fixed.simulate([[1.5]], np.random.default_rng(1)).tolist() == [[16.0]]
+
+
+def test_files_of_one_source_or_a_folder_of_many(tmp_path, monkeypatch):
+    from gaugeblock.simulators.xray import catalog, observation
+
+    calls = []
+    one = SimpleNamespace(
+        simulator=Rates(), counts=ONE.astype(float), scale=np.ones(1), redshift=np.zeros(1), names=("a",)
+    )
+
+    def kept(*given, **named):
+        calls.append((given, named))
+        return one
+
+    monkeypatch.setattr(catalog, "read_catalog", lambda *given, **named: (kept(*given, **named), one))
+    monkeypatch.setattr(observation, "read_observation", kept)
+    told = []
+    common = {
+        "rmf": (), "arf": (), "background": (), "redshift": 0.3, "seed": 4, "model": "powerlaw",
+        "progress": lambda *said: told.append(said),
+    }  # fmt: skip
+    (found,) = read_measured("a.pha", **common)
+    assert (found.simulator, found.names) == (one.simulator, ("a",))
+    none = {"rmf": None, "arf": None, "background": None, "redshift": 0.3, "model": "powerlaw"}
+    assert calls.pop() == (((Path("a.pha"),),), none)
+    read_measured(
+        ["a.pha", Path("b.pha")], **{**common, "rmf": "r", "arf": ["s", "t"], "background": ("none",)}
+    )
+    assert calls.pop() == (
+        ((Path("a.pha"), Path("b.pha")),),
+        {**none, "rmf": (Path("r"),), "arf": (Path("s"), Path("t")), "background": ("none",)},
+    )
+    assert len(read_measured(tmp_path, **common)) == 2
+    given, named = calls.pop()
+    named.pop("progress")(3, 7)
+    assert told == [("reading spectra", 3, 7)]
+    assert given == (tmp_path,)
+    assert named == {"rmf": None, "arf": None, "background": True, "seed": 4, "model": "powerlaw"}
+    read_measured(tmp_path, **{**common, "rmf": ["r"], "arf": "s", "background": ("none",)})
+    named = calls.pop()[1]
+    assert (named["rmf"], named["arf"], named["background"]) == (Path("r"), Path("s"), False)
+    for files, more, said in (
+        ([], {}, "name PHA files of one source, or a folder with a catalogue of many"),
+        ([tmp_path, "a.pha"], {}, "name either PHA files of one source, or one folder with many"),
+        (tmp_path, {"rmf": ["a", "b"]}, "a catalogue takes one --rmf and one --arf at most"),
+        (tmp_path, {"arf": ["a", "b"]}, "a catalogue takes one --rmf and one --arf at most"),
+    ):
+        with pytest.raises(InputError) as caught:
+            read_measured(files, **{**common, **more})
+        assert str(caught.value) == f"discover: {said}"
+    assert calls == []

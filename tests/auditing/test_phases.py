@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 from scipy.stats import kstest
 
-from gaugeblock.auditing.audit import audit_configured
+from gaugeblock.auditing.audit import audit, audit_configured
 from gaugeblock.auditing.collect import collect
 from gaugeblock.auditing.config import AuditConfig
 from gaugeblock.auditing.kept_seed import kept_seed
@@ -214,3 +214,10 @@ def test_an_audit_takes_a_seed_of_its_own_and_records_it(
     import sys
 
     assert sys.modules[f"unvouched_{seed}"].Unvouched.closed == 2
+
+
+def test_after_an_audit_it_has_forgotten_what_it_was_asked_last(simulator: Any) -> None:
+    one = Recorder(simulator)
+    table = {"number": 20, "draws": 12, "block": 20, "importance_number": 0, "joint_number": 0, "seed": 3}
+    audit(one, simulator, trials=table, validators=("draws",), progress=False)
+    assert one.phases == ["sample", "end", "log_prob", "end"]

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,7 +15,7 @@ import pytest
 import gaugeblock as gb
 from gaugeblock.auditing import diagnosing
 from gaugeblock.auditing.audit import audit_draws
-from gaugeblock.auditing.result import Audit, UnknownGateError
+from gaugeblock.auditing.result import RESOURCES, Audit, Gates, UnknownGateError, write_arrays
 from gaugeblock.auditing.verify import verify
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate import (
@@ -64,6 +66,36 @@ def test_an_unknown_gate_is_a_key_error_that_names_its_neighbours(result: Audit)
     assert result.gates.get("???") is None
 
 
+def gates_called(*names: str) -> Gates:
+    return Gates(SimpleNamespace(gates=[SimpleNamespace(id=name, outcome="PASS") for name in names]))  # type: ignore[arg-type]
+
+
+def test_so_many_gates_are_shown_and_so_many_neighbours_named() -> None:
+    every = [f"sbc.bias[theta_{k}]" for k in range(9)]
+    far = [f"bias{k} of them all, however far" for k in range(7)]
+    assert repr(gates_called(*every[:8])).splitlines() == [
+        "<8 gates>",
+        *(f"  PASS         {name}" for name in every[:8]),
+    ]
+    assert repr(gates_called(*every)).splitlines() == [
+        "<9 gates>",
+        *(f"  PASS         {name}" for name in every[:8]),
+        "  ...",
+    ]
+    for gates, asked, said in (
+        (gates_called(), "a", "there is none"),
+        (gates_called(*every[:8]), "", f"there are {', '.join(every[:8])}"),
+        (gates_called(*every), "", f"there are {', '.join(every[:8])} and more"),
+        (gates_called("coverage.central", "b"), "ral", "did you mean coverage.central?"),
+        # Those that are nearly it before those that hold it, none twice, and no more than five.
+        (gates_called("far more than biasd", "biasd2"), "biasd", "did you mean biasd2, far more than biasd?"),
+        (gates_called(*far), "bias", f"did you mean {', '.join(far[:5])}?"),
+    ):
+        with pytest.raises(UnknownGateError) as caught:
+            gates[asked]
+        assert str(caught.value) == f"no gate {asked!r}; {said}"
+
+
 def test_an_audit_is_not_true_or_false(result: Audit) -> None:
     with pytest.raises(InputError, match=r"result\.passed"):
         bool(result)
@@ -77,6 +109,13 @@ def test_the_table_has_a_row_for_each_gate(result: Audit) -> None:
     assert row["verdict"] == "FAIL"
     assert row["message"] == gate.message
     assert (row["low"], row["high"]) == gate.interval
+    assert (row["pass_low"], row["pass_high"]) == gate.pass_interval
+    assert row["pass_low"] < row["pass_high"]
+    assert list(frame.columns) == [
+        *("verdict", "component", "statistic", "low", "high", "pass_low", "pass_high", "tolerance"),
+        *("p_value", "p_adjusted", "n_trials", "smallest_detectable", "trials_to_settle", "required"),
+        "message",
+    ]
     assert row["n_trials"] == gate.n_trials == 2000
     assert frame["p_adjusted"].dtype == float
     assert np.isnan(frame.loc["draws.finite", "p_value"])
@@ -88,6 +127,13 @@ def test_the_other_table_has_a_row_for_every_component_measured(result: Audit) -
     assert set(frame.index) == {finding.id for finding in result.findings}
     assert len(frame) == sum(len(finding.estimate) for finding in result.findings)
     assert not frame.loc["sbc.uniform[right]", "judged"]
+    assert frame.loc["sbc.bias[narrow]", "judged"]
+    for finding in result.findings:
+        rows = frame.loc[[finding.id]]
+        assert list(rows["component"]) == list(finding.components)
+        np.testing.assert_array_equal(rows["estimate"], finding.estimate)
+        np.testing.assert_array_equal(rows["standard_error"], finding.standard_error)
+        assert set(rows["n_trials"]) == {finding.n_trials}
     assert frame.loc["sbc.bias[narrow]", "estimate"] == result["sbc.bias[narrow]"].statistic
 
 
@@ -136,6 +182,25 @@ def test_a_saved_result_verifies(result: Audit, tmp_path: Path) -> None:
     folder = audited.save(tmp_path / "made" / "here")
     assert {path.name for path in folder.iterdir()} == {path.name for path in (tmp_path / "first").iterdir()}
     assert verify(folder).differences == ()
+
+
+def test_what_killed_processes_left_goes_and_no_old_verdict_stays_beside_new_trials(
+    audited: Audit, tmp_path: Path
+) -> None:
+    left = [tmp_path / f".{name}.77.0123abcd.{end}" for name, end in (("trials", "nc"), ("findings", "nc"))]
+    for path in (*left, kept := tmp_path / ".resources.77.0123abcd.json"):
+        path.write_text("")
+    audited.save(tmp_path)
+    assert not any(path.exists() for path in left)
+    assert kept.exists()  # no such file was written
+    assert not (tmp_path / RESOURCES).exists()
+    replace(audited, resources={"seconds": 2.5, "bytes": 3}).save(tmp_path)
+    assert (tmp_path / RESOURCES).read_text() == '{\n  "bytes": 3,\n  "seconds": 2.5\n}\n'
+    assert not kept.exists()
+    assert (tmp_path / "verdict.json").exists()
+    with pytest.raises(AttributeError):
+        write_arrays(audited.trials, (None,), (), tmp_path)  # type: ignore[arg-type]
+    assert not (tmp_path / "verdict.json").exists()
 
 
 def test_draws_in_hand_are_saved_with_the_digest_of_their_file(tmp_path: Path) -> None:

@@ -2,11 +2,13 @@
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import gaugeblock as gb
+from gaugeblock.auditing.checked import Check
 from gaugeblock.auditing.ways_on import doubting, narrowed
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "check.md"
@@ -60,6 +62,9 @@ def test_noise_is_added_in_units_of_the_spread():
     prior = gb.Prior({"level": gb.Normal(0.0, 2.0)})
     made = doubting(flat, prior=prior, noise=gb.Uniform(0.0, 4.0))
     assert made.prior.names == ("level", "extra_noise")
+    assert made.prior == prior * gb.Prior({"extra_noise": gb.Uniform(0.0, 4.0)})
+    usual = prior * gb.Prior({"extra_noise": gb.LogUniform(0.01, 3.0)})
+    assert doubting(flat, prior=prior).prior == Check.doubting(flat, prior=prior).prior == usual
     theta = np.tile([0.0, 3.0], (4000, 1))
     x = made.simulate(theta, np.random.default_rng(2))
     assert x.shape == (4000, 3, 4)
@@ -74,6 +79,12 @@ def test_what_is_left_out_is_what_was_astray_and_something_must_be():
     small = {"prior": prior, "trials": 199, "simulations": 1000}
     with pytest.raises(gb.InputError, match="0 of 12 numbers are astray"):
         narrowed(flat, gb.check(flat, x, **small).answer, prior=prior)
+    every = SimpleNamespace(shape=(12,), where=SimpleNamespace(members=list(range(12))))
+    with pytest.raises(gb.InputError) as caught:
+        narrowed(flat, every, prior=prior)
+    assert str(caught.value) == (
+        "without: 12 of 12 numbers are astray; leaving out needs some that are and some that are not"
+    )
     x[1, 2] += 9.0
     made = gb.check(flat, x, **small).without(flat, prior=prior)
     assert made.kept.tolist() == [i for i in range(12) if i != 6]

@@ -7,6 +7,7 @@ import json
 import signal
 import sys
 from contextlib import redirect_stderr, redirect_stdout
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -23,6 +24,7 @@ from gaugeblock.cli.options import command, stranger_settings
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.interrupts import Interrupted
 from gaugeblock.reports import comparison
+from gaugeblock.reports.discovery import best_fit
 from gaugeblock.validate import Outcome, read_policy
 
 TOY = ("--set", "simulator.name=linear_gaussian", "--set", "estimator.name=exact")
@@ -274,6 +276,29 @@ def test_a_search(calls: Calls, tmp_path: Path) -> None:
             "discover: name either PHA files of one source, or --catalog with a folder of many"
         )
     assert refused(tmp_path, "discover", "--catalog", "none") == "discover: --catalog none is no folder"
+
+
+def test_what_a_search_says(calls: Calls, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    told = SimpleNamespace(statements=("it is seen", "it has a name"), paragraph="All in all.")
+    rows = {False: [("index", "1.7", "1.9"), ("kT", "2", "3")]}
+    monkeypatch.setattr(
+        import_module("gaugeblock.reports.discovery.headline"), "headline", lambda summary: told
+    )
+    monkeypatch.setattr(best_fit, "fit_rows", lambda summary, *, backgrounds: rows[backgrounds])
+    for named, after in ((["gauss"], ("; after: 1.9", "; after: 3")), ([], ("", ""))):
+        summary = {"named_all": named, "provenance": {"notes": ["grouped", "as it is"]}}
+        calls.answer = SimpleNamespace(to_json=lambda kept=summary: kept)
+        assert inside("discover", "a.pha", "--out", "o", cwd=tmp_path).stdout.splitlines() == [
+            "1. it is seen",
+            "2. it has a name",
+            "All in all.",
+            f"  index: 1.7{after[0]}",
+            f"  kT: 2{after[1]}",
+            "note: grouped",
+            "note: as it is",
+            "report: o/report.html",
+        ]
+        assert document(tmp_path, "discover", "a.pha") == summary
 
 
 def test_a_plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,8 +1,10 @@
 """`gaugeblock reproduce`, for one release more: it says where it went, and goes there."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import typer
@@ -44,3 +46,31 @@ def test_without_a_clone_one_line_says_what_to_do(monkeypatch):
     monkeypatch.setattr(reproduce, "clone", lambda: None)
     with pytest.raises(InputError, match=r"in a clone of the repository, run python -m studies\.paper"):
         reproduce.reproduce(typer.Context(typer.main.get_command(typer.Typer(callback=lambda: None))))
+
+
+def test_the_clone_that_it_belongs_to_comes_before_the_one_that_it_stands_in(monkeypatch, tmp_path):
+    own, other = tmp_path / "own", tmp_path / "other"
+    for place in (own, other):
+        (place / "studies" / "paper").mkdir(parents=True)
+        (place / "studies" / "paper" / "__main__.py").touch()
+    monkeypatch.setattr(reproduce, "__file__", str(own / "src" / "gaugeblock" / "cli" / "reproduce.py"))
+    monkeypatch.chdir(other)
+    asked = []
+
+    def run(command, **options):
+        asked.append((command, options["env"]["PYTHONPATH"], options["check"]))
+        return SimpleNamespace(returncode=3)
+
+    monkeypatch.setattr(subprocess, "run", run)
+    for before, path in ((None, str(own)), ("a:b", f"{own}{os.pathsep}a:b")):
+        monkeypatch.delenv("PYTHONPATH", raising=False)
+        if before:
+            monkeypatch.setenv("PYTHONPATH", before)
+        with pytest.raises(typer.Exit) as ended:
+            reproduce.reproduce(SimpleNamespace(args=["tab1", "--twin"]))
+        assert ended.value.exit_code == 3
+        assert asked.pop() == ([sys.executable, "-m", "studies.paper", "tab1", "--twin"], path, False)
+    (own / "studies" / "paper" / "__main__.py").unlink()
+    assert reproduce.clone() == other
+    monkeypatch.chdir(tmp_path)
+    assert reproduce.clone() is None

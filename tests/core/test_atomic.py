@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gaugeblock.core.atomic import atomic_path, made_folder, write_atomically, write_once
+from gaugeblock.core.atomic import atomic_path, discard_unfinished, made_folder, write_atomically, write_once
 from gaugeblock.core.errors import InputError
 
 
@@ -100,3 +100,33 @@ def test_nothing_stays_open(tmp_path: Path) -> None:
         write_atomically(tmp_path / str(k), "text")
         write_once(tmp_path / f"once {k}", b"text")
     assert len(os.listdir("/proc/self/fd")) == before
+
+
+def test_all_of_a_file_is_on_the_disk_before_it_has_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A power cut in between leaves no name without its content."""
+    flushed: list[tuple[int, list[str]]] = []
+    real = os.fsync
+
+    def seen(descriptor: int) -> None:
+        named = sorted(path.name for path in tmp_path.iterdir() if not path.name.startswith("."))
+        flushed.append((os.fstat(descriptor).st_size, named))
+        real(descriptor)
+
+    monkeypatch.setattr(os, "fsync", seen)
+    write_atomically(tmp_path / "a", b"12345")
+    write_once(tmp_path / "b", b"1234567")
+    assert flushed == [(5, []), (7, ["a"])]
+
+
+def test_only_what_was_left_of_a_file_goes(tmp_path: Path) -> None:
+    names = (".a.77.0123abcd.txt", ".b+.8.ffffffff.nc", ".a.77.0123abcd.txt.bak", ".bb.8.ffffffff.nc")
+    for name in names:
+        (tmp_path / name).write_text("")
+    (tmp_path / ".a.78.0123abcd.txt").mkdir()
+    (tmp_path / ".a.79.0123abcd.txt").symlink_to(tmp_path / names[2])
+    discard_unfinished(tmp_path, ["a.txt", "b+.nc"])
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
+        [*names[2:], ".a.78.0123abcd.txt", ".a.79.0123abcd.txt"]
+    )

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from gaugeblock.core.compilation_cache import bounded
+from gaugeblock.core.compilation_cache import LARGEST, bounded, keep_compiled
 
 ASK = """
 import os
@@ -69,3 +69,33 @@ def test_the_oldest_go_first(tmp_path):
     assert {path.name for path in (tmp_path / "key").iterdir()} == {"newest", "middle"}
     bounded(tmp_path, largest=200)
     assert len(list((tmp_path / "key").iterdir())) == 2
+
+
+def test_the_users_own_cache_and_settings(tmp_path, monkeypatch):
+    """Below what the system calls the cache, where nothing else is named; bounded before it is used."""
+    pytest.importorskip("jax")
+    monkeypatch.delitem(sys.modules, "jax")
+    told = {"COMPILE_TIME_SECS": "0", "ENTRY_SIZE_BYTES": "-1"}
+    told = {f"JAX_PERSISTENT_CACHE_MIN_{name}": value for name, value in told.items()}
+    told["TF_CPP_MIN_LOG_LEVEL"] = "3"
+    for name in ("JAX_COMPILATION_CACHE_DIR", "GAUGEBLOCK_CACHE", *told):
+        monkeypatch.setenv(name, "")  # put back at the end
+        monkeypatch.delenv(name)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    compiled = tmp_path / "cache" / "gaugeblock" / "compiled"
+    compiled.mkdir(parents=True)
+    (compiled / "old").touch()
+    os.truncate(compiled / "old", LARGEST + 1)  # of no blocks
+    folder = keep_compiled()
+    assert folder is not None
+    assert (folder.parent, len(folder.name), folder.is_dir()) == (compiled, 16, True)
+    assert os.environ["JAX_COMPILATION_CACHE_DIR"] == str(folder)
+    assert {name: os.environ[name] for name in told} == told
+    assert not (compiled / "old").exists()
+    assert keep_compiled() is None  # what is named by now stands
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
+    monkeypatch.setenv("TF_CPP_MIN_LOG_LEVEL", "1")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", "")
+    assert keep_compiled() == tmp_path / ".cache" / "gaugeblock" / "compiled" / folder.name
+    assert os.environ["TF_CPP_MIN_LOG_LEVEL"] == "1"

@@ -108,6 +108,13 @@ def test_work_is_read_once_by_a_process(tmp_path: Path) -> None:
         sent.path.write_bytes(b"no longer read")
         list(threads.map(sent, range(2, 9)))
     assert {path.name for path in tmp_path.iterdir()} == set("12345678")
+    # Of the last work alone: what it holds may be large.
+    (tmp_path / "other").mkdir()
+    work = partial(square, tmp_path / "other")
+    with ThreadPoolExecutor(1) as threads, executors._sent(work, tmp_path) as other:
+        list(threads.map(other, [9]))
+        assert other.sha256 != sent.sha256
+        assert list(executors._LATEST) == [other.sha256]
 
 
 def test_work_that_was_changed_on_its_way_is_not_loaded(tmp_path: Path) -> None:
@@ -234,6 +241,13 @@ def test_a_part_that_is_none(text: str, said: str) -> None:
     with pytest.raises(InputError, match=f"--part {text}: .*{said}"):
         parse_part(text)
     assert parse_part("4/4") == (4, 4)
+
+
+def test_processes_end_with_the_block() -> None:
+    with opened(workers=2) as (executor, _):
+        assert executor is not None
+    with pytest.raises(RuntimeError, match="after shutdown"):
+        executor.submit(print)
 
 
 def test_workers_that_cannot_be() -> None:

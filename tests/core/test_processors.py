@@ -1,9 +1,11 @@
+import platform
 import re
 from pathlib import Path
 
 import pytest
 
 from gaugeblock.core import processors
+from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.processors import kinds, one_kind, processor
 
@@ -26,6 +28,35 @@ def test_vector_instructions_and_device_are_told_apart(monkeypatch: pytest.Monke
     assert len(set(found)) == 4
     assert all("Chip 9" in name for name in found)
     assert found[-1].endswith("(gpu)")
+
+
+@pytest.mark.parametrize(
+    ("table", "name", "flags"),
+    [
+        (
+            "model name\t: Chip 9: fast\nflags\t\t: sse4_1 fpu avx2 fma avx sse2 amx_tile\n",
+            *("Chip 9: fast", ["amx_tile", "avx", "avx2", "fma", "sse4_1"]),
+        ),
+        ("processor : 0\nFeatures : fp asimdhp sve asimd xavx\n", "own", ["asimd", "asimdhp", "sve"]),
+        (None, "own", []),
+        (None, "", []),
+    ],
+)
+def test_a_chip_is_its_name_and_its_vector_instructions_in_any_order(
+    table: str | None, name: str, flags: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read(*_: object, **__: object) -> str:
+        if table is None:
+            raise FileNotFoundError
+        return table
+
+    processors._chip.cache_clear()
+    monkeypatch.setattr(Path, "read_text", read)
+    monkeypatch.setattr(platform, "processor", lambda: name)
+    monkeypatch.setattr(processors, "device_kinds", lambda flows: ["cpu"])
+    found = processor()
+    processors._chip.cache_clear()
+    assert found == f"{platform.machine()} {name or 'unknown'}, vectors {digest(flags)[:8]} (cpu)"
 
 
 def on(monkeypatch: pytest.MonkeyPatch, name: str) -> None:

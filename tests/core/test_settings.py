@@ -6,10 +6,10 @@ from gaugeblock.core.settings import apply_settings, parse_settings
 
 def test_values_are_read_as_toml_and_else_as_text() -> None:
     parsed = parse_settings(
-        ["a.b=3", "a.c=tbabs*(powerlaw)", "a.d=[0.5, 8.0]", "a.e=true", "f='x=y'", "g.h= z "]
+        ["a.b=3", "a.c=tbabs*(powerlaw)", "a.d=[0.5, 8.0]", "a.e=true", "f='x=y'", "g.h= z ", " i =5"]
     )
     assert parsed == {
-        "a.b": 3, "a.c": "tbabs*(powerlaw)", "a.d": [0.5, 8.0], "a.e": True, "f": "x=y", "g.h": "z",
+        "a.b": 3, "a.c": "tbabs*(powerlaw)", "a.d": [0.5, 8.0], "a.e": True, "f": "x=y", "g.h": "z", "i": 5,
     }  # fmt: skip
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from gaugeblock.core.values import Value, same, short
+from gaugeblock.core.values import LONGEST, Shown, Value, same, short
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -103,3 +103,48 @@ def test_short_forms_are_those_of_python_where_there_is_room():
     assert short(1 / 3) == "0.333333"
     assert short(np.array([1.0, 0.123456])) == "array([1.    , 0.1235])"
     assert short(np.zeros((2, 2))) == "float64(2, 2)"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"name": "m"},
+        {"values": np.zeros(3)},
+        {"further": {"y": np.zeros(2)}},
+        {"number": 2.0},
+        {"several": (1,)},
+        {"several": ([np.zeros(2)],)},
+    ],
+)
+def test_hashes_tell_what_is_cheap_to_read(changes):
+    assert hash(held(**changes)) == hash(held(**changes))
+    assert hash(held(**changes)) != hash(held())
+    # Content of arrays is not, nor what has no hash.
+    assert hash(held(values=np.zeros(2))) == hash(held())
+    assert hash(held(several=({1, 2},))) == hash(held(several=({3},)))
+
+
+def test_what_is_cut_is_cut_to_the_letter():
+    assert short("x" * 158) == f"'{'x' * 158}'"
+    assert short("x" * 159) == f"'{'x' * 155}...'"
+    assert short("x" * 9, most=10) == "'xxxxx...'"
+    assert short([1, 2, 3, 4]) == "[1, 2, 3, 4]"
+    assert short((1, 2, 3, 4, 5)) == "(1, 2, 3, 4, ... 5 in all)"
+    assert short(["y" * 100]) == f"['{'y' * 75}...']"
+    assert short(dict.fromkeys("abcd", 1)) == "{'a': 1, 'b': 1, 'c': 1, 'd': 1}"
+    assert short(dict.fromkeys("abcde", 1)) == "{'a': 1, 'b': 1, 'c': 1, 'd': 1, ... 5 in all}"
+    assert short({"a": "z" * 100}) == f"{{'a': '{'z' * 35}...'}}"
+    assert short(np.arange(4)) == "array([0, 1, 2, 3])"
+    assert short(np.arange(5)) == "int64(5,)"
+    assert short(xr.Dataset({"a": (("trial", "draw"), np.zeros((2, 3)))})) == "Dataset(trial: 2, draw: 3)"
+
+
+def test_whatever_describes_itself_is_shown_by_that():
+    class Own(Shown):
+        def __init__(self, **told: Any):
+            self.describe = lambda: told
+
+    assert repr(Shown()) == "Shown()"
+    assert repr(Own(a=1, b="x" * 200)) == f"Own(a=1, b='{'x' * 95}...')"
+    large = repr(Own(**{f"key{k}": "x" * 90 for k in range(20)}))
+    assert (len(large), large[-4:]) == (LONGEST, "...)")

@@ -11,6 +11,7 @@ import pytest
 import xarray as xr
 
 from gaugeblock.core.errors import InputError
+from gaugeblock.diagnosis import diagnosis as module
 from gaugeblock.diagnosis.cases import DRAWS, TRIALS
 from gaugeblock.diagnosis.causes import Cause, causes
 from gaugeblock.diagnosis.diagnosis import (
@@ -225,6 +226,29 @@ def test_cases_are_the_first_trials_with_draws_evenly_spaced(draws: int, step: i
     np.testing.assert_array_equal(cases.draws, main["draws"].values[rows][:, ::step][:, :DRAWS])
     assert cases.x is None
     assert len(cases) <= TRIALS
+
+
+def test_of_very_many_trials_the_first_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = cases_of(prepared(160, 20))
+    for most in (159, 100, 1):
+        monkeypatch.setattr(module, "TRIALS", most)
+        cases = cases_of(prepared(160, 20))
+        assert len(cases) == len(cases.trial) == len(cases.draws) == most
+        np.testing.assert_array_equal(cases.theta, whole.theta[:most])
+
+
+def test_draws_with_weights_are_as_often_there_as_these_say() -> None:
+    rng = np.random.default_rng(4)
+    weight = np.zeros((160, 20))
+    heavy, light = rng.permuted(np.tile(np.arange(20), (160, 1)), axis=1)[:, :2].T
+    weight[np.arange(160), heavy], weight[np.arange(160), light] = 3.0, 1.0
+    it = prepared(160, 20, weight=weight)
+    cases = cases_of(it)
+    draws = it.main["draws"].values[cases.trial]
+    for chosen, often in ((heavy, 15), (light, 5)):
+        there = draws[np.arange(160), chosen[cases.trial]][:, None]
+        number = (cases.draws == there).all(axis=2).sum(axis=1)
+        assert (number[cases.trial > 0] == often).all()
 
 
 def test_data_come_with_their_cases() -> None:

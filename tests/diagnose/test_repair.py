@@ -89,6 +89,8 @@ def test_draws_are_resampled_as_often_as_their_weights_say():
     often = (found[:, None, :, 0] == cases.draws[:, :, None, 0]).sum(axis=2)
     assert (often.sum(axis=1) == 50).all()
     assert np.abs(often - 50 * share).max() < 1
+    never = np.where(np.arange(50) < 3, -np.inf, log)
+    assert not np.isin(weighted(cases, never).draws[..., 0], cases.draws[:, :3, 0]).any()
     # Where they begin is another place in each trial.
     assert len(np.unique(np.argmax(weighted(made(20, 50), 0 * log + log[:1]).draws[..., 0], axis=1))) > 1
 

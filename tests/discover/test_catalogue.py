@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaugeblock.discovery import Sources, discover_catalogue
+from gaugeblock.core.executors import threads
+from gaugeblock.discovery import Sources, blocks, discover_catalogue
 from gaugeblock.discovery.catalogue import CatalogueCounts, shared_nuisances
 from gaugeblock.discovery.held_out import HeldOut
 from gaugeblock.simulators import Uniform
@@ -38,9 +39,40 @@ def test_names_what_all_sources_share(dip):
     assert dip.candidate("dip").z > 5
 
 
-def test_says_that_it_stays_with_the_detector(dip):
-    assert dip.to_json()["catalogue"]["fixed_to"] == "detector"
-    assert dip.tree["catalogue"]["influence"].shape == (60,)
+def test_says_that_it_stays_with_the_detector(power_law, dip):
+    """The claim in numbers, and on which sources it hangs: by the information of each at the energy."""
+    sources = catalogue(power_law, Effect("dip", {"energy": 1.7, "depth": -0.12}))
+    said, table = dip.to_json()["catalogue"], dip.tree["catalogue"]
+    assert (said["n"], said["fixed_to"]) == (60, "detector")
+    assert said["statement"] == table.attrs["statement"]
+    assert "stays at its recorded energy" in said["statement"]
+    assert table["source"].values.tolist() == list(sources.names)
+    np.testing.assert_array_equal(table["redshift"], sources.redshift)
+    np.testing.assert_array_equal(table["detector_lo"][1:], table["detector_hi"][:-1])
+    strongest = int(np.nanargmin(table["detector_z"].values))
+    assert table["detector_lo"][strongest] < 1.8
+    assert table["detector_hi"][strongest] > 1.6
+    assert table["detector_z"][strongest] < np.nanmin(table["rest_z"]) < 0
+    assert table.attrs["p_detector"] == pytest.approx(1 / 200)
+    assert 0 < table.attrs["p_rest"] <= 1
+    at = np.sqrt(sources.edges.prod(axis=1))
+    bell = np.exp(-0.5 * ((at - np.geomspace(0.7, 7.0, 36)[14]) / 0.4) ** 2)
+    own, known = np.stack([np.ones(60), np.log(at)], axis=1), []
+    for counts in sources.counts:
+        root = np.sqrt(np.maximum(counts, 1.0))
+        shape = root * bell
+        basis = np.linalg.qr(root[:, None] * own)[0]
+        known.append(((shape - basis @ (basis.T @ shape)) ** 2).sum())
+    share = np.array(known) / np.sum(known)
+    assert said["effective_sources"] == pytest.approx(1 / (share**2).sum(), rel=0.1)
+    # Of z, which grows as the root of the information, a source makes half of its share.
+    influence = table["influence"].values
+    assert influence.mean() == pytest.approx(said["z"] / 120, rel=0.1)
+    assert np.corrcoef(influence, share)[0, 1] < -0.8
+    error = dip.to_json()["amplitude"][0]["standard_error"]
+    assert said["sandwich_error"] == pytest.approx(error, rel=0.4)
+    assert (said["z_beside_nuisances"], said["floor"]) == (pytest.approx(said["z"]), 0.0)
+    assert (table["amplitude"] == dip.to_json()["amplitude"][0]["value"]).all()
 
 
 def test_an_error_of_the_amplitude_that_falls_with_the_number(dip):
@@ -87,7 +119,7 @@ def test_an_error_beside_nuisances_that_all_share(bumps):
     centres = np.geomspace(0.7, 7.0, 8)
     areas = [np.exp(-0.5 * ((at - c) / (0.6 * np.log(10) / 7 * c)) ** 2) for c in centres]
 
-    def error(number, energy, depth):
+    def informed(energy, depth):
         scale = 1 + depth * np.exp(-0.5 * ((at - energy) / 0.4) ** 2)
         shapes = np.stack([np.exp(-0.5 * ((at - energy) / 0.4) ** 2) / scale, *areas], axis=1)
         told = np.zeros((9, 9))
@@ -96,15 +128,27 @@ def test_an_error_beside_nuisances_that_all_share(bumps):
             own = np.stack([np.ones(60), np.log(at)], axis=1)
             of, cross = own.T @ (mean[:, None] * own), own.T @ (mean[:, None] * shapes)
             told += shapes.T @ (mean[:, None] * shapes) - cross.T @ np.linalg.solve(of, cross)
+        return told
+
+    def error(number, energy, depth):
         prior = np.diag([0.0, *[0.02**-2] * 8])
-        return np.sqrt(np.linalg.inv(number / 60 * told + prior)[0, 0])
+        return np.sqrt(np.linalg.inv(number / 60 * informed(energy, depth) + prior)[0, 0])
 
     assert bumps.named == "dip"
     table = bumps.tree["catalogue"]
     node = np.geomspace(0.7, 7.0, 36)[14]
     foretold = [error(number, node, 0.0) for number in table["number"].values]
     np.testing.assert_allclose(table["amplitude_error"].values, foretold, rtol=0.05)
+    # What bumps of 2% that nobody models would pass for, and what is left of z beside those that are.
+    told = informed(node, 0.0)
+    said = bumps.to_json()["catalogue"]
+    assert said["floor"] == pytest.approx(0.02 * np.linalg.norm(told[0, 1:]) / told[0, 0], rel=0.05)
+    assert table.attrs["floor"] == said["floor"]
+    beside = bumps.to_json()["amplitude"][0]["beside_nuisances"]
+    assert beside["nuisances"] == ["effective_area (sd 0.02)"] * 8
+    assert abs(said["z_beside_nuisances"]) < 0.5 * abs(said["z"])
     low, high = bumps.to_json()["amplitude"][0]["beside_nuisances"]["interval"]
+    assert (low + high) / 2 == pytest.approx(beside["value"])
     assert (high - low) / (2 * 1.645) == pytest.approx(error(60, 1.7, -0.12), rel=0.1)
 
 
@@ -117,11 +161,22 @@ def test_nothing_shared_is_nothing_named(power_law):
     assert sum(name is not None for name in named) < 3
 
 
-def test_the_same_seed_gives_the_same_answer(power_law, dip):
-    again = discover_catalogue(
-        [catalogue(power_law, Effect("dip", {"energy": 1.7, "depth": -0.12}))], replicates=199
-    )
+def test_whoever_asks_the_blocks_the_same_seed_gives_the_same_answer(power_law, dip, monkeypatch):
+    """All that is done source by source is asked through `each`, and nothing besides."""
+    asked = []
+
+    def elsewhere(ask, *columns):
+        for row in zip(*columns, strict=True):
+            asked.append(ask)
+            with threads(1):
+                answer = ask(*row)
+            yield {name: np.array(values, order="C") for name, values in answer.items()}
+
+    monkeypatch.setattr(blocks, "settled", None)
+    hidden = catalogue(power_law, Effect("dip", {"energy": 1.7, "depth": -0.12}))
+    again = discover_catalogue([hidden], replicates=199, each=elsewhere)
     assert again.to_json() == dip.to_json()
+    assert len(asked) > 20
 
 
 def test_where_the_summed_sources_disagree(dip):
@@ -264,3 +319,16 @@ def test_every_instrument_s_gain_is_free_but_for_what_is_named():
     assert told == [("gain_slope", 0.01, {}), ("gain_offset", 0.01, {})]
     assert [one.entry.name for one in shared_nuisances(entries, "gain_slope")] == ["gain_offset"]
     assert shared_nuisances({"line": made("line")}, "line") == ()
+    # And an area in eight bumps from the first to the last energy that is scanned, each as wide as told.
+    entries["effective_area"] = LibraryEffect(
+        name="effective_area", amplitude="area", neutral=0.0, step=0.02, cause="", typical="",
+        parameters={"energy": Uniform(0.1, 99.0), "width": Uniform(0.1, 99.0), "area": Uniform(-0.5, 0.5)},
+        scanned={"energy": [64.0, 0.5, 3.0], "width": [1.0]},
+    )  # fmt: skip
+    found = shared_nuisances(entries, "line")
+    assert [one.entry.name for one in found] == ["gain_slope", "gain_offset", *["effective_area"] * 8]
+    for k, one in enumerate(found[2:]):
+        assert one.values["energy"] == pytest.approx(0.5 * 2.0**k)
+        assert one.values["width"] == pytest.approx(0.6 * np.log(2.0) * 0.5 * 2.0**k)
+        assert one.sd == 0.02
+    assert len(shared_nuisances(entries, "effective_area")) == 2

@@ -11,6 +11,7 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.discovery import Candidates, Sources, discover_source
 from gaugeblock.discovery.counts import Counts
 from gaugeblock.discovery.engine import Comparison, Round
+from gaugeblock.simulators import Uniform
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.library import Known
 
@@ -171,6 +172,29 @@ def test_an_engine_says_what_each_effect_is_worth_and_where_it_is(library):
         state = engine.state(model)
         assert (state.statistic, 60 * engine.gap(model)) == pytest.approx((total, total), rel=1e-6)
     assert engine.data().counts == counts.sum()
+
+
+def test_an_effect_at_the_end_of_its_prior_costs_25_nats_beside_its_odds(library):
+    entry = library["dip"].entry
+    depth = Uniform(-0.2, 0.2)
+    entry = replace(entry, parameters={**entry.parameters, "depth": depth}, odds=0.5)
+    narrow = Candidates(library.simulator, {"dip": entry})
+    engine, _ = noise_free(narrow, Effect("dip", {"energy": 2.0, "depth": 0.3}))
+    (one,) = engine.fitted(engine.look(), ["dip"], None)
+    assert one.limits == [("dip", "depth")]
+    assert one.cost == pytest.approx(25.0 + np.log(2.0))
+    assert one.merit == pytest.approx(one.gain - 2.0 - one.cost)
+    assert engine.at_edge([Round(engine.look(), (Comparison(one, 0.0, 0.0),))]) == [("dip", "depth")]
+    (two,) = engine.fitted(engine.after(one), ["dip"], one)
+    assert (two.path, two.size, len(two.added)) == (("dip", "dip"), 4, 2)
+    stopped = [bool(entry.at_limit(values)) for values in two.added]
+    assert two.limits == [("dip", "depth")] * sum(stopped)
+    assert two.cost == pytest.approx(25.0 * sum(stopped) + 2 * np.log(2.0))
+    objective = engine.base.objective[0] - two.fit.objective[0]
+    assert two.gain == pytest.approx(objective)
+    wide, _ = noise_free(library, Effect("dip", {"energy": 2.0, "depth": 0.3}))
+    (inside,) = wide.fitted(wide.look(), ["dip"], None)
+    assert (inside.limits, inside.cost) == ([], 0.0)
 
 
 def test_behind_an_effect_templates_are_those_of_the_model_with_it(library):

@@ -367,3 +367,88 @@ def test_an_effect_of_which_nobody_says_what_it_is_worth_is_worth_nothing():
     assert [(one.effect, one.evidence) for one in found.claims] == [("line", 40.0), ("dip", 0.0)]
     none = decide(COUNTS, LOUD, rounds(both), QUIET, held)
     assert [one.evidence for one in none.claims] == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("given", "answer"),
+    [
+        # A global p of 0.01 is a disagreement, and what is left at 0.05 is doubted.
+        ({"first": look(6.0, 5.0, above=9)}, ("line", ("line",), None)),
+        ({"first": look(6.0, 5.0, above=10)}, (None, (), None)),
+        ({"last": look(1.0, above=49)}, ("line", ("line", "unnamed"), None)),
+        ({"last": look(1.0, above=50)}, ("line", ("line",), None)),
+        # At 0.01 something is left, if the library's own p is as small.
+        ({"last": look(1.0, above=9)}, ("unnamed", ("unnamed", "line"), None)),
+        ({"last": look(1.0, above=10)}, ("line", ("line", "unnamed"), None)),
+        ({"last": look(1.0, above=10, rest=0.001)}, ("line", ("line", "unnamed"), None)),
+        # As much as a random shape, or as the model without it, is not better than that.
+        ({"held": scored(line=1.0, unnamed=0.5)}, (None, (), "line")),
+        ({"held": scored(line=0.0, random=-1.0, unnamed=0.5)}, (None, (), "line")),
+        # One nat is the margin of every comparison, and two errors, where these are more.
+        ({"held": scored(line=0.9, unnamed=1.0)}, (None, (), "line")),
+        ({"held": scored(dip=9.0)}, ("line", ("line",), None)),
+        ({"held": scored(unnamed=9.0)}, ("line", ("line",), None)),
+        ({"held": scored(unnamed=11.0)}, ("line", ("line", "unnamed"), None)),
+        ({"held": scored(unnamed=-20.0, error=4.0)}, ("line", ("line",), None)),
+        ({"held": scored(unnamed=14.0, error=2.0)}, ("line", ("line", "unnamed"), None)),
+        ({"made": rounds(z=2.5)}, ("line", ("line",), None)),
+        # Twenty-five nats are there, whatever their name.
+        ({"held": scored(line=0.9, unnamed=0.5), "worth": (25.0,)}, ("unnamed", ("unnamed",), "line")),
+        ({"held": scored(line=0.9, unnamed=0.5), "worth": (24.9,)}, (None, (), "line")),
+    ],
+)
+def test_one_source_at_the_very_numbers(given, answer):
+    assert said(**given) == answer
+
+
+def test_a_share_of_four_fifths_is_enough_and_a_model_that_is_ahead_outside_counts_once():
+    both = Extension(("line", "dip"), 430.0, 2)
+    held = replace(scored(), names=("before", "line + dip", "edge", "unnamed", "random 1"))
+    for worth, alike in (((160.0, 40.0), ("line",)), ((159.0, 41.0), ("line", "unnamed"))):
+        found = decide(COUNTS, LOUD, rounds(both), QUIET, held, worth=worth, lost=((), ()))
+        assert found.indistinguishable == alike
+    ahead = (Round(LOUD, (Comparison(BEST, 0.0, 0.0), Comparison(RIVAL, -3.0, 4.0))),)
+    found = decide(COUNTS, LOUD, ahead, QUIET, scored(), worth=(30.0,), lost=((),))
+    assert found.claims[0].probability == pytest.approx(0.99 / 2.0)
+
+
+def test_what_is_worth_less_than_nothing_takes_nothing_from_the_others():
+    both = Extension(("line", "dip"), 60.0, 2)
+    held = replace(scored(unnamed=-20.0), names=("before", "line + dip", "edge", "unnamed", "random 1"))
+    # Of 200 nats, and 40 that are left, 160 are four fifths; what a name loses does not count.
+    made = decide(COUNTS, LOUD, rounds(both), QUIET, held, worth=(200.0, -90.0), lost=((), ("unnamed",)))
+    assert made.claims[0].alike == ("line",)
+    taken = decide(COUNTS, LOUD, rounds(both), look(9.0), held, worth=(200.0, -90.0), lost=((), ("unnamed",)))
+    assert [one.effect for one in taken.claims] == ["line", "unnamed"]
+    assert taken.claims[1].evidence == pytest.approx(40.5)
+    assert taken.claims[1].alike == ("unnamed", "dip")
+
+
+def test_why_says_in_words_what_decided():
+    def why(thresholds=COUNTS, *, first=LOUD, made=None, last=QUIET, held=None, **more):
+        made, held = rounds() if made is None else made, scored() if held is None else held
+        return decide(thresholds, first, made, last, held, **more).why
+
+    beside = "; dip beside it does not hold on them, so that what is left has no name"
+    remains = "; something remains that nothing here explains"
+    assert why() == "line predicts held-out counts better by 10.0 nats"
+    assert why(taken_back="dip") == f"line predicts held-out counts better by 10.0 nats{beside}"
+    assert why(first=QUIET) == "no disagreement: global p 0.5"
+    assert why(made=()) == "model and data disagree, and no effect of the library explains it"
+    worse = "line does not predict held-out counts better than"
+    assert why(held=scored(line=0.0, unnamed=0.5)) == f"{worse} the model without it"
+    assert why(held=scored(line=0.9, unnamed=0.5)) == f"{worse} a random shape"
+    assert why(held=scored(line=0.9, unnamed=1.5)) == f"{worse} a random shape, but a smooth correction does"
+    smooth = "a smooth correction without a name predicts held-out counts better than line"
+    assert why(held=scored(unnamed=11.5)) == smooth
+    left = "line still leaves a disagreement (global p 0.001) that the library does not end"
+    assert why(last=LOUD) == left
+    assert why(last=LOUD, worth=(30.0,)) == f"line predicts held-out counts better by 10.0 nats{remains}"
+    assert (
+        why(last=LOUD, worth=(30.0,), taken_back="dip")
+        == f"line predicts held-out counts better by 10.0 nats{remains}{beside}"
+    )
+    said = decide(SIMULATIONS, LOUD, rounds(), QUIET, None, held="data sets").why
+    assert said == "line explains it; nothing could be held out to test that"
+    said = decide(CATALOGUE, LOUD, rounds(), QUIET, scored(), held="sources").why
+    assert said == "line predicts held-out sources better by 10.0 nats"

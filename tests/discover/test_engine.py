@@ -65,3 +65,37 @@ def test_effects_are_sent_on_by_what_they_promise(most):
                 assert chosen == by_hand(seen, thresholds, behind)
                 lengths.add(len(chosen))
     assert len(lengths) > 2
+
+
+def test_what_a_look_says_of_one_effect_is_of_its_strongest_template():
+    made = LibraryEffect(
+        name="bump", parameters={"place": Uniform(0.0, 9.0), "size": Uniform(0.5, 3.0)}, amplitude="size",
+        neutral=1.0, step=0.1, cause="", typical="", scanned={"place": (2.0, 4.0, 6.0)},
+    )  # fmt: skip
+    seen = Look(
+        entries={"bump": made, "e0": entry("e0", 1)}, owner=np.array(["bump", "e0", "bump", "bump"]),
+        node=np.array([0, 0, 2, 1]), z=np.array([-7.0, 4.0, 3.0, 2.0]),
+        amplitude=np.array([0.1, 0.2, 0.7, 0.4]),
+        kept=np.array([0.1, 0.2, 0.3, 0.4]), smallest_detectable=np.array([1.0, np.inf, 2.0, 3.0]),
+        null=np.array([1.0, 2.0, 3.0, 4.0, 5.0]), p_rest=0.3, state=None,
+    )  # fmt: skip
+    found = seen.tested("bump")
+    assert (seen.best("bump"), found.template, found.z, found.kept) == (2, 2, 3.0, 0.3)
+    assert found.values == {"place": 6.0, "size": pytest.approx(1.7)}
+    assert (found.p_global, found.smallest_detectable) == (pytest.approx(4 / 6), 2.0)
+    other = seen.tested("e0")
+    assert (other.template, other.smallest_detectable, other.p_global) == (1, None, pytest.approx(3 / 6))
+    assert (seen.strength, seen.p_effects, seen.p_global) == (8.0, pytest.approx(0.5), 0.6)
+    assert (seen.promise("bump"), seen.promise("e0")) == (2.5, 7.0)
+    # What can only be less than nothing promises nothing.
+    turned = replace(seen, z=np.array([-7.0, -4.0, -3.0, -2.0]))
+    assert (turned.strength, turned.promise("bump"), turned.promise("e0")) == (0.0, -2.0, -1.0)
+    # Fifty nats are not gross, more are.
+    at = [replace(seen, z=np.full(4, z)).gross(Thresholds()) for z in (10.0, 10.001, -20.0)]
+    assert at == [False, True, False]
+
+
+def test_a_model_pays_for_parameters_and_what_they_cost():
+    one = Extension(("line", "dip"), 20.0, 3, cost=2.5)
+    assert (one.label, one.merit) == ("line + dip", 14.5)
+    assert Extension(("line",), 20.0, 3).merit == 17.0

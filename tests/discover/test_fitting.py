@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from gaugeblock.discovery import fitting
 from gaugeblock.discovery.coordinates import Coordinates
-from gaugeblock.discovery.fitting import DIFFERENCES, fit
+from gaugeblock.discovery.fitting import DIFFERENCES, fit, likeliest_draws, select
 from gaugeblock.simulators import LogUniform, Normal, Prior, Uniform
 from gaugeblock.simulators.protocol import poisson_log_likelihood
 
@@ -141,3 +142,58 @@ def test_a_step_to_where_counts_overflow_is_refused_in_silence(power_law):
         warnings.simplefilter("error")
         found = fit(Steep(), counts, start=np.array([[30.0, 2.5]]))
     assert found.theta[0, 1] == pytest.approx(2.0, abs=1e-3)
+
+
+def test_what_a_fit_says_of_itself_source_by_source(power_law, monkeypatch):
+    """Of two starts the better one's end; counts, derivatives, likelihood and penalty, in any blocks."""
+    prior = Prior({"norm": LogUniform(10.0, 1e6), "index": Normal(1.0, 0.3)})
+    simulator, scale = power_law(prior=prior), np.array([0.5, 2.0, 10.0])
+    counts = np.random.default_rng(7).poisson(simulator.expected(THETA) * scale[:, None]).astype(float)
+    start = np.stack([THETA * [30.0, 0.1], THETA], axis=1)
+    found = fit(simulator, counts, scale=scale, start=start)
+    at = np.sqrt(simulator.segments()[0].edges.prod(axis=1))
+    assert found.precision.tolist() == [0.0, 1.0]
+    assert found.converged.all()
+    assert len(found) == 3
+    for i, (norm, index) in enumerate(found.theta):
+        mean = scale[i] * simulator.expected([norm, index])
+        np.testing.assert_allclose(found.expected[i], mean)
+        penalty = 0.5 * ((index - 1.0) / 0.3) ** 2
+        assert found.objective[i] == pytest.approx((mean - counts[i] * np.log(mean)).sum() + penalty)
+        assert found.log_likelihood[i] == pytest.approx(poisson_log_likelihood(mean, counts[i]))
+        slopes = np.stack([mean * np.log(1e5), -0.3 * np.log(at) * mean], axis=-1)
+        np.testing.assert_allclose(found.jacobian[i], slopes, rtol=1e-4, atol=1e-6 * mean.max())
+        other = minimize(
+            lambda p, i=i: (
+                (m := scale[i] * simulator.expected([np.exp(p[0]), p[1]])).sum()
+                - counts[i] @ np.log(m)
+                + 0.5 * ((p[1] - 1.0) / 0.3) ** 2
+            ),
+            [np.log(norm), index],
+            method="Nelder-Mead",
+        )
+        assert found.objective[i] <= other.fun + 2e-3
+    # After a single step the far start is still far, and the near one's end is kept.
+    few = fit(simulator, counts, scale=scale, start=start, iterations=1)
+    near = fit(simulator, counts, scale=scale, start=THETA, iterations=1)
+    np.testing.assert_allclose(few.theta, near.theta)
+    np.testing.assert_allclose(few.objective, near.objective)
+    monkeypatch.setattr(fitting, "BLOCK", 2)
+    parts = fit(simulator, counts, scale=scale, start=start)
+    np.testing.assert_allclose(parts.theta, found.theta, rtol=1e-6)
+    np.testing.assert_allclose(parts.jacobian, found.jacobian, rtol=1e-6, atol=1e-6)
+    assert parts.precision.tolist() == [0.0, 1.0]
+    some = select(found, [2, 0])
+    np.testing.assert_array_equal(some.theta, found.theta[[2, 0]])
+    np.testing.assert_array_equal(some.expected, found.expected[[2, 0]])
+    assert some.precision.tolist() == [0.0, 1.0]
+
+
+def test_fits_begin_at_the_likeliest_draws_under_each_exposure(power_law):
+    simulator, scale = power_law(), np.array([0.5, 2.0, 10.0])
+    counts = np.round(simulator.expected(THETA) * scale[:, None])
+    found = likeliest_draws(simulator, counts, scale, bank=60, tries=3, seed=4)
+    drawn = simulator.prior.sample(60, np.random.default_rng(4))
+    for i in range(3):
+        likely = [poisson_log_likelihood(scale[i] * simulator.expected(one), counts[i]) for one in drawn]
+        np.testing.assert_array_equal(found[i], drawn[np.argsort(likely)[::-1][:3]])

@@ -1,5 +1,7 @@
 """Candidates: where their parameters stand in theta, and that each is worked in once."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -60,3 +62,27 @@ def test_a_search_without_effects_is_refused(power_law):
     with pytest.raises(InputError, match="no effect glow; there are effective_area"):
         Candidates.of(Bare(), THETA, own={"effective_area": AREA}, only=("glow",))
     assert list(Candidates.of(Bare(), THETA, own={"effective_area": AREA}).entries) == ["effective_area"]
+
+
+def test_an_energy_that_is_stated_and_effects_of_ones_own(power_law):
+    """One's own replace the library's of that name; at an energy only those that have one are left."""
+    own = {"dip": replace(AREA, name="dip")}
+    made = Candidates.of(power_law(), THETA, own=own)
+    assert list(made.entries) == ["line", "dip", "edge"]
+    assert made.entries["dip"] is own["dip"]
+    assert list(Candidates.of(power_law(), THETA, only=("edge", "line")).entries) == ["line", "edge"]
+    (line,) = Candidates.of(power_law(), THETA, energy=2.0).entries.values()
+    assert (line.name, line.scanned["energy"].tolist()) == ("line", [2.0])
+    with pytest.raises(InputError, match=r"no effect glow, haze; there are line, dip, edge$"):
+        Candidates.of(power_law(), THETA, only=("haze", "line", "glow"))
+    with pytest.raises(InputError, match="an energy was stated, and no effect that is searched for has one"):
+        Candidates.of(power_law(), THETA, only=("edge",), energy=2.0)
+    with pytest.raises(InputError, match="the library holds no effect; give at least one"):
+        Candidates(power_law(), {})
+
+    class Sized(power_law):
+        def effect_library(self, theta):
+            assert theta.shape == (1, 2)
+            return super().effect_library(theta)
+
+    assert len(Candidates.of(Sized(), [1000.0, 1.5])) == 3

@@ -62,6 +62,13 @@ def test_what_remains_comes_after_what_is_certain():
         "Beyond that, something remains that nothing here explains: certain (0.95; 33.5 nats), most at 7 to "
         "7.2 keV, z = +9.0."
     )
+    # Without a region where it acts, and in channels without a unit.
+    assert sentence(("unnamed",), **{**given, "region": None}) == (
+        "Something that no effect of the library explains is certain (0.95; 33.5 nats), most at 7 to 7.2 keV."
+    )
+    numbered = Region(3, 9, 3.0, 9.0, "channel", -4.25, 0.001)
+    assert sentence(("unnamed",), **{**given, "region": numbered}).endswith(", most at 3 to 9, z = -4.2.")
+    assert sentence(("unnamed",), **{**given, "region": None, "place": None}).endswith("nats).")
     assert sentence(("unnamed", "emission_line"), **given).startswith(
         "Something that no effect of the library"
     )

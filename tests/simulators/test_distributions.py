@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import integrate, stats
+from scipy import stats
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators import (
@@ -30,6 +30,26 @@ from gaugeblock.simulators import (
 from gaugeblock.simulators.marginals import Truncated
 
 COVARIANCE = [[1.0, 0.6, 0.0], [0.6, 2.0, -0.3], [0.0, -0.3, 0.5]]
+
+
+class Cut:
+    """Cut off by the distribution function of somebody else's."""
+
+    def __init__(self, whole, low=-math.inf, high=math.inf):
+        self.whole, self.ends = whole, (max(low, whole.support()[0]), min(high, whole.support()[1]))
+        self.below = whole.cdf(self.ends[0])
+        self.mass = whole.cdf(self.ends[1]) - self.below
+
+    def support(self):
+        return self.ends
+
+    def logpdf(self, value):
+        return self.whole.logpdf(value) - np.log(self.mass)
+
+    def ppf(self, u):
+        return self.whole.ppf(self.below + self.mass * np.asarray(u))
+
+
 ONE = {
     "log_normal": (LogNormal(0.3, 0.7), stats.lognorm(0.7, scale=math.exp(0.3))),
     "gamma": (Gamma(2.5, 0.4), stats.gamma(2.5, scale=0.4)),
@@ -38,8 +58,14 @@ ONE = {
     "truncated normal": (TruncatedNormal(1.0, 2.0, low=0.0, high=4.0), stats.truncnorm(-0.5, 1.5, 1.0, 2.0)),
     "its upper tail": (TruncatedNormal(0.0, 1.0, low=8.0), stats.truncnorm(8.0, np.inf)),
     "its lower half": (TruncatedNormal(0.0, 1.0, high=0.5), stats.truncnorm(-np.inf, 0.5)),
-    "truncated gamma": (truncated(Gamma(2.0, 1.0), low=0.5, high=3.0), None),
-    "truncated log-normal": (truncated(LogNormal(0.0, 1.0), high=2.0), None),
+    "truncated gamma": (truncated(Gamma(2.0, 1.0), low=0.5, high=3.0), Cut(stats.gamma(2.0), 0.5, 3.0)),
+    "truncated log-normal": (truncated(LogNormal(0.0, 1.0), high=2.0), Cut(stats.lognorm(1.0), high=2.0)),
+}
+EVERY = {
+    **ONE,
+    "uniform": (Uniform(-1.0, 3.0), stats.uniform(-1.0, 4.0)),
+    "log-uniform": (LogUniform(0.5, 8.0), stats.loguniform(0.5, 8.0)),
+    "normal": (Normal(1.0, 2.0), stats.norm(1.0, 2.0)),
 }
 BLOCKS = {
     "multivariate normal": MultivariateNormal([0.0, 1.0, -2.0], COVARIANCE),
@@ -53,22 +79,37 @@ def prior_of(block):
     return Prior({tuple("abc"[: block.size]): block})
 
 
-@pytest.mark.parametrize("name", ONE)
+@pytest.mark.parametrize("name", EVERY)
 def test_density_and_distribution_function(name):
-    own, theirs = ONE[name]
-    values = own.from_unit(np.array([1e-6, 0.05, 0.3, 0.8, 0.999]))
-    np.testing.assert_allclose(own.to_unit(values), [1e-6, 0.05, 0.3, 0.8, 0.999], rtol=1e-6)
-    if theirs is None:
-        low, high = own.support
-        total = integrate.quad(lambda v: np.exp(own.log_prob(v)), low, high)[0]
-        assert total == pytest.approx(1.0, abs=1e-7)
-        part = integrate.quad(lambda v: np.exp(own.log_prob(v)), low, values[2])[0]
-        assert part == pytest.approx(0.3, abs=1e-7)
-    else:
-        np.testing.assert_allclose(own.log_prob(values), theirs.logpdf(values), rtol=1e-8, atol=1e-10)
-    outside = [end + side for end, side in zip(own.support, (-1.0, 1.0), strict=True) if math.isfinite(end)]
-    assert np.all(own.log_prob(np.array(outside)) == -np.inf)
-    assert own.support[0] <= own.center <= own.support[1]
+    own, theirs = EVERY[name]
+    low, high = theirs.support()
+    assert own.support == (low, high)
+    u = np.array([1e-6, 0.05, 0.3, 0.8, 0.999])
+    values = own.from_unit(u)
+    np.testing.assert_allclose(values, theirs.ppf(u), rtol=1e-6)
+    np.testing.assert_allclose(own.to_unit(values), u, rtol=1e-6)
+    np.testing.assert_allclose(own.log_prob(values), theirs.logpdf(values), rtol=1e-8, atol=1e-10)
+    assert own.center == pytest.approx(theirs.ppf(0.5), rel=1e-7)
+    np.testing.assert_allclose(own.from_unit(np.array([0.0, 1.0])), [low, high], rtol=1e-12)
+    for end, beyond, below in ((low, low - 0.25, 0.0), (high, high + 0.25, 1.0)):
+        if math.isfinite(end):
+            np.testing.assert_allclose(own.to_unit(np.array([end, beyond])), below, atol=1e-12)
+            assert own.log_prob(np.array([beyond])) == -np.inf
+
+
+def test_a_cut_holds_its_ends_and_nothing_beyond_them():
+    """Numbers whose ends rounding would miss."""
+    for own in (
+        Uniform(0.1, 0.7),
+        LogUniform(0.1, 0.7),
+        TruncatedNormal(0.5, 0.3, low=-1.7, high=-0.4),
+        truncated(Gamma(2.0, 1.0), low=0.6, high=2.3),
+    ):
+        ends = np.array([own.low, own.high])
+        reached = own.from_unit(np.array([0.0, 1.0]))
+        assert ends[0] <= reached[0] < reached[1] <= ends[1]
+        assert np.isfinite(own.log_prob(ends)).all()
+        assert np.all(own.log_prob(np.nextafter(ends, [-np.inf, np.inf])) == -np.inf)
 
 
 @pytest.mark.parametrize("name", ONE)
@@ -97,6 +138,29 @@ def test_no_unbounded_coordinate_leaves_the_support(name):
     low, high = own.support
     values = own.from_real(np.array([-600.0, -30.0, 0.0, 30.0, 600.0]))
     assert np.all((values >= low) & (values <= high))
+
+
+def test_values_at_which_a_log_uniform_cannot_be_are_at_its_lower_end():
+    own = LogUniform(0.1, 1.0)
+    outside = np.array([-1.0, 0.0, 0.05])
+    with np.errstate(all="raise"):
+        np.testing.assert_array_equal(own.to_unit(outside), 0.0)
+    with np.errstate(divide="ignore"):
+        np.testing.assert_array_equal(own.to_real(outside), own.to_real(np.full(3, 0.1)))
+
+
+def test_densities_have_the_slopes_that_differences_have():
+    """At 0, where both halves of a formula meet, as elsewhere."""
+    jax = pytest.importorskip("jax")
+    step = 1e-5
+    with jax.enable_x64(True):
+        for name, (own, _) in ONE.items():
+            if type(own) is Truncated:
+                continue
+            for z in (-1.3, 0.0, 0.7):
+                slope = (own.log_prob_real(z + step) - own.log_prob_real(z - step)) / (2 * step)
+                found = float(jax.grad(own.log_prob_real)(z))
+                assert found == pytest.approx(slope, rel=1e-5, abs=1e-6), (name, z)
 
 
 def test_jax_agrees_where_it_can_and_is_refused_where_not():
@@ -145,8 +209,18 @@ def test_densities_of_blocks_are_scipy_s():
     expected = stats.dirichlet([1.5, 0.7, 3.0]).logpdf(theta.T)
     np.testing.assert_allclose(Dirichlet([1.5, 0.7, 3.0]).log_prob(theta), expected)
     np.testing.assert_allclose(BLOCKS["dirichlet without last"].log_prob(theta[:, :2]), expected)
-    assert Dirichlet([1.5, 0.7, 3.0]).log_prob(np.array([0.5, 0.5, 0.5])) == -np.inf
-    assert BLOCKS["dirichlet without last"].log_prob(np.array([0.7, 0.7])) == -np.inf
+    outside = [[0.5, 0.5, 0.5], [0.2, 0.2, 0.2], [0.0, 0.4, 0.6], [-0.1, 0.5, 0.6]]
+    assert np.all(Dirichlet([1.5, 1.0, 3.0]).log_prob(np.array(outside)) == -np.inf)
+    last = BLOCKS["dirichlet without last"]
+    outside = np.array([[0.7, 0.7], [1.2, 0.1]])
+    assert np.all(last.log_prob(outside) == -np.inf)
+    # Of the rest no more than all can be broken off.
+    np.testing.assert_allclose(last.to_unit(outside)[:, 0], stats.beta(1.5, 3.7).cdf([0.7, 1.0]))
+    assert last.to_unit(outside)[:, 1].tolist() == [1.0, 1.0]
+    assert last.to_real(outside)[:, 1].tolist() == [np.inf, np.inf]
+    for block in (Dirichlet([1.0, 2.0, 3.0]), DirichletWithoutLast([1.0, 2.0, 3.0])):
+        np.testing.assert_allclose(block.center, (np.array([1.0, 2.0, 3.0]) / 6.0)[: block.size])
+        np.testing.assert_array_equal(block.support, [[0.0, 1.0]] * block.size)
     normal = BLOCKS["multivariate normal"]
     points = normal.sample(20, np.random.default_rng(1))
     expected = stats.multivariate_normal(normal.mean, COVARIANCE).logpdf(points)
@@ -169,8 +243,23 @@ def test_discrete():
     assert own.center == 2.0
     assert own.from_unit([0.0, 0.19, 0.21, 0.49, 0.51, 1.0]).tolist() == [1.0, 1.0, 2.0, 2.0, 3.0, 3.0]
     np.testing.assert_allclose(
-        own.log_prob(np.array([1.0, 2.0, 3.0, 2.5])), [*np.log([0.2, 0.3, 0.5]), -np.inf]
+        own.log_prob(np.array([1.0, 2.0, 3.0, 2.5, 0.0, 99.0])), [*np.log([0.2, 0.3, 0.5]), *[-np.inf] * 3]
     )
+    assert Discrete((0.0, 1.0, 2.0), (0.5, 0.0, 0.5)).log_prob(np.array([1.0])) == -np.inf
+    # What sums to 1 within a millionth does so exactly; ten tenths end below 1 by rounding.
+    assert sum(Discrete((0.0, 1.0), (0.5, 0.5 + 8e-7)).probabilities) == pytest.approx(1.0, abs=1e-15)
+    assert Discrete(tuple(range(10)), (0.1,) * 10).from_unit([1.0]).tolist() == [9.0]
+    for values, probabilities in (
+        ((), ()),
+        ((1.0, 2.0), (1.0,)),
+        ((1.0, math.inf), (0.5, 0.5)),
+        ((1.0, 2.0), (-0.5, 1.5)),
+        ((1.0, 1.0), (0.5, 0.5)),
+        ((1.0, 2.0), (0.5, 0.5 + 2e-6)),
+    ):
+        said = f"got {len(values)} values and probabilities that sum to {sum(probabilities):g}$"
+        with pytest.raises(InputError, match=f"^discrete: needs different finite values and .*{said}"):
+            Discrete(values, probabilities)
 
 
 def test_every_distribution_is_described_in_plain_data():

@@ -1,6 +1,7 @@
 """Draws from tabulated densities, against the densities' own distribution functions."""
 
 import numpy as np
+import pytest
 
 from gaugeblock.simulators._inverse_cdf import draw_bilinear, draw_linear
 
@@ -16,6 +17,7 @@ def test_cells_without_mass_are_skipped():
     drawn = draw_linear(density, np.linspace(1e-9, 1 - 1e-9, 1001)[None])
     assert drawn.min() >= 2 / 7
     assert drawn.max() <= 5 / 7
+    assert draw_linear(density, np.array([[0.0]])).tolist() == [[2 / 7]]
 
 
 def test_rows_have_their_own_densities():
@@ -24,19 +26,30 @@ def test_rows_have_their_own_densities():
     np.testing.assert_allclose(drawn, [[0.25], [0.75]])
 
 
-def test_bilinear_draws_have_the_density_s_moments():
-    density = np.array([[[1.0, 2.0, 0.0], [3.0, 0.5, 1.0], [0.0, 4.0, 1.0]]])
-    line = (np.arange(200) + 0.5) / 200
-    s, t = np.meshgrid(line, line, indexing="ij")
-    cell_s, cell_t = np.minimum((2 * s).astype(int), 1), np.minimum((2 * t).astype(int), 1)
-    f, g = 2 * s - cell_s, 2 * t - cell_t
-    table = density[0]
-    exact = (1 - f) * (1 - g) * table[cell_s, cell_t] + f * (1 - g) * table[cell_s + 1, cell_t]
-    exact += (1 - f) * g * table[cell_s, cell_t + 1] + f * g * table[cell_s + 1, cell_t + 1]
-    exact /= exact.sum()
-    drawn = draw_bilinear(density, np.random.default_rng(60).random((1, 200_000, 2)))[0]
-    # 5 standard errors of moments of numbers in [0, 1], at most 0.5 each: 3 numbers, 2 seeds in a million.
-    error = 5 * 0.5 / np.sqrt(200_000)
-    assert abs(drawn[:, 0].mean() - (exact * s).sum()) < error
-    assert abs(drawn[:, 1].mean() - (exact * t).sum()) < error
-    assert abs((drawn[:, 0] * drawn[:, 1]).mean() - (exact * s * t).sum()) < error
+def test_the_last_node_is_reached_and_never_passed():
+    drawn = draw_linear(np.random.default_rng(61).random((500, 9)), np.ones((500, 1)))
+    assert drawn.max() == 1.0
+    np.testing.assert_allclose(drawn, 1.0, rtol=1e-12)
+
+
+def below(table, x):
+    """Share of a tabulated density below x: exact for what is linear between its nodes."""
+    grid = np.linspace(0.0, 1.0, len(table))
+    inner = np.concatenate([grid[grid < x], [x]])
+    return np.trapezoid(np.interp(inner, grid, table), inner) / np.trapezoid(table, grid)
+
+
+def test_draws_are_quantiles_of_the_interpolated_density():
+    rng = np.random.default_rng(60)
+    density = rng.gamma(0.5, size=(4, 6, 5)) * (rng.random((4, 6, 5)) > 0.2)
+    u = rng.random((4, 30, 2))
+    both, one = draw_bilinear(density, u), draw_linear(density[:, :, 2], u[..., 0])
+    grid = np.linspace(0.0, 1.0, 6)
+    for row, table in enumerate(density):
+        along = np.trapezoid(table, axis=1)
+        for k in range(30):
+            assert below(table[:, 2], one[row, k]) == pytest.approx(u[row, k, 0], abs=1e-9)
+            first, second = both[row, k]
+            assert below(along, first) == pytest.approx(u[row, k, 0], abs=1e-9)
+            across = [np.interp(first, grid, column) for column in table.T]
+            assert below(np.array(across), second) == pytest.approx(u[row, k, 1], abs=1e-9)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import kstest
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.simulators import LogUniform, Normal, Prior, Uniform
+from gaugeblock.simulators import LogUniform, MultivariateNormal, Normal, Prior, Uniform, as_prior
 
 MIXED = Prior({"index": Uniform(1.0, 3.0), "norm": LogUniform(1e-5, 1e-1), "offset": Normal(-2.0, 0.3)})
 every = settings(deadline=None, derandomize=True, max_examples=100)
@@ -82,6 +82,27 @@ def test_description_restores_an_equal_prior():
     assert again == MIXED
     assert hash(again) == hash(MIXED)
     assert again != MIXED.replace(index=Uniform(1.0, 4.0))
+    assert again != tuple(MIXED.names)
+
+
+def test_the_support_holds_its_ends_in_every_parameter():
+    low, high = np.array([1.0, 1e-5, -np.inf]), np.array([3.0, 1e-1, np.inf])
+    np.testing.assert_array_equal(MIXED.bounds, np.stack([low, high], axis=1))
+    inside = [[1.0, 1e-5, 0.0], [3.0, 1e-1, 0.0]]
+    outside = [[np.nextafter(1.0, 0.0), 1e-2, 0.0], [2.0, np.nextafter(1e-1, 1.0), 0.0]]
+    assert MIXED.contains([inside, outside]).tolist() == [[True, True], [False, False]]
+    np.testing.assert_allclose(MIXED.center, [2.0, 1e-3, -2.0])
+    pair = Prior({("a", "b"): MultivariateNormal([0.0, 1.0], [[1.0, 0.5], [0.5, 2.0]])})
+    assert (MIXED * pair).standard_normal.tolist() == [False, False, True, True, True]
+    assert (MIXED * pair).center[3:].tolist() == [0.0, 1.0]
+
+
+def test_without_a_density_the_support_is_what_is_known():
+    drawn = as_prior({"a": lambda n, rng: rng.normal(size=(n, 1)), "b": Uniform(2.0, 4.0)})
+    theta = np.array([[[9.0, 3.0], [9.0, 4.5]]])
+    assert drawn.log_prob_or_support(theta).tolist() == [[0.0, -np.inf]]
+    both = MIXED.from_unbounded(np.zeros((1, 2, 3)))
+    np.testing.assert_array_equal(MIXED.log_prob_or_support(both), MIXED.log_prob(both))
 
 
 def test_product_of_priors_keeps_order_and_refuses_shared_names():

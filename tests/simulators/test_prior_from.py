@@ -37,6 +37,11 @@ ONE_DIMENSION = {
     "lognorm": (stats.lognorm(0.4, scale=2.0), 3),
     "gamma": (stats.gamma(2.5, scale=0.3), 3),
     "shifted gamma": (stats.gamma(2.5, loc=1.0, scale=0.3), 3),
+    "shifted lognorm": (stats.lognorm(0.4, loc=-1.0, scale=2.0), 3),
+    "shifted loguniform": (stats.loguniform(0.5, 4.0, loc=1.0), 3),
+    "scaled loguniform": (stats.loguniform(0.5, 4.0, scale=3.0), 3),
+    "shifted beta": (stats.beta(2.0, 0.7, loc=1.0), 3),
+    "scaled beta": (stats.beta(2.0, 0.7, scale=3.0), 3),
     "beta": (stats.beta(2.0, 0.7), 3),
     "loguniform": (stats.loguniform(1e-3, 10.0), 3),
     "truncnorm": (stats.truncnorm(-1.0, 2.0, loc=3.0, scale=0.5), 3),
@@ -79,6 +84,11 @@ def test_scipy_in_one_dimension(name):
     frozen = given() if isinstance(given, stats.rv_histogram) else given
     expected = frozen.logpdf(theta[:, 0]) if can_do == 3 else frozen.logpmf(theta[:, 0])
     np.testing.assert_allclose(prior.log_prob(theta), expected, rtol=1e-9, atol=1e-12)
+    assert prior.center == pytest.approx([frozen.ppf(0.5)])
+    np.testing.assert_allclose(prior.bounds, [frozen.support()], rtol=1e-12)
+    np.testing.assert_allclose(prior.from_unit_cube([[0.0], [1.0]])[:, 0], frozen.support(), rtol=1e-12)
+    # What has several parts can do what all of them can.
+    assert reach(Prior({"a": given, "b": Uniform(0.0, 1.0)})) == can_do
     if can_do == 3:
         assert stats.kstest(draws[:, 0], frozen.cdf).pvalue > 1e-4
         round_trip(prior, draws[:200])
@@ -87,7 +97,7 @@ def test_scipy_in_one_dimension(name):
         mass = frozen.pmf(values)
         big = mass * 2000 > 5
         assert stats.chi2.sf(((counts - 2000 * mass) ** 2 / (2000 * mass))[big].sum(), big.sum()) > 1e-4
-        with pytest.raises(InputError, match=r"bijection to R.*theta_1 has none"):
+        with pytest.raises(InputError, match=rf"bijection to R.*; the {name} of theta_1 has none"):
             require_prior(prior, HasBijections, "npe")
 
 
@@ -180,6 +190,33 @@ def test_torch_distributions():
         assert json.dumps(prior.describe())
 
 
+def test_what_tensors_do_not_say_is_not_told():
+    torch = pytest.importorskip("torch")
+    d, one = torch.distributions, torch.ones(1)
+    mixture = d.MixtureSameFamily(d.Categorical(torch.ones(2)), d.Normal(torch.ones(2), torch.ones(2)))
+    for given in (mixture, d.TransformedDistribution(d.Normal(one, one), [d.ExpTransform()])):
+        (entry,) = as_prior(given).describe().values()
+        assert entry["state_sha256"] is None
+    # Arrays of blocks are none of ours, and are drawn from as they are.
+    several = (d.MultivariateNormal(torch.zeros(2, 2), torch.eye(2)), d.Dirichlet(torch.ones(2, 3)))
+    assert [reach(as_prior(given)) for given in several] == [1, 1]
+
+    class Bare:
+        """Draws and densities as torch has them, a column each, and a support that it keeps to itself."""
+
+        def sample(self, shape):
+            return torch.rand(*shape, 2)
+
+        def log_prob(self, theta):
+            return -theta * torch.tensor([1.0, 2.0])
+
+    theta = as_prior(Bare()).sample(3, np.random.default_rng(1))
+    np.testing.assert_array_equal(theta, as_prior(Bare()).sample(3, np.random.default_rng(1)))
+    np.testing.assert_allclose(as_prior(Bare()).log_prob(theta), -theta @ [1.0, 2.0], rtol=1e-6)
+    samples = torch.tensor([[1.0, 2.0], [3.0, 4.0]], requires_grad=True)
+    assert as_prior(samples).describe() == as_prior(samples.detach().numpy()).describe()
+
+
 def test_sbi_priors():
     torch = pytest.importorskip("torch")
     utils = pytest.importorskip("sbi.utils")
@@ -239,6 +276,16 @@ def test_numpyro_distributions():
         assert not np.isnan(prior.log_prob(np.full((1, prior.size), -7.5))).any()
 
 
+def test_torch_priors_of_other_numbers_are_others():
+    torch = pytest.importorskip("torch")
+    one, d = torch.ones(1), torch.distributions
+    for kind, numbers in ((d.StudentT, [(4, 0), (50, 0), (4, 7)]), (d.Laplace, [(1, 2), (1, 3), (2, 2)])):
+        several = [as_prior(kind(first * one, second * one), names=["a"]) for first, second in numbers]
+        assert len({str(prior.describe()) for prior in several}) == 3
+        again = as_prior(kind(*(float(each) * torch.ones(1) for each in numbers[0])), names=["a"])
+        assert again.describe() == several[0].describe()
+
+
 def test_mixed_by_parameter():
     torch = pytest.importorskip("torch")
     prior = as_prior(
@@ -264,10 +311,16 @@ def test_samples_with_and_without_a_density():
     prior = as_prior(samples, names=["a", "b"])
     assert reach(prior) == 0
     drawn = prior.sample(50, np.random.default_rng(2))
+    assert np.unique(as_prior(samples[:2]).sample(50, np.random.default_rng(2)), axis=0).shape == (2, 2)
     assert all(any(np.array_equal(row, one) for one in samples) for row in drawn)
     known = as_prior((samples, lambda theta: stats.norm.logpdf(theta).sum(axis=1)))
     np.testing.assert_allclose(known.log_prob(drawn[None]), stats.norm.logpdf(drawn).sum(axis=1)[None])
+    assert known.log_prob(np.empty((0, 2))).shape == (0,)
     assert as_prior(samples).describe() == as_prior(samples.copy()).describe()
+    (said,), (said_known,) = as_prior(samples).describe().values(), known.describe().values()
+    assert said["rows"] == 300
+    # What a function answers is told by nothing.
+    assert said_known == {**said, "state_sha256": None}
     assert as_prior(samples).describe() != as_prior(samples + 1).describe()
     assert as_prior([1.0, 2.0, 3.0]).names == ("theta_1",)
     with pytest.raises(
@@ -300,6 +353,73 @@ def test_functions_and_objects():
     )
 
 
+def test_what_draws_begin_from_is_a_draw_in_the_middle():
+    table = np.random.default_rng(3).gamma(0.5, [1.0, 1e3, 1e-2], size=(200, 3))
+    prior = as_prior(lambda n, rng: table[:n])
+    away = [sum(abs(row - np.median(table, axis=0)) / np.sqrt(table.var(axis=0))) for row in table]
+    np.testing.assert_array_equal(prior.center, table[int(np.argmin(away))])
+    np.testing.assert_array_equal(prior.bounds, [[-np.inf, np.inf]] * 3)
+
+
+def test_somebody_s_own_is_told_by_its_source_or_by_what_it_holds():
+    class Own:
+        names = ("a", 2)
+        shape = 3
+
+        def __init__(self, scale):
+            self.scale = scale
+
+        def sample(self, n, generator):
+            return self.scale * generator.normal(size=(n, 2))
+
+    def plain(n, rng):
+        return rng.normal(size=(n, 1))
+
+    def other(n, rng):
+        return rng.normal(size=(n, 1)) + 1.0
+
+    scale = 2.0
+
+    def closes(n, rng):
+        return scale * rng.normal(size=(n, 1))
+
+    def told(given):
+        (entry,) = as_prior(given).describe().values()
+        return entry["distribution"].split(".")[-1], entry["state_sha256"]
+
+    assert as_prior(Own(1.0)).names == ("theta_1", "theta_2")
+    assert told(plain)[0] == "plain"
+    assert told(plain) == told(plain) != told(other)
+    assert None not in (told(plain)[1], told(other)[1])
+    assert told(closes) == ("closes", None)
+    # A class of a function's own cannot be written down, one of the library's can.
+    assert told(Own(1.0)) == ("Own", None)
+    held = [told(stats.gaussian_kde([0.0, 1.0, shift])) for shift in (3.0, 3.0, 4.0)]
+    assert held[0] == held[1] != held[2]
+    own = [as_prior(stats.rv_histogram(([1, shift], [0, 1, 2]))).describe()["theta_1"] for shift in (1, 1, 3)]
+    assert own[0] == own[1] != own[2]
+    assert own[0]["name"].startswith("rv_histogram ")
+    assert as_prior(stats.t(4.0)).describe()["theta_1"]["name"] == "t"
+
+
+class Frame:
+    """A table with names, as data frames have them."""
+
+    shape, columns = (2, 2), ["mass", 7]
+
+    def __array__(self, dtype=None, copy=None):
+        return np.array([[1.0, 2.0], [3.0, 4.0]])
+
+
+def test_lists_pairs_and_tables_are_what_they_look_like():
+    assert as_prior(Frame()).names == ("mass", "7")
+    assert as_prior(Frame(), names=["a", "b"]).names == ("a", "b")
+    pair = as_prior((stats.norm(), Uniform(0.0, 1.0)))
+    assert pair == Prior({"theta_1": Normal(0.0, 1.0), "theta_2": Uniform(0.0, 1.0)})
+    assert as_prior(([1.0, 2.0], [3.0, 4.0])).describe() == as_prior(Frame(), names=pair.names).describe()
+    assert as_prior([(1.0, 2.0), (3.0, 4.0)]).size == 2
+
+
 def test_descriptions_and_copies():
     given = {
         "a": stats.t(4.0),
@@ -330,6 +450,11 @@ def test_descriptions_and_copies():
         (lambda: as_prior(lambda n, rng: np.full((n, 1), np.nan)), "NaN or infinite draws"),
         (lambda: as_prior(lambda n, rng: rng.normal(size=n + 1)), r"shape \(201,\) where 200 were asked for"),
         (lambda: as_prior({}), "at least one parameter"),
+        (lambda: as_prior([]), r"\[\] cannot be drawn from"),
+        (
+            lambda: as_prior({"a": {"distribution": "normal"}, "b": Normal(0.0, 1.0)}),
+            "prior of a: a dict is none",
+        ),
         (
             lambda: as_prior({"a": Normal(0.0, 1.0), ("a", "b"): stats.dirichlet([1, 1])}),
             "two parameters are called",

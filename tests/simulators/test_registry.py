@@ -2,6 +2,7 @@
 
 import importlib
 import inspect
+import os
 import pkgutil
 import subprocess
 import sys
@@ -113,12 +114,21 @@ def test_a_user_s_own(own, spec, options, high):
     before = list(sys.path)
     assert build_simulator(spec, **options).prior.bounds[0, 1] == high
     assert sys.path == before
+    # What was on the path stays there.
+    sys.path.append(os.getcwd())
+    build_simulator(spec, **options)
+    assert sys.path == [*before, os.getcwd()]
+    sys.path.pop()
 
 
 @pytest.mark.parametrize(
     ("spec", "options", "words"),
     [
-        ("nonesuch", {}, "no simulator 'nonesuch'; there are epidemic, .*module:object"),
+        (
+            "nonesuch",
+            {},
+            "no simulator 'nonesuch'; there are epidemic, gaussian_mixture, linear_.*module:object",
+        ),
         ("linear_gaussian", {"colour": 1}, "colour.*its options are: parameters, data, noise"),
         ("linear_gaussian", {"noise": -1.0}, "noise must be positive"),
         ("no_such_module:thing", {}, "cannot import no_such_module"),
@@ -156,6 +166,8 @@ def test_what_is_given_is_taken_where_it_is_asked_for():
     assert made_for(lambda simulator=None, size=1: (simulator, size), "it", "given") == ("given", 1)
     with pytest.raises(InputError, match=r"it: .*depth.*its options are: size"):
         made_for(asks, "it", "given", depth=1)
+    with pytest.raises(InputError, match=r"^it: .*depth.*; its options are: none$"):
+        call(lambda: None, "it", depth=1)
 
 
 def test_a_missing_library_names_the_extra(tmp_path, monkeypatch):

@@ -1,6 +1,8 @@
 """Source and background regions in one simulator: exact where it can be, held against measured ones."""
 
 import pickle
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from scipy.stats import poisson
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.fitting import fit
 from gaugeblock.simulators import Effect, Simulator, Uniform
+from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.protocol import Described, Extensible, HasJacobian, HasLikelihood, HasNoise
 from gaugeblock.simulators.segments import segments
@@ -19,6 +22,7 @@ pytest.importorskip("jaxspec")
 from gaugeblock.simulators.xray import (
     Response,
     Spectrum,
+    WithBackground,
     XraySpectrum,
     data,
     double_precision,
@@ -163,6 +167,34 @@ def test_it_can_be_pickled_and_described(both, theta):
     assert again.describe() == both.describe()
     assert both.describe()["scale"] == sorted(set(both.background.scale.tolist()))
     assert both.with_effect(LINE).describe() != both.describe()
+
+
+@pytest.mark.parametrize(("most", "step"), [(1.0, 0.002), (1.0, 0.9), (0.01, 0.009)])
+def test_more_background_than_a_fifth_of_what_was_measured_is_not_proposed(most, step):
+    """By the counts of the background under the source, at the median of what was fitted, spread as 1 / E."""
+    entry = LibraryEffect(
+        name="background", amplitude="level", step=step, cause="", typical="",
+        parameters={"level": Uniform(0.0, most), "index": Uniform(-1.0, 3.0)}, scanned={"index": [0.0]},
+    )  # fmt: skip
+    other = replace(entry, name="other")
+    asked = []
+    source = SimpleNamespace(
+        data_shape=(3,), model="powerlaw", effects=(), exposure=10.0,
+        prior=Prior({"powerlaw_1.norm": Uniform(0.0, 1.0)}), response=SimpleNamespace(band=(1.5, 4.0)),
+        effect_library=lambda theta: asked.append(theta) or {"background": entry, "other": other},
+    )  # fmt: skip
+    edges = np.array([[1.0, 2.0], [2.0, 3.0], [3.0, 4.0]])
+    background = MeasuredBackground.fit([5, 8, 3], 0.5, edges, exposure=10.0, knots=[1.0, 4.0])
+    both = WithBackground(source, background)
+    theta = np.column_stack([[0.1, 0.2, 0.3], *[np.log([0.1, 0.4, 1.2])] * 2])
+    found = both.effect_library(theta)
+    assert asked[0].tolist() == [[0.1], [0.2], [0.3]]
+    assert found["other"] is other
+    # At 0.4 counts/s/keV there are 1.2 of them.
+    level = min(0.2 * 1.2 / np.log(4.0 / 1.5), most)
+    assert found["background"].parameters["level"].support == pytest.approx((0.0, level))
+    assert found["background"].parameters["index"] == entry.parameters["index"]
+    assert found["background"].step == pytest.approx(min(step, 0.5 * level))
 
 
 def deviance(counts, mean):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize
 
 pytest.importorskip("jaxspec")
 
@@ -95,3 +97,89 @@ def test_the_derivative_knows_the_lines():
         [(shape.rate(at + step * unit) - shape.rate(at - step * unit)) / (2 * step) for unit in np.eye(4)], -1
     )
     np.testing.assert_allclose(shape.derivative(at), numeric, rtol=1e-6, atol=1e-10)
+
+
+def test_the_prior_is_five_standard_errors_around_the_likeliest_rates():
+    """By SciPy's minimiser and differences: a Poisson likelihood, held at the mean by 3 in the logarithm."""
+    edges = np.stack([np.arange(1.0, 9.0), np.arange(2.0, 10.0)], axis=1)
+    scale, seconds, knots = np.array([0.5, 0.5, 0.25, 1, 1, 2, 0.5, 0.5]), 700.0, [1.0, 2.5, 9.0]
+    width = np.array([1.0, 1.0, 0.5, 1.0, 0.25, 1.0, 1.0, 1.0])
+    x, w = np.polynomial.legendre.leggauss(3)
+    at = edges.mean(axis=1)[:, None] + 0.5 * x
+
+    def expected(log_rate):
+        rate = np.exp(CubicSpline(np.log(knots), log_rate, bc_type="natural")(np.log(at)))
+        return 0.5 * width * (rate @ w) * seconds / scale
+
+    # Every standard deviation is 0.2 at least and 2 at most.
+    some = np.array([40, 0, 9, 3, 14, 200, 3, 60])
+    for counts, low, high in ((some, 0.3, 2.0), (0 * some, 2.0, 2.0), (10_000 * some, 0.2, 0.2)):
+        level = np.log((counts.sum() + 0.5) / (seconds / scale * width).sum())
+
+        def objective(log_rate, counts=counts, level=level):
+            mean = expected(log_rate)
+            return (mean - counts * np.log(mean)).sum() + ((log_rate - level) ** 2).sum() / 18
+
+        best = minimize(objective, np.full(3, level), method="Nelder-Mead",
+                        options={"xatol": 1e-9, "fatol": 1e-12, "maxiter": 4000}).x  # fmt: skip
+        h = 1e-5
+        slope = np.stack([(expected(best + h * e) - expected(best - h * e)) / (2 * h) for e in np.eye(3)])
+        information = slope / expected(best) @ slope.T + np.eye(3) / 9
+        error = 5 * np.sqrt(np.diag(np.linalg.inv(information)))
+        prior = MeasuredBackground.fit(counts, scale, edges, exposure=seconds, width=width, knots=knots).prior
+        assert prior.names == tuple(f"background_1.rate_{k}" for k in (1, 2, 3))
+        np.testing.assert_allclose([one.center for one in prior.marginals.values()], best, atol=1e-4)
+        sd = [one.sd for one in prior.marginals.values()]
+        np.testing.assert_allclose(sd, np.clip(error, 0.2, 2.0), rtol=1e-4)
+        assert low <= min(sd) <= max(sd) <= high
+
+
+def test_knots_and_lines_are_those_that_a_search_by_hand_finds():
+    counts = drawn(3000, {ALUMINIUM: 250}, seed=42)
+    found = fitted(counts)
+    # Knots, as fractions of log energy and of the counts, whose mean is cut evenly.
+    grid = np.append(EDGES[:, 0], EDGES[-1, 1])
+    log = np.log(grid / grid[0]) / np.log(grid[-1] / grid[0])
+    sums = np.append(0.0, np.cumsum(counts)) / counts.sum()
+
+    def places(number):
+        return np.exp(np.interp(np.arange(number) / (number - 1), 0.5 * (log + sums), np.log(grid)))
+
+    def deviance(made):
+        mean = made.shape.rate(made.prior.center) * 1e4 / 0.5
+        return 2 * (mean - counts + counts * np.log(np.where(counts > 0, counts, 1) / mean)).sum()
+
+    tried = {number: fitted(counts, knots=places(number)) for number in range(6, 15)}
+    number = min(tried, key=lambda number: deviance(tried[number]) + 2 * number)
+    np.testing.assert_allclose(found.shape.knots, places(number), rtol=1e-6)
+    # The line by whose counts' deviance the smooth fit misses most, of three widths at every channel.
+    mean = tried[number].shape.rate(tried[number].prior.center) * 1e4 / 0.5
+    centre, most = EDGES.mean(axis=1), -np.inf
+    for energy, wide in zip(centre, EDGES[:, 1] - EDGES[:, 0], strict=True):
+        for width in (0.02, 0.04, 0.08):
+            sigma = max(width * np.sqrt(energy), 0.5 * wide)
+            bump = np.exp(-0.5 * ((centre - energy) / sigma) ** 2)
+            seen, expected = (counts * bump).sum(), (mean * bump).sum()
+            apart = seen * np.log(seen / expected) - (seen - expected) if seen > expected else -np.inf
+            if apart > most:
+                most, line_found = apart, [energy, sigma]
+    np.testing.assert_allclose(found.shape.lines[0], line_found, rtol=1e-9)
+    # The fit with it is the likeliest one: no line is pulled to nothing, no rate to the mean.
+    level = np.log((counts.sum() + 0.5) / (1e4 / 0.5 * np.diff(EDGES, axis=1).sum()))
+    pull = found.prior.center - np.where(["rate" in name for name in found.prior.names], level, 0.0)
+    mean = found.shape.rate(found.prior.center) * 1e4 / 0.5
+    rise = (
+        mean[:, None] * np.log(found.shape.rate(found.prior.center + np.eye(len(pull)) * 1e-6) * 2e4 / mean).T
+    )
+    np.testing.assert_allclose(1e6 * rise.T @ (counts / mean - 1.0), pull / 9, atol=0.01)
+
+
+def test_knots_begin_at_a_thousandth_of_a_kev_whatever_the_order_of_channels():
+    edges = np.stack([np.arange(0.0, 6.0), np.arange(1.0, 7.0)], axis=1)
+    counts = np.array([30, 20, 10, 10, 5, 5])
+    made, turned = (
+        MeasuredBackground.fit(counts[way], 1.0, edges[way], exposure=10.0)
+        for way in (slice(None), [0, 2, 1, 3, 4, 5])
+    )
+    assert made.shape.knots[[0, -1]] == pytest.approx([1e-3, 6.0])
+    np.testing.assert_allclose(turned.shape.knots, made.shape.knots, rtol=1e-9)

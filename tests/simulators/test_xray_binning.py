@@ -31,12 +31,29 @@ def test_resolution_is_the_full_width_at_half_maximum():
     expected = 2.3548 * (0.03 + 0.01 * fine.mean(axis=1))
     # Whole channels are counted, of 10 eV.
     assert np.abs(found - expected)[inside].max() < 0.021
+    # Of how much there is nothing depends, whether photons or cm2.
+    assert np.array_equal(resolution(csr_array(matrix / 4096), fine), found)
     flags = resolution_grouping(csr_array(matrix), fine)
     starts = np.append(np.flatnonzero(flags == 1), 1000)
     widths = edges[starts[1:]] - edges[starts[:-1]]
     wanted = found[starts[:-1]] / 3
     assert np.all(widths[:-1] > wanted[:-1] - 1e-9)
     assert np.all(widths[:-1] < wanted[:-1] + 0.01 + 1e-9)
+
+
+def test_a_channel_at_exactly_half_the_peak_belongs_to_its_width():
+    """By hand, channels of unlike widths; where no photon is recorded, a channel is what it is."""
+    from scipy.sparse import csr_array
+
+    edges = np.array([0.0, 1.0, 3.0, 4.0, 6.0, 7.0, 8.0])
+    fine, width = np.stack([edges[:-1], edges[1:]], axis=1), np.diff(edges)
+    density = np.array([1.2, 1.0, 2.0, 1.0, 0.98, 1.6])
+    assert resolution(csr_array((density * width)[:, None]), fine).tolist() == [6.0] * 6
+    two = np.stack([density * width, np.eye(6)[5]], axis=1)
+    # Straight between the peaks, at 3.5 and 7.5.
+    np.testing.assert_allclose(resolution(csr_array(two), fine), [6.0, 6.0, 6.0, 4.125, 2.25, 1.0])
+    for matrix in (csr_array((6, 2)), csr_array((np.zeros(2), ([1, 2], [0, 1])), shape=(6, 2))):
+        assert resolution(matrix, fine).tolist() == width.tolist()
 
 
 def test_epic_pn_has_its_resolution(pn):

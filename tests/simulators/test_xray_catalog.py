@@ -2,6 +2,8 @@
 
 import gzip
 import json
+import pickle
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,12 +21,16 @@ from gaugeblock.simulators.xray import (
     WithBackground,
     XraySpectrum,
     data,
+    on_instrument,
     read_catalog,
     read_observation,
     reader,
 )
 from gaugeblock.simulators.xray.catalog import entries, pooled, thinned, with_equal_scales
+from gaugeblock.simulators.xray.measured_background import MeasuredBackground
+from gaugeblock.simulators.xray.observation import source_counts
 from gaugeblock.simulators.xray.pha import read_pha
+from gaugeblock.simulators.xray.siblings import Siblings
 
 pytestmark = pytest.mark.usefixtures("xray_data")
 CHANNELS = 4096
@@ -92,6 +98,28 @@ def test_several_spectra_are_several_instruments(write):
     assert len(joint.simulator.segments()) == 3
     same = read_observation([paths[0], paths[0]], model=MODEL, priors=PRIOR, names=["first", "second"])
     assert same.simulator.names == ("first", "second")
+    paths = [write("c.pha"), paths[1]]
+    bare = read_observation(paths, model=MODEL, priors=PRIOR, band=(0.5, 8.0), background="none")
+    assert len(bare.simulator.segments()) == 2
+    # Where headers call two alike, they have the names of their files.
+    twice = read_observation([paths[0], write("a.pha")], model=MODEL, priors=PRIOR, band=(0.5, 8.0))
+    assert twice.simulator.names == ("c", "a")
+
+
+@pytest.mark.parametrize(
+    ("counts", "background", "scale", "share"),
+    [
+        ([6, 4], [2, 2], 0.5, 0.8),
+        ([6, 4], [9, 9], 1.0, 0.1),
+        ([0, 0], [1, 0], 1.0, 0.0),
+        ([6, 4], None, None, 1),
+    ],
+)
+def test_what_is_left_of_the_counts_is_a_tenth_at_least(counts, background, scale, share):
+    scales = None if scale is None else np.full(2, scale)
+    behind = None if background is None else np.array(background)
+    left = source_counts(Spectrum(np.array(counts), None, behind, scales))
+    np.testing.assert_allclose(left, share * np.array(counts))
 
 
 def test_a_response_that_ships_with_jaxspec_can_be_named(write):
@@ -115,6 +143,18 @@ def test_a_catalogue_of_one_has_the_prior_of_its_spectrum(write, tmp_path, band)
     (found,) = read_catalog(tmp_path, model=MODEL, band=band)
     assert found.simulator.prior == alone.simulator.prior
     np.testing.assert_array_equal(found.counts, alone.counts)
+    if band is None:
+        return
+    # One more, that sees a quarter of the photons: its rate counts as the first one's response would have it.
+    write("b.pha", exposure=2e4, AREASCAL=0.25)
+    found, other = read_catalog(tmp_path, model=MODEL, band=band)
+    assert other.simulator.prior == found.simulator.prior
+    assert (found.simulator.exposure, other.simulator.exposure) == pytest.approx((1e4, 2e4))
+    ratio = other.counts.sum() / 0.25 / 2e4 / (found.counts.sum() / 1e4)
+    assert ratio > 3
+    supports = [one.simulator.prior.marginals["powerlaw_1.norm"].support for one in (alone, found)]
+    # Six decades, in whose middle both are.
+    np.testing.assert_allclose(np.divide(*supports[::-1]), np.sqrt(ratio), rtol=1e-6)
 
 
 def test_ungrouped_spectra_are_grouped_by_resolution_and_groups_are_kept(write):
@@ -146,7 +186,7 @@ def test_sources_of_one_response_share_a_simulator_and_the_response_is_read_once
 
     original = reader.read_detector
     monkeypatch.setattr(reader, "read_detector", counted)
-    for i, exposure in enumerate((1e3, 4e3, 16e3)):
+    for i, exposure in enumerate((1e3, 4e3, 32e3)):
         write(f"s{i}.pha", exposure)
     quality = np.zeros(CHANNELS, int)
     quality[300] = 5
@@ -155,7 +195,8 @@ def test_sources_of_one_response_share_a_simulator_and_the_response_is_read_once
     first, second = read(tmp_path, progress=lambda done, total: told.append((done, total)))
     assert first.names == ("s0.pha", "s1.pha", "s2.pha")
     assert second.names == ("s9.pha",)
-    np.testing.assert_allclose(first.scale * first.simulator.exposure, [1e3, 4e3, 16e3])
+    np.testing.assert_allclose(first.scale, [0.25, 1.0, 8.0])
+    assert first.simulator.exposure == pytest.approx(4e3)
     assert first.counts[2].sum() > 2 * first.counts[1].sum()
     assert len(calls) == 1
     assert told == [(1, 4), (2, 4), (3, 4), (4, 4)]
@@ -188,7 +229,7 @@ def test_catalog_csv_says_which_spectra_names_and_redshifts(write, tmp_path):
 def test_what_counts_as_a_spectrum_of_a_folder(tmp_path):
     for name in ("a.fits", "b.pi"):
         (tmp_path / name).touch()
-    assert [entry.name for entry in entries(tmp_path)] == ["a.fits", "b.pi"]
+    assert [(entry.name, entry.redshift) for entry in entries(tmp_path)] == [("a.fits", 0.0), ("b.pi", 0.0)]
     with gzip.open(tmp_path / "c.pha.gz", "wb"):
         pass
     assert [entry.name for entry in entries(tmp_path)] == ["c.pha.gz"]
@@ -225,6 +266,21 @@ def test_backgrounds_of_near_scales_share_a_simulator(write, tmp_path):
     assert all(isinstance(group.simulator, XraySpectrum) for group in read(tmp_path, background=False))
 
 
+def test_siblings_remember_the_latest_64_effects_of_each_source():
+    first, other = (SimpleNamespace(with_effect=lambda effect: object()) for _ in range(2))
+    effects = [Effect("gain_slope", {"slope": 1.0 + k / 100}) for k in range(64)]
+    siblings = Siblings()
+    made = [siblings.with_effect(first, effect) for effect in effects]
+    assert len({id(one) for one in made}) == 64
+    assert [siblings.with_effect(first, effect) for effect in effects] == made
+    # Another process makes its own; one more, of another source or kind, and the oldest is forgotten.
+    assert pickle.loads(pickle.dumps(siblings)).with_effect(first, effects[1]) is not made[1]
+    assert siblings.with_effect(other, effects[1]) is not made[1]
+    assert siblings.with_effect(first, effects[1]) is made[1]
+    assert siblings.with_effect(first, effects[0]) is not made[0]
+    assert siblings.with_effect(first, on_instrument(effects[9], "pn")) is not made[9]
+
+
 def fake(response, scale, background):
     return Spectrum(np.zeros(len(response.channels), int), response, background, scale)
 
@@ -248,6 +304,11 @@ def test_scales_that_differ_more_are_apart(pn):
     spectra.append(Spectrum(np.zeros(number, int), pn))
     groups = with_equal_scales(range(5), lambda i: spectra[i])
     assert [sorted(group) for group in groups] == [[0, 1], [2], [3], [4]]
+    # By their mean in the logarithm; the largest of a group is what the others are compared with.
+    uneven = [np.where(np.arange(number) % 2, 4.0, 1.0), np.full(number, 1.61), np.full(number, 1.45)]
+    spectra = [fake(pn, scale, np.ones(number, int)) for scale in uneven]
+    groups = with_equal_scales(range(3), lambda i: spectra[i])
+    assert [sorted(group) for group in groups] == [[0, 1], [2]]
 
 
 def test_a_pooled_prior_holds_the_sources_that_it_is_for(pn):
@@ -267,6 +328,41 @@ def test_a_pooled_prior_holds_the_sources_that_it_is_for(pn):
     ]
     assert np.std(deviation) < 1.0
     assert np.max(np.abs(deviation)) < 3.0
+
+
+@pytest.mark.parametrize(("spread", "least"), [(0.1, 0.5), (1.0, 0.0), (3.0, 2.0)])
+def test_a_pooled_prior_is_the_fit_to_all_as_wide_as_sources_differ(spread, least):
+    """By hand: rates move to the mean of the levels, one and a half times as wide; lines stand on them."""
+    from scipy.sparse import eye_array
+
+    edges = np.linspace(0.5, 8.0, 61)
+    bins = np.stack([edges[:-1], edges[1:]], axis=1)
+    eye = eye_array(60, format="csr")
+    exposures = np.array([1e3, 4e3, 2e3, 8e3])
+    levels = np.exp(spread * np.array([-1.0, 0.2, 0.3, 1.1]))
+    shape = 0.02 + 0.3 * np.exp(-0.5 * ((bins.mean(axis=1) - 2.0) / 0.06) ** 2)
+    rng = np.random.default_rng(3)
+    spectra = [
+        fake(Response("made", bins, bins, bins, np.ones(60), eye, eye, seconds), np.full(60, 0.5), found)
+        for seconds, found in zip(exposures, rng.poisson(np.outer(levels * exposures, shape)), strict=True)
+    ]
+    scale, counts = thinned(spectra, [(0, i) for i in range(4)])
+    background = pooled(spectra, scale, counts)
+    together = MeasuredBackground.fit(counts.sum(axis=0), 0.5, bins, exposure=exposures.sum())
+    assert np.array_equal(background.shape.knots, together.shape.knots)
+    assert np.all(background.scale == 0.5)
+    rates = np.log((counts.sum(axis=1) + 0.5) / exposures)
+    shift = rates.mean() - np.log((counts.sum() + 0.5) / exposures.sum())
+    sd = min(max(1.5 * np.sqrt(((rates - rates.mean()) ** 2).sum() / 3), 0.5), 2.0)
+    assert sd == least or 0.5 < sd < 2.0
+    assert any(".line_" in name for name in together.prior.names)
+    for name, marginal in together.prior.marginals.items():
+        found = background.prior.marginals[name]
+        if ".line_" in name:
+            assert found == marginal
+        else:
+            assert found.center == pytest.approx(marginal.center + shift)
+            assert found.sd == pytest.approx(max(sd, marginal.sd))
 
 
 def test_files_that_do_not_fit_are_named(write, tmp_path):

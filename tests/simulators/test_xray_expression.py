@@ -15,10 +15,19 @@ from astropy.table import Table
 
 from gaugeblock.simulators.xray import data, double_precision
 from gaugeblock.simulators.xray.components import COMPONENTS, REFUSED
-from gaugeblock.simulators.xray.cross_sections import PHABS, WABS, table
-from gaugeblock.simulators.xray.expression import Tied, leaves, parameter_names, parse, with_sources, written
+from gaugeblock.simulators.xray.cross_sections import PHABS, WABS, linear, table
+from gaugeblock.simulators.xray.expression import (
+    Tied,
+    leaves,
+    parameter_names,
+    parse,
+    read_source,
+    valued,
+    with_sources,
+    written,
+)
 from gaugeblock.simulators.xray.folding import photon_flux
-from gaugeblock.simulators.xray.gaunt import gaunt
+from gaugeblock.simulators.xray.gaunt import RYDBERG, gaunt
 
 
 def flux(expression, low, high, **values):
@@ -214,6 +223,11 @@ def test_the_table_of_wabs_is_that_of_morrison_and_mccammon():
     off = np.abs(sigma / expected - 1.0)
     near = np.min(np.abs(energy[:, None] / starts - 1.0), axis=1) < 5e-3
     assert off[~near].max() < 2e-3
+    # Below the table nothing passes, above it everything.
+    energy, _ = table(WABS)
+    with double_precision():
+        below, above = np.asarray(linear(np.array([energy[0] / 2, energy[-1] * 2]), WABS))
+    assert (below > 1e8, above) == (True, 0.0)
 
 
 # Asplund et al. 2009: log10 of atoms per 1e12 hydrogen atoms.
@@ -270,6 +284,23 @@ def test_a_born_gaunt_factor_is_the_limit_of_high_temperature():
         ours = np.array([float(gaunt(u * 400.0, 400.0, 1)) for u in (0.01, 0.3, 2.0, 8.0)])
     u = np.array([0.01, 0.3, 2.0, 8.0])
     np.testing.assert_allclose(ours, np.sqrt(3) / np.pi * np.exp(u / 2) * kn(0, u / 2), rtol=0.02)
+
+
+def test_a_gaunt_factor_beyond_its_table_is_that_at_its_end():
+    def at(log_charge, log_energy):
+        """By the logarithms of 4 Ry / kT, for helium, and of energy over kT."""
+        kT = 4 * RYDBERG / 10.0**log_charge
+        return float(gaunt(10.0**log_energy * kT, kT, 2))
+
+    with double_precision():
+        for inside, end, beyond in (
+            ((-1.0, -3.9), (-1.0, -4.0), (-1.0, -6.0)),
+            ((-1.0, 1.4), (-1.0, 1.5), (-1.0, 2.5)),
+            ((-4.0, 0.0), (-4.5, 0.0), (-6.0, 0.0)),
+            ((0.4, 0.0), (0.5, 0.0), (2.0, 0.0)),
+        ):
+            assert at(*beyond) == pytest.approx(at(*end), rel=1e-6)
+            assert at(*inside) != pytest.approx(at(*end), rel=1e-5)
 
 
 BAND = np.linspace(0.5, 8.0, 1501)
@@ -349,7 +380,16 @@ def test_lines_and_edges_may_be_narrower_than_a_bin(name):
         ("ga+ga(sigma=gauss_1.sigma)", "gaussian+gaussian(sigma=gauss_1.sigma)"),
         ("logpar(pivotE=3)", "logpar(pivotE=3.0)"),
         ("(tbabs*cflux)*po", "tbabs*cflux*powerlaw(norm=1.0)"),
+        ("(tbabs*cflux)(po)", "tbabs*cflux*powerlaw(norm=1.0)"),
+        ("(cflux*po)*tbabs", "(cflux*powerlaw(norm=1.0))*tbabs"),
+        ("((cflux*po)*edge)*tbabs", "(cflux*powerlaw(norm=1.0))*edge*tbabs"),
+        ("(cflux*po)(tbabs)", "(cflux*powerlaw(norm=1.0))*tbabs"),
+        ("(tbabs*edge)*po", "tbabs*edge*powerlaw"),
         ("tbabs*(po+(bb+ga))*edge", "tbabs*(powerlaw+(bbody+gaussian))*edge"),
+        ("ga+ga(El=2*gauss_1.El-1)", "gaussian+gaussian(El=2.0*gauss_1.El-1.0)"),
+        ("tbabs*(edge*po)", "tbabs*(edge*powerlaw)"),
+        ("zas*edge*po", "zashift*edge*powerlaw"),
+        ("cflux*po(norm=3)", "cflux*powerlaw(norm=3.0)"),
     ],
 )
 def test_short_and_long_are_the_same_model_and_come_back(short, long):
@@ -374,6 +414,8 @@ def test_numbers_and_ties_follow_each_other():
     assert dict(leaves(parse(model))[3].bindings)["El"] == pytest.approx(7.05)
     chained = parse("ga+ga(El=2*gauss_1.El)+ga(El=gauss_2.El-1)")
     assert dict(leaves(chained)[2].bindings)["El"] == Tied("gauss_1.El", 2.0, -1.0)
+    chained = parse("ga+ga(El=2*gauss_1.El+3)+ga(El=0.25*gauss_2.El-1)")
+    assert dict(leaves(chained)[2].bindings)["El"] == Tied("gauss_1.El", 0.5, -0.25)
     edges = np.linspace(5.0, 8.0, 61)
     free = {"powerlaw_1__alpha": 1.5, "powerlaw_1__norm": 0.1, "gauss_1__norm": 0.3, "gauss_2__norm": 0.2}
     ours = flux("po+ga+ga(El=1.1*gauss_1.El, sigma=gauss_1.sigma)", edges[:-1], edges[1:],
@@ -384,11 +426,38 @@ def test_numbers_and_ties_follow_each_other():
 
 
 @pytest.mark.parametrize(
+    "line",
+    [
+        "3", "-2.5", "2*3 - 1/4", "{}", "-{}", "1 - {}", "{} - 1", "2*({} + 1)", "({} - 1)*-2 + 0.5",
+        "({} + 1)/4 - 3", "= 2*3*{}/4", "-(2*{} - 1)", "1 + (2 - 3*{})",
+    ],
+)  # fmt: skip
+def test_a_straight_line_is_what_python_makes_of_it(line):
+    source = read_source(line.format("gauss_1.El"))
+    for value in (0.7, -5.3):
+        assert valued(source, {"gauss_1.El": value}.__getitem__) == pytest.approx(
+            eval(line.lstrip("= ").format(f"({value})"))
+        )
+
+
+@pytest.mark.parametrize(
+    "line", ["{}*{}", "1/{}", "{}/{}", "{}/0", "{} + {}", "{} - {}", "{}**2", "a", "[1]"]
+)
+def test_what_is_no_straight_line_is_refused(line):
+    with pytest.raises(InputError, match="neither a number nor a parameter"):
+        read_source(line.replace("{}", "gauss_1.El"))
+
+
+@pytest.mark.parametrize(
     ("expression", "words"),
     [
-        ("tbabs*powerline", "did you mean zpowerlw or powerlaw or bknpower"),
+        ("tbabs*powerline", r"did you mean zpowerlw or powerlaw or bknpower\?$"),
+        # One letter begins nothing, even where one component alone has it.
+        ("w*powerlaw", "unknown component 'w'"),
+        ("p", "unknown component 'p'"),
         ("tbabs*(powrlaw+bbodyrad)", "unknown component 'powrlaw'; did you mean powerlaw"),
         ("tbabs*zzz", "there are bbody"),
+        ("power_law", "unknown component 'power_law'"),
         ("tbabs*apec", "comes in as a table: atable"),
         ("gsmooth*ga", "free sigma"),
         ("exp*po", "'exp' begins expabs, expfac; write one of them"),
@@ -397,6 +466,7 @@ def test_numbers_and_ties_follow_each_other():
         ("cflux", "no emission"),
         ("po(index=2)", "po has no index; it has alpha, norm"),
         ("po(alpha=beta)", "neither a number nor a parameter"),
+        ("po(alpha=True)", "'True' is neither a number nor a parameter"),
         ("po(alpha=ga_1.El)", "tied to ga_1.El, which is not among powerlaw_1.alpha"),
         ("ga(El=gauss_2.El)+ga(El=gauss_1.El)", "tied to itself"),
         ("gauss_1+gauss_1", "stands in it twice"),
@@ -413,6 +483,7 @@ def test_numbers_and_ties_follow_each_other():
         ("2*powerlaw", "only component names"),
         ("powerlaw.__class__", "only component names"),
         ("tbabs(powerlaw, bbody)", "only component names"),
+        ("tbabs()*powerlaw", "only component names"),
         ("__import__('os').system('true')", "only component names"),
         ("powerlaw\x00", "not an expression"),
     ],

@@ -7,7 +7,9 @@ from scipy.special import erf
 from gaugeblock.simulators import Effect, LogUniform, Prior, Uniform
 
 pytest.importorskip("jaxspec")
-from gaugeblock.simulators.xray import XraySpectrum, data, reference
+from gaugeblock.simulators.xray import XraySpectrum, data, double_precision, reference
+from gaugeblock.simulators.xray.cross_sections import TBABS, table
+from gaugeblock.simulators.xray.effects.absorption import cross_section
 from gaugeblock.simulators.xray.reference import epic_pn
 
 pytestmark = pytest.mark.usefixtures("xray_data")
@@ -140,6 +142,19 @@ def test_the_documented_formula(spectrum, name):
     # What a factor does within a bin of 5 eV, and two-point integration of an added continuum.
     np.testing.assert_allclose(changed, expected, rtol=4e-4 if name == "thermal_continuum" else 1e-4)
     assert np.abs(changed / plain - 1).max() > 0.05
+
+
+def test_cross_sections_go_on_beyond_their_table_as_they_end():
+    """Power laws through the last two nodes; the same whether energies are known when compiled or not."""
+    import jax
+
+    energy, sigma = table(TBABS)
+    at = np.array([energy[0] / 3, energy[0], np.sqrt(energy[5] * energy[6]), energy[-1], 3 * energy[-1]])
+    first, last = (np.log(sigma[k + 1] / sigma[k]) / np.log(energy[k + 1] / energy[k]) for k in (0, -2))
+    expected = [sigma[0] * 3**-first, sigma[0], np.sqrt(sigma[5] * sigma[6]), sigma[-1], sigma[-1] * 3**last]
+    np.testing.assert_allclose(cross_section(at), expected, rtol=1e-10)
+    with double_precision():
+        np.testing.assert_allclose(np.asarray(jax.jit(cross_section)(at)), expected, rtol=1e-10)
 
 
 @pytest.mark.parametrize("name", ["absorption_edge", "high_energy_cutoff"])

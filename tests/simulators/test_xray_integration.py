@@ -12,7 +12,7 @@ from gaugeblock.simulators import Effect, Prior, Uniform
 pytest.importorskip("jaxspec")
 from gaugeblock.simulators.xray import Response, XraySpectrum, build, reference
 from gaugeblock.simulators.xray.components import COMPONENTS
-from gaugeblock.simulators.xray.cross_sections import table_breaks
+from gaugeblock.simulators.xray.cross_sections import table, table_breaks
 from gaugeblock.simulators.xray.expression import parameter_names, parse
 
 pytestmark = pytest.mark.usefixtures("xray_data")
@@ -183,6 +183,30 @@ def test_a_table_breaks_at_the_edges_of_oxygen_iron_and_silicon():
     energies = table_breaks("xsect_tbabs_wilm.fits")
     for edge in (0.543, 0.708, 1.846, 7.124):
         assert np.min(np.abs(energies / edge - 1.0)) < 2e-3
+
+
+@pytest.mark.parametrize("file", ["xsect_tbabs_wilm.fits", "xsect_wabs_angr.fits"])
+def test_a_table_breaks_wherever_it_has_bent_by_one_and_across_ramps_in_steps(file):
+    """Node by node: bends in the logarithms add up, less where the cross-section is below 1e-23 cm2."""
+    energy, sigma = table(file)
+    x, y = np.log(energy), np.log(sigma)
+    expected, bent = set(), 0.0
+    for i in range(len(energy) - 1):
+        rise = y[i + 1] - y[i]
+        if abs(rise) > 0.15:
+            parts = int(np.ceil(abs(rise) / 0.15))
+            expected |= {energy[i] + (energy[i + 1] - energy[i]) * k / parts for k in range(parts + 1)}
+        if i:
+            before = bent
+            change = rise / (x[i + 1] - x[i]) - (y[i] - y[i - 1]) / (x[i] - x[i - 1])
+            bent += abs(change) * min(10 * sigma[i], 1.0)
+            if np.floor(bent) > np.floor(before):
+                expected.add(energy[i])
+    found = table_breaks(file)
+    assert np.all(np.diff(found) > 0)
+    np.testing.assert_allclose(
+        np.unique(np.round(found, 9)), np.unique(np.round(sorted(expected), 9)), rtol=1e-8
+    )
 
 
 def test_the_default_is_jaxspec_s_and_keeps_its_identity(coarse, exact):

@@ -177,7 +177,7 @@ def test_the_library_has_a_source_effect_once_and_an_instrument_effect_for_each(
         "area": entry("area", "instrument", 1, 2, [1]),
     }
     second = {
-        "line": entry("line", "source", 3, 20, [3, 6, 12]),
+        "line": entry("line", "source", 3, 20, [1, 6, 7, 12]),
         "area": entry("area", "instrument", 1, 2, [1]),
     }
     library = joint_library({"pn": first, "nustar": second})
@@ -235,7 +235,7 @@ def test_a_fixed_effect_may_be_there_before_joining(pn):
 
 def test_an_instrument_with_a_constant_is_its_source_times_it(pn):
     """What `JointSpectra` asks of an instrument, asked of the second one by itself."""
-    noted = replace(pn.response, notes=("mended",))
+    noted = replace(pn.response, notes=("mended",), frame_time=None)
     source = XraySpectrum(pn.model, noted, pn.prior)
     joint = joint_spectra([pn, source], ["a", "b"], cross_calibration=LogUniform(0.5, 2.0))
     alone = joint.parts[1].simulator
@@ -243,6 +243,9 @@ def test_an_instrument_with_a_constant_is_its_source_times_it(pn):
     assert joint.prior.marginals["cross_calibration_2.factor"] == LogUniform(0.5, 2.0)
     assert alone.notes == ("mended",)
     assert dict(alone.not_in_library()) == dict(source.not_in_library())
+    # Of both, each says what is the matter with which.
+    assert joint.notes == ("b: mended",)
+    assert joint.not_in_library() == {"pileup[b]": source.not_in_library()["pileup"]}
     at = np.append(pn.prior.center, 1.25)
     np.testing.assert_allclose(alone.expected(at), 1.25 * pn.expected(at[:-1]), rtol=1e-12)
     np.testing.assert_allclose(

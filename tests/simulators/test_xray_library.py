@@ -138,6 +138,109 @@ def test_a_line_may_have_five_kev_equivalent_width_at_iron(simulator, theta, lib
     assert library["emission_line"].parameters["norm"].support[1] >= 4.99 * continuum
 
 
+def test_sizes_are_of_the_median_source(library, extended, simulator, theta):
+    """By the model's formula and by counts that are folded, at the median of what was fitted."""
+    middle = np.median(theta, axis=0)
+    (alpha, norm, kt, bb), (low, high) = middle[1:], simulator.response.band
+    line = library["emission_line"]
+
+    def continuum(energy):
+        return norm * energy**-alpha + bb * 1.0344e-3 * energy**2 / np.expm1(energy / kt)
+
+    at = continuum(line.scanned["energy"])
+    most = max(at.max(), 5 * continuum(6.4))
+    assert line.parameters["norm"].support == pytest.approx((0.0, most), rel=1e-3)
+    assert line.step == pytest.approx(0.1 * np.median(at), rel=1e-3)
+    sizes = {name: size({"energy": 2.0, "norm": 1e-5, "sigma": 0.3}) for name, size in line.derived.items()}
+    # Between energies that are tried, the continuum is taken for straight.
+    assert sizes == pytest.approx(
+        {"equivalent width": 1e-5 / continuum(2.0), "relative width": 0.15}, rel=0.01
+    )
+    plain = simulator.expected(middle)
+    rate = plain.sum() / simulator.exposure
+    level = library["background"]
+    assert level.parameters["level"].support == pytest.approx((0.0, rate / np.log(high / low)), rel=1e-6)
+    assert level.step == pytest.approx(0.02 * level.parameters["level"].high, rel=1e-6)
+    for name, kt, times, step in (("soft_excess", 0.1, 1.0, 0.001), ("thermal_continuum", 2.0, 3.0, 0.05)):
+        added = (extended(name).expected([*middle, kt, 10.0]) - plain).sum() / simulator.exposure
+        # As many counts as the source has.
+        bright = 10.0 * rate / added
+        assert library[name].parameters["norm"].support == pytest.approx((0.0, times * bright), rel=1e-6)
+        assert library[name].step == pytest.approx(step * bright, rel=1e-6)
+
+
+BAND = "the band"
+ENTRIES = {
+    # Step; ends of the other parameters' priors; which are energies, and whose upper end is a limit.
+    "emission_line": (None, {"energy": BAND, "sigma": (1e-3, 1.0)}, "energy sigma", "sigma"),
+    "soft_excess": (None, {"kT": (0.05, 0.6)}, "kT", "kT"),
+    "thermal_continuum": (None, {"kT": (0.2, 20.0)}, "kT", "kT"),
+    "absorption_line": (0.02, {"energy": BAND, "sigma": (1e-3, 0.2)}, "energy sigma", "sigma"),
+    "absorption_edge": (0.1, {"energy": BAND}, "energy", ""),
+    "partial_covering": (0.1, {"nh": (0.05, 300.0)}, "", "nh"),
+    "ionised_absorber": (0.2, {"energy": (0.70, 0.80), "ionisation": (0.5, 4.0)}, "energy", ""),
+    "high_energy_cutoff": (0.03, {"energy": (0.0, BAND)}, "energy", ""),
+    "reflection": (0.3, {"energy": (5.0, 7.0), "width": (0.01, 1.5)}, "energy width", "width"),
+    "gain_slope": (0.01, {}, "", ""),
+    "gain_offset": (0.01, {}, "", ""),
+    "gain_curve": (0.005, {}, "", ""),
+    "effective_area": (0.05, {"energy": BAND, "width": (0.05, 3.0)}, "", "width"),
+    "resolution": (1e-3, {}, "", ""),
+    "background": (None, {"index": (-1.0, 3.0)}, "", ""),
+    "pileup": (0.05, {}, "", ""),
+}
+
+
+def test_names_of_lines_and_edges_are_ranked_by_how_common_they_are(library):
+    known = {
+        name: {one.name: (one.energy, one.rank) for one in library[name].known}
+        for name in ("emission_line", "absorption_line", "absorption_edge")
+    }
+    assert [len(found) for found in known.values()] == [30 + 17 + 9, 30, 14]
+    lines, resonances, edges = known.values()
+    # Iron's three; what is common; the others. The ions' are the same in absorption.
+    ranked = [
+        {"Fe K alpha": 6.4008, "Fe XXV resonance line": 6.7004, "Fe XXVI Lyman alpha": 6.9661},
+        {"Fe K beta": 7.0593, "Si K alpha": 1.7396, "Ni K alpha": 7.4745, "O VIII Lyman alpha": 0.65362,
+         "S XV resonance line": 2.46063},
+        {"Mg K alpha": 1.2537, "Ni K beta": 8.2662, "Ca K beta": 4.0131, "N VII Lyman alpha": 0.50032,
+         "Na X resonance line": 1.12683},
+    ]  # fmt: skip
+    for rank, names in enumerate(ranked):
+        for name, energy in names.items():
+            assert lines[name] == (energy, rank), name
+            assert " K " in name or resonances[name] == lines[name]
+    assert [name for name, (_, rank) in lines.items() if rank == 0] == [
+        "Fe XXVI Lyman alpha", "Fe XXV resonance line", "Fe K alpha"
+    ]  # fmt: skip
+    assert (edges["Fe K edge"], edges["O K edge"], edges["C K edge"]) == (
+        (7.112, 0),
+        (0.5431, 1),
+        (0.2842, 2),
+    )
+
+
+def test_where_priors_end_and_what_moves_with_the_redshift(library, simulator):
+    low, high = simulator.response.band
+    assert set(ENTRIES) == NAMES
+    for name, (step, others, energies, ends) in ENTRIES.items():
+        entry = library[name]
+        assert step in (None, entry.step), name
+        for parameter, stated in others.items():
+            stated = (low, high) if stated is BAND else tuple(high if s is BAND else s for s in stated)
+            assert entry.parameters[parameter].support == pytest.approx(stated), (name, parameter)
+        assert {*others, entry.amplitude} == set(entry.parameters)
+        assert entry.energies == tuple(energies.split()), name
+        assert entry.ends == tuple(ends.split()), name
+        assert entry.neutral == float(name == "gain_slope")
+        instruments = list(ENTRIES)[list(ENTRIES).index("gain_slope") :]
+        assert (entry.origin == "instrument") == (name in instruments)
+        # Searches begin well inside.
+        for parameter, values in entry.scanned.items():
+            ends_of = entry.parameters[parameter].support
+            assert ends_of[0] <= min(values) <= max(values) <= ends_of[1], (name, parameter)
+
+
 @pytest.mark.parametrize("response", ["epic-pn", "nicer"])
 def test_lines_are_tried_across_the_band(response):
     spectrum = reference(response)

@@ -65,6 +65,9 @@ def test_describe_tells_responses_apart(tmp_path, rmf, arf):
     ]
     assert all(a != b for i, a in enumerate(descriptions) for b in descriptions[:i])
     assert Response.from_ogip(rmf, arf).describe() == descriptions[0]
+    told = {"name": "r.rmf", "channels": 3, "band_kev": [1.0, 4.0], "exposure_s": 1.0}
+    assert told.items() <= descriptions[2].items()
+    assert Response.from_ogip(rmf, arf, name="ours").describe()["name"] == "ours"
 
 
 def test_gzipped_files_are_the_same_files(tmp_path, rmf, arf):
@@ -238,6 +241,7 @@ def test_broken_files_each_give_one_line_with_their_name(tmp_path, rmf, arf, rol
         (lambda p: write_pha(p, EXPOSURE=None), "no EXPOSURE"),
         (lambda p: write_pha(p, EXPOSURE=0.0), "positive"),
         (lambda p: write_pha(p, columns=[column("QUALITY", "E", [0, 0.5, 0, 0])]), "QUALITY holds fractions"),
+        (lambda p: write_pha(p, columns=[column("GROUPING", "E", [1, -1, 0.5, 1])]), "GROUPING holds fract"),
         (lambda p: write_pha(p, columns=[column("BACKSCAL", "E", [1, np.nan, 1, 1])]), "BACKSCAL is not one"),
         (lambda p: write_pha(p, columns=[column("AREASCAL", "2E", np.ones((4, 2)))]), "AREASCAL is not one"),
         (lambda p: write_pha(p, columns=[column("GROUPING", "I", [-1, 1, 1, 1])]), "the first not -1"),

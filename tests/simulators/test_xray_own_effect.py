@@ -52,6 +52,17 @@ def test_an_effect_of_ones_own_needs_a_function(simulator, theta):
     assert simulator.with_effect(entry.effect(width=0.5)).prior.names[5:] == ("bump_1.height",)
 
 
+def test_a_function_is_averaged_over_bins_and_belongs_to_the_source_or_the_area():
+    """Two points integrate a cubic exactly."""
+    low, high = np.array([1.0, 2.0]), np.array([2.0, 5.0])
+    for instrument, where in ((False, "factors"), (True, "areas")):
+        kind = factor_effect(lambda energy, size: size * energy**3 - energy, instrument=instrument)
+        assert kind.apply.where == where
+        mean = kind.apply.what(low, high, size=2.0)
+        exact = ((high**4 - low**4) / 2 - (high**2 - low**2) / 2) / (high - low)
+        np.testing.assert_allclose(mean, exact, rtol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [

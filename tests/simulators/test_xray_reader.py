@@ -6,7 +6,8 @@ import pytest
 from gaugeblock.core.errors import InputError
 
 pytest.importorskip("jaxspec")
-from tests.simulators.ogip_files import column, write_pha
+from astropy.io import fits
+from tests.simulators.ogip_files import column, write_pha, write_rmf
 
 from gaugeblock.simulators.xray.reader import Reader
 
@@ -34,6 +35,10 @@ def test_spectra_of_one_response_and_one_grouping_have_one_identity(tmp_path, rm
     # What is asked of the reader is the same for all that it reads, but where it groups.
     again = Reader(regroup="always").read(written(tmp_path, "s.pha"))
     assert again.identity not in {usual, *others}
+    # It groups whatever groups there were.
+    flags = [column("GROUPING", "I", [1, -1, 1, 1])]
+    own = Reader(regroup="always").read(written(tmp_path, "s.pha", columns=flags))
+    assert own.identity == again.identity
 
 
 def test_readers_group_what_they_are_told_to(tmp_path, rmf, arf):
@@ -88,3 +93,24 @@ def test_channels_beyond_all_photons_are_left_out_and_odd_energies_told(tmp_path
     assert len(Reader().read(pha).spectrum.counts) == 4
     band = Reader(reached=True, band=(0.0, 4.0)).read(pha).spectrum.response
     assert (len(band.channels), band.notes) == (4, ())
+
+
+@pytest.mark.parametrize(
+    ("lowest", "highest", "told"), [(0.28, 13.0, False), (0.26, 13.0, True), (0.28, 13.4, True)]
+)
+def test_a_tenth_beyond_the_usual_energies_is_not_worth_telling(tmp_path, lowest, highest, told):
+    # Photons of 4 to 16 keV: what ends where they begin sees none of them.
+    low = np.array([4.0, 6.0, 8.0, 10.0, 12.0, 14.0], dtype="f4")
+    path = write_rmf(tmp_path / "r.rmf", low=low, high=low + np.float32(2.0), hduclas3="FULL")
+    pha = write_pha(tmp_path / "s.pha", RESPFILE="r.rmf", INSTRUME="EPN")
+    for edges, kept in (([lowest, 5.0, 8.0, 12.0, highest], 4), ([1.0, 4.0, 8.0, 12.0, highest], 3)):
+        with fits.open(path, mode="update") as hdus:
+            hdus["EBOUNDS"].data["E_MIN"], hdus["EBOUNDS"].data["E_MAX"] = edges[:-1], edges[1:]
+        response = Reader(reached=True).read(pha).spectrum.response
+        assert len(response.channels) == kept
+        cut, usual = (
+            [word in note for note in response.notes].count(True)
+            for word in ("channels below 4 or above 16 keV", "EPN is commonly used at 0.3 to 12 keV")
+        )
+        assert cut == (kept == 3)
+        assert usual == (told if kept == 4 else highest > 13.2)

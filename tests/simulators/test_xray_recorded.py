@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
+from scipy.optimize import brentq
+from scipy.sparse import csr_array
 from scipy.special import ndtr
 
 from gaugeblock.core.errors import InputError
@@ -11,9 +13,10 @@ from gaugeblock.simulators import Effect, Prior, Uniform
 pytest.importorskip("jaxspec")
 from gaugeblock.core.precision import double_precision
 from gaugeblock.simulators.xray import Response, XraySpectrum, data, reference
+from gaugeblock.simulators.xray.effects import EFFECTS
 from gaugeblock.simulators.xray.gain import Gain
 from gaugeblock.simulators.xray.pha import read_pha
-from gaugeblock.simulators.xray.recorded.layout import Layout, near
+from gaugeblock.simulators.xray.recorded.layout import Layout, layout, near, per_second
 from gaugeblock.simulators.xray.recorded.pileup import Pileup
 
 pytestmark = pytest.mark.usefixtures("xray_data")
@@ -93,6 +96,45 @@ def test_channels_between_two_energies_have_one_or_two_to_spare_on_either_side()
         found = near(places, low, high)
         assert found.start == max(touched[0] - 1, 0), (low, high)
         assert min(touched[-1] + 2, 6) <= found.stop <= min(touched[-1] + 3, 6), (low, high)
+
+
+@pytest.mark.parametrize(
+    ("name", "ranges", "reach"),
+    [
+        ("gain_slope", {"slope": (0.9, 1.1)}, (1.0 / 1.1, 8.0 / 0.9)),
+        ("gain_offset", {"offset": (-0.2, 0.1)}, (0.9, 8.2)),
+        # The farthest below the pivot and above it are both those of the weaker curve.
+        (
+            "gain_curve",
+            {"curve": (0.01, 0.05)},
+            [brentq(lambda e, r=r: e + 0.01 * e * (e - 5.9) / 5.9 - r, 0.1, 12.0) for r in (1.0, 8.0)],
+        ),
+        ("resolution", {"variance": (0.0, 0.04)}, (1.0 - 1.6, 8.0 + 1.6)),
+        ("background", {"level": (0.0, 1.0), "index": (0.0, 2.0)}, (1.0, 8.0)),
+        ("pileup", {"overlap": (0.0, 1.0)}, (-np.inf, 8.0)),
+    ],
+)
+def test_what_happens_between_two_energies_may_come_from_so_far(name, ranges, reach):
+    found = EFFECTS[name].apply.what.reach(1.0, 8.0, ranges)
+    assert found == pytest.approx(tuple(reach), rel=1e-5)
+
+
+def test_channels_are_laid_out_by_energy_and_groups_are_runs_of_neighbours():
+    """A detector that counts downwards; one channel of a group is bad, so that it is two runs."""
+    fine = np.array([[3.0, 4.0], [2.0, 3.0], [1.0, 2.0], [0.0, 1.0]])
+    grouping = csr_array(np.array([[1.0, 0, 1, 1], [0, 1, 0, 0]]))
+    matrix = np.array([[0.1, 0.2], [0.3, 0.4], [0.5, 0.6], [0.7, 0.8]])
+    bins = np.array([[0.5, 1.0], [1.0, 4.0]])
+    response = Response(
+        "made", bins, fine[:2], fine, np.array([10.0, 20.0]), csr_array(matrix), grouping, 5.0
+    )  # fmt: skip
+    found = layout(response)
+    assert found.order.tolist() == [3, 2, 1, 0]
+    assert found.edges.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
+    assert found.runs.tolist() == [[0.0, 2.0], [3.0, 4.0], [2.0, 3.0]]
+    assert found.groups.tolist() == [[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    assert found.members.toarray().tolist() == [[1.0, 1.0, 0.0, 1.0], [0.0, 0.0, 1.0, 0.0]]
+    np.testing.assert_allclose(per_second(response, [2, 0]), [[5.0, 12.0], [1.0, 4.0]])
 
 
 @pytest.mark.parametrize("curve", [-0.02, 0.015])
@@ -238,6 +280,9 @@ def test_without_a_frame_time_there_is_no_pile_up_and_it_says_why(whole):
     assert set(whole.not_in_library()) == {"pileup"}
     framed = XraySpectrum("powerlaw", whole.response.with_frame_time(0.01), whole.prior)
     assert not framed.not_in_library()
+    # It identifies what depends on it, and nothing else.
+    assert "frame_time_s" not in framed.describe()
+    assert framed.with_effect(Effect("pileup", {"overlap": 0.1})).describe()["frame_time_s"] == 0.01
     with pytest.raises(InputError, match="positive number of seconds"):
         whole.response.with_frame_time(0.0)
 

@@ -66,6 +66,15 @@ def test_all_published_spectra_are_reproduced_count_by_count(shared_file):
     }
 
 
+def test_families_are_what_the_study_says_they_are():
+    found = {name: family(name, strength).fixed for name, strength in
+             (("B1", 2e-5), ("B2", 0.7), ("B3", 5.0), ("B4", 2.0))}  # fmt: skip
+    assert found == {
+        "B1": {"energy": 6.4, "sigma": 0.05, "norm": 2e-5}, "B2": {"fraction": 0.7}, "B3": {"kT": 5.0},
+        "B4": {"factor": 1.02},
+    }  # fmt: skip
+
+
 def test_median_counts_are_the_published_ones():
     medium, theta = reference(), published.theta(20_000, 20260612)
     for level, median in (("faint", 98.2), ("medium", 982.8), ("bright", 9827.5)):

@@ -18,9 +18,9 @@ from gaugeblock.simulators.xray import (
     reference,
     write_xcm,
 )
-from gaugeblock.simulators.xray.expression import parameter_names, parse, with_sources, written
+from gaugeblock.simulators.xray.expression import leaves, parameter_names, parse, with_sources, written
 from gaugeblock.simulators.xray.folding import photon_flux
-from gaugeblock.simulators.xray.tables import table_priors
+from gaugeblock.simulators.xray.tables import load_table, table_priors
 
 TEMPERATURES, SLOPES = np.array([0.5, 1.0, 4.0]), np.array([1.0, 1.6, 2.5, 3.0])
 EDGES = np.geomspace(0.2, 15.0, 301)
@@ -36,11 +36,12 @@ def line(temperature, slope):
 
 
 def write(
-    path, *, kind="atable", values=spectrum, added=(line,), redshift=True, parameters=None, scale=1.0, **head
-):
+    path, *, kind="atable", values=spectrum, added=(line,), redshift=True, parameters=None, scale=1.0,
+    temperatures=TEMPERATURES, delta=0.1, **head,
+):  # fmt: skip
     column = fits.Column
     rows = [
-        ("kT", 1, 1.0, 0.1, 0.5, 0.6, 3.0, 4.0, TEMPERATURES),
+        ("kT", 1, 1.0, delta, 0.5, 0.6, 3.0, 4.0, temperatures),
         ("slope x", 0, 2.0, 0.1, 1.0, 1.0, 3.0, 3.0, SLOPES),
         ("Fe", 0, 0.5, 0.1, 0.0, 0.0, 5.0, 5.0, np.zeros(0)),
     ][: 2 + len(added)]
@@ -59,7 +60,7 @@ def write(
     energies = fits.BinTableHDU.from_columns(
         [column("ENERG_LO", "D", array=EDGES[:-1]), column("ENERG_HI", "D", array=EDGES[1:])], name="ENERGIES"
     )
-    grid = [(t, s) for t in TEMPERATURES for s in SLOPES] if parameters is None else parameters
+    grid = [(t, s) for t in temperatures for s in SLOPES] if parameters is None else parameters
     grid = [grid[k] for k in np.random.default_rng(0).permutation(len(grid))]  # In no order.
     size = len(MIDDLE)
     spectra = fits.BinTableHDU.from_columns(
@@ -195,6 +196,38 @@ def test_parameters_beyond_the_grid_have_the_value_at_its_end(tmp_path):
     np.testing.assert_allclose(
         photons(model, low, high, atable_1__kT=0.01, **at), spectrum(0.5, 3.0), rtol=1e-5, atol=1e-12
     )
+
+
+def test_what_the_file_froze_or_has_one_value_of_is_a_number(tmp_path):
+    kept = {"added": (), "redshift": False}
+    frozen = write(tmp_path / "f.fits", delta=-0.1, **kept)
+    single = write(tmp_path / "s.fits", temperatures=np.array([1.25]), **kept)
+    for model, value in ((frozen, 1.0), (single, 1.0)):
+        (leaf,) = leaves(parse(model))
+        assert dict(leaf.bindings)["kT"] == value
+        assert parameter_names(parse(model)) == ("atable_1.slope_x", "atable_1.norm")
+    assert set(table_priors(single)) == {"slope_x"}
+    assert set(table_priors(frozen)) == {"kT", "slope_x"}
+    assert parameter_names(parse(f"{single}+{frozen}"))[2:] == ("atable_2.slope_x", "atable_2.norm")
+    # Whatever the temperature, it is that one's spectrum.
+    with double_precision():
+        found = np.asarray(load_table(single).cumulative({"kT": 3.0, "slope_x": 1.6}))
+    np.testing.assert_allclose(found, np.append(0.0, np.cumsum(spectrum(1.25, 1.6))), rtol=1e-6)
+
+
+def test_keywords_that_are_not_there_are_as_ogip_has_them(tmp_path):
+    model = write(tmp_path / "p.fits", added=())
+    with fits.open(tmp_path / "p.fits", mode="update") as hdus:
+        for key in ("ADDMODEL", "REDSHIFT"):
+            del hdus[0].header[key]
+        del hdus["PARAMETERS"].header["NINTPARM"]
+    for kind, end, outside in (("atable", ("norm",), 0.0), ("mtable", (), 1.0), ("etable", (), 0.0)):
+        table = load_table(model.replace("atable", kind))
+        assert [axis.name for axis in table.interpolated] == ["kT", "slope_x"]
+        assert table.outside == (outside, outside)
+        assert not table.redshift
+        leaf = leaves(parse(("" if end else "po*") + model.replace("atable", kind)))[-1]
+        assert tuple(name for name, _ in leaf.bindings) == ("kT", "slope_x", *end)
 
 
 def test_what_is_no_table_model_is_one_line(tmp_path):

@@ -72,10 +72,18 @@ def test_what_goes_out_comes_in_again(saved):
 
 
 def test_further_data_groups_may_differ_in_a_constant_alone(saved):
-    one = "model  constant*powerlaw\n1 -0.01\n1.7 0.01\n0.1 0.01\n"
+    # Commas and empty lines are XSPEC's too, and a slash ends a row.
+    one = "model  constant*powerlaw\n1 -0.01\n\n1.7, 0.01 /\n/\n0.1 0.01\n"
+    assert read_xcm(saved(one)).values == {"powerlaw_1.alpha": 1.7, "powerlaw_1.norm": 0.1}
     assert read_xcm(saved(one + "1.1 0.01\n= p2\n= p3\n")).model == "constant(norm=1.0)*powerlaw"
     with pytest.raises(InputError, match=r"powerlaw_1\.alpha of data group 2 is not tied"):
         read_xcm(saved(one + "1.1 0.01\n1.9 0.01\n= p3\n"))
+
+
+def test_a_norm_under_a_flux_is_a_number_whatever_the_file_says(saved):
+    read = read_xcm(saved("model cflux*po\n0.5 -1\n10 -1\n-12 0.1\n1.7 0.1\n3 0.1\n"))
+    assert parse(read.model) == parse("cflux*powerlaw(norm=1)")
+    assert read.values == {"cflux_1.lg10Flux": -12.0, "powerlaw_1.alpha": 1.7}
 
 
 @pytest.mark.parametrize(
@@ -104,6 +112,9 @@ def test_priors_may_hold_numbers_and_ties(tmp_path):
     model, prior = settled("tbabs*(po+ga+ga)", tmp_path / "p.toml")
     assert model == "tbabs(nh=0.02)*(powerlaw+gaussian(El=6.4)+gaussian(norm=0.13*gauss_1.norm))"
     assert prior.describe() == Prior({"powerlaw_1.alpha": Uniform(1.0, 2.0)}).describe()
+    # Where nothing is free, there is no prior.
+    fixed = {"powerlaw_1": {"alpha": 2, "norm": 0.5}}
+    assert settled("po", fixed) == ("powerlaw(alpha=2.0, norm=0.5)", None)
     with pytest.raises(InputError, match=r"p\.toml: model 'po': has no tbabs_1\.nh"):
         settled("po", tmp_path / "p.toml")
     with pytest.raises(InputError, match="a number or a tie, got True"):

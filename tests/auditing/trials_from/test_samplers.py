@@ -124,6 +124,13 @@ def test_truths_of_one_parameter_and_data():
     [
         ((np.zeros((5, 2)), np.zeros(4)), "points of shape (5, 2) with log weights of shape (4,); expected"),
         ((np.zeros(5), np.zeros(5)), "points of shape (5,) with log weights of shape (5,); expected"),
+        *(
+            (
+                (np.zeros((5, 2)), np.array(log_weight)),
+                ": log weights must be finite or -inf, and some of them",
+            )
+            for log_weight in ([0.0, 0.0, np.nan, 0.0, 0.0], [0.0, np.inf, 0.0, 0.0, 0.0], [-np.inf] * 5)
+        ),
         (np.zeros((3, 2, 2, 2)), " has the shape (3, 2, 2, 2); expected an emcee EnsembleSampler"),
         (np.zeros(7), " has the shape (7,); expected an emcee EnsembleSampler"),
         ({"sample": 3}, " is a dict; expected an emcee EnsembleSampler"),

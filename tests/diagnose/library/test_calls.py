@@ -90,6 +90,9 @@ def test_ways_to_call_with_counts_images_and_single_numbers():
     single = [symptom for symptom, *_ in ways(np.ones((20, 1)))]
     assert "x_order" not in single
     assert [symptom for symptom, *_ in ways(np.ones(20))].count("x_scale") == 2 + 3 + 24
+    pair = [words for _, words, _, _ in ways(np.ones((20, 2)))]
+    assert pair[-2:] == ["in reverse order", "with x[0] and x[1] exchanged"]
+    assert "with x[4] and x[5] exchanged" in [words for _, words, _, _ in ways(np.ones((20, 6)))]
     # Data that are all alike are not divided by their spread.
     assert np.isfinite(ways(np.full((20, 2), 3.0))[0][2]).all()
 

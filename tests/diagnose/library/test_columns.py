@@ -73,3 +73,49 @@ def test_signs_and_mirrors_are_turned_back():
         assert repair.numbers == {"a": -1.0, "c": -1.0}
         assert repair.words == f"a, c have {words}"
         np.testing.assert_allclose(repair.apply(wrong).draws, cases.draws)
+
+
+def test_factors_below_one_are_found_too_and_small_ones_are_a_width_s_matter():
+    cases = exact()
+    wrong = cases.drawn(cases.draws * [50.0, 1.0, 1.3])
+    (repair,) = unit(wrong)
+    assert repair.numbers == {"a": pytest.approx(0.02, rel=0.05)}
+    assert repair.neutral == 1.0
+    assert repair.words == f"a must be multiplied by {repair.numbers['a']:.4g}"
+    np.testing.assert_array_equal(repair.apply(wrong).draws[..., 1:], wrong.draws[..., 1:])
+
+
+def test_logarithms_of_two_and_powers():
+    cases = exact()
+    wrong = cases.drawn(
+        np.stack([10 ** cases.draws[..., 0], cases.draws[..., 1], np.log10(cases.draws[..., 2])], -1)
+    )
+    (repair,) = log(wrong)
+    first, last = repair.words.split("; ")
+    assert first.startswith("a is drawn as 10 to the power of it")
+    assert last.startswith("c is drawn as ")
+    mended = repair.apply(wrong).draws
+    np.testing.assert_allclose(mended, cases.draws, rtol=1e-6)
+    np.testing.assert_array_equal(mended[..., 1], wrong.draws[..., 1])
+    # What cannot be read so is as far out as numbers go, and no infinity.
+    wrong.draws[3, 4] = [0.0, 1.0, 400.0]
+    assert repair.apply(wrong).draws[3, 4].tolist() == [-1e300, 1.0, 1e300]
+
+
+def test_one_column_has_the_other_sign_and_is_turned_about_nothing():
+    cases = exact()
+    wrong = cases.drawn(cases.draws * [1.0, -1.0, 1.0])
+    repair = next(each for each in sign(wrong) if each.variant == "the other sign")
+    assert (repair.words, repair.numbers, repair.neutral) == ("b has the other sign", {"b": -1.0}, 1.0)
+    np.testing.assert_array_equal(repair.apply(wrong).draws, cases.draws)
+
+
+def test_columns_are_read_otherwise_only_where_that_foretells_far_better():
+    cases = exact()
+    for factor in (1.02, 1.04):
+        wrong = cases.drawn(factor * cases.draws[..., [1, 0, 2]])
+        assert [(repair.variant, list(repair.numbers.values())) for repair in columns(wrong)] == [
+            ("", [1, 0, 2])
+        ]
+    wrong = cases.drawn(40.0 * cases.draws[..., [1, 0, 2]])
+    assert "read otherwise" in [repair.variant for repair in columns(wrong)]

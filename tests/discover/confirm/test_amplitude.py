@@ -52,6 +52,40 @@ def test_the_interval_is_the_likelihoods(dip):
     assert found.interval[0] < -0.15 < found.interval[1]
 
 
+def test_an_interval_of_any_level_and_exposure_and_what_was_fitted_beside(power_law, dip):
+    """Twice the exposure, one standard deviation: everything else is fitted again at either end."""
+    line = Candidates.of(power_law(), THETA[None])["line"]
+    truth = np.array([[*THETA, 1.7, 0.3]])
+    counts = 2.0 * dip.simulator.expected(truth)
+    fitted = fit(dip.simulator, counts, start=truth, scale=[2.0])
+    found = profile_interval(placed(dip), counts[0], 2.0, fitted, level=0.6827)
+    assert (found.effect, found.parameter, found.unit, found.neutral) == ("dip", "depth", "", 0.0)
+    assert (found.level, found.held_out, found.value) == (0.6827, False, fitted.theta[0, -1])
+    assert found.interval[0] < found.value < found.interval[1]
+    for end in found.interval:
+        start = fitted.theta.copy()
+        start[0, -1] = end
+        again = fit(dip.simulator, counts, start=start, scale=[2.0], fixed=dip.simulator.prior.names[-1:])
+        assert 2 * (again.objective[0] - fitted.objective[0]) == pytest.approx(1.0, rel=0.05)
+    beside = estimates(dip.simulator.prior, fitted, level=0.6827)["dip_1.energy"]
+    assert found.others == {"energy": beside}
+    wider = estimates(dip.simulator.prior, fitted)["dip_1.energy"]
+    assert (wider.high - wider.low) / (beside.high - beside.low) == pytest.approx(1.6449, rel=0.01)
+    sources = Sources.of(dip.simulator, np.round(counts), scale=2.0)
+    apart = held_out_amplitude(placed(dip), sources, truth, rng=np.random.default_rng(1), level=0.6827)
+    assert (apart.level, apart.held_out) == (0.6827, True)
+    # Of half of the counts: wider by the root of two.
+    ratio = np.ptp(apart.interval) / np.ptp(found.interval)
+    assert ratio == pytest.approx(np.sqrt(2.0), rel=0.15)
+    assert abs(apart.value - 0.3) < 4 * np.ptp(apart.interval)
+    # What is counted is counted per exposure of the simulator.
+    truth = np.array([[*THETA, 3.3, 4000.0]])
+    sources = Sources.of(line.simulator, np.round(2.0 * line.simulator.expected(truth)), scale=2.0)
+    told = held_out_amplitude(placed(line), sources, truth, rng=np.random.default_rng(1))
+    assert told.value == pytest.approx(4000.0, rel=0.1)
+    assert told.interval[0] < 4000.0 < told.interval[1]
+
+
 def test_at_a_bound_the_interval_ends_there(power_law):
     line = Candidates.of(power_law(), THETA[None])["line"]
     counts = np.round(power_law().expected(THETA[None]))

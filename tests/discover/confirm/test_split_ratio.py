@@ -4,12 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 from scipy.special import logsumexp
+from scipy.stats import poisson
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.discovery.confirm.alternatives import unpenalised
+from gaugeblock.discovery.confirm.alternatives import draws_about, extended_starts, unpenalised
 from gaugeblock.discovery.confirm.split_ratio import SplitRatio, log_split_ratio, split_likelihood_ratio
 from gaugeblock.discovery.confirm.thinning import thin
+from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators import Effect, Normal, Prior, Uniform
 
@@ -104,6 +107,26 @@ def test_the_exposure_of_a_source_counts(noticed):
     )
     # Twice the exposure is half the level, which is a parameter: nothing else changes.
     np.testing.assert_allclose(found.log_e_values, other.log_e_values, atol=1.0)
+
+
+def test_the_mean_likelihood_about_one_half_s_fit_over_the_most_that_the_base_reaches_on_the_other():
+    training, held_out = thin(spectra(5.0, 3, 21), 2, np.random.default_rng(22))
+    scale = np.array([0.5, 0.5, 0.25])
+    found = log_split_ratio(BASE, EXTENDED, training, held_out, scale, rng=np.random.default_rng(3))
+    rng = np.random.default_rng(3)
+    base = fit(unpenalised(BASE), training, scale=scale)
+    start = extended_starts(EXTENDED, base, training, rng)
+    model = fit(EXTENDED, training, scale=scale, start=start)
+    for i, draws in enumerate(draws_about(EXTENDED, model, rng)):
+
+        def likelihood(mean, i=i):
+            return poisson.logpmf(held_out[i], scale[i] * mean).sum(axis=-1)
+
+        best = minimize(
+            lambda theta, of=likelihood: -of(BASE.expected(theta)), base.theta[i], method="Nelder-Mead"
+        )
+        expected = logsumexp(likelihood(EXTENDED.expected(draws))) - np.log(len(draws)) + best.fun
+        assert found[i] == pytest.approx(expected, abs=0.01)
 
 
 def test_normal_priors_do_not_lower_the_denominator():

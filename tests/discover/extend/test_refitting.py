@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.discovery.extend import refit
+from gaugeblock.discovery.extend import Refit, refit
 from gaugeblock.discovery.extend.refitting import ENGINES
 
 NEEDS = {"nested_sampling": "ultranest", "nuts": "numpyro"}
@@ -169,3 +169,13 @@ def test_estimators_of_other_parameters_are_refused(line, parabola, bent, data, 
         refit(line, parabola, data, by="importance", rng=rng, estimator=exact_density(bent))
     with pytest.raises(InputError, match="rounds >= 0, proposals >= 100"):
         refit(line, parabola, data, by="importance", rng=rng, proposals=10, estimator=exact_density(line))
+
+
+def test_an_interval_is_of_quantiles_of_each_source(bent):
+    draws = np.random.default_rng(8).permuted(np.arange(606.0).reshape(2, 101, 3), axis=1)
+    made = Refit(bent, "flow", draws)
+    assert made.names == ("level", "slope", "bend_1.amplitude")
+    for name, k in (("level", 0), ("bend_1.amplitude", 2)):
+        at = np.sort(draws[..., k], axis=1)
+        np.testing.assert_allclose(made.interval(name), at[:, [5, 50, 95]])
+        np.testing.assert_allclose(made.interval(name, level=0.5), at[:, [25, 50, 75]])

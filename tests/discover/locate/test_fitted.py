@@ -118,3 +118,29 @@ def test_what_a_prior_keeps_from_the_fit_is_left_as_it_is():
     counts, expected = np.array([12.0, 9.0]), np.array([10.0, 10.0])
     fitted = FittedCounts.of(counts, expected, expected[:, None], prior_precision=[5.0])
     np.testing.assert_array_equal(fitted.excess, [2.0, -1.0])
+
+
+def test_a_matrix_of_prior_precisions_is_that_of_its_diagonal(power_laws):
+    """A parameter with a prior of its own stays where the fit put it; one without is stepped to its best."""
+    counts, expected, slope, _ = power_laws(3, channels=20).one
+    moved = expected * (1.0 + 0.05 * np.linspace(-1.0, 1.0, 20))
+    one, other = (
+        FittedCounts.of(counts, moved, slope, prior_precision=prior)
+        for prior in ([0.0, 30.0], np.diag([0.0, 30.0]))
+    )
+    np.testing.assert_allclose(one.excess, other.excess)
+    np.testing.assert_allclose(one.variance, other.variance)
+    information = slope.T @ (slope / moved[:, None]) + np.diag([0.0, 30.0])
+    gradient = slope.T @ (counts / moved - 1.0) * [1.0, 0.0]
+    step = slope @ np.linalg.solve(information, gradient)
+    np.testing.assert_allclose(one.excess, counts - moved - step, atol=1e-8)
+    taken = np.einsum("cp,pq,cq->c", slope, np.linalg.inv(information), slope)
+    np.testing.assert_allclose(one.variance, moved - taken, rtol=1e-6)
+
+
+def test_refusals_say_the_shapes():
+    with pytest.raises(InputError, match=r"^locate: counts and .* one shape, got \(1, 2\) and \(1, 1\)$"):
+        FittedCounts.of([1.0, 2.0], [1.0])
+    said = r"^locate: the Jacobian must be finite, of shape \(1, 2, 'parameter'\), got \(1, 1, 1\)$"
+    with pytest.raises(InputError, match=said):
+        FittedCounts.of([1.0, 2.0], [1.0, 2.0], [[1.0]])

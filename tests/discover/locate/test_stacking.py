@@ -139,6 +139,13 @@ def test_each_frame_is_judged_with_what_the_other_explains_taken_off():
     assert found.p_detector_alone == pytest.approx(of_two(2.6), abs=0.007)
     assert found.p_source_alone == pytest.approx(of_two(1.0), abs=0.03)
     assert found.fixed is Fixed.DETECTOR
+    # Of 300 counts too many where the variance is the mean, 10,000: the signed root of the deviance.
+    root = np.sqrt(2.0 * (10_300 * np.log(1.03) - 300))
+    assert found.detector == pytest.approx([root, 0.0])
+    assert found.source == pytest.approx([np.sqrt(2.0 * (10_180 * np.log(1.018) - 180)), 0.0], abs=1e-6)
+    # Twenty counts are enough for a bin to take part.
+    few = compared([0.8, 0.8], mean=[20.0, 19.9, 1e4, 20.0])
+    assert np.isnan([*few.detector, *few.source]).tolist() == [False, True, False, False]
     # A bin that is the same in both frames says nothing of either.
     assert compared([0.8, 1.0]).p_detector_alone == pytest.approx(2.0 * norm.sf(2.6), abs=0.005)
     assert compared([1.0, 1.0]).p_detector_alone == 1.0

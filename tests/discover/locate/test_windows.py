@@ -52,6 +52,70 @@ def test_one_surprise_without_a_fit_is_scored_exactly():
     assert scan.strongest[17] == scan.z[0]
 
 
+def test_each_surprise_is_scored_beside_the_stronger_ones_and_every_channel_has_its_strongest():
+    """Nothing is fitted: a window's score is the signed root of its own deviance, whatever else is listed."""
+    expected = np.full(30, 8.0)
+    counts = expected.copy()
+    counts[[5, 17, 24]] = 24.0, 34.0, 0.0
+    edges = np.stack([np.arange(30.0), np.arange(1.0, 31.0)], axis=1)[:, ::-1]
+
+    def score(start, stop):
+        seen, mean = counts[start:stop].sum(), 8.0 * (stop - start)
+        logs = seen * np.log(seen / mean) if seen else 0.0
+        return np.sign(seen - mean) * np.sqrt(max(2 * (logs - seen + mean), 0.0))
+
+    def scanned(**options):
+        return scan_windows(counts, expected, None, edges, rng=np.random.default_rng(1), **options)
+
+    scan = scanned(replicates=250)
+    assert scan.start.tolist() == [17, 5, 24]
+    assert scan.stop.tolist() == scan.high.tolist() == [18, 6, 25]
+    assert scan.low.tolist() == [17.0, 5.0, 24.0]
+    assert scan.excess.tolist() == [26.0, 16.0, -8.0]
+    np.testing.assert_allclose(scan.z, [score(17, 18), score(5, 6), score(24, 25)])
+    beyond = [(1 + np.sum(scan.null_maximum >= abs(z))) / 251 for z in scan.z]
+    np.testing.assert_allclose(scan.p_global, np.maximum.accumulate(beyond))
+    assert len(scan.null_maximum) == 250
+    assert beyond[0] == scan.p_overall < beyond[2]
+    windows = [tuple(one) for one in window_bounds([(0, 30)])]
+    for channel in range(30):
+        scores = [score(*one) for one in windows if one[0] <= channel < one[1]]
+        assert scan.strongest[channel] == pytest.approx(max(scores, key=abs), abs=1e-9)
+    # As many as are asked for, and as rare: a p of the level itself is listed.
+    assert scanned(replicates=250, limit=2).start.tolist() == [17, 5]
+    assert scanned(replicates=250, level=scan.p_global[2]).start.tolist() == [17, 5, 24]
+    assert len(scanned(replicates=250, level=scan.p_global[2] - 1e-9).start) < 3
+    # What a simulated data set shows is the largest of its windows: a root of a deviance in one of them.
+    assert scan.null_maximum.min() > 1.0
+
+
+def test_a_second_window_is_scored_once_the_first_has_a_level_of_its_own(power_laws):
+    """A factor on the first window fitted beside the power law, by the normal equations."""
+
+    def factor(energy):
+        return line(energy, at=1.2, height=0.5) * line(energy, at=5.0, width=0.2, height=1.0)
+
+    counts, expected, slope, edges = power_laws(2, channels=60, total=40_000.0, factor=factor).one
+    scan = scan_windows(counts, expected, slope, edges, rng=np.random.default_rng(1), replicates=99)
+    first, second = (slice(*pair) for pair in zip(scan.start[:2], scan.stop[:2], strict=True))
+    level = np.zeros(60)
+    level[first] = expected[first]
+    free = np.column_stack([slope, level])
+    root = np.sqrt(expected)
+    basis = np.linalg.qr(free / root[:, None])[0]
+    residual = (counts - expected) / root
+    residual -= basis @ (basis.T @ residual)
+    inside = np.zeros(60)
+    inside[second] = root[second]
+    left = inside - basis @ (basis.T @ inside)
+    excess, mean, variance = inside @ residual, inside @ inside, left @ left
+    # The signed root of a Poisson deviance with the variance, and the third cumulant, that are left.
+    t = excess * variance / mean**2
+    z = np.sign(t) * np.sqrt(2 * ((1 + t) * np.log1p(t) - t)) * mean**2 / variance**1.5
+    assert scan.z[1] == pytest.approx(z, rel=1e-6)
+    assert scan.excess[1] == pytest.approx((counts - expected)[second].sum())
+
+
 def test_a_line_is_found_where_it_is_and_a_dip_is_negative(power_laws):
     for height in (0.6, -0.6):
         data = power_laws(8, total=8000.0, factor=lambda energy, h=height: line(energy, height=h))

@@ -44,6 +44,15 @@ def test_the_chance_is_the_share_of_shifts_that_bring_a_line_as_near():
     assert both.chance == pytest.approx(2 * 0.24 / 8.0)
 
 
+def test_the_surest_name_stands_first():
+    """A line of a later list that lies nearer is surer than the first list's, though that is tried before."""
+    known = [Known("first", 1.0, 0), Known("second", 1.0004, 1)]
+    found = identified(1.0005, known, (0.5, 10.5))
+    assert [one.name for one in found] == ["second", "first"]
+    # Two lists; shares of ten keV within 0.1 eV of two lines, and within 0.5 eV of one.
+    assert [one.chance for one in found] == pytest.approx([2 * 4e-4 / 10, 2 * 1e-3 / 10], rel=1e-6)
+
+
 def test_iron_has_its_names():
     assert identified(6.4018, emission_lines(), BAND)[0].name == "Fe K alpha"
     assert identified(6.699, emission_lines(), BAND)[0].name == "Fe XXV resonance line"

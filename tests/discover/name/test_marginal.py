@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from gaugeblock.discovery.fitting import fit
-from gaugeblock.discovery.name.marginal import EDGES, MarginalScores, controlled, marginal_scores
+from gaugeblock.discovery.name.drawn_posterior import Draws
+from gaugeblock.discovery.name.marginal import (
+    EDGES,
+    MarginalScores,
+    controlled,
+    marginal_scores,
+    scores_of_draws,
+)
 from gaugeblock.discovery.name.population import Tilt
 from gaugeblock.discovery.name.shared import Term, share
 from gaugeblock.discovery.name.shared_score import shared_scores
@@ -83,6 +90,43 @@ def test_what_no_population_absorbs_is_known_as_well_as_the_sources_are():
     beside = MarginalScores(score, np.ones((30, 1)), np.zeros(1), np.ones(30)).efficient()
     np.testing.assert_allclose(beside.total.sum() - beside.information.sum(), 30 * score.mean() ** 2)
     assert stack(beside).kept[0] == pytest.approx(score.var() / (score**2).mean())
+
+
+@pytest.mark.parametrize("depth", [0.0, 0.3])
+def test_scores_and_pulls_of_draws_are_derivatives_of_the_likelihood(power_law, depth):
+    """By differences, under each exposure; away from neutral draws weigh by what the effect makes of them."""
+    rng = np.random.default_rng(6)
+    simulator, scale = power_law(prior=PRIOR), np.array([0.5, 2.0, 1.0])
+    counts = rng.poisson(simulator.expected(PRIOR.sample(3, rng)) * scale[:, None]).astype(float)
+    sources = Sources.of(simulator, counts, scale=scale)
+    shared = share(simulator, [Term(dip(), TILT_LIKE)])
+    unit, weight = rng.uniform(0.05, 0.95, (3, 12, 2)), rng.dirichlet(np.ones(12), 3)
+    weight[:, 4] = 1e-6
+    weight /= weight.sum(axis=1, keepdims=True)
+    given = Draws(unit, PRIOR.from_unit_cube(unit), weight, np.zeros(3))
+    found = scores_of_draws(shared, sources, given, np.array([depth]))
+    at = np.sqrt(sources.edges.prod(axis=1))
+    bell = np.exp(-0.5 * ((at - 0.5) / 0.4) ** 2)
+
+    def likelihood(i, place, size):
+        mean = scale[i] * simulator.expected(PRIOR.from_unit_cube(place)) * (1.0 + size * bell)
+        return (counts[i] * np.log(mean) - mean).sum()
+
+    for i in range(3):
+        won = np.zeros(12)
+        for m in range(12):
+            if m == 4:
+                continue
+            place = unit[i, m]
+            won[m] = weight[i, m] * np.exp(likelihood(i, place, depth) - likelihood(i, place, 0.0))
+            slope = (likelihood(i, place, depth + 1e-5) - likelihood(i, place, depth - 1e-5)) / 2e-5
+            assert found.values[i, m, 0] == pytest.approx(slope, rel=1e-4, abs=1e-3)
+            for k, move in enumerate(1e-5 * np.eye(2)):
+                pull = (likelihood(i, place + move, depth) - likelihood(i, place - move, depth)) / 2e-5
+                assert found.pull[i, m, k] == pytest.approx(pull, rel=1e-3, abs=1e-2)
+        assert not found.values[i, 4].any()
+        kept = np.delete(won / won.sum(), 4)
+        np.testing.assert_allclose(np.delete(found.weight[i], 4), kept, rtol=1e-4)
 
 
 def test_effect_free_catalogues_have_mean_nought_and_sd_one(power_law):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 from gaugeblock.discovery.name.population import Tilt, fit_population
 
@@ -61,3 +62,33 @@ def test_without_iterations_it_stays_the_prior(sources):
     assert not found.eta.any()
     np.testing.assert_allclose(found.weight, weight)
     assert found.score.sum(axis=0)[0] > 100
+
+
+def test_few_sources_are_held_back_by_a_prior_of_the_tilt():
+    """The penalised likelihood by quadrature, and its maximum by a general minimiser."""
+    rng = np.random.default_rng(3)
+    unit = rng.random((9, 60, 1))
+    weight = np.exp(-0.5 * ((unit[..., 0] - rng.uniform(0.5, 1.0, (9, 1))) / 0.2) ** 2)
+    weight /= weight.sum(axis=1, keepdims=True)
+
+    def features(u):
+        x = 2.0 * u - 1.0
+        return np.stack([np.sqrt(3.0) * x, np.sqrt(5.0) * (1.5 * x**2 - 0.5)], axis=-1)
+
+    side = features((np.arange(4000) + 0.5) / 4000)
+    drawn = features(unit[..., 0])
+
+    def penalised(eta):
+        each = np.log((weight * np.exp(drawn @ eta)).sum(axis=1)) - np.log(np.exp(side @ eta).mean())
+        return 0.5 * eta @ eta - each.sum()
+
+    best = minimize(penalised, np.zeros(2)).x
+    found = fit_population(unit, weight, Tilt(degree=2, pairs=False))
+    assert np.linalg.norm(best) > 0.5
+    assert penalised(found.eta) < penalised(best) + 2e-3
+    np.testing.assert_allclose(found.eta, best, atol=0.03)
+    tilted = weight * np.exp(drawn @ found.eta)
+    tilted /= tilted.sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(found.weight, tilted)
+    expected = np.average(side, axis=0, weights=np.exp(side @ found.eta))
+    np.testing.assert_allclose(found.score, np.einsum("nm,nmf->nf", tilted, drawn) - expected, atol=2e-3)

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import kstest
 
 from gaugeblock.discovery.engine import beyond
-from gaugeblock.discovery.fitting import fit
+from gaugeblock.discovery.fitting import Fit, fit
 from gaugeblock.discovery.library import Candidates
 from gaugeblock.discovery.name.null import largest_null
 from gaugeblock.discovery.name.score import allowed, scores
@@ -72,6 +72,40 @@ def test_information_is_the_projected_fisher_information(power_law):
         assert tested.information[0, t] == pytest.approx(1.0 / np.linalg.inv(fisher)[-1, -1], rel=1e-6)
         assert tested.smallest_detectable()[0, t] == pytest.approx(5 * np.sqrt(np.linalg.inv(fisher)[-1, -1]))
     assert np.all((tested.kept > 0) & (tested.kept <= 1))
+
+
+def test_parameters_with_a_prior_take_only_what_data_tell_of_them():
+    """Two sources by matrices: ``1 - A (A'A + L)^-1 A'``, cumulants of the projected template, their z."""
+    rng = np.random.default_rng(8)
+    mean, slope = rng.uniform(2.0, 9.0, (2, 12)), rng.normal(size=(2, 12, 2))
+    precision, values = np.array([0.0, 3.0]), rng.normal(size=(2, 3, 12)) * [[[1.0], [-2.0], [0.0]]]
+    fitted = Fit(np.zeros((2, 2)), mean, slope, precision, *np.zeros((2, 2)), np.ones(2, dtype=bool))
+    counts = rng.poisson(mean)
+    found = scores(counts, fitted, values)
+    for i in range(2):
+        root = np.sqrt(mean[i])
+        own = slope[i] / root[:, None]
+        left = np.eye(12) - own @ np.linalg.solve(own.T @ own + np.diag(precision), own.T)
+        for t in range(2):
+            whole = values[i, t] / root
+            information = whole @ left @ whole
+            unit = left @ whole / np.sqrt(information)
+            z, skew = unit @ ((counts[i] - mean[i]) / root), (unit**3 / root).sum()
+            assert found.information[i, t] == pytest.approx(information)
+            assert found.kept[i, t] == pytest.approx(information / (whole @ whole))
+            assert found.amplitude[i, t] == pytest.approx(z / np.sqrt(information))
+            assert found.skew[i, t] == pytest.approx(skew)
+            assert found.smallest_detectable(3.0)[i, t] == pytest.approx(3.0 / np.sqrt(information))
+            np.testing.assert_allclose(found.shape[i, t], unit, atol=1e-9)
+            # A Poisson variable of this skewness: of 1 / skew^2 counts, as far off as z in their root.
+            u = max(z * skew, -1.0)
+            deviance = 2.0 * ((1.0 + u) * np.log1p(u) - u) if u > -1.0 else 2.0
+            assert found.z[i, t] == pytest.approx(np.sign(z) * np.sqrt(deviance) / abs(skew), rel=1e-4)
+    # What nothing shows has no z, and would have to be infinite to be seen.
+    assert not found.z[:, 2].any()
+    assert not found.kept[:, 2].any()
+    assert not found.shape[:, 2].any()
+    assert (found.smallest_detectable()[:, 2] > 1e100).all()
 
 
 def test_a_template_inside_the_nuisances_has_no_z(power_law):

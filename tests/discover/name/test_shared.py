@@ -14,7 +14,7 @@ from gaugeblock.discovery.library import Candidates
 from gaugeblock.discovery.name.catalogue import Members, search_shared
 from gaugeblock.discovery.name.score import allowed
 from gaugeblock.discovery.name.shared import Term, share
-from gaugeblock.discovery.name.shared_score import join, shared_scores
+from gaugeblock.discovery.name.shared_score import SharedScores, join, shared_scores
 from gaugeblock.discovery.name.stacked import influence, stack, without
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators import Effect, Prior, Uniform
@@ -68,6 +68,45 @@ def test_influence_is_what_the_others_say(made):
     others = stack(scores.select(np.arange(8) != 3), sd)
     assert without(scores, sd)[3, 0] == pytest.approx(others.z[0], abs=1e-9)
     assert influence(scores, sd)[3, 0] == pytest.approx(stack(scores, sd).z[0] - others.z[0], abs=1e-9)
+
+
+@pytest.mark.parametrize("sd", [(), (0.3, np.inf), (0.2, 0.4)])
+def test_a_stack_source_by_source(sd):
+    """Scores where amplitude and nuisances fit best, their scatter, and what is left without a source."""
+    rng, number, beside = np.random.default_rng(9), 7, len(sd)
+    every = rng.normal(size=(number, 2 + beside, 30)) * rng.uniform(0.5, 2.0, (number, 1, 1))
+    gram = np.einsum("nic,njc->nij", every, every)
+    noise = np.einsum("nic,nc->ni", every, rng.normal(0.2, 1.0, (number, 30)))
+    total = np.einsum("ntt->nt", gram[:, :2, :2]) * rng.uniform(1.0, 2.0, (number, 2))
+    own = np.einsum("ntt->nt", gram[:, :2, :2])
+    scores = SharedScores(noise[:, :2], own, total, noise[:, 2:], gram[:, :2, 2:], gram[:, 2:, 2:])
+    found, alone = stack(scores, sd), without(scores, sd)
+    prior = np.diag(1.0 / np.array(sd) ** 2).reshape(beside, beside)
+
+    def fitted(kept, t):
+        """Amplitude, its information and the nuisances in the normal equations of some sources."""
+        cross, matrix = gram[kept, t, 2:].sum(axis=0), gram[kept, 2:, 2:].sum(axis=0) + prior
+        whole = np.block([[own[kept, t].sum(), cross[None]], [cross[:, None], matrix]])
+        both = np.linalg.solve(whole, np.append(noise[kept, t].sum(), noise[kept, 2:].sum(axis=0)))
+        return both[0], 1.0 / np.linalg.inv(whole)[0, 0], both[1:], np.linalg.solve(matrix, cross)
+
+    for t in range(2):
+        amplitude, information, nuisances, weight = fitted(np.arange(number), t)
+        scatter = 0.0
+        for i in range(number):
+            score = noise[i, t] - own[i, t] * amplitude - gram[i, t, 2:] @ nuisances
+            others = noise[i, 2:] - gram[i, 2:, t] * amplitude - gram[i, 2:, 2:] @ nuisances
+            scatter += (score - weight @ others) ** 2
+            left, known, *_ = fitted(np.arange(number) != i, t)
+            assert alone[i, t] == pytest.approx(left * np.sqrt(known))
+        assert found.amplitude[t] == pytest.approx(amplitude)
+        assert found.information[t] == pytest.approx(information)
+        assert found.z[t] == pytest.approx(amplitude * np.sqrt(information))
+        assert found.smallest_detectable[t] == pytest.approx(5.0 / np.sqrt(information))
+        assert found.sandwich_error[t] == pytest.approx(np.sqrt(scatter * 7 / 6) / information)
+        assert found.kept[t] == pytest.approx(information / total[:, t].sum())
+        assert found.effective_sources[t] == pytest.approx(own[:, t].sum() ** 2 / (own[:, t] ** 2).sum())
+    np.testing.assert_allclose(influence(scores, sd), found.z - alone)
 
 
 def test_more_freedom_never_adds_information(made):
@@ -236,6 +275,64 @@ def test_the_unit_of_an_amplitude_decides_nothing(power_law):
     np.testing.assert_allclose(small.stack.z, plain.stack.z, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(small.stack.kept, plain.stack.kept, rtol=1e-6)
     np.testing.assert_allclose(small.stack.standard_error, 1e9 * plain.stack.standard_error, rtol=1e-6)
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_what_sources_share_is_worked_in_where_each_of_them_sees_it(power_law, known):
+    """A line of one energy at rest and a dip of the instrument: counts, templates and derivatives by hand."""
+
+    class WithJacobian(power_law):
+        def with_effect(self, effect):
+            made = super().with_effect(effect)
+            return WithJacobian(made.effects, made.prior)
+
+        def jacobian(self, theta):
+            columns = []
+            for k, width in enumerate(1e-6 * np.maximum(np.abs(theta).max(axis=0), 1e-3)):
+                move = width * np.eye(theta.shape[1])[k]
+                columns.append((self.expected(theta + move) - self.expected(theta - move)) / (2 * width))
+            return np.stack(columns, axis=-1)
+
+    plain = WithJacobian() if known else power_law()
+    library = plain.effect_library(np.array([[1000.0, 2.0]]))
+    terms = [Term(library["line"], {"energy": 4.0}), Term(library["dip"], {"energy": 2.0}, sd=0.3)]
+    shared, phi = share(plain, terms), np.array([150.0, 0.2])
+    theta = np.array([[500.0, 1.5], [900.0, 2.0], [700.0, 1.0]])
+    scale, redshift = np.array([1.0, 2.0, 0.5]), np.array([0.0, 0.5, 1.0])
+    edges = np.geomspace(0.5, 8.0, 61)
+    at, width = np.sqrt(edges[1:] * edges[:-1]), np.diff(edges)
+    assert (shared.neutral.tolist(), shared.sd.tolist()) == ([0.0, 0.0], [np.inf, 0.3])
+    assert shared.parameters == 2
+    mean, made, slopes = [], [], []
+    for (norm, index), times, z in zip(theta, scale, redshift, strict=True):
+        law = norm * at**-index * width
+        bell, dip = np.exp(-0.5 * ((at - 4.0 / (1 + z)) / 0.15) ** 2), np.exp(-0.5 * ((at - 2.0) / 0.4) ** 2)
+        mean.append(times * (law + 150.0 * bell * width) * (1 + 0.2 * dip))
+        made.append([times * bell * width * (1 + 0.2 * dip), times * (law + 150.0 * bell * width) * dip])
+        slopes.append(times * np.stack([law / norm, -np.log(at) * law], axis=-1) * (1 + 0.2 * dip)[:, None])
+    place = (phi, scale, redshift)
+    np.testing.assert_allclose(shared.expected(theta, *place), mean, rtol=1e-9)
+    np.testing.assert_allclose(shared.templates(theta, *place), made, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(shared.jacobian(theta, *place), slopes, rtol=1e-5, atol=1e-5)
+    # With the instrument's alone a source's own parameters are all that is left.
+    dips = share(plain, terms[1:])
+    held = dips.held(np.array([0.2]))
+    assert held is dips.held(np.array([0.2]))
+    assert held.prior is plain.prior
+    law = theta[:, :1] * at ** -theta[:, 1:] * width
+    dip = np.exp(-0.5 * ((at - 2.0) / 0.4) ** 2)
+    np.testing.assert_allclose(held.expected(theta), law * (1 + 0.2 * dip))
+    np.testing.assert_allclose(dips.held(np.array([-0.1])).expected(theta), law * (1 - 0.1 * dip))
+    assert hasattr(held, "jacobian") == known
+    if known:
+        own = np.stack([law / theta[:, :1], -np.log(at) * law], axis=-1) * (1 + 0.2 * dip)[:, None]
+        np.testing.assert_allclose(held.jacobian(theta), own, rtol=1e-5, atol=1e-5)
+    # Three shared parameters beside a source's two: differences are cheaper.
+    many = share(plain, [terms[1]] * 3)
+    assert not hasattr(many.held(np.zeros(3)), "jacobian")
+    none = share(plain, [])
+    assert none.held(np.zeros(0)) is plain
+    assert none.templates(theta, np.zeros(0), scale, redshift).shape == (3, 0, 0)
 
 
 def test_terms_are_checked(power_law):

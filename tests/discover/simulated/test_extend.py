@@ -18,7 +18,7 @@ from gaugeblock.discovery.simulated.extend import (
 from gaugeblock.discovery.simulated.learning import Base, Lesson
 from gaugeblock.discovery.simulated.moment_fit import SimulatedFit
 from gaugeblock.discovery.simulated.observed import Budget, Observed
-from gaugeblock.discovery.simulated.score_tests import find
+from gaugeblock.discovery.simulated.score_tests import LearnedScores, find
 from gaugeblock.simulators import Uniform
 from gaugeblock.simulators.library import LibraryEffect
 
@@ -32,6 +32,15 @@ def quiet(ruler, readings):
     )  # fmt: skip
     found = find(before.scores, before.fit, before.observed, replicates=9, rng=np.random.default_rng(1))
     return before, found
+
+
+def test_features_know_what_the_data_that_they_are_learned_from_were_made_of(quiet):
+    """Lengths of other simulations of the fit, which scatter by 0.6 and are read with an error of 0.35."""
+    before, _ = quiet
+    model, features = before.fit.model, before.observed.features
+    assert features.degree == 3
+    learned = features(model.draw(before.fit.state, 4000, 77))[:, len(features.weights)]
+    assert abs(np.corrcoef(learned, model.normal(4000, 77)[:, 0])[0, 1]) > 0.75
 
 
 def begun(quiet, z, amplitude=0.3):
@@ -48,6 +57,20 @@ def test_one_data_set_is_fitted_from_where_its_score_is_largest_of_either_sign(q
     # A second peak counts from half of the gain on.
     assert [state[-1] for _, state in begun(quiet, [0, 3.0, 0, 0, 0, -4.0, 0, 0])] == [5.0, 1.0]
     assert [state[-1] for _, state in begun(quiet, [0, -4.0, 0, 0, 0, 3.0, 0, 0])] == [1.0, 5.0]
+
+
+@pytest.mark.parametrize(
+    ("correlation", "marks"),
+    [(0.49, [5.0, 1.0]), (-0.49, [5.0, 1.0]), (0.5, [5.0]), (-0.5, [5.0]), (-0.9, [5.0])],
+)
+def test_a_second_peak_is_unlike_the_first_of_whatever_sign(quiet, correlation, marks):
+    class Alike(LearnedScores):
+        def correlation(self, fitted, chosen):
+            return np.where(np.eye(8) > 0, 1.0, correlation)
+
+    before, found = quiet
+    told = before, replace(found, scores=Alike(**vars(found.scores)))
+    assert [state[-1] for _, state in begun(told, [0, 3.0, 0, 0, 0, -4.0, 0, 0])] == marks
 
 
 def test_an_amplitude_begins_neither_at_nothing_nor_beyond_a_third_of_its_prior(quiet):

@@ -7,6 +7,7 @@ import pytest
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery import discover_simulated, simulations
+from gaugeblock.discovery.engine import Comparison, Round
 from gaugeblock.discovery.result import Discovery
 from gaugeblock.discovery.simulated import judged
 from gaugeblock.discovery.simulated.extend import extended_by, refine, refit
@@ -126,6 +127,21 @@ def test_the_best_is_of_those_that_leave_nothing_to_explain(two):
     assert engine.compared([unsure], engine.look())[0].model is unsure
 
 
+def test_an_interval_is_of_the_normal_error_and_ends_where_the_prior_does(two):
+    engine, _, tilt = two
+    for slope, low, high in ((0.05, 0.0, 0.2145), (1.0, 0.8355, 1.1645), (1.95, 1.7855, 2.0)):
+        state = np.array([*tilt.fit.state[:2], slope])
+        made = replace(tilt, fit=replace(tilt.fit, state=state, covariance=np.diag([9.0, 9.0, 0.01])))
+        (said,) = engine.amplitudes([Round(engine.look(), (Comparison(made, 0.0, 0.0),))])
+        assert (said.effect, said.parameter, said.value, said.held_out) == ("tilt", "slope", slope, False)
+        assert said.interval == pytest.approx((low, high), abs=1e-4)
+        assert (said.standard_error, said.level) == (pytest.approx(0.1), 0.9)
+    assert [(one.id, one.why) for one in engine.not_checked()] == [
+        ("delta_log_evidence", "the simulator has no likelihood")
+    ]
+    assert engine.data().name == "80 data sets"
+
+
 def test_the_same_seed_finds_the_same(ruler, readings):
     x = readings(40, 12, tilt={"slope": 0.2})
     first, second = (discover_simulated(ruler, x, seed=2, simulations=1000, replicates=399) for _ in range(2))
@@ -206,7 +222,8 @@ def test_one_data_set_alone(ruler, readings):
         if found["disagreement"]["p_global"] <= 0.01 and best["effect"] == "spike":
             assert best["parameters"]["mark"] == pytest.approx(5.0, abs=0.5)
             right += 1
-        assert "held_out" in {item["id"] for item in found["not_checked"]}
+        assert {"held_out", "delta_log_evidence"} <= {item["id"] for item in found["not_checked"]}
+        assert (found["data"]["name"], found["data"]["n_sources"]) == ("one data set", 1)
     assert right >= 5
     for seed in (16, 116):
         assert (
@@ -239,11 +256,13 @@ def test_effects_on_the_epidemic(name, values, amplitude):
 @pytest.mark.parametrize(
     ("x", "options", "words"),
     [
-        (np.zeros((5, 8)), {}, "one data set .* or at least 30"),
-        (np.zeros(8), {}, "got shape"),
+        (np.zeros((29, 8)), {}, r"one data set \(1, .* or at least 30 .*, got shape \(29, 8\); a population"),
+        (np.zeros((0, 8)), {}, r"got shape \(0, 8\)"),
+        (np.zeros(8), {}, r"got shape \(8,\)"),
         (np.full((40, 8), np.nan), {}, "NaN or infinite"),
-        (np.zeros((40, 8)), {"simulations": 10}, "at least 1,000 simulations"),
-        (np.zeros((40, 8)), {"replicates": 99}, "at least 399 replicates"),
+        (np.zeros((30, 8)), {"simulations": 999}, "at least 1,000 simulations a state, got 999"),
+        (np.zeros((1, 8)), {"simulations": 999}, "at least 1,000 simulations a state, got 999"),
+        (np.zeros((40, 8)), {"replicates": 398}, r"at least 399 replicates, got 398: .* global p of 0\.01$"),
         (np.zeros((40, 8)), {"only": ("glow",), "simulations": 1000}, "no effect glow"),
     ],
 )
@@ -256,3 +275,11 @@ def test_mistakes_are_one_clear_line(ruler, x, options, words):
 def test_a_simulator_without_effects_is_told_so():
     with pytest.raises(InputError, match="TwoMoons has no with_effect"):
         discover_simulated(build_simulator("two_moons"), np.zeros((40, 2)))
+
+
+def test_what_cannot_be_simulated_is_told_so():
+    class Still:
+        with_effect = Simulations.fitted
+
+    with pytest.raises(InputError, match="Still has no simulate"):
+        discover_simulated(Still(), np.zeros((40, 2)))

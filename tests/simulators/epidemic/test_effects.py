@@ -142,6 +142,34 @@ def test_dynamics_solve_the_differential_equation(name, amplitude, week):
         np.testing.assert_allclose(expected, np.maximum(np.diff(solved.y[3]) * 400, 1e-6), rtol=6e-3)
 
 
+def test_steps_are_classical_runge_kutta_steps_of_half_a_day():
+    """All that drives an epidemic at once, to rounding; a change within a step counts for its part."""
+    simulator = PLAIN
+    values = {
+        "contact_change": {"factor": 0.6, "week": 3.43},
+        "waning": {"rate": 0.01},
+        "mixing": {"exponent": 0.7},
+    }
+    for name, fixed in values.items():
+        simulator = simulator.with_effect(Effect(name, fixed))
+    for (contact, recovery), found in zip(RATES, simulator.expected(RATES), strict=True):
+
+        def slope(state, rate, recovery=recovery):
+            s, i, r, _ = state
+            new = rate * s * i * max(s, 0.01) ** 0.7
+            return np.array([-new + 0.01 * r, new - recovery * i, recovery * i - 0.01 * r, new])
+
+        state, course = np.array([1 - 5 / 2000, 5 / 2000, 0.0, 0.0]), [0.0]
+        for number in range(12 * 14):
+            rate = contact * (1 - 0.4 * np.clip(number + 1 - 14 * 3.43, 0.0, 1.0))
+            one = slope(state, rate)
+            two = slope(state + one / 4, rate)
+            three = slope(state + two / 4, rate)
+            state = state + (one + 2 * two + 2 * three + slope(state + three / 2, rate)) / 12
+            course.append(state[3])
+        np.testing.assert_allclose(found, 400 * np.diff(course[::14]), rtol=1e-9)
+
+
 @pytest.mark.parametrize("name", sorted(LIBRARY))
 def test_cases_are_positive_over_the_whole_prior(name):
     # Where an epidemic burns out within weeks, a step may leave fewer than no susceptible.
@@ -160,6 +188,19 @@ def test_effects_compose_and_count():
     np.testing.assert_allclose(
         first.expected([[0.3, 0.12, 0.02]]), twice.expected([[0.3, 0.12, 0.02, 0.01]]), rtol=1e-13
     )
+
+
+def test_exponents_of_mixing_add_and_two_changes_multiply():
+    once = {"mixing": {"exponent": 0.75}, "contact_change": {"factor": 0.3, "week": 4.0}}
+    twice = {"mixing": [{"exponent": 0.5}, {"exponent": 0.25}],
+             "contact_change": [{"factor": 0.5, "week": 4.0}, {"factor": 0.6, "week": 4.0}]}  # fmt: skip
+    for name, parameters in once.items():
+        first, second = (Effect(name, each) for each in twice[name])
+        np.testing.assert_allclose(
+            PLAIN.with_effect(first).with_effect(second).expected(RATES),
+            PLAIN.with_effect(Effect(name, parameters)).expected(RATES),
+            rtol=1e-12,
+        )
 
 
 def test_an_effect_of_ones_own():
@@ -188,12 +229,40 @@ def test_mistakes_are_one_clear_line(effect, words):
     assert "\n" not in str(caught.value)
 
 
-def test_imported_cases_follow_the_size_of_the_epidemic():
-    small, large = PLAIN.effect_library(RATES[:1]), Epidemic(population=2e5).effect_library(RATES[:1])
-    assert large["imported_cases"].step > 5 * small["imported_cases"].step
+def test_what_may_be_and_where_it_is_sought():
+    """Priors, steps from neutral and scans; imported cases follow the size of the epidemic."""
+    cases, weeks = PLAIN.expected(RATES).mean(), tuple(range(12))
+    week, inner = (0.0, 12.0), {"week": weeks[1:11]}
+    expected = {
+        "reporting_step": ({"share": (-0.9, 0.9), "week": week}, 0.0, 0.1, inner, "instrument"),
+        "reporting_delay": ({"share": (0.0, 0.95)}, 0.0, 0.1, {}, "instrument"),
+        "missed_week": (
+            {"share": (-0.9, 0.9), "week": (0.0, 11.0)}, 0.0, 0.2, {"week": weeks}, "instrument"
+        ),
+        "imported_cases": ({"rate": (0.0, 2 * cases)}, 0.0, 0.1 * cases, {}, "source"),
+        "contact_change": ({"factor": (0.1, 3.0), "week": week}, 1.0, -0.1, inner, "source"),
+        "waning": ({"rate": (0.0, 0.1)}, 0.0, 0.005, {}, "source"),
+        "mixing": ({"exponent": (-0.3, 4.0)}, 0.0, 0.2, {}, "source"),
+    }  # fmt: skip
+    assert set(LIBRARY) == set(expected)
+    for name, (ranges, neutral, step, scans, origin) in expected.items():
+        entry = LIBRARY[name]
+        assert {key: prior.support for key, prior in entry.parameters.items()} == ranges, name
+        assert (entry.amplitude, entry.neutral, entry.origin) == (next(iter(ranges)), neutral, origin)
+        assert entry.step == pytest.approx(step)
+        assert {key: tuple(values) for key, values in entry.scanned.items()} == scans
+        assert set(entry.units.values()) <= {"", "weeks", "per day", "cases a week"}
+    # The shortest data that leave a week to be tried.
+    assert Epidemic(weeks=2).effect_library(RATES)["contact_change"].scanned["week"].tolist() == [1.0]
 
 
 def test_the_data_are_one_run_of_weeks():
-    (segment,) = segments(build_simulator("epidemic", weeks=5), 5)
-    assert (segment.start, segment.stop, segment.unit) == (0, 5, "week")
-    assert segment.edges[-1].tolist() == [4.0, 5.0]
+    (segment,) = segments(build_simulator("epidemic", weeks=3), 3)
+    assert (segment.name, segment.start, segment.stop, segment.unit) == ("cases", 0, 3, "week")
+    assert segment.edges.tolist() == [[0.0, 1.0], [1.0, 2.0], [2.0, 3.0]]
+
+
+def test_an_effect_is_part_of_what_an_epidemic_is():
+    effect = Effect("waning", {"rate": Uniform(0.0, 0.1)})
+    plain = {key: value for key, value in PLAIN.describe().items() if key != "nodes"}
+    assert PLAIN.with_effect(effect).describe() == {**plain, "effects": [effect.describe()]}

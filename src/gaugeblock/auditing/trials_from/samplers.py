@@ -83,12 +83,14 @@ def _drawn(run: Any, draws: int, discard: int, rng: Rng, source: str) -> tuple[A
     weighted = _weighted(run)
     if weighted is not None:
         points, log_weight = (plain(part, what=source) for part in weighted)
-        if points.ndim != 2 or log_weight.shape != points.shape[:1] or not np.isfinite(log_weight).any():
+        if points.ndim != 2 or log_weight.shape != points.shape[:1]:
             raise InputError(
                 f"{source}: points of shape {points.shape} with log weights of shape {log_weight.shape}; "
-                "expected (point, parameter) and (point,), some of them finite"
+                "expected (point, parameter) and (point,)"
             )
-        weight = np.exp(log_weight - np.nanmax(log_weight))
+        if not np.isfinite(log_weight).any() or not (log_weight < np.inf).all():
+            raise InputError(f"{source}: log weights must be finite or -inf, and some of them finite")
+        weight = np.exp(log_weight - log_weight.max())
         return points[rng.choice(len(points), draws, p=weight / weight.sum())], False
     if isinstance(run, Mapping) and "samples" in run:  # UltraNest's own draws of equal weight
         run = run["samples"]
