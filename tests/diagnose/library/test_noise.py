@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from gaugeblock.diagnosis.cases import Cases
 from gaugeblock.diagnosis.disagreement import Reference
-from gaugeblock.diagnosis.library.noise import x_noise
+from gaugeblock.diagnosis.library.noise import denoised, x_noise
 
 NOISE = np.array([0.3, 0.5])
 MIXED = np.array([[1.0, 0.6], [0.6, 1.0]])
@@ -34,6 +35,21 @@ def test_draws_of_another_noise_become_those_of_the_right_one(ratio):
     off = mended.mean(axis=1) - right
     assert np.abs(off).mean() < 0.6 * np.abs(draws.mean(axis=1) - right).mean() + 0.05
     np.testing.assert_allclose(np.polyfit(right[:, 0], mended.mean(axis=1)[:, 0], 1)[0], 1, atol=0.06)
+
+
+def test_draws_that_are_wider_than_the_prior_say_nothing_of_the_data():
+    """What is left is the prior, however many times the likelihood counts."""
+    rng = np.random.default_rng(3)
+    truths = stats.norm.ppf((np.arange(256) + 0.5) / 256)[:, None]
+    draws = np.clip(1.3 * rng.normal(size=(200, 400, 1)), -2.5, 2.5)
+    cases = Cases(("a",), np.arange(200), truths[:200], draws)
+    none = np.empty(0)
+    for factor in (0.5, 4.0):
+        found = denoised(
+            cases, truths=truths, prior=np.eye(1), factor=factor,
+            columns=none.astype(int), steps=none, chance=none,
+        )  # fmt: skip
+        assert found.draws.std(axis=1).mean() == pytest.approx(1.0, abs=0.03)
 
 
 def test_whole_numbers_of_another_noise():

@@ -25,6 +25,13 @@ def found(truth, draws):
     return {finding.id: finding for finding in findings}, not_checked, gates
 
 
+def test_two_trials_are_enough_to_be_judged():
+    rng = np.random.default_rng(1)
+    findings, not_checked, _ = found(rng.normal(size=(2, 1)), rng.normal(size=(2, 400, 1)))
+    assert set(findings) == {"tails.outliers[a]", "tails.coverage"}
+    assert not [item for item in not_checked if "trial(s)" in item.why]
+
+
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("draws", [25, 120])
 def test_truths_of_exact_posteriors_are_outliers_as_often_as_draws(shape, draws):
