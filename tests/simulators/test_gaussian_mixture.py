@@ -7,6 +7,13 @@ from scipy.stats import chi2, kstest, norm
 from gaugeblock.simulators.gaussian_mixture import GaussianMixture
 
 
+def test_it_says_what_defines_it():
+    made = GaussianMixture(broad_sd=2.0, narrow_sd=0.3, bound=7.0)
+    said = {"simulator": "gaussian_mixture", "broad_sd": 2.0, "narrow_sd": 0.3, "bound": 7.0}
+    assert made.describe() == said
+    assert GaussianMixture().describe() == {**said, "broad_sd": 1.0, "narrow_sd": 0.1, "bound": 10.0}
+
+
 def test_draws_at_the_edge_follow_the_cut_off_mixture():
     simulator, x = GaussianMixture(), np.array([[9.9, 10.3]])
     draws = simulator.posterior_sample(x, 4000, np.random.default_rng(40))[0]
