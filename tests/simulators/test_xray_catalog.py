@@ -65,6 +65,7 @@ def test_one_spectrum_is_one_row(write):
     assert isinstance(observation.simulator, XraySpectrum)
     assert observation.counts.shape == (1, *observation.simulator.data_shape)
     assert observation.names == ("a.pha",)
+    assert len(observation) == 1
     assert (observation.scale[0], observation.redshift[0]) == (1.0, 0.3)
     assert observation.simulator.exposure == 1e4
     longer = read_observation(write("a.pha"), model=MODEL, priors=PRIOR, exposure=2e4)
