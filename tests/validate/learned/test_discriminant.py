@@ -36,6 +36,7 @@ def test_candidates_of_a_trial_share_its_context():
     np.testing.assert_allclose(together, apart, atol=1e-12)
     alone = fit_discriminant(taught, taught[::-1] * 0.7)
     np.testing.assert_allclose(alone(z), np.stack([alone(z[:, k]) for k in range(4)], axis=1), atol=1e-12)
+    np.testing.assert_array_equal(columns(z), np.stack([columns(z[:, k]) for k in range(4)], axis=1))
 
 
 def test_it_nears_the_best_score_there_is():
