@@ -266,10 +266,9 @@ def read_source(value: ast.expr | str | float) -> Source:
 
 def _straight(node: ast.expr) -> tuple[str | None, float, float]:
     """Name, factor and offset of a straight line; ValueError if it is none."""
-    if isinstance(node, ast.Constant) and isinstance(node.value, int | float):
-        if isinstance(node.value, bool):
-            raise ValueError(node.value)
-        return None, 0.0, float(node.value)
+    value = node.value if isinstance(node, ast.Constant) else None
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return None, 0.0, float(value)
     if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
         return f"{node.value.id}.{node.attr}", 1.0, 0.0
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):

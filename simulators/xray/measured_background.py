@@ -275,9 +275,12 @@ def _likeliest(shape: BackgroundShape, counts: Array, seconds: Array) -> tuple[A
     log_rate = middle.copy()
     precision = 1.0 / 9.0
 
-    def objective(place: Array) -> float:
+    def misfit(place: Array) -> float:
         mean = np.maximum(shape.rate(place) * seconds, 1e-300)
-        return float((mean - counts * np.log(mean)).sum() + 0.5 * precision * ((place - middle) ** 2).sum())
+        return float((mean - counts * np.log(mean)).sum())
+
+    def objective(place: Array) -> float:
+        return misfit(place) + 0.5 * precision * float(((place - middle) ** 2).sum())
 
     value = objective(log_rate)
     for _ in range(100):
@@ -295,6 +298,4 @@ def _likeliest(shape: BackgroundShape, counts: Array, seconds: Array) -> tuple[A
         log_rate, value = log_rate + step, tried
         if promise < 1e-8:
             break
-    mean = np.maximum(shape.rate(log_rate) * seconds, 1e-300)
-    deviance = 2.0 * float((mean - counts * np.log(mean)).sum())
-    return log_rate, np.sqrt(np.diag(np.linalg.inv(information))), deviance
+    return log_rate, np.sqrt(np.diag(np.linalg.inv(information))), 2.0 * misfit(log_rate)
