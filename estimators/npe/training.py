@@ -48,6 +48,7 @@ class _Silent:
     log_metric = log_metrics = log_params = add_figure = flush = _drop
 
 
+@torch.enable_grad()
 def train_published(
     bank: Bank, network: NetworkTable, shape: NetworkShape, options: TrainingTable
 ) -> tuple[Any, dict[str, Any]]:

@@ -42,14 +42,14 @@ def mended(suggestion, draws, names=NAMES):
 
 @pytest.mark.parametrize("kind", WRONG)
 def test_a_wrong_layout_gets_what_mends_it(kind):
-    theta, draws = posterior(0, skewed=True, noise=(0.2, 0.3, 0.4), n=900)
+    theta, draws = posterior(0, skewed=True, noise=(0.2, 0.3, 0.4), n=450)
     (suggestion,) = said(theta, WRONG[kind](draws))
     np.testing.assert_allclose(mended(suggestion, WRONG[kind](draws)), draws, rtol=0.35)
     assert suggestion.text.startswith("The draws look as if ")
 
 
 def test_a_standardised_parameter_and_an_exponentiated_one():
-    theta, draws = posterior(1, n=900)
+    theta, draws = posterior(1, n=450)
     scaled = theta * np.array([1.0, 17.0, 1.0]) + np.array([0.0, 400.0, 0.0])
     (suggestion,) = said(scaled, draws)
     np.testing.assert_allclose(mended(suggestion, draws)[..., 1], draws[..., 1] * 17 + 400, rtol=0.06)
@@ -60,7 +60,7 @@ def test_a_standardised_parameter_and_an_exponentiated_one():
 
 @pytest.mark.parametrize("fault", ["nothing", "narrow", "biased"])
 def test_a_miscalibrated_estimator_in_the_right_layout_gets_none(fault):
-    theta, draws = posterior(3, correlation=0.9, n=900)
+    theta, draws = posterior(3, correlation=0.9, n=450)
     center = draws.mean(axis=1, keepdims=True)
     changed = {
         "nothing": draws,
@@ -95,8 +95,9 @@ def test_steps_are_put_together():
 
 def test_a_hostile_name_stays_a_key_of_toml():
     names = ('a"\n[x]', "b\\", "c")
-    theta, draws = posterior(8, n=900)
-    (suggestion,) = said(theta, draws[..., [1, 0, 2]], names)
+    step = {"function": "reordered", "order": [1, 0, 2], "transforms": PLAIN, "units": [1.0] * 3,
+            "offsets": [0.0] * 3}  # fmt: skip
+    (suggestion,) = arrangement({"repair": [step]}, names)
     assert set(tomllib.loads(suggestion.toml)["estimator"]["parameters"]) == set(names[:2])
 
 

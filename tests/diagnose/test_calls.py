@@ -12,7 +12,7 @@ import gaugeblock as gb
 from gaugeblock.auditing.estimator_from import LibraryEstimator
 from gaugeblock.validate import make_policy
 
-SMALL = {"trials": 600, "draws": 60, "progress": False}
+SMALL = {"trials": 400, "draws": 60, "progress": False}
 # What fails most broken estimators, which is when an audit diagnoses.
 QUICK = {"validators": ("draws", "sbc")}
 # What fails draws that do not know their data.
@@ -30,10 +30,9 @@ def right(x, n, rng):
 
 
 CALLS = {
-    "x_scale": lambda x, n, rng: right(np.asarray(x) / 100, n, rng),
-    "x_scale by 37": lambda x, n, rng: right(np.asarray(x) / 37, n, rng),
-    "x_shift": lambda x, n, rng: right(np.asarray(x) - 2 * np.std(x), n, rng),
-    "x_shift by 3.4": lambda x, n, rng: right(np.asarray(x) - 3.4 * np.std(x), n, rng),
+    "x_scale": lambda x, n, rng: right(np.asarray(x) / 37, n, rng),
+    # Between two of those that are tried, as the scale is.
+    "x_shift": lambda x, n, rng: right(np.asarray(x) - 3.4 * np.std(x), n, rng),
     "x_order": lambda x, n, rng: right(np.asarray(x)[:, ::-1], n, rng),
 }
 
@@ -49,7 +48,6 @@ def test_how_the_estimator_should_be_called_is_found_by_calling_it(symptom):
     said = result.verdict.diagnosis
     assert result.outcome == "FAIL"
     # Another zero of the data moves normal posteriors as another zero of the draws does.
-    symptom = symptom.partition(" ")[0]
     equal = {"x_shift": {"x_shift", "shift"}}.get(symptom, {symptom})
     assert equal & {said["named"], *said["indistinguishable"]}
     assert [*said["trials_to_tell"]] == said["indistinguishable"]
@@ -135,7 +133,7 @@ def test_the_diagnosis_stands_in_every_output_and_is_derived_again(tmp_path, cap
     from gaugeblock.cli.commands import main
 
     rng = np.random.default_rng(3)
-    theta = PRIOR.sample(600, rng)
+    theta = PRIOR.sample(300, rng)
     x = simulate(theta, rng)
     draws = right(x, 60, rng)[..., ::-1]
     out, names = tmp_path / "out", ["a", "b"]

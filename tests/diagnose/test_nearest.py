@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from tests.diagnose.test_calls import QUICK
 
 import gaugeblock as gb
 from gaugeblock.diagnosis.causes import causes
@@ -20,7 +21,7 @@ def test_what_has_no_name_says_the_causes_of_what_comes_nearest(size, share, nea
     theta = middle + 0.5 * rng.normal(size=(1000, 1))
     away = 0.5 * rng.normal(size=(1000, 128, 1))
     draws = middle[:, None] + away * np.where(rng.random(away.shape) < share, size, 1.0)
-    found = gb.audit_draws(theta, draws, x=middle, names=["a"], progress=False).diagnose()
+    found = gb.audit_draws(theta, draws, x=middle, names=["a"], progress=False, **QUICK).diagnose()
     wide = {cause.cause for cause in causes("scale", wide=True)}
     if nearest:
         assert found.named == "other"

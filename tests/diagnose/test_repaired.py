@@ -18,6 +18,7 @@ from gaugeblock.diagnosis.disagreement import Reference
 from gaugeblock.diagnosis.library.symptoms import STRUCTURAL, SYMPTOMS
 from gaugeblock.diagnosis.repair import as_data, from_data
 from gaugeblock.diagnosis.workflow import locate_and_name
+from gaugeblock.validate import make_policy
 
 SIZE = {"trials": 900, "draws": 80, "progress": False}
 # What stands for something that draws cannot be given.
@@ -80,7 +81,13 @@ def test_a_repaired_estimator_passes_on_other_trials_and_is_another_one(tmp_path
     table = {"name": "repaired", "base": narrow, "diagnosis": tmp_path / "first"}
     with pytest.raises(InputError, match="seed 4, which would judge the repair by itself"):
         gb.audit(table, simulate, prior=PRIOR, seed=4, **SIZE)
-    second = gb.audit(table, simulate, prior=PRIOR, seed=5, **{**SIZE, "trials": 3000})
+    # What fails the original; by ranks and coverage alone, which need fewer trials than all validators.
+    policy = make_policy(
+        {"required": ["sbc", "coverage"], "tolerance": {"bias": 0.2, "log_width": 0.2, "coverage": 0.1}},
+        source="test",
+    )
+    seen = {"validators": ("draws", "sbc", "coverage"), "policy": policy}
+    second = gb.audit(table, simulate, prior=PRIOR, seed=5, **{**SIZE, "trials": 1000}, **seen)
     assert second.outcome == "PASS"
     # The original's verdict stays what it was, and the new one has a name and a record of its own.
     assert json.loads((tmp_path / "first" / "verdict.json").read_text())["verdict"] == "FAIL"
@@ -97,7 +104,7 @@ def test_a_repair_of_the_call_is_one_too():
     first = gb.audit(scaled, simulate, prior=PRIOR, seed=4, **SMALL, **QUICK)
     assert first.verdict.diagnosis["named"] == "x_scale"
     mended = Repaired(scaled_object(scaled), gb_simulator(), diagnosis=first_diagnosis(first, scaled))
-    second = gb.audit(mended, simulate, prior=PRIOR, seed=5, **SIZE)
+    second = gb.audit(mended, simulate, prior=PRIOR, seed=5, **SIZE, **QUICK)
     assert second.outcome != "FAIL"
     assert second["sbc.log_width[a]"].outcome != "FAIL"
 
@@ -189,7 +196,7 @@ def rounded_to_halves(cases, reference):
 
 def test_a_fault_of_ones_own_is_named():
     rng = np.random.default_rng(8)
-    theta = PRIOR.sample(900, rng)
+    theta = PRIOR.sample(500, rng)
     draws = right(simulate(theta, rng), 64, rng)
     draws[1::2] += 3.0 * draws.std(axis=1, keepdims=True)[1::2]
     result = gb.audit_draws(theta, draws, names=["a", "b"], progress=False, **QUICK)

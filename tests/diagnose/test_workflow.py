@@ -30,7 +30,9 @@ def named(found):
 def test_a_fault_is_named(name):
     wanted, fault = FAULTS[name]
     correlated = 0.95 if name == "uncorrelated" else 0.6
-    cases = exact(SEED, rho=correlated, draws=512 if name == "another prior" else 64)
+    # Another noise changes correlations as well: to tell both takes more trials.
+    trials, draws = 900 if name == "noisier" else 600, 512 if name == "another prior" else 64
+    cases = exact(SEED, rho=correlated, trials=trials, draws=draws)
     found = found_in(cases, fault(cases, np.random.default_rng(SEED)))
     assert (wanted,) in named(found)
     assert len(named(found)) <= 3
@@ -46,11 +48,10 @@ def one_parameter(seed, trials=1000, draws=128):
     return Cases(("a",), np.arange(trials), values[:, 0], values[:, 1:], middle, ("x[0]",))
 
 
-@pytest.mark.parametrize(("size", "share"), [(2.5, 0.5), (4.0, 0.2)])
-def test_no_repair_is_named_after_which_something_is_seen_to_be_wrong(size, share):
+def test_no_repair_is_named_after_which_something_is_seen_to_be_wrong():
     """Some draws so many times as far out: here a width takes nearly all of it away, and evidence is left."""
     cases, rng = one_parameter(2), np.random.default_rng([1, 2])
-    far = np.where(rng.random(cases.draws.shape) < share, size, 1.0)
+    far = np.where(rng.random(cases.draws.shape) < 0.2, 4.0, 1.0)
     found = found_in(cases, cases.x[:, None] + far * (cases.draws - cases.x[:, None]))
     assert found.seen
     assert any(each.mended for each in found.tried)
@@ -155,7 +156,7 @@ def test_noise_has_its_size():
 
 
 def test_two_faults_in_a_row_are_named_both():
-    cases = exact(SEED, trials=1500)
+    cases = exact(SEED)
     exchanged = cases.drawn(about_middle(cases, 0.6)).draws[..., [1, 0, 2]]
     found = found_in(cases, exchanged)
     assert {"columns", "scale"} in [set(each.symptoms) for each in found.alike]
@@ -163,8 +164,8 @@ def test_two_faults_in_a_row_are_named_both():
 
 @pytest.mark.parametrize("make", [exact, two_modes])
 def test_nothing_is_named_where_nothing_is_wrong(make):
-    found = [locate_and_name(make(seed, trials=450), seed=seed, failed=False) for seed in range(40)]
-    # At a rate of 1% more than three of 80 would come once in 120 times.
+    found = [locate_and_name(make(seed, trials=450), seed=seed, failed=False) for seed in range(25)]
+    # At a rate of 1% more than one of 25 would come once in 40 times.
     assert sum(each.seen or bool(each.structural) for each in found) <= 1
 
 
@@ -205,21 +206,27 @@ def test_what_the_library_lacks_is_other():
 
 def test_sizes_hold_what_was_planted():
     hits = []
-    for seed in range(5):
-        cases = one_parameter(seed, draws=64)
+    for seed in range(4):
+        cases = one_parameter(seed, trials=600, draws=64)
         found = found_in(cases, about_middle(cases, 0.7))
         hits += [low <= 0.7 <= high for _, low, high in found.sizes.values()][:1]
-        cases = exact(100 + seed)
-        found = found_in(cases, cases.draws + 0.5 * cases.half_width[:, None] * [0, 1, 0])
+    by, lengths = np.array([0.7, 0.5, -0.6]), []
+    for seed in range(2):
+        cases = exact(100 + seed, trials=600)
+        found = found_in(cases, cases.draws + by * cases.half_width[:, None])
         assert found.named.symptoms == ("shift",)  # though another prior would do: with fewer numbers
-        value, low, high = found.sizes["b"]
         in_widths = found.named.repairs[0].variant == "of their half-widths"
-        planted = 0.5 * (1 if in_widths else np.median(cases.half_width[:, 1]))
-        hits.append(low <= planted <= high)
-        assert 0.1 < (high - low) / planted < 1
-        assert abs(value / planted - 1) < 0.4
-    # Of ten intervals of 90%, fewer than seven hold their truth once in 80 times.
+        all_planted = by if in_widths else by * np.median(cases.half_width, axis=0)
+        for planted, name in zip(all_planted, "abc", strict=True):
+            value, low, high = found.sizes[name]
+            hits.append(low <= planted <= high)
+            assert 0.1 < (high - low) / abs(planted) < 1
+            assert abs(value / planted - 1) < 0.4
+            lengths.append((high - low) / (1 if in_widths else np.median(cases.half_width)))
+    # Of ten intervals of 90%, fewer than seven hold their truth once in 80 times, if all are independent.
     assert sum(hits) >= 7
+    # Means of 200 truths in half-widths, by Student's t of ten groups; six such errors are known to 14%.
+    assert np.mean(lengths) == pytest.approx(2 * 1.833 / np.sqrt(200), rel=0.4)
 
 
 def test_the_gap_is_that_of_a_truth_among_its_candidates():

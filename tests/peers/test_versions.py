@@ -33,5 +33,5 @@ def test_releases_are_those_that_are_installed(peer):
     try:
         installed = metadata.version(peer)
     except metadata.PackageNotFoundError:
-        pytest.skip(f"needs {peer}: tox -e peers")
+        pytest.skip(f"needs {peer}: tox -e tests -- tests/peers")
     assert installed == pins("constraints.txt")[peer]

@@ -200,6 +200,7 @@ def train_laplace(
     }
 
 
+@torch.enable_grad()
 def train_compressor(
     compressor: Compressor,
     bank: Bank,

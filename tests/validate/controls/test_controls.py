@@ -325,14 +325,15 @@ def log_wider_by(draws, unit, noise):
 
 
 def test_a_loss_of_the_printed_size_is_caught():
-    """At least 5 of 8 fresh audits FAIL (of 90%: all but 5e-3), and none of an exact estimator."""
+    """At least 4 of 6 fresh audits FAIL (of 90%: all but 2e-2; of a half: in a third), and none of an exact
+    estimator."""
     rng = np.random.default_rng(16)
     select = ["informed"]
     verdict = verdict_of(*exact("cauchy", rng, n=1500), seed=1, select=[*select, "controls"])
     (loss,) = (control for control in verdict.controls if control.kind == "loss")
     assert loss.caught
     failed = np.zeros(2, dtype=int)
-    for repeat in range(8):
+    for repeat in range(6):
         truth, draws, x = exact("cauchy", rng, n=1500)
         unit = half_width(draws)
         noise = rng.standard_normal(draws.shape) - rng.standard_normal((1500, 1, 1))
@@ -340,5 +341,5 @@ def test_a_loss_of_the_printed_size_is_caught():
         size = brentq(lambda h, wider=wider: wider(h) - loss.size, 0.01, 3.0, xtol=1e-2)
         for column, wrong in enumerate((draws + size * unit * noise, draws)):
             failed[column] += verdict_of(truth, wrong, x, seed=repeat, select=select).outcome == "FAIL"
-    assert failed[0] >= 5
+    assert failed[0] >= 4
     assert failed[1] == 0

@@ -34,15 +34,20 @@ def ranks_p(prepared):
 
 @pytest.mark.parametrize("data", [True, False])
 def test_exact_posteriors_keep_the_level(data):
-    """300 audits of 100 trials: p <= 5% within the 0.999 binomial quantile; gaps unbiased (4.5 errors)."""
-    p, gaps = [], []
-    for seed in range(300):
-        gap, test = findings(trials(100, 15, 2, seed, data=data))
-        p.append(test.p_value)
-        gaps.append(gap.estimate)
-    assert np.count_nonzero(np.array(p) <= 0.05) <= stats.binom.ppf(0.999, 300, 0.05)
-    gaps = np.array(gaps)
-    assert (np.abs(gaps.mean(axis=0)) < 4.5 * gaps.std(axis=0) / np.sqrt(300)).all()
+    """Audits of 100 trials: p <= 5% within the 0.999 binomial quantile; gaps unbiased (4.5 errors).
+
+    150 that each learn from their own data: 15% of p below 5% are seen in seven of eight cases. Without
+    data nothing is learned, and references are any other trials' truths: 300 audits are pieces of one lot.
+    """
+    number = 150 if data else 300
+    if data:
+        audits = [trials(100, 15, 2, seed, data=True).per_trial(tarp) for seed in range(number)]
+    else:
+        audits = np.split(trials(100 * number, 15, 2, 0, data=False).per_trial(tarp), number)
+    found = [tarp_findings(u) for u in audits]
+    p, gaps = np.array([test.p_value for _, test in found]), np.array([gap.estimate for gap, _ in found])
+    assert np.count_nonzero(p <= 0.05) <= stats.binom.ppf(0.999, number, 0.05)
+    assert (np.abs(gaps.mean(axis=0)) < 4.5 * gaps.std(axis=0) / np.sqrt(number)).all()
 
 
 def test_half_the_width_is_rejected_with_200_trials():

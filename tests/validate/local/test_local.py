@@ -249,6 +249,10 @@ def test_estimators_on_the_boundary_are_rarely_blocked_and_rarely_passed(monkeyp
     FAIL and PASS in at most 5% of audits each, to the 0.999 binomial quantile.
     """
     monkeypatch.setattr("gaugeblock.validate.family.REPLICATES", 10_000)
+    monkeypatch.setattr("gaugeblock.validate.forecast.FUTURES", 1)  # nobody reads forecasts
+    # The p-value of homogeneity, which is no gate, is of 99 permutations.
+    monkeypatch.setattr("gaugeblock.validate.local.homogeneity.PERMUTATIONS", 99)
+    monkeypatch.setattr("gaugeblock.validate.local.homogeneity.LEAST_PERMUTATIONS", 99)
     gap = LOCAL.tolerance.local / np.sqrt(0.5 / 0.05)
     said = []
     for replicate in range(150):

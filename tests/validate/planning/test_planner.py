@@ -99,17 +99,21 @@ def test_a_plan_states_what_a_whole_audit_states(gaussian_trials):
 
 
 def test_the_promise_to_exact_estimators_and_to_twice_tolerated_faults(monkeypatch):
-    """One family, two parameters: PASS and FAIL with power 0.9 at the planned n (0.001 quantiles of 60)."""
+    """One family, two parameters: PASS and FAIL with power 0.9 at the planned n (0.001 quantiles of 40).
+
+    These, 29 of 40, are missed in 93% of cases where the power is 0.6.
+    """
     monkeypatch.setattr(family, "REPLICATES", 10_000)
+    monkeypatch.setattr("gaugeblock.validate.forecast.FUTURES", 1)  # nobody reads forecasts
     planned = plan(POLICY, params=2, families=1, further=0)
-    least = stats.binom.ppf(0.001, 60, 0.9)
-    assert outcomes(60, 3, planned)[Outcome.PASS] >= least
+    least = stats.binom.ppf(0.001, 40, 0.9)
+    assert outcomes(40, 3, planned)[Outcome.PASS] >= least
     tolerance = POLICY.tolerance
     for key, fault in enumerate(({"bias": 2 * tolerance.bias}, {"log_width": -2 * tolerance.log_width})):
-        assert outcomes(60, 4 + key, planned, **fault)[Outcome.FAIL] >= least
+        assert outcomes(40, 4 + key, planned, **fault)[Outcome.FAIL] >= least
     # The promise is not kept by chance: a third of the trials would not do.
     fewer = plan(POLICY, params=2, trials=planned.trials // 3, draws=planned.draws, families=1, further=0)
-    assert outcomes(60, 6, fewer)[Outcome.PASS] < least
+    assert outcomes(40, 6, fewer)[Outcome.PASS] < least
     assert fewer.pass_probability_exact < 0.6
 
 
@@ -117,6 +121,7 @@ def test_the_promise_to_exact_estimators_and_to_twice_tolerated_faults(monkeypat
 def test_the_whole_promise(monkeypatch):
     """200 audits of five parameters each, all faults; 0.001 binomial quantiles of 0.9."""
     monkeypatch.setattr(family, "REPLICATES", 10_000)
+    monkeypatch.setattr("gaugeblock.validate.forecast.FUTURES", 1)  # nobody reads forecasts
     planned = plan(POLICY, params=5)
     least = stats.binom.ppf(0.001, 200, 0.9)
     assert outcomes(200, 7, planned)[Outcome.PASS] >= least
@@ -126,8 +131,10 @@ def test_the_whole_promise(monkeypatch):
             assert outcomes(200, 8 + key, planned, **fault)[Outcome.FAIL] >= least
 
 
-def test_the_promise_for_a_coverage_gap():
+def test_the_promise_for_a_coverage_gap(monkeypatch):
     """P(|u - 1/2| <= 1/4) twice the tolerance short of 1/2, in one of two parameters: 60 audits."""
+    monkeypatch.setattr(family, "REPLICATES", 10_000)
+    monkeypatch.setattr("gaugeblock.validate.forecast.FUTURES", 1)  # nobody reads forecasts
     planned = plan(POLICY, params=2, families=1, further=0)
     failed = 0
     for replicate in range(60):
@@ -144,6 +151,7 @@ def test_the_promise_for_a_coverage_gap():
 def test_pass_probability_of_exact_estimators(monkeypatch):
     """Where it is about a half: 150 audits within the 0.0005 quantiles of 0.8 and 1.25 times what is said."""
     monkeypatch.setattr(family, "REPLICATES", 10_000)
+    monkeypatch.setattr("gaugeblock.validate.forecast.FUTURES", 1)  # nobody reads forecasts
     planned = plan(POLICY, params=2, trials=1200, draws=100, families=1, further=0)
     said = planned.pass_probability_exact
     assert 0.3 < said < 0.7
