@@ -1,9 +1,6 @@
 """A stranger's file audited from the command line: the verdict it deserves, and nothing left behind."""
 
 import json
-import subprocess
-import sys
-import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -101,19 +98,11 @@ def test_interrupted_it_goes_on_with_the_seed_it_began_with(
     sandbox: Any, theirs: Any, tmp_path: Path
 ) -> None:
     path = theirs()
-    stopping = textwrap.dedent(
-        """
-        import sys
-        from pathlib import Path
-        import gaugeblock.auditing.audit as module
-        from gaugeblock.auditing.config import read_config
-        def stop(what, done, total):
-            if done >= 30:
-                raise KeyboardInterrupt
-        config = read_config(Path(sys.argv[1]))
-        module.audit_configured(config, Path(sys.argv[2]), progress=stop if len(sys.argv) > 3 else None)
-        """
-    )
+
+    def stop(what: str, done: int, total: int) -> None:
+        if done >= 30:
+            raise KeyboardInterrupt
+
     (tmp_path / "audit.toml").write_text(
         f"""
         validators = ["draws"]
@@ -130,14 +119,15 @@ def test_interrupted_it_goes_on_with_the_seed_it_began_with(
         block = 10
         """
     )
-    command = [sys.executable, "-c", stopping, tmp_path / "audit.toml", tmp_path / "out"]
-    assert subprocess.run([*command, "stop"], check=False, capture_output=True).returncode != 0
+    config = read_config(tmp_path / "audit.toml")
+    with pytest.raises(KeyboardInterrupt):
+        audit_configured(config, tmp_path / "out", progress=stop)
     (kept,) = (tmp_path / "out" / ".chunks").glob("*.seed")
     seed = int(kept.read_text())
     assert kept.stat().st_mode & 0o777 == 0o600
     before = len(list((tmp_path / "out" / ".chunks").glob("*/trials-*.nc")))
     assert before == 3
-    subprocess.run(command, check=True, capture_output=True)
+    audit_configured(config, tmp_path / "out", progress=False)
     verdict = json.loads((tmp_path / "out" / "verdict.json").read_text())
     assert verdict["provenance"]["seed"] == seed
 

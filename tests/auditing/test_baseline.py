@@ -124,8 +124,8 @@ def test_swapped_columns_are_suggested_everywhere_and_decide_nothing(folders: di
 def test_all_of_them_verify_and_an_edited_comparison_does_not(
     folders: dict[str, Path], tmp_path: Path
 ) -> None:
-    for folder in folders.values():
-        assert verify(folder).differences == ()
+    """Nothing but the edit shows, of the narrow one here and of the swapped one below."""
+    assert verify(folders["good"]).differences == ()
     copy = Path(shutil.copytree(folders["narrow"], tmp_path / "copy"))
     content = verdict(copy)
     content["baseline"]["moved"] = []
@@ -164,7 +164,8 @@ def test_a_suggestion_taken_out_shows(folders: dict[str, Path], tmp_path: Path) 
     content = verdict(copy)
     content["suggestions"] = []
     (copy / "verdict.json").write_text(json.dumps(content, indent=2, sort_keys=True) + "\n")
-    assert verify(copy).differences[0].startswith("verdict.json: suggestions has 0 entries")
+    (line,) = verify(copy).differences
+    assert line.startswith("verdict.json: suggestions has 0 entries")
 
 
 def test_a_baseline_that_is_none_is_one_line(tmp_path: Path, folders: dict[str, Path]) -> None:
@@ -220,7 +221,7 @@ def test_what_names_suggest_stands_beside_what_draws_do(folders: dict[str, Path]
         folders["good"].parent / "swapped.nc",
         out=folders["good"].parent / "other",
         policy=POLICY,
-        validators=SELECT,
+        validators=("layout",),
     )
     verdict = replace(result.verdict, provenance={"estimator": record(["b", "a"], [0, 1])})
     verdict = explained(verdict, result.trials)

@@ -76,11 +76,11 @@ class Slope:
 
 
 def spectra(simulator: Any) -> list[Sources]:
-    """Two responses: 140 sources, which are two blocks, and 20."""
+    """Two responses: 36 sources, which are two blocks, and 8."""
     rng = np.random.default_rng(3)
-    theta = np.stack([1e4 * np.exp(rng.uniform(-1, 1, 160)), rng.uniform(0.5, 2.5, 160)], axis=1)
+    theta = np.stack([4e4 * np.exp(rng.uniform(-1, 1, 44)), rng.uniform(0.5, 2.5, 44)], axis=1)
     bump, groups = Effect("bump", {"energy": 1.75, "size": -0.12}), []
-    for rows, one in ((slice(140), simulator), (slice(140, 160), type(simulator)(0.3))):
+    for rows, one in ((slice(36), simulator), (slice(36, 44), type(simulator)(0.3))):
         true = Slope(one.ripple).with_effect(bump)
         groups.append(Sources.of(one, rng.poisson(true.expected(theta[rows]))))
     return groups
@@ -89,6 +89,14 @@ def spectra(simulator: Any) -> list[Sources]:
 def searched(simulator: Any = None, **how: Any) -> dict[str, Any]:
     found = gb.discover(spectra(simulator or Slope()), replicates=99, progress=False, **how)
     return found.to_json()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_blocks() -> Iterator[None]:
+    """Few sources are several blocks."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(blocks, "BLOCK", 32)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +115,7 @@ def dask() -> Iterator[Executor]:
     distributed = pytest.importorskip("distributed")
     with (
         distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50
+            n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs=50
         ) as cluster,
         opened(scheduler=cluster.scheduler_address) as (executor, _),
     ):

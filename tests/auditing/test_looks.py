@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import filecmp
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,18 @@ def audited(out: Path | None, number: int, **options: Any) -> Audit:
     table |= options.pop("table", {})
     options = {"validators": ("sbc", "coverage"), "progress": False, **options}
     return gb.audit("exact", "linear_gaussian", trials=table, out=out, **options)
+
+
+@pytest.fixture(scope="module")
+def first_look(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Audit]:
+    folder = tmp_path_factory.mktemp("forty")
+    return folder, audited(folder, 40)
+
+
+@pytest.fixture
+def forty(first_look: tuple[Path, Audit], tmp_path: Path) -> Path:
+    """A copy of an audit of 40 trials."""
+    return Path(shutil.copytree(first_look[0], tmp_path / "forty"))
 
 
 def groups(number: int) -> dict[str, int]:
@@ -59,9 +72,8 @@ def test_an_enlarged_audit_keeps_its_trials_to_the_byte(
     assert not verify(tmp_path / "grown").differences
 
 
-def test_trials_of_another_processor_are_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_trials_of_another_processor_are_not_kept(forty: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """They may round otherwise: all are made anew, and none are mixed."""
-    audited(tmp_path, 40)
     made: list[range] = []
     inner = collect.MainTrials.__call__
     monkeypatch.setattr(
@@ -69,15 +81,14 @@ def test_trials_of_another_processor_are_not_kept(tmp_path: Path, monkeypatch: p
     )
     for module in (looks, processors):
         monkeypatch.setattr(module, "processor", lambda: "Chip B")
-    enlarged = audited(tmp_path, 80)
+    enlarged = audited(forty, 80)
     assert made == [range(first, first + 20) for first in (0, 20, 40, 60)]
     assert enlarged.verdict.provenance["processors"] == ["Chip B"]
 
 
 def test_nor_are_those_of_another_device_of_the_estimator(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    forty: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    audited(tmp_path, 40)
     monkeypatch.setattr("gaugeblock.estimators.exact.Exact.device", "mps:0", raising=False)
     made: list[range] = []
     inner = collect.MainTrials.__call__
@@ -86,67 +97,64 @@ def test_nor_are_those_of_another_device_of_the_estimator(
     )
     # All anew; and the next time, on the same device, only what is missing.
     for number, first in ((80, 0), (100, 80)):
-        (made_on,) = audited(tmp_path, number).verdict.provenance["processors"]
+        (made_on,) = audited(forty, number).verdict.provenance["processors"]
         assert made_on.endswith("(cpu, torch on mps:0)")
         assert made == [range(start, start + 20) for start in range(first, number, 20)]
         made.clear()
 
 
-def test_trials_of_another_audit_or_that_were_touched_are_not_kept(tmp_path: Path) -> None:
+def test_trials_of_another_audit_or_that_were_touched_are_not_kept(forty: Path, tmp_path: Path) -> None:
+    forged = (forty / "trials.nc").read_bytes()
     audited(tmp_path / "fresh", 60, table={"seed": 8})
-    audited(tmp_path / "other", 40)
-    audited(tmp_path / "other", 60, table={"seed": 8})
-    assert same_trials(tmp_path / "other", tmp_path / "fresh")
+    audited(forty, 60, table={"seed": 8})
+    assert same_trials(forty, tmp_path / "fresh")
     audited(tmp_path / "touched", 40, table={"seed": 8})
-    audited(tmp_path / "elsewhere", 40)
-    forged = (tmp_path / "elsewhere" / "trials.nc").read_bytes()
     (tmp_path / "touched" / "trials.nc").write_bytes(forged)
     audited(tmp_path / "touched", 60, table={"seed": 8})
     assert same_trials(tmp_path / "touched", tmp_path / "fresh")
 
 
-def test_a_second_look_is_stricter_and_the_same_look_is_the_same(tmp_path: Path) -> None:
-    first, alone = audited(tmp_path / "a", 40), audited(tmp_path / "b", 80)
-    written = (tmp_path / "a" / "verdict.json").read_bytes()
-    second = audited(tmp_path / "a", 80)
+def test_a_second_look_is_stricter_and_the_same_look_is_the_same(
+    forty: Path, first_look: tuple[Path, Audit], tmp_path: Path
+) -> None:
+    first, alone = first_look[1], audited(tmp_path / "b", 80)
+    written = (forty / "verdict.json").read_bytes()
+    second = audited(forty, 80)
     name = next(name for name in second.gates if name.startswith("sbc.bias"))
     for kind in ("interval", "pass_interval"):
         wide, narrow = getattr(second[name], kind), getattr(alone[name], kind)
         assert wide[0] < narrow[0] < narrow[1] < wide[1]
     assert second[name].statistic == alone[name].statistic
     # 40 trials again are the first look again, of which there is nothing new to learn.
-    again = audited(tmp_path / "a", 40)
-    assert (tmp_path / "a" / "verdict.json").read_bytes() == written
+    again = audited(forty, 40)
+    assert (forty / "verdict.json").read_bytes() == written
     assert again.verdict == first.verdict
-    assert audited(tmp_path / "a", 60).verdict.looks.trials == (40, 80, 60)
-    assert gb.judge(tmp_path / "a", "strict").verdict.looks.number == 3
+    assert audited(forty, 60).verdict.looks.trials == (40, 80, 60)
+    assert gb.judge(forty, "strict").verdict.looks.number == 3
 
 
 @pytest.mark.parametrize("change", [{"table": {"seed": 8}}, {"policy": "strict"}])
 def test_another_seed_or_policy_is_counted_anew_and_neither_is_forgotten(
-    tmp_path: Path, change: dict[str, Any]
+    forty: Path, change: dict[str, Any]
 ) -> None:
-    audited(tmp_path, 40)
-    other = audited(tmp_path, 60, **change).verdict
+    other = audited(forty, 60, **change).verdict
     assert (other.looks.number, other.looks.anew) == (1, True)
     assert "are not counted" in of_looks(other)
-    assert audited(tmp_path, 80).verdict.looks.trials == (40, 80)
+    assert audited(forty, 80).verdict.looks.trials == (40, 80)
 
 
-def test_a_verdict_from_before_looks_is_read_as_the_first(tmp_path: Path) -> None:
-    audited(tmp_path, 40)
-    path = tmp_path / "verdict.json"
+def test_a_verdict_from_before_looks_is_read_as_the_first(forty: Path) -> None:
+    path = forty / "verdict.json"
     content = json.loads(path.read_text())
     del content["looks"]
     path.write_text(json.dumps(content))
-    assert gb.judge(tmp_path).verdict.looks.number == 1
+    assert gb.judge(forty).verdict.looks.number == 1
 
 
-def test_a_damaged_record_is_refused(tmp_path: Path) -> None:
-    audited(tmp_path, 40)
-    (tmp_path / "looks.json").write_text('{"a": {"trials": ["x"], "anew": false}}')
+def test_a_damaged_record_is_refused(forty: Path) -> None:
+    (forty / "looks.json").write_text('{"a": {"trials": ["x"], "anew": false}}')
     with pytest.raises(InputError, match=r"looks.json is damaged"):
-        audited(tmp_path, 60)
+        audited(forty, 60)
 
 
 def test_looks_that_a_ledger_knows_count_in_another_folder(tmp_path: Path) -> None:

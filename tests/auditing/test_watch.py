@@ -56,7 +56,9 @@ def run(simulator: Any, estimator: Any, out: Path, plan: Plan = PLAN, **options:
     return audit(estimator, simulator, trials=vars(plan), out=out, policy=DEFAULT, anytime=True, **options)
 
 
-def test_a_broken_estimator_is_blocked_after_a_few_chunks(simulator: Any, tmp_path: Path) -> None:
+def test_a_broken_estimator_is_blocked_after_a_few_chunks_and_judged_again_without_sampling(
+    simulator: Any, tmp_path: Path
+) -> None:
     result = run(simulator, Narrow(simulator), tmp_path)
     assert result.verdict.outcome is Outcome.FAIL
     used = result.trials.sizes["trial"]
@@ -68,6 +70,16 @@ def test_a_broken_estimator_is_blocked_after_a_few_chunks(simulator: Any, tmp_pa
     said = f"stopped after {used} of at most 4,000"
     assert said in (tmp_path / "summary.md").read_text()
     assert said in (tmp_path / "report.html").read_text()
+    again = judge(tmp_path, DEFAULT)
+    assert again.verdict.gates == result.verdict.gates
+    lenient = DEFAULT.model_copy(
+        update={
+            "tolerance": DEFAULT.tolerance.model_copy(
+                update={"log_width": 2.0, "coverage": 0.6, "joint": 0.6}
+            )
+        }
+    )
+    assert judge(tmp_path, lenient).verdict.outcome is not Outcome.FAIL
 
 
 def test_an_exact_estimator_passes_before_the_last_trial(simulator: Any, tmp_path: Path) -> None:
@@ -93,20 +105,6 @@ def test_an_interrupted_audit_ends_in_the_same_bits(simulator: Any, tmp_path: Pa
     parts = run(simulator, Narrow(simulator), tmp_path / "parts", plan)
     assert np.array_equal(whole.trials["draws"], parts.trials["draws"])
     assert whole.verdict.to_json()["gates"] == parts.verdict.to_json()["gates"]
-
-
-def test_judged_again_without_sampling(simulator: Any, tmp_path: Path) -> None:
-    first = run(simulator, Narrow(simulator), tmp_path)
-    again = judge(tmp_path, DEFAULT)
-    assert again.verdict.gates == first.verdict.gates
-    lenient = DEFAULT.model_copy(
-        update={
-            "tolerance": DEFAULT.tolerance.model_copy(
-                update={"log_width": 2.0, "coverage": 0.6, "joint": 0.6}
-            )
-        }
-    )
-    assert judge(tmp_path, lenient).verdict.outcome is not Outcome.FAIL
 
 
 def test_a_draw_that_is_no_number_stops_at_once(simulator: Any, tmp_path: Path) -> None:

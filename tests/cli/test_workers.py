@@ -41,32 +41,24 @@ def recipe(heading: str, language: str) -> str:
 
 
 @pytest.fixture
-def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with audit.toml and a `gaugeblock` of this installation on the path."""
+def place(tmp_path: Path) -> Path:
+    """A folder with audit.toml, and a `gaugeblock` for scripts that notes what it was asked for."""
     (tmp_path / "audit.toml").write_text(AUDIT)
     (tmp_path / "bin").mkdir()
     command = tmp_path / "bin" / "gaugeblock"
-    command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m gaugeblock "$@"\n')
+    command.write_text('#!/bin/sh\nprintf "%s\\n" "$@" > "$ASKED"\n')
     command.chmod(0o755)
-    monkeypatch.setenv("PATH", f"{command.parent}{os.pathsep}{os.environ['PATH']}")
     return tmp_path
 
 
-def shell(script: str, place: Path, **environment: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        ["bash", "-c", script],
-        cwd=place,
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-    )
-
-
 def jobs(script: str, place: Path, environments: list[Mapping[str, str]]) -> Iterator[str]:
+    """Run the script in each environment, and what it asks of `gaugeblock` in this process."""
+    asked, path = place / "asked", f"{place / 'bin'}{os.pathsep}{os.environ['PATH']}"
     for environment in environments:
-        done = shell(script, place, **environment)
+        command = ["bash", "-c", script]
+        told = {**os.environ, "PATH": path, "ASKED": str(asked), **environment}
+        subprocess.run(command, cwd=place, env=told, check=True, timeout=300)
+        done = inside(*asked.read_text().splitlines(), cwd=place)
         assert done.returncode == 0, done.stderr
         yield done.stdout
 
@@ -129,7 +121,9 @@ def test_a_cluster_of_dask_jobqueue(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             super().__init__(n_workers=0, threads_per_worker=1, dashboard_address=":0", silence_logs=50)
 
         def scale(self, n: int = 0, *, jobs: int = 0) -> Any:
-            return super().scale(n or jobs)
+            # Of the two that are asked for one is here, the other still in the queue; none when it is closed.
+            assert (n, jobs) in ((0, 2), (0, 0))
+            return super().scale(min(jobs, 1))
 
     monkeypatch.setitem(sys.modules, "dask_jobqueue", SimpleNamespace(SLURMCluster=Cluster))  # type: ignore[arg-type]
     monkeypatch.chdir(tmp_path)
@@ -160,7 +154,7 @@ def test_what_cannot_be_is_one_line(place: Path, options: str, said: str) -> Non
 
 
 def test_workers_on_the_command_line(place: Path, alone: bytes) -> None:
-    done = shell("gaugeblock audit audit.toml --out run --workers 2", place)
+    done = inside("audit", "audit.toml", "--out", "run", "--workers", "2", cwd=place)
     assert done.returncode in (0, 3), done.stderr
     assert done.stderr.splitlines()[0] == "2 workers"
     assert "trials: done" in done.stderr

@@ -208,6 +208,47 @@ def probed() -> Callable[[Path], Path]:
     return probe
 
 
+# Frames, for Chromium's window is never narrower than 500 pixels; each says what it measured.
+WIDTHS = (1200, 500, 390)
+PASS_ON = """
+addEventListener("load", () => parent.postMessage(
+  [window.name, document.getElementById("measured").textContent], "*"));
+</script>"""
+HOLDER = """<!DOCTYPE html><title>frames</title><body style="margin:0">
+<script>const said = {};
+addEventListener("message", ({data: [name, text]}) => {
+  said[name] = JSON.parse(text);
+  if (Object.keys(said).length < document.querySelectorAll("iframe").length) return;
+  const place = document.createElement("pre");
+  place.id = "measured"; place.textContent = JSON.stringify(said); document.body.append(place);
+});</script>"""
+FRAME = '<iframe name="{name}" src="{name}.html" style="width:{width}px;height:900px;border:0"></iframe>'
+ON_EACH_OTHER = """<svg class="chart" width="90" height="20">
+<text y="12">one</text><text y="14">two</text></svg></main>"""
+
+
+@pytest.fixture(scope="session")
+def framed(probed: Callable[[Path], Path]) -> Callable[..., Path]:
+    """`framed(page, name=text)`: this page at each width, with labels on each other, and others, in frames.
+
+    What each `measured` says stands in what the whole measures, under its width, `labels` or its name.
+    """
+
+    def frame(page: Path, **others: str) -> Path:
+        text = probed(page).read_text()
+        plain = {str(width): text for width in WIDTHS}
+        texts = plain | {"labels": text.replace("</main>", ON_EACH_OTHER)} | others
+        holder = page.with_name("holder.html")
+        lines = [HOLDER]
+        for name, content in texts.items():
+            page.with_name(f"{name}.html").write_text(content.replace("</script>", PASS_ON, 1))
+            lines.append(FRAME.format(name=name, width=name if name in plain else WIDTHS[0]))
+        holder.write_text("\n".join(lines))
+        return holder
+
+    return frame
+
+
 # Python packages that carry axe's script, the newest first.
 CARRIERS = ("axe_playwright_python", "axe_core_python")
 RUN = """

@@ -12,87 +12,77 @@ import pytest
 from gaugeblock.reports import write_reports
 
 pytestmark = pytest.mark.browser
+POLICY = r'<meta http-equiv="Content-Security-Policy"[^>]*>'
+PICKED = """<script>addEventListener("load", () => {
+  document.getElementById("pick-NUMBER").checked = true;
+  document.querySelectorAll("details").forEach(fold => { fold.open = true; });
+  const seen = [...document.querySelectorAll("[data-p]")].filter(one => one.offsetParent !== null);
+  const place = document.createElement("pre");
+  place.id = "measured"; place.textContent = JSON.stringify([...new Set(seen.map(one => one.dataset.p))]);
+  document.body.append(place);
+});</script>"""
 
 
-@pytest.fixture
-def page(audit, tmp_path: Path) -> Path:
-    write_reports(audit.verdict, audit.findings, audit.trials, tmp_path / "out", title="An audit")
-    return tmp_path / "out" / "report.html"
+def written(audit, folder: Path) -> Path:
+    write_reports(audit.verdict, audit.findings, audit.trials, folder, title="An audit")
+    return folder / "report.html"
 
 
-def test_it_renders_with_the_verdict_and_without_complaints(audit, page, chromium):
+def brightness(measured):
+    """Red, green and blue of the page's ground, together."""
+    return sum(map(int, re.findall(r"\d+", measured["ground"])[:3]))
+
+
+def test_it_renders_measures_well_at_every_width_and_hides_what_is_not_picked(
+    audit, tmp_path, chromium, framed
+):
+    """One visit to the page as it is, one to frames of it that measure themselves."""
+    page = written(audit, tmp_path / "out")
     visit = chromium(page, "--dump-dom")
     assert re.search(
         rf'<div class="word">.*?<span>{audit.verdict.outcome.value}</span>', visit.dom, flags=re.DOTALL
     )
     assert visit.dom.rstrip().endswith("</html>")
     assert visit.complaints == []
+    picks = {
+        f"pick{number}": re.sub(
+            POLICY, lambda _, number=number: PICKED.replace("NUMBER", number), page.read_text()
+        )
+        for number in ("0", "2")
+    }
+    found = chromium(framed(page, **picks), "--dump-dom").measured
+    for width in (1200, 500, 390):
+        measured = found[str(width)]
+        assert measured["width"] == width
+        assert measured["content"] <= width, "the page scrolls sideways"
+        assert len(measured["boxes"]) > 10
+        assert [box for box in measured["boxes"] if not (box[1] > 5 and box[2] > 5)] == []
+        charts = [box for box in measured["boxes"] if box[0] == "chart"]
+        assert charts
+        assert min(box[1] for box in charts) > 200, "a chart too small to be read"
+        assert measured["cutOff"] == []
+        assert measured["onEachOther"] == []
+        assert measured["fetched"] == []
+        assert measured["wordTop"] < 250
+        assert measured["wordSize"] > 30
+        assert brightness(measured) > 600
+    assert found["labels"]["onEachOther"] == [["two", "one"]]
+    assert set(found["pick0"]) == {"1", "2"}
+    assert set(found["pick2"]) == {"2"}
 
 
-def test_a_complaint_would_be_seen_and_a_script_would_not_run(page, chromium):
+def test_a_complaint_would_be_seen_and_a_script_would_not_run(failing, tmp_path, chromium):
+    page = written(failing, tmp_path)
     page.write_text(page.read_text().replace("</body>", "<script>document.title = 'ran'</script></body>"))
     visit = chromium(page, "--dump-dom")
     assert "<title>ran</title>" not in visit.dom
     assert any("Content Security Policy" in line for line in visit.complaints)
 
 
-@pytest.mark.parametrize("width", [1200, 500])
-def test_every_picture_has_a_size_nothing_overflows_and_nothing_is_fetched(page, chromium, probed, width):
-    measured = chromium(probed(page), "--dump-dom", f"--window-size={width},900").measured
-    assert measured["width"] == width
-    assert measured["content"] <= width, "the page scrolls sideways"
-    assert len(measured["boxes"]) > 10
-    assert [box for box in measured["boxes"] if not (box[1] > 5 and box[2] > 5)] == []
-    charts = [box for box in measured["boxes"] if box[0] == "chart"]
-    assert charts
-    assert min(box[1] for box in charts) > 200, "a chart too small to be read"
-    assert measured["cutOff"] == []
-    assert measured["onEachOther"] == []
-    assert measured["fetched"] == []
-    assert measured["wordTop"] < 250
-    assert measured["wordSize"] > 30
-
-
-def test_a_phone_s_width_does_not_overflow(page, chromium, probed, tmp_path):
-    # Chromium's window is never narrower than 500 pixels; a frame can be.
-    holder = tmp_path / "out" / "phone.html"
-    probed(page)
-    text = (tmp_path / "out" / "probed.html").read_text().replace("</script>", PASS_ON + "</script>")
-    (tmp_path / "out" / "inner.html").write_text(text)
-    holder.write_text(HOLDER)
-    measured = chromium(holder, "--dump-dom", "--window-size=800,900").measured
-    assert measured["width"] == 390
-    assert measured["content"] <= 390, "the page scrolls sideways"
-    assert min(box[1] for box in measured["boxes"] if box[0] == "chart") > 200
-    assert measured["cutOff"] == []
-    assert measured["onEachOther"] == []
-
-
-def test_labels_on_each_other_would_be_seen(page, chromium, probed):
-    label = '<svg class="chart" width="90" height="20"><text y="12">one</text><text y="14">two</text></svg>'
-    page.write_text(page.read_text().replace("</main>", f"{label}</main>"))
-    assert chromium(probed(page), "--dump-dom").measured["onEachOther"] == [["two", "one"]]
-
-
-PASS_ON = """
-addEventListener("load", () => parent.postMessage(document.getElementById("measured").textContent, "*"));
-"""
-HOLDER = """<!DOCTYPE html><title>phone</title><body style="margin:0">
-<script>addEventListener("message", message => {
-  const place = document.createElement("pre");
-  place.id = "measured"; place.textContent = message.data; document.body.append(place);
-});</script>
-<iframe src="inner.html" style="width:390px;height:800px;border:0"></iframe></body>"""
-
-
 def test_dark_rooms_get_a_dark_page(passing, tmp_path, chromium, probed):
-    write_reports(passing.verdict, passing.findings, passing.trials, tmp_path, title="An audit")
-    copy = probed(tmp_path / "report.html")
-    light = chromium(copy, "--dump-dom").measured["ground"]
-    dark = chromium(copy, "--dump-dom", "--blink-settings=preferredColorScheme=0").measured["ground"]
-    brightness = [sum(map(int, re.findall(r"\d+", colour)[:3])) for colour in (light, dark)]
-    assert brightness[0] > 600
-    assert brightness[1] < 150
+    copy = probed(written(passing, tmp_path))
+    dark = chromium(copy, "--dump-dom", "--blink-settings=preferredColorScheme=0").measured
+    assert brightness(dark) < 150
 
 
 def inked(png: bytes) -> float:
@@ -108,7 +98,8 @@ def inked(png: bytes) -> float:
     return 1 - pixels.count(0) / len(pixels)
 
 
-def test_the_screenshot_is_not_blank(page, chromium, tmp_path):
+def test_the_screenshot_is_not_blank(failing, chromium, tmp_path):
+    page = written(failing, tmp_path)
     (tmp_path / "blank.html").write_text(
         "<!DOCTYPE html><title>blank</title><body style='background:#f4f4f1'>"
     )
@@ -122,24 +113,7 @@ def test_the_screenshot_is_not_blank(page, chromium, tmp_path):
 
 @pytest.mark.parametrize("kind", ["failing", "undecided"])
 def test_it_prints_on_four_pages(request, chromium, tmp_path, kind):
-    audit = request.getfixturevalue(kind)
-    write_reports(audit.verdict, audit.findings, audit.trials, tmp_path, title="An audit")
-    page = tmp_path / "report.html"
+    page = written(request.getfixturevalue(kind), tmp_path)
     chromium(page, f"--print-to-pdf={tmp_path / 'page.pdf'}", "--no-pdf-header-footer")
     pages = re.findall(rb"/Type\s*/Page\b", (tmp_path / "page.pdf").read_bytes())
     assert 1 <= len(pages) <= 4
-
-
-@pytest.mark.parametrize(("picked", "shown"), [("0", {"1", "2"}), ("2", {"2"})])
-def test_a_picked_parameter_hides_the_others(page, chromium, picked, shown):
-    said = """<script>addEventListener("load", () => {
-      document.getElementById("pick-PICKED").checked = true;
-      document.querySelectorAll("details").forEach(fold => { fold.open = true; });
-      const seen = [...document.querySelectorAll("[data-p]")].filter(one => one.offsetParent !== null);
-      const place = document.createElement("pre");
-      place.id = "measured"; place.textContent = JSON.stringify([...new Set(seen.map(one => one.dataset.p))]);
-      document.body.append(place);
-    });</script>""".replace("PICKED", picked)
-    policy = r'<meta http-equiv="Content-Security-Policy"[^>]*>'
-    page.write_text(re.sub(policy, lambda _: said, page.read_text()))
-    assert set(chromium(page, "--dump-dom").measured) == shown

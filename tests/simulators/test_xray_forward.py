@@ -1,9 +1,8 @@
-"""The forward model: float64, compiled once, indifferent to batching, and equal to jaxspec's."""
+"""The forward model: float64, compiled once, indifferent to batching; property_tests hold it to jaxspec."""
 
 import pickle
 import subprocess
 import sys
-import warnings
 
 import numpy as np
 import pytest
@@ -41,31 +40,6 @@ def test_it_is_a_simulator_with_every_capability_that_a_likelihood_gives(simulat
     for capability in (HasNoise, HasLikelihood, Extensible, Described):
         assert isinstance(simulator, capability)
     assert not isinstance(simulator, HasExactPosterior)
-
-
-def test_equals_jaxspec_to_rounding(simulator, theta):
-    with warnings.catch_warnings():
-        # Importing it imports ArviZ, which announces its future once a day.
-        warnings.simplefilter("ignore", FutureWarning)
-        from jaxspec.data.util import forward_model_with_multiple_inputs, load_example_obsconf
-    from jaxspec.model.additive import Blackbodyrad, Powerlaw
-    from jaxspec.model.multiplicative import Tbabs
-
-    with double_precision(), warnings.catch_warnings():
-        warnings.simplefilter("ignore", FutureWarning)
-        observation = load_example_obsconf("NGC7793_ULX4_PN")
-        scale = simulator.exposure / float(observation.exposure)
-        values = {name: theta[:200, i] for i, name in enumerate(simulator.prior.names)}
-        theirs = np.asarray(
-            forward_model_with_multiple_inputs(Tbabs() * (Powerlaw() + Blackbodyrad()), values, observation)
-        )
-    off = np.abs(simulator.expected(theta[:200]) / (theirs * scale) - 1)
-    # jaxspec takes a power law's photons for the difference of two powers, which near an index of 1 are equal
-    # but for the index's distance times the logarithm of a bin's ends (here 5e-4): it loses as many digits.
-    # Ours are those of the integral (test_xray_trapezoid.py).
-    index = np.abs(theta[:200, 1] - 1)
-    assert (off.max(axis=1) < np.maximum(1e-12, 2.0**-52 / (5e-4 * index))).all()
-    assert off[index > 0.5].max() < 1e-12
 
 
 def test_log_likelihood_is_the_poisson_log_pmf(simulator, theta):

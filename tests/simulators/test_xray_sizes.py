@@ -69,7 +69,7 @@ def test_a_range_grows_within_its_limits(start, length):
     assert grown(rows, 0, 1000).stop - grown(rows, 0, 1000).start == size_above(length)
 
 
-OF_EACH_KIND = ("emission_line", "partial_covering", "effective_area", "gain_curve", "resolution")
+TOGETHER = (("emission_line", "partial_covering", "effective_area", "gain_curve"), ("resolution",))
 """What is added, what is multiplied, and the three ways in which a detector may differ."""
 
 
@@ -86,14 +86,16 @@ def test_every_kind_of_effect_expects_the_same_counts(response):
         shared.log_likelihood(theta, counts), plain.log_likelihood(theta, counts), rtol=1e-9
     )
     library = plain.effect_library(theta)
-    for name in OF_EACH_KIND:
-        effect = library[name].effect()
-        mine, theirs = shared.with_effect(effect), plain.with_effect(effect)
+    for names in TOGETHER:
+        mine, theirs = shared, plain
+        for name in names:
+            effect = library[name].effect()
+            mine, theirs = mine.with_effect(effect), theirs.with_effect(effect)
         rows = theirs.prior.sample(4, np.random.default_rng(2))
         # Gains interpolate a cumulative sum: what lies outside of the band takes part in its rounding.
-        np.testing.assert_allclose(mine.expected(rows), theirs.expected(rows), rtol=1e-9, err_msg=name)
+        np.testing.assert_allclose(mine.expected(rows), theirs.expected(rows), rtol=1e-9, err_msg=names[-1])
         held = mine.held(rows[0, 3:]).expected(rows[:1, :3])
-        np.testing.assert_allclose(held, theirs.expected(rows[:1]), rtol=1e-9, err_msg=name)
+        np.testing.assert_allclose(held, theirs.expected(rows[:1]), rtol=1e-9, err_msg=names[-1])
 
 
 @pytest.mark.parametrize("effect", [None, "gain_slope", "emission_line", "resolution"])
@@ -145,11 +147,11 @@ def test_models_of_one_response_share_its_matrix(response):
     plain = spectrum(response)
     library = plain.effect_library(theta)
     shifted = plain.with_effect(library["gain_offset"].effect())
-    for name in (None, "emission_line", "absorption_edge"):
+    for name in (None, "emission_line"):
         gc.collect()
         held.append(sum(array.nbytes for array in jax.live_arrays()))
         models.append(shifted if name is None else shifted.with_effect(library[name].effect()))
         models[-1].expected(models[-1].prior.sample(1, np.random.default_rng(5)))
-    first, *others = np.diff([*held, sum(array.nbytes for array in jax.live_arrays())])
+    first, other = np.diff([*held, sum(array.nbytes for array in jax.live_arrays())])
     assert first > 8 * len(response.channels) * 100
-    assert max(others) < 0.2 * first
+    assert other < 0.2 * first

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("zuko", reason="flows are trained: needs zuko (and torch)")
 
-from studies.cures import measure
+from studies.cures import measure, training
 from studies.cures.__main__ import main
 from studies.cures.catalogue import FAULTS, NOT_SCALED, PUTS_RIGHT, cases, cured
 from studies.cures.document import MAKERS, PAGE
@@ -145,7 +145,7 @@ def test_simulations_of_a_wrong_recipe(recipe, mean, sd, noise):
 
 
 def test_verdicts_tell_a_right_flow_from_a_wrong_one(flow, monkeypatch):
-    monkeypatch.setattr(measure, "TRIALS", 1500)
+    monkeypatch.setattr(measure, "TRIALS", 600)
     assert outcome(flow, 1) != "FAIL"
     assert outcome(called(flow, theta_shift=0.5), 1) == "FAIL"
 
@@ -193,6 +193,13 @@ def test_counts_of_cases_made_by_hand():
 def test_the_command_at_ci_size(tmp_path, monkeypatch, capsys):
     """A case trained, diagnosed, trained again; a second run finds it and makes the same table."""
     monkeypatch.setattr(measure, "TRIALS", 400)
+    monkeypatch.setattr(training, "BATCH", 64)
+    monkeypatch.setattr(training, "HIDDEN", (16, 16))
+    monkeypatch.setattr(
+        measure,
+        "Trained",
+        lambda simulator, recipe, seed: Trained(simulator, replace(recipe, steps=300), seed),
+    )
     (tmp_path / PAGE).write_text((DOCS / PAGE).read_text(encoding="utf-8"), encoding="utf-8")
     given = ["--cases", "1", "--out", str(tmp_path), "--docs", str(tmp_path), "--generator-seed", "3"]
     assert main(given) == 0, capsys.readouterr().err

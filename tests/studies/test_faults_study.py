@@ -148,7 +148,8 @@ def test_distances_are_those_of_the_laws():
     assert fair("scale", found, called=True)
 
 
-def test_equal_symptoms_are_found_to_be_equal():
+def test_equal_symptoms_are_found_to_be_equal(monkeypatch):
+    monkeypatch.setattr("studies.faults.rivals.SIMULATIONS", 1000)
     moved = away("gaussian", "shift", {"columns": [0], "size": 0.6, "in_widths": True})
     assert "other_prior" in rivals(moved, called=False)
     assert moved["scale"] > FAIR
@@ -324,7 +325,7 @@ def test_a_twin_of_the_cost(tmp_path, monkeypatch):
     monkeypatch.setattr("studies.faults.cost.DRAWS", 30)
     (tmp_path / PAGE).write_text("<!-- faults-cost seconds --> <!-- /faults-cost seconds -->", "utf-8")
     folder = ["--folder", str(tmp_path / "set"), "--out", str(tmp_path), "--docs", str(tmp_path)]
-    assert main(["cost", "document", "--generator-seed", "5", "--trials", "160", *folder]) == 0
+    assert main(["cost", "document", "--generator-seed", "5", "--trials", "100", *folder]) == 0
     made = read(tmp_path / "faults-cost.nc")
     assert list(made["fault"].values) == ["sound", "hole"]
     assert (made["seconds"].values > 0).all()

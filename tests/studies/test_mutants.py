@@ -14,6 +14,7 @@ from studies.mutants.operators import mutations
 from studies.mutants.places import ROOMS, Mutant, Tree, drawn, found_again
 from studies.mutants.reached import EVERY, FEW, aimed, reaching, statements
 from studies.mutants.reached import table as traced_table
+from studies.mutants.server import SLOW
 
 from gaugeblock.core.errors import InputError
 
@@ -94,7 +95,10 @@ def test_text_of_more_bytes_than_letters_moves_nothing():
 
 @pytest.fixture(scope="module")
 def toy(tmp_path_factory):
-    """A repository with one module and two files of tests, of which one has a test that always fails."""
+    """A repository with one module and two files of tests, of which one has a test that always fails.
+
+    Packages that take seconds to import are empty in it, and no plugins are loaded but one that is asked for.
+    """
     root = tmp_path_factory.mktemp("toy")
     files = {
         "src/gaugeblock/__init__.py": "",
@@ -111,6 +115,7 @@ def toy(tmp_path_factory):
         "tests/validate/test_other.py": "from gaugeblock.validate.other import twice\n\n\n"
         "def test_twice():\n    assert twice([1.0, 2.0]) == 5\n",
         "tests/validate/test_unconcerned.py": "def test_nothing():\n    assert True\n",
+        **{f"src/{slow.partition('.')[0]}.py": "" for slow in SLOW if slow != "numpy"},
     }
     for name, text in files.items():
         (root / name).parent.mkdir(parents=True, exist_ok=True)
@@ -119,7 +124,10 @@ def toy(tmp_path_factory):
     git = ["git", "-C", str(root), "-c", "user.name=t", "-c", "user.email=t@example.org"]
     for command in (["init", "-q"], ["add", "."], ["commit", "-q", "-m", "toy"]):
         subprocess.run([*git, *command], check=True)
-    return root
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
+        patch.setenv("PYTEST_ADDOPTS", "-p pytest_timeout")
+        yield root
 
 
 def mutant(toy, change):

@@ -1,7 +1,7 @@
 """Hostile files by name, each for one of the readers of `fuzzing`.
 
-``python -m tests.trust.corpus FOLDER`` reads them, each in a fork of its own with the limits of `fuzzing`,
-and says what became of them, as JSON.
+``python -m tests.trust.corpus FOLDER NUMBER`` reads them, each in a fork of its own with the limits of
+`fuzzing`, and then that many mutated ones, and says what became of them, as JSON.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tests.trust.fuzzing import HOSTILE, JSON, KINDS, TOML, arrays, outcome, response, spectrum, warm
+from tests.trust.fuzzing import HOSTILE, JSON, KINDS, TOML, arrays, fuzzed, outcome, response, spectrum, warm
 
 Given = Iterator[tuple[str, str, bytes]]
 
@@ -209,9 +209,7 @@ def corpus() -> Given:
 
 
 def read(folder: Path) -> dict[str, str]:
-    """What became of each file, by name; the sound ones are read before."""
-    (folder / "warm").mkdir()
-    warm(folder / "warm")
+    """What became of each file, by name; `warm` has read the sound ones before."""
     assert outcome(KINDS["trials.npz"][1], _written(folder / "trials.npz", arrays())) == "read"
     found = {}
     for name, kind, content in corpus():
@@ -226,4 +224,8 @@ def _written(path: Path, content: bytes) -> Path:
 
 
 if __name__ == "__main__":
-    sys.stdout.write(json.dumps(read(Path(sys.argv[1]))))
+    folder = Path(sys.argv[1])
+    (folder / "warm").mkdir()
+    warm(folder / "warm")
+    found = {"hostile": read(folder), "mutated": fuzzed(folder, int(sys.argv[2]))}
+    sys.stdout.write(json.dumps(found))

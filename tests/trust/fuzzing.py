@@ -2,8 +2,8 @@
 
 What is accepted is read a second time, by a reader that has nothing of ours (`derived`), and held against it.
 
-``python -m tests.trust.fuzzing FOLDER NUMBER``: a process of its own, warm and with one thread, because one
-in which JAX runs already must not fork.
+``python -m tests.trust.corpus FOLDER NUMBER``: a process of its own, warm and with one thread, because one in
+which JAX runs already must not fork.
 """
 
 from __future__ import annotations
@@ -11,11 +11,9 @@ from __future__ import annotations
 import gzip
 import importlib.util
 import io
-import json
 import os
 import resource
 import signal
-import sys
 import warnings
 from collections import Counter
 from collections.abc import Callable
@@ -193,8 +191,6 @@ def warm(folder: Path) -> None:
 
 def fuzzed(folder: Path, number: int) -> dict[str, dict[str, int]]:
     """How often each outcome came, by kind of file; the sound files first, under ``"sound"``."""
-    (folder / "warm").mkdir()
-    warm(folder / "warm")
     found = {"sound": Counter[str]()} | {name: Counter[str]() for name in KINDS}
     for name, (content, read) in KINDS.items():
         (folder / name).write_bytes(content)
@@ -206,7 +202,3 @@ def fuzzed(folder: Path, number: int) -> dict[str, dict[str, int]]:
         (folder / name).write_bytes(mutated(content, rng))
         found[name][outcome(read, folder / name)] += 1
     return {name: dict(counts) for name, counts in found.items()}
-
-
-if __name__ == "__main__":
-    sys.stdout.write(json.dumps(fuzzed(Path(sys.argv[1]), int(sys.argv[2]))))

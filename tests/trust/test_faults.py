@@ -2,39 +2,66 @@
 
 from __future__ import annotations
 
-import resource
+import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+# One process imports, and each case runs in a fork of it that has no more than is said.
 LIMITED = """
-import resource, sys
-kind, most = getattr(resource, sys.argv.pop(1)), int(sys.argv.pop(1))
+import json, os, resource, sys
+from pathlib import Path
 import gaugeblock.cli, gaugeblock.auditing.audit, gaugeblock.validate, netCDF4, scipy.stats
-resource.setrlimit(kind, (most, most))
-sys.argv[0] = "gaugeblock"
-gaugeblock.cli.main()
+codes = {}
+for name, (kind, most, words) in json.loads(sys.argv[1]).items():
+    if os.fork() == 0:
+        for place in (1, 2):
+            os.dup2(os.open(f"{name}.{place}", os.O_CREAT | os.O_WRONLY), place)
+        if kind == "RLIMIT_AS":
+            most += int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        resource.setrlimit(getattr(resource, kind), (most, most))
+        sys.argv = ["gaugeblock", "audit", "--out", name, *words]
+        try:
+            gaugeblock.cli.main()
+        except SystemExit as ended:
+            sys.stderr.flush()
+            os._exit(ended.code)
+        os._exit(99)
+    codes[name] = os.waitstatus_to_exitcode(os.wait()[1])
+print(json.dumps(codes))
 """
 WORDS = ["--simulator", "linear_gaussian", "--set", "estimator.name=exact", "--quiet"]
+LARGE = ("--set", "trials.draws=400000", "--set", "trials.number=4000", "--set", "trials.block=4000")
+CASES = {
+    "3 kB": ("RLIMIT_FSIZE", 3_000, [*WORDS, "--set", "trials.number=400"]),
+    "60 kB": ("RLIMIT_FSIZE", 60_000, [*WORDS, "--set", "trials.number=400"]),
+    "2 GB": ("RLIMIT_AS", 2 * 10**9, [*WORDS, *LARGE]),
+}
 
 
-def limited(out: Path, kind: str, most: int, *words: str) -> subprocess.CompletedProcess[str]:
-    program = [sys.executable, "-c", LIMITED, kind, str(most), "audit", "--out", str(out), *WORDS, *words]
-    return subprocess.run(program, capture_output=True, text=True, check=False)
+@pytest.fixture(scope="module")
+def limited(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[int, str, Path]]:
+    """`limited(case)`: its exit code, what it said, and its folder."""
+    folder = tmp_path_factory.mktemp("limited")
+    program = [sys.executable, "-c", LIMITED, json.dumps(CASES)]
+    done = subprocess.run(program, cwd=folder, capture_output=True, text=True, check=True)
+    codes = json.loads(done.stdout)
+    return lambda name: (codes[name], (folder / f"{name}.2").read_text(), folder / name)
 
 
 @pytest.mark.attack(
     "a limit on the size of files, or a disk that is full", "one line, exit 2, no temporary file"
 )
-@pytest.mark.parametrize("most", [3_000, 60_000])
-def test_files_that_may_not_grow(tmp_path: Path, most: int) -> None:
-    done = limited(tmp_path / "out", "RLIMIT_FSIZE", most, "--set", "trials.number=400")
-    assert done.returncode == 2, done
-    assert done.stderr.startswith("gaugeblock: cannot write "), done.stderr
-    assert done.stderr.count("\n") == 1
-    assert [path.name for path in (tmp_path / "out").rglob(".*.nc")] == []
+@pytest.mark.parametrize("case", ["3 kB", "60 kB"])
+def test_files_that_may_not_grow(limited: Callable[[str], tuple[int, str, Path]], case: str) -> None:
+    code, said, folder = limited(case)
+    assert code == 2, said
+    assert said.startswith("gaugeblock: cannot write "), said
+    assert said.count("\n") == 1
+    assert [path.name for path in folder.rglob(".*.nc")] == []
 
 
 INTERRUPTED = """
@@ -66,10 +93,8 @@ def test_an_interrupt_is_not_a_fault_of_what_ran(tmp_path: Path, during: str) ->
 
 
 @pytest.mark.attack("memory that runs short", "one line, exit 2")
-def test_memory_that_runs_short(tmp_path: Path) -> None:
-    held = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    words = ("--set", "trials.draws=400000", "--set", "trials.number=4000", "--set", "trials.block=4000")
-    done = limited(tmp_path / "out", "RLIMIT_AS", held + 2 * 10**9, *words)
-    assert done.returncode == 2, done
-    assert done.stderr.count("\n") == 1
-    assert "memory ran short" in done.stderr
+def test_memory_that_runs_short(limited: Callable[[str], tuple[int, str, Path]]) -> None:
+    code, said, _ = limited("2 GB")
+    assert code == 2, said
+    assert said.count("\n") == 1
+    assert "memory ran short" in said

@@ -244,6 +244,11 @@ def ending(request):
 
 
 @pytest.fixture
+def endings():
+    return copy.deepcopy(ENDINGS)
+
+
+@pytest.fixture
 def make_tree():
     return single_tree
 

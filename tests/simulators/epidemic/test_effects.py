@@ -78,10 +78,12 @@ def test_jax_agrees(name):
     entry = LIBRARY[name]
     simulator, theta = extended(name, entry.neutral + entry.step)
     x = simulator.simulate(theta, np.random.default_rng(2)).astype(float)
+
+    def evaluated(theta, x):
+        return simulator.expected_jax(theta), jax.value_and_grad(simulator.log_likelihood_jax)(theta, x)
+
     with jax.enable_x64(True):
-        mean = jax.jit(jax.vmap(simulator.expected_jax))(theta)
-        likelihood = jax.vmap(simulator.log_likelihood_jax)(theta, x)
-        gradient = jax.vmap(jax.grad(simulator.log_likelihood_jax))(theta, x)
+        mean, (likelihood, gradient) = jax.jit(jax.vmap(evaluated))(theta, x)
     np.testing.assert_allclose(mean, simulator.expected(theta), rtol=1e-11)
     np.testing.assert_allclose(likelihood, simulator.log_likelihood(theta, x), rtol=1e-10)
     weight = (x / simulator.expected(theta) - 1)[..., None]

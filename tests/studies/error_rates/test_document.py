@@ -65,8 +65,9 @@ def test_tables_stand_where_the_document_wants_them(tables):
     text = (DOCS / "error-rates.md").read_text(encoding="utf-8")
     for name in NAMES:
         assert text.count(f"<!-- {name} -->") == text.count(f"<!-- /{name} -->") == 1
-    once = filled(text, blocks(tables))
-    assert filled(once, blocks(tables)) == once
+    made = blocks(tables)
+    once = filled(text, made)
+    assert filled(once, made) == once
     assert "| exact | default | 1,000 | 50.0% (1.3 to 98.7) | 50.0% (1.3 to 98.7) | `sbc.bias` |" in once
     assert f"| on the edge |{5 * ' 0.0% (0.0 to 97.5) |'} 100.0% (2.5 to 100.0) |" in once
     assert "| `mmd` |  | 0.0% (0.0 to 8.8) |" in once
