@@ -1,4 +1,6 @@
-"""Every experiment runs at the size of its twin, resumes bit for bit, and measures its claims."""
+"""Every experiment runs as its twin does, yet smaller, resumes bit for bit, and measures its claims."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -6,6 +8,29 @@ from studies.kit.results import read, write
 from studies.paper import Agreement, Setting, claims, judge
 from studies.paper.experiment import committed, made
 from studies.paper.experiments import EXPERIMENTS, PAST, load
+
+GRID = {"clean": 8, "suspicious": 8, "reference": 16, "draws": 20, "again": 2}
+SMALL = {
+    "information": {"spectra": 20, "invariance": 8},
+    "posteriors": {"line": 3, "draws": 100},
+    "evidence": {"draws": 100},
+    "nested": {"live": 40},
+    # Of the same sizes, so that EPIC-pn is compiled once for both.
+    "detection": GRID,
+    "detection_nicer": GRID,
+    "importance": {"clean": 4, "suspicious": 4, "draws": 60, "few": 40, "others": 2},
+    "calibration_published": {"ranks": 20, "coverage": 20, "recovery": 10, "draws": 50},
+    "calibration_retrained": {"ranks": 20, "coverage": 20, "spot": 4, "draws": 50},
+    "calibration_nicer": {"ranks": 20, "coverage": 20, "draws": 50},
+    "conformal": {"calibration": 40, "test": 40, "draws": 50},
+    "gain_marginalised": {"pairs": 6, "draws": 30, "exact": 2, "curve": 6},
+    "cross_check": {
+        **{"pool": 20, "screen": 50, "draws": 500, "proposals": 500},
+        **{"warmup": 10, "chain": 20, "told": 20},
+    },
+    "evidence_pairs": {"pairs": 8, "draws": 50},
+}
+"""Sizes in place of a twin's: about as few as leave every claim measured."""
 
 
 @pytest.fixture(scope="module")
@@ -16,6 +41,19 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module", params=(*EXPERIMENTS, *PAST))
 def twin(request, folder):
     experiment = load(request.param)
+    with pytest.MonkeyPatch.context() as patch:
+        if request.param == "cross_check":
+            # Few live points need few proposals at a time, and short chains no short steps.
+            patch.setattr("studies.paper.experiments.cross_posteriors.BATCH", 128)
+            patch.setattr("studies.paper.experiments.cross_posteriors.ACCEPTED", 0.8)
+        yield _twin(request, experiment, folder)
+
+
+def _twin(request, experiment, folder):
+    sizes = experiment.sizes[Setting.TWIN]
+    small = sizes | SMALL.get(request.param, {})
+    assert set(small) == set(sizes)
+    experiment = replace(experiment, sizes={Setting.TWIN: small})
     if experiment.extra == "xray":
         request.getfixturevalue("xray_data")
     return experiment, made(experiment, Setting.TWIN, folder, seed=11)
@@ -73,9 +111,15 @@ def test_what_is_committed_is_a_full_run_that_still_says_what_it_said(name):
         assert differs == (key in DIFFERING), key
 
 
-def test_exact_and_arithmetic_claims_agree_but_three():
+@pytest.fixture(scope="module")
+def published():
+    """What `published` finds, and itself."""
     experiment = load("published")
-    found = experiment.measured(experiment.run({}, None, 1))
+    return experiment, experiment.measured(experiment.run({}, None, 1))
+
+
+def test_exact_and_arithmetic_claims_agree_but_three(published):
+    experiment, found = published
     verdicts = {name: judge(claim, found[name]).verdict for name, claim in mine(experiment).items()}
     assert len(verdicts) == 42
     assert set(verdicts.values()) == {Agreement.AGREES, Agreement.DIFFERS}
@@ -83,10 +127,9 @@ def test_exact_and_arithmetic_claims_agree_but_three():
     assert differing == {"pair.counts", "tb.ratio", "sub.scaling"}
 
 
-def test_the_published_intervals_and_p_values_come_out_too():
+def test_the_published_intervals_and_p_values_come_out_too(published):
     """Beside the claims themselves; bootstrap and permutation errors are far below these tolerances."""
-    experiment = load("published")
-    found = {name: item.parts for name, item in experiment.measured(experiment.run({}, None, 1)).items()}
+    found = {name: item.parts for name, item in published[1].items()}
     assert found["pair.mean"]["error"] == pytest.approx(1.37, abs=0.005)
     assert found["pair.mean"]["p"] == pytest.approx(0.812, abs=0.0005)
     assert found["pair.reg.slope"]["error"] == pytest.approx(24.2, abs=0.05)
