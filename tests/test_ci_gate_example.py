@@ -28,7 +28,7 @@ def steps(workflow):
     return workflow(EXAMPLE / ".github" / "workflows" / "gate.yml")["jobs"]["gate"]["steps"]
 
 
-def followed(steps, repository, runner, *, without=()):
+def followed(steps, repository, runner, *, without=(), **further):
     """Run the workflow's steps as GitHub does: after a failure only those that ask for it. What each did."""
     done = {}
     for step in steps:
@@ -37,7 +37,7 @@ def followed(steps, repository, runner, *, without=()):
         if name in without or (failed and step.get("if") != "${{ !cancelled() }}"):
             continue
         if "run" in step:
-            done[name] = runner.run(step["run"], repository, ONE_THREAD)
+            done[name] = runner.run(step["run"], repository, {**ONE_THREAD, **further})
         elif re.match(r"\w+/gaugeblock@", step["uses"]):
             done[name] = runner.action(step["with"], repository, **ONE_THREAD)
     return done
@@ -61,7 +61,8 @@ def test_blocked_when_undertrained_and_passing_after_retraining(repository, step
     without = ("Install", "Report")
     good = (repository / "train.toml").read_text()
     shutil.copy(repository / UNDERTRAINED, repository / "train.toml")
-    blocked = followed(steps, repository, runner, without=without)
+    # So wide a gap shows in fewer trials than a PASS takes.
+    blocked = followed(steps, repository, runner, without=without, PYTEST_ADDOPTS="--calibration-trials=800")
     assert {name: ran.code for name, ran in blocked.items()} == {"Train": 0, "Gate": 1}
     said = blocked["Gate"].stdout
     # Which parameters, and in which direction.

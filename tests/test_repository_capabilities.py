@@ -157,9 +157,10 @@ def test_no_wrapper_hides_methods_and_nothing_is_asked_for_by_name():
     """`__getattr__` in a class, or a call of `can`: a protocol class says the same where mypy sees it."""
     for path in sorted(each for room in ROOMS for each in (ROOT / room).rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text())):
-            where = f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 0)}"
             if isinstance(node, ast.ClassDef):
                 hidden = [each for each in node.body if isinstance(each, ast.FunctionDef)]
-                assert not {"__getattr__", "__getattribute__"} & {each.name for each in hidden}, where
+                wrapper = {"__getattr__", "__getattribute__"} & {each.name for each in hidden}
+                assert not wrapper, f"{path}:{node.lineno}"
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-                assert node.func.id != "can", f"{where}: take isinstance with a capability's protocol"
+                asked = f"{path}:{node.lineno}: take isinstance with a capability's protocol"
+                assert node.func.id != "can", asked

@@ -1,6 +1,7 @@
 """Imports run downward only, between rooms and inside them, and no files import each other in a circle."""
 
 import ast
+import functools
 import re
 import sys
 import tomllib
@@ -113,9 +114,19 @@ def modules():
         yield path, ".".join(("gaugeblock", *(p for p in parts if p != "__init__")))
 
 
-def imported(tree, module, is_package):
-    """Absolute names of everything a file imports, wherever in the file."""
-    for node in ast.walk(tree):
+@functools.cache
+def statements(source):
+    """Every import of a file, wherever in it."""
+    return imports(ast.parse(source))
+
+
+def imports(tree):
+    return [node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
+
+
+def imported(nodes, module, is_package):
+    """Absolute names of everything that these statements of a file import."""
+    for node in nodes:
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -132,7 +143,7 @@ def imported(tree, module, is_package):
 def upward(source, module, *, is_package=False):
     """The imports of a file that do not run downward or stay in their room."""
     found = []
-    for line, name in imported(ast.parse(source), module, is_package):
+    for line, name in imported(statements(source), module, is_package):
         if not name.startswith("gaugeblock.") or room(name) in ("__version__", room(module)):
             continue
         up = floor(name) >= floor(module) and (room(module), room(name)) not in ALLOWED
@@ -161,7 +172,7 @@ def extras(source, module, *, is_package=False):
     """What a file imports when it runs, wherever in it: neither Python's, ours nor of the core install."""
     return [
         f"{module} (line {line}) imports {name}"
-        for line, name in imported(_Runs().visit(ast.parse(source)), module, is_package)
+        for line, name in imported(imports(_Runs().visit(ast.parse(source))), module, is_package)
         if name.partition(".")[0].lower() not in CORE | {"gaugeblock"} | sys.stdlib_module_names
     ]
 
@@ -205,10 +216,8 @@ def graph(files):
     found = {}
     for module, path in files.items():
         is_package, known = path.name == "__init__.py", set()
-        for node in ast.walk(ast.parse(path.read_text())):
-            if not isinstance(node, ast.Import | ast.ImportFrom):
-                continue
-            for _, name in imported(node, module, is_package):
+        for node in statements(path.read_text()):
+            for _, name in imported([node], module, is_package):
                 members = [alias.name for alias in node.names] if isinstance(node, ast.ImportFrom) else []
                 inner = {f"{name}.{member}" for member in members} & set(files)
                 known |= inner
@@ -242,6 +251,11 @@ def circles(graph):
     return {members for members in found if len(members) > 1}
 
 
+@functools.cache
+def whole_graph():
+    return graph(every_file())
+
+
 def every_file():
     """Files of the package and of the studies by module."""
     studies = sorted((ROOT / "studies").rglob("*.py"))
@@ -253,7 +267,7 @@ def every_file():
 
 def test_no_files_import_each_other_in_a_circle():
     """Imports inside functions and for types alone count too: such files can be read in no order."""
-    found = circles(graph(every_file()))
+    found = circles(whole_graph())
     assert not found, [sorted(members) for members in found]
 
 
@@ -268,7 +282,7 @@ def test_imports_run_downward_inside_rooms():
     for inside, floors in INSIDE.items():
         missing = {name for names in floors for name in names if f"gaugeblock.{inside}.{name}" not in known}
         assert not missing, f"{inside} has no {sorted(missing)}"
-    for module, names in graph(every_file()).items():
+    for module, names in whole_graph().items():
         if module.count(".") < 2 or room(module) not in INSIDE:
             continue
         mine = level(module.split(".")[2], INSIDE[room(module)])
@@ -302,8 +316,7 @@ def test_the_package_holds_rooms_and_next_to_nothing_beside():
 
 def test_the_package_itself_imports_no_room():
     source = (PACKAGE / "__init__.py").read_text()
-    tree = ast.parse(source)
-    top_level = ast.Module([node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)], [])
+    top_level = [node for node in ast.parse(source).body if isinstance(node, ast.Import | ast.ImportFrom)]
     assert not [n for _, n in imported(top_level, "gaugeblock", True) if n.startswith("gaugeblock.")]
 
 
@@ -346,7 +359,7 @@ def test_rooms_are_never_imported_by_their_bare_name(folder):
     found = [
         f"{path.relative_to(ROOT)}:{line} imports {name}"
         for path in sorted((ROOT / folder).rglob("*.py"))
-        for line, name in imported(ast.parse(path.read_text()), "somewhere", False)
+        for line, name in imported(statements(path.read_text()), "somewhere", False)
         if name.split(".")[0] in bare
     ]
     assert not found, "\n".join(found)

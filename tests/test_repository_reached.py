@@ -1,6 +1,7 @@
 """Whatever is public in the package is reached by something that is no test."""
 
 import ast
+import functools
 import re
 from pathlib import Path
 
@@ -28,17 +29,20 @@ def files(*folders):
     return [path for path in found if not any(parent.is_symlink() for parent in path.parents)]
 
 
-def docstrings(tree):
+parsed = functools.cache(ast.parse)
+
+
+def docstrings(nodes):
     kinds = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
-    bodies = [node.body for node in ast.walk(tree) if isinstance(node, kinds) and node.body]
+    bodies = [node.body for node in nodes if isinstance(node, kinds) and node.body]
     return {id(body[0].value) for body in bodies if isinstance(body[0], ast.Expr)}
 
 
 def names_in(source, *, reexports):
     """Names that code uses, in registries' strings too. Of what a package re-exports nothing is a use."""
-    tree, found = ast.parse(source), set()
-    said = docstrings(tree)
-    for node in ast.walk(tree):
+    nodes, found = list(ast.walk(parsed(source))), set()
+    said = docstrings(nodes)
+    for node in nodes:
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load):
             found.add(node.id)
         elif isinstance(node, ast.Attribute):
@@ -64,7 +68,7 @@ def used(tree):
 def public(source):
     """Functions and classes that a file defines for others."""
     kinds = ast.FunctionDef | ast.ClassDef
-    return {n.name for n in ast.parse(source).body if isinstance(n, kinds) and not n.name.startswith("_")}
+    return {n.name for n in parsed(source).body if isinstance(n, kinds) and not n.name.startswith("_")}
 
 
 def test_nothing_is_reached_by_tests_alone(tree):

@@ -59,7 +59,7 @@ def test_help_answers_within_half_a_second():
         after = os.times()
         return after.children_user + after.children_system - before.children_user - before.children_system
 
-    assert min(seconds() for _ in range(7)) < 0.5
+    assert any(seconds() < 0.5 for _ in range(7))
 
 
 def test_help_imports_no_heavy_library():
@@ -69,20 +69,26 @@ def test_help_imports_no_heavy_library():
     assert not heavy & set(out.rsplit("LOADED", 1)[1].split())
 
 
-@pytest.mark.parametrize(
-    "module",
-    [
-        "gaugeblock",
-        "gaugeblock.simulators",
-        "gaugeblock.estimators",
-        "gaugeblock.validate",
-        "gaugeblock.reports",
-        "gaugeblock.auditing.audit",
-        "gaugeblock.cli",
-    ],
+ROOMS = (
+    "gaugeblock",
+    "gaugeblock.simulators",
+    "gaugeblock.estimators",
+    "gaugeblock.validate",
+    "gaugeblock.reports",
+    "gaugeblock.auditing.audit",
+    "gaugeblock.cli",
 )
-def test_a_room_opens_with_the_core_install(module):
-    python(f"{WITHOUT_EXTRAS}\nimport {module}")
+
+
+def test_every_room_opens_with_the_core_install_and_before_any_other():
+    python(
+        f"{WITHOUT_EXTRAS}\n"
+        "import importlib\n"
+        f"for module in {ROOMS!r}:\n"
+        "    for name in [name for name in sys.modules if name.split('.')[0] == 'gaugeblock']:\n"
+        "        del sys.modules[name]\n"
+        "    importlib.import_module(module)\n"
+    )
 
 
 def test_importing_every_room_imports_neither_torch_nor_jax():
@@ -99,13 +105,12 @@ def test_a_missing_extra_is_named():
         + "from gaugeblock.simulators import build_simulator\n"
         + "try: build_simulator('xray')\n"
         + "except MissingExtraError as error: print(error)\n"
-    )
-    assert "pip install 'gaugeblock[xray]'" in python(code)
-    code = (
-        f"{WITHOUT_EXTRAS}\nfrom pathlib import Path\nfrom gaugeblock.auditing.attest import attest\n"
+        + "from pathlib import Path\nfrom gaugeblock.auditing.attest import attest\n"
         + "try: attest(Path('.'), Path('key.pem'))\nexcept ImportError as error: print(error)\n"
     )
-    assert "pip install 'gaugeblock[sign]'" in python(code)
+    said = python(code).splitlines()
+    assert "pip install 'gaugeblock[xray]'" in said[0]
+    assert "pip install 'gaugeblock[sign]'" in said[-1]
 
 
 @pytest.mark.skipif(os.environ.get("GAUGEBLOCK_CORE_ONLY") != "1", reason="only in tox's environment `core`")

@@ -1,4 +1,4 @@
-"""Workers, schedulers and parts on the command line; docs/performance.md's recipes as local processes."""
+"""Workers, schedulers and parts on the command line; docs/performance.md's recipes on one machine."""
 
 import os
 import re
