@@ -162,7 +162,7 @@ def train_laplace(
     data = _compressed(compressor, bank, folder / f"compressed-{key}.npz", options.seed, progress)
     network.head.standardise(placed(data[:EXAMPLES], network))
     compressed = Bank(bank.scores, data, False, bank.simulator)
-    curve = train_default(
+    curve: dict[str, Any] = train_default(
         network.head,
         compressed,
         options,
