@@ -7,9 +7,7 @@ imports. Rows that are in the JSON file already are not measured again. `--page`
 
 from __future__ import annotations
 
-import argparse
 import os
-import subprocess
 import sys
 import tempfile
 import time
@@ -20,13 +18,12 @@ from statistics import median
 from typing import Any
 
 import numpy as np
-from benchmarks.kept import keep, stored
+from benchmarks.kept import arguments, keep, stored
+from benchmarks.processes import ONE_CORE, ran
 from numpy.typing import NDArray
 from studies.kit import page
-from studies.kit.results import DOCS
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.core.executors import SINGLE
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
@@ -63,36 +60,34 @@ def spectra(simulator: Any, number: int) -> tuple[NDArray[Any], NDArray[Any]]:
     return theta, rng.poisson(simulator.expected(theta))
 
 
-def draws(level: str) -> Measured:
-    """Draws of a shipped flow, with their densities; draws are compared as normal scores."""
+def shipped(level: str) -> tuple[Any, Any, NDArray[Any]]:
+    """A shipped flow, its simulator, and counts of `SPECTRA` spectra."""
     from gaugeblock.estimators.npe import load
-    from gaugeblock.estimators.npe.coordinates import to_scores
 
     simulator = reference(level)
-    flow = load(f"shipped:epic-pn-{level}", simulator)
-    _, x = spectra(simulator, SPECTRA)
+    return load(f"shipped:epic-pn-{level}", simulator), simulator, spectra(simulator, SPECTRA)[1]
+
+
+def draws(level: str) -> Measured:
+    """Draws of a shipped flow, with their densities; draws are compared as normal scores."""
+    from gaugeblock.estimators.npe.coordinates import to_scores
+
+    flow, simulator, x = shipped(level)
     taken, (drawn, log_q) = repeated(lambda: flow.sample_and_log_prob(x, DRAWS, np.random.default_rng(2)))
     return taken, (to_scores(simulator.prior, drawn), log_q)
 
 
 def densities(level: str) -> Measured:
     """Densities of given parameters under a shipped flow."""
-    from gaugeblock.estimators.npe import load
-
-    simulator = reference(level)
-    flow = load(f"shipped:epic-pn-{level}", simulator)
-    _, x = spectra(simulator, SPECTRA)
+    flow, simulator, x = shipped(level)
     theta = np.broadcast_to(spectra(simulator, DRAWS)[0], (SPECTRA, DRAWS, simulator.prior.size))
     return repeated(lambda: (flow.log_prob(theta, x),))
 
 
 def summaries(level: str) -> Measured:
     """What a shipped flow makes of spectra before it draws."""
-    from gaugeblock.estimators.npe import load
-
-    simulator = reference(level)
-    flow = load(f"shipped:epic-pn-{level}", simulator)
-    x = np.resize(spectra(simulator, SPECTRA)[1], (SIMULATED, *flow.data_shape))
+    flow, _, x = shipped(level)
+    x = np.resize(x, (SIMULATED, *flow.data_shape))
     return repeated(lambda: (flow.embed(x),))
 
 
@@ -186,14 +181,11 @@ def measured(name: str, place: str, folder: Path) -> tuple[list[float], Arrays]:
         if place == "all cores":
             words += ["--workers", str(len(os.sched_getaffinity(0)))]
     if place == "one core":
-        env |= dict.fromkeys(SINGLE, "1")
+        env |= ONE_CORE
         words = ["taskset", "-c", str(min(os.sched_getaffinity(0))), *words]
     start = time.perf_counter()
-    ran = subprocess.run(words, cwd=ROOT, env=env, capture_output=True, text=True, check=False)
+    ran(words, f"{row.says}, {place}", cwd=ROOT, env=env, verdict=bool(row.command))
     elapsed = time.perf_counter() - start
-    # Verdicts have codes of their own.
-    if ran.returncode not in ((0, 1, 3) if row.command else (0,)):
-        raise InputError(f"{row.says}, {place}: {ran.stderr.strip().splitlines()[-1:]}")
     if row.command:
         return [elapsed], ()
     with np.load(out) as kept:
@@ -204,9 +196,11 @@ def compared(names: Sequence[str], path: Path) -> dict[str, Any]:
     """Measure each row that the file lacks at every place, and keep it at once."""
     import torch
 
-    found = stored(path)
+    found, here = stored(path), {"cores": len(os.sched_getaffinity(0)), "GPU": torch.cuda.get_device_name(0)}
+    if (there := {key: found.get(key, here[key]) for key in here}) != here:
+        raise InputError(f"{path.name} was measured on {there}, and this is {here}: take another --out")
+    rows = found.setdefault("rows", {})
     for name in names:
-        rows = found.setdefault("rows", {})
         if name not in rows:
             taken: dict[str, Any] = {}
             arrays: dict[str, Arrays] = {}
@@ -216,7 +210,7 @@ def compared(names: Sequence[str], path: Path) -> dict[str, Any]:
                 taken[place] = [round(float(second), 4) for second in seconds]
             taken["apart"] = apart(arrays["all cores"], arrays["GPU"])
             rows[name] = taken
-        found["cores"], found["GPU"] = len(os.sched_getaffinity(0)), torch.cuda.get_device_name(0)
+        found |= here
         keep(found, path, "python -m benchmarks.devices")
         sys.stderr.write(f"{ROWS[name].says}: {rows[name]}\n")
     return found
@@ -236,15 +230,11 @@ def shown(found: Mapping[str, Any]) -> str:
     return page.table([*header, "one core / GPU", "all cores / GPU", "apart"], cells)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Measure, or fill the page."""
-    options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--rows", nargs="+", choices=ROWS, default=list(ROWS))
+    options = arguments(__doc__, "rows", ROWS, HERE / "devices.json")
     options.add_argument("--one", choices=ROWS, help="one row, here and now, its numbers into --out")
-    options.add_argument("--out", type=Path, default=HERE / "devices.json")
-    options.add_argument("--docs", type=Path, default=DOCS)
-    options.add_argument("--page", action="store_true", help="the table of what is there")
-    chosen = options.parse_args(arguments)
+    chosen = options.parse_args(words)
     if chosen.page:
         page.fill(chosen.docs / "performance.md", {"devices": shown(stored(chosen.out))})
     elif chosen.one:

@@ -8,7 +8,6 @@ fills docs/performance.md with what is there.
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import os
@@ -21,12 +20,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks.kept import keep, stored
+from benchmarks.kept import arguments, keep, stored
+from benchmarks.processes import ONE_CORE
 from studies.kit import page, plots
-from studies.kit.results import DOCS
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.core.executors import SINGLE
 
 HERE = Path(__file__).resolve().parent
 AUDIT = {"simulator.name": "linear_gaussian", "estimator.name": "exact"}
@@ -99,12 +97,11 @@ def measured(commands: Sequence[Sequence[str]]) -> dict[str, float]:
     InputError
         If a command fails.
     """
-    one_core = {**os.environ, **dict.fromkeys(SINGLE, "1")}
     for number, words in enumerate(commands, 1):
         own = [] if words[0].endswith(".py") else ["-m", "gaugeblock"]
         ran = subprocess.run(
             [sys.executable, "-c", FROM_A_SMALL_PROCESS, sys.executable, *own, *words],
-            env=one_core, capture_output=True, check=True,
+            env={**os.environ, **ONE_CORE}, capture_output=True, check=True,
         )  # fmt: skip
         code, seconds, kilobytes = json.loads(ran.stdout)
         if code not in (0, 1, 3) or (number < len(commands) and code):
@@ -173,14 +170,9 @@ def figure(found: Mapping[str, Any]) -> Any:
     return figure
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Measure, or make the page."""
-    options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--axes", nargs="+", choices=AXES, default=list(AXES))
-    options.add_argument("--out", type=Path, default=HERE / "growth.json")
-    options.add_argument("--docs", type=Path, default=DOCS)
-    options.add_argument("--page", action="store_true", help="figure and table of what is there")
-    chosen = options.parse_args(arguments)
+    chosen = arguments(__doc__, "axes", AXES, HERE / "growth.json").parse_args(words)
     if not chosen.page:
         grown({name: AXES[name] for name in chosen.axes}, chosen.out)
         return 0

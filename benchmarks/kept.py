@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
+import argparse
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from studies.kit.results import record
+from studies.kit.results import DOCS, record
 
 from gaugeblock.core.atomic import write_atomically
 from gaugeblock.core.processors import processor
+
+
+def arguments(says: str | None, what: str, names: Iterable[str], path: Path) -> argparse.ArgumentParser:
+    """Options of a command that measures what its file lacks: what of it, the file, and its page."""
+    options = argparse.ArgumentParser(description=says)
+    options.add_argument(f"--{what}", nargs="+", choices=names, default=list(names))
+    options.add_argument("--out", type=Path, default=path)
+    options.add_argument("--docs", type=Path, default=DOCS)
+    options.add_argument("--page", action="store_true", help="what is there, on the page")
+    return options
 
 
 def stored(path: Path) -> dict[str, Any]:

@@ -8,7 +8,6 @@ docs/performance.md with what is there.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -21,12 +20,9 @@ from statistics import mean
 from typing import Any
 
 from benchmarks.floors import FLOORS, NAMES
-from benchmarks.kept import keep, stored
+from benchmarks.kept import arguments, keep, stored
+from benchmarks.processes import ONE_CORE, ran
 from studies.kit import page
-from studies.kit.results import DOCS
-
-from gaugeblock.core.errors import InputError
-from gaugeblock.core.executors import SINGLE
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
@@ -140,7 +136,7 @@ def seconds(row: Row, checkout: Path, *, now: bool, seed: int) -> float:
     InputError
         If what is timed fails.
     """
-    env = {**os.environ, **dict.fromkeys(SINGLE, "1"), "PYTHONPATH": str(checkout / "src")}
+    env = {**os.environ, **ONE_CORE, "PYTHONPATH": str(checkout / "src")}
     with tempfile.TemporaryDirectory() as folder:
         if row.command:
             words = [sys.executable, "-m", "gaugeblock", *row.command, "--out", f"{folder}/out"]
@@ -148,21 +144,18 @@ def seconds(row: Row, checkout: Path, *, now: bool, seed: int) -> float:
             code = TIMED + (row.now if now and row.now else row.code) + END
             words = [sys.executable, "-c", code.replace("SEED", str(seed))]
         before = os.times()
-        ran = subprocess.run(words, cwd=checkout, env=env, capture_output=True, text=True, check=False)
+        says = f"{checkout.name}, {row.says}"
+        printed = ran(words, says, cwd=checkout, env=env, verdict=bool(row.command))
         after = os.times()
-    # Verdicts have codes of their own.
-    if ran.returncode not in ((0, 1, 3) if row.command else (0,)):
-        raise InputError(f"{checkout.name}, {row.says}: {ran.stderr.strip().splitlines()[-1:]}")
     if row.command:
         return after.children_user + after.children_system - before.children_user - before.children_system
-    return float(json.loads(ran.stdout.splitlines()[-1]))
+    return float(json.loads(printed.splitlines()[-1]))
 
 
 def floor(name: str) -> float:
     """CPU seconds that a row could not do without."""
-    env = {**os.environ, **dict.fromkeys(SINGLE, "1")}
     words = [sys.executable, "-m", "benchmarks.floors", name]
-    return float(subprocess.run(words, cwd=ROOT, env=env, capture_output=True, text=True, check=True).stdout)
+    return float(ran(words, f"floor of {name}", cwd=ROOT, env={**os.environ, **ONE_CORE}, verdict=False))
 
 
 def compared(rows: Mapping[str, Row], past: Path, path: Path) -> dict[str, Any]:
@@ -195,15 +188,11 @@ def shown(found: Mapping[str, Any]) -> str:
     return page.table(["", "0.1.0 (CPU s)", "now (CPU s)", "ratio", "aim", "floor", "floors"], cells)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Measure, or fill the page."""
-    options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--rows", nargs="+", choices=ROWS, default=list(ROWS))
+    options = arguments(__doc__, "rows", ROWS, HERE / "past.json")
     options.add_argument("--past", type=Path, help="a checkout of 0.1.0; else one is made, and removed")
-    options.add_argument("--out", type=Path, default=HERE / "past.json")
-    options.add_argument("--docs", type=Path, default=DOCS)
-    options.add_argument("--page", action="store_true", help="the table of what is there")
-    chosen = options.parse_args(arguments)
+    chosen = options.parse_args(words)
     if chosen.page:
         page.fill(chosen.docs / "performance.md", {"past": shown(stored(chosen.out))})
         return 0

@@ -57,7 +57,6 @@ def descend(optimizer: torch.optim.Optimizer, loss: torch.Tensor, rate: float, c
     optimizer.step()
 
 
-@torch.enable_grad()  # a package beside us may have switched gradients off for the whole process
 def train_default(
     network: Any,
     bank: Pairs,

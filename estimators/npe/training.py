@@ -48,7 +48,6 @@ class _Silent:
     log_metric = log_metrics = log_params = add_figure = flush = _drop
 
 
-@torch.enable_grad()
 def train_published(
     bank: Bank, network: NetworkTable, shape: NetworkShape, options: TrainingTable
 ) -> tuple[Any, dict[str, Any]]:
@@ -150,7 +149,8 @@ def train(
             "distributions of gaugeblock or scipy.stats"
         )
     _begin(place, work, digest([config.model_dump(mode="json"), describe_simulator(simulator)]), replace)
-    with threads(options.threads):
+    # A package beside us may have switched gradients off for the whole process.
+    with threads(options.threads), torch.enable_grad():
         network, shape, curve, fresh = _trained(simulator, config, work, progress)
     record = {
         "network": config.network.model_dump(mode="json"),

@@ -26,6 +26,18 @@ def test_a_row_that_fails_says_which_and_where(tmp_path, monkeypatch):
         devices.measured("audit", "one core", tmp_path)
 
 
+def test_rows_of_another_card_are_not_mixed_in(tmp_path, monkeypatch):
+    torch, path = pytest.importorskip("torch"), tmp_path / "devices.json"
+    monkeypatch.setattr(torch.cuda, "get_device_name", lambda number: "a card")
+    monkeypatch.setattr(devices, "measured", lambda name, place, folder: ([1.0], (np.ones(2),)))
+    assert devices.compared(["draws"], path)["GPU"] == "a card"
+    before = path.read_bytes()
+    monkeypatch.setattr(torch.cuda, "get_device_name", lambda number: "another")
+    with pytest.raises(InputError, match=r"devices.json was measured on .*a card.* this is .*another"):
+        devices.compared(["draws", "expected"], path)
+    assert path.read_bytes() == before
+
+
 def test_the_page_says_what_the_file_says():
     row = {"one core": [4.0, 2.0, 2.2], "all cores": [1.1], "GPU": [0.55], "apart": 0.00094}
     said = devices.shown({"rows": {"draws": row}, "cores": 16, "GPU": "a card"})

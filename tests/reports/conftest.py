@@ -249,6 +249,12 @@ def framed(probed: Callable[[Path], Path]) -> Callable[..., Path]:
     return frame
 
 
+@pytest.fixture(scope="session")
+def brightness() -> Callable[[dict[str, str]], int]:
+    """Of what a page measured of itself: red, green and blue of its ground, together."""
+    return lambda measured: sum(map(int, re.findall(r"\d+", measured["ground"])[:3]))
+
+
 # Python packages that carry axe's script, the newest first.
 CARRIERS = ("axe_playwright_python", "axe_core_python")
 RUN = """

@@ -28,13 +28,8 @@ def written(audit, folder: Path) -> Path:
     return folder / "report.html"
 
 
-def brightness(measured):
-    """Red, green and blue of the page's ground, together."""
-    return sum(map(int, re.findall(r"\d+", measured["ground"])[:3]))
-
-
 def test_it_renders_measures_well_at_every_width_and_hides_what_is_not_picked(
-    audit, tmp_path, chromium, framed
+    audit, tmp_path, chromium, framed, brightness
 ):
     """One visit to the page as it is, one to frames of it that measure themselves."""
     page = written(audit, tmp_path / "out")
@@ -79,7 +74,7 @@ def test_a_complaint_would_be_seen_and_a_script_would_not_run(failing, tmp_path,
     assert any("Content Security Policy" in line for line in visit.complaints)
 
 
-def test_dark_rooms_get_a_dark_page(passing, tmp_path, chromium, probed):
+def test_dark_rooms_get_a_dark_page(passing, tmp_path, chromium, probed, brightness):
     copy = probed(written(passing, tmp_path))
     dark = chromium(copy, "--dump-dom", "--blink-settings=preferredColorScheme=0").measured
     assert brightness(dark) < 150

@@ -109,3 +109,13 @@ def zoo_trials() -> Callable[..., xr.DataTree]:
         return trials_tree(main, weighed, joint=joint)
 
     return collected
+
+
+@pytest.fixture
+def quick_judging(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For rates over many audits: fewer replicates, and no forecasts, which nobody reads there.
+
+    10,000 replicates know the share beyond a critical value, 4%, to 0.2%: little beside binomial limits.
+    """
+    monkeypatch.setattr("gaugeblock.validate.family.REPLICATES", 10_000)
+    monkeypatch.setattr("gaugeblock.validate.forecast.FUTURES", 1)

@@ -89,12 +89,9 @@ def test_findings_on_the_same_trials_are_one_family(marginal_findings):
     assert [len(family) for family in families([*one, ess, *other])] == [2, 1, 2]
 
 
-def test_simultaneous_intervals_hold_the_truth(marginal_findings, monkeypatch):
-    """Bias and width of three parameters, 300 repetitions: misses within binomial limits (0.001 each).
-
-    10,000 replicates know the share beyond a critical value, 4%, to 0.2%: little beside the limits.
-    """
-    monkeypatch.setattr(module, "REPLICATES", 10_000)
+@pytest.mark.usefixtures("quick_judging")
+def test_simultaneous_intervals_hold_the_truth(marginal_findings):
+    """Bias and width of three parameters, 300 repetitions: misses within binomial limits (0.001 each)."""
     missed = 0
     for seed in range(300):
         t = np.random.default_rng([7, seed]).normal(size=(3, 400))

@@ -13,7 +13,6 @@ from gaugeblock.validate import (
     NotChecked,
     Outcome,
     Verdict,
-    family,
     judge,
     make_policy,
     read_policy,
@@ -195,13 +194,9 @@ def test_verdicts_are_deterministic_and_plain_json(gaussian_trials):
     assert keys | {"smallest_detectable", "message"} <= set(one["gates"][0])
 
 
-def test_two_trials_never_block_a_sound_estimator(marginal_findings, monkeypatch):
-    """400 exact audits of 2 to 5 trials with 3 draws each: FAIL in at most 5% (0.999 binomial limit).
-
-    10,000 replicates know the share beyond a critical value, 4%, to 0.2%: little beside the limit.
-    """
-    monkeypatch.setattr(family, "REPLICATES", 10_000)
-    monkeypatch.setattr("gaugeblock.validate.forecast.FUTURES", 1)  # nobody reads forecasts
+@pytest.mark.usefixtures("quick_judging")
+def test_two_trials_never_block_a_sound_estimator(marginal_findings):
+    """400 exact audits of 2 to 5 trials with 3 draws each: FAIL in at most 5% (0.999 binomial limit)."""
     rng = np.random.default_rng(18)
     failed = 0
     for repeat in range(400):

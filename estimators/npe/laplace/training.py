@@ -162,7 +162,7 @@ def train_laplace(
     data = _compressed(compressor, bank, folder / f"compressed-{key}.npz", options.seed, progress)
     network.head.standardise(placed(data[:EXAMPLES], network))
     compressed = Bank(bank.scores, data, False, bank.simulator)
-    curve: dict[str, Any] = train_default(
+    curve = train_default(
         network.head,
         compressed,
         options,
@@ -200,7 +200,6 @@ def train_laplace(
     }
 
 
-@torch.enable_grad()
 def train_compressor(
     compressor: Compressor,
     bank: Bank,

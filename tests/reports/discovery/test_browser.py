@@ -16,12 +16,9 @@ def page(catalogue, summary, tmp_path):
     return path
 
 
-def brightness(measured):
-    """Red, green and blue of the page's ground, together."""
-    return sum(map(int, re.findall(r"\d+", measured["ground"])[:3]))
-
-
-def test_every_picture_has_a_size_nothing_overflows_and_nothing_is_fetched(page, chromium, framed):
+def test_every_picture_has_a_size_nothing_overflows_and_nothing_is_fetched(
+    page, chromium, framed, brightness
+):
     found = chromium(framed(page), "--dump-dom").measured
     for width in (1200, 500, 390):
         measured = found[str(width)]
@@ -53,7 +50,7 @@ def test_every_ending_renders_without_complaints(tree, endings, chromium, tmp_pa
     assert [line for line in complaints if "scripted.html" not in line] == []
 
 
-def test_dark_rooms_get_a_dark_page(page, chromium, probed):
+def test_dark_rooms_get_a_dark_page(page, chromium, probed, brightness):
     dark = chromium(probed(page), "--dump-dom", "--blink-settings=preferredColorScheme=0").measured
     assert brightness(dark) < 150
 

@@ -88,19 +88,17 @@ def test_the_stated_errors_are_the_scatter():
     assert (ratio < [3.0, 1.3, 1.2, 1.2, 1.3]).all()
 
 
-def test_exact_probabilities_do_not_fail(monkeypatch):
+@pytest.mark.usefixtures("quick_judging")
+def test_exact_probabilities_do_not_fail():
     """100 audits of 500 trials: FAIL in no more than 5%, to the 0.999 binomial quantile."""
-    monkeypatch.setattr("gaugeblock.validate.family.REPLICATES", 10_000)
-    monkeypatch.setattr("gaugeblock.validate.forecast.FUTURES", 1)  # nobody reads forecasts
     rng = np.random.default_rng(3)
     failed = sum(judged(*exact(500, 3, rng), seed=seed) == "FAIL" for seed in range(100))
     assert failed <= stats.binom.ppf(0.999, 100, 0.05)
 
 
-def test_on_the_edge_of_the_tolerance_neither_verdict_comes_often(monkeypatch):
+@pytest.mark.usefixtures("quick_judging")
+def test_on_the_edge_of_the_tolerance_neither_verdict_comes_often():
     """One of two models is true 0.05 more often than stated, whatever is stated: 5% of 120 audits each."""
-    monkeypatch.setattr("gaugeblock.validate.family.REPLICATES", 10_000)
-    monkeypatch.setattr("gaugeblock.validate.forecast.FUTURES", 1)  # nobody reads forecasts
     rng = np.random.default_rng(4)
     said = []
     for seed in range(120):

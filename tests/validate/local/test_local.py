@@ -243,16 +243,19 @@ def test_a_bias_where_one_channel_is_large_does_not_pass():
     assert sum("x[15] > " in message for message in messages) >= 5
 
 
-def test_estimators_on_the_boundary_are_rarely_blocked_and_rarely_passed(monkeypatch):
+@pytest.fixture
+def few_permutations(monkeypatch):
+    """The p-value of homogeneity, which is no gate, is of 99."""
+    monkeypatch.setattr("gaugeblock.validate.local.homogeneity.PERMUTATIONS", 99)
+    monkeypatch.setattr("gaugeblock.validate.local.homogeneity.LEAST_PERMUTATIONS", 99)
+
+
+@pytest.mark.usefixtures("quick_judging", "few_permutations")
+def test_estimators_on_the_boundary_are_rarely_blocked_and_rarely_passed():
     """One-sided coverage off in half of the data by just what is tolerated there; 150 audits.
 
     FAIL and PASS in at most 5% of audits each, to the 0.999 binomial quantile.
     """
-    monkeypatch.setattr("gaugeblock.validate.family.REPLICATES", 10_000)
-    monkeypatch.setattr("gaugeblock.validate.forecast.FUTURES", 1)  # nobody reads forecasts
-    # The p-value of homogeneity, which is no gate, is of 99 permutations.
-    monkeypatch.setattr("gaugeblock.validate.local.homogeneity.PERMUTATIONS", 99)
-    monkeypatch.setattr("gaugeblock.validate.local.homogeneity.LEAST_PERMUTATIONS", 99)
     gap = LOCAL.tolerance.local / np.sqrt(0.5 / 0.05)
     said = []
     for replicate in range(150):
@@ -288,11 +291,10 @@ def varying_shape(kind, rng, n, draws):
     return make_trials(pool[:, :1], pool[:, 1:, None], ["a"], x=x)
 
 
+@pytest.mark.usefixtures("few_permutations")
 @pytest.mark.parametrize("kind", ["t2 in a quarter", "gamma in a quarter", "Cauchy"])
-def test_one_p_value_over_everything_is_exact_for_shapes_that_vary(kind, monkeypatch):
+def test_one_p_value_over_everything_is_exact_for_shapes_that_vary(kind):
     """120 exact audits: rejections at 5% and 20% within their 0.999 binomial limits, above and below."""
-    monkeypatch.setattr("gaugeblock.validate.local.homogeneity.PERMUTATIONS", 99)
-    monkeypatch.setattr("gaugeblock.validate.local.homogeneity.LEAST_PERMUTATIONS", 99)
     p = []
     for seed in range(120):
         made = varying_shape(kind, np.random.default_rng([seed, 1]), 400, 19)

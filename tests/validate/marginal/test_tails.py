@@ -64,10 +64,9 @@ def test_no_outlier_is_no_certainty_and_stray_draws_of_few_trials_are_one_event(
     assert outlier_finding("a", few).standard_error[0] == pytest.approx(np.hypot(scatter, 2 / 40_000))
 
 
-def test_exact_posteriors_are_rarely_blocked(monkeypatch):
+@pytest.mark.usefixtures("quick_judging")
+def test_exact_posteriors_are_rarely_blocked():
     """300 audits of 200 Cauchy trials: FAIL in at most 5% (0.999 binomial limit)."""
-    monkeypatch.setattr("gaugeblock.validate.family.REPLICATES", 10_000)
-    monkeypatch.setattr("gaugeblock.validate.forecast.FUTURES", 1)  # nobody reads forecasts
     failed = 0
     for seed in range(300):
         pool = np.random.default_rng([7, seed]).standard_cauchy((200, 41, 1))

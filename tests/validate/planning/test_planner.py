@@ -98,13 +98,12 @@ def test_a_plan_states_what_a_whole_audit_states(gaussian_trials):
         assert planned.smallest_detectable[name] == pytest.approx(gates[gate].smallest_detectable, rel=0.05)
 
 
-def test_the_promise_to_exact_estimators_and_to_twice_tolerated_faults(monkeypatch):
+@pytest.mark.usefixtures("quick_judging")
+def test_the_promise_to_exact_estimators_and_to_twice_tolerated_faults():
     """One family, two parameters: PASS and FAIL with power 0.9 at the planned n (0.001 quantiles of 40).
 
     These, 29 of 40, are missed in 93% of cases where the power is 0.6.
     """
-    monkeypatch.setattr(family, "REPLICATES", 10_000)
-    monkeypatch.setattr("gaugeblock.validate.forecast.FUTURES", 1)  # nobody reads forecasts
     planned = plan(POLICY, params=2, families=1, further=0)
     least = stats.binom.ppf(0.001, 40, 0.9)
     assert outcomes(40, 3, planned)[Outcome.PASS] >= least
@@ -118,10 +117,9 @@ def test_the_promise_to_exact_estimators_and_to_twice_tolerated_faults(monkeypat
 
 
 @pytest.mark.slow
-def test_the_whole_promise(monkeypatch):
+@pytest.mark.usefixtures("quick_judging")
+def test_the_whole_promise():
     """200 audits of five parameters each, all faults; 0.001 binomial quantiles of 0.9."""
-    monkeypatch.setattr(family, "REPLICATES", 10_000)
-    monkeypatch.setattr("gaugeblock.validate.forecast.FUTURES", 1)  # nobody reads forecasts
     planned = plan(POLICY, params=5)
     least = stats.binom.ppf(0.001, 200, 0.9)
     assert outcomes(200, 7, planned)[Outcome.PASS] >= least
@@ -131,10 +129,9 @@ def test_the_whole_promise(monkeypatch):
             assert outcomes(200, 8 + key, planned, **fault)[Outcome.FAIL] >= least
 
 
-def test_the_promise_for_a_coverage_gap(monkeypatch):
+@pytest.mark.usefixtures("quick_judging")
+def test_the_promise_for_a_coverage_gap():
     """P(|u - 1/2| <= 1/4) twice the tolerance short of 1/2, in one of two parameters: 60 audits."""
-    monkeypatch.setattr(family, "REPLICATES", 10_000)
-    monkeypatch.setattr("gaugeblock.validate.forecast.FUTURES", 1)  # nobody reads forecasts
     planned = plan(POLICY, params=2, families=1, further=0)
     failed = 0
     for replicate in range(60):
@@ -148,10 +145,9 @@ def test_the_promise_for_a_coverage_gap(monkeypatch):
     assert failed >= stats.binom.ppf(0.001, 60, 0.9)
 
 
-def test_pass_probability_of_exact_estimators(monkeypatch):
+@pytest.mark.usefixtures("quick_judging")
+def test_pass_probability_of_exact_estimators():
     """Where it is about a half: 150 audits within the 0.0005 quantiles of 0.8 and 1.25 times what is said."""
-    monkeypatch.setattr(family, "REPLICATES", 10_000)
-    monkeypatch.setattr("gaugeblock.validate.forecast.FUTURES", 1)  # nobody reads forecasts
     planned = plan(POLICY, params=2, trials=1200, draws=100, families=1, further=0)
     said = planned.pass_probability_exact
     assert 0.3 < said < 0.7
