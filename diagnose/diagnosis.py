@@ -174,7 +174,9 @@ def _diagnosed(
     )  # fmt: skip
     if found.named is None and not found.structural and asked.density is not None:
         return _density(asked.density)
-    return _said(found, own, called=again is not None, alone=not asked.blocked, spread=_spread(prepared))
+    return worded(
+        found, own, called=again is not None, alone=not asked.blocked, spread=spread_of_data(prepared)
+    )
 
 
 def cases_of(prepared: Prepared) -> Cases:
@@ -197,7 +199,9 @@ def cases_of(prepared: Prepared) -> Cases:
     data = data_of(prepared, np.arange(number))
     if not data.values.shape[1]:
         return cases
-    return Cases(prepared.parameters, trial, theta, draws, *_foretelling(data.values, data.names, theta))
+    return Cases(
+        prepared.parameters, trial, theta, draws, *foretelling_inputs(data.values, data.names, theta)
+    )
 
 
 def _as_drawn(prepared: Prepared, cases: Cases) -> Cases:
@@ -207,7 +211,7 @@ def _as_drawn(prepared: Prepared, cases: Cases) -> Cases:
     return cases.taken(slice(ORDERED)).drawn(first.astype(float))
 
 
-def _foretelling(values: Array, names: tuple[str, ...], theta: Array) -> tuple[Array, tuple[str, ...]]:
+def foretelling_inputs(values: Array, names: tuple[str, ...], theta: Array) -> tuple[Array, tuple[str, ...]]:
     """The inputs that have most to do with the truths, or with their squares, where there are very many."""
     if values.shape[1] <= INPUTS:
         return values, names
@@ -235,12 +239,12 @@ def _density(gate: Gate) -> Diagnosis:
     known = causes("log_q")
     text = f"of the draws nothing is wrong that these trials show; their log density is: {gate.message}"
     return Diagnosis(
-        named="log_q", named_all=("log_q",), causes=known, text=f"{text} {_cures(known)}",
+        named="log_q", named_all=("log_q",), causes=known, text=f"{text} {cures_said(known)}",
         parameters={gate.id: (gate.statistic, *gate.interval)},
     )  # fmt: skip
 
 
-def _spread(prepared: Prepared) -> tuple[float, float] | None:
+def spread_of_data(prepared: Prepared) -> tuple[float, float] | None:
     """The least and the largest standard deviation of the data's channels that vary; None without data."""
     if "x" not in prepared.main:
         return None
@@ -250,7 +254,7 @@ def _spread(prepared: Prepared) -> tuple[float, float] | None:
     return (float(varies.min()), float(varies.max())) if len(varies) else None
 
 
-def _said(
+def worded(
     found: Found,
     own: Mapping[str, Fault],
     *,
@@ -258,6 +262,7 @@ def _said(
     alone: bool,
     spread: tuple[float, float] | None,
 ) -> Diagnosis:
+    """What was found, in words and numbers."""
     gap = (found.before[0], None if found.after is None else found.after[0])
     mended: tuple[Repair, ...] = found.named.repairs if found.named else ()
     both = (*found.structural, *mended)
@@ -281,8 +286,8 @@ def _said(
                 nearest, told = _causes_of(best.repairs[0], own, spread), best.symptoms[:1]
                 known += tuple(each for each in nearest if each.cause not in {one.cause for one in known})
         return Diagnosis(
-            named="other", text=f"{text} {_cures(known)}".strip(), gap=gap, shows_in=found.kinds,
-            called=called, causes=known, runner_up=_runner_up(found, told),
+            named="other", text=f"{text} {cures_said(known)}".strip(), gap=gap, shows_in=found.kinds,
+            called=called, causes=known, runner_up=next_best(found, told),
         )  # fmt: skip
     ids = tuple(repair.symptom for repair in both)
     others = tuple(dict.fromkeys(each.symptoms[0] for each in found.alike if each.symptoms[0] not in ids))
@@ -298,8 +303,8 @@ def _said(
         text += f" These trials do not tell it from: {', '.join(map(_to_tell, others, to_tell.values()))}."
     return Diagnosis(
         named=ids[0], named_all=ids, indistinguishable=others, causes=known,
-        text=f"{text} {_cures(known)}", parameters=found.sizes, gap=gap, shows_in=found.kinds, called=called,
-        repair=plain_repair(found.repairs), runner_up=_runner_up(found, (*ids, *others)),
+        text=f"{text} {cures_said(known)}", parameters=found.sizes, gap=gap, shows_in=found.kinds,
+        called=called, repair=plain_repair(found.repairs), runner_up=next_best(found, (*ids, *others)),
         trials_to_tell=to_tell,
     )  # fmt: skip
 
@@ -322,14 +327,15 @@ def _causes_of(
     return causes(repair.symptom, wide=wide, spread=spread)
 
 
-def _runner_up(found: Found, named: tuple[str, ...]) -> str | None:
+def next_best(found: Found, named: tuple[str, ...]) -> str | None:
     """Of the symptoms that are not named the one whose repair alone takes most of the disagreement away."""
     others = [each for each in found.tried if len(each.repairs) == 1 and each.symptoms[0] not in named]
     best = max(others, key=lambda each: each.share, default=None)
     return best.symptoms[0] if best is not None and best.share > 0 else None
 
 
-def _cures(known: tuple[Cause, ...]) -> str:
+def cures_said(known: tuple[Cause, ...]) -> str:
+    """What may cause it, and what mends that, in a sentence; empty where nobody knows."""
     if not known:
         return ""
     said = "; ".join(f"{each.cause}: {each.cure}" for each in known)

@@ -122,7 +122,7 @@ def locate_and_name(
     structural = structural[:1]
     for repair in structural if as_drawn is None else ():
         cases = repair.apply(cases)
-    parts = _Parts.of(cases, seed, again, {**SYMPTOMS, **(own or {})})
+    parts = Parts.of(cases, seed, again, {**SYMPTOMS, **(own or {})})
     limit = SEEN if structural or not failed else EXPECTED
     # Of draws that are all made of the same numbers, or of very few, trials tell nothing more.
     alone = any(repair.symptom == "fixed_seed" for repair in structural) or cases.draws.shape[1] < LEAST_DRAWS
@@ -132,16 +132,16 @@ def locate_and_name(
     tried = [original, *parts.all_tried(original)]
     found = parts.mending(tried)
     if not found:
-        for first in _firsts(tried):
+        for first in first_of_each(tried):
             tried += parts.all_tried(first)
         found = parts.mending(tried)
     if not found and parts.only_joint:
         found = [Tried((DEPENDENCE,), (DEPENDENCE,), original.left, original.left, 0.0, True)]
         tried += found
     # Of those that are not told apart the plainest is named.
-    named = min(found, key=_numbers_in, default=None)
+    named = min(found, key=numbers_in, default=None)
     after = None if named is None else parts.gap(named.repairs)
-    sizes = {} if named is None else _sizes(parts, named)
+    sizes = {} if named is None else sizes_reported(parts, named)
     repairs = (*structural, *(() if named is None else parts.refitted(named.repairs)))
     to_tell = {
         each.symptoms[0]: parts.to_tell(named, each)
@@ -169,7 +169,7 @@ Halves = tuple[tuple[Cases, Cases], tuple[Cases, Cases]]
 
 
 @dataclass(frozen=True)
-class _Parts:
+class Parts:
     """The three parts, what they are held against, and how a repair does on the first two."""
 
     cases: Cases
@@ -184,7 +184,7 @@ class _Parts:
     _told: dict[tuple[int, int], list[LogRatios]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, cases: Cases, seed: int, again: Called | None, symptoms: Mapping[str, Fit]) -> _Parts:
+    def of(cls, cases: Cases, seed: int, again: Called | None, symptoms: Mapping[str, Fit]) -> Parts:
         fitting, choosing, reporting = (cases.taken(rows) for rows in thirds(len(cases), seed))
         # Where truths lie, all of them say; what the data foretell is learned on the fitting part alone.
         reference = replace(Reference.of(fitting), truths=cases.theta)
@@ -247,7 +247,7 @@ class _Parts:
         """Whether a few trials leave it possible that with the last of these repairs little is left."""
         left, mended = self.gains(chosen[-1:], *few)
         trial, original = self.original_few
-        return not _too_much(left, original[np.isin(trial, mended.trial)], chosen)
+        return not leaves_too_much(left, original[np.isin(trial, mended.trial)], chosen)
 
     @cached_property
     def original_few(self) -> tuple[NDArray[np.int64], Array]:
@@ -335,7 +335,7 @@ class _Parts:
     def mending(self, tried: Sequence[Tried]) -> list[Tried]:
         """Repairs after which nothing much is seen to be wrong, and which truths do not tell apart."""
         return self.unbeaten(
-            [each for each in _alike([one for one in tried if one.mended]) if self.confirmed(each)]
+            [each for each in best_and_alike([one for one in tried if one.mended]) if self.confirmed(each)]
         )
 
     @cached_property
@@ -385,7 +385,7 @@ class _Parts:
         for mends, half, as_it_was, scored in zip(
             (chosen, crossed), begun or self.halves, self.halves, self.scored, strict=True
         ):
-            if found and _too_much(found[0][0], original[: len(found[0][0])], chosen):
+            if found and leaves_too_much(found[0][0], original[: len(found[0][0])], chosen):
                 # What leaves too much of one part for certain is not asked of the other, but taken for alike.
                 n = len(as_it_was[1])
                 found.append((np.full(n, found[0][0].mean()), np.full(n, found[0][1].mean())))
@@ -429,7 +429,7 @@ def _allowed(chosen: Sequence[Repair]) -> float:
     return 1 - min(repair.recovers for repair in chosen)
 
 
-def _too_much(left: Array, original: Array, chosen: Sequence[Repair]) -> bool:
+def leaves_too_much(left: Array, original: Array, chosen: Sequence[Repair]) -> bool:
     """Whether repairs leave more ``(trial,)`` of a disagreement than they may, for certain.
 
     A first one may leave what a second takes away; one that stands for what draws cannot have, all of it.
@@ -467,7 +467,7 @@ def _mean(values: Array) -> tuple[float, float]:
     return float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))
 
 
-def _firsts(tried: Sequence[Tried]) -> list[Tried]:
+def first_of_each(tried: Sequence[Tried]) -> list[Tried]:
     """The best repair of each of the few symptoms that take away a part."""
     found: dict[str, Tried] = {}
     for each in sorted(tried, key=lambda each: float(each.loss.mean())):
@@ -476,7 +476,7 @@ def _firsts(tried: Sequence[Tried]) -> list[Tried]:
     return list(found.values())[:FOLLOWED]
 
 
-def _alike(mended: Sequence[Tried]) -> list[Tried]:
+def best_and_alike(mended: Sequence[Tried]) -> list[Tried]:
     """The best of those that mend, and those of other symptoms that paired errors do not tell from it."""
     if not mended:
         return []
@@ -489,11 +489,12 @@ def _alike(mended: Sequence[Tried]) -> list[Tried]:
     return list(alike.values())
 
 
-def _numbers_in(each: Tried) -> int:
+def numbers_in(each: Tried) -> int:
+    """How many numbers its repairs have fitted."""
     return sum(len(repair.numbers) for repair in each.repairs)
 
 
-def _sizes(parts: _Parts, named: Tried) -> dict[str, tuple[float, float, float]]:
+def sizes_reported(parts: Parts, named: Tried) -> dict[str, tuple[float, float, float]]:
     """Numbers of the named repairs fitted to trials that neither fitted nor chose them, with 90% intervals.
 
     Errors by leaving out one of ten groups of trials at a time (Quenouille's jackknife).
@@ -514,13 +515,13 @@ def _sizes(parts: _Parts, named: Tried) -> dict[str, tuple[float, float, float]]
     return found
 
 
-def _numbers(parts: _Parts, cases: Cases, wanted: Repair) -> dict[str, float]:
+def _numbers(parts: Parts, cases: Cases, wanted: Repair) -> dict[str, float]:
     """Numbers of the same repair, fitted to other cases; none where it is not there."""
     found = _fitted(parts, cases, wanted)
     return {} if found is None else dict(found.numbers)
 
 
-def _fitted(parts: _Parts, cases: Cases, wanted: Repair) -> Repair | None:
+def _fitted(parts: Parts, cases: Cases, wanted: Repair) -> Repair | None:
     """The same repair of the same symptom, fitted to other cases."""
     if wanted.symptom not in parts.symptoms:
         return wanted

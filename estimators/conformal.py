@@ -94,7 +94,7 @@ class Conformal(Shown):
                     f"conformal: the base gave NaN or infinite draws on {wrong.sum()} of the calibration "
                     f"trials {trials[0]} to {trials[-1]}; mend it before it is calibrated"
                 )
-            parts.append(_level(self._unbounded(truth), np.sort(drawn, axis=1)))
+            parts.append(level_among(self._unbounded(truth), np.sort(drawn, axis=1)))
         return np.sort(np.concatenate(parts)[: self._number], axis=0)
 
     def _rng(self, purpose: str, trials: range) -> Rng:
@@ -113,8 +113,8 @@ class Conformal(Shown):
         # Independent levels in the order of the base's draws: each parameter's are exchangeable.
         rank = np.argsort(np.argsort(z[:, :n], axis=1, kind="stable"), axis=1)
         level = np.sort(rng.random((len(z), n, z.shape[2])), axis=1)
-        moved = _at_share(np.take_along_axis(level, rank, axis=1), self._scores)
-        repaired = _place(moved, np.sort(z[:, : self._draws], axis=1))
+        moved = level_at_share(np.take_along_axis(level, rank, axis=1), self._scores)
+        repaired = place_at(moved, np.sort(z[:, : self._draws], axis=1))
         return np.where(wrong, np.nan, np.asarray(self._simulator.prior.from_unbounded(repaired)))
 
     def describe(self) -> dict[str, Any]:
@@ -128,7 +128,7 @@ class Conformal(Shown):
         }
 
 
-def _level(truth: Array, ordered: Array) -> Array:
+def level_among(truth: Array, ordered: Array) -> Array:
     """Level of each truth ``(row, parameter)`` among sorted draws ``(row, draw, parameter)``.
 
     0 at the smallest draw, 1 at the largest, linear between neighbours; beyond them, distances in sd.
@@ -141,8 +141,8 @@ def _level(truth: Array, ordered: Array) -> Array:
     return np.asarray((below[:, 0] + part) / last + outside / _sd(ordered))
 
 
-def _place(level: Array, ordered: Array) -> Array:
-    """Inverse of `_level`: values ``(row, n, parameter)`` at levels of that shape."""
+def place_at(level: Array, ordered: Array) -> Array:
+    """Inverse of `level_among`: values ``(row, n, parameter)`` at levels of that shape."""
     last = ordered.shape[1] - 1
     position = np.clip(level, 0, 1) * last
     below = np.minimum(position.astype(int), last - 1)
@@ -156,7 +156,7 @@ def _sd(ordered: Array) -> Array:
     return np.where(sd > 0, sd, 1.0)
 
 
-def _at_share(share: Array, scores: Array) -> Array:
+def level_at_share(share: Array, scores: Array) -> Array:
     """Levels below which a share of the truths lies, ``(row, n, parameter)``; scores sorted per parameter.
 
     A fresh truth falls with equal probability between any two neighbouring scores, or below or above all of

@@ -203,7 +203,7 @@ class NestedSampling(Shown):
         """One run on one row of data, shape ``data_shape``."""
         prior, settings = self._simulator.prior, self._settings
         seed = [int(word) for word in rng.integers(0, 2**32, size=8)]
-        with _silent_ultranest(), _global_numpy_seeded(seed):
+        with silent_ultranest(), global_numpy_seeded(seed):
             import ultranest
 
             sampler = ultranest.ReactiveNestedSampler(
@@ -277,7 +277,7 @@ def _births(sampler: Any, points: Any) -> NDArray[np.float64]:
 
 
 @contextmanager
-def _global_numpy_seeded(seed: list[int]) -> Iterator[None]:
+def global_numpy_seeded(seed: list[int]) -> Iterator[None]:
     """Seed NumPy's global state for a library that draws from it; hand the host's state back."""
     before = np.random.get_state(legacy=False)  # noqa: NPY002
     np.random.seed(seed)  # noqa: NPY002
@@ -288,7 +288,7 @@ def _global_numpy_seeded(seed: list[int]) -> Iterator[None]:
 
 
 @contextmanager
-def _silent_ultranest() -> Iterator[None]:
+def silent_ultranest() -> Iterator[None]:
     """Keep UltraNest's logger and its advice on efficiency from the host; leave the host's settings alone."""
     logger = logging.getLogger("ultranest")
     handlers, disabled = list(logger.handlers), logger.disabled

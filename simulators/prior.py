@@ -23,7 +23,7 @@ _KINDS: tuple[Any, ...] = (
     *(marginals.Beta, marginals.TruncatedNormal, marginals.Discrete),
     *(blocks.MultivariateNormal, blocks.Dirichlet, blocks.DirichletWithoutLast),
 )
-_DISTRIBUTIONS: dict[str, Any] = {
+DISTRIBUTIONS: dict[str, Any] = {
     **{each.kind: each for each in _KINDS},
     "truncated": marginals.truncated,
     "scipy": scipy_again,
@@ -34,11 +34,11 @@ def _rebuilt(name: str, entry: Mapping[str, Any]) -> Any:
     """A distribution from its description, `parameters` left aside."""
     numbers = {key: value for key, value in entry.items() if key not in ("distribution", "parameters")}
     kind = entry.get("distribution")
-    if kind not in _DISTRIBUTIONS:
+    if kind not in DISTRIBUTIONS:
         raise InputError(
-            f"prior of {name}: distribution must be one of {', '.join(_DISTRIBUTIONS)}, got {kind!r}"
+            f"prior of {name}: distribution must be one of {', '.join(DISTRIBUTIONS)}, got {kind!r}"
         )
-    make = _DISTRIBUTIONS[kind]
+    make = DISTRIBUTIONS[kind]
     try:
         if isinstance(numbers.get("of"), Mapping):
             numbers["of"] = _rebuilt(name, numbers["of"])

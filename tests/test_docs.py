@@ -70,10 +70,10 @@ def test_the_page_on_priors_runs(needs):
 
 
 def test_the_page_on_priors_names_every_distribution():
-    from gaugeblock.simulators.prior import _DISTRIBUTIONS
+    from gaugeblock.simulators.prior import DISTRIBUTIONS
 
     text = (ROOT / "docs" / "priors.md").read_text(encoding="utf-8")
-    assert all(f"`{name}`" in text for name in _DISTRIBUTIONS if name != "scipy")
+    assert all(f"`{name}`" in text for name in DISTRIBUTIONS if name != "scipy")
 
 
 def test_the_page_on_results_runs():

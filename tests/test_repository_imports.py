@@ -1,4 +1,4 @@
-"""No submodule takes the place of what its package exports, in whatever order modules are imported."""
+"""What packages export stays what it is, in whatever order it is imported; tests import nothing private."""
 
 from __future__ import annotations
 
@@ -70,6 +70,8 @@ def shuffled(seed: int) -> list[str]:
     return names
 
 
+OURS = {"gaugeblock", "studies", "benchmarks"}
+
 OTHERS = {"simulators", "discovery", "discover", "reports/discovery"}
 """Rooms in which a package still exports what a file of it is called; it is imported first, so it stays."""
 
@@ -96,6 +98,26 @@ def test_no_package_exports_what_a_file_of_it_is_called() -> None:
             if clash and not any(where == other or where.startswith(f"{other}/") for other in OTHERS):
                 clashes[where] = clash
     assert not clashes
+
+
+def private_in(source: str) -> list[str]:
+    """Names beginning with one underscore that a module takes from a package of this repository."""
+    return [
+        f"{node.module}.{alias.name}"
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in OURS
+        for alias in node.names
+        if alias.name.startswith("_") and not alias.name.startswith("__")
+    ]
+
+
+def test_tests_import_what_is_not_private() -> None:
+    """What has a test of its own is part of its module's interface."""
+    assert private_in("from studies.kit import _a, b, __main__") == ["studies.kit._a"]
+    folders = (PACKAGE.parents[1] / name for name in ("tests", "property_tests"))
+    found = {path: private_in(path.read_text("utf-8")) for folder in folders for path in folder.rglob("*.py")}
+    assert len(found) > 400
+    assert not {path: names for path, names in found.items() if names}
 
 
 def test_what_packages_export_stays_what_it_is() -> None:

@@ -66,7 +66,7 @@ def calls(cases: Cases, again: Called) -> Sequence[Repair]:
     number = min(DRAWS, few.draws.shape[1])
     before = kernel_scores(few.drawn(few.draws[:, :number]), unit).sum(axis=1)
     began, found = time.monotonic(), []
-    for symptom, how, turn, size in _ways(again.data[np.searchsorted(again.trial, few.trial)]):
+    for symptom, how, turn, size in ways_to_call(again.data[np.searchsorted(again.trial, few.trial)]):
         after = _scores(few, turn, unit, again)
         if after is not None:
             better = before - after
@@ -144,7 +144,7 @@ def knows_truth(cases: Cases, again: Called) -> Sequence[Repair]:
     ]
 
 
-def _ways(x: NDArray[Any]) -> Iterator[tuple[str, str, Turn, dict[str, float]]]:
+def ways_to_call(x: NDArray[Any]) -> Iterator[tuple[str, str, Turn, dict[str, float]]]:
     """Symptom, words, what is done to data, and its size."""
     mean, spread = float(np.mean(x)), float(np.std(x)) or 1.0
     each, wide = x.mean(axis=0), x.std(axis=0)

@@ -90,14 +90,14 @@ def extended_by(
     """
     found: LearnedTests = seen.state
     fits = []
-    for model, state in _starts(candidate, found, before, observed):
+    for model, state in starting_points(candidate, found, before, observed):
         lesson = learn(model, observed, simulate_base(model, observed, state), state)
         fits.append(fit_simulated(model, observed, start=state, lesson=lesson, span=found.span))
     fitted = min(fits, key=lambda one: misfit(one, observed, found.span))
     return _compared(candidate, path, fitted, before, found, observed)
 
 
-def _starts(
+def starting_points(
     candidate: Candidate, found: LearnedTests, before: SimulatedFit, observed: Observed
 ) -> list[tuple[Model, Array]]:
     """Models with the effect and states to begin from: the nearest, and the nearest of those unlike it."""
@@ -118,7 +118,7 @@ def _starts(
         second = int(unlike[np.argmax(gain[unlike])])
         starts += [second] if gain[second] > NEARLY * gain[best] else []
     return [
-        _begun(candidate, found, int(mine[start]), _between(candidate, found, gain, start), before)
+        _begun(candidate, found, int(mine[start]), peak_between(candidate, found, gain, start), before)
         for start in starts
     ]
 
@@ -134,7 +134,7 @@ def _begun(
     departure = np.sign(departure or entry.step) * np.clip(
         abs(departure), 0.1 * abs(entry.step), (high - low) / 3.0
     )
-    steps = np.array([_step(entry, name) for name in entry.parameters])
+    steps = np.array([scan_step(entry, name) for name in entry.parameters])
     steps[candidate.amplitude_index] = found.scores.step[score]
     chosen = values.copy()
     chosen[candidate.amplitude_index] = np.clip(entry.neutral + departure, low, high)
@@ -145,7 +145,7 @@ def _begun(
     return model, state
 
 
-def _step(entry: LibraryEffect, name: str) -> float:
+def scan_step(entry: LibraryEffect, name: str) -> float:
     """Step of a scanned parameter: half the way from one value to the next, over no jump."""
     ways = np.diff(np.unique(np.asarray(entry.scanned.get(name, ()), dtype=float)))
     if not len(ways):
@@ -153,7 +153,7 @@ def _step(entry: LibraryEffect, name: str) -> float:
     return float(0.5 * np.median(ways))
 
 
-def _between(candidate: Candidate, found: LearnedTests, gain: Array, at: int) -> Array:
+def peak_between(candidate: Candidate, found: LearnedTests, gain: Array, at: int) -> Array:
     """Values ``(k,)`` where the gain ``(node,)`` peaks: by a parabola through a node and its neighbours.
 
     A fit that begins at a scanned value may find nothing on either side: halfway between two weeks an effect

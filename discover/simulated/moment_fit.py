@@ -88,13 +88,13 @@ def fit_simulated(
         assert found is not None
         begin = state
         state, base, last = _solve(model, observed, found, state, base, span)
-        noise = _noise(found, base, observed, span)
+        noise = state_covariance(found, base, observed, span)
         error = np.sqrt(np.maximum(np.diag(noise), 1e-300))
         close = bool(np.all(np.abs(last) < 3.0 * CLOSE * error))
         if close and np.all(np.abs(state - begin) < NEAR * error):
             break
     assert found is not None
-    return SimulatedFit(model, state, _noise(found, base, observed, span), base, found, close)
+    return SimulatedFit(model, state, state_covariance(found, base, observed, span), base, found, close)
 
 
 def _solve(
@@ -115,7 +115,7 @@ def _solve(
         left = weights @ (mean - at.mean)
         return float(left @ metric @ left + (weak * where**2).sum())
 
-    error = np.sqrt(np.maximum(np.diag(_noise(lesson, base, observed, span)), 1e-300))
+    error = np.sqrt(np.maximum(np.diag(state_covariance(lesson, base, observed, span)), 1e-300))
     last: Array = np.zeros(len(state))
     frees = [np.full(len(state), True), *([~model.scanned] if model.scanned.any() else [])]
     for _ in range(STEPS):
@@ -179,7 +179,7 @@ def apart(base: Base, weights: Array, observed: Observed) -> float:
     return float(squared) * len(observed) / observed.inflation
 
 
-def _noise(lesson: Lesson, base: Base, observed: Observed, span: Array | None) -> Array:
+def state_covariance(lesson: Lesson, base: Base, observed: Observed, span: Array | None) -> Array:
     """Covariance of the fitted state, with the noise of the simulated means and of what was learned.
 
     The answers of the scores are known with an error, which would pass for information; two halves of the

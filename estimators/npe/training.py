@@ -148,7 +148,9 @@ def train(
             "estimator npe: its folder could not say what the prior is; give gaugeblock.Prior of "
             "distributions of gaugeblock or scipy.stats"
         )
-    _begin(place, work, digest([config.model_dump(mode="json"), describe_simulator(simulator)]), replace)
+    begin_training(
+        place, work, digest([config.model_dump(mode="json"), describe_simulator(simulator)]), replace
+    )
     # A package beside us may have switched gradients off for the whole process.
     with threads(options.threads), torch.enable_grad():
         network, shape, curve, fresh = _trained(simulator, config, work, progress)
@@ -166,7 +168,7 @@ def train(
     }
     save(place, network, shape, simulator.prior, record)
     _draw_curve(place / "training.png", record["curve"])
-    _end(work)
+    clear_up(work)
     return load(place, simulator, device=device)
 
 
@@ -249,7 +251,7 @@ def run_training(
     return Path(target)
 
 
-def _begin(place: Path, work: Path, key: str, replace: bool) -> None:
+def begin_training(place: Path, work: Path, key: str, replace: bool) -> None:
     """Claim the folder for one training; what else lies in `work` says itself what it is of."""
     stated = work / KEY
     try:
@@ -264,7 +266,7 @@ def _begin(place: Path, work: Path, key: str, replace: bool) -> None:
         raise InputError(f"cannot write {place}: {error.strerror or error}") from None
 
 
-def _end(work: Path) -> None:
+def clear_up(work: Path) -> None:
     """Remove what a training went on from, its key at last: killed in between, it is known as its own."""
     for path in work.iterdir():
         if path.name == KEY:

@@ -82,7 +82,7 @@ def holm(p: Array) -> Array:
 def _family(name: str, items: list[Judgement], share: float, seed: int) -> Family:
     rng = np.random.default_rng(seed)
     claims = [item.claim for item in items]
-    moved = _drawn(claims, share, rng) + np.array([_error(item) for item in items]) * _drawn(
+    moved = _drawn(claims, share, rng) + np.array([error_of(item) for item in items]) * _drawn(
         claims, SHARED, rng, scaled=False
     )
     margin = [claim.rules[0].margins(claim.parts)[0] for claim in claims]
@@ -102,7 +102,7 @@ def _family(name: str, items: list[Judgement], share: float, seed: int) -> Famil
     )
 
 
-def _error(item: Judgement) -> float:
+def error_of(item: Judgement) -> float:
     """Of spectra, in the difference that is judged."""
     if item.claim.known:
         return item.errors[SINGLE[0]]

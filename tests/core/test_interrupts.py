@@ -10,14 +10,14 @@ from pathlib import Path
 
 import pytest
 
-from gaugeblock.cli.commands import _interrupted
+from gaugeblock.cli.commands import on_interrupt
 from gaugeblock.core.atomic import atomic_path
 from gaugeblock.core.interrupts import Interrupted, interrupt, uninterrupted
 
 
 @pytest.fixture(autouse=True)
 def handled() -> Iterator[None]:
-    before = signal.signal(signal.SIGINT, _interrupted)
+    before = signal.signal(signal.SIGINT, on_interrupt)
     yield
     signal.signal(signal.SIGINT, before)
 

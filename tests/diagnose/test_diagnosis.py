@@ -19,12 +19,12 @@ from gaugeblock.diagnosis.diagnosis import (
     Asked,
     Diagnosis,
     Fault,
-    _cures,
-    _foretelling,
-    _said,
-    _spread,
     cases_of,
+    cures_said,
     diagnose,
+    foretelling_inputs,
+    spread_of_data,
+    worded,
 )
 from gaugeblock.diagnosis.repair import Repair
 from gaugeblock.diagnosis.workflow import Found, Tried
@@ -53,7 +53,7 @@ def found(**changes: Any) -> Found:
 def said(
     it: Found, own: Any = None, *, called: bool = False, alone: bool = True, spread: Any = None
 ) -> Diagnosis:
-    return _said(it, own or {}, called=called, alone=alone, spread=spread)
+    return worded(it, own or {}, called=called, alone=alone, spread=spread)
 
 
 def test_nothing_is_seen_or_it_is_too_small() -> None:
@@ -93,7 +93,7 @@ def test_what_comes_nearest_to_what_has_no_name() -> None:
     made = said(found(seen=True, tried=every))
     assert made.text == (
         f"{OTHER}, and no repair takes all of it away. skew and shift would take 50%. "
-        f"{_cures(causes('skew'))}"
+        f"{cures_said(causes('skew'))}"
     )
     assert (made.causes, made.runner_up) == (causes("skew"), "shift")
     fewer = (*every[:2], tried(half, share=0.49, left=0.51))
@@ -133,7 +133,7 @@ def test_what_is_named_first_and_what_it_would_take_to_tell() -> None:
     assert made.text == (
         "draws depend on their order; then draws are too narrow. Mended, truths are told from draws by 0.012 "
         "instead of 0.5 nats a trial. These trials do not tell it from: clipped_tails (some 12,000 would), "
-        f"skew (nor would a hundred times as many). {_cures(causes('autocorrelated'))}"
+        f"skew (nor would a hundred times as many). {cures_said(causes('autocorrelated'))}"
     )
     assert (made.named, made.named_all) == ("autocorrelated", ("autocorrelated", "scale"))
     assert made.indistinguishable == ("clipped_tails", "skew")
@@ -147,7 +147,7 @@ def test_what_is_named_first_and_what_it_would_take_to_tell() -> None:
         assert plain.causes == causes("scale", wide=wide)
         assert plain.text == (
             "draws are off. Mended, truths are told from draws by 0 instead of 0.5 nats a trial. "
-            f"{_cures(plain.causes)}"
+            f"{cures_said(plain.causes)}"
         )
     # What stands for information that was not used is no repair.
     lost = tried(mend("x_noise", recovers=0.0))
@@ -159,8 +159,8 @@ def test_faults_of_ones_own_have_their_own_causes() -> None:
     one = tried(mend("mine"))
     made = said(found(named=one, alike=(one,), seen=True), own)
     assert made.text == "draws are off. Possible cause: a cause: a cure."
-    assert _cures((Cause("a", "b"), Cause("c", "d"))) == "Possible causes: a: b; c: d."
-    assert _cures(()) == ""
+    assert cures_said((Cause("a", "b"), Cause("c", "d"))) == "Possible causes: a: b; c: d."
+    assert cures_said(()) == ""
 
 
 def gate(name: str, outcome: Outcome) -> Gate:
@@ -270,7 +270,7 @@ def test_of_very_many_inputs_those_stay_that_foretell_truths() -> None:
     values[:, 150] = theta[:, 0] + 3.0 * rng.normal(size=900)
     values[:, 31] = -(theta[:, 1] ** 2) + 2.0 * rng.normal(size=900)
     names = tuple(f"x{k}" for k in range(200))
-    chosen, called = _foretelling(values, names, theta)
+    chosen, called = foretelling_inputs(values, names, theta)
     assert chosen.shape == (900, INPUTS)
     places = [int(name[1:]) for name in called]
     assert places == sorted(places)
@@ -278,17 +278,17 @@ def test_of_very_many_inputs_those_stay_that_foretell_truths() -> None:
     assert 7 not in places
     np.testing.assert_array_equal(chosen, values[:, places])
     few = values[:, :INPUTS]
-    assert _foretelling(few, names[:INPUTS], theta) == (pytest.approx(few), names[:INPUTS])
+    assert foretelling_inputs(few, names[:INPUTS], theta) == (pytest.approx(few), names[:INPUTS])
 
 
 def test_how_widely_the_datas_channels_spread() -> None:
     x = np.random.default_rng(6).normal(size=(160, 4)) * [1.0, 0.01, 30.0, 0.0]
     x[155:] = 1e6  # which nobody looks at
     sd = x[:150].std(axis=0)
-    assert _spread(prepared(160, 10, x=x)) == pytest.approx((sd[1], sd[2]))
-    assert _spread(prepared(160, 10, x=np.ones((160, 2)))) is None
-    assert _spread(prepared(160, 10)) is None
-    assert _spread(prepared(160, 10, x=x.reshape(160, 2, 2))) == pytest.approx((sd[1], sd[2]))
+    assert spread_of_data(prepared(160, 10, x=x)) == pytest.approx((sd[1], sd[2]))
+    assert spread_of_data(prepared(160, 10, x=np.ones((160, 2)))) is None
+    assert spread_of_data(prepared(160, 10)) is None
+    assert spread_of_data(prepared(160, 10, x=x.reshape(160, 2, 2))) == pytest.approx((sd[1], sd[2]))
 
 
 def test_few_trials_do_not_say_and_ids_are_ones_own() -> None:
@@ -323,7 +323,7 @@ def test_a_density_that_a_gate_has_failed_of_draws_of_which_nothing_is_seen() ->
     made = asked(FEW, "density.normalisation", "importance.ess")
     assert made.text == (
         "of the draws nothing is wrong that these trials show; their log density is: density.normalisation "
-        f"is off {_cures(causes('log_q'))}"
+        f"is off {cures_said(causes('log_q'))}"
     )
     assert (made.named, made.named_all, made.causes) == ("log_q", ("log_q",), causes("log_q"))
     assert made.parameters == {"density.normalisation": (0.5, 0.4, 0.6)}

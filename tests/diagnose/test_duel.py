@@ -11,7 +11,7 @@ from scipy import stats
 from gaugeblock.diagnosis.cases import Cases
 from gaugeblock.diagnosis.disagreement import Reference
 from gaugeblock.diagnosis.duel import LogRatios, log_ratios, trials_to_tell
-from gaugeblock.diagnosis.workflow import _Parts
+from gaugeblock.diagnosis.workflow import Parts
 
 
 def two(seed, trials, truth, one, other):
@@ -80,7 +80,7 @@ def test_a_third_of_the_trials_reports_and_does_not_tell(mean, told):
         return [LogRatios(np.zeros(200), drawn + step)] * 2
 
     parts = SimpleNamespace(cases=range(600), ratios=ratios)
-    assert _Parts.to_tell(parts, "named", "other") == told
+    assert Parts.to_tell(parts, "named", "other") == told
 
 
 def test_no_number_tells_equal_laws():

@@ -10,7 +10,7 @@ from tests.diagnose.test_calls import QUICK
 
 import gaugeblock as gb
 from gaugeblock.diagnosis.causes import causes
-from gaugeblock.diagnosis.diagnosis import _runner_up
+from gaugeblock.diagnosis.diagnosis import next_best
 
 
 @pytest.mark.parametrize(("size", "share", "nearest"), [(2.5, 0.5, True), (30.0, 0.004, False)])
@@ -44,6 +44,6 @@ def test_the_runner_up_takes_most_of_those_that_are_not_named():
         tried(0.7, "skew"),
         tried(0.8, "skew", "log"),
     )
-    assert _runner_up(SimpleNamespace(tried=every), ("scale",)) == "skew"
-    assert _runner_up(SimpleNamespace(tried=every), ("scale", "skew", "shift")) is None
-    assert _runner_up(SimpleNamespace(tried=(tried(-0.1, "shift"),)), ()) is None
+    assert next_best(SimpleNamespace(tried=every), ("scale",)) == "skew"
+    assert next_best(SimpleNamespace(tried=every), ("scale", "skew", "shift")) is None
+    assert next_best(SimpleNamespace(tried=(tried(-0.1, "shift"),)), ()) is None

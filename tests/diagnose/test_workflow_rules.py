@@ -16,14 +16,14 @@ from gaugeblock.diagnosis.repair import Repair
 from gaugeblock.diagnosis.scores import kernel_scores
 from gaugeblock.diagnosis.workflow import (
     HOPELESS,
+    Parts,
     Tried,
-    _alike,
-    _firsts,
-    _numbers_in,
-    _Parts,
-    _sizes,
-    _too_much,
+    best_and_alike,
+    first_of_each,
+    leaves_too_much,
     locate_and_name,
+    numbers_in,
+    sizes_reported,
 )
 
 
@@ -41,9 +41,9 @@ def test_a_repair_that_leaves_too_much_is_given_up(share, recovers, number, give
     scatter = 0.001 * np.tile([1.0, -1.0], 50)
     original = np.linspace(0.5, 1.5, 100)
     chosen = [Repair("shift", lambda cases: cases, "", recovers=recovers)] * number
-    assert _too_much(share * original + scatter, original, chosen) == given_up
+    assert leaves_too_much(share * original + scatter, original, chosen) == given_up
     # Not where errors are as large as what is left.
-    assert not _too_much(share * original + 10_000 * scatter, original, chosen)
+    assert not leaves_too_much(share * original + 10_000 * scatter, original, chosen)
 
 
 @pytest.mark.parametrize(("kept", "left", "promising"), [(1, 0.8, False), (1, 0.7, True), (0, 2.4, False)])
@@ -55,7 +55,7 @@ def test_few_trials_are_paired_by_number_where_a_repair_leaves_some_out(kept, le
         gains=lambda *_: (left + scatter, mended), original_few=(trial, np.where(trial % 2, 1.0, 3.0))
     )
     repair = Repair("shift", lambda cases: cases, "", recovers=0.95)
-    assert _Parts.promising(parts, (repair,), (None, None)) is promising
+    assert Parts.promising(parts, (repair,), (None, None)) is promising
 
 
 def one_tried(*symptoms, loss=1.0, share=0.5, numbers=0, scatter=0.0):
@@ -76,8 +76,8 @@ def test_a_second_repair_follows_the_three_best_of_those_that_take_a_part_away()
         one_tried("log", loss=0.6),
         one_tried("unit", loss=0.9),
     ]
-    assert _firsts(every) == [every[2], every[5], every[4]]
-    assert _firsts(every[:1]) == []
+    assert first_of_each(every) == [every[2], every[5], every[4]]
+    assert first_of_each(every[:1]) == []
 
 
 def test_alike_are_those_within_two_paired_errors_of_the_best_once_a_symptom():
@@ -88,9 +88,9 @@ def test_alike_are_those_within_two_paired_errors_of_the_best_once_a_symptom():
     beyond = one_tried("skew", loss=0.5 + 2.01 * error)
     same = one_tried("scale", loss=0.5 + 0.5 * error)
     both, turned = one_tried("a", "b", loss=0.5 + error), one_tried("b", "a", loss=0.5 + error)
-    assert _alike([beyond, near, same, best, nearer, both, turned]) == [best, nearer, both]
-    assert _alike([]) == []
-    assert [_numbers_in(one_tried("a", "b", numbers=3)), _numbers_in(one_tried())] == [6, 0]
+    assert best_and_alike([beyond, near, same, best, nearer, both, turned]) == [best, nearer, both]
+    assert best_and_alike([]) == []
+    assert [numbers_in(one_tried("a", "b", numbers=3)), numbers_in(one_tried())] == [6, 0]
 
 
 @pytest.mark.parametrize(
@@ -107,7 +107,7 @@ def test_who_is_beaten_by_another_is_out_unless_all_are(ahead, left):
     alike = [one_tried(name) for name in "abc"]
     place = {id(each): k for k, each in enumerate(alike)}
     parts = SimpleNamespace(duel=lambda one, other: ahead[place[id(one)], place[id(other)]])
-    assert _Parts.unbeaten(parts, alike) == [alike[k] for k in left]
+    assert Parts.unbeaten(parts, alike) == [alike[k] for k in left]
 
 
 def test_how_many_trials_would_tell_two_apart():
@@ -118,7 +118,7 @@ def test_how_many_trials_would_tell_two_apart():
         drawn = shift + rng.normal(size=(400, 20))
         ratios = [SimpleNamespace(drawn=each, truths=np.zeros(200)) for each in np.split(drawn, 2)]
         parts = SimpleNamespace(ratios=lambda one, other: ratios, cases=range(600))
-        return _Parts.to_tell(parts, None, None), trials_to_tell(drawn) * 600 / 400
+        return Parts.to_tell(parts, None, None), trials_to_tell(drawn) * 600 / 400
 
     found, expected = told(0.3)
     assert found == int(float(f"{expected:.2g}"))
@@ -127,7 +127,7 @@ def test_how_many_trials_would_tell_two_apart():
     four = [SimpleNamespace(truths=np.array([1.0, 2.0])), SimpleNamespace(truths=np.array([3.0, 6.0]))]
     differences = SimpleNamespace(ratios=lambda one, other: four)
     mean, error = 3.0, np.std([1, 2, 3, 6], ddof=1) / 2
-    assert _Parts.duel(differences, None, None) == pytest.approx(mean / error)
+    assert Parts.duel(differences, None, None) == pytest.approx(mean / error)
 
 
 def test_sizes_are_of_the_third_part_with_a_jackknife():
@@ -146,13 +146,13 @@ def test_sizes_are_of_the_third_part_with_a_jackknife():
     chosen = Repair("mine", lambda other: other.drawn(other.draws + 0.5), "", {"a": 0.0}, variant="this")
     foreign = Repair("called", lambda other: other, "", {"factor": 2.0})
     named = SimpleNamespace(repairs=(chosen, foreign))
-    found = _sizes(parts, named)
+    found = sizes_reported(parts, named)
     left = np.array([theta[np.arange(95) % 10 != g].mean() for g in range(10)])
     reach = stats.t.ppf(0.95, 9) * np.sqrt(0.9 * ((left - left.mean()) ** 2).sum())
     assert found["a"] == pytest.approx((theta.mean(), theta.mean() - reach, theta.mean() + reach))
     assert found["factor"] == (2.0, 2.0, 2.0)
     # A second of the same is fitted to what the first has left.
-    second = _sizes(parts, SimpleNamespace(repairs=(chosen, chosen)))
+    second = sizes_reported(parts, SimpleNamespace(repairs=(chosen, chosen)))
     assert second["a"][0] == pytest.approx(theta.mean() - 0.5)
 
 
@@ -177,7 +177,7 @@ def tried_with(share, *, scatter=1e-4, cost=0.0, spread=1e-4, recovers=0.95, fir
     halves = (("one", range(50)), ("two", range(50)))
     parts = SimpleNamespace(original=ONES, halves=halves, scored=(0, 1), _half=half)
     before, last = (Repair(name, lambda cases: cases, "", recovers=recovers) for name in ("shift", "scale"))
-    made = _Parts.tried(parts, (before, last), (before, last), (("begun", 1), ("begun", 2)))
+    made = Parts.tried(parts, (before, last), (before, last), (("begun", 1), ("begun", 2)))
     assert made.symptoms == ("shift", "scale")
     return made, asked
 
@@ -200,7 +200,7 @@ def test_what_a_repair_leaves_of_either_half_and_its_share():
     # None that are left is a share of 1, less than none too; where nothing was tried, nothing is.
     assert tried_with(-0.05)[0].share == 1.0
     parts = SimpleNamespace(original=ONES)
-    nothing = _Parts.tried(parts, (), ())
+    nothing = Parts.tried(parts, (), ())
     assert (nothing.share, nothing.mended, nothing.left is ONES) == (0.0, False, True)
 
 
@@ -251,7 +251,7 @@ def test_little_evidence_is_left_of_what_is_confirmed(seen, recovers, left, conf
     last = Repair("scale", lambda cases: f"{cases} stretched", "", recovers=recovers, log_weight=weigh)
     parts = SimpleNamespace(cases="cases", reference="reference", seed=3, seen=seen, refitted=tuple)
     each = Tried((first, last), (first, last), ONES, ONES, 0.9, True)
-    assert bool(_Parts.confirmed(parts, each)) is confirmed
+    assert bool(Parts.confirmed(parts, each)) is confirmed
     moved = "cases moved"
     wanted = (moved, f"odds of {moved} at candidates of {moved}") if weighs else (f"{moved} stretched", None)
     assert asked == ([(wanted[0], "reference", 3, wanted[1])] if recovers else [])
@@ -293,13 +293,13 @@ def searched(monkeypatch):
     def search(parts, *, failed=True, draws=20, structural=(), **options):
         given = []
         monkeypatch.setattr(workflow, "STRUCTURAL", [lambda cases: given.append(cases) or list(structural)])
-        monkeypatch.setattr(workflow, "_sizes", lambda parts, named: {"size of": named.symptoms})
+        monkeypatch.setattr(workflow, "sizes_reported", lambda parts, named: {"size of": named.symptoms})
 
         def of(cases, seed, again, symptoms):
             parts.cases, parts.symptoms = cases, symptoms
             return parts
 
-        monkeypatch.setattr(_Parts, "of", of)
+        monkeypatch.setattr(Parts, "of", of)
         cases = Cases(("a",), np.arange(9), np.zeros((9, 1)), np.zeros((9, draws, 1)))
         made = locate_and_name(cases, seed=1, failed=failed, **options)
         assert given == [options.get("as_drawn") or cases]
@@ -407,7 +407,7 @@ def test_trials_that_a_repair_leaves_out_gain_and_cost_what_the_others_do(weighs
         asked.append(given)
         return found, repaired
 
-    left, cost = _Parts._half(SimpleNamespace(gains=gains), last, ("learned", "judged"), other, scored)
+    left, cost = Parts._half(SimpleNamespace(gains=gains), last, ("learned", "judged"), other, scored)
     assert asked == [(last, "learned", "judged")]
     np.testing.assert_array_equal(left[kept], found)
     np.testing.assert_allclose(left[~kept], found.mean())
@@ -430,7 +430,7 @@ def test_what_follows_begins_where_those_before_have_left_both_halves(before):
     halves = (("fitting", "choosing"), ("choosing", "fitting"))
     known = SimpleNamespace(repairs=tuple(one), crossed=tuple(two))
     x, v = ("x", "v") if before == 1 else ("x y", "v w")
-    assert _Parts.begun(SimpleNamespace(halves=halves), known) == (
+    assert Parts.begun(SimpleNamespace(halves=halves), known) == (
         (f"fitting {x}", f"choosing {x}"),
         (f"choosing {v}", f"fitting {v}"),
     )
@@ -438,7 +438,7 @@ def test_what_follows_begins_where_those_before_have_left_both_halves(before):
     wanted = Repair("mine", lambda cases: cases, "", variant="this")
     foreign = Repair("called", lambda cases: f"{cases} called", "")
     gone = Repair("mine", lambda cases: f"{cases} as before", "", variant="gone")
-    first, second, third, last = _Parts.refitted(parts, (wanted, foreign, gone, wanted))
+    first, second, third, last = Parts.refitted(parts, (wanted, foreign, gone, wanted))
     assert (first.words, second is foreign, third is gone) == ("fitted to all", True, True)
     assert last.words == "fitted to all mended called as before"
 

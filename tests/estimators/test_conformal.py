@@ -6,7 +6,7 @@ from scipy import stats
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.estimators import build_estimator
-from gaugeblock.estimators.conformal import Conformal, _at_share, _level, _place
+from gaugeblock.estimators.conformal import Conformal, level_among, level_at_share, place_at
 from gaugeblock.simulators import Prior, Uniform, build_simulator
 from gaugeblock.validate import Outcome, judge, make_policy
 from gaugeblock.validate.marginal.coverage import central_finding
@@ -125,22 +125,22 @@ def test_draws_beyond_every_level_keep_their_order_and_the_inverse_is_one():
     rng = np.random.default_rng(90)
     ordered = np.sort(rng.normal(size=(6, 50, 2)), axis=1)
     value = np.sort(3 * rng.normal(size=(6, 40, 2)), axis=1)
-    level = np.stack([_level(value[:, k], ordered) for k in range(40)], axis=1)
+    level = np.stack([level_among(value[:, k], ordered) for k in range(40)], axis=1)
     assert (np.diff(level, axis=1) > 0).all()
     assert (level < 0).any()
     assert (level > 1).any()
-    np.testing.assert_allclose(_place(level, ordered), value, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(place_at(level, ordered), value, rtol=1e-9, atol=1e-9)
 
 
 def test_shares_reach_beyond_the_scores_without_a_jump():
     scores = np.sort(np.random.default_rng(91).normal(size=(99, 1)), axis=0)
     share = np.linspace(1e-6, 1 - 1e-6, 20_001)[None, :, None]
-    level = _at_share(share, scores)[0, :, 0]
+    level = level_at_share(share, scores)[0, :, 0]
     assert (np.diff(level) > 0).all()
-    np.testing.assert_allclose(_at_share(np.array([[[0.5]]]), scores)[0], scores[49:50])
+    np.testing.assert_allclose(level_at_share(np.array([[[0.5]]]), scores)[0], scores[49:50])
     assert level[0] < scores.min()
     assert level[-1] > scores.max()
-    below, above = (_at_share(np.array([[[0.01 + s]]]), scores)[0, 0, 0] for s in (-1e-9, 1e-9))
+    below, above = (level_at_share(np.array([[[0.01 + s]]]), scores)[0, 0, 0] for s in (-1e-9, 1e-9))
     assert abs(above - below) < 1e-6
 
 
@@ -194,8 +194,8 @@ def test_draws_go_where_the_definition_says():
 def test_tails_are_as_long_as_those_of_the_outermost_scores():
     scores = np.sort(np.random.default_rng(95).normal(size=(60, 2)), axis=0)
     share = np.array([0.3, 0.9]) / 61
-    below = _at_share(share[None, :, None].repeat(2, axis=2), scores)[0]
-    above = _at_share(1 - share[None, :, None].repeat(2, axis=2), scores)[0]
+    below = level_at_share(share[None, :, None].repeat(2, axis=2), scores)[0]
+    above = level_at_share(1 - share[None, :, None].repeat(2, axis=2), scores)[0]
     for k in range(2):
         left, right = (
             np.mean([abs(end - one) for one in ten])

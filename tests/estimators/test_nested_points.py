@@ -28,9 +28,9 @@ def box(cube):
 @pytest.fixture(scope="module")
 def ultranest_sampler():
     pytest.importorskip("ultranest")
-    from gaugeblock.estimators.nested_sampling import _global_numpy_seeded, _silent_ultranest
+    from gaugeblock.estimators.nested_sampling import global_numpy_seeded, silent_ultranest
 
-    with _silent_ultranest(), _global_numpy_seeded([1]):
+    with silent_ultranest(), global_numpy_seeded([1]):
         import ultranest
 
         sampler = ultranest.ReactiveNestedSampler(["a", "b", "c"], log_likelihood, box, vectorized=True)

@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -45,9 +46,11 @@ def walled(sandbox: Any) -> Sandbox:
     return sandbox  # type: ignore[no-any-return]
 
 
-def ran(sandbox: Sandbox, script: str, outside: Path | None = None) -> subprocess.CompletedProcess[str]:
+def ran(
+    sandbox: Sandbox, script: str, outside: Path | None = None, show: Mapping[str, Path] | None = None
+) -> subprocess.CompletedProcess[str]:
     """A shell in the sandbox, with a folder of the machine's mounted where it can write to it."""
-    words = sandbox.words(["/bin/sh", "-c", script], limits=Limits(), environment={}, show={})
+    words = sandbox.words(["/bin/sh", "-c", script], limits=Limits(), environment={}, show=show or {})
     if outside is not None:
         place = words.index("--chdir")
         words[place:place] = ["--bind", str(outside), "/outside"]
@@ -158,7 +161,7 @@ def test_a_program_runs_behind_the_wall_or_not_at_all(walled: Sandbox, tmp_path:
 
 @pytest.mark.parametrize("python", [None, "/bin/false"])
 def test_without_landlock_the_mounts_hold_alone_and_the_record_says_so(
-    sandbox: Sandbox, python: str | None, monkeypatch: pytest.MonkeyPatch
+    sandbox: Sandbox, python: str | None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     which = shutil.which
     monkeypatch.setattr(
@@ -168,6 +171,14 @@ def test_without_landlock_the_mounts_hold_alone_and_the_record_says_so(
     assert found.python is None
     assert found.describe()["landlock"] == "not in force here"
     assert ran(found, "echo alive").stdout == "alive\n"
+    # What everybody may write to is read-only all the same, and so is what was made for the sandbox.
+    model = tmp_path / "model"
+    model.mkdir()
+    model.chmod(0o777)
+    places = ("/srv/model", "", "/dev", "/etc", "/usr")
+    done = ran(found, "".join(f"mkdir {place}/mine\n" for place in places), show={"/srv/model": model})
+    assert done.stderr.count("Read-only file system") == len(places), done.stderr
+    assert not list(model.iterdir())
 
 
 def test_the_record_says_that_it_is_in_force(walled: Sandbox) -> None:

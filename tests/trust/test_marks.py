@@ -14,7 +14,7 @@ import pytest
 import xarray as xr
 
 from gaugeblock.auditing.collect import PARTS, collect, collect_part
-from gaugeblock.auditing.marks import _key, key_name, key_path
+from gaugeblock.auditing.marks import key_at, key_name, key_path
 from gaugeblock.auditing.samples import Plan
 from gaugeblock.auditing.workplace import discard, private_folder
 from gaugeblock.core.errors import InputError
@@ -110,13 +110,13 @@ def test_blocks_of_somebody_else_are_made_again(own: Path, tmp_path: Path, how: 
 
 
 def test_a_block_that_changes_after_it_was_looked_at(own: Path, tmp_path: Path) -> None:
-    from gaugeblock.auditing.collect import _intact, _read
+    from gaugeblock.auditing.collect import is_intact, read_block
 
     block = filled(tmp_path / "out") / "trials-00000010.nc"
-    assert _intact(block)
+    assert is_intact(block)
     forge(block)
     with pytest.raises(InputError, match="is not the block that was written"):
-        _read(block)
+        read_block(block)
 
 
 @pytest.mark.attack("a work folder whose blocks bear another key, as of another machine", "refused, exit 2")
@@ -199,11 +199,11 @@ def test_what_belongs_to_another_user(own: Path, tmp_path: Path) -> None:
         assert {path: path.read_bytes() for path in work.iterdir()} == before
         os.chown(folder, 0, 0)
     collected(work.parent)
-    _key.cache_clear()
+    key_at.cache_clear()
     os.chown(own, 65534, 65534)
     with pytest.raises(InputError, match="is no key that its owner alone can read"):
         collected(tmp_path / "other")
-    _key.cache_clear()
+    key_at.cache_clear()
 
 
 def test_a_private_folder_is_ones_own_and_no_link(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

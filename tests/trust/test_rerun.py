@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from gaugeblock.auditing.audit import _judged, audit
+from gaugeblock.auditing.audit import audit, judged_and_kept
 from gaugeblock.auditing.config import as_policy
 from gaugeblock.auditing.looks import stored_looks
 from gaugeblock.auditing.provenance import finished_audit
@@ -42,7 +42,7 @@ def forged(finished: Path, out: Path, name: str, rows: slice) -> Path:
     dims = main_trials(tree)[name].dims
     main = main_trials(tree).assign({name: (dims, values)})
     tree = trials_tree(main)
-    _judged(
+    judged_and_kept(
         tree,
         as_policy("default"),
         seed=4,

@@ -49,7 +49,7 @@ def mmd(
     >>> mmd(rng.normal(size=(1, 2)) + 9, rng.normal(size=(500, 2)), rng=rng)[1] < 0.01
     True
     """
-    a, b = (_some(points, rng) for points in (observed, simulated))
+    a, b = (at_most(points, rng) for points in (observed, simulated))
     if a.ndim != 2 or b.ndim != 2 or a.shape[1] != b.shape[1] or len(a) < 1 or len(b) < 2:
         raise InputError(
             f"points of shapes {a.shape} and {b.shape}; give observed (m, d) and simulated (n, d), n >= 2"
@@ -72,6 +72,7 @@ def mmd(
     return float(statistic[0]), float((1 + exceeded) / (1 + permutations)), statistic[1:]
 
 
-def _some(points: ArrayLike, rng: np.random.Generator) -> Array:
+def at_most(points: ArrayLike, rng: np.random.Generator) -> Array:
+    """Of points ``(n, d)`` `MOST_POINTS`, drawn without replacement; all where there are no more."""
     whole = np.asarray(points, dtype=float)
     return whole if len(whole) <= MOST_POINTS else whole[rng.permutation(len(whole))[:MOST_POINTS]]

@@ -53,7 +53,7 @@ def insertion_ranks(threads: Threads) -> tuple[NDArray[np.int64], NDArray[np.int
     # In the order of birth, and downward among those born together, which are not to be compared.
     order = np.lexsort((-value, birth))
     older_and_lower = np.empty(len(value), dtype=np.int64)
-    older_and_lower[order] = _smaller_before(value[order])
+    older_and_lower[order] = smaller_before(value[order])
     older = np.searchsorted(birth[order], birth, side="left")
     dead = np.searchsorted(value, birth, side="right")  # every dead point is older and lower
     kept = np.flatnonzero(threads.sole_child)
@@ -61,7 +61,7 @@ def insertion_ranks(threads: Threads) -> tuple[NDArray[np.int64], NDArray[np.int
     return (older_and_lower - dead)[kept], (older - dead)[kept]
 
 
-def _smaller_before(value: Array) -> NDArray[np.int64]:
+def smaller_before(value: Array) -> NDArray[np.int64]:
     """For each element, how many before it are smaller: sorted halves of blocks merged, level by level."""
     n = len(value)
     position = np.argsort(value, kind="stable")

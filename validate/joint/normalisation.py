@@ -93,7 +93,7 @@ def unconfirmed(prepared: Prepared, trials: xr.Dataset, kept: NDArray[np.bool_])
         return f"log q is {lacking.mean():.2f} nat lower at the draws than that of any density as wide"
     if np.count_nonzero(np.isfinite(log_ratio)) < LEAST_TRIALS:
         return "too few draws lie dense, or within the range of the truths"
-    finding, why = _held(log_ratio, number, parameters)
+    finding, why = finding_and_doubt(log_ratio, number, parameters)
     estimate, error = finding.estimate[0], finding.standard_error[0]
     if why:
         return why
@@ -135,7 +135,7 @@ def _range(prepared: Prepared) -> tuple[Array, Array]:
     return low, high
 
 
-def _held(
+def finding_and_doubt(
     log_ratio: Array,
     number: int,
     parameters: int,
@@ -179,7 +179,7 @@ def density(prepared: Prepared) -> list[Finding | NotChecked]:
     said = prepared.caveats
     if found[:, 1].any():
         said = (*said, f"{int(found[:, 1].sum())} draw(s) have a log q that is not finite; left out here")
-    finding, why = _held(
+    finding, why = finding_and_doubt(
         log_ratio, prepared.kept_draws, len(prepared.parameters), trial=prepared.trial, caveats=said
     )
     return [NotChecked(ID, why) if why else finding]

@@ -32,7 +32,7 @@ def layout(prepared: Prepared) -> list[Finding | NotChecked]:
     if n < LEAST_TRIALS:
         why = f"{n} trial(s) with finite draws; at least {LEAST_TRIALS} are needed"
         return [NotChecked("layout.columns", why)]
-    chosen = np.argsort(prepared.trial, kind="stable")[: _affordable(len(prepared.parameters))]
+    chosen = np.argsort(prepared.trial, kind="stable")[: affordable_trials(len(prepared.parameters))]
     chosen.sort()
     draws, weight = _draws(prepared, np.flatnonzero(prepared.unaffected)[chosen])
     truths = prepared.theta_true[chosen]
@@ -99,7 +99,7 @@ def _most_better(found: Sequence[Foretelling], parameter: int) -> Foretelling:
     return max(others or mine, key=lambda f: f.gain)
 
 
-def _affordable(parameters: int) -> int:
+def affordable_trials(parameters: int) -> int:
     """Trials to use with so many parameters."""
     everywhere = parameters**2 if parameters <= EVERYWHERE else parameters
     pairs = parameters**2 + READINGS * everywhere

@@ -94,7 +94,7 @@ def local_c2st(
     # Which candidate of each trial is called the truth; the first replicate is how it was.
     called = rng.integers(0, candidates, size=(permutations + 1, n))
     called[0] = 0
-    difference = _differences(flat, called, candidates)
+    difference = differences_of_means(flat, called, candidates)
     size = max(1, CHUNK // max(effect.shape[0] * effect.shape[1], 1))
     values = np.concatenate(
         [
@@ -115,7 +115,7 @@ def local_c2st(
     )
 
 
-def _differences(flat: Array, called: NDArray[np.int64], candidates: int) -> Array:
+def differences_of_means(flat: Array, called: NDArray[np.int64], candidates: int) -> Array:
     """Mean of the columns of those called truths minus that of the others, ``(replicate, column)``."""
     replicates, n = called.shape
     total = flat.sum(axis=0)

@@ -56,7 +56,7 @@ def interior_probability(lower: Counts, upper: Counts, n: int) -> float:
     return float(np.sum(inside * increment[last]) / total)
 
 
-def _limits(tail: float, n: int, points: int) -> tuple[Counts, Counts]:
+def binomial_limits(tail: float, n: int, points: int) -> tuple[Counts, Counts]:
     """Counts at each point whose lower and upper binomial tails both exceed `tail`."""
     z = np.arange(1, points) / points
     # Equal tails that differ by rounding are equal: the observed extreme count itself must lie outside.
@@ -74,7 +74,7 @@ def _limits(tail: float, n: int, points: int) -> tuple[Counts, Counts]:
 def _p_value(tail: float, n: int, points: int) -> float:
     if tail < SMALLEST:
         return SMALLEST  # binomial tails below this have underflowed or are about to
-    lower, upper = _limits(tail, n, points)
+    lower, upper = binomial_limits(tail, n, points)
     # At least the tail itself, which 1 - probability cannot resolve below 1e-15.
     return float(min(1.0, max(1 - interior_probability(lower, upper, n), tail)))
 
@@ -82,7 +82,7 @@ def _p_value(tail: float, n: int, points: int) -> float:
 @lru_cache(maxsize=64)
 def band(n: int, points: int, level: float) -> tuple[Counts, Counts]:
     """Counts that at least `level` of uniform samples of size n stay within, at all points at once."""
-    return _limits(adjusted_gamma(n, points, level) / 2, n, points)
+    return binomial_limits(adjusted_gamma(n, points, level) / 2, n, points)
 
 
 @lru_cache(maxsize=64)

@@ -233,7 +233,7 @@ def audit(
         end_phase(estimating)
         if observed is not None:
             provenance["observation"] = observed.record
-        result = _judged(
+        result = judged_and_kept(
             tree,
             rules,
             seed=plan.seed,
@@ -520,7 +520,7 @@ def audit_draws(
     record = {} if file is None else {"file": str(file), "file_sha256": file_digest(Path(file))}
     folder = None if out is None else made_folder(out)
     with shown(progress) as tell:
-        return _judged(
+        return judged_and_kept(
             tree,
             rules,
             seed=seed,
@@ -588,7 +588,7 @@ def judge(
     return result
 
 
-def _judged(
+def judged_and_kept(
     trials: xr.DataTree,
     policy: Policy,
     *,
@@ -602,6 +602,7 @@ def _judged(
     resources: Mapping[str, Any] = MappingProxyType({}),
     estimator: Any = None,
 ) -> Audit:
+    """What policy and validators say of trials, written to `out` where there is one."""
     progress("validators", 0, 1)
     findings, not_checked = run_validators(trials, seed=seed, select=validators, levels=policy.levels)
     progress("validators", 1, 1)

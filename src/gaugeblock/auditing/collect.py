@@ -213,7 +213,7 @@ class _Fill:
     def __call__(self, block: tuple[str, range]) -> None:
         """Write a block where there is none; one that is made twice has the same bits twice."""
         path = self.path(*block)
-        if _intact(path):
+        if is_intact(path):
             return
         what, trials = block
         self.filling.fill(
@@ -241,7 +241,7 @@ class _Fill:
         return ImportanceTrials(*again)
 
     def _reader(self, what: str) -> Blocks:
-        return lambda trials: _read(self.path(what, trials))
+        return lambda trials: read_block(self.path(what, trials))
 
 
 @dataclass(frozen=True)
@@ -267,7 +267,7 @@ class _OnDisk:
 
     def filled(self, what: str, blocks: list[range], number: int) -> Generator[range]:
         """Each block in its order, once it is on disk."""
-        missing = [trials for trials in blocks if not _intact(self.fill.path(what, trials))]
+        missing = [trials for trials in blocks if not is_intact(self.fill.path(what, trials))]
         done = set(blocks) - set(missing)
         tasks = ((what, trials) for trials in missing)
         with closing(each(self.fill, tasks, folder=self.fill.filling.work, executor=self.executor)) as making:
@@ -283,7 +283,7 @@ class _OnDisk:
         self.fill.filling.enter_processor(*devices(self.fill.estimator))
         for trials in whole_blocks(earlier.sizes["trial"], self.fill.plan.block):
             path = self.fill.path(what, trials)
-            if trials.stop <= earlier.sizes["trial"] and not _intact(path):
+            if trials.stop <= earlier.sizes["trial"] and not is_intact(path):
                 block = earlier.isel(trial=slice(trials.start, trials.stop)).drop_encoding()
                 write_groups({"": block}, path)
                 mark(path)
@@ -295,14 +295,14 @@ class _OnDisk:
         return open_groups(whole, what="Trials", own=True)[""].drop_encoding()
 
     def _cut(self, what: str, trials: range, number: int) -> xr.Dataset:
-        return _read(self.fill.path(what, trials)).isel(trial=slice(number - trials.start))
+        return read_block(self.fill.path(what, trials)).isel(trial=slice(number - trials.start))
 
     def _say(self, what: str, done: int, number: int) -> None:
         if self.progress is not None:
             self.progress(what, min(done * self.fill.plan.block, number), number)
 
 
-def _read(path: Path) -> xr.Dataset:
+def read_block(path: Path) -> xr.Dataset:
     """A block that is ours.
 
     Raises
@@ -315,10 +315,10 @@ def _read(path: Path) -> xr.Dataset:
     return read_groups(path, what="block of trials", own=True)[""]
 
 
-def _intact(path: Path) -> bool:
+def is_intact(path: Path) -> bool:
     """Whether the block is on disk; a damaged one is not, nor one that somebody else put there."""
     try:
-        _read(path)
+        read_block(path)
     except InputError:
         return False
     return True

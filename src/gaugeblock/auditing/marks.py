@@ -43,7 +43,7 @@ def key_name() -> str:
     InputError
         If it is damaged, or others can read it.
     """
-    key = _key(key_path())
+    key = key_at(key_path())
     return hmac.digest(key, b"name", "sha256").hex()[:16] if key else "none"
 
 
@@ -83,7 +83,7 @@ def _beside(path: Path) -> Path:
 
 def _digest(path: Path) -> str:
     """Of the run, the name and the content: a block of another place, or of another run, does not fit."""
-    found = hmac.new(_key(key_path()), f"{path.parent.name}/{path.name}\0".encode(), hashlib.sha256)
+    found = hmac.new(key_at(key_path()), f"{path.parent.name}/{path.name}\0".encode(), hashlib.sha256)
     with open(path, "rb") as file:
         while part := file.read(1 << 20):
             found.update(part)
@@ -91,7 +91,7 @@ def _digest(path: Path) -> str:
 
 
 @cache
-def _key(path: Path) -> bytes:
+def key_at(path: Path) -> bytes:
     """The key, made where there is none; empty where none can be kept, as for a user without a home."""
     if not path.is_absolute():
         return b""

@@ -347,7 +347,7 @@ def main() -> None:
 
 def run(commands: Callable[[], object]) -> None:
     """Run a command line: errors become one line on stderr and exit code 2."""
-    signal.signal(signal.SIGINT, _interrupted)
+    signal.signal(signal.SIGINT, on_interrupt)
     try:
         commands()
     except (GaugeblockError, Interrupted) as error:
@@ -358,7 +358,8 @@ def run(commands: Callable[[], object]) -> None:
         _fail(error, f"internal error: {type(error).__name__}: {error} (--debug shows where)")
 
 
-def _interrupted(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001
+def on_interrupt(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001
+    """Handler of SIGINT: ends what is not being written."""
     interrupt()
 
 

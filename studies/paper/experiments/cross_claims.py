@@ -22,7 +22,7 @@ SAMPLED = ("i394", "i416")
 
 def numbers_of(table: xr.Dataset) -> Numbers:
     """Numbers by claim and part."""
-    return _shrinks(table) | _captures(table) | _pulls(table) | _samplers(table) | _apart(table)
+    return _shrinks(table) | _captures(table) | pulls_of(table) | _samplers(table) | _apart(table)
 
 
 def _column(table: xr.Dataset, name: str, rows: int | slice = slice(None)) -> list[tuple[float, float]]:
@@ -126,7 +126,7 @@ def _captures(table: xr.Dataset) -> Numbers:
     }
 
 
-def _pulls(table: xr.Dataset) -> Numbers:
+def pulls_of(table: xr.Dataset) -> Numbers:
     """RMS |z| over parameters and spectra, and whether exact and flow differ in it."""
     exact, own, flow = (
         np.abs(table[f"z_{k}"].values) for k in ("published_linear_norm", "reference", "flow")

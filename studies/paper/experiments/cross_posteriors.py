@@ -57,7 +57,7 @@ def exact(
     """
     target = simulators()[prior].exposed(LEVELS[level])
     # One spectrum after another: expected counts of all draws of all spectra would not fit into memory.
-    rows = [_weighted(flow, target, row, draws, rng) for row in counts]
+    rows = [weighted_draws(flow, target, row, draws, rng) for row in counts]
     found = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
     few = found["draws"][:, :FOLDED]
     rough = folded(prior)
@@ -79,7 +79,7 @@ def _log_likelihood(simulator: Any, theta: Array, counts: Array, scale: float) -
     return np.asarray(np.matmul(np.log(mean), counts[..., None])[..., 0] - mean.sum(axis=-1))
 
 
-def _weighted(
+def weighted_draws(
     flow: Any, target: Interpolated, counts: Array, draws: int, rng: np.random.Generator
 ) -> dict[str, Array]:
     """Summaries of one spectrum ``(channel,)`` from weighted draws of a flow."""
@@ -228,7 +228,7 @@ def profile(simulator: Interpolated, counts: Array, scale: float) -> Array:
 def by_flow(flow: Any, counts: Array, level: str, draws: int, rng: np.random.Generator) -> Mapping[str, Any]:
     """Draws of a flow, and its draws with importance weights: shrink of the gain by either."""
     target = simulators()["reference"].exposed(LEVELS[level])
-    rows = [_weighted(flow, target, row, draws, rng) for row in counts]
+    rows = [weighted_draws(flow, target, row, draws, rng) for row in counts]
     theta = flow.sample(counts, draws, rng)
     raw = shrink_of(theta[..., GAIN], np.full(theta.shape[:2], 1.0 / draws))
     return {

@@ -51,7 +51,7 @@ class GainPairs:
         """Theta ``(number, 5)`` from the prior, and counts ``(number, channel)`` by member."""
         theta = self.simulator.prior.sample(number, rng)
         counts = (
-            np.asarray(drawn, dtype=float) for drawn in coupled_poisson(*self._means(theta, per_cent), rng)
+            np.asarray(drawn, dtype=float) for drawn in coupled_poisson(*self.means(theta, per_cent), rng)
         )
         return theta, dict(zip(MEMBERS, counts, strict=True))
 
@@ -64,10 +64,10 @@ class GainPairs:
                     for seed, mean in zip(seeds, means, strict=True)
                 ]
             )
-            for member, means in zip(MEMBERS, self._means(theta, per_cent), strict=True)
+            for member, means in zip(MEMBERS, self.means(theta, per_cent), strict=True)
         }
 
-    def _means(self, theta: Array, per_cent: float) -> tuple[Array, Array]:
+    def means(self, theta: Array, per_cent: float) -> tuple[Array, Array]:
         factor = np.full((len(theta), 1), 1.0 + per_cent / 100.0)
         return self.simulator.expected(theta), self.shifted.expected(np.hstack([theta, factor]))
 

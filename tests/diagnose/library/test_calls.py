@@ -15,7 +15,6 @@ from gaugeblock.diagnosis.library.calls import (
     MORE,
     STEPS,
     Called,
-    _ways,
     as_logs,
     as_roots,
     as_shares,
@@ -25,6 +24,7 @@ from gaugeblock.diagnosis.library.calls import (
     knows_truth,
     standardised,
     transposed,
+    ways_to_call,
 )
 
 IMAGES = np.arange(24.0).reshape(2, 3, 4)
@@ -45,7 +45,7 @@ def test_what_is_done_to_data():
 
 
 def ways(x):
-    return [(symptom, words, turn(x), size) for symptom, words, turn, size in _ways(x)]
+    return [(symptom, words, turn(x), size) for symptom, words, turn, size in ways_to_call(x)]
 
 
 def test_ways_to_call_with_numbers_of_either_sign():

@@ -11,9 +11,9 @@ from gaugeblock.discovery.simulated.before import prepare
 from gaugeblock.discovery.simulated.extend import (
     Extended,
     LogRatio,
-    _between,
-    _starts,
     departure_from,
+    peak_between,
+    starting_points,
 )
 from gaugeblock.discovery.simulated.learning import Base, Lesson
 from gaugeblock.discovery.simulated.moment_fit import SimulatedFit
@@ -48,7 +48,7 @@ def begun(quiet, z, amplitude=0.3):
     before, found = quiet
     told = replace(found, z=np.asarray(z), amplitude=np.full(8, amplitude))
     one = before.observed.part(np.arange(40) == 0)
-    return _starts(before.candidates["spike"], told, before.fit, one)
+    return starting_points(before.candidates["spike"], told, before.fit, one)
 
 
 def test_one_data_set_is_fitted_from_where_its_score_is_largest_of_either_sign(quiet):
@@ -109,11 +109,11 @@ def test_values_are_sought_between_neighbours_that_differ_in_nothing_else():
     for peak, expected in (((2.25, 1.2), (2.25, 1.2)), ((1.7, 0.8), (1.7, 0.9)), ((2.0, 1.0), (2.0, 1.0))):
         gain = -((place - peak) ** 2 @ [1.0, 3.0])
         best = int(np.argmax(gain))
-        found = _between(Candidate("bump", bump, None), SimpleNamespace(scores=scores), gain, best)
+        found = peak_between(Candidate("bump", bump, None), SimpleNamespace(scores=scores), gain, best)
         assert found[1:] == pytest.approx(expected)
     # At the end of what is scanned a fit begins there.
     edge = int(np.flatnonzero((place == [4, 2]).all(axis=1))[0])
-    found = _between(Candidate("bump", bump, None), SimpleNamespace(scores=scores), gain, edge)
+    found = peak_between(Candidate("bump", bump, None), SimpleNamespace(scores=scores), gain, edge)
     assert found[1:].tolist() == [4.0, 2.0]
 
 

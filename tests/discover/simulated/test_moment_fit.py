@@ -7,11 +7,18 @@ import pytest
 
 from gaugeblock.discovery.simulated import extend
 from gaugeblock.discovery.simulated.before import prepare
-from gaugeblock.discovery.simulated.extend import _between, _starts, _step, extended_by, refine, refit
+from gaugeblock.discovery.simulated.extend import (
+    extended_by,
+    peak_between,
+    refine,
+    refit,
+    scan_step,
+    starting_points,
+)
 from gaugeblock.discovery.simulated.features import learn_features
 from gaugeblock.discovery.simulated.learning import Base, Lesson, learn, simulate_base
 from gaugeblock.discovery.simulated.model import Model
-from gaugeblock.discovery.simulated.moment_fit import SimulatedFit, _noise, fit_simulated, misfit
+from gaugeblock.discovery.simulated.moment_fit import SimulatedFit, fit_simulated, misfit, state_covariance
 from gaugeblock.discovery.simulated.observed import Budget, Observed
 from gaugeblock.discovery.simulated.population import LearnedPopulation
 from gaugeblock.discovery.simulated.score_tests import find
@@ -81,15 +88,15 @@ def test_a_fit_begins_between_scanned_values_and_at_a_second_place(spiked):
     before, one, _, _, found = spiked
     candidate = before.candidates["spike"]
     assert int(np.argmax(np.abs(found.z))) == 7
-    starts = [state[-2:] for _, state in _starts(candidate, found, before.fit, before.observed)]
+    starts = [state[-2:] for _, state in starting_points(candidate, found, before.fit, before.observed)]
     assert starts[0] == pytest.approx([found.amplitude[7], 7.0])
     assert starts[1] == pytest.approx([found.amplitude[2], 2.5], abs=0.1)
     assert len(starts) == 2
     assert one.values["mark"] == pytest.approx(2.5, abs=0.3)
     # The parabola through 1, 4, 3 peaks a quarter of the way to the right.
     gain = np.array([0.0, 1.0, 4.0, 3.0, 0.0, 0.0, 0.0, 1.0])
-    assert _between(candidate, found, gain, 2) == pytest.approx([candidate.entry.nodes[0][0], 2.25])
-    assert _between(candidate, found, gain, 7)[1] == 7.0
+    assert peak_between(candidate, found, gain, 2) == pytest.approx([candidate.entry.nodes[0][0], 2.25])
+    assert peak_between(candidate, found, gain, 7)[1] == 7.0
 
 
 def test_a_fit_begins_where_simulations_are_nearest_and_not_where_the_score_peaks(spiked, readings):
@@ -101,7 +108,7 @@ def test_a_fit_begins_where_simulations_are_nearest_and_not_where_the_score_peak
     told = find(before.scores, before.fit, other, replicates=399, rng=np.random.default_rng(1))
     assert int(np.argmax(np.abs(told.z))) == 5
     told = replace(told, z=np.where(np.arange(8) == 1, 99.0, told.z))
-    starts = [state[-2:] for _, state in _starts(candidate, told, before.fit, other)]
+    starts = [state[-2:] for _, state in starting_points(candidate, told, before.fit, other)]
     assert starts == [pytest.approx([told.amplitude[5], 5.0], abs=0.2)]
 
 
@@ -187,11 +194,11 @@ def test_a_fit_that_begins_within_a_tenth_of_its_errors_takes_one_step():
 def test_steps_of_scanned_parameters_reach_halfway_to_the_next_value(spiked):
     before, _, _, _, found = spiked
     candidate = before.candidates["spike"]
-    ((model, _), *_) = _starts(candidate, found, before.fit, before.observed)
+    ((model, _), *_) = starting_points(candidate, found, before.fit, before.observed)
     assert model.steps[-1] == 0.5
     assert model.scanned.tolist() == [False, False, False, True]
     alone = replace(candidate.entry, scanned={"mark": [3.0]})
-    assert _step(alone, "mark") == pytest.approx(0.04 * 7.0)
+    assert scan_step(alone, "mark") == pytest.approx(0.04 * 7.0)
 
 
 def test_a_fit_that_begins_too_narrow_finds_the_width(spiked, readings):
@@ -221,7 +228,7 @@ def test_noise_in_what_was_learned_is_no_information():
     for _ in range(200):
         halves = truth[:, None] + 0.1 * rng.normal(size=(1, 2, 40))
         lesson = Lesson(np.zeros(1), base.learn(halves.reshape(2, 40)).reshape(1, 2, 40), halves)
-        covariances.append(_noise(lesson, base, observed, span)[0, 0] / observed.inflation)
+        covariances.append(state_covariance(lesson, base, observed, span)[0, 0] / observed.inflation)
         naive.append(1.0 / (100 * (lesson.slope**2).sum()))
     # Exactly known, the answer gives 1 / (100 x 0.3^2) = 0.111; noise in it is 40 x 0.1^2 / 2 = 0.2 more.
     assert np.median(naive) < 0.6 * 0.111

@@ -284,10 +284,10 @@ def test_its_key_is_the_last_that_a_finished_training_loses(tmp_path, monkeypatc
         remove(path, **how)
 
     monkeypatch.setattr(training.shutil, "rmtree", watched)
-    training._end(work)
+    training.clear_up(work)
     assert seen[-1] == ["key"]
     assert not work.exists()
     work.mkdir()
-    training._begin(tmp_path, work, "mine", replace=False)
+    training.begin_training(tmp_path, work, "mine", replace=False)
     with pytest.raises(InputError, match="the unfinished training of another model"):
-        training._begin(tmp_path, work, "another", replace=False)
+        training.begin_training(tmp_path, work, "another", replace=False)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from studies.paper.experiments.arithmetic import GAIN_PRIOR_SD
-from studies.paper.experiments.cross_claims import _pulls, capture
+from studies.paper.experiments.cross_claims import capture, pulls_of
 from studies.paper.experiments.cross_posteriors import (
     effective_dimension,
     overlap,
@@ -111,7 +111,7 @@ def test_pulls_of_equal_posteriors_are_equal_and_wider_ones_are_seen():
             "z_flow": (("spectrum", "parameter"), 1.5 * z),
         }
     )
-    found = _pulls(table)["xc.zrms"]
+    found = pulls_of(table)["xc.zrms"]
     assert found["flow"][0] == pytest.approx(1.5 * found["exact"][0])
     assert found["p"][0] < 1e-6
     # RMS of 60 normal numbers: relative error 1 / sqrt(120).
@@ -120,7 +120,7 @@ def test_pulls_of_equal_posteriors_are_equal_and_wider_ones_are_seen():
 
 def test_weights_make_a_poor_proposal_exact():
     """A flow that is wrong on purpose: draws from the prior, of a model whose posterior is known."""
-    from studies.paper.experiments.cross_posteriors import _weighted
+    from studies.paper.experiments.cross_posteriors import weighted_draws
 
     from gaugeblock.simulators import Prior, Uniform
 
@@ -139,7 +139,7 @@ def test_weights_make_a_poor_proposal_exact():
             return Straight.prior.log_prob(theta)
 
     target, counts = Straight(), np.array([1.0, 1.0, 1.0, 1.0, 1.0, 100.0])
-    found = _weighted(FromThePrior(), target, counts, 60_000, np.random.default_rng(4))
+    found = weighted_draws(FromThePrior(), target, counts, 60_000, np.random.default_rng(4))
     # A Poisson mean under a flat prior: a gamma distribution of shape 101, scale 1/100.
     assert found["mean"][5] == pytest.approx(1.01, abs=5e-3)
     assert found["sd"][5] == pytest.approx(np.sqrt(101.0) / 100.0, rel=0.03)

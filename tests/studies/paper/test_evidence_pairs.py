@@ -14,7 +14,7 @@ def medium(xray_data):
 
 
 def correlation(theta, counts, pairs):
-    means = dict(zip(MEMBERS, pairs._means(theta, 3.0), strict=True))
+    means = dict(zip(MEMBERS, pairs.means(theta, 3.0), strict=True))
     noise = [(counts[member] - means[member]) / np.sqrt(means[member]) for member in MEMBERS]
     return np.corrcoef(noise[0].ravel(), noise[1].ravel())[0, 1]
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from studies.paper import Measured, claims, judge
-from studies.paper.family import _error as error_of
-from studies.paper.family import common_share, families, holm
+from studies.paper.family import common_share, error_of, families, holm
 from studies.paper.trainings import is_paired, scatter
 
 

@@ -86,7 +86,7 @@ def test_equal_points_have_a_width_of_one_and_many_are_drawn_without_replacement
     np.testing.assert_allclose(gaussian_kernel([[0.0]] * 4 + [[2.0]])[0], [1, 1, 1, 1, np.exp(-4)])
     monkeypatch.setattr(kernels, "MOST_POINTS", 5)
     points = np.arange(9.0)[:, None]
-    some = kernels._some(points, np.random.default_rng(9))
+    some = kernels.at_most(points, np.random.default_rng(9))
     np.testing.assert_array_equal(some, points[np.random.default_rng(9).permutation(9)[:5]])
-    assert kernels._some(points[:5], np.random.default_rng(9)) is not some
-    np.testing.assert_array_equal(kernels._some(points[:5], np.random.default_rng(9)), points[:5])
+    assert kernels.at_most(points[:5], np.random.default_rng(9)) is not some
+    np.testing.assert_array_equal(kernels.at_most(points[:5], np.random.default_rng(9)), points[:5])

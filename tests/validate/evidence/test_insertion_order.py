@@ -6,9 +6,9 @@ from scipy import stats
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.evidence.insertion_order import (
-    _smaller_before,
     insertion_order_test,
     insertion_ranks,
+    smaller_before,
 )
 from gaugeblock.validate.evidence.nested_threads import split_threads
 from gaugeblock.validate.evidence.perfect_runs import perfect_run
@@ -153,4 +153,4 @@ def test_p_values_are_of_ranks_in_the_order_of_contours():
 @pytest.mark.parametrize("n", [1, 2, 5, 8, 9, 33])
 def test_smaller_ones_before_are_counted(n):
     value = np.random.default_rng(n).permutation(n).astype(float)
-    assert _smaller_before(value).tolist() == [int(np.sum(value[:k] < value[k])) for k in range(n)]
+    assert smaller_before(value).tolist() == [int(np.sum(value[:k] < value[k])) for k in range(n)]

@@ -10,9 +10,9 @@ from gaugeblock.simulators.two_moons import TwoMoons
 from gaugeblock.validate import NotChecked, judge, make_policy, make_trials, trials_tree
 from gaugeblock.validate.joint.dense_ratio import least_draws, log_density_ratio
 from gaugeblock.validate.joint.normalisation import (
-    _held,
     density,
     discrete,
+    finding_and_doubt,
     lacking_density,
     normalisation_finding,
     ratios,
@@ -369,16 +369,16 @@ def test_why_draws_do_not_confirm_a_density(monkeypatch):
 
 def test_an_estimate_that_cannot_be_relied_on_says_why():
     heavy = np.random.default_rng(25).standard_cauchy(400) * 3
-    finding, why = _held(heavy, 100, 1)
+    finding, why = finding_and_doubt(heavy, 100, 1)
     assert tail_index(heavy) > 0.5
     said = f"the estimate, {finding.estimate[0]:+.2f} nat, is not to be relied on (tail index "
     assert why.startswith(said)
     low = np.full(50, -1.0)
     for number, parameters, said in ((119, 2, True), (120, 2, False), (40, 1, False)):
-        _, why = _held(low, number, parameters)
+        _, why = finding_and_doubt(low, number, parameters)
         assert bool(why) == said
         assert not said or f"({number} draws, below 120)" in why
-    assert _held(-low, 50, 2)[1] == ""
+    assert finding_and_doubt(-low, 50, 2)[1] == ""
     # Two of its errors, the root of 10 / 60 / 50, are 0.115.
-    assert _held(np.full(50, -0.14), 50, 2)[1] != ""
-    assert _held(np.full(50, -0.10), 50, 2)[1] == ""
+    assert finding_and_doubt(np.full(50, -0.14), 50, 2)[1] != ""
+    assert finding_and_doubt(np.full(50, -0.10), 50, 2)[1] == ""

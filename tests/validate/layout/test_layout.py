@@ -162,5 +162,5 @@ def test_as_many_trials_as_can_be_ranked():
     """Values that are ranked: trials, 50 draws, columns of each parameter, and nine readings of some."""
     for parameters, pairs in ((1, 10), (8, 640), (9, 81 + 81), (60, 3600 + 540)):
         wanted = min(max((1 << 24) // (50 * pairs), 100), 500)
-        assert module._affordable(parameters) == wanted
-    assert 100 < module._affordable(26) < 500
+        assert module.affordable_trials(parameters) == wanted
+    assert 100 < module.affordable_trials(26) < 500

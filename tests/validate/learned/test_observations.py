@@ -6,7 +6,7 @@ from scipy import stats
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.learned.discriminant import fit_discriminant
-from gaugeblock.validate.learned.observations import _differences, local_c2st
+from gaugeblock.validate.learned.observations import differences_of_means, local_c2st
 
 
 def problem(n, *, seed, fault=0.0, draws=30):
@@ -53,7 +53,7 @@ def test_refits_are_what_refitting_would_give():
     rng = np.random.default_rng(3)
     phi = rng.normal(size=(40, 5, 4))
     called = rng.integers(0, 5, size=(6, 40))
-    found = _differences(phi.reshape(200, 4), called, 5)
+    found = differences_of_means(phi.reshape(200, 4), called, 5)
     for replicate in range(6):
         mask = np.zeros((40, 5), dtype=bool)
         mask[np.arange(40), called[replicate]] = True

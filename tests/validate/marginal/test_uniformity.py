@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gaugeblock.validate.marginal.uniformity import _limits, band, ecdf_test, interior_probability
+from gaugeblock.validate.marginal.uniformity import band, binomial_limits, ecdf_test, interior_probability
 
 
 def test_recursion_agrees_with_enumeration():
@@ -23,7 +23,7 @@ def test_recursion_agrees_with_enumeration():
 def test_limits_are_the_binomial_tails(n, tail):
     points = min(n, 100)
     z = np.arange(1, points) / points
-    lower, upper = _limits(tail, n, points)
+    lower, upper = binomial_limits(tail, n, points)
     assert (stats.binom.cdf(lower, n, z) > tail).all()
     assert (stats.binom.cdf(lower - 1, n, z) <= tail * (1 + 1e-8)).all()
     assert (stats.binom.sf(upper - 1, n, z) > tail * (1 - 1e-8)).all()

@@ -88,16 +88,18 @@ def learn(known: Known, *, order: ArrayLike) -> Learned:
     for start, stop in itertools.pairwise(edges):
         taught, scored = sequence[max(0, start - MOST_TAUGHT) : start], sequence[start:stop]
         terms = with_products(plain, known.pools.scores[taught])
-        coefficient = _chosen(
-            _columns(known, terms, taught, _unseen(known, plain, taught), TAUGHT_CANDIDATES)
+        coefficient = coefficients(
+            centred_columns(known, terms, taught, foretold_unseen(known, plain, taught), TAUGHT_CANDIDATES)
         )
         last = fit_challenger(known, plain, taught)
-        columns = _columns(known, terms, scored, last(known, scored))
-        _account(told, terms, columns)
+        columns = centred_columns(known, terms, scored, last(known, scored))
+        account(told, terms, columns)
         values = columns @ coefficient
         expected = last.location(known.data.values[scored])[:, :p]
         spread = np.broadcast_to(np.linalg.norm(last.location.root, axis=1), expected.shape)
-        parts.append((_pit(values, known.pools.ties[scored]), _gain(values), expected, spread))
+        parts.append(
+            (pit_of_truth(values, known.pools.ties[scored]), expected_gain(values), expected, spread)
+        )
     pit, gain, location, spread = (np.concatenate(column) for column in zip(*parts, strict=True))
     row = sequence[edges[0] :]
     back = np.argsort(row)
@@ -130,7 +132,7 @@ def weights(gain: ArrayLike) -> Array:
     return np.asarray(np.minimum(size / np.sqrt(np.mean(size**2)), MOST_WEIGHT))
 
 
-def _unseen(known: Known, terms: Terms, taught: Rows) -> tuple[Array, Array]:
+def foretold_unseen(known: Known, terms: Terms, taught: Rows) -> tuple[Array, Array]:
     """What is foretold of the trials that teach by challengers that did not see them."""
     linear, trees = np.empty((len(taught), terms.regressed)), np.empty((len(taught), terms.treed))
     for fold in range(FOLDS):
@@ -139,7 +141,7 @@ def _unseen(known: Known, terms: Terms, taught: Rows) -> tuple[Array, Array]:
     return linear, trees
 
 
-def _columns(
+def centred_columns(
     known: Known, terms: Terms, rows: Rows, foretold: tuple[Array, Array], candidates: int | None = None
 ) -> Array:
     """Terms times what is foretold of them, ``(n, candidate, column)``, of mean 0 in each pool.
@@ -155,7 +157,7 @@ def _columns(
     return np.concatenate([alone, regressed * linear[:, None], treed * trees[:, None]], axis=2)
 
 
-def _chosen(columns: Array) -> Array:
+def coefficients(columns: Array) -> Array:
     """Coefficients ``(column,)`` of the log odds of being the truth; 0 for columns that chance explains.
 
     In two rounds: a column may tell nothing by itself, and much beside others (a narrower truth, once it is
@@ -174,7 +176,8 @@ def _chosen(columns: Array) -> Array:
     return coefficient / np.where(scale > 0, scale, 1.0)
 
 
-def _account(told: dict[tuple[Term, str], Told], terms: Terms, columns: Array) -> None:
+def account(told: dict[tuple[Term, str], Told], terms: Terms, columns: Array) -> None:
+    """Add to `told` what each term told of the truths, by columns ``(n, candidate, column)``."""
     keys = [
         *((term, "alone") for term in terms.every[terms.places :]),
         *((term, "ridge") for term in terms.every[: terms.regressed]),
@@ -186,14 +189,14 @@ def _account(told: dict[tuple[Term, str], Told], terms: Terms, columns: Array) -
         told[key] = Told(so_far.excess + float(more), so_far.square + float(scatter))
 
 
-def _pit(values: Array, ties: Array) -> Array:
+def pit_of_truth(values: Array, ties: Array) -> Array:
     """Randomised PIT ``(n,)`` of the first of values ``(n, candidate)``: low where truths score high."""
     above = np.count_nonzero(values[:, 1:] > values[:, :1], axis=1)
     equal = np.count_nonzero(values[:, 1:] == values[:, :1], axis=1)
     return np.asarray((above + (equal + 1) * ties) / values.shape[1])
 
 
-def _gain(values: Array) -> Array:
+def expected_gain(values: Array) -> Array:
     """How far below 1/2 the PIT of the truth is expected, ``(n,)``, from the log odds of all candidates."""
     chance = np.sort(softmax(values), axis=1)
     number = values.shape[1]

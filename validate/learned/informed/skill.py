@@ -51,7 +51,7 @@ def skill(theta_true: ArrayLike, draws: ArrayLike) -> Skill:
     truth, drawn = np.asarray(theta_true, dtype=float), np.asarray(draws, dtype=float)
     known = np.sort(truth)
     # In order, places among the truths are found several times as fast.
-    own, others = _cdf(truth, known), _cdf(np.sort(drawn, axis=1), known)
+    own, others = share_below(truth, known), share_below(np.sort(drawn, axis=1), known)
     ordered = np.sort(own)
     n, number = len(own), drawn.shape[1]
     # Mean distance of each truth from all others, from sums of those below it.
@@ -77,13 +77,14 @@ def forecast_crps(
     """
     level = special.ndtri((np.arange(FORECAST) + 0.5) / FORECAST)
     points = special.ndtr(np.asarray(expected)[:, None] + np.asarray(spread)[:, None] * level)
-    own = _cdf(np.asarray(theta_true, dtype=float), np.sort(np.asarray(all_true, dtype=float)))
+    own = share_below(np.asarray(theta_true, dtype=float), np.sort(np.asarray(all_true, dtype=float)))
     # These are quantiles, not draws: the distance of a point from itself counts.
     within = points @ (2 * np.arange(FORECAST) - FORECAST + 1) / FORECAST**2
     return np.asarray(np.abs(points - own[:, None]).mean(axis=1) - within)
 
 
-def _cdf(values: Array, known: Array) -> Array:
+def share_below(values: Array, known: Array) -> Array:
+    """Share of sorted `known` ``(m,)`` below each value, of any shape; those that equal it count half."""
     flat = values.ravel()
     upper = np.searchsorted(known, flat, side="right")
     lower = upper.copy()

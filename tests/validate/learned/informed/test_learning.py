@@ -16,20 +16,20 @@ from gaugeblock.validate.learned.informed.informed import rank_finding
 from gaugeblock.validate.learned.informed.learning import (
     NOTHING,
     Told,
-    _account,
-    _chosen,
-    _columns,
-    _gain,
-    _pit,
-    _unseen,
+    account,
+    centred_columns,
+    coefficients,
+    expected_gain,
+    foretold_unseen,
     learn,
+    pit_of_truth,
     stage_edges,
     together,
     weights,
 )
 from gaugeblock.validate.learned.informed.pools import Pools, rank_scores
 from gaugeblock.validate.learned.informed.ridge import fit_ridge
-from gaugeblock.validate.learned.informed.skill import _cdf, fair_crps, forecast_crps, skill
+from gaugeblock.validate.learned.informed.skill import fair_crps, forecast_crps, share_below, skill
 from gaugeblock.validate.learned.informed.terms import regressed_terms, values_of, with_products
 from gaugeblock.validate.learned.informed.trees import fit_trees
 from gaugeblock.validate.marginal.uniformity import ecdf_test
@@ -157,7 +157,7 @@ def test_what_teaches_how_much_counts_has_not_been_seen():
     x = rng.normal(size=(90, 60))
     seen = known(rng.normal(size=(90, 9, 1)), x, rng)
     rows = np.arange(90)
-    held, _ = _unseen(seen, regressed_terms(1), rows)
+    held, _ = foretold_unseen(seen, regressed_terms(1), rows)
     assert abs(np.corrcoef(held[:, 0], seen.pools.scores[:, 0, 0])[0, 1]) < 0.35
 
 
@@ -212,7 +212,7 @@ def test_a_place_among_the_truths_is_in_the_middle_of_ties():
     known_truths, values = np.array([0.0, 1.0, 1.0, 1.0, 2.5]), np.array([[-1.0, 0.0, 0.5], [1.0, 2.5, 9.0]])
     below = (known_truths < values[..., None]).mean(axis=2)
     np.testing.assert_allclose(
-        _cdf(values, known_truths), (below + (known_truths <= values[..., None]).mean(axis=2)) / 2
+        share_below(values, known_truths), (below + (known_truths <= values[..., None]).mean(axis=2)) / 2
     )
 
 
@@ -245,11 +245,11 @@ def test_columns_are_terms_times_what_is_foretold_of_them():
         wanted = [values[..., k] for k in range(2, 6)]
         wanted += [values[..., k] * linear[:, [k]] for k in range(6)]
         wanted += [values[..., k] * trees[:, [k]] for k in range(5)]
-        found = _columns(seen, terms, rows, (linear, trees), candidates)
+        found = centred_columns(seen, terms, rows, (linear, trees), candidates)
         np.testing.assert_allclose(found, np.stack(wanted, axis=2), atol=1e-5)
     told = {}
     for _ in range(2):
-        _account(told, terms, found)
+        account(told, terms, found)
     ridge = [(0,), (1,), (0, 0), (1, 1), (), (0, 1)]
     every = {"alone": ridge[2:], "ridge": ridge, "trees": ridge[:5]}
     keys = [(term, how) for how, some in every.items() for term in some]
@@ -270,7 +270,7 @@ def test_columns_that_chance_explains_stay_out():
     columns[:, :, 3] = columns[:, :, 0] + 0.2 * columns[:, :, 4]
     columns[:, 0, 3] -= 0.5
     columns -= columns.mean(axis=1, keepdims=True)
-    found = _chosen(columns)
+    found = coefficients(columns)
     scale = np.sqrt((columns**2).mean(axis=(0, 1)))
     standard = columns / np.where(scale > 0, scale, 1.0)
     kept = np.abs(score_z(standard, np.zeros(6))) >= 2
@@ -288,19 +288,19 @@ def test_columns_that_chance_explains_stay_out():
     noise -= noise.mean(axis=1, keepdims=True)
     z = np.abs(score_z(noise, np.zeros(4)))
     assert z.max() < 2
-    assert int(z.argmax()) in np.flatnonzero(_chosen(noise))
-    assert np.count_nonzero(_chosen(noise)) <= 2
-    assert _chosen(np.zeros((5, 3, 2))).tolist() == [0.0, 0.0]
+    assert int(z.argmax()) in np.flatnonzero(coefficients(noise))
+    assert np.count_nonzero(coefficients(noise)) <= 2
+    assert coefficients(np.zeros((5, 3, 2))).tolist() == [0.0, 0.0]
 
 
 def test_ranks_and_gains_of_a_few_candidates():
     values = np.array([[2.0, 1.0, 2.0, 5.0], [0.0, 0.0, 0.0, 0.0], [9.0, 1.0, 2.0, 3.0]])
     ties = np.array([0.5, 0.25, 0.75])
-    np.testing.assert_allclose(_pit(values, ties), [(1 + 2 * 0.5) / 4, (0 + 4 * 0.25) / 4, 0.75 / 4])
+    np.testing.assert_allclose(pit_of_truth(values, ties), [(1 + 2 * 0.5) / 4, (0 + 4 * 0.25) / 4, 0.75 / 4])
     chance = np.exp(values) / np.exp(values).sum(axis=1, keepdims=True)
     rank = np.array([7, 5, 3, 1]) / 8  # from the one with the smallest chance on
     wanted = 0.5 - (np.sort(chance, axis=1) * rank).sum(axis=1)
-    np.testing.assert_allclose(_gain(values), wanted)
+    np.testing.assert_allclose(expected_gain(values), wanted)
     assert wanted[1] == 0.0
     np.testing.assert_allclose(softmax(values + 1e4), chance)
 
@@ -327,14 +327,16 @@ def test_each_stage_is_scored_by_what_was_learned_before_it(monkeypatch):
     for start, stop in itertools.pairwise([8, 13, 23, 38, 64]):
         taught, scored = order[max(0, start - 30) : start], order[start:stop]
         terms = with_products(plain, seen.pools.scores[taught])
-        chosen = _chosen(_columns(seen, terms, taught, _unseen(seen, plain, taught), 17))
+        chosen = coefficients(centred_columns(seen, terms, taught, foretold_unseen(seen, plain, taught), 17))
         last = fit_challenger(seen, plain, taught)
-        columns = _columns(seen, terms, scored, last(seen, scored))
-        _account(told, terms, columns)
+        columns = centred_columns(seen, terms, scored, last(seen, scored))
+        account(told, terms, columns)
         score = columns @ chosen
         expected = last.location(seen.data.values[scored])[:, :2]
         spread = np.tile(np.sqrt((last.location.root**2).sum(axis=1)), (len(scored), 1))
-        parts.append((scored, _pit(score, seen.pools.ties[scored]), _gain(score), expected, spread))
+        parts.append(
+            (scored, pit_of_truth(score, seen.pools.ties[scored]), expected_gain(score), expected, spread)
+        )
     row, pit, gain, location, spread = (np.concatenate(part) for part in zip(*parts, strict=True))
     back = np.argsort(row)
     np.testing.assert_array_equal(found.row, row[back])
@@ -350,7 +352,7 @@ def test_the_trials_that_teach_are_foretold_in_thirds():
     rng = np.random.default_rng(24)
     seen, taught = known(rng.normal(size=(40, 9, 2)), rng.normal(size=(40, 3)), rng), np.arange(5, 38)
     terms = regressed_terms(2)
-    linear, trees = _unseen(seen, terms, taught)
+    linear, trees = foretold_unseen(seen, terms, taught)
     for fold in range(3):
         held = np.arange(33) % 3 == fold
         one, other = fit_challenger(seen, terms, taught[~held])(seen, taught[held])
