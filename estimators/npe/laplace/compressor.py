@@ -52,8 +52,12 @@ def potential(log_mean: Tensor, x: Tensor, score: Tensor) -> Tensor:
 
 
 def _mode(emulator: Emulator, x: Tensor, score: Tensor) -> tuple[Tensor, Tensor]:
-    """Levenberg-Marquardt with a damping of its own for every row."""
-    one = torch.eye(score.shape[-1], device=score.device)
+    """Levenberg-Marquardt with a damping of its own for every row, in double precision.
+
+    In single precision rounding decides whether a last step goes downhill, and a spectrum's posterior would
+    depend on the spectra beside it.
+    """
+    like, x, score = score, x.double(), score.double()
     damping = score.new_full((len(score), 1), 1e-2)
     log_mean, slope = emulator.with_slope(score)
     height = potential(log_mean, x, score)
@@ -70,12 +74,12 @@ def _mode(emulator: Emulator, x: Tensor, score: Tensor) -> tuple[Tensor, Tensor]
         slope = torch.where(lower[:, None, None], tried_slope, slope)
         height = torch.where(lower, tried_height, height)
         damping = torch.where(lower[:, None], 0.2 * damping, 8.0 * damping).clamp(1e-6, 1e4)
-    return score, _inverse(_information(log_mean, slope, x, score)[0], one)
+    return score.to(like), _inverse(_information(log_mean, slope, x, score)[0]).to(like)
 
 
 def _information(log_mean: Tensor, slope: Tensor, x: Tensor, score: Tensor) -> tuple[Tensor, Tensor]:
     expected = torch.exp(log_mean)
-    prior = torch.eye(score.shape[-1], device=score.device)
+    prior = torch.eye(score.shape[-1], dtype=score.dtype, device=score.device)
     information = (slope * expected[:, None]) @ slope.transpose(1, 2) + prior
     return information, (slope @ (x - expected)[..., None])[..., 0] - score
 
@@ -87,8 +91,7 @@ def _widened(emulator: Emulator, x: Tensor, mean: Tensor, covariance: Tensor) ->
     flat, counts = points.flatten(end_dim=1), x.repeat_interleave(number, dim=0)
     log_mean, slope = emulator.with_slope(flat)
     height = potential(log_mean, counts, flat).reshape(rows, number)
-    one = torch.eye(size, device=mean.device)
-    local = _inverse(_information(log_mean, slope, counts, flat)[0], one)
+    local = _inverse(_information(log_mean, slope, counts, flat)[0])
     weight = torch.exp((parabola - height + height[:, :1]).clamp(max=HEAVIEST))
     weight = weight / weight.sum(dim=1, keepdim=True)
     centre = (weight[..., None] * points).sum(dim=1)
@@ -119,8 +122,8 @@ def _shape(emulator: Emulator, x: Tensor, mean: Tensor, factor: Tensor) -> Tenso
     return torch.asinh(torch.cat((excess, (local - expected).flatten(start_dim=1)), dim=-1))
 
 
-def _inverse(information: Tensor, one: Tensor) -> Tensor:
-    return torch.cholesky_solve(one.expand_as(information), torch.linalg.cholesky(information))
+def _inverse(information: Tensor) -> Tensor:
+    return torch.cholesky_inverse(torch.linalg.cholesky(information))
 
 
 ROWS = 512

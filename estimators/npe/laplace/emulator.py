@@ -41,15 +41,24 @@ class Emulator(nn.Module):
         return self.last(nn.functional.silu(self.second(hidden))) * self.scale + self.mean
 
     def with_slope(self, score: Tensor) -> tuple[Tensor, Tensor]:
-        """Log expected counts ``(n, channel)`` and their derivatives ``(n, parameter, channel)``."""
+        """Log expected counts ``(n, channel)`` and their derivatives ``(n, parameter, channel)``.
+
+        In the scores' precision, whatever that of the weights.
+        """
+        first, second, last = (self._as(layer, score) for layer in (self.first, self.second, self.last))
+        scale, mean = self.scale.to(score.dtype), self.mean.to(score.dtype)
         place = 2.0 * torch.special.ndtr(score) - 1.0
         density = math.sqrt(2.0 / math.pi) * torch.exp(-0.5 * score**2)
-        hidden, gain = _silu(self.first(place))
-        slope = self.first.weight.T[None] * density[..., None] * gain[:, None]
-        hidden, gain = _silu(self.second(hidden))
-        slope = (slope @ self.second.weight.T) * gain[:, None]
-        slope = (slope @ self.last.weight.T) * self.scale
-        return self.last(hidden) * self.scale + self.mean, slope
+        hidden, gain = _silu(nn.functional.linear(place, *first))
+        slope = first[0].T[None] * density[..., None] * gain[:, None]
+        hidden, gain = _silu(nn.functional.linear(hidden, *second))
+        slope = (slope @ second[0].T) * gain[:, None]
+        slope = (slope @ last[0].T) * scale
+        return nn.functional.linear(hidden, *last) * scale + mean, slope
+
+    @staticmethod
+    def _as(layer: nn.Linear, score: Tensor) -> tuple[Tensor, Tensor]:
+        return layer.weight.to(score.dtype), layer.bias.to(score.dtype)
 
 
 def _silu(x: Tensor) -> tuple[Tensor, Tensor]:

@@ -37,7 +37,8 @@ class LogLinear:
         return 0.1 * score + self.level
 
     def with_slope(self, score):
-        return self(score), 0.1 * torch.eye(self.size).expand(len(score), -1, -1)
+        slope = 0.1 * torch.eye(self.size, dtype=score.dtype)
+        return self(score), slope.expand(len(score), -1, -1)
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +60,12 @@ def test_slopes_are_those_of_the_emulator():
     torch.testing.assert_close(value, emulator(score))
     exact = torch.func.vmap(torch.func.jacrev(lambda s: emulator(s[None])[0]))(score)
     torch.testing.assert_close(slope, exact.transpose(1, 2), rtol=1e-4, atol=1e-5)
+    # As precise as the scores: single precision is off by more than this.
+    precise, steep = emulator.with_slope(score.double())
+    emulator.double()
+    torch.testing.assert_close(precise, emulator(score.double()), rtol=1e-12, atol=0.0)
+    exact = torch.func.vmap(torch.func.jacrev(lambda s: emulator(s[None])[0]))(score.double())
+    torch.testing.assert_close(steep, exact.transpose(1, 2), rtol=1e-10, atol=1e-12)
 
 
 def test_a_quadratic_posterior_is_found_as_it_is():
@@ -82,8 +89,8 @@ class Mixed:
         return self.with_slope(score)[0]
 
     def with_slope(self, score):
-        slope = torch.from_numpy(self.matrix.T).float()
-        return score @ slope + torch.from_numpy(self.level).float(), slope.expand(len(score), -1, -1)
+        slope = torch.from_numpy(self.matrix.T).to(score)
+        return score @ slope + torch.from_numpy(self.level).to(score), slope.expand(len(score), -1, -1)
 
 
 def by_hand(x):
