@@ -20,13 +20,13 @@ NEARLY = 0.03
 class LayoutReading:
     """The parameter's value is ``offset + unit * inverse_transform(draw)``.
 
-    `price` is what a reading with fitted numbers pays, as a factor of its loss, against one without.
+    One with `fitted` numbers may come out as a column as it is, and is another reading all the same.
     """
 
     transform: str = "none"
     unit: float = 1.0
     offset: float = 0.0
-    price: float = 1.0
+    fitted: bool = False
 
     def read(self, draws: Array) -> Array:
         """Draws as the parameter's values, any shape; not finite where they cannot be read so."""
@@ -79,14 +79,14 @@ def readings(truth: Array, draws: Array) -> Iterator[LayoutReading]:
         yield from (LayoutReading(transform) for transform in ("exp10", "exp"))
     median = float(np.median(truth)), float(np.median(draws))
     spread = _quartiles(truth), _quartiles(draws)
-    yield LayoutReading(offset=median[0] - median[1], price=1.05)
+    yield LayoutReading(offset=median[0] - median[1], fitted=True)
     if spread[0] > 0 and spread[1] > 0:
         ratio = spread[0] / spread[1]
-        yield LayoutReading(unit=_known(_factor(truth, draws, ratio)), price=1.05)
-        yield LayoutReading(unit=ratio, offset=median[0] - ratio * median[1], price=1.1)
+        yield LayoutReading(unit=_known(_factor(truth, draws, ratio)), fitted=True)
+        yield LayoutReading(unit=ratio, offset=median[0] - ratio * median[1], fitted=True)
         low, width = float(truth.min()), float(np.ptp(truth))
         room = width / len(truth)
-        yield LayoutReading("logit", unit=width + 2 * room, offset=low - room, price=1.1)
+        yield LayoutReading("logit", unit=width + 2 * room, offset=low - room, fitted=True)
 
 
 def _quartiles(values: Array) -> float:
