@@ -217,6 +217,11 @@ def test_rivals_stand_where_they_were_found():
     held = replace(scored(), names=("before", "line + dip + line", "other", "unnamed", "random 1"))
     found = decide(COUNTS, LOUD, twice, QUIET, held, worth=(30.0, 30.0, 30.0), lost=((), (), ()))
     assert [one.alike[1:] for one in found.claims] == [("unnamed",), ("unnamed",), ("edge", "unnamed")]
+    # And where two effects stand in the place of one of its lines, so it does.
+    twice = rounds(Extension(("line", "line"), 60.0, 2), Extension(("line", "edge", "dip"), 59.5, 3), z=1.0)
+    held = replace(scored(), names=("before", "line + line", "other", "unnamed", "random 1"))
+    found = decide(COUNTS, LOUD, twice, QUIET, held, worth=(30.0, 30.0), lost=((), ()))
+    assert [one.alike[1:] for one in found.claims] == [("unnamed",), ("dip", "unnamed")]
 
 
 def test_certain_begins_at_25_nats_and_named_is_the_first_certain_name():

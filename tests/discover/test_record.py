@@ -9,6 +9,7 @@ import pytest
 
 from gaugeblock.discovery import Candidates, Sources, record
 from gaugeblock.discovery.counts import Counts
+from gaugeblock.discovery.decision import Claim
 from gaugeblock.discovery.record import LEFT, recorded, with_e_value, with_evidence
 from gaugeblock.discovery.result import Gap, Region, Sides, Withdrawn
 from gaugeblock.discovery.workflow import search
@@ -28,6 +29,18 @@ def searched(power_law):
         engine = Counts(sources, rng=np.random.default_rng(1), replicates=249, proposed=library)
         made.append((engine, search(engine)))
     return made
+
+
+def test_an_excess_without_a_name_is_where_its_first_region_is_and_energies_are_in_keV(searched, monkeypatch):
+    engine, found = searched[0]
+    first = engine.regions()[0]
+    assert first.unit == "keV"
+    unnamed = Claim("unnamed", ("unnamed",), 30.0, True, 0.9, None)
+    found = replace(found, decision=replace(found.decision, claims=(unnamed,)))
+    for unit, place in (("keV", (first.lo, first.hi)), ("channel", (None, None))):
+        monkeypatch.setattr(engine, "regions", lambda unit=unit: (replace(first, unit=unit),))
+        (said,) = recorded(engine, found).statements
+        assert (said.energy_lo_kev, said.energy_hi_kev) == place
 
 
 def test_only_a_name_that_did_not_hold_is_withdrawn(searched):

@@ -197,3 +197,13 @@ def test_modes_are_parted_at_one_value_or_in_each_trial_where_its_gap_is(apart):
     assert mended[:50].all()
     one_mode = cases.taken(np.r_[0:50, 50:55])
     assert mode_weights(one_mode) == []  # in a tenth of the trials there must be two
+
+
+def test_a_few_trials_that_are_parted_far_away_do_not_move_where_all_are_parted():
+    rng = np.random.default_rng(8)
+    middle = np.where(np.arange(200) < 8, 1000.0, 0.0)
+    signs = np.where(rng.random((200, 31)) < 0.5, 5.0, -5.0)
+    values = middle[:, None] + signs + 0.3 * rng.normal(size=signs.shape)
+    cases = Cases(("a",), np.arange(200), values[:, :1], values[:, 1:, None])
+    for repair in mode_weights(cases):
+        assert abs(repair.apply.keywords["cut"]) < 2.0

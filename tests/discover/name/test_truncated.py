@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from gaugeblock.discovery.name.truncated import TruncatedGaussian
 
@@ -26,6 +27,16 @@ def test_draws_follow_the_density():
     parts = {0.3: draws[:, 0] < 0.3, 0.4: draws[:, 1] > 0.6, 0.25: (draws < 0.5).all(axis=1)}
     for volume, part in parts.items():
         assert (inverse * part).mean() == pytest.approx(volume, rel=0.12)
+
+
+@pytest.mark.parametrize("center", [-0.1, 1.1])
+def test_ten_sd_beyond_an_end_draws_lie_as_deep_as_they_should(center):
+    """Of a normal distribution beyond ten sd an excess has mean 1 / 10.1 sd (Mills' ratio), to 2 per cent."""
+    proposal = TruncatedGaussian(np.array([center]), np.array([[0.01]]))
+    draws = proposal.sample(np.random.default_rng(3).random((20_000, 1)))
+    depth = draws if center < 0 else 1.0 - draws
+    away = norm.pdf(10) / norm.sf(10) - 10
+    assert depth.mean() == pytest.approx(0.01 * away, rel=0.03)
 
 
 def test_rows_and_centres_broadcast():
