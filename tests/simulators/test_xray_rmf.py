@@ -85,6 +85,13 @@ def test_channels_that_do_not_ascend_need_to_know_where_they_begin(tmp_path):
         del hdus["EBOUNDS"].header["TLMIN1"]
     with pytest.raises(InputError, match="nothing says where they begin"):
         read_rmf(path)
+    # Nor do energies say it that fall once.
+    path = write_rmf(tmp_path / "falls.rmf", first=3, channel=[9, 8, 7, 6])
+    with fits.open(path, mode="update") as hdus:
+        for name in ("E_MIN", "E_MAX"):
+            hdus["EBOUNDS"].data[name] = hdus["EBOUNDS"].data[name][[0, 1, 3, 2]]
+    with pytest.raises(InputError, match="channels that do not ascend"):
+        read_rmf(path)
 
 
 def test_an_area_belongs_to_bins_that_differ_by_less_than_a_twentieth(tmp_path, rmf):
