@@ -52,3 +52,15 @@ def test_other_values_and_exposures_compile_nothing_again(extended):
     assert np.abs(two / one - 1.0).max() > 0.01
     longer = spectrum.with_exposure(2.0 * spectrum.exposure).held(values)
     np.testing.assert_allclose(longer.expected(theta), 2.0 * one, rtol=1e-9, atol=2e-6)
+
+
+def test_a_gain_of_its_own_beside_one_that_is_held():
+    """What is held is no matrix then: counts are moved by both."""
+    spectrum = reference()
+    for effect in (EFFECTS["gain"][0], Effect("gain_offset", {"offset": Uniform(-0.1, 0.1)})):
+        spectrum = spectrum.with_effect(effect)
+    theta = spectrum.prior.sample(5, np.random.default_rng(3))
+    theta[:, -1] = 0.03
+    np.testing.assert_allclose(
+        spectrum.held([0.03]).expected(theta[:, :-1]), spectrum.expected(theta), rtol=1e-7, atol=1e-9
+    )
