@@ -67,3 +67,23 @@ def test_no_other_finding_states_an_error(ratios):
     """A new one has its bounds above. Of an exact density every weight is the same: capture has no error."""
     finite = {name for name, ratio in ratios.items() if np.isfinite(ratio).all() and (ratio > 1e-3).all()}
     assert finite - set(WANTED) <= {"coverage.deviation"}
+
+
+def test_influences_of_all_trials_sum_to_nothing():
+    """Of every finding that has them, whatever the shapes: they are what each trial has more than the mean.
+
+    Quantiles' are of an estimated density, and sum to little.
+    """
+    rng = np.random.default_rng(13)
+    theta = rng.standard_t(2, size=(TRIALS, 2))
+    draws = theta[:, None] + rng.standard_t(2, size=(TRIALS, 500, 2)) - rng.standard_t(2, size=(TRIALS, 1, 2))
+    trials = make_trials(theta, draws, ["a", "b"], x=theta, log_q=log_normal(draws, 3.0))
+    found, _ = run_validators(trials_tree(trials), seed=1)
+    summed = {}
+    for item in found:
+        influence = getattr(item, "influence", None)
+        if influence is not None and not item.id.startswith("conformal"):
+            summed[item.id] = np.abs(influence.sum(axis=1)).max() / np.abs(influence).sum(axis=1).max()
+    assert {"tails.outliers[a]", "sbc.log_width[b]", "informed.rank"} <= set(summed)
+    assert len(summed) > 15
+    assert max(summed.values()) < 1e-12
