@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -166,6 +167,11 @@ def test_an_engine_says_what_each_effect_is_worth_and_where_it_is(library):
     assert engine.place(both, 1) == pytest.approx(
         (engine.sources.edges[inside, 0], engine.sources.edges[outside, 1])
     )
+    # Energies are those of a source's channels alone.
+    (part,), edges = engine.sources.segments, engine.sources.edges
+    for other in (replace(part, unit="channel"), replace(part, role="background")):
+        elsewhere = SimpleNamespace(sources=SimpleNamespace(segments=(other,), edges=edges))
+        assert Counts.place(elsewhere, both, 1) is None
     for model, fitted in ((None, engine.base), (both, both.fit)):
         safe, mean = np.maximum(counts, 1e-300), fitted.expected[0]
         total = 2.0 * (mean - counts + counts * np.log(safe / mean)).sum()

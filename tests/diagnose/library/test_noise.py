@@ -52,6 +52,18 @@ def test_draws_that_are_wider_than_the_prior_say_nothing_of_the_data():
         assert found.draws.std(axis=1).mean() == pytest.approx(1.0, abs=0.03)
 
 
+def test_of_the_same_noise_lopsided_draws_stay_where_they_are():
+    rng = np.random.default_rng(4)
+    truths = stats.norm.ppf((np.arange(256) + 0.5) / 256)[:, None] * [1.0, 2.0]
+    draws = np.clip(0.3 * (rng.exponential(size=(20, 200, 2)) - 1.0), -2.0, 2.0)
+    none = np.empty(0)
+    found = denoised(
+        Cases(("a", "b"), np.arange(20), truths[:20], draws), truths=truths, prior=np.eye(2), factor=1.0,
+        columns=none.astype(int), steps=none, chance=none,
+    )  # fmt: skip
+    np.testing.assert_allclose(found.draws, draws, atol=0.02)
+
+
 def test_whole_numbers_of_another_noise():
     """Four kinds of unequal chance and a normal reading of each: chances by Bayes' theorem."""
     rng = np.random.default_rng(2)
