@@ -242,7 +242,7 @@ def test_nan_draws_stay_visible_and_are_no_calibration(trials):
     with pytest.raises(InputError, match="conformal: the base gave NaN or infinite draws on 1 of"):
         broken.sample(x[:3], 10, np.random.default_rng(94))
     sound = Conformal(Faulty(), SIMULATOR, seed=93, number=100, draws=30)
-    assert np.isfinite(sound._scores).all()
+    assert np.isfinite(sound.sample(x[:3], 10, np.random.default_rng(94))).all()
     sound.base = SomeNaN()
     draws = sound.sample(x[:3], 10, np.random.default_rng(94))
     np.testing.assert_array_equal(np.isnan(draws).all(axis=1), [[False, True], [False] * 2, [False] * 2])
