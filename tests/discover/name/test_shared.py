@@ -1,6 +1,7 @@
 """Shared effects over a catalogue: exact projections, priors, influence, the search and its null."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -333,6 +334,37 @@ def test_what_sources_share_is_worked_in_where_each_of_them_sees_it(power_law, k
     none = share(plain, [])
     assert none.held(np.zeros(0)) is plain
     assert none.templates(theta, np.zeros(0), scale, redshift).shape == (3, 0, 0)
+
+
+def test_a_simulator_that_holds_parameters_itself_is_asked_to(power_law):
+    """For an effect that is the same for all sources, whatever their redshifts; the rest is as without."""
+    asked = []
+
+    class Holds(power_law):
+        def with_effect(self, effect):
+            made = super().with_effect(effect)
+            return Holds(made.effects, made.prior)
+
+        def held(self, values):
+            asked.append(list(values))
+            tail = np.asarray(values)[None]
+
+            def expected(theta):
+                return self.expected(np.concatenate([theta, tail.repeat(len(theta), axis=0)], axis=1))
+
+            return SimpleNamespace(expected=expected, jacobian=None)
+
+    theta, phi = np.array([[500.0, 1.5], [900.0, 2.0]]), np.array([0.2])
+    place = (phi, np.array([1.0, 2.0]), np.array([0.0, 1.0]))
+    entry = power_law().effect_library(np.array([[1000.0, 2.0]]))["dip"]
+    by, without = (share(each(), [Term(entry, {"energy": 2.0}, sd=0.3)]) for each in (Holds, power_law))
+    np.testing.assert_array_equal(by.expected(theta, *place), without.expected(theta, *place))
+    held = by.held(phi)
+    assert held is by.held(phi)
+    assert held.prior is by.base.prior
+    np.testing.assert_array_equal(held.expected(theta), without.held(phi).expected(theta))
+    # Once for the counts above, and once for all that is held.
+    assert asked == [[0.2], [0.2]]
 
 
 def test_terms_are_checked(power_law):
