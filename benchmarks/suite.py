@@ -27,14 +27,18 @@ def cloned(commit: str, folder: Path) -> Path:
     return folder
 
 
+def said(folder: Path) -> Path:
+    """What a command in a clone said: beside it, whose own files are looked at by tests."""
+    return folder.with_name(f"{folder.name}-said.txt")
+
+
 def side_by_side(commands: dict[Path, list[str]]) -> dict[Path, float]:
-    """CPU seconds of a command in each folder, all that it started included; each writes `said.txt` there."""
+    """CPU seconds of a command in each folder, all that it started included; each writes to `said` of it."""
     begun: dict[int, tuple[Path, subprocess.Popen[bytes]]] = {}
     for folder, command in commands.items():
-        with (folder / "said.txt").open("w") as said:
-            # Beside the clone: whose files are looked at by tests, too.
+        with said(folder).open("w") as out:
             mine = {**os.environ, "XDG_CACHE_HOME": str(folder.with_name(f"{folder.name}-cache"))}
-            process = subprocess.Popen(command, cwd=folder, env=mine, stdout=said, stderr=subprocess.STDOUT)
+            process = subprocess.Popen(command, cwd=folder, env=mine, stdout=out, stderr=subprocess.STDOUT)
         begun[process.pid] = folder, process
     found = {}
     while begun:
@@ -61,7 +65,7 @@ def main() -> None:
         seconds = side_by_side({folder: [*TOX, *TESTS] for folder in folders.values()})
         print("| commit | CPU seconds | pytest's last word |\n|---|---|---|")
         for folder in folders.values():
-            words = [line for line in (folder / "said.txt").read_text().splitlines() if " passed" in line]
+            words = [line for line in said(folder).read_text().splitlines() if " passed" in line]
             print(f"| {folder.name} | {seconds[folder]:.0f} | {' '.join(words[-1:]).strip('= ')} |")
     first, last = seconds[folders[given.commits[0]]], seconds[folders[given.commits[-1]]]
     print(f"\nThe last takes {last / first - 1:+.0%} of the first's.")

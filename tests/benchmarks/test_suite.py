@@ -2,7 +2,7 @@
 
 import sys
 
-from benchmarks.suite import side_by_side
+from benchmarks.suite import said, side_by_side
 
 BURN = "import time\nwhile time.process_time() < 0.5: pass"
 CHILD = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {BURN!r}], check=True); print('done')"
@@ -19,4 +19,5 @@ def test_what_a_command_starts_is_counted_with_it(tmp_path):
         }
     ).values()
     assert 0.5 < busy - idle < 1.5
-    assert [(folder / "said.txt").read_text() for folder in folders] == ["done\n", "done\n"]
+    assert [said(folder).read_text() for folder in folders] == ["done\n", "done\n"]
+    assert not any(any(folder.iterdir()) for folder in folders)
