@@ -1,13 +1,13 @@
-"""Neural posterior estimation with sbi.
+"""Neural posterior estimation, with zuko's flows or sbi's.
 
-`config.py` the TOML of a training; `bank.py` the simulations; `coordinates.py`, `features.py`,
-`networks.py` what the network sees and is; `loop.py`, `adamw.py`, `checkpoint.py` the optimisation;
+`config.py` the TOML of a training; `bank.py` the simulations; `coordinates.py`, `features.py`, `networks.py`,
+`published.py` what the network sees and is; `loop.py`, `adamw.py`, `checkpoint.py` the optimisation;
 `training.py` all of it together; `flows.py`, `estimator.py` the trained flow; `storage.py` the model folder.
 """
 
 from gaugeblock.core.errors import require
 
-for _module in ("torch", "sbi", "zuko", "safetensors"):
+for _module in ("torch", "zuko", "safetensors"):
     require(_module, "sbi")
 
 from gaugeblock.estimators.npe.config import TrainingConfig, read_config  # noqa: E402

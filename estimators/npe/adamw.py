@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import torch
+
+
+# Devices for which torch has one kernel of all that a step does.
+FUSED = frozenset({"cpu", "cuda"})
 
 
 def _plain(method: Any) -> Any:
@@ -12,7 +17,7 @@ def _plain(method: Any) -> Any:
 
 
 class AdamW(torch.optim.AdamW):
-    """torch's own, to the bit.
+    """torch's own, to the bit, and in one kernel where torch has one.
 
     torch wraps these methods to keep its compiler out of them, and imports the compiler for that: 1.2 CPU
     seconds of every process that trains.
@@ -21,6 +26,10 @@ class AdamW(torch.optim.AdamW):
     ----------
     Loshchilov & Hutter (2019), Decoupled weight decay regularization.
     """
+
+    def __init__(self, parameters: Iterable[torch.Tensor], **options: Any):
+        weights = list(parameters)
+        super().__init__(weights, **options, fused={weight.device.type for weight in weights} <= FUSED)
 
     add_param_group = _plain(torch.optim.AdamW.add_param_group)
     zero_grad = _plain(torch.optim.AdamW.zero_grad)

@@ -1,20 +1,16 @@
-"""One way to push noise through either kind of flow that sbi builds, and to ask for its density.
-
-sbi draws base noise from torch's global generator and embeds the data anew for every draw; here the noise is
-given and each data set is embedded once. This file alone knows sbi's attributes.
-"""
+"""What every flow does: push given noise through, and say densities."""
 
 from __future__ import annotations
 
 import warnings
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from torch import Tensor
 
-from gaugeblock.estimators.npe.incremental import inverse, normal_log_density
-from gaugeblock.estimators.npe.laplace.network import LaplaceNetwork
+from gaugeblock.estimators.npe.incremental import normal_log_density
 
 
+@runtime_checkable
 class Flow(Protocol):
     """A conditional flow. Shapes: context ``(row, feature)``, values ``(row, draw, parameter)``."""
 
@@ -28,32 +24,18 @@ class Flow(Protocol):
         """Log density of values, ``(row, draw)``."""
 
 
-class Embedded:
-    """A flow whose summaries are sbi's embedding network's."""
+class NflowsFlow:
+    """The published network's coupling spline flow.
+
+    sbi draws base noise from torch's global generator and embeds the data anew for every draw; here the noise
+    is given and each data set is embedded once. This class alone knows attributes of sbi and nflows.
+    """
 
     def __init__(self, network: Any):
         self._network = network
 
     def context(self, x: Tensor) -> Tensor:
         return self._network.embedding_net(x)
-
-
-class ZukoFlow(Embedded):
-    """The default network's autoregressive spline flow."""
-
-    def _distribution(self, draws: int, context: Tensor) -> Any:
-        return self._network.net(context[:, None, :].expand(-1, draws, -1))
-
-    def draw(self, noise: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:
-        values, volume = inverse(self._network.net.transform.transforms, noise, context)
-        return values, normal_log_density(noise) + volume
-
-    def log_prob(self, values: Tensor, context: Tensor) -> Tensor:
-        return self._distribution(values.shape[1], context).log_prob(values)
-
-
-class NflowsFlow(Embedded):
-    """The published network's coupling spline flow."""
 
     def draw(self, noise: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:
         flat, repeated = noise.flatten(end_dim=1), context.repeat_interleave(noise.shape[1], dim=0)
@@ -70,7 +52,5 @@ class NflowsFlow(Embedded):
 
 
 def as_flow(network: Any) -> Flow:
-    """The flow inside an sbi density estimator, or the network itself where it is one."""
-    if isinstance(network, LaplaceNetwork):
-        return network
-    return NflowsFlow(network) if hasattr(network.net, "_transform") else ZukoFlow(network)
+    """A network as a flow: itself, or what is inside sbi's density estimator."""
+    return network if isinstance(network, Flow) else NflowsFlow(network)

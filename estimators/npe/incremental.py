@@ -1,4 +1,4 @@
-"""Inverse of masked autoregressive flows in one pass, with the density of what comes out.
+"""Masked autoregressive flows both ways, with their volumes; the inverse in one pass.
 
 The inverse finds one parameter after the other. Asking the whole masked network again for each of them costs
 as many evaluations as there are parameters, and the density one more; but a hidden unit whose inputs are all
@@ -39,6 +39,22 @@ def inverse(transforms: Iterable[nn.Module], noise: Tensor, context: Tensor) -> 
                 own = made.call_and_ladj(values)[1]
             noise, volume = values, volume + own
     return noise, volume
+
+
+def forward(transforms: Iterable[nn.Module], values: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:
+    """Noise that lazy transforms take ``(row, draw, parameter)`` to, and the log determinant ``(row, draw)``.
+
+    The inverse of `inverse`; gradients pass.
+    """
+    volume = values.new_zeros(values.shape[:2])
+    for transform in transforms:
+        if _is_plain(transform):
+            made = transform.univariate(*_asked(transform, values, context))
+        else:
+            made = transform(context[:, None].expand(-1, values.shape[1], -1))
+        values, own = made.call_and_ladj(values)
+        volume = volume + (own.sum(dim=-1) if own.dim() == 3 else own)
+    return values, volume
 
 
 def normal_log_density(noise: Tensor) -> Tensor:
@@ -103,6 +119,18 @@ def _inverted(transform: nn.Module, noise: Tensor, context: Tensor) -> tuple[Ten
         known[..., found : found + len(mine)] = values[..., mine] = value
         found += len(mine)
     return values, volume
+
+
+def _asked(transform: nn.Module, values: Tensor, context: Tensor) -> list[Tensor]:
+    """Arguments of each parameter's own transform."""
+    first, *others = transform.hyper
+    size = values.shape[-1]
+    weight = first.weight * first.mask
+    told = torch.addmm(first.bias, context, weight[:, size:].T)
+    reached = told[:, None] + values @ weight[:, :size].T
+    for layer in others:
+        reached = layer(reached)
+    return _split(reached.unflatten(-1, (size, -1)), transform.shapes)
 
 
 def _sorted(

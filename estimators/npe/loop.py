@@ -15,6 +15,7 @@ from gaugeblock.estimators.npe.adamw import AdamW
 from gaugeblock.estimators.npe.bank import Progress, stream
 from gaugeblock.estimators.npe.checkpoint import load_checkpoint, save_checkpoint
 from gaugeblock.estimators.npe.config import TrainingTable
+from gaugeblock.estimators.npe.flows import Flow
 
 WARM_UP = 0.2
 
@@ -57,6 +58,11 @@ def descend(optimizer: torch.optim.Optimizer, loss: torch.Tensor, rate: float, c
     optimizer.step()
 
 
+def negative_log_density(flow: Flow, score: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
+    """What is made small, ``(row,)``: of one score each ``(row, parameter)``, given the data."""
+    return -flow.log_prob(score[:, None], flow.context(x))[:, 0]
+
+
 def train_default(
     network: Any,
     bank: Pairs,
@@ -95,7 +101,7 @@ def train_default(
     for step in range(start, options.steps):
         rng = stream(options.seed, "step", step)
         score, x = _tensors(network, bank, rng.integers(0, size, options.batch), rng)
-        loss = network.loss(score, condition=x).mean()
+        loss = negative_log_density(network, score, x).mean()
         descend(optimizer, loss, one_cycle(step, options.steps, options.learning_rate), options.clip)
         _blend(average, network, max(1.0 - options.average, 1.0 / (step + 1)))
         recent.append(float(loss.detach()))
@@ -161,7 +167,7 @@ def _validation_loss(
     _place(network, average)
     with torch.no_grad():
         parts = [
-            network.loss(score, condition=x).double().sum()
+            negative_log_density(network, score, x).double().sum()
             for score, x in zip(data[0].split(batch), data[1].split(batch), strict=True)
         ]
     _place(network, own)

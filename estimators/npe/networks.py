@@ -1,19 +1,19 @@
-"""The networks: a better default, and the one of the published study, both built by sbi."""
+"""The networks, by what a training's table says."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import torch
-from sbi.neural_nets import posterior_nn
+import zuko
 from torch import Tensor, nn
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.npe.config import NetworkTable
 from gaugeblock.estimators.npe.features import build_features
+from gaugeblock.estimators.npe.incremental import forward, inverse, normal_log_density
 from gaugeblock.estimators.npe.laplace.compressor import Compressor
 from gaugeblock.estimators.npe.laplace.network import Head, LaplaceNetwork, groups_of
 from gaugeblock.estimators.npe.spline import use_splines
@@ -28,23 +28,40 @@ class NetworkShape:
     features: str
 
 
-class PublishedEmbedding(nn.Module):
-    """log(1+x), two convolutions with pooling, two dense layers: 20 summaries of one spectrum."""
+class SplineFlow(nn.Module):
+    """The default network: an autoregressive spline flow over scores, given a perceptron's summaries.
 
-    def __init__(self, channels: int):
+    What sbi calls ``zuko_nsf``, weights under the same names. A flow by itself (`flows.Flow`).
+
+    References
+    ----------
+    Durkan et al. (2019), arXiv:1906.04032; Papamakarios et al. (2017), arXiv:1705.07057.
+    """
+
+    def __init__(self, config: NetworkTable, shape: NetworkShape):
         super().__init__()
-        self.convolutions = nn.Sequential(
-            nn.Conv1d(1, 16, 5, padding=2), nn.ReLU(), nn.MaxPool1d(2),
-            nn.Conv1d(16, 32, 5, padding=2), nn.ReLU(), nn.MaxPool1d(2),
-        )  # fmt: skip
-        self.dense = nn.Sequential(nn.Linear(32 * (channels // 4), 64), nn.ReLU(), nn.Linear(64, 20))
+        self.net = zuko.flows.NSF(
+            shape.parameters,
+            config.embedding_output,
+            transforms=config.transforms,
+            hidden_features=list(config.hidden),
+            bins=config.bins,
+        )
+        self._embedding_net = default_embedding(config, shape)
 
-    def forward(self, x: Tensor) -> Tensor:
-        """Spectra ``(n, channel)`` to summaries ``(n, 20)``."""
-        logged = torch.log1p(x).to(torch.float32)
-        # A GPU would convolve with ten bits: cuDNN's default, TensorFloat-32.
-        with torch.backends.cudnn.flags(enabled=True, allow_tf32=False):
-            return self.dense(self.convolutions(logged.unsqueeze(-2)).flatten(start_dim=-2))
+    def context(self, x: Tensor) -> Tensor:
+        """Learned summaries of the data."""
+        return self._embedding_net(x)
+
+    def draw(self, noise: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:
+        """Base noise to scores and their log densities."""
+        values, volume = inverse(self.net.transform.transforms, noise, context)
+        return values, normal_log_density(noise) + volume
+
+    def log_prob(self, values: Tensor, context: Tensor) -> Tensor:
+        """Log density of scores."""
+        noise, volume = forward(self.net.transform.transforms, values, context)
+        return normal_log_density(noise) + volume
 
 
 def default_embedding(config: NetworkTable, shape: NetworkShape) -> nn.Module:
@@ -58,7 +75,9 @@ def default_embedding(config: NetworkTable, shape: NetworkShape) -> nn.Module:
 
 
 def build_network(config: NetworkTable, shape: NetworkShape, *, seed: int = 0) -> Any:
-    """An sbi density estimator with weights initialised from `seed`; torch's global generator is left alone.
+    """A network with weights initialised from `seed`; torch's global generator is left alone.
+
+    A `flows.Flow`, but for ``kind = "published"``: that is sbi's density estimator.
 
     Raises
     ------
@@ -68,12 +87,12 @@ def build_network(config: NetworkTable, shape: NetworkShape, *, seed: int = 0) -
     with torch.random.fork_rng(devices=[]):
         # Of the host alone: the other devices' generators are nobody's business here.
         torch.default_generator.manual_seed(seed)
-        if config.kind == "laplace":
-            network: Any = laplace_network(config, shape)
-        else:
-            theta = torch.randn(2, shape.parameters)
-            x = torch.arange(2.0 * math.prod(shape.data_shape)).reshape(2, *shape.data_shape)
-            network = builder(config, shape)(theta, x)
+        if config.kind == "published":
+            from gaugeblock.estimators.npe.published import build_published
+
+            return build_published(shape.parameters, shape.data_shape)
+        make = laplace_network if config.kind == "laplace" else SplineFlow
+        network = make(config, shape)
         use_splines(network)
         return network
 
@@ -100,27 +119,3 @@ def laplace_network(config: NetworkTable, shape: NetworkShape) -> LaplaceNetwork
         bins=config.bins,
     )
     return LaplaceNetwork(Compressor(shape.parameters, shape.data_shape[0], groups, config.emulator), head)
-
-
-def builder(config: NetworkTable, shape: NetworkShape) -> Any:
-    """The function (theta, x) -> density estimator that sbi's trainers take."""
-    # Coordinates and features are standardised already.
-    plain = {"z_score_theta": "none", "z_score_x": "none"}
-    if config.kind == "published":
-        if len(shape.data_shape) != 1 or shape.data_shape[0] < 4:
-            raise InputError(
-                f"the published network reads spectra of at least 4 channels, not data of shape "
-                f'{shape.data_shape}; take network.kind = "default"'
-            )
-        embedding: nn.Module = PublishedEmbedding(shape.data_shape[0])
-        return posterior_nn(
-            "nsf", num_transforms=5, hidden_features=50, num_bins=10, embedding_net=embedding, **plain
-        )
-    return posterior_nn(
-        "zuko_nsf",
-        num_transforms=config.transforms,
-        hidden_features=list(config.hidden),
-        num_bins=config.bins,
-        embedding_net=default_embedding(config, shape),
-        **plain,
-    )

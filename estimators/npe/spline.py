@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from functools import partial
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import pad
@@ -40,7 +41,8 @@ class Spline(MonotonicRQSTransform):
         within = (k >= 0) & (k < self.bins)
         first = k.clamp(0, self.bins - 1)[..., None]
         both = torch.cat((first, first + 1), dim=-1)
-        shape = torch.broadcast_shapes(k.shape, self.horizontal.shape[:-1])
+        # torch's own function of this name imports its compiler.
+        shape = np.broadcast_shapes(k.shape, self.horizontal.shape[:-1])
         both = both.expand(*shape, 2)
         (x0, x1), (y0, y1), (d0, d1) = (
             knots.expand(*shape, -1).gather(-1, both).unbind(-1)

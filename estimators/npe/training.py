@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import json
 import os
 import shutil
 import time
-import warnings
 from collections.abc import Iterable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -16,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from sbi.inference import NPE as Inference
 
 from gaugeblock.core.atomic import write_atomically
 from gaugeblock.core.devices import torch_device
@@ -25,81 +21,16 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.core.executors import threads
 from gaugeblock.core.trust import modules_in, only_named
 from gaugeblock.estimators.npe.bank import Bank, Progress, describe_simulator, fingerprint, stream
-from gaugeblock.estimators.npe.config import NetworkTable, TrainingConfig, TrainingTable, read_config
+from gaugeblock.estimators.npe.config import TrainingConfig, read_config
 from gaugeblock.estimators.npe.estimator import NPE
 from gaugeblock.estimators.npe.features import StandardFeatures, choose_kind
 from gaugeblock.estimators.npe.laplace import train_laplace
 from gaugeblock.estimators.npe.loop import train_default
-from gaugeblock.estimators.npe.networks import NetworkShape, build_network, builder
+from gaugeblock.estimators.npe.networks import NetworkShape, build_network
 from gaugeblock.estimators.npe.storage import DESCRIPTION, load, save
 from gaugeblock.simulators.from_function import as_simulator
 from gaugeblock.simulators.prior import HasBijections, Prior, require_prior
 from gaugeblock.simulators.protocol import HasLikelihood, Simulator
-
-
-class _Silent:
-    """An sbi tracker that keeps nothing: the default one leaves a folder of TensorBoard logs behind."""
-
-    log_dir = None
-
-    def _drop(self, *_: Any, **__: Any) -> None:
-        """What would be written down is dropped."""
-
-    log_metric = log_metrics = log_params = add_figure = flush = _drop
-
-
-def train_published(
-    bank: Bank, network: NetworkTable, shape: NetworkShape, options: TrainingTable
-) -> tuple[Any, dict[str, Any]]:
-    """Density estimator and training curve.
-
-    Two things differ from the study on purpose: parameters are in the prior's normal scores, so that no draw
-    leaves the prior, and the weights are the best seen, also when `epochs` runs out first.
-
-    Raises
-    ------
-    InputError
-        If the data are no spectra of at least four channels, or hold negative values.
-    """
-    x = bank.observe(slice(None), stream(options.seed, "noise"))
-    if (np.asarray(x) < 0).any():
-        raise InputError(
-            "the published network takes the logarithm of counts, and the data hold negative values; "
-            'take network.kind = "default"'
-        )
-    with contextlib.ExitStack() as stack:
-        stack.enter_context(torch.random.fork_rng(devices=[]))
-        stack.enter_context(contextlib.redirect_stdout(io.StringIO()))
-        stack.enter_context(warnings.catch_warnings())
-        warnings.simplefilter("ignore")
-        torch.default_generator.manual_seed(options.seed)
-        build = builder(network, shape)  # here, because the embedding's first weights are random
-        trainer = Inference(
-            density_estimator=build,
-            device=torch_device(options.device),
-            show_progress_bars=False,
-            tracker=_Silent(),
-        )
-        trainer.append_simulations(
-            torch.from_numpy(bank.scores), torch.from_numpy(np.asarray(x, dtype=np.float32))
-        )
-        estimator = trainer.train(
-            training_batch_size=options.batch,
-            learning_rate=options.learning_rate,
-            validation_fraction=options.validation,
-            stop_after_epochs=options.patience,
-            max_num_epochs=options.epochs - 1,  # sbi counts from 0 and runs one more
-            clip_max_norm=options.clip,
-        )
-    summary = trainer.summary
-    curve = {
-        "epoch": list(range(1, len(summary["validation_loss"]) + 1)),
-        "training": [float(v) for v in summary["training_loss"]],
-        "validation": [float(v) for v in summary["validation_loss"]],
-        "best": float(min(summary["validation_loss"])),
-    }
-    return estimator, curve
-
 
 FEATURE_ROWS = 20_000
 KEY = "key"
@@ -190,7 +121,10 @@ def _trained(
         simulator.prior.size, examples.shape[1:], choose_kind(config.network.features, examples)
     )
     if config.network.kind == "published":
-        network, curve = train_published(bank, config.network, shape, options)
+        # Here, because it alone needs sbi, whose import takes two seconds.
+        from gaugeblock.estimators.npe.published import train_published
+
+        network, curve = train_published(bank, shape.data_shape, options)
     else:
         network = build_network(config.network, shape, seed=options.seed).to(options.device)
         if config.network.kind == "laplace" and not bank.fresh:

@@ -1,4 +1,4 @@
-"""The flow in the coordinates of the Gaussian, as sbi's density estimators are used here."""
+"""The flow in the coordinates of the Gaussian, as other flows are."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import torch
 import zuko
 from torch import Tensor, nn
 
-from gaugeblock.estimators.npe.incremental import inverse, normal_log_density
+from gaugeblock.estimators.npe.incremental import forward, inverse, normal_log_density
 from gaugeblock.estimators.npe.laplace.compressor import Compressor
 
 SQUASHED = 3.0
@@ -56,6 +56,7 @@ class Head(nn.Module):
 
     def context(self, compressed: Tensor) -> Tensor:
         """Learned summaries, what says of the Gaussian, and the Gaussian itself."""
+        compressed = compressed.to(torch.float32)
         read = ((self._numbers(compressed) - self.mean) / self.scale).clamp(-10.0, 10.0)
         return torch.cat((self.embedding(read), read, self._gaussian(compressed)), dim=-1)
 
@@ -73,15 +74,11 @@ class Head(nn.Module):
         read, mean, factor = self._split(context)
         away = (scores - mean[:, None]).transpose(1, 2)
         local = torch.linalg.solve_triangular(factor, away, upper=False).transpose(1, 2)
-        wide = read[:, None].expand(-1, scores.shape[1], -1)
-        outer, first = self.affine(wide).transform.call_and_ladj(local)
+        outer, first = forward(self.affine.transform.transforms, local, read)
         inner = SQUASHED * torch.asinh(outer / SQUASHED)
-        return self.spline(wide).log_prob(inner) + first + _squashed_volume(outer) - _volume(factor)
-
-    def loss(self, scores: Tensor, condition: Tensor) -> Tensor:
-        """Negative log density ``(n,)`` given compressed counts."""
-        context = self.context(condition.to(torch.float32))
-        return -self.log_prob(scores[:, None], context)[:, 0]
+        noise, second = forward(self.spline.transform.transforms, inner, read)
+        density = normal_log_density(noise) + first + _squashed_volume(outer) + second
+        return density - _volume(factor)
 
     def _gaussian(self, compressed: Tensor) -> Tensor:
         return compressed[:, : self.size + self.size * (self.size + 1) // 2]
@@ -118,7 +115,7 @@ def _volume(factor: Tensor) -> Tensor:
 
 
 class LaplaceNetwork(nn.Module):
-    """Compressor and head; has `loss` as sbi's density estimators do, and is a flow by itself."""
+    """Compressor and head; a flow by itself."""
 
     def __init__(self, compressor: Compressor, head: Head):
         super().__init__()
@@ -135,10 +132,6 @@ class LaplaceNetwork(nn.Module):
     def log_prob(self, values: Tensor, context: Tensor) -> Tensor:
         """Log density of scores."""
         return self.head.log_prob(values, context)
-
-    def loss(self, scores: Tensor, condition: Tensor) -> Tensor:
-        """Negative log density ``(n,)`` given counts."""
-        return self.head.loss(scores, self.compressor(condition))
 
 
 def groups_of(data_shape: tuple[int, ...], most: int) -> int:

@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from gaugeblock.estimators.npe.networks import PublishedEmbedding
+from gaugeblock.estimators.npe.published import PublishedEmbedding
 
 
 def build(theta: Tensor, channels: int, *, seed: int) -> Any:

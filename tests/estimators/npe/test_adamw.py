@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from functools import partial
 
 import pytest
 
@@ -38,12 +39,19 @@ def descended(kind, steps, state=None, start=None):
 
 
 def test_it_is_torchs_own_to_the_bit_and_goes_on_where_it_stopped():
-    theirs, _ = descended(torch.optim.AdamW, 7)
+    theirs, _ = descended(partial(torch.optim.AdamW, fused=True), 7)
     ours, _ = descended(AdamW, 7)
     assert torch.equal(ours, theirs)
     half, state = descended(AdamW, 3)
     gone_on, _ = descended(AdamW, 4, state, half)
     assert torch.equal(gone_on, theirs)
+
+
+def test_a_device_without_such_a_kernel_is_served_too(monkeypatch):
+    monkeypatch.setattr("gaugeblock.estimators.npe.adamw.FUSED", frozenset({"cuda"}))
+    theirs, _ = descended(torch.optim.AdamW, 7)
+    assert torch.equal(descended(AdamW, 7)[0], theirs)
+    assert not AdamW([torch.nn.Parameter(torch.ones(1))]).param_groups[0]["fused"]
 
 
 def test_torchs_compiler_is_not_imported():

@@ -19,7 +19,8 @@ from gaugeblock.estimators.importance_refined import ImportanceRefined  # noqa: 
 from gaugeblock.estimators.npe import NPE, TrainingConfig, load, train  # noqa: E402
 from gaugeblock.estimators.npe.config import NetworkTable  # noqa: E402
 from gaugeblock.estimators.npe.coordinates import to_scores  # noqa: E402
-from gaugeblock.estimators.npe.networks import NetworkShape, build_network, builder  # noqa: E402
+from gaugeblock.estimators.npe.networks import NetworkShape, build_network  # noqa: E402
+from gaugeblock.estimators.npe.published import builder  # noqa: E402
 from gaugeblock.estimators.protocol import devices  # noqa: E402
 from gaugeblock.simulators.protocol import poisson_log_likelihood  # noqa: E402
 
@@ -46,11 +47,11 @@ def pretended(**options):
 
     npe = "gaugeblock.estimators.npe"
     with pytest.MonkeyPatch.context() as patch:
-        for module in ("estimator", "training"):
+        for module in ("estimator", "training", "published"):
             patch.setattr(f"{npe}.{module}.torch_device", chosen)
         for module in ("storage", "training"):
             patch.setattr(f"{npe}.{module}.build_network", on_the_host(build_network))
-        patch.setattr(f"{npe}.training.builder", on_the_host(lambda *given: on_the_host(builder(*given))))
+        patch.setattr(f"{npe}.published.builder", on_the_host(lambda *given: on_the_host(builder(*given))))
         patch.setattr(f"{npe}.checkpoint.safe_open", opened)
         patch.setattr(f"{npe}.laplace.training.load_file", on_the_host(load_file))
         # What sbi asks of a device and of data makes tensors in ways that only real devices see.
@@ -69,6 +70,8 @@ def pretended(**options):
 def _quick(monkeypatch):
     monkeypatch.setattr("gaugeblock.estimators.npe.laplace.training.EMULATOR_STEPS", 5)
     monkeypatch.setattr("gaugeblock.estimators.npe.laplace.training.GUESS_STEPS", 5)
+    # The pretended device has no kernel of a whole step, and another one rounds otherwise.
+    monkeypatch.setattr("gaugeblock.estimators.npe.adamw.FUSED", frozenset())
 
 
 @pytest.fixture

@@ -1,5 +1,8 @@
 """Networks as built: sizes, weights by their seed, and a published embedding that NumPy can follow."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -8,7 +11,8 @@ pytest.importorskip("sbi")
 
 from gaugeblock.core.errors import InputError  # noqa: E402
 from gaugeblock.estimators.npe.config import NetworkTable  # noqa: E402
-from gaugeblock.estimators.npe.networks import NetworkShape, PublishedEmbedding, build_network  # noqa: E402
+from gaugeblock.estimators.npe.networks import NetworkShape, build_network  # noqa: E402
+from gaugeblock.estimators.npe.published import PublishedEmbedding  # noqa: E402
 
 
 def pooled(x, layer):
@@ -44,7 +48,7 @@ def test_sizes_are_those_of_the_table_and_weights_those_of_the_seed():
     before = torch.get_rng_state()
     one, same, other = (build_network(table, shape, seed=seed) for seed in (1, 1, 2))
     assert torch.equal(before, torch.get_rng_state())
-    dense = [tuple(part.weight.shape) for part in one.embedding_net if hasattr(part, "weight")]
+    dense = [tuple(part.weight.shape) for part in one._embedding_net if hasattr(part, "weight")]
     # Six roots, six shares, the total and one group.
     assert dense == [(9, 14), (7, 9), (5, 7)]
     transforms = [part for part in one.net.transform.transforms if hasattr(part, "hyper")]
@@ -71,3 +75,38 @@ def test_the_published_network_reads_spectra_of_four_channels_or_more(shape):
 def test_the_laplace_network_is_for_counts(features):
     with pytest.raises(InputError, match="is for counts in one dimension"):
         build_network(NetworkTable(kind="laplace"), NetworkShape(2, (8,), features))
+
+
+USED = """
+import sys
+import numpy as np
+import gaugeblock as gb
+flow = gb.load("shipped:epic-pn-medium")
+x = np.ones((2, *flow.data_shape))
+flow.log_prob(flow.sample(x, 3, np.random.default_rng(1)), x)
+print(sorted({"sbi", "sympy", "torch._dynamo", "sklearn"} & set(sys.modules)))
+"""
+
+
+def test_a_flow_of_ours_imports_neither_sbi_nor_torchs_compiler():
+    """Three seconds of every command that loads one."""
+    done = subprocess.run([sys.executable, "-c", USED], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_the_default_network_is_sbis_zuko_nsf():
+    """Weights bear the same names, and with the same weights densities are the same."""
+    from sbi.neural_nets import posterior_nn
+
+    table = NetworkTable(embedding=[9], embedding_output=5, transforms=3, hidden=[11, 10], bins=4)
+    network = build_network(table, NetworkShape(2, (6,), "counts"), seed=3)
+    options = {"num_transforms": 3, "hidden_features": [11, 10], "num_bins": 4}
+    embedding = build_network(table, NetworkShape(2, (6,), "counts"))._embedding_net
+    theta, x = torch.randn(7, 2), torch.arange(42.0, dtype=torch.float64).reshape(7, 6)
+    theirs = posterior_nn(
+        "zuko_nsf", **options, embedding_net=embedding, z_score_theta="none", z_score_x="none"
+    )(theta, x)
+    theirs.load_state_dict(network.state_dict())
+    with torch.no_grad():
+        found = network.log_prob(theta[:, None], network.context(x))[:, 0]
+        torch.testing.assert_close(found, theirs.log_prob(theta[None], x)[0], rtol=1e-5, atol=1e-5)

@@ -1,0 +1,136 @@
+"""The network of the published study, built and trained by sbi."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import warnings
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from gaugeblock.core.devices import torch_device
+from gaugeblock.core.errors import InputError, require
+from gaugeblock.estimators.npe.bank import Bank, stream
+from gaugeblock.estimators.npe.config import TrainingTable
+
+require("sbi", "sbi")
+
+from sbi.inference import NPE as Inference  # noqa: E402
+from sbi.neural_nets import posterior_nn  # noqa: E402
+
+
+class PublishedEmbedding(nn.Module):
+    """log(1+x), two convolutions with pooling, two dense layers: 20 summaries of one spectrum."""
+
+    def __init__(self, channels: int):
+        super().__init__()
+        self.convolutions = nn.Sequential(
+            nn.Conv1d(1, 16, 5, padding=2), nn.ReLU(), nn.MaxPool1d(2),
+            nn.Conv1d(16, 32, 5, padding=2), nn.ReLU(), nn.MaxPool1d(2),
+        )  # fmt: skip
+        self.dense = nn.Sequential(nn.Linear(32 * (channels // 4), 64), nn.ReLU(), nn.Linear(64, 20))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Spectra ``(n, channel)`` to summaries ``(n, 20)``."""
+        logged = torch.log1p(x).to(torch.float32)
+        # A GPU would convolve with ten bits: cuDNN's default, TensorFloat-32.
+        with torch.backends.cudnn.flags(enabled=True, allow_tf32=False):
+            return self.dense(self.convolutions(logged.unsqueeze(-2)).flatten(start_dim=-2))
+
+
+def builder(data_shape: tuple[int, ...]) -> Any:
+    """The function (theta, x) -> density estimator that sbi's trainers take.
+
+    Raises
+    ------
+    InputError
+        If the data are no spectra of at least four channels.
+    """
+    if len(data_shape) != 1 or data_shape[0] < 4:
+        raise InputError(
+            f"the published network reads spectra of at least 4 channels, not data of shape {data_shape}; "
+            'take network.kind = "default"'
+        )
+    # Coordinates are standardised already.
+    return posterior_nn(
+        "nsf",
+        z_score_theta="none",
+        z_score_x="none",
+        num_transforms=5,
+        hidden_features=50,
+        num_bins=10,
+        embedding_net=PublishedEmbedding(data_shape[0]),
+    )
+
+
+def build_published(parameters: int, data_shape: tuple[int, ...]) -> Any:
+    """An untrained density estimator; weights by torch's global generator."""
+    build = builder(data_shape)
+    return build(torch.randn(2, parameters), torch.arange(2.0 * data_shape[0]).reshape(2, -1))
+
+
+class _Silent:
+    """An sbi tracker that keeps nothing: the default one leaves a folder of TensorBoard logs behind."""
+
+    log_dir = None
+
+    def _drop(self, *_: Any, **__: Any) -> None:
+        """What would be written down is dropped."""
+
+    log_metric = log_metrics = log_params = add_figure = flush = _drop
+
+
+def train_published(
+    bank: Bank, data_shape: tuple[int, ...], options: TrainingTable
+) -> tuple[Any, dict[str, Any]]:
+    """Density estimator and training curve.
+
+    Two things differ from the study on purpose: parameters are in the prior's normal scores, so that no draw
+    leaves the prior, and the weights are the best seen, also when `epochs` runs out first.
+
+    Raises
+    ------
+    InputError
+        If the data are no spectra of at least four channels, or hold negative values.
+    """
+    x = bank.observe(slice(None), stream(options.seed, "noise"))
+    if (np.asarray(x) < 0).any():
+        raise InputError(
+            "the published network takes the logarithm of counts, and the data hold negative values; "
+            'take network.kind = "default"'
+        )
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(torch.random.fork_rng(devices=[]))
+        stack.enter_context(contextlib.redirect_stdout(io.StringIO()))
+        stack.enter_context(warnings.catch_warnings())
+        warnings.simplefilter("ignore")
+        torch.default_generator.manual_seed(options.seed)
+        build = builder(data_shape)  # here, because the embedding's first weights are random
+        trainer = Inference(
+            density_estimator=build,
+            device=torch_device(options.device),
+            show_progress_bars=False,
+            tracker=_Silent(),
+        )
+        trainer.append_simulations(
+            torch.from_numpy(bank.scores), torch.from_numpy(np.asarray(x, dtype=np.float32))
+        )
+        estimator = trainer.train(
+            training_batch_size=options.batch,
+            learning_rate=options.learning_rate,
+            validation_fraction=options.validation,
+            stop_after_epochs=options.patience,
+            max_num_epochs=options.epochs - 1,  # sbi counts from 0 and runs one more
+            clip_max_norm=options.clip,
+        )
+    summary = trainer.summary
+    curve = {
+        "epoch": list(range(1, len(summary["validation_loss"]) + 1)),
+        "training": [float(v) for v in summary["training_loss"]],
+        "validation": [float(v) for v in summary["validation_loss"]],
+        "best": float(min(summary["validation_loss"])),
+    }
+    return estimator, curve
