@@ -10,10 +10,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from gaugeblock.core.errors import InputError
+from gaugeblock.validate.p_values import by_replicates
 
 REPLICATES = 4999
 VALUES = 1 << 21
@@ -80,21 +81,19 @@ def count_ratio_regression(
     effect = float(y.mean() - slope * x.mean())
     residual = deviation - slope * centred
     variance = float(residual @ residual) / (n - 2)
-    step = max(1, VALUES // n)
-    covariance = np.concatenate(
-        [
-            rng.permuted(np.broadcast_to(centred, (min(step, replicates - start), n)), axis=1) @ deviation
-            for start in range(0, replicates, step)
-        ]
-    )
-    extreme = np.count_nonzero(np.abs(covariance) >= abs(slope * power) * (1 - 1e-12))
+
+    def as_steep(number: int) -> NDArray[np.bool_]:
+        covariance = rng.permuted(np.broadcast_to(centred, (number, n)), axis=1) @ deviation
+        return np.asarray(np.abs(covariance) >= abs(slope * power) * (1 - 1e-12))
+
+    p_slope = by_replicates(as_steep, replicates, at_once=max(1, VALUES // n))
     total = float(deviation @ deviation)
     effect_error = float(np.sqrt(variance * (1 / n + x.mean() ** 2 / power)))
     raw_error = float(np.sqrt(total / (n - 1) / n))
     return CountRatio(
         slope=slope,
         slope_error=float(np.sqrt(variance / power)),
-        p_slope=float((1 + extreme) / (1 + replicates)),
+        p_slope=p_slope,
         r_squared=slope**2 * power / total if total > 0 else 0.0,
         effect=effect,
         effect_error=effect_error,

@@ -11,11 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
+from gaugeblock.validate.p_values import by_replicates
 
 REFERENCE = "Hanley & McNeil 1982; permutation and bootstrap of rank sums"
 CHUNK = 1 << 22
@@ -71,7 +72,7 @@ def permutation_p(
     permutations: int = 999,
     two_sided: bool = False,
 ) -> float:
-    """Permutation p of an AUC above 1/2 (or, two-sided, away from it): (1 + as large) / (1 + permutations).
+    """Permutation p of an AUC above 1/2, or, two-sided, away from it.
 
     Null: clean and suspicious scores are exchangeable.
     """
@@ -80,14 +81,12 @@ def permutation_p(
     ranks = stats.rankdata(np.concatenate([low, high]))
     middle = m * (n + m + 1) / 2
     observed = ranks[n:].sum() - middle
-    size = max(1, CHUNK // (n + m))
-    exceeded = 0
-    for start in range(0, permutations, size):  # bounds memory
-        rows = np.tile(ranks, (min(size, permutations - start), 1))
-        null = rng.permuted(rows, axis=1)[:, :m].sum(axis=1) - middle
-        far = np.abs(null) >= abs(observed) if two_sided else null >= observed
-        exceeded += int(np.count_nonzero(far))
-    return (1 + exceeded) / (1 + permutations)
+
+    def as_large(number: int) -> NDArray[np.bool_]:
+        null = rng.permuted(np.tile(ranks, (number, 1)), axis=1)[:, :m].sum(axis=1) - middle
+        return np.asarray(np.abs(null) >= abs(observed) if two_sided else null >= observed)
+
+    return by_replicates(as_large, permutations, at_once=max(1, CHUNK // (n + m)))
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ all candidates of a trial share (data features): means, widths and correlations,
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +24,7 @@ RIDGE_PER_COLUMN = 2.0
 CONTEXT_RIDGE = 4.0
 
 
-def columns(candidates: ArrayLike, context: ArrayLike | None = None) -> Array:
+def columns(candidates: ArrayLike, context: ArrayLike | None = None, dtype: type = float) -> NDArray[Any]:
     """Coordinates, their products, and products with the context: ``(..., column)``.
 
     `candidates` is ``(..., coordinate)``, `context` ``(..., k)`` or broadcastable to it.
@@ -31,14 +32,14 @@ def columns(candidates: ArrayLike, context: ArrayLike | None = None) -> Array:
     >>> columns(np.ones((7, 2))).shape, columns(np.ones((7, 2)), np.ones((7, 3))).shape
     ((7, 5), (7, 17))
     """
-    z = np.asarray(candidates, dtype=float)
+    z: NDArray[Any] = np.asarray(candidates, dtype=dtype)
     p = z.shape[-1]
     first, second = _products(p)
     plain = p + len(first)
-    shared = np.zeros((*z.shape[:-1], 0))
+    shared = np.zeros((*z.shape[:-1], 0), dtype=dtype)
     if context is not None:
-        shared = np.asarray(context, dtype=float)[..., : _context_columns(p)]
-    found = np.empty((*z.shape[:-1], plain + 2 * p * shared.shape[-1]))
+        shared = np.asarray(context, dtype=dtype)[..., : _context_columns(p)]
+    found = np.empty((*z.shape[:-1], plain + 2 * p * shared.shape[-1]), dtype=dtype)
     found[..., :p] = z
     found[..., p:plain] = z[..., first] * z[..., second]
     # Written where they belong: these are nearly all columns.
@@ -113,14 +114,20 @@ def fit_discriminant(
     >>> bool(tell(np.array([3.0, 0.0])) > tell(np.array([0.1, 0.0])))
     True
     """
-    first, second = columns(truths, context_truths), columns(draws, context_draws)
-    mean, other = first.mean(axis=0), second.mean(axis=0)
-    centre = (mean + other) / 2
+    # In single precision, which errs by less than the ridge hides; from one row on, so that what is constant
+    # is exactly so.
+    first = columns(truths, context_truths, np.float32)
+    second = columns(draws, context_draws, np.float32)
+    start = first[0].copy()
+    first -= start
+    second -= start
+    mean, other = (np.full(len(one), 1 / len(one), np.float32) @ one for one in (first, second))
     first -= mean
     second -= other
-    within = (first.T @ first / len(first) + second.T @ second / len(second)) / 2
-    variance = np.diag(within)
-    scale = np.where(variance > 0, np.sqrt(np.maximum(variance, 0)), 1.0)
+    within = sum((one.T @ one).astype(float) / len(one) for one in (first, second)) / 2
+    mean, other = mean.astype(float), other.astype(float)
+    centre, spread = start + (mean + other) / 2, np.sqrt(np.diag(within))
+    scale = np.where(spread > 0, spread, 1.0)
     correlation = within / np.outer(scale, scale)
     penalty = penalties(np.shape(truths)[1], len(scale), min(len(first), len(second)))
     coefficient = np.linalg.solve(correlation + np.diag(penalty), (mean - other) / scale)

@@ -20,6 +20,7 @@ from gaugeblock.validate.learned.expected import STAGES
 from gaugeblock.validate.learned.learned import LEAST_TRIALS, learned_from
 from gaugeblock.validate.local.regions import LEAST, Regions, as_in_a_twentieth, quantile_regions
 from gaugeblock.validate.marginal.coverage import steadied_error
+from gaugeblock.validate.p_values import by_replicates
 from gaugeblock.validate.prepared import Prepared
 
 REFERENCE = (
@@ -128,7 +129,7 @@ def largest_gap(
 ) -> tuple[float, Array]:
     """p-value of the largest gap over regions and levels, and each gap in its null standard error.
 
-    `member` is ``(region, trial)``, the z-values ``(region, level)``; p = (1 + larger) / (1 + replicates).
+    `member` is ``(region, trial)``, the z-values ``(region, level)``.
 
     >>> halves = np.arange(400) < [[200], [400]]
     >>> largest_gap(np.random.default_rng(0).random(400) ** 2, halves, seed=1)[0]
@@ -143,11 +144,11 @@ def largest_gap(
     z = ((u <= level[:, None]).astype(np.float32) @ inside.T).T
     observed = (z - centre) / scale
     rng = generator(seed, "largest gap", *inside.shape)
-    size = max(1, CHUNK // len(u))
-    exceeded = 0
-    for start in range(0, replicates, size):  # bounds memory
-        uniform = rng.random((min(size, replicates - start), 1, len(u)), dtype=np.float32)
+
+    def as_large(number: int) -> NDArray[np.bool_]:
+        uniform = rng.random((number, 1, len(u)), dtype=np.float32)
         counts = np.swapaxes((uniform <= level[:, None]).astype(np.float32) @ inside.T, 1, 2)
         largest = np.abs((counts - centre) / scale).max(axis=(1, 2))
-        exceeded += int(np.count_nonzero(largest >= np.abs(observed).max()))
-    return float((1 + exceeded) / (1 + replicates)), observed
+        return np.asarray(largest >= np.abs(observed).max())
+
+    return by_replicates(as_large, replicates, at_once=max(1, CHUNK // len(u))), observed

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import generator
 from gaugeblock.validate.finding import Finding, PValueFinding
+from gaugeblock.validate.p_values import by_replicates
 
 PERMUTATIONS = 999
 LEAST_PERMUTATIONS = 199
@@ -27,10 +28,10 @@ Groups = Sequence[tuple[NDArray[np.bool_], Sequence[int]]]
 def largest_deviation(
     values: ArrayLike, groups: Groups, *, seed: int, permutations: int | None = None
 ) -> tuple[float, float]:
-    """Largest deviation of a region's mean from the overall mean, in standard errors, and its p-value.
+    """Largest deviation of a region's mean from the overall mean, in standard errors, and its permutation p.
 
     `values` is ``(parameter, check, trial)``; each group has members ``(region, trial)`` and the parameters
-    that are looked at there. p = (1 + permutations with a deviation as large) / (1 + permutations).
+    that are looked at there.
 
     >>> rng = np.random.default_rng(1)
     >>> here = np.arange(400) < [[200], [400]]
@@ -56,14 +57,15 @@ def largest_deviation(
     rows = np.ascontiguousarray(standard.T, dtype=np.float32)
     observed = _largest(scaled, rows[None], kept)[0]
     rng = generator(seed, "homogeneity", n, len(member))
-    size = max(1, CHUNK // max(rows.size, 1))
-    null = []
-    for start in range(0, permutations, size):  # bounds memory
-        order = np.tile(np.arange(n, dtype=np.int32), (min(size, permutations - start), 1))
-        null.append(_largest(scaled, np.take(rows, rng.permuted(order, axis=1), axis=0), kept))
-    # Equal but for rounding counts as equal.
-    exceeded = np.count_nonzero(np.concatenate(null) >= observed * (1 - 1e-6))
-    return float(observed), float((1 + exceeded) / (1 + permutations))
+
+    def as_large(number: int) -> NDArray[np.bool_]:
+        order = np.tile(np.arange(n, dtype=np.int32), (number, 1))
+        null = _largest(scaled, np.take(rows, rng.permuted(order, axis=1), axis=0), kept)
+        # Equal but for rounding counts as equal.
+        return np.asarray(null >= observed * (1 - 1e-6))
+
+    p_value = by_replicates(as_large, permutations, at_once=max(1, CHUNK // max(rows.size, 1)))
+    return float(observed), p_value
 
 
 def _largest(scaled: NDArray[np.float32], rows: NDArray[np.float32], kept: NDArray[np.bool_]) -> Array:
