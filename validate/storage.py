@@ -30,6 +30,9 @@ IN_MEMORY = 1 << 28
 TRIAL = "trial"
 # Values per block: 32 MiB of doubles. Part of what makes a run repeatable to the bit.
 VALUES = 1 << 22
+# Bytes of each variable that the library keeps of what it has read: by default 64 MiB, of files that are read
+# once, from one end to the other.
+CHUNK_CACHE = 16_000_000
 # Values that say whether an array is worth compressing.
 SAMPLE = 1 << 13
 
@@ -43,6 +46,19 @@ def _alone() -> Iterator[None]:
     """Nobody else in the library, and nothing that leaves it in its middle."""
     with uninterrupted(), _ALONE:
         yield
+
+
+@contextmanager
+def _small_caches() -> Iterator[None]:
+    """Files that are opened or made in here keep little of each variable."""
+    import netCDF4
+
+    before = netCDF4.get_chunk_cache()
+    netCDF4.set_chunk_cache(CHUNK_CACHE, *before[1:])
+    try:
+        yield
+    finally:
+        netCDF4.set_chunk_cache(*before)
 
 
 def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
@@ -85,6 +101,7 @@ def write_groups(
         _ALONE,
         _told(path),
         atomic_path(path) as partial,
+        _small_caches(),
         netCDF4.Dataset(partial, "w") as file,
     ):
         defined = []
@@ -223,7 +240,8 @@ def _groups_alone(source: Path, *, what: str, limit: int | None, own: bool) -> d
             content = BytesIO(read_bytes(source, most=ARRAYS))
             opened = {"/": xr.open_dataset(content, engine="scipy", decode_times=False)}
         else:
-            opened = dict(xr.open_groups(source, engine="netcdf4", decode_times=False))
+            with _small_caches():
+                opened = dict(xr.open_groups(source, engine="netcdf4", decode_times=False))
         large = {name for name, dataset in opened.items() if limit is not None and dataset.nbytes > limit}
         try:
             for name, dataset in opened.items():

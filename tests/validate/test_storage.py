@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from gaugeblock.validate.storage import read_groups, write_groups
+from gaugeblock.validate.storage import CHUNK_CACHE, read_groups, write_groups
 
 
 def test_several_threads_may_write_and_read_at_once(tmp_path: Path) -> None:
@@ -67,3 +67,26 @@ def test_words_numbers_and_single_values_come_back_as_they_were(tmp_path: Path) 
     groups = read_groups(tmp_path / "a.nc", what="Trials")
     assert groups[""].identical(whole)
     assert groups["child"].identical(whole[["objects", "integers"]])
+
+
+def test_files_keep_little_of_what_was_read_and_others_their_own(tmp_path: Path, monkeypatch) -> None:
+    """By default the library keeps 64 MiB of each variable: half a gigabyte, of a large audit."""
+    netCDF4 = pytest.importorskip("netCDF4")
+    before, seen = netCDF4.get_chunk_cache(), []
+    read = xr.open_groups
+
+    def parts():
+        for start in (0, 10):
+            seen.append(netCDF4.get_chunk_cache()[0])
+            yield xr.Dataset({"draws": (("trial", "draw"), np.full((10, 3), float(start)))})
+
+    def noted(*given, **more):
+        seen.append(netCDF4.get_chunk_cache()[0])
+        return read(*given, **more)
+
+    monkeypatch.setattr(xr, "open_groups", noted)
+    path = write_groups({"": parts()}, tmp_path / "trials.nc")
+    assert read_groups(path, what="Trials")[""].sizes["trial"] == 20
+    assert seen == [CHUNK_CACHE] * 3
+    assert before[0] > CHUNK_CACHE
+    assert netCDF4.get_chunk_cache() == before

@@ -38,7 +38,7 @@ def c2st(prepared: Prepared) -> list[Finding | NotChecked]:
     if n < LEAST_TRIALS:
         why = f"{n} trial(s) with finite draws; a score to be learned needs at least {LEAST_TRIALS}"
         return [NotChecked(name, why) for name in IDS]
-    found = learned_from(prepared)
+    found = prepared.once(learned_from)
     caveats = prepared.caveats + (() if prepared.features is not None else (WITHOUT_DATA,))
     return [
         rank_finding(found, n, trial=prepared.trial, caveats=caveats),

@@ -46,7 +46,7 @@ def lc2st(prepared: Prepared) -> list[Finding | NotChecked]:
     if n < least:
         why = f"{n} trial(s) with finite draws; regions of the data need at least {least}"
         return [NotChecked("lc2st.local", why)]
-    ranks = learned_from(prepared)
+    ranks = prepared.once(learned_from)
     regions = feature_regions(prepared.features, ranks.row)
     if not regions:
         return [NotChecked("lc2st.local", "no feature of the data differs enough between trials for regions")]

@@ -5,6 +5,7 @@ import pytest
 import xarray as xr
 from scipy import stats
 
+from gaugeblock.validate import run_validators
 from gaugeblock.validate import storage as block_module
 from gaugeblock.validate.learned.discriminant import fit_discriminant
 from gaugeblock.validate.learned.learned import (
@@ -151,3 +152,16 @@ def test_ranks_by_hand_with_ties():
         assert found.pit[place] == pytest.approx((below + ties[row] * (level + 1)) / 8)
         assert found.truth_above[place] == (truth + context[row, 0] > 0.5)
         assert found.draws_above[place] == sum(d + context[row, 0] > 0.5 for d in draws)
+
+
+def test_it_is_learned_once_for_both_that_look_at_it(gaussian_trials, monkeypatch):
+    learnt = []
+
+    def noted(*given, **more):
+        learnt.append(len(given[0]))
+        return fit_discriminant(*given, **more)
+
+    monkeypatch.setattr("gaugeblock.validate.learned.learned.fit_discriminant", noted)
+    found, _ = run_validators(gaussian_trials(600, 30, 2, seed=4), seed=1, select=["c2st", "lc2st"])
+    assert {finding.validator for finding in found} == {"c2st", "lc2st"}
+    assert learnt == [100, 200, 300, 400, 500]
