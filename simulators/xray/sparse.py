@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gaugeblock.simulators.xray.kept import kept
 from gaugeblock.simulators.xray.response import Response
 
 DENSE = 2**24
@@ -23,6 +24,7 @@ def is_sparse(matrix: Any) -> bool:
     return bool(rows * columns > DENSE and matrix.nnz < SHARE * rows * columns)
 
 
+@kept
 def response_product(response: Response) -> tuple[Callable[[Any], Any], NDArray[np.bool_]]:
     """What turns photon flux in a response's live input bins into counts per second, and which are live."""
     import jax.numpy as jnp

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray.effects.assembly import Bound
 from gaugeblock.simulators.xray.gain import Gain, crossed
+from gaugeblock.simulators.xray.kept import kept
 from gaugeblock.simulators.xray.rate import Folding
 from gaugeblock.simulators.xray.recorded.background import Background, counted
 from gaugeblock.simulators.xray.recorded.broadening import Broadening
@@ -42,7 +42,7 @@ def recorded_folding(response: Response, recorded: Sequence[Bound], prior: Prior
     if response.shared:
         rows = grown(rows, 0, len(places.order))
     asked = any(not bound.what.affine for bound in recorded)
-    columns, live = _columns(response, places.order, rows, asked)
+    columns, live = _columns(response, rows.start, rows.stop, asked)
     reads = tuple(s for bound in recorded for s in bound.sources.values() if isinstance(s, str))
     if len(recorded) == 1 and isinstance(recorded[0].what, Broadening) and recorded[0].free:
         edges, members = places.edges[rows.start : rows.stop + 1], places.members[:, rows].toarray()
@@ -88,32 +88,32 @@ def _background_folding(response: Response, recorded: Sequence[Bound], names: Se
     return Folding(fold, live)
 
 
-_COLUMNS: WeakKeyDictionary[Response, dict[tuple[int, int, bool], tuple[Any, NDArray[np.bool_]]]] = (
-    WeakKeyDictionary()
-)
-
-
-def _columns(
-    response: Response, order: NDArray[np.int64], rows: slice, others: bool
-) -> tuple[Any, NDArray[np.bool_]]:
+@kept
+def _columns(response: Response, start: int, stop: int, others: bool) -> tuple[Any, NDArray[np.bool_]]:
     """Counts per second for unit photon flux ``(detector channel, bin)``, and which input bins they are of.
 
-    The last row is of all channels beyond `rows`, 0 unless `others` are asked for. Models of one response
-    share the array: there are as many as candidates in a search.
+    The last row is of all channels but those from `start` to `stop` in order of energy, 0 unless `others` are
+    asked for.
     """
     import jax.numpy as jnp
 
-    kept = _COLUMNS.setdefault(response, {})
-    key = (rows.start, rows.stop, others)
-    if key not in kept:
-        dense = per_second(response, order[rows])
-        rest = np.zeros(len(response.area))
-        if others:
-            beyond = np.delete(np.arange(response.redistribution.shape[0]), order[rows])
-            rest = np.asarray(response.redistribution[beyond].sum(axis=0)).ravel() * response.area
-        live = response.evaluated(np.asarray(dense.any(axis=0) | (rest > 0)))
-        kept[key] = jnp.asarray(np.concatenate([dense[:, live], rest[None, live]])), live
-    return kept[key]
+    order = layout(response).order
+    dense = per_second(response, order[start:stop])
+    rest = np.zeros(len(response.area))
+    if others:
+        beyond = np.delete(np.arange(response.redistribution.shape[0]), order[start:stop])
+        rest = np.asarray(response.redistribution[beyond].sum(axis=0)).ravel() * response.area
+    live = response.evaluated(np.asarray(dense.any(axis=0) | (rest > 0)))
+    return jnp.asarray(np.concatenate([dense[:, live], rest[None, live]])), live
+
+
+@kept
+def _membership(response: Response, start: int, stop: int) -> tuple[Any, Any]:
+    """Which channels, of those from `start` to `stop`, and which runs make up a group: ``(channel, ...)``."""
+    import jax.numpy as jnp
+
+    places = layout(response)
+    return jnp.asarray(places.members[:, start:stop].toarray()), jnp.asarray(places.groups)
 
 
 def _grouped(
@@ -123,8 +123,8 @@ def _grouped(
     import jax.numpy as jnp
 
     edges = places.edges[rows.start : rows.stop + 1]
-    members = jnp.asarray(places.members[:, rows].toarray())
-    runs, groups = places.runs, jnp.asarray(places.groups)
+    members, groups = _membership(response, rows.start, rows.stop)
+    runs = places.runs
     prepared = [bound.what.prepare(edges, response) for bound in recorded]
 
     def group(counts: Any, theta: Any) -> Any:

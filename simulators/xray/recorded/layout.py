@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
+from gaugeblock.simulators.xray.kept import kept
 from gaugeblock.simulators.xray.response import Response
 
 
@@ -51,6 +52,7 @@ def crowded(response: Response) -> str | None:
     )
 
 
+@kept
 def layout(response: Response) -> Layout:
     """The layout of a response's channels.
 

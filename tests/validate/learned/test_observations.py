@@ -65,7 +65,7 @@ def test_the_discriminant_is_linear_in_the_labels():
     rng = np.random.default_rng(4)
     one, other = rng.normal(size=(100, 2)), rng.normal(size=(100, 2)) + 0.5
     here, there = fit_discriminant(one, other), fit_discriminant(other, one)
-    np.testing.assert_allclose(here(one), -there(one), atol=1e-12)
+    np.testing.assert_allclose(here(one), -there(one), atol=1e-6)  # learned in single precision
 
 
 def test_the_same_generator_gives_the_same_answer():
