@@ -8,10 +8,7 @@ fills docs/performance.md with what is there.
 
 from __future__ import annotations
 
-import json
 import math
-import os
-import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -21,21 +18,11 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.kept import arguments, keep, stored
-from benchmarks.processes import ONE_CORE
+from benchmarks.processes import GAUGEBLOCK, VERDICTS, cost
 from studies.kit import page, plots
-
-from gaugeblock.core.errors import InputError
 
 HERE = Path(__file__).resolve().parent
 AUDIT = {"simulator.name": "linear_gaussian", "estimator.name": "exact"}
-
-# Linux counts what a process was before its program began among what it has used: as large as its parent.
-FROM_A_SMALL_PROCESS = """
-import json, resource, subprocess, sys
-code = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode
-used = resource.getrusage(resource.RUSAGE_CHILDREN)
-print(json.dumps([code, used.ru_utime + used.ru_stime, used.ru_maxrss]))
-"""
 
 
 @dataclass(frozen=True)
@@ -90,23 +77,11 @@ AXES: Mapping[str, Axis] = {
 
 
 def measured(commands: Sequence[Sequence[str]]) -> dict[str, float]:
-    """CPU seconds and the largest process's GB of the last command; those before it make its input.
-
-    Raises
-    ------
-    InputError
-        If a command fails.
-    """
-    for number, words in enumerate(commands, 1):
-        own = [] if words[0].endswith(".py") else ["-m", "gaugeblock"]
-        ran = subprocess.run(
-            [sys.executable, "-c", FROM_A_SMALL_PROCESS, sys.executable, *own, *words],
-            env={**os.environ, **ONE_CORE}, capture_output=True, check=True,
-        )  # fmt: skip
-        code, seconds, kilobytes = json.loads(ran.stdout)
-        if code not in (0, 1, 3) or (number < len(commands) and code):
-            raise InputError(f"{' '.join(words)}: ended with {code}")
-    return {"seconds": round(seconds, 2), "gb": round(kilobytes / 1e6, 3)}
+    """What the last command costs; those before it make its input."""
+    *before, last = [[*([] if words[0].endswith(".py") else GAUGEBLOCK), *words] for words in commands]
+    for words in before:
+        cost(words, good=(0,))
+    return cost(last, good=VERDICTS)
 
 
 def grown(axes: Mapping[str, Axis], path: Path) -> dict[str, Any]:

@@ -14,10 +14,13 @@ from gaugeblock.core.atomic import write_atomically
 from gaugeblock.core.processors import processor
 
 
-def arguments(says: str | None, what: str, names: Iterable[str], path: Path) -> argparse.ArgumentParser:
+def arguments(
+    says: str | None, what: str | None, names: Iterable[str], path: Path
+) -> argparse.ArgumentParser:
     """Options of a command that measures what its file lacks: what of it, the file, and its page."""
     options = argparse.ArgumentParser(description=says)
-    options.add_argument(f"--{what}", nargs="+", choices=names, default=list(names))
+    if what is not None:
+        options.add_argument(f"--{what}", nargs="+", choices=names, default=list(names))
     options.add_argument("--out", type=Path, default=path)
     options.add_argument("--docs", type=Path, default=DOCS)
     options.add_argument("--page", action="store_true", help="what is there, on the page")

@@ -13,7 +13,8 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import mean
@@ -128,6 +129,18 @@ ROWS: Mapping[str, Row] = {
 }  # fmt: skip
 
 
+@contextmanager
+def of_the_past() -> Iterator[Path]:
+    """A checkout of 0.1.0, removed in the end."""
+    with tempfile.TemporaryDirectory() as temporary:
+        tree, git = Path(temporary) / "past", ["git", "-C", str(ROOT), "worktree"]
+        subprocess.run([*git, "add", "--detach", "--quiet", str(tree), PAST], check=True)
+        try:
+            yield tree
+        finally:
+            subprocess.run([*git, "remove", "--force", str(tree)], check=True)
+
+
 def seconds(row: Row, checkout: Path, *, now: bool, seed: int) -> float:
     """CPU seconds of a row in one checkout, children included.
 
@@ -200,13 +213,8 @@ def main(words: Sequence[str] | None = None) -> int:
     if chosen.past is not None:
         compared(rows, chosen.past.resolve(), chosen.out)
         return 0
-    with tempfile.TemporaryDirectory() as temporary:
-        tree, git = Path(temporary) / "past", ["git", "-C", str(ROOT), "worktree"]
-        subprocess.run([*git, "add", "--detach", "--quiet", str(tree), PAST], check=True)
-        try:
-            compared(rows, tree, chosen.out)
-        finally:
-            subprocess.run([*git, "remove", "--force", str(tree)], check=True)
+    with of_the_past() as past:
+        compared(rows, past, chosen.out)
     return 0
 
 
