@@ -1,30 +1,30 @@
-"""What peers and gaugeblock take for the same, side by side in one run: python benchmarks/peers.py [TASK ...]
+"""What peers and gaugeblock take for the same, side by side in one run: python -m benchmarks.peers
 
 A row a task: CPU seconds of each (of all its threads; set OMP_NUM_THREADS=1), the best of equal repeats,
 taken in turns after one of each that counts for nothing (imports, compilation), and their ratio: below 1 the
-peer is faster. Every peer is asked in its fastest documented way. `tox -e bench` installs them; --out FILE
-keeps the figures as JSON, with versions and processor.
+peer is faster. Every peer is asked in its fastest documented way. `tox -e bench` installs them. Rows that are
+in the JSON file already are not measured again; `--page` draws the figure and fills docs/peers.md with what
+is there.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import sys
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-from gaugeblock.core.processors import processor
+from benchmarks.kept import arguments, keep, stored
+from studies.kit import page, plots
 
 os.environ.setdefault("KERAS_BACKEND", "torch")
+HERE = Path(__file__).resolve().parent
 Task = tuple[str, str, Callable[[], Any], Callable[[], Any], int]
 
 
@@ -381,48 +381,98 @@ def whole_audit(rng: np.random.Generator) -> Task:
     )
 
 
-TASKS = (
+MADE = (
     *(sbc_ranks, ecdf_band, gamma_null, mmd_null, psis, expected_coverage, thread_errors),
     *(c2st, tarp, joint_coverage, flow_draws, flow_density, xray_simulation, xray_likelihood, whole_audit),
 )
+TASKS = {make.__name__: make for make in MADE}
 PEERS = ("sbi", "arviz-stats", "bayesflow", "nestcheck", "tarp", "pted", "jaxspec")
 
 
 def seconds(function: Callable[[], Any]) -> float:
+    """CPU seconds of one call."""
     start = time.process_time()
     function()
     return time.process_time() - start
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("task", nargs="*", help=", ".join(make.__name__ for make in TASKS))
-    parser.add_argument("--out", type=Path, help="the same as JSON, with versions and processor")
-    arguments = parser.parse_args()
-    if unknown := set(arguments.task) - {make.__name__ for make in TASKS}:
-        parser.error(f"no task {', '.join(sorted(unknown))}")
-    print("| task | peer | peer (CPU s) | gaugeblock (CPU s) | ratio |\n|---|---|---|---|---|")
-    versions = {name: version(name) for name in (*PEERS, "gaugeblock")}
-    rows: list[dict[str, Any]] = []
-    for make in TASKS:
-        if arguments.task and make.__name__ not in arguments.task:
-            continue
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            what, peer, theirs, ours, times = make(np.random.default_rng(1))
-            # What is imported or compiled on a first call is nobody's cost.
-            theirs(), ours()
-            taken = [(seconds(theirs), seconds(ours)) for _ in range(times)]
-        there, here = (min(column) for column in zip(*taken, strict=True))
-        print(f"| {what} | {peer} | {there:.3g} | {here:.3g} | {there / here:.3g} |")
-        sys.stdout.flush()
-        rows.append(
-            {"task": make.__name__, "what": what, "peer": peer, "peer_s": there, "gaugeblock_s": here}
-        )
-        if arguments.out:
-            said = {"processor": processor(), "versions": versions, "rows": rows}
-            arguments.out.write_text(json.dumps(said, indent=1) + "\n", encoding="utf-8")
+def row(make: Callable[[np.random.Generator], Task]) -> dict[str, Any]:
+    """A task, the peer's name, and CPU seconds of both."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        what, peer, theirs, ours, times = make(np.random.default_rng(1))
+        # What is imported or compiled on a first call is nobody's cost.
+        theirs(), ours()
+        taken = [(seconds(theirs), seconds(ours)) for _ in range(times)]
+    there, here = (float(f"{min(column):.3g}") for column in zip(*taken, strict=True))
+    return {"what": what, "peer": peer, "peer_s": there, "gaugeblock_s": here}
+
+
+def compared(tasks: Mapping[str, Callable[[np.random.Generator], Task]], path: Path) -> None:
+    """Measure each task that the file lacks, and keep it at once."""
+    found = stored(path)
+    rows = found.setdefault("rows", {})
+    for name, make in tasks.items():
+        if name not in rows:
+            rows[name] = row(make)
+            found["peers"] = {peer: version(peer) for peer in PEERS}
+            keep(found, path, "tox -e bench")
+            sys.stderr.write(f"{name}: {rows[name]}\n")
+
+
+def shown(found: Mapping[str, Any]) -> str:
+    """The table of docs/peers.md."""
+    cells = [
+        [one["what"], one["peer"], f"{one['peer_s']:.3g}", f"{one['gaugeblock_s']:.3g}", f"{ratio(one):.3g}"]
+        for one in in_order(found)
+    ]
+    table = page.table(["task", "peer", "peer (CPU s)", "gaugeblock (CPU s)", "ratio"], cells)
+    versions = ", ".join(f"{name} {number}" for name, number in found["peers"].items())
+    return f"{table}\n\nOn {found['processor']}; {versions}."
+
+
+def in_order(found: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Rows in the order of the tasks."""
+    return [found["rows"][name] for name in TASKS if name in found["rows"]]
+
+
+def ratio(one: Mapping[str, Any]) -> float:
+    """How many times as long the peer takes."""
+    return float(one["peer_s"] / one["gaugeblock_s"])
+
+
+def figure(found: Mapping[str, Any]) -> Any:
+    """How many times as long each peer takes, on a logarithmic axis; left of 1 the peer is faster."""
+    rows = in_order(found)[::-1]
+    figure, axes = plots.pyplot().subplots(figsize=(8.5, 0.3 * len(rows) + 0.8), layout="constrained")
+    colours = [plots.BLUE if ratio(one) >= 1 else plots.ORANGE for one in rows]
+    axes.barh(range(len(rows)), [ratio(one) - 1 for one in rows], left=1, color=colours, height=0.6)
+    for place, one in enumerate(rows):
+        ahead = ratio(one) >= 1
+        axes.annotate(
+            f"{ratio(one):.3g}", (ratio(one), place), (3 if ahead else -3, 0),
+            textcoords="offset points", va="center", ha="left" if ahead else "right", fontsize=7,
+        )  # fmt: skip
+    axes.set_xscale("log")
+    axes.margins(x=0.12)
+    axes.axvline(1, color="black", lw=0.8)
+    axes.set_yticks(range(len(rows)), [f"{one['what'].partition(';')[0]} ({one['peer']})" for one in rows])
+    axes.tick_params(axis="y", labelsize=7)
+    axes.set_xlabel("CPU seconds of the peer over ours")
+    return figure
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Measure, or make the page."""
+    chosen = arguments(__doc__, "tasks", TASKS, HERE / "peers.json").parse_args(words)
+    if not chosen.page:
+        compared({name: TASKS[name] for name in chosen.tasks}, chosen.out)
+        return 0
+    found = stored(chosen.out)
+    plots.draw({"peers": lambda: figure(found)}, chosen.docs / "figures")
+    page.fill(chosen.docs / "peers.md", {"peers": shown(found)})
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
