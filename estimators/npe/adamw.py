@@ -7,7 +7,6 @@ from typing import Any
 
 import torch
 
-
 # Devices for which torch has one kernel of all that a step does.
 FUSED = frozenset({"cpu", "cuda"})
 

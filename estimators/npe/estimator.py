@@ -32,7 +32,7 @@ class NPE(Shown):
     Parameters
     ----------
     network
-        sbi density estimator over the prior's normal scores (see `coordinates.py`).
+        A flow over the prior's normal scores (see `flows.py`, `coordinates.py`), or sbi's density estimator.
     prior
         The prior it was trained for.
     data_shape

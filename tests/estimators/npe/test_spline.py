@@ -36,12 +36,30 @@ def test_one_spline_may_serve_many_values():
     torch.testing.assert_close(ours(x), torch.stack(each, dim=-1))
 
 
-def test_it_is_learnt_as_zukos_is():
-    x, gradients = torch.linspace(-4, 4, 30).double(), []
+@pytest.mark.parametrize("options", [{}, {"bound": 3.0, "slope": 1e-2}])
+@pytest.mark.parametrize("bins", [2, 3, 8])
+def test_it_is_learnt_as_zukos_is(bins, options):
+    """Gradients by all that goes in, weighed by random numbers; inside, beyond both ends and on them."""
+    made, gradients = torch.Generator().manual_seed(1), []
+    end = options.get("bound", 5.0)
+    x = torch.cat((torch.linspace(-6, 6, 148), torch.tensor([end, -end]))).reshape(50, 3).double()
+    weights = [torch.randn(50, 3, generator=made).double() for _ in range(2)]
     for kind in (Spline, MonotonicRQSTransform):
-        given = [part.requires_grad_() for part in arguments(30)]
-        values, volume = kind(*given).call_and_ladj(x)
-        gradients.append(torch.autograd.grad((values + volume).sum(), given))
+        given = [part.requires_grad_() for part in (x.clone(), *arguments(50, 3, bins=bins))]
+        values, volume = kind(*given[1:], **options).call_and_ladj(given[0])
+        total = (weights[0] * values + weights[1] * volume).sum()
+        gradients.append(torch.autograd.grad(total, given))
+    for found, expected in zip(*gradients, strict=True):
+        torch.testing.assert_close(found, expected, rtol=1e-7, atol=1e-9)
+
+
+def test_gradients_of_a_spline_that_serves_many_values_add_up():
+    x, gradients = torch.linspace(-6, 6, 60).reshape(20, 3).double(), []
+    for kind in (Spline, MonotonicRQSTransform):
+        given = [part.requires_grad_() for part in arguments(3)]
+        wide = given if kind is Spline else [part.expand(20, *part.shape) for part in given]
+        values, volume = kind(*wide).call_and_ladj(x)
+        gradients.append(torch.autograd.grad((values + 2 * volume).sum(), given))
     for found, expected in zip(*gradients, strict=True):
         torch.testing.assert_close(found, expected, rtol=1e-7, atol=1e-9)
 
