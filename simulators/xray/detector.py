@@ -52,6 +52,10 @@ class Detector:
     """How far the ARF's input bins are off the RMF's, in bins, shape ``(bin,)``."""
 
 
+SPELLINGS = {"cm2": ("cm2", "cm**2", "cm^2"), "keV": ("keV",)}
+"""How files write the units that are wanted of them."""
+
+
 def read_detector(rmf: FilePath, arf: FilePath | None) -> Detector:
     """Read an RMF, and the ARF that belongs to it.
 
@@ -123,13 +127,21 @@ def _read_arf(path: Path) -> tuple[Array, Array]:
     as those of the RMF.
     """
     with opened_fits(path, most=RESPONSE) as hdus:
-        table = require("astropy.table", "xray").QTable.read(hdus, "SPECRESP")
-
-        def values(name: str, unit: str) -> Array:
-            values = table[name]
-            return np.array(values.to_value(unit) if getattr(values, "unit", None) else values, dtype=float)
-
-        area, low, high = values("SPECRESP", "cm2"), values("ENERG_LO", "keV"), values("ENERG_HI", "keV")
+        table = hdus["SPECRESP"]
+        area, low, high = (
+            _in_unit(table, name, unit)
+            for name, unit in (("SPECRESP", "cm2"), ("ENERG_LO", "keV"), ("ENERG_HI", "keV"))
+        )
     if not np.all(np.isfinite(area)) or np.any(area < 0):
         raise InputError("holds areas that are negative or not finite; make it anew")
     return np.stack([low, high], axis=1), area
+
+
+def _in_unit(table: Any, name: str, unit: str) -> Array:
+    """A column in a unit, which it is in where it states none."""
+    values = np.array(table.data[name], dtype=float)
+    stated = str(table.columns[name].unit or unit).strip()
+    if stated in SPELLINGS[unit]:
+        # astropy's units, and its tables, take half a second to import.
+        return values
+    return values * float(require("astropy.units", "xray").Unit(stated).to(unit))

@@ -168,11 +168,30 @@ def test_edges_that_differ_in_the_last_digit_are_mended_and_noted(tmp_path, rmf)
 
 def test_an_area_in_other_units_is_converted_and_a_negative_one_refused(tmp_path, rmf, arf):
     expected = Response.from_ogip(rmf, arf).transfer
-    with fits.open(arf, mode="update") as hdus:
-        hdus["SPECRESP"].header["TUNIT3"] = "m**2"
-    np.testing.assert_allclose(Response.from_ogip(rmf, arf).transfer, 1e4 * expected, rtol=1e-12)
+    for unit, factor in (("m**2", 1e4), ("cm^2", 1.0), (None, 1.0), ("mm2", 1e-2)):
+        with fits.open(arf, mode="update") as hdus:
+            hdus["SPECRESP"].header["TUNIT3"] = unit or ""
+        np.testing.assert_allclose(Response.from_ogip(rmf, arf).transfer, factor * expected, rtol=1e-12)
+    for unit, says in (("furlong", "furlong"), ("keV", "convertible")):
+        with fits.open(arf, mode="update") as hdus:
+            hdus["SPECRESP"].header["TUNIT3"] = unit
+        with pytest.raises(InputError, match=rf"ARF .*cannot be read .*{says}"):
+            Response.from_ogip(rmf, arf)
     with pytest.raises(InputError, match=r"b\.arf: holds areas that are negative"):
         Response.from_ogip(rmf, write_arf(tmp_path / "b.arf", area=-AREA))
+
+
+def test_edges_in_other_units_are_converted(tmp_path, rmf, arf):
+    with fits.open(arf, mode="update") as hdus:
+        for name in ("ENERG_LO", "ENERG_HI"):
+            hdus["SPECRESP"].data[name] *= 1e3
+    with fits.open(arf, mode="update") as hdus:
+        hdus["SPECRESP"].header["TUNIT1"] = hdus["SPECRESP"].header["TUNIT2"] = "eV"
+    np.testing.assert_allclose(Response.from_ogip(rmf, arf).area, AREA, rtol=1e-6)
+    with fits.open(arf, mode="update") as hdus:
+        del hdus["SPECRESP"].header["TUNIT2"]
+    with pytest.raises(InputError, match="energy bins differ"):
+        Response.from_ogip(rmf, arf)
 
 
 def test_a_rate_becomes_counts_again_if_they_are_whole(tmp_path, rmf, arf):
