@@ -187,7 +187,7 @@ def test_edges_in_other_units_are_converted(tmp_path, rmf, arf):
             hdus["SPECRESP"].data[name] *= 1e3
     with fits.open(arf, mode="update") as hdus:
         hdus["SPECRESP"].header["TUNIT1"] = hdus["SPECRESP"].header["TUNIT2"] = "eV"
-    np.testing.assert_allclose(Response.from_ogip(rmf, arf).area, AREA, rtol=1e-6)
+    np.testing.assert_allclose(Response.from_ogip(rmf, arf).area, AREA[1:], rtol=1e-6)
     with fits.open(arf, mode="update") as hdus:
         del hdus["SPECRESP"].header["TUNIT2"]
     with pytest.raises(InputError, match="energy bins differ"):
