@@ -13,7 +13,7 @@ import numpy as np
 
 from gaugeblock.core.arrays import Array
 
-MANY, SUMS = 100_000, 25_000
+MANY, SUMS = 50_000, 25_000
 """Trials beyond which contributions are those of several in a row, and about how many sums then are kept."""
 
 CHUNK = 1 << 14
@@ -22,8 +22,8 @@ CHUNK = 1 << 14
 def together(n: int) -> int:
     """How many trials in a row contribute together.
 
-    >>> together(100_000), together(100_001), together(1_000_000)
-    (1, 5, 40)
+    >>> together(50_000), together(50_001), together(1_000_000)
+    (1, 3, 40)
     """
     return 1 if n <= MANY else -(-n // SUMS)
 

@@ -5,7 +5,7 @@ Draws stay where they are, in memory or on disk: statistics see them block by bl
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, TypeVar, cast
@@ -274,6 +274,11 @@ class Prepared:
         """A statistic of all unaffected trials ``(trial, ...)``, computed once."""
         self.compute([statistic])
         return self._known[statistic]
+
+    def forget(self, statistics: Iterable[Statistic]) -> None:
+        """Make room: these are looked at no more."""
+        for statistic in statistics:
+            self._known.pop(statistic, None)
 
     def once(self, made: Callable[[Prepared], T]) -> T:
         """What a function makes of all trials together, made once."""

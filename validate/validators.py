@@ -73,7 +73,7 @@ VALIDATORS: Mapping[str, Validator] = {
     "importance": Validator(importance),
     "evidence": Validator(evidence),
     "identifiability": Validator(identifiability, (posterior_sd,)),
-    "controls": Validator(controls, most=LEARNED),
+    "controls": Validator(controls, (location,), most=LEARNED),
     "anytime": Validator(anytime, WATCHED, by_default=False),
     "models": Validator(models, by_default=False),
 }
@@ -106,9 +106,11 @@ def run_validators(
         here = [validator for validator in validators if shown[validator.most] is trials]
         trials.compute([statistic for validator in here for statistic in validator.statistics])
     said: list[Finding | NotChecked] = []
-    for validator in validators:
+    for place, validator in enumerate(validators, 1):
         trials = shown[validator.most]
         found = validator.findings(trials)
+        later = [one for other in validators[place:] for one in other.statistics]
+        trials.forget(set(validator.statistics).difference(later))
         if trials is not prepared:
             sizes = trials.main.sizes["trial"], prepared.main.sizes["trial"]
             found = [_of_the_first(item, *sizes) for item in found]

@@ -15,9 +15,11 @@ from gaugeblock.validate import (
     read_findings,
     run_validators,
     trials_tree,
+    validators,
     write_findings,
 )
 from gaugeblock.validate.finding import MeanFinding
+from gaugeblock.validate.validators import Validator
 
 
 def assert_same(first: tuple[Finding, ...], second: tuple[Finding, ...]) -> None:
@@ -172,3 +174,33 @@ def test_a_broken_estimator_shows_where_it_is_broken(gaussian_trials):
         assert abs(np.exp(width.estimate[0]) - 0.8) < 0.05
         assert abs(shift.estimate[0] - 0.3 / 0.8) < 0.1  # in the estimator's own sd
         assert findings[f"sbc.uniform[{name}]"].p_value < 1e-9
+
+
+def test_a_statistic_is_computed_once_and_held_until_it_is_last_looked_at(tree, monkeypatch):
+    """Of many trials each takes room, some of them most of what there is."""
+    computed = []
+
+    def shared(block):
+        computed.append("shared")
+        return block.theta_true[:, 0]
+
+    def early(block):
+        computed.append("early")
+        return block.theta_true[:, 1]
+
+    def looks(*at):
+        return lambda prepared: [NotChecked(f"{len(prepared.per_trial(one))}", "looked") for one in at]
+
+    chosen = {
+        "one": Validator(looks(shared, early), (shared, early)),
+        "two": Validator(looks(shared), (shared,)),
+        "undeclared": Validator(looks(early)),
+    }
+    monkeypatch.setattr(validators, "VALIDATORS", chosen)
+    _, said = run_validators(tree, seed=1, select=["one", "two"])
+    assert [item.id for item in said] == ["300"] * 3
+    assert sorted(computed) == ["early", "shared"]
+    # Who has not said what it looks at has it computed again.
+    computed.clear()
+    run_validators(tree, seed=1)
+    assert sorted(computed) == ["early", "early", "shared"]

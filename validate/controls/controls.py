@@ -37,7 +37,7 @@ from gaugeblock.validate.learned.learned import LEAST_TRIALS as LEAST_TAUGHT
 from gaugeblock.validate.local.declared import in_terms_of_x, location
 from gaugeblock.validate.local.local import regional
 from gaugeblock.validate.marginal.half_widths import bias_finding, half_widths, log_width_finding
-from gaugeblock.validate.prepared import Prepared, pit
+from gaugeblock.validate.prepared import Prepared, effective_draws, pit
 
 LEAST_TRIALS, LEAST_DRAWS = 100, 20
 SHARE = 8  # the region is one in so many trials
@@ -69,7 +69,7 @@ def controls(prepared: Prepared) -> list[Finding | NotChecked]:
 
 def _marginal(prepared: Prepared) -> list[Finding | NotChecked]:
     control = control_trials(prepared, "as they are")
-    control.compute([pit, half_widths])
+    control.compute([pit, half_widths, effective_draws])
     said: list[Finding | NotChecked] = []
     for column, name in enumerate(prepared.parameters):
         scores, ranks = control.per_trial(half_widths)[:, column], control.pit[:, column]

@@ -10,7 +10,7 @@ the challenger sees nothing, nothing can be lost, and a fault of few trials is n
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +33,8 @@ FIRST, STAGES = 8, 5
 MOST_TAUGHT = 4000
 FOLDS = 3
 TAUGHT_CANDIDATES = 17
+# Trials that are scored at a time: with five parameters some 60 MB of columns.
+AT_ONCE = 8192
 # Columns that chance explains, within so many standard errors, stay out of the score.
 LEAST_Z = 2.0
 ROUNDS = 2
@@ -83,7 +85,7 @@ def learn(known: Known, *, order: ArrayLike) -> Learned:
     n, p = len(sequence), known.pools.values.shape[2]
     plain = regressed_terms(p)
     told: dict[tuple[Term, str], Told] = {}
-    parts = []
+    parts: list[tuple[Array, Array, Array, Array]] = []
     edges = stage_edges(n)
     for start, stop in itertools.pairwise(edges):
         taught, scored = sequence[max(0, start - MOST_TAUGHT) : start], sequence[start:stop]
@@ -92,18 +94,33 @@ def learn(known: Known, *, order: ArrayLike) -> Learned:
             centred_columns(known, terms, taught, foretold_unseen(known, plain, taught), TAUGHT_CANDIDATES)
         )
         last = fit_challenger(known, plain, taught)
-        columns = centred_columns(known, terms, scored, last(known, scored))
-        account(told, terms, columns)
-        values = columns @ coefficient
-        expected = last.location(known.data.values[scored])[:, :p]
-        spread = np.broadcast_to(np.linalg.norm(last.location.root, axis=1), expected.shape)
-        parts.append(
-            (pit_of_truth(values, known.pools.ties[scored]), expected_gain(values), expected, spread)
-        )
+        parts += [scored_by(last, known, terms, coefficient, piece, told) for piece in pieces(scored)]
     pit, gain, location, spread = (np.concatenate(column) for column in zip(*parts, strict=True))
     row = sequence[edges[0] :]
     back = np.argsort(row)
     return Learned(row[back], pit[back], weights(gain)[back], location[back], spread[back], told, last)
+
+
+def pieces(rows: Rows) -> Iterator[Rows]:
+    """Rows, some at a time."""
+    return (rows[start : start + AT_ONCE] for start in range(0, len(rows), AT_ONCE))
+
+
+def scored_by(
+    challenger: Challenger,
+    known: Known,
+    terms: Terms,
+    coefficient: Array,
+    rows: Rows,
+    told: dict[tuple[Term, str], Told],
+) -> tuple[Array, Array, Array, Array]:
+    """PIT and expected gain ``(n,)`` of trials, location and spread ``(n, parameter)``; adds to `told`."""
+    columns = centred_columns(known, terms, rows, challenger(known, rows))
+    account(told, terms, columns)
+    values = columns @ coefficient
+    expected = challenger.location(known.data.values[rows])[:, : known.pools.values.shape[2]]
+    spread = np.broadcast_to(np.linalg.norm(challenger.location.root, axis=1), expected.shape)
+    return pit_of_truth(values, known.pools.ties[rows]), expected_gain(values), expected, spread
 
 
 def stage_edges(n: int) -> list[int]:

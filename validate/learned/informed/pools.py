@@ -40,7 +40,9 @@ class Pools(NamedTuple):
     periods: dict[int, float]
 
     def taken(self, rows: NDArray[np.int64]) -> Pools:
-        """The pools of some trials."""
+        """The pools of some trials; of all of them in order these themselves, which may be large."""
+        if np.array_equal(rows, np.arange(len(self.ties))):
+            return self
         return Pools(
             self.values[rows], self.scores[rows], self.mean[rows], self.sd[rows], self.centre[rows],
             self.ties[rows], self.periods,

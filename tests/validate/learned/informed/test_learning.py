@@ -348,6 +348,30 @@ def test_each_stage_is_scored_by_what_was_learned_before_it(monkeypatch):
     np.testing.assert_array_equal(found.last.ridge.coefficient, last.ridge.coefficient)
 
 
+def test_trials_are_scored_some_at_a_time(monkeypatch):
+    """As one by one, and never more than that at once."""
+    rng = np.random.default_rng(29)
+    x, values = rng.normal(size=(90, 3)), rng.normal(size=(90, 21, 2))
+    values[:, 0] = x[:, :2]
+    seen, order, sizes = known(values, x, rng), rng.permutation(90), []
+    whole = learn(seen, order=order)
+
+    def noted(known, terms, rows, foretold, candidates=None):
+        sizes.append(len(rows))
+        return centred_columns(known, terms, rows, foretold, candidates)
+
+    monkeypatch.setattr(learning, "centred_columns", noted)
+    monkeypatch.setattr(learning, "AT_ONCE", 7)
+    found = learn(seen, order=order)
+    for one, other in zip(found[:5], whole[:5], strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-5)
+    assert found.told.keys() == whole.told.keys()
+    for key, one in found.told.items():
+        np.testing.assert_allclose(one, whole.told[key], rtol=1e-4, atol=1e-4)
+    # Stages end at 11, 19, 31, 53 and 90; the first only teaches.
+    assert [size for size in sizes if size <= 7] == [7, 1, 7, 5, 7, 7, 7, 1, 7, 7, 7, 7, 7, 2]
+
+
 def test_the_trials_that_teach_are_foretold_in_thirds():
     rng = np.random.default_rng(24)
     seen, taught = known(rng.normal(size=(40, 9, 2)), rng.normal(size=(40, 3)), rng), np.arange(5, 38)

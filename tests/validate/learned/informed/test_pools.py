@@ -57,6 +57,9 @@ def test_pools_hold_the_truth_first_and_some_of_the_draws(weighted, monkeypatch)
     for name in ("values", "scores", "mean", "sd", "centre", "ties"):
         np.testing.assert_array_equal(getattr(part, name), getattr(found, name)[rows])
     assert part.periods == found.periods
+    # Gigabytes, of many trials, are not copied for nothing.
+    assert found.taken(np.arange(9)) is found
+    assert len(found.taken(np.arange(8)).ties) == 8
     # An angle is said by its cosine, in its own place, and its sine, at the end.
     mean = found.mean + found.centre
     known = np.concatenate([found.sd, mean], axis=1)
