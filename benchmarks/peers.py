@@ -233,8 +233,9 @@ def joint_coverage(rng: np.random.Generator) -> Task:
 
 @cache
 def shipped() -> tuple[Any, Any, Any]:
-    """The shipped flow and 200 spectra, as an array and as a tensor."""
+    """The shipped flow, sbi's estimator of the same weights, and 200 spectra."""
     import torch
+    from sbi.neural_nets import posterior_nn
 
     import gaugeblock as gb
     from gaugeblock.simulators.xray import reference
@@ -242,17 +243,26 @@ def shipped() -> tuple[Any, Any, Any]:
     spectrum = reference()
     theta = spectrum.prior.sample(200, np.random.default_rng(2))
     x = np.asarray(spectrum.simulate(theta, np.random.default_rng(3)), dtype=float)
-    return gb.load("shipped:epic-pn-medium"), x, torch.as_tensor(x)
+    flow = gb.load("shipped:epic-pn-medium")
+    table, (*_, embedding) = flow.record["network"], flow.network.children()
+    build = posterior_nn(
+        "zuko_nsf", num_transforms=table["transforms"], hidden_features=list(table["hidden"]),
+        num_bins=table["bins"], embedding_net=embedding, z_score_theta="none", z_score_x="none",
+    )  # fmt: skip
+    theirs = build(torch.randn(2, 5), torch.as_tensor(x[:2]))
+    theirs.load_state_dict(flow.network.state_dict())
+    return flow, theirs.eval(), x
 
 
 def flow_draws(rng: np.random.Generator) -> Task:
     import torch
 
-    flow, x, data = shipped()
+    flow, estimator, x = shipped()
+    data = torch.as_tensor(x)
 
     def theirs() -> Any:
         with torch.inference_mode():
-            return flow.network.sample_and_log_prob(torch.Size([250]), condition=data)
+            return estimator.sample_and_log_prob(torch.Size([250]), condition=data)
 
     what = "draws of the shipped flow and their densities, 200 spectra x 250"
     return what, "sbi", theirs, lambda: flow.sample_and_log_prob(x, 250, rng), 2
@@ -261,13 +271,13 @@ def flow_draws(rng: np.random.Generator) -> Task:
 def flow_density(rng: np.random.Generator) -> Task:
     import torch
 
-    flow, x, data = shipped()
-    theta = flow.sample(x, 250, rng)
+    flow, estimator, x = shipped()
+    data, theta = torch.as_tensor(x), flow.sample(x, 250, rng)
     there = torch.as_tensor(rng.normal(size=(250, 200, 5)), dtype=torch.float32)
 
     def theirs() -> Any:
         with torch.inference_mode():
-            return flow.network.log_prob(there, condition=data)
+            return estimator.log_prob(there, condition=data)
 
     what = "densities of the shipped flow, 200 spectra x 250"
     return what, "sbi", theirs, lambda: flow.log_prob(theta, x), 3
