@@ -99,7 +99,7 @@ def cost(words: Sequence[str], out: Path, *, poll: float = POLL) -> dict[str, An
     from distributed import LocalCluster
 
     with LocalCluster(
-        n_workers=WORKERS, threads_per_worker=1, processes=True, dashboard_address=None, memory_limit=0,
+        n_workers=WORKERS, threads_per_worker=1, processes=True, dashboard_address=":0", memory_limit=0,
         env=ONE_CORE,
     ) as cluster:  # fmt: skip
         workers = [Watched(worker.process.pid) for worker in cluster.workers.values()]
