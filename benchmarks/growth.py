@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.kept import arguments, keep, stored
-from benchmarks.processes import GAUGEBLOCK, VERDICTS, cost
+from benchmarks.processes import GAUGEBLOCK, VERDICTS, audit, cost
 from studies.kit import page, plots
 
 HERE = Path(__file__).resolve().parent
@@ -41,8 +41,7 @@ def audited(size: int, folder: Path, *, grows: str, **fixed: int) -> list[list[s
         **AUDIT, "simulator.parameters": numbers["parameters"],
         "trials.number": numbers["trials"], "trials.draws": numbers["draws"],
     }  # fmt: skip
-    words = [word for key, value in settings.items() for word in ("--set", f"{key}={value}")]
-    return [["audit", *words, "--out", str(folder / "out"), "--quiet"]]
+    return [[*audit(settings), "--out", str(folder / "out"), "--quiet"]]
 
 
 def searched(size: int, folder: Path) -> list[list[str]]:

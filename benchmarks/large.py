@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.kept import arguments, keep, stored
-from benchmarks.processes import GAUGEBLOCK, ONE_CORE, VERDICTS, ran
+from benchmarks.processes import GAUGEBLOCK, ONE_CORE, VERDICTS, audit, ran
 from studies.kit import page
 
 from gaugeblock.core.errors import InputError
@@ -36,11 +36,6 @@ class Row:
     says: str
     words: Sequence[str]
     before: Sequence[str] = ()
-
-
-def audit(settings: Mapping[str, Any]) -> list[str]:
-    """Words of an audit with these settings."""
-    return ["audit", *(word for key, value in settings.items() for word in ("--set", f"{key}={value}"))]
 
 
 TOY = {
@@ -70,7 +65,7 @@ class Watched:
         import psutil
 
         self._process = psutil.Process(pid)
-        self.begun = self._used()
+        self._begun = self._used()
         self.gb, self.seconds = 0.0, 0.0
 
     def _used(self) -> float:
@@ -83,7 +78,7 @@ class Watched:
 
         try:
             self.gb = max(self.gb, self._process.memory_info().rss / 1e9)
-            self.seconds = self._used() - self.begun
+            self.seconds = self._used() - self._begun
         except psutil.Error:
             return
 
@@ -110,7 +105,6 @@ def cost(words: Sequence[str], out: Path, *, poll: float = POLL) -> dict[str, An
             stdout=subprocess.PIPE, text=True,
         )  # fmt: skip
         command = Watched(process.pid)
-        command.begun = 0.0
         while process.poll() is None:
             for one in (command, *workers):
                 one.look()

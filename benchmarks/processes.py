@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.executors import SINGLE
@@ -24,6 +25,11 @@ code = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL, stderr=subprocess
 used = resource.getrusage(resource.RUSAGE_CHILDREN)
 print(json.dumps([code, used.ru_utime + used.ru_stime, used.ru_maxrss]))
 """
+
+
+def audit(settings: Mapping[str, Any]) -> list[str]:
+    """Words of an audit with these settings."""
+    return ["audit", *(word for key, value in settings.items() for word in ("--set", f"{key}={value}"))]
 
 
 def ran(words: Sequence[str], says: str, *, cwd: Path, env: Mapping[str, str], verdict: bool) -> str:

@@ -41,8 +41,10 @@ class PublishedEmbedding(nn.Module):
             return self.dense(self.convolutions(logged.unsqueeze(-2)).flatten(start_dim=-2))
 
 
-def builder(data_shape: tuple[int, ...]) -> Any:
+def builder(data_shape: tuple[int, ...], *, z_score_theta: str = "none") -> Any:
     """The function (theta, x) -> density estimator that sbi's trainers take.
+
+    `z_score_theta` as sbi's: "none" for coordinates that are standardised already.
 
     Raises
     ------
@@ -54,10 +56,9 @@ def builder(data_shape: tuple[int, ...]) -> Any:
             f"the published network reads spectra of at least 4 channels, not data of shape {data_shape}; "
             'take network.kind = "default"'
         )
-    # Coordinates are standardised already.
     return posterior_nn(
         "nsf",
-        z_score_theta="none",
+        z_score_theta=z_score_theta,
         z_score_x="none",
         num_transforms=5,
         hidden_features=50,

@@ -68,7 +68,6 @@ def test_the_best_of_repeats_counts_and_a_first_call_does_not():
     assert 0.04 < peers.row(given)["peer_s"] < 0.09
 
 
-@pytest.mark.skipif(not (peers.HERE / "peers.json").exists(), reason="benchmarks/peers.json is not there")
 def test_the_page_says_what_the_file_says():
     found = peers.stored(peers.HERE / "peers.json")
     assert set(found["rows"]) == set(peers.TASKS)

@@ -51,9 +51,6 @@ def test_a_command_runs_in_the_past_then_with_nothing_compiled_and_again(folder,
     assert "| all | 125 | 70 | 50 | 0.56 | 0.40 | 5.00 | 6.00 |" in page
 
 
-@pytest.mark.skipif(
-    not (searches.HERE / "searches.json").exists(), reason="benchmarks/searches.json is not there"
-)
 def test_the_page_says_what_the_file_says():
     found = searches.stored(searches.HERE / "searches.json")
     assert searches.shown(found) in (DOCS / "performance.md").read_text()

@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from gaugeblock.estimators.npe.published import PublishedEmbedding
+from gaugeblock.estimators.npe.published import builder
 
 
 def build(theta: Tensor, channels: int, *, seed: int) -> Any:
@@ -15,17 +15,7 @@ def build(theta: Tensor, channels: int, *, seed: int) -> Any:
 
     `theta` ``(n, parameter)`` float32 decides the standardisation.
     """
-    from sbi.neural_nets import posterior_nn
-
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        make = posterior_nn(
-            "nsf",
-            num_transforms=5,
-            hidden_features=50,
-            num_bins=10,
-            embedding_net=PublishedEmbedding(channels),
-            z_score_theta="independent",
-            z_score_x="none",
-        )
+        make = builder((channels,), z_score_theta="independent")
         return make(theta, torch.ones((len(theta), channels)))
