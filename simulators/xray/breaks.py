@@ -3,24 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from gaugeblock.core.arrays import Array
-from gaugeblock.simulators.xray.components import TABLES
-from gaugeblock.simulators.xray.cross_sections import table_breaks
 from gaugeblock.simulators.xray.expression import Leaf
-from gaugeblock.simulators.xray.formulas import FORMULAS
-
-
-def _of_table(file: str, _: Mapping[str, Any]) -> Array:
-    return table_breaks(file)
-
-
-def _redshifted(values: Mapping[str, Any]) -> Any:
-    return table_breaks(TABLES["zTbabs"]) / (1.0 + values["z"])
+from gaugeblock.simulators.xray.formulas import FORMULAS, SHARED
 
 
 class _Breaks(NamedTuple):
@@ -31,13 +19,15 @@ class _Breaks(NamedTuple):
 
 
 _BREAKS: Mapping[str, _Breaks] = {
-    **{name: _Breaks(frozenset(), partial(_of_table, file)) for name, file in TABLES.items()},
-    "zTbabs": _Breaks(frozenset({"z"}), _redshifted),
     # It has none of its own and moves those of what it acts on.
     "Zashift": _Breaks(frozenset({"redshift"}), lambda _: np.empty(0)),
     "Expfac": _Breaks(frozenset({"E_c"}), lambda values: np.ones(1) * values["E_c"]),
     "Highecut": _Breaks(frozenset({"Ec"}), lambda values: np.ones(1) * values["Ec"]),
-    **{name: _Breaks(one.movers, one.breaks) for name, one in FORMULAS.items() if one.breaks is not None},
+    **{
+        name: _Breaks(one.movers, one.breaks)
+        for name, one in {**FORMULAS, **SHARED}.items()
+        if one.breaks is not None
+    },
 }
 
 

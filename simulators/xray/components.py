@@ -137,15 +137,6 @@ REFUSED = {
 }
 """Components of XSPEC that are not offered, or that jaxspec has under a name that means something else."""
 
-TABLES = {
-    "Phabs": "xsect_phabs_aspl.fits",
-    "Tbabs": "xsect_tbabs_wilm.fits",
-    "Tbpcf": "xsect_tbabs_wilm.fits",
-    "Wabs": "xsect_wabs_angr.fits",
-    "zTbabs": "xsect_tbabs_wilm.fits",
-}
-"""The cross-section table that a jaxspec class reads when it is made."""
-
 
 def find(name: str) -> str:
     """Key of a component in `COMPONENTS` from its name in any case, or a beginning that no other has.

@@ -9,7 +9,9 @@ import numpy as np
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import require
+from gaugeblock.core.precision import double_precision
 from gaugeblock.simulators.xray import data
+from gaugeblock.simulators.xray.averages import constant
 
 TBABS, PHABS, WABS = "xsect_tbabs_wilm.fits", "xsect_phabs_aspl.fits", "xsect_wabs_angr.fits"
 """Wilms, Allen & McCray 2000 with their abundances; Balucinska-Church & McCammon 1992 with those of Asplund
@@ -32,11 +34,23 @@ def table(file: str) -> tuple[Array, Array]:
     return energy, sigma
 
 
-def linear(energy: Any, file: str) -> Any:
-    """Cross-section, 1e-22 cm2, as jaxspec has it for phabs and wabs: linear, none above the table."""
+def cross_section(energy: Any, file: str) -> Any:
+    """Cross-section, 1e-22 cm2, at energies in keV: between the table's by jaxspec's rules.
+
+    Of tbabs linear in both logarithms, beyond the table by its last slopes; of phabs and wabs linear, and
+    beyond it all or nothing. Energies that are known are looked up once.
+    """
+    import jax
     import jax.numpy as jnp
 
-    return jnp.interp(energy, *table(file), left=1e9, right=0.0)
+    if constant(energy):
+        # Whoever asks may be tracing: without this the result would belong to that trace.
+        with double_precision(), jax.core.eval_context():
+            return np.asarray(cross_section(jnp.asarray(energy), file))
+    if file != TBABS:
+        return jnp.interp(energy, *table(file), left=1e9, right=0.0)
+    nodes, values = map(np.log, table(file))
+    return jnp.exp(jnp.interp(jnp.log(energy), nodes, values, left="extrapolate", right="extrapolate"))
 
 
 @cache

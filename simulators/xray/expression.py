@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from gaugeblock.core.errors import InputError, require
-from gaugeblock.simulators.xray.components import COMPONENTS, CONVOLUTION, ENTRIES, TABLES, Component, find
-from gaugeblock.simulators.xray.data import path as data_path
+from gaugeblock.simulators.xray.components import COMPONENTS, CONVOLUTION, ENTRIES, Component, find
 from gaugeblock.simulators.xray.tables import PATTERN, is_table, table_entry
 
 
@@ -417,13 +416,8 @@ def of_jaxspec(node: Node) -> bool:
 
 def instance(leaf: Leaf) -> Any:
     """The jaxspec component of a leaf, with jaxspec's own parameter values. Inside `double_precision()`."""
-    if leaf.component in TABLES:
-        # Before jaxspec asks its own site for it, at length and in silence.
-        data_path(TABLES[leaf.component])
-    additive_models = require("jaxspec.model.additive", "xray")
-    multiplicative_models = require("jaxspec.model.multiplicative", "xray")
-    module = additive_models if hasattr(additive_models, leaf.component) else multiplicative_models
-    return getattr(module, leaf.component)()
+    module = "additive" if entry_of(leaf).additive else "multiplicative"
+    return getattr(require(f"jaxspec.model.{module}", "xray"), leaf.component)()
 
 
 Values = Callable[[Leaf], Mapping[str, Any]]

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from gaugeblock.simulators.xray.averages import normal_cdf
-from gaugeblock.simulators.xray.cross_sections import PHABS, WABS, linear, table_breaks
+from gaugeblock.simulators.xray.cross_sections import PHABS, TBABS, WABS, cross_section, table_breaks
 from gaugeblock.simulators.xray.disc import disc_integral
 from gaugeblock.simulators.xray.gaunt import gaunt
 
@@ -117,6 +117,13 @@ def zbbody(energy: Any, *, kT: Any, redshift: Any, norm: Any) -> Any:
     return 8.0525 * norm * x**2 / ((1.0 + redshift) * kT**4 * jnp.expm1(x / kT))
 
 
+def bbodyrad(energy: Any, *, kT: Any, norm: Any) -> Any:
+    """1.0344e-3 norm E^2 / (e^(E / kT) - 1)."""
+    import jax.numpy as jnp
+
+    return PLANCK * norm * energy**2 / jnp.expm1(energy / kT)
+
+
 def expabs(energy: Any, *, Ec: Any) -> Any:
     """exp(-Ec / E)."""
     import jax.numpy as jnp
@@ -156,11 +163,11 @@ def cyclabs(energy: Any, *, depth0: Any, E0: Any, width0: Any, depth2: Any, widt
     return jnp.exp(-line(depth0, E0, width0) - line(depth2, 2.0 * E0, width2))
 
 
-def absorber(energy: Any, *, file: str, nh: Any, redshift: Any = 0.0, f: Any = 1.0) -> Any:
-    """f exp(-nh sigma(E (1 + z))) + 1 - f, nh in 1e22 per cm2."""
+def absorber(energy: Any, *, file: str, nh: Any, redshift: Any = 0.0, z: Any = 0.0, f: Any = 1.0) -> Any:
+    """f exp(-nh sigma(E (1 + redshift))) + 1 - f, nh in 1e22 per cm2; jaxspec's redshift is `z`."""
     import jax.numpy as jnp
 
-    return f * jnp.exp(-nh * linear(energy * (1.0 + redshift), file)) + (1.0 - f)
+    return f * jnp.exp(-nh * cross_section(energy * (1.0 + redshift + z), file)) + (1.0 - f)
 
 
 def zgauss(low: Any, high: Any, *, El: Any, sigma: Any, redshift: Any, norm: Any) -> Any:
@@ -191,8 +198,8 @@ def _line(values: Values) -> Any:
 def _absorber(file: str) -> Formula:
     return Formula(
         factor=partial(absorber, file=file),
-        breaks=lambda values: table_breaks(file) / (1.0 + values.get("redshift", 0.0)),
-        movers=frozenset({"redshift"}),
+        breaks=lambda values: table_breaks(file) / (1.0 + values.get("redshift", values.get("z", 0.0))),
+        movers=frozenset({"redshift", "z"}),
     )
 
 
@@ -216,6 +223,16 @@ FORMULAS: Mapping[str, Formula] = {
     "Zwabs": _absorber(WABS),
 }
 """By the name that `components.COMPONENTS` gives them."""
+
+SHARED: Mapping[str, Formula] = {
+    **{name: _absorber(TBABS) for name in ("Tbabs", "Tbpcf", "zTbabs")},
+    "Phabs": _absorber(PHABS),
+    "Wabs": _absorber(WABS),
+    "Blackbody": Formula(density=partial(zbbody, redshift=0.0)),
+    "Blackbodyrad": Formula(density=bbodyrad),
+}
+"""What jaxspec has too, by the same rules and tables: models of these need not wait a second for its imports,
+and tables are looked up once where energies are known."""
 
 EXACT: Mapping[str, Formula] = {"Zgauss": Formula(integral=zgauss), "Lorentz": Formula(integral=lorentz)}
 """jaxspec's lines by their integrals, where bins are integrated exactly: they may be narrower than one."""

@@ -7,15 +7,24 @@ a power law is an exponential, which takes an eighth of the time of a power.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.core.errors import require
 from gaugeblock.simulators.xray.averages import relative_expm1
-from gaugeblock.simulators.xray.expression import Leaf, Node, Product, Values, instance, leaves, with_values
+from gaugeblock.simulators.xray.expression import (
+    Leaf,
+    Node,
+    Product,
+    Values,
+    additive,
+    instance,
+    leaves,
+    with_values,
+)
+from gaugeblock.simulators.xray.formulas import SHARED
 
 
 def trapezoid_flux(tree: Node, low: Array, high: Array) -> Callable[[Values, Any], Any]:
@@ -30,8 +39,7 @@ def trapezoid_flux(tree: Node, low: Array, high: Array) -> Callable[[Values, Any
 
     The function's `factor` multiplies all edges.
     """
-    emission = require("jaxspec.model.abc", "xray").AdditiveComponent
-    made = {leaf: instance(leaf) for leaf in leaves(tree)}
+    evaluate = {leaf: _evaluator(leaf) for leaf in leaves(tree) if leaf.component != "Powerlaw"}
     energies, places = np.unique(np.concatenate([low, high]), return_inverse=True)
     first, second = places.reshape(2, -1)
     width = high - low
@@ -43,22 +51,22 @@ def trapezoid_flux(tree: Node, low: Array, high: Array) -> Callable[[Values, Any
         import jax
         import jax.numpy as jnp
 
-        at, lower, upper = jnp.asarray(energies) * factor, low * factor, high * factor
+        # Known, where nothing moves them: tables are then looked up once.
+        known, lower, upper = energies * factor, jnp.asarray(low * factor), jnp.asarray(high * factor)
 
         def ends(of_energy: Any) -> tuple[Any, Any]:
             # Without the barrier XLA works either end out for itself.
-            every = jax.lax.optimization_barrier(of_energy * jnp.ones_like(at))
+            every = jax.lax.optimization_barrier(of_energy * jnp.ones_like(known))
             return (every[:-1], every[1:]) if row else (every[first], every[second])
 
         def leaf(node: Leaf) -> Any:
             if node.component == "Powerlaw":
                 return power_law_integral(lower, upper, **values(node))
-            component = with_values(made[node], values(node))
-            if not isinstance(made[node], emission):
-                below, above = ends(component.factor(at))
-                return weights[0] * below + weights[1] * above
-            below, above = ends(component.continuum(at))
-            return 0.5 * (below + above) * (width * factor) + component.integrated_continuum(lower, upper)
+            at_energy, between = evaluate[node](values(node), known, lower, upper)
+            below, above = ends(at_energy)
+            if additive(node):
+                return 0.5 * (below + above) * (width * factor) + between
+            return weights[0] * below + weights[1] * above
 
         def of(node: Node) -> Any:
             if isinstance(node, Leaf):
@@ -69,6 +77,26 @@ def trapezoid_flux(tree: Node, low: Array, high: Array) -> Callable[[Values, Any
         return of(tree)
 
     return flux
+
+
+def _evaluator(leaf: Leaf) -> Callable[[Mapping[str, Any], Any, Any, Any], tuple[Any, Any]]:
+    """Function ``(values, energies, lower, upper)`` to a component at energies and what it adds between."""
+    import jax.numpy as jnp
+
+    if leaf.component in SHARED:
+        formula = SHARED[leaf.component]
+        at_energy = formula.factor or formula.density
+        assert at_energy is not None
+        return lambda values, energies, *_: (at_energy(energies, **values), 0.0)
+    made = instance(leaf)
+
+    def evaluate(values: Mapping[str, Any], energies: Any, lower: Any, upper: Any) -> tuple[Any, Any]:
+        component, at = with_values(made, values), jnp.asarray(energies)
+        if not additive(leaf):
+            return component.factor(at), 0.0
+        return component.continuum(at), component.integrated_continuum(lower, upper)
+
+    return evaluate
 
 
 def power_law_integral(low: Any, high: Any, *, alpha: Any, norm: Any) -> Any:

@@ -8,8 +8,7 @@ from gaugeblock.simulators import Effect, LogUniform, Prior, Uniform
 
 pytest.importorskip("jaxspec")
 from gaugeblock.simulators.xray import XraySpectrum, data, double_precision, reference
-from gaugeblock.simulators.xray.cross_sections import TBABS, table
-from gaugeblock.simulators.xray.effects.absorption import cross_section
+from gaugeblock.simulators.xray.cross_sections import TBABS, cross_section, table
 from gaugeblock.simulators.xray.reference import epic_pn
 
 pytestmark = pytest.mark.usefixtures("xray_data")
@@ -152,9 +151,12 @@ def test_cross_sections_go_on_beyond_their_table_as_they_end():
     at = np.array([energy[0] / 3, energy[0], np.sqrt(energy[5] * energy[6]), energy[-1], 3 * energy[-1]])
     first, last = (np.log(sigma[k + 1] / sigma[k]) / np.log(energy[k + 1] / energy[k]) for k in (0, -2))
     expected = [sigma[0] * 3**-first, sigma[0], np.sqrt(sigma[5] * sigma[6]), sigma[-1], sigma[-1] * 3**last]
-    np.testing.assert_allclose(cross_section(at), expected, rtol=1e-10)
+    np.testing.assert_allclose(cross_section(at, TBABS), expected, rtol=1e-10)
     with double_precision():
-        np.testing.assert_allclose(np.asarray(jax.jit(cross_section)(at)), expected, rtol=1e-10)
+        moved = jax.jit(lambda energy, factor: cross_section(energy * factor, TBABS))(at, 1.0)
+        np.testing.assert_allclose(np.asarray(moved), expected, rtol=1e-10)
+        inside = jax.jit(lambda factor: factor * cross_section(at, TBABS))(1.0)
+    np.testing.assert_allclose(np.asarray(inside), expected, rtol=1e-10)
 
 
 @pytest.mark.parametrize("name", ["absorption_edge", "high_energy_cutoff"])

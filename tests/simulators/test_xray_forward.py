@@ -179,6 +179,18 @@ def test_importing_simulators_imports_no_jax():
     assert done.returncode == 0, done.stderr
 
 
+def test_the_reference_case_does_not_wait_for_jaxspec_s_models():
+    program = """
+import sys
+from gaugeblock.simulators.xray import reference
+spectrum = reference("epic-pn", "faint")
+spectrum.simulate(spectrum.prior.center, __import__("numpy").random.default_rng(1))
+print(sorted({"jax", "jaxspec.model", "flax", "astropy.table"} & set(sys.modules)))
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.stdout == "['jax']\n", done.stderr
+
+
 def test_what_a_model_holds_is_handed_over_and_not_compiled_in(theta):
     fresh = reference(level="faint")
     fresh.expected(theta[:1])

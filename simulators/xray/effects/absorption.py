@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.simulators.xray.averages import above, constant, gaussian, nodes, relative_expm1
-from gaugeblock.simulators.xray.cross_sections import TBABS, table, table_breaks
+from gaugeblock.simulators.xray.cross_sections import TBABS, cross_section, table_breaks
 from gaugeblock.simulators.xray.effects.assembly import Append
 from gaugeblock.simulators.xray.effects.kinds import NONNEGATIVE, POSITIVE, EffectKind
 
@@ -40,24 +40,6 @@ def high_energy_cutoff(low: Any, high: Any, *, energy: Any, inverse_folding: Any
     return 1.0 + jnp.where(part > 0, part * (mean - 1.0), 0.0)
 
 
-def cross_section(energy: Any) -> Any:
-    """Photoelectric cross-section of tbabs per hydrogen atom, 1e-22 cm2, at energies in keV."""
-    import jax.numpy as jnp
-
-    log_energy, log_sigma = map(np.log, table(TBABS))
-    if constant(energy):
-        # Only known energies are looked up beyond the table's ends by its last slope, as jaxspec does.
-        x = np.log(energy)
-        inside = np.interp(x, log_energy, log_sigma)
-        for end, side in ((0, x < log_energy[0]), (-1, x > log_energy[-1])):
-            pair = slice(0, 2) if end == 0 else slice(-2, None)
-            slope = np.diff(log_sigma[pair])[0] / np.diff(log_energy[pair])[0]
-            inside = np.where(side, log_sigma[end] + slope * (x - log_energy[end]), inside)
-        return np.exp(inside)
-    looked = jnp.interp(jnp.log(energy), log_energy, log_sigma, left="extrapolate", right="extrapolate")
-    return jnp.exp(looked)
-
-
 def partial_covering(low: Any, high: Any, *, nh: Any, fraction: Any) -> Any:
     """1 - fraction + fraction x exp(-nh sigma(E)), averaged over each bin; nh in 1e22 cm-2.
 
@@ -70,7 +52,7 @@ def partial_covering(low: Any, high: Any, *, nh: Any, fraction: Any) -> Any:
         share = (stop - start) / (high - low)[place]
     else:
         start, stop, place, share = low, high, None, 1.0
-    lost = sum(jnp.expm1(-nh * cross_section(point)) for point in nodes(start, stop)) / 2.0 * share
+    lost = sum(jnp.expm1(-nh * cross_section(point, TBABS)) for point in nodes(start, stop)) / 2.0 * share
     mean = lost if place is None else jnp.zeros(len(low)).at[place].add(lost)
     return 1.0 + fraction * mean
 
