@@ -124,6 +124,13 @@ def bbodyrad(energy: Any, *, kT: Any, norm: Any) -> Any:
     return PLANCK * norm * energy**2 / jnp.expm1(energy / kT)
 
 
+def cutoffpl(energy: Any, *, alpha: Any, beta: Any, norm: Any) -> Any:
+    """norm E^-alpha e^(-E / beta)."""
+    import jax.numpy as jnp
+
+    return norm * _power(energy, alpha) * jnp.exp(-energy / beta)
+
+
 def expabs(energy: Any, *, Ec: Any) -> Any:
     """exp(-Ec / E)."""
     import jax.numpy as jnp
@@ -168,6 +175,12 @@ def absorber(energy: Any, *, file: str, nh: Any, redshift: Any = 0.0, z: Any = 0
     import jax.numpy as jnp
 
     return f * jnp.exp(-nh * cross_section(energy * (1.0 + redshift + z), file)) + (1.0 - f)
+
+
+def gauss(low: Any, high: Any, *, El: Any, sigma: Any, norm: Any) -> Any:
+    """Integral of norm N(E; El, sigma), all of whose flux is at E > 0."""
+    below, above = (normal_cdf((edge - El) / sigma) for edge in (low, high))
+    return norm / normal_cdf(El / sigma) * (above - below)
 
 
 def zgauss(low: Any, high: Any, *, El: Any, sigma: Any, redshift: Any, norm: Any) -> Any:
@@ -230,6 +243,8 @@ SHARED: Mapping[str, Formula] = {
     "Wabs": _absorber(WABS),
     "Blackbody": Formula(density=partial(zbbody, redshift=0.0)),
     "Blackbodyrad": Formula(density=bbodyrad),
+    "Cutoffpl": Formula(density=cutoffpl),
+    "Gauss": Formula(integral=gauss),
 }
 """What jaxspec has too, by the same rules and tables: models of these need not wait a second for its imports,
 and tables are looked up once where energies are known."""

@@ -85,9 +85,11 @@ def _evaluator(leaf: Leaf) -> Callable[[Mapping[str, Any], Any, Any, Any], tuple
 
     if leaf.component in SHARED:
         formula = SHARED[leaf.component]
-        at_energy = formula.factor or formula.density
-        assert at_energy is not None
-        return lambda values, energies, *_: (at_energy(energies, **values), 0.0)
+        at_energy, between = formula.factor or formula.density, formula.integral
+        return lambda values, energies, lower, upper: (
+            0.0 if at_energy is None else at_energy(energies, **values),
+            0.0 if between is None else between(lower, upper, **values),
+        )
     made = instance(leaf)
 
     def evaluate(values: Mapping[str, Any], energies: Any, lower: Any, upper: Any) -> tuple[Any, Any]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray.effects.assembly import Bound
@@ -17,7 +18,7 @@ from gaugeblock.simulators.xray.recorded.background import Background, counted
 from gaugeblock.simulators.xray.recorded.broadening import Broadening
 from gaugeblock.simulators.xray.recorded.layout import layout, near, per_second
 from gaugeblock.simulators.xray.response import Response, grown
-from gaugeblock.simulators.xray.sparse import is_sparse, product, response_product
+from gaugeblock.simulators.xray.sparse import product, response_product
 
 
 def recorded_folding(response: Response, recorded: Sequence[Bound], prior: Prior) -> Folding:
@@ -73,12 +74,10 @@ def recorded_folding(response: Response, recorded: Sequence[Bound], prior: Prior
 
 def _background_folding(response: Response, recorded: Sequence[Bound], names: Sequence[str]) -> Folding:
     """Background alone moves no counts between channels: they are grouped as ever."""
-    import jax.numpy as jnp
 
     transfer, live = response_product(response)
     used = np.asarray(response.grouping.sum(axis=0)).ravel() > 0
-    members = response.grouping[:, used]
-    grouped = product(members) if is_sparse(members) else jnp.asarray(members.toarray()).__matmul__
+    grouped = product(response.grouping[:, used])
     low, high = response.fine_channels[used].T
 
     def fold(flux: Any, theta: Any) -> Any:
@@ -108,12 +107,12 @@ def _columns(response: Response, start: int, stop: int, others: bool) -> tuple[A
 
 
 @kept
-def _membership(response: Response, start: int, stop: int) -> tuple[Any, Any]:
-    """Which channels, of those from `start` to `stop`, and which runs make up a group: ``(channel, ...)``."""
-    import jax.numpy as jnp
-
+def _membership(
+    response: Response, start: int, stop: int
+) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
+    """Sums per group of what is in its channels, of those from `start` to `stop`, and in its runs."""
     places = layout(response)
-    return jnp.asarray(places.members[:, start:stop].toarray()), jnp.asarray(places.groups)
+    return [product(places.members[:, start:stop]), product(csr_array(places.groups))]
 
 
 def _grouped(
@@ -141,8 +140,8 @@ def _grouped(
                 gains = []
             counts = change(counts, values, others)
         if not gains:
-            return members @ counts
+            return members(counts)
         across = crossed(counts, edges, runs, gains)
-        return members @ counts + groups @ (across[:, 1] - across[:, 0])
+        return members(counts) + groups(across[:, 1] - across[:, 0])
 
     return group
