@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 from scipy.stats import chi2
 
@@ -18,7 +17,7 @@ from gaugeblock.discovery.result import Amplitude, Estimate
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.library import LibraryEffect
 
-POINTS = 33
+POINTS = 17
 """Amplitudes at which the profile is taken."""
 
 REACH = 4.5
@@ -119,18 +118,19 @@ def _standard_error(fitted: Fit, index: int) -> float:
 
 
 def _crossings(grid: Array, rise: Array, value: float, limit: float) -> tuple[float, float]:
-    """Where the profile first rises past the limit on either side of its minimum, by interpolation."""
-    best = int(np.argmin(rise))
+    """Where the profile last rises past the limit on either side of `value`, by interpolation.
 
-    def cross(order: NDArray[np.int64]) -> float:
-        above = np.flatnonzero(rise[order] > limit)
-        if not len(above):
-            return float(grid[order[-1]])
-        j, i = order[above[0]], order[above[0] - 1]
+    A fit that stopped short lies above the profile, never below it: what lies within the limit beyond one
+    that does not belongs to the interval all the same, as does another valley.
+    """
+    within = np.flatnonzero(rise <= limit)
+
+    def cross(i: int, j: int) -> float:
+        if not 0 <= j < len(grid):
+            return float(grid[i])
         # The root of the rise is close to linear in the amplitude.
         a, b, c = np.sqrt(max(rise[i], 0.0)), np.sqrt(rise[j]), np.sqrt(limit)
         return float(grid[i] + (grid[j] - grid[i]) * (c - a) / (b - a))
 
-    lower = cross(np.arange(best, -1, -1))
-    upper = cross(np.arange(best, len(grid)))
-    return min(lower, value), max(upper, value)
+    first, last = int(within[0]), int(within[-1])
+    return min(cross(first, first - 1), value), max(cross(last, last + 1), value)

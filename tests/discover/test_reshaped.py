@@ -57,6 +57,21 @@ def test_free_curves_multiply_counts_by_their_exponential():
     np.testing.assert_array_equal(made.expected(plain), Slope().expected(theta[:, :2]))
 
 
+def test_where_only_curves_differ_the_simulator_is_asked_once():
+    asked = []
+
+    class Counted(Slope):
+        def expected(self, theta):
+            asked.append(len(theta))
+            return super().expected(theta)
+
+    made = Reshaped(Counted(), CURVES, {"first": Normal(0.0, 1.0), "second": Normal(0.0, 2.0)})
+    theta = np.array([[3.0, 0.5, 0.4, -0.7], [12.0, -0.2, -1.1, 0.3], [3.0, 0.5, 0.1, 0.0]])
+    both = made.expected(theta)
+    assert asked == [2]
+    np.testing.assert_allclose(both, [made.expected(one) for one in theta], rtol=1e-14)
+
+
 def test_a_factor_of_each_channel_multiplies_derivatives_too():
     factor = np.array([1.0, 0.5, 2.0, 1.5, 3.0])
     other = Prior({"norm": Uniform(1.0, 2.0), "slope": Uniform(0.0, 0.1)})

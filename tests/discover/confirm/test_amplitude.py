@@ -4,11 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from gaugeblock.discovery.confirm.amplitude import Place, estimates, held_out_amplitude, profile_interval
 from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.library import Candidates
 from gaugeblock.discovery.sources import Sources
+from gaugeblock.simulators import Prior, Uniform
+from gaugeblock.simulators.library import LibraryEffect
 
 THETA = np.array([20_000.0, 1.5])
 TRIALS = 120
@@ -123,3 +126,32 @@ def test_estimates_have_fishers_intervals_and_none_where_counts_jump(power_law):
     assert estimates(simulator.prior, jumpy)["index"].low is None
     still = replace(found, jacobian=found.jacobian * [1.0, 0.0])
     assert estimates(simulator.prior, still)["index"].low is None
+
+
+class Spike:
+    """Counts in proportion to an amplitude, but for a spike at 0.7, which no count of 1,060 allows."""
+
+    prior = Prior({"spike_1.size": Uniform(-3.0, 5.0)})
+
+    def expected(self, theta):
+        size = np.asarray(theta, dtype=float)
+        return 1000.0 + 60.0 * size + 300.0 * np.exp(-0.5 * ((size - 0.7) / 0.08) ** 2)
+
+
+def test_an_interval_holds_every_amplitude_that_the_counts_allow():
+    """Also those beyond one that they do not, say where a fit stopped short; ends by the deviance itself."""
+    entry = LibraryEffect(
+        name="spike", parameters={"size": Uniform(-3.0, 5.0)}, amplitude="size", neutral=0.0, step=0.1,
+        scanned={}, cause="", typical="",
+    )  # fmt: skip
+    counts = np.array([1060.0])
+
+    def risen(size):
+        mean = 1000.0 + 60.0 * size
+        return 2 * (mean - 1060 - 1060 * np.log(mean / 1060)) - 2.7055
+
+    ends = brentq(risen, -1.0, 1.0), brentq(risen, 1.0, 3.0)
+    fitted = fit(Spike(), counts[None], start=np.array([[1.0]]))
+    found = profile_interval(Place("spike", entry, 0, Spike()), counts, 1.0, fitted)
+    assert found.value == pytest.approx(1.0, abs=0.01)
+    assert found.interval == pytest.approx(ends, abs=0.01)
