@@ -20,6 +20,10 @@ DIFFERENCES, WIDTH = 64, 1e-5
 """Fits of no more rows than `DIFFERENCES` take derivatives as differences of the expected counts, `WIDTH` to
 either side in each of the `Coordinates`: compiling a derivative would take longer than all of the fit."""
 
+EARLY, HOPELESS = 20, 10.0
+"""After so many steps a start is given up that another of its source leads by so many times what it promises,
+or by so many nats."""
+
 BLOCK = 1024
 """Sources fitted side by side: bounds memory."""
 
@@ -155,6 +159,7 @@ def _best(
             coordinates.of(starts).reshape(sources * tries, -1),
             free,
             iterations,
+            tries,
         )
     compiled = len(position) > DIFFERENCES
     pick = np.arange(sources) * tries + np.argmin(objective.reshape(sources, tries), axis=1)
@@ -180,6 +185,7 @@ def _climb(
     position: Array,
     free: NDArray[np.bool_],
     iterations: int,
+    tries: int,
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Levenberg-Marquardt steps with Fisher's information, every row at its own damping."""
 
@@ -211,7 +217,12 @@ def _climb(
         position[kept], value[kept], mean[kept] = tried[better], new_value[better], new_mean[better]
         damping[active] = np.where(better, damping[active] / 8.0, damping[active] * 6.0)
         converged[active[done]] = True
-        goes_on = ~done & (damping[active] < 1e8)
+        # Where a source's best has left a row far behind, what the row still promises decides nothing.
+        behind = (value - np.repeat(value.reshape(-1, tries).min(axis=1), tries))[active]
+        hopeless = (
+            (number >= EARLY) & (behind > HOPELESS * np.maximum(promise, 1.0)) & (damping[active] < 1.0)
+        )
+        goes_on = ~done & ~hopeless & (damping[active] < 1e8)
         active, moved, jacobian = active[goes_on], better[goes_on], jacobian[goes_on]
         if not len(active) or number == iterations - 1:
             break

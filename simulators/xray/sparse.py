@@ -39,6 +39,31 @@ def response_product(response: Response) -> tuple[Callable[[Any], Any], NDArray[
     return lambda flux: transfer @ flux, live
 
 
+def sums(members: Any) -> Callable[[Any], Any]:
+    """The same for rows of ones that share no column, or are there again: of those the first alone is summed.
+
+    Its program depends on the shape of `members` alone, whatever they are. Rows that overlap are multiplied
+    as by `product`.
+    """
+    import jax
+    import jax.numpy as jnp
+
+    entries = members.tocoo()
+    number, columns = members.shape
+    owner = np.full(columns, number, dtype=np.int32)
+    np.minimum.at(owner, entries.col, entries.row)
+    sizes, owned = np.bincount(entries.row, minlength=number), np.bincount(owner, minlength=number + 1)
+    first = owner[entries.col]
+    again = np.full(number, number)
+    np.minimum.at(again, entries.row, first)
+    alike = (first == again[entries.row]) & (sizes[entries.row] == owned[first]) & (entries.data == 1)
+    if not alike.all():
+        return product(members)
+    places = jnp.asarray(owner)
+    # What belongs to no row is dropped.
+    return lambda vector: jax.ops.segment_sum(vector, places, num_segments=number)
+
+
 def product(matrix: Any) -> Callable[[Any], Any]:
     """Pure JAX function of a vector ``(column,)`` to ``matrix @ vector``, ``(row,)``.
 

@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 
 from gaugeblock.discovery import fitting
 from gaugeblock.discovery.coordinates import Coordinates
-from gaugeblock.discovery.fitting import DIFFERENCES, fit, likeliest_draws, select
+from gaugeblock.discovery.fitting import DIFFERENCES, EARLY, fit, likeliest_draws, select
 from gaugeblock.simulators import LogUniform, Normal, Prior, Uniform
 from gaugeblock.simulators.protocol import poisson_log_likelihood
 
@@ -127,6 +127,28 @@ def test_few_rows_take_differences_many_a_derivative_and_both_agree(power_law):
     np.testing.assert_allclose(few.theta, many.theta[:DIFFERENCES], rtol=1e-4)
     same = many.jacobian[:DIFFERENCES]
     np.testing.assert_allclose(few.jacobian, same, rtol=1e-3, atol=1e-3 * same.max())
+
+
+def test_a_start_is_given_up_once_another_is_far_ahead():
+    """It creeps along a bent valley, 300 nats above the other, and the little it promises decides nothing."""
+    asked = []
+
+    class Bent:
+        prior = Prior({"x": Uniform(-2.0, 2.0), "y": Uniform(-1.0, 5.0), "z": Uniform(-3.0, 3.0)})
+
+        def expected(self, theta):
+            x, y, z = np.moveaxis(np.asarray(theta), -1, 0)
+            asked.append(x.size)
+            return 1e4 + np.stack([1e5 * (y - x**2), 200 * (1 - x), 3000 * np.tanh(z) ** 2], axis=-1)
+
+    counts, creeps, ahead = np.array([[1e4, 1e4, 1.3e4]]), [-1.2, 1.44, 0.0], [0.999, 0.998, 2.9]
+    alone = fit(Bent(), counts, start=np.array([creeps]))
+    assert len(asked) > 80
+    asked.clear()
+    found = fit(Bent(), counts, start=np.array([[creeps, ahead]]))
+    assert alone.objective[0] - found.objective[0] > 300
+    assert found.theta[0] == pytest.approx(ahead, abs=0.2)
+    assert EARLY < len(asked) < 50
 
 
 def test_a_step_to_where_counts_overflow_is_refused_in_silence(power_law):

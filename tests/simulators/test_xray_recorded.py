@@ -133,7 +133,7 @@ def test_channels_are_laid_out_by_energy_and_groups_are_runs_of_neighbours():
     assert found.order.tolist() == [3, 2, 1, 0]
     assert found.edges.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
     assert found.runs.tolist() == [[0.0, 2.0], [3.0, 4.0], [2.0, 3.0]]
-    assert found.groups.tolist() == [[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    assert found.groups.toarray().tolist() == [[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
     assert found.members.toarray().tolist() == [[1.0, 1.0, 0.0, 1.0], [0.0, 0.0, 1.0, 0.0]]
     np.testing.assert_allclose(per_second(response, [2, 0]), [[5.0, 12.0], [1.0, 4.0]])
 

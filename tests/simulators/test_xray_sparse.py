@@ -42,6 +42,48 @@ def test_a_matrix_of_zeros_gives_zeros():
         assert np.asarray(sparse.product(csr_array((3, 4)))(np.ones(4))).tolist() == [0.0, 0.0, 0.0]
 
 
+def of_ones(rows, columns=12):
+    matrix = np.zeros((len(rows), columns))
+    for row, places in zip(matrix, rows, strict=True):
+        row[list(places)] = 1.0
+    return matrix
+
+
+@pytest.mark.parametrize(
+    ("rows", "dropped"),
+    [
+        ([(0, 1), (4, 2, 3), (), (9, 7)], ()),
+        # Those of a program's size: the last row is there again.
+        ([(0, 1), (2, 3), (5, 6, 8), (5, 6, 8), (5, 6, 8)], (3, 4)),
+        # Nobody's to decide: rows that overlap, one within another, weights.
+        ([(0, 1, 2), (2, 3)], ()),
+        ([(0, 1, 2), (1, 2)], ()),
+        ([(1, 2), (0, 1, 2)], ()),
+        ([(1, 2), (1, 3), (3, 2)], ()),
+    ],
+)
+@pytest.mark.parametrize("weight", [1.0, 0.5])
+def test_groups_are_summed_as_by_their_matrix(rows, dropped, weight):
+    matrix = weight * of_ones(rows)
+    vectors = np.random.default_rng(1).normal(size=(3, 12))
+    expected = vectors @ matrix.T
+    if weight == 1.0:
+        expected[:, list(dropped)] = 0.0
+    with double_precision():
+        found = jax.jit(jax.vmap(sparse.sums(csr_array(matrix))))(vectors)
+    np.testing.assert_allclose(found, expected, atol=1e-15)
+
+
+def test_a_program_of_sums_depends_on_shapes_alone():
+    def program(rows):
+        summed = sparse.sums(csr_array(of_ones(rows)))
+        return str(jax.make_jaxpr(summed)(np.ones(12)))
+
+    one, other = [(0, 1), (2, 3), (5,), (5,)], [(3,), (4, 5, 6, 7), (), (9, 8)]
+    assert program(one) == program(other)
+    assert program(one) != program(other[1:])
+
+
 def test_what_is_small_or_full_is_held_dense():
     assert not sparse.is_sparse(csr_array((4000, 4000)))
     assert sparse.is_sparse(csr_array((5000, 5000)))
@@ -56,7 +98,6 @@ def test_a_spectrum_folded_sparsely_is_the_one_folded_densely(monkeypatch):
     values = np.concatenate([theta, np.full((5, 1), 0.4)], axis=1)
     dense = [plain.expected(theta), plain.jacobian(theta), plain.with_effect(background).expected(values)]
     monkeypatch.setattr(sparse, "is_sparse", lambda _: True)
-    monkeypatch.setattr("gaugeblock.simulators.xray.recorded.fold.is_sparse", lambda _: True)
     monkeypatch.setattr("gaugeblock.simulators.xray.forward.LARGE", 10)
     one = XraySpectrum(plain.model, other, plain.prior)
     ours = [one.expected(theta), one.jacobian(theta), one.with_effect(background).expected(values)]

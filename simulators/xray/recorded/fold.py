@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray.effects.assembly import Bound
@@ -18,7 +17,7 @@ from gaugeblock.simulators.xray.recorded.background import Background, counted
 from gaugeblock.simulators.xray.recorded.broadening import Broadening
 from gaugeblock.simulators.xray.recorded.layout import layout, near, per_second
 from gaugeblock.simulators.xray.response import Response, grown
-from gaugeblock.simulators.xray.sparse import product, response_product
+from gaugeblock.simulators.xray.sparse import response_product, sums
 
 
 def recorded_folding(response: Response, recorded: Sequence[Bound], prior: Prior) -> Folding:
@@ -77,7 +76,7 @@ def _background_folding(response: Response, recorded: Sequence[Bound], names: Se
 
     transfer, live = response_product(response)
     used = np.asarray(response.grouping.sum(axis=0)).ravel() > 0
-    grouped = product(response.grouping[:, used])
+    grouped = sums(response.grouping[:, used])
     low, high = response.fine_channels[used].T
 
     def fold(flux: Any, theta: Any) -> Any:
@@ -112,7 +111,7 @@ def _membership(
 ) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
     """Sums per group of what is in its channels, of those from `start` to `stop`, and in its runs."""
     places = layout(response)
-    return [product(places.members[:, start:stop]), product(csr_array(places.groups))]
+    return sums(places.members[:, start:stop]), sums(places.groups)
 
 
 def _grouped(

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
@@ -23,8 +24,8 @@ class Layout:
     """Of the channels, keV, shape ``(fine + 1,)``."""
     runs: Array
     """Lower and upper energy of every run, shape ``(run, 2)``."""
-    groups: Array
-    """Which runs make up a group, shape ``(channel, run)``."""
+    groups: Any
+    """Which runs make up a group, sparse, shape ``(channel, run)``."""
     members: Any
     """Which channels make up a group, sparse, shape ``(channel, fine)``."""
 
@@ -77,8 +78,7 @@ def layout(response: Response) -> Layout:
         for run in np.split(columns, breaks):
             runs.append((edges[run[0]], edges[run[-1] + 1]))
             rows.append(group)
-    groups = np.zeros((members.shape[0], len(runs)))
-    groups[rows, np.arange(len(runs))] = 1.0
+    groups = csr_array((np.ones(len(runs)), (rows, np.arange(len(runs)))), (members.shape[0], len(runs)))
     return Layout(order, edges, np.asarray(runs), groups, members)
 
 
