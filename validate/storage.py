@@ -131,6 +131,17 @@ def write_groups(
     return Path(path)
 
 
+def write_tree(tree: xr.DataTree, path: str | os.PathLike[str]) -> Path:
+    """`write_groups`, of a tree.
+
+    Raises
+    ------
+    InputError
+        As `write_groups`.
+    """
+    return write_groups({node.path.strip("/"): node.to_dataset(inherit=False) for node in tree.subtree}, path)
+
+
 class _Later:
     """Takes the place of xarray's writer, and only notes what it would write where."""
 

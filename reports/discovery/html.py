@@ -9,7 +9,7 @@ from typing import Any
 
 import xarray as xr
 
-from gaugeblock.core.atomic import atomic_path, discard_unfinished, made_folder, write_atomically
+from gaugeblock.core.atomic import discard_unfinished, made_folder, write_atomically
 from gaugeblock.discovery import Discovery
 from gaugeblock.discovery.wording import effect_words
 from gaugeblock.reports.discovery.before_after import spectrum_chapter
@@ -25,6 +25,7 @@ from gaugeblock.reports.discovery.size import amplitude_chapter, evidence_chapte
 from gaugeblock.reports.machine import plain
 from gaugeblock.reports.page import render
 from gaugeblock.reports.words import count
+from gaugeblock.validate.storage import write_tree
 
 
 def discovery_html(tree: xr.DataTree, summary: Mapping[str, Any]) -> str:
@@ -67,8 +68,7 @@ def write_discovery(found: Discovery, out: Path | str) -> None:
     """
     summary, folder = found.to_json(), made_folder(out)
     write_atomically(folder / "discovery.json", json.dumps(summary, indent=2, allow_nan=False) + "\n")
-    with atomic_path(folder / "discovery.nc") as path:
-        found.tree.to_netcdf(path, engine="netcdf4")
+    write_tree(found.tree, folder / "discovery.nc")
     content = discovery_html(found.tree, summary)
     # A file name in the data may hold bytes that are no text; they must not stop the report.
     write_atomically(folder / "report.html", content.encode("utf-8", "replace"))
