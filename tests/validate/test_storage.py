@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from gaugeblock.validate.storage import CHUNK_CACHE, read_groups, write_groups
+from gaugeblock.validate.storage import CHUNK_CACHE, read_groups, read_tree, write_groups, write_tree
 
 
 def test_several_threads_may_write_and_read_at_once(tmp_path: Path) -> None:
@@ -90,3 +90,18 @@ def test_files_keep_little_of_what_was_read_and_others_their_own(tmp_path: Path,
     assert seen == [CHUNK_CACHE] * 3
     assert before[0] > CHUNK_CACHE
     assert netCDF4.get_chunk_cache() == before
+
+
+def test_a_tree_comes_back_with_what_is_below_and_without_what_it_inherits(tmp_path: Path) -> None:
+    tree = xr.DataTree.from_dict(
+        {
+            "/": xr.Dataset(coords={"channel": [1.5, 2.5]}, attrs={"what": "whole"}),
+            "/scan": xr.Dataset({"z": ("channel", [0.0, 3.0])}),
+            "/scan/deep": xr.Dataset({"name": ("row", ["a", "bc"])}, attrs={"what": "deep"}),
+        }
+    )
+    path = write_tree(tree, tmp_path / "tree.nc")
+    xr.testing.assert_identical(read_tree(path, what="tree"), tree)
+    groups = read_groups(path, what="tree")
+    assert set(groups) == {"", "scan", "scan/deep"}
+    assert "channel" not in groups["scan"].variables
