@@ -494,3 +494,11 @@ def test_a_training(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         "out": Path("o"), "overrides": {"training.epochs": 3}, "allow_modules": ["m"], "seed": 0,
         "replace": True,
     }  # fmt: skip
+
+
+def test_a_recorded_command_is_one_that_a_shell_runs_again(monkeypatch):
+    words = ["audit", "--set", 'simulator.effects=[{name="published_gain", factor=1.0}]', "--out", "here"]
+    monkeypatch.setattr(sys, "argv", ["/somewhere/gaugeblock", *words])
+    assert shlex.split(command()) == ["gaugeblock", *words]
+    monkeypatch.setattr(sys, "argv", ["/somewhere/gaugeblock", "audit", "--set", "trials.number=5"])
+    assert command() == "gaugeblock audit --set trials.number=5"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -109,5 +110,5 @@ def stranger_settings(**given: Path | str | bool | None) -> dict[str, Any]:
 
 
 def command() -> str:
-    """The command line that is running, for provenance."""
-    return " ".join(["gaugeblock", *sys.argv[1:]])
+    """The command line that is running, for provenance: a shell that is given it runs it again."""
+    return shlex.join(["gaugeblock", *sys.argv[1:]])
