@@ -123,7 +123,7 @@ def _crossings(grid: Array, rise: Array, value: float, limit: float) -> tuple[fl
     A fit that stopped short lies above the profile, never below it: what lies within the limit beyond one
     that does not belongs to the interval all the same, as does another valley.
     """
-    within = np.flatnonzero(rise <= limit)
+    within = np.flatnonzero(rise <= max(limit, float(rise.min())))
 
     def cross(i: int, j: int) -> float:
         if not 0 <= j < len(grid):

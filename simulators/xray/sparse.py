@@ -40,10 +40,10 @@ def response_product(response: Response) -> tuple[Callable[[Any], Any], NDArray[
 
 
 def sums(members: Any) -> Callable[[Any], Any]:
-    """The same for rows of ones that share no column, or are there again: of those the first alone is summed.
+    """Pure JAX function of a vector ``(column,)`` to its sums in groups, ``members @ vector``, ``(row,)``.
 
-    Its program depends on the shape of `members` alone, whatever they are. Rows that overlap are multiplied
-    as by `product`.
+    Where rows of ones share no column its program depends on the shape of `members` alone; of rows that are
+    there again the first has the sum and the others 0. Rows that overlap are multiplied as by `product`.
     """
     import jax
     import jax.numpy as jnp
