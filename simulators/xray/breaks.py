@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gaugeblock.simulators.xray.expression import Leaf
-from gaugeblock.simulators.xray.formulas import FORMULAS, SHARED
+from gaugeblock.simulators.xray.formulas import FORMULAS
 
 
 class _Breaks(NamedTuple):
@@ -23,11 +23,7 @@ _BREAKS: Mapping[str, _Breaks] = {
     "Zashift": _Breaks(frozenset({"redshift"}), lambda _: np.empty(0)),
     "Expfac": _Breaks(frozenset({"E_c"}), lambda values: np.ones(1) * values["E_c"]),
     "Highecut": _Breaks(frozenset({"Ec"}), lambda values: np.ones(1) * values["Ec"]),
-    **{
-        name: _Breaks(one.movers, one.breaks)
-        for name, one in {**FORMULAS, **SHARED}.items()
-        if one.breaks is not None
-    },
+    **{name: _Breaks(one.movers, one.breaks) for name, one in FORMULAS.items() if one.breaks is not None},
 }
 
 

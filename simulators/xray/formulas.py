@@ -1,4 +1,4 @@
-"""Components that jaxspec lacks, or computes otherwise than XSPEC, by their published formulas.
+"""Components that jaxspec lacks, computes otherwise than XSPEC, or is slow to import for, by their formulas.
 
 Energies are in keV; a density is in photons/keV/cm2/s, an integral in photons/cm2/s. Each is held against an
 independent evaluation in the tests; docs/xray.md tabulates formulas, parameters and units.
@@ -234,10 +234,8 @@ FORMULAS: Mapping[str, Formula] = {
     "Pcfabs": _absorber(PHABS),
     "Zpcfabs": _absorber(PHABS),
     "Zwabs": _absorber(WABS),
-}
-"""By the name that `components.COMPONENTS` gives them."""
-
-SHARED: Mapping[str, Formula] = {
+    # What jaxspec has too, by the same rules and tables: models of these need not wait a second for its
+    # imports, and tables are looked up once where energies are known.
     **{name: _absorber(TBABS) for name in ("Tbabs", "Tbpcf", "zTbabs")},
     "Phabs": _absorber(PHABS),
     "Wabs": _absorber(WABS),
@@ -246,8 +244,7 @@ SHARED: Mapping[str, Formula] = {
     "Cutoffpl": Formula(density=cutoffpl),
     "Gauss": Formula(integral=gauss),
 }
-"""What jaxspec has too, by the same rules and tables: models of these need not wait a second for its imports,
-and tables are looked up once where energies are known."""
+"""By the name that `components.COMPONENTS` gives them."""
 
 EXACT: Mapping[str, Formula] = {"Zgauss": Formula(integral=zgauss), "Lorentz": Formula(integral=lorentz)}
 """jaxspec's lines by their integrals, where bins are integrated exactly: they may be narrower than one."""

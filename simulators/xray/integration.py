@@ -31,7 +31,7 @@ from gaugeblock.simulators.xray.expression import (
     leaves,
     with_values,
 )
-from gaugeblock.simulators.xray.formulas import EXACT, FORMULAS, SHARED, Formula
+from gaugeblock.simulators.xray.formulas import EXACT, FORMULAS, Formula
 from gaugeblock.simulators.xray.tables import is_table, table_formula
 
 REACH = 3.0**-0.5
@@ -75,7 +75,7 @@ def evaluator(leaf: Leaf) -> Evaluator:
         return _gaussian
     if is_table(leaf.component):
         return _of_formula(table_formula(leaf.component))
-    formula = {**FORMULAS, **SHARED, **EXACT}.get(leaf.component)
+    formula = FORMULAS.get(leaf.component) or EXACT.get(leaf.component)
     return _of_jaxspec(leaf) if formula is None else _of_formula(formula)
 
 

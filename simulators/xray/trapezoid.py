@@ -24,7 +24,7 @@ from gaugeblock.simulators.xray.expression import (
     leaves,
     with_values,
 )
-from gaugeblock.simulators.xray.formulas import SHARED
+from gaugeblock.simulators.xray.formulas import FORMULAS
 
 
 def trapezoid_flux(tree: Node, low: Array, high: Array) -> Callable[[Values, Any], Any]:
@@ -83,8 +83,8 @@ def _evaluator(leaf: Leaf) -> Callable[[Mapping[str, Any], Any, Any, Any], tuple
     """Function ``(values, energies, lower, upper)`` to a component at energies and what it adds between."""
     import jax.numpy as jnp
 
-    if leaf.component in SHARED:
-        formula = SHARED[leaf.component]
+    if leaf.component in FORMULAS:
+        formula = FORMULAS[leaf.component]
         at_energy, between = formula.factor or formula.density, formula.integral
         return lambda values, energies, lower, upper: (
             0.0 if at_energy is None else at_energy(energies, **values),

@@ -45,7 +45,10 @@ def test_another_noise_is_named_and_half_of_the_time_alone():
     for seed in range(1, 5):
         cases = exact(seed, rho=0.6, trials=900, draws=64)
         drawn = cases.drawn(fault(cases, np.random.default_rng(seed)))
-        found.append(named(locate_and_name(drawn, seed=seed, failed=True)))
+        one = locate_and_name(drawn, seed=seed, failed=True)
+        found.append(named(one))
+        if one.after is not None:
+            assert one.after[0] < 0.2 * one.before[0] + 2 * one.after[1]
     assert sum(any(wanted in each for each in names) for names in found) >= 3
     assert sum((wanted,) in names for names in found) >= 2
     assert max(map(len, found)) <= 3

@@ -73,7 +73,6 @@ def recorded_folding(response: Response, recorded: Sequence[Bound], prior: Prior
 
 def _background_folding(response: Response, recorded: Sequence[Bound], names: Sequence[str]) -> Folding:
     """Background alone moves no counts between channels: they are grouped as ever."""
-
     transfer, live = response_product(response)
     used = np.asarray(response.grouping.sum(axis=0)).ravel() > 0
     grouped = sums(response.grouping[:, used])
