@@ -51,13 +51,11 @@ class Challenger:
     def __call__(self, known: Known, rows: Rows) -> tuple[Array, Array]:
         """What is foretold of terms by ridge ``(n, regressed)``, and beyond it by trees ``(n, treed)``.
 
-        Of places only what the data say, not what is so whatever the data.
+        Only what the data say, not what is so whatever the data.
         """
         expected = self.location(known.data.values[rows])
         wide = _wide(known, self.location, expected, rows)
-        foretold = self.ridge(wide)
-        foretold[:, : self.terms.places] -= self.ridge.coefficient[0, : self.terms.places]
-        return foretold, self.trees(wide[:, self.split])
+        return self.ridge(wide) - self.ridge.coefficient[0], self.trees(wide[:, self.split])
 
     def inputs(self, known: Known) -> list[str]:
         """Names of the inputs of the ridge regression."""

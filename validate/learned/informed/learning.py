@@ -24,7 +24,7 @@ from gaugeblock.validate.learned.informed.terms import (
     Terms,
     regressed_terms,
     values_of,
-    with_products,
+    with_triples,
 )
 
 # The first stage, which only teaches, has an eighth of the trials. Growing stages cost a third of equal ones,
@@ -89,7 +89,7 @@ def learn(known: Known, *, order: ArrayLike) -> Learned:
     edges = stage_edges(n)
     for start, stop in itertools.pairwise(edges):
         taught, scored = sequence[max(0, start - MOST_TAUGHT) : start], sequence[start:stop]
-        terms = with_products(plain, known.pools.scores[taught])
+        terms = with_triples(plain, known.pools.scores[taught])
         coefficient = coefficients(
             centred_columns(known, terms, taught, foretold_unseen(known, plain, taught), TAUGHT_CANDIDATES)
         )
@@ -163,14 +163,14 @@ def centred_columns(
 ) -> Array:
     """Terms times what is foretold of them, ``(n, candidate, column)``, of mean 0 in each pool.
 
-    All but places stand there alone too: how much of a bias that is the same whatever the data is tolerated,
-    `sbc.bias` says. (A width alone sharpens what is foretold of a place.)
+    Of these a part that is the same whatever the data is left out: how much of a bias, a width or a correlation
+    that no data foretell is tolerated, gates of their own say. Triples stand there alone.
     """
     values = values_of(terms.every, known.pools.scores[rows, :candidates].astype(np.float32))
     values -= values.mean(axis=1, keepdims=True)
     linear, trees = (told.astype(np.float32) for told in foretold)
     regressed, treed = values[..., : terms.regressed], values[..., : terms.treed]
-    alone = values[..., terms.places :]
+    alone = values[..., terms.regressed :]
     return np.concatenate([alone, regressed * linear[:, None], treed * trees[:, None]], axis=2)
 
 
@@ -196,7 +196,7 @@ def coefficients(columns: Array) -> Array:
 def account(told: dict[tuple[Term, str], Told], terms: Terms, columns: Array) -> None:
     """Add to `told` what each term told of the truths, by columns ``(n, candidate, column)``."""
     keys = [
-        *((term, "alone") for term in terms.every[terms.places :]),
+        *((term, "alone") for term in terms.every[terms.regressed :]),
         *((term, "ridge") for term in terms.every[: terms.regressed]),
         *((term, "trees") for term in terms.every[: terms.treed]),
     ]

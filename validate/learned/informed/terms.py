@@ -8,18 +8,16 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 
 Term = tuple[int, ...]
 """Parameters whose scores are multiplied; one twice: its square less 1; none: the mean of all squares."""
 
-# Products of pairs are regressed on the data up to so many parameters; beyond, and for triples, the strongest
-# few are looked at whatever the data.
+# Products of pairs are foretold up to so many parameters.
 MOST_REGRESSED = 6
-PAIRS, TRIPLES = 10, 5
-# More parameters have more triples than can be gone through.
+# The strongest few triples are looked at whatever the data; more parameters have more than can be gone through.
+TRIPLES = 5
 MOST_TRIPLED = 40
 
 
@@ -29,11 +27,6 @@ class Terms(NamedTuple):
     every: tuple[Term, ...]
     regressed: int
     treed: int
-
-    @property
-    def places(self) -> int:
-        """How many of them, the first, are places of one parameter."""
-        return sum(len(term) == 1 for term in self.every)
 
 
 def regressed_terms(parameters: int) -> Terms:
@@ -49,31 +42,23 @@ def regressed_terms(parameters: int) -> Terms:
     return Terms(every, len(every), len(single) + len(together))
 
 
-def with_products(terms: Terms, scores: Array) -> Terms:
-    """Beside the terms the pairs and triples in which truths differ most from draws, on trials that teach.
+def with_triples(terms: Terms, scores: Array) -> Terms:
+    """Beside the terms the triples in which truths differ most from draws, on trials that teach.
 
     `scores` is ``(trial, candidate, parameter)``, the truth first.
     """
-    truth, drawn = scores[:, 0], scores[:, 1:]
+    truth = scores[:, 0]
     n, p = truth.shape
-    further: list[Term] = []
-    if p > MOST_REGRESSED:
-        apart = truth.T @ truth / n - np.einsum("ncp,ncq->pq", drawn, drawn) / (n * drawn.shape[1])
-        pairs = np.array(np.triu_indices(p, 1), dtype=np.int64).T
-        further += _strongest(pairs, apart[pairs[:, 0], pairs[:, 1]], PAIRS)
-    if 3 <= p <= MOST_TRIPLED:
-        triples = np.array(list(itertools.combinations(range(p), 3)), dtype=np.int64)
-        first, second = np.triu_indices(p, 1)
-        moment = (truth[:, first] * truth[:, second]).T @ truth / n
-        place = np.zeros((p, p), dtype=int)
-        place[first, second] = np.arange(len(first))
-        further += _strongest(triples, moment[place[triples[:, 0], triples[:, 1]], triples[:, 2]], TRIPLES)
-    return terms._replace(every=(*terms.every, *further))
-
-
-def _strongest(products: NDArray[np.int64], size: Array, number: int) -> list[Term]:
-    kept = np.sort(np.argsort(-np.abs(size), kind="stable")[:number])
-    return [tuple(int(j) for j in products[index]) for index in kept]
+    if not 3 <= p <= MOST_TRIPLED:
+        return terms
+    triples = np.array(list(itertools.combinations(range(p), 3)), dtype=np.int64)
+    first, second = np.triu_indices(p, 1)
+    moment = (truth[:, first] * truth[:, second]).T @ truth / n
+    place = np.zeros((p, p), dtype=int)
+    place[first, second] = np.arange(len(first))
+    size = moment[place[triples[:, 0], triples[:, 1]], triples[:, 2]]
+    kept = np.sort(np.argsort(-np.abs(size), kind="stable")[:TRIPLES])
+    return terms._replace(every=(*terms.every, *(tuple(int(j) for j in triples[each]) for each in kept)))
 
 
 def values_of(terms: Sequence[Term], scores: Array) -> Array:

@@ -53,6 +53,41 @@ def test_exact_posteriors_do_not(name):
     assert findings["informed.rank"].estimate[0] < 3 * findings["informed.rank"].standard_error[0]
 
 
+def faulty(fault, rng, n, draws):
+    """Three parameters of correlations 0.6, exact but for one fault, a scale or a shift of the draws."""
+    x = rng.normal(size=(n, 3))
+    root = np.linalg.cholesky(0.6 + 0.4 * np.eye(3))
+    z = rng.normal(size=(n, 1 + draws, 3))
+    away = np.concatenate([z[:, :1] @ root.T, fault(z[:, 1:] @ root.T, x[:, None])], axis=1)
+    return make_trials(x + away[:, 0], x[:, None] + away[:, 1:], ["a", "b", "c"], x=x)
+
+
+SAME = {
+    "narrow": lambda away, x: 0.905 * away,
+    "wide": lambda away, x: 1.105 * away,
+    "shifted": lambda away, x: away + 0.1,
+    # 0.6 becomes 0.46.
+    "correlations": lambda away, x: away + 0.25 * (away - away.mean(axis=-1, keepdims=True)),
+}
+
+
+@pytest.mark.parametrize("name", SAME)
+def test_a_fault_that_is_the_same_whatever_the_data_is_left_to_other_gates(name):
+    """At what the default policy tolerates of it: within 3 standard errors of 0, 3,000 trials of 100 draws."""
+    rank = judged(faulty(SAME[name], np.random.default_rng(20), 3000, 100))[1]["informed.rank"]
+    assert abs(rank.estimate[0]) < 3 * rank.standard_error[0]
+
+
+@pytest.mark.parametrize("ends", [1, 2])
+def test_the_same_fault_where_some_data_have_it_is_not(ends):
+    """Narrow at one end of the data, and at both."""
+    beyond = {1: lambda x: x[..., :1] > 0.5, 2: lambda x: x[..., :1] ** 2 > 1.5}[ends]
+    made = faulty(lambda away, x: np.where(beyond(x), 0.6, 1.0) * away, np.random.default_rng(21), 1500, 60)
+    gates, found, *_ = judged(made)
+    assert gates["informed.rank"].outcome is Outcome.FAIL
+    assert found["informed.rank"].components[0].startswith("how wide ")
+
+
 def test_the_data_that_tell_are_named():
     gates, findings, *_ = judged(trials_of(BLIND["prior, 40 nuisance channels"], 1000, 50, seed=3))
     message = gates["informed.rank"].message

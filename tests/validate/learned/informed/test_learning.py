@@ -30,7 +30,7 @@ from gaugeblock.validate.learned.informed.learning import (
 from gaugeblock.validate.learned.informed.pools import Pools, rank_scores
 from gaugeblock.validate.learned.informed.ridge import fit_ridge
 from gaugeblock.validate.learned.informed.skill import fair_crps, forecast_crps, share_below, skill
-from gaugeblock.validate.learned.informed.terms import regressed_terms, values_of, with_products
+from gaugeblock.validate.learned.informed.terms import regressed_terms, values_of, with_triples
 from gaugeblock.validate.learned.informed.trees import fit_trees
 from gaugeblock.validate.marginal.uniformity import ecdf_test
 
@@ -192,7 +192,7 @@ def test_a_dependence_of_three_parameters_is_picked_among_all_triples():
     rng = np.random.default_rng(7)
     scores = rng.normal(size=(500, 9, 8))
     scores[:, 0, 6] = np.abs(scores[:, 0, 6]) * np.sign(scores[:, 0, 1] * scores[:, 0, 4])
-    terms = with_products(regressed_terms(8), scores)
+    terms = with_triples(regressed_terms(8), scores)
     assert (1, 4, 6) in terms.every
     np.testing.assert_allclose(
         values_of(terms.every, scores)[..., terms.every.index((1, 4, 6))],
@@ -233,25 +233,25 @@ def test_stages_grow_by_the_same_factor():
 
 
 def test_columns_are_terms_times_what_is_foretold_of_them():
-    """All but places alone, then terms by ridge, then by trees; each less its mean over the pool."""
+    """Triples alone, then other terms by ridge, then by trees; each less its mean over the pool."""
     rng = np.random.default_rng(21)
-    seen, rows = known(rng.normal(size=(20, 9, 2)), rng.normal(size=(20, 3)), rng), np.array([3, 11, 4])
-    terms = with_products(regressed_terms(2), seen.pools.scores)
-    linear, trees = rng.normal(size=(3, 6)), rng.normal(size=(3, 5))
+    seen, rows = known(rng.normal(size=(20, 9, 3)), rng.normal(size=(20, 3)), rng), np.array([3, 11, 4])
+    terms = with_triples(regressed_terms(3), seen.pools.scores)
+    linear, trees = rng.normal(size=(3, 10)), rng.normal(size=(3, 7))
     for candidates in (None, 4):
         scores = seen.pools.scores[rows, :candidates]
         values = values_of(terms.every, scores)
         values = values - values.mean(axis=1, keepdims=True)
-        wanted = [values[..., k] for k in range(2, 6)]
-        wanted += [values[..., k] * linear[:, [k]] for k in range(6)]
-        wanted += [values[..., k] * trees[:, [k]] for k in range(5)]
+        wanted = [values[..., 10]]
+        wanted += [values[..., k] * linear[:, [k]] for k in range(10)]
+        wanted += [values[..., k] * trees[:, [k]] for k in range(7)]
         found = centred_columns(seen, terms, rows, (linear, trees), candidates)
         np.testing.assert_allclose(found, np.stack(wanted, axis=2), atol=1e-5)
     told = {}
     for _ in range(2):
         account(told, terms, found)
-    ridge = [(0,), (1,), (0, 0), (1, 1), (), (0, 1)]
-    every = {"alone": ridge[2:], "ridge": ridge, "trees": ridge[:5]}
+    ridge = [(0,), (1,), (2,), (0, 0), (1, 1), (2, 2), (), (0, 1), (0, 2), (1, 2)]
+    every = {"alone": [(0, 1, 2)], "ridge": ridge, "trees": ridge[:7]}
     keys = [(term, how) for how, some in every.items() for term in some]
     assert list(told) == keys
     for k, key in enumerate(keys):
@@ -326,7 +326,7 @@ def test_each_stage_is_scored_by_what_was_learned_before_it(monkeypatch):
     plain, told, parts = regressed_terms(2), {}, []
     for start, stop in itertools.pairwise([8, 13, 23, 38, 64]):
         taught, scored = order[max(0, start - 30) : start], order[start:stop]
-        terms = with_products(plain, seen.pools.scores[taught])
+        terms = with_triples(plain, seen.pools.scores[taught])
         chosen = coefficients(centred_columns(seen, terms, taught, foretold_unseen(seen, plain, taught), 17))
         last = fit_challenger(seen, plain, taught)
         columns = centred_columns(seen, terms, scored, last(seen, scored))
