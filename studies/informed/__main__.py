@@ -16,13 +16,19 @@ import studies.informed
 from gaugeblock.core.progress import Bars
 from gaugeblock.validate import Outcome, Policy, judge, make_trials, read_policy, run_validators
 from studies.informed.document import document
-from studies.informed.problems import AFTERWARDS, BLIND, EXACT, Problem
+from studies.informed.problems import AFTERWARDS, AGAIN, BLIND, EXACT, TOLERATED, Problem
 from studies.kit.command import carried_out, given, parser
 from studies.kit.results import clopper_pearson, read, record, write
 from studies.kit.resume import Arrays, Pieces, code_of
 
 NAME = "studies informed"
-KINDS = {"blind": BLIND, "blind, made up afterwards": AFTERWARDS, "exact": EXACT}
+KINDS = {
+    "blind": BLIND,
+    "blind, made up afterwards": AFTERWARDS,
+    "blind, made up since": AGAIN,
+    "not blind": TOLERATED,
+    "exact": EXACT,
+}
 # In an audit the gate shares the error budget with all that is measured on the same trials.
 FAMILIES = 2
 # Audits in a piece, and after how many of each problem there is a table: each has equally many at any time.

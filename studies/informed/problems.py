@@ -7,6 +7,7 @@ the right one. So exact posteriors of any shape cost nothing, and each fault is 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -182,6 +183,67 @@ def clipped(rng: Rng, n: int, draws: int) -> Made:
     return Made(theta, found, x)
 
 
+# Blind, and made up once the gate had been changed (it counted what is the same whatever the data) and frozen
+# again: nothing was changed after they had been tried.
+
+
+def noise_level(rng: Rng, n: int, draws: int) -> Made:
+    """The variance of 20 channels, of mean 0; five of them are looked at."""
+    variance = 1 / rng.gamma(3.0, 0.5, (n, 1))
+    x = np.sqrt(variance) * rng.standard_normal((n, 20))
+    rate = 2 + (x[:, :5] ** 2).sum(axis=1)[:, None] / 2
+    return Made(np.log(variance), np.log(rate / rng.gamma(3 + 2.5, 1.0, (n, draws)))[:, :, None], x)
+
+
+def missing_channel(rng: Rng, n: int, draws: int) -> Made:
+    """Two channels theta + 0.5 e; the prior in the fifth of all trials in which the first is missing, a 0."""
+    theta = rng.standard_normal((n, 1))
+    x = theta + 0.5 * rng.standard_normal((n, 2))
+    missing = rng.random(n) < 0.2
+    mean, sd = x.sum(axis=1)[:, None] / 2.25, np.sqrt(0.25 / 2.25)
+    found = _gaussian(rng, np.where(missing[:, None], 0.0, mean), np.where(missing[:, None], 1.0, sd), draws)
+    return Made(theta, found, np.where(np.column_stack([missing, np.zeros(n, bool)]), 0.0, x))
+
+
+def tempered(rng: Rng, n: int, draws: int) -> Made:
+    """x = theta + e; where x is above 1.5 (one in seven) the likelihood counts with a power of 0.3."""
+    theta = rng.standard_normal((n, 1))
+    x = theta + rng.standard_normal((n, 1))
+    power = np.where(x > 1.5, 0.3, 1.0)
+    return Made(theta, _gaussian(rng, x * power / (1 + power), np.sqrt(1 / (1 + power)), draws), x)
+
+
+def average_alone(rng: Rng, n: int, draws: int) -> Made:
+    """Levels of both halves of a series of 20 values, noise 2; only the mean of all is looked at."""
+    design = np.kron(np.eye(2), np.ones((10, 1)))
+    made, _, _ = linear(rng, n, 1, design=design, noise=2.0)
+    own = np.full((1, 2), 0.5)
+    covariance = np.linalg.inv(np.eye(2) + own.T @ own / 0.2)
+    mean = made.x.mean(axis=1)[:, None] @ own @ covariance / 0.2
+    return made._replace(
+        draws=mean[:, None] + rng.standard_normal((n, draws, 2)) @ np.linalg.cholesky(covariance).T
+    )
+
+
+def polarity(rng: Rng, n: int, draws: int) -> Made:
+    """x1 = a theta + 0.3 e with a of either sign, which x2 = a + 0.3 e tells; x2 is not looked at."""
+    theta = rng.standard_normal((n, 1))
+    sign = rng.choice([-1.0, 1.0], (n, 1))
+    x = np.column_stack([sign * theta, sign]) + 0.3 * rng.standard_normal((n, 2))
+    found = _gaussian(rng, x[:, :1] / 1.09, np.sqrt(0.09 / 1.09), draws)
+    return Made(theta, found * rng.choice([-1.0, 1.0], (n, draws, 1)), x)
+
+
+# Not blind: faults that are the same whatever the data, about as large as the default policy tolerates.
+
+
+def _everywhere(rng: Rng, n: int, draws: int, *, shift: float = 0.0, scale: Array) -> Made:
+    """Two parameters with a posterior correlation of 0.6; draws' deviations multiplied by a matrix."""
+    x = rng.standard_normal((n, 4))
+    away = rng.standard_normal((n, 1 + draws, 2)) @ np.linalg.cholesky([[1.0, 0.6], [0.6, 1.0]]).T
+    return Made(x[:, :2] + away[:, 0], x[:, None, :2] + shift + away[:, 1:] @ scale, x)
+
+
 # Exact.
 
 
@@ -276,6 +338,21 @@ AFTERWARDS: dict[str, Problem] = {
     "quadrant of an image ignored": image_quadrant,
     "dead time at high rates ignored": dead_time,
     "x clipped at its 90th percentile": clipped,
+}
+
+AGAIN: dict[str, Problem] = {
+    "a quarter of what tells a variance": noise_level,
+    "prior where a channel is missing": missing_channel,
+    "likelihood to the power 0.3 at one end": tempered,
+    "mean of a series alone": average_alone,
+    "polarity ignored": polarity,
+}
+
+TOLERATED: dict[str, Problem] = {
+    "0.905 as wide": partial(_everywhere, scale=0.905 * np.eye(2)),
+    "1.105 as wide": partial(_everywhere, scale=1.105 * np.eye(2)),
+    "shifted by 0.1 of both widths": partial(_everywhere, shift=0.1, scale=np.eye(2)),
+    "correlation 0.5 for 0.6": partial(_everywhere, scale=np.array([[1.0, -0.07], [-0.07, 1.0]])),
 }
 
 EXACT: dict[str, Problem] = {

@@ -5,8 +5,8 @@ average: what it loses shows only to somebody who looks at data and truths toget
 earlier trials: ridge regressions on all of x, and boosted trees of depth two on x, its features and on what
 the estimator itself says. ``informed.rank`` is how much lower than 1/2 the truth's rank comes out in their
 score, on later trials: 0, exactly, for an exact posterior of any shape. A bias, a width or a correlation that
-is the same whatever the data has gates and tolerances of its own, and is no news here. ``informed.crps`` is how much of each
-parameter is learned at all, over the prior; it is judged by nothing.
+is the same whatever the data has gates and tolerances of its own, and is no news here. ``informed.crps`` is
+how much of each parameter is learned at all, over the prior; it is judged by nothing.
 
 Blind to what no such challenger can learn from the trials at hand: a fault in a sign of three inputs, in a
 phase, in a texture, in fewer than some hundred trials.

@@ -163,8 +163,8 @@ def centred_columns(
 ) -> Array:
     """Terms times what is foretold of them, ``(n, candidate, column)``, of mean 0 in each pool.
 
-    Of these a part that is the same whatever the data is left out: how much of a bias, a width or a correlation
-    that no data foretell is tolerated, gates of their own say. Triples stand there alone.
+    Of these a part that is the same whatever the data is left out: how much of a bias, a width or a
+    correlation that no data foretell is tolerated, gates of their own say. Triples stand there alone.
     """
     values = values_of(terms.every, known.pools.scores[rows, :candidates].astype(np.float32))
     values -= values.mean(axis=1, keepdims=True)

@@ -16,7 +16,7 @@ Term = tuple[int, ...]
 
 # Products of pairs are foretold up to so many parameters.
 MOST_REGRESSED = 6
-# The strongest few triples are looked at whatever the data; more parameters have more than can be gone through.
+# The strongest few triples are looked at whatever the data, up to more parameters.
 TRIPLES = 5
 MOST_TRIPLED = 40
 
