@@ -1,7 +1,7 @@
 """Simultaneous intervals: how often those that a verdict rests on hold all true values at once.
 
 The truth is 0 for an exact posterior, otherwise the mean over audits that are used for nothing else. Gates of
-learned scores have no true value but that of the score that each audit learns, so off the null they are
+learned scores and regions have no true value but that of what each audit learns, so off the null they are
 left out.
 """
 
@@ -24,7 +24,7 @@ TRIALS, DRAWS = 2000, 60
 GROUPS: dict[str, tuple[int, int]] = {"importance": (100, 100), "joint": (1000, 60)}
 SETTINGS = {"trials": TRIALS, "draws": DRAWS, **GROUPS}
 REFERENCES = 80
-LEARNED = ("c2st", "lc2st")
+LEARNED = ("c2st", "lc2st", "informed", "local")
 
 
 def cases() -> dict[str, Moved]:

@@ -20,7 +20,7 @@ from gaugeblock.estimators.broken import WithTruth
 from gaugeblock.simulators import build_simulator
 from gaugeblock.validate import read_policy
 from gaugeblock.validate.planning.planner import plan as planned
-from studies.error_rates.audits import audit, plan
+from studies.error_rates.audits import JUDGED, audit, plan
 from studies.error_rates.boundary import Moved, kink
 from studies.error_rates.gate import outcome
 from studies.error_rates.policies import DEFAULT, fewest
@@ -43,7 +43,7 @@ class Member:
     build: Callable[[], tuple[Any, Any]]
     trials: int
     policy: str = "default"
-    select: tuple[str, ...] | None = None
+    select: tuple[str, ...] = JUDGED
 
 
 def zoo() -> dict[str, Member]:
@@ -124,7 +124,7 @@ def replicate(member: Member) -> Replicate:
 
     def once(seed: int) -> Values:
         joint = (min(member.trials, GROUPS["joint"][0]), GROUPS["joint"][1])
-        groups = {} if member.select else {**GROUPS, "joint": joint}
+        groups = {**GROUPS, "joint": joint} if "joint" in member.select else {}
         asked = plan(member.trials, DRAWS, seed, **groups)
         return outcome(audit(simulator, estimator, asked, policy, select=member.select))
 

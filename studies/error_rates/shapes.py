@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from gaugeblock.validate import judge, make_trials, run_validators
-from studies.error_rates.audits import Audited, quick_bootstrap
+from studies.error_rates.audits import JUDGED, Audited, quick_bootstrap
 from studies.error_rates.gate import outcome
 from studies.error_rates.policies import DEFAULT
 from studies.error_rates.problem import Array
@@ -81,7 +81,7 @@ def replicate(shape: Shape, trials: int, draws: int) -> Replicate:
 
     def once(seed: int) -> Values:
         pool = shape(np.random.default_rng(seed), (trials, 1 + draws, PARAMETERS))
-        found, not_checked = run_validators(make_trials(pool[:, 0], pool[:, 1:]), seed=seed)
+        found, not_checked = run_validators(make_trials(pool[:, 0], pool[:, 1:]), seed=seed, select=JUDGED)
         with quick_bootstrap():
             return outcome(Audited(found, not_checked, judge(found, not_checked, DEFAULT, seed=seed)))
 
