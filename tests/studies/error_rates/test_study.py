@@ -50,13 +50,13 @@ def test_examples_in_docstrings_run():
 def test_results_do_not_depend_on_workers(tmp_path):
     # A study's closures go to other processes.
     pytest.importorskip("cloudpickle")
-    asked = ["error-rates", "shortcut", "--replicates", "3", "--workers", "2", "--out", str(tmp_path / "two")]
+    asked = ["error-rates", "looks", "--replicates", "3", "--workers", "2", "--out", str(tmp_path / "two")]
     command = [sys.executable, "-m", "studies", *asked]
     subprocess.run(command, check=True, cwd=ROOT, env={**os.environ, "PYTHONPATH": PATH})
-    assert main(["shortcut", "--replicates", "3", "--out", str(tmp_path / "one")]) == 0
-    two, one = (read(tmp_path / workers / "shortcut.nc").drop_attrs() for workers in ("two", "one"))
+    assert main(["looks", "--replicates", "3", "--out", str(tmp_path / "one")]) == 0
+    two, one = (read(tmp_path / workers / "looks.nc").drop_attrs() for workers in ("two", "one"))
     assert one.identical(two)
-    assert len(list((tmp_path / "two" / "checkpoints").glob("shortcut-*/*.npz"))) == len(one["case"])
+    assert len(list((tmp_path / "two" / "checkpoints").glob("looks-*/*.npz"))) == len(one["case"])
 
 
 def test_results_do_not_depend_on_interruptions(tmp_path):
@@ -187,9 +187,9 @@ def test_curves_are_named_by_fault_and_trials():
 
 
 def test_the_command_keeps_a_small_table_that_says_how_it_was_made(tmp_path, capsys):
-    arguments = ["shortcut", "--replicates", "2", "--seed", "3"]
+    arguments = ["looks", "--replicates", "2", "--seed", "3"]
     assert main([*arguments, "--out", str(tmp_path)]) == 0
-    table = read(tmp_path / "shortcut.nc")
+    table = read(tmp_path / "looks.nc")
     assert table.attrs["command"] == "python -m studies error-rates " + " ".join(arguments)
     assert "numpy" in json.loads(table.attrs["versions"])
     assert int(table["replicates"].max()) == 2
