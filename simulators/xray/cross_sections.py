@@ -9,7 +9,6 @@ import numpy as np
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import require
-from gaugeblock.core.precision import double_precision
 from gaugeblock.simulators.xray import data
 from gaugeblock.simulators.xray.averages import constant
 
@@ -40,17 +39,17 @@ def cross_section(energy: Any, file: str) -> Any:
     Of tbabs linear in both logarithms, beyond the table by its last slopes; of phabs and wabs linear, and
     beyond it all or nothing. Energies that are known are looked up once.
     """
-    import jax
     import jax.numpy as jnp
 
-    if constant(energy):
-        # Whoever asks may be tracing: without this the result would belong to that trace.
-        with double_precision(), jax.core.eval_context():
-            return np.asarray(cross_section(jnp.asarray(energy), file))
+    xp: Any = np if constant(energy) else jnp
     if file != TBABS:
-        return jnp.interp(energy, *table(file), left=1e9, right=0.0)
+        return xp.interp(energy, *table(file), left=1e9, right=0.0)
     nodes, values = map(np.log, table(file))
-    return jnp.exp(jnp.interp(jnp.log(energy), nodes, values, left="extrapolate", right="extrapolate"))
+    at = xp.log(energy)
+    below, above = ((values[i + 1] - values[i]) / (nodes[i + 1] - nodes[i]) for i in (0, -2))
+    # Between the ends as they are, and beyond by the slope there.
+    beyond = below * xp.minimum(at - nodes[0], 0.0) + above * xp.maximum(at - nodes[-1], 0.0)
+    return xp.exp(xp.interp(at, nodes, values) + beyond)
 
 
 @cache

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from gaugeblock.simulators.xray.averages import gaussian
+import numpy as np
+
+from gaugeblock.simulators.xray.averages import constant, gaussian
 from gaugeblock.simulators.xray.effects.assembly import Append
 from gaugeblock.simulators.xray.effects.kinds import ANY, NONNEGATIVE, POSITIVE, EffectKind
 from gaugeblock.simulators.xray.gain import Gain
@@ -35,7 +37,9 @@ def _curve(recorded: Any, *, curve: Any) -> Any:
     import jax.numpy as jnp
 
     linear = 1.0 - curve
-    root = jnp.sqrt(jnp.maximum(linear**2 + 4.0 * curve * recorded / PIVOT, 1e-6))
+    square = linear**2 + 4.0 * curve * recorded / PIVOT
+    xp: Any = np if constant(square) else jnp
+    root = xp.sqrt(xp.maximum(square, 1e-6))
     return 2.0 * recorded / (linear + root)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,12 +33,21 @@ class Scale:
         """Lowest and highest energy of the photons in the channels, keV."""
         return self.response.band
 
+    @cached_property
+    def _known(self) -> dict[Node, Array]:
+        return {}
+
     def _photons(self, tree: Node) -> Array:
         """Photons/cm2/s in each input bin."""
-        low, high = self.response.energies.T
-        with double_precision():
-            flux = photon_flux(tree, self.assembly.prior.names, low, high, "jaxspec")
-            return np.asarray(flux(np.asarray(self.theta), 1))
+        import jax
+
+        if tree not in self._known:
+            low, high = self.response.energies.T
+            with double_precision():
+                flux = photon_flux(tree, self.assembly.prior.names, low, high, "jaxspec")
+                # Operation by operation it would be some thirty compilations.
+                self._known[tree] = np.asarray(jax.jit(lambda theta: flux(theta, 1))(np.asarray(self.theta)))
+        return self._known[tree]
 
     def _rate(self, photons: Array) -> float:
         return float((self.response.with_exposure(1.0).sparse @ photons).sum())

@@ -46,7 +46,7 @@ def recorded_folding(response: Response, recorded: Sequence[Bound], prior: Prior
     reads = tuple(s for bound in recorded for s in bound.sources.values() if isinstance(s, str))
     if len(recorded) == 1 and isinstance(recorded[0].what, Broadening) and recorded[0].free:
         edges, members = places.edges[rows.start : rows.stop + 1], places.members[:, rows].toarray()
-        broad, matrix = recorded[0].what.alone(edges, np.asarray(columns[:-1]), members)
+        broad, matrix = recorded[0].what.alone(edges, np.asarray(columns)[:-1], members)
         return Folding(
             lambda flux, theta: broad(flux, recorded[0].values(theta, names)),
             live,
