@@ -134,19 +134,35 @@ def test_a_folder_that_a_worker_does_not_see_is_named(tmp_path: Path) -> None:
 def test_large_parts_of_tasks_are_loaded_once_and_stay(tmp_path: Path) -> None:
     part = bytearray(b"large")
     packer = Packer(tmp_path, lambda value: isinstance(value, bytearray | list))
-    first, second = packer.pack((1, part)).task(), packer.pack((2, [part])).task()
+    first, second = packer.pack((1, part), turn=0).task(), packer.pack((2, [part]), turn=0).task()
     assert (first, second) == ((1, part), (2, [part]))
     assert second[1][0] is first[1] is not part
-    assert packer.pack(part).task() is first[1]
+    assert packer.pack(part, turn=0).task() is first[1]
     assert len(list(tmp_path.glob("kept-*.pickle"))) == 2
     # Of another folder, another run: nothing of this one stays.
     (tmp_path / "other").mkdir()
-    Packer(tmp_path / "other", lambda value: isinstance(value, set)).pack({1}).task()
-    assert packer.pack(part).task() is not first[1]
+    Packer(tmp_path / "other", lambda value: isinstance(value, set)).pack({1}, turn=0).task()
+    assert packer.pack(part, turn=0).task() is not first[1]
+
+
+def test_parts_that_nobody_has_used_for_three_turns_are_forgotten(tmp_path: Path) -> None:
+    """One that is held by another is used with it."""
+    inner, other = bytearray(b"inner"), bytearray(b"other")
+    outer = [inner]
+    packer = Packer(tmp_path, lambda value: isinstance(value, bytearray | list))
+    first = packer.pack((outer, other), turn=5).task()
+    for turn in (6, 7, 8):
+        assert packer.pack(outer, turn=turn).task() is first[0]
+    assert packer.pack(other, turn=8).task() is first[1]
+    packer.pack(outer, turn=11).task()
+    assert packer.pack(other, turn=11).task() is first[1]
+    packer.pack(outer, turn=15).task()
+    assert packer.pack(inner, turn=15).task() is first[0][0]
+    assert packer.pack(other, turn=15).task() is not first[1]
 
 
 def test_a_part_that_was_changed_on_its_way_is_not_loaded(tmp_path: Path) -> None:
-    packed = Packer(tmp_path, lambda value: isinstance(value, set)).pack({3})
+    packed = Packer(tmp_path, lambda value: isinstance(value, set)).pack({3}, turn=0)
     next(tmp_path.iterdir()).write_bytes(b"cos\nsystem\n(S'touch harm'\ntR.")
     with pytest.raises(InputError, match=r"kept-\w+.pickle: is not what was written"):
         packed.task()

@@ -137,13 +137,14 @@ _WORKING = threading.Lock()
 
 def _received(path: Path, sha256: str) -> Callable[[Any], object]:
     if sha256 not in _LATEST:
-        work = _loaded(path, sha256)
+        work, _ = _loaded(path, sha256)
         _LATEST.clear()
         _LATEST[sha256] = work
     return _LATEST[sha256]
 
 
-def _loaded(path: Path, sha256: str) -> Any:
+def _loaded(path: Path, sha256: str) -> tuple[Any, list[str]]:
+    """What a file holds, and the parts of it that have files of their own."""
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -155,7 +156,8 @@ def _loaded(path: Path, sha256: str) -> Any:
     if hashlib.sha256(content).hexdigest() != sha256:
         raise InputError(f"{path}: is not what was written; nobody else may write to the folder")
     try:
-        return _Unpacking(io.BytesIO(content)).load()
+        unpacking = _Unpacking(io.BytesIO(content))
+        return unpacking.load(), unpacking.parts
     except Exception as error:
         raise InputError(
             f"a worker on {platform.node()} cannot load what is audited "
@@ -166,7 +168,8 @@ def _loaded(path: Path, sha256: str) -> Any:
 class Packer:
     """Packs tasks whose large parts are the same again and again: a process loads each of these once.
 
-    It stays there for as long as tasks come from the same folder, with all that it has compiled.
+    It stays there, with all that it has compiled, while tasks come from the same folder and none of the last
+    `TURNS` turns went without it.
 
     Parameters
     ----------
@@ -181,15 +184,15 @@ class Packer:
         # With the part itself: another one may not take its id.
         self._written: dict[int, tuple[object, tuple[Path, str]]] = {}
 
-    def pack(self, task: object) -> Packed:
-        """A task as bytes.
+    def pack(self, task: object, *, turn: int) -> Packed:
+        """A task as bytes, and which turn it is of; turns are counted up.
 
         Raises
         ------
         InputError
             If it cannot be sent.
         """
-        return Packed(_content(task, self._place))
+        return Packed(_content(task, self._place), turn)
 
     def _place(self, value: object) -> tuple[Path, str] | None:
         """Where a part lies and its digest, written where that is new; None for what is none."""
@@ -209,26 +212,58 @@ class Packed:
     """A task of a `Packer`."""
 
     content: bytes
+    turn: int
 
     def task(self) -> Any:
-        """What was packed, its parts those that this process has."""
-        return _Unpacking(io.BytesIO(self.content)).load()
+        """What was packed, its parts those that this process has; it forgets others that nobody uses."""
+        unpacking = _Unpacking(io.BytesIO(self.content))
+        found = unpacking.load()
+        for sha256 in unpacking.parts:
+            _used(sha256, self.turn)
+        for sha256, part in list(_STAYED.items()):
+            if part.turn + TURNS < self.turn:
+                del _STAYED[sha256]
+        return found
+
+
+TURNS = 3
+"""How many turns of tasks a part may go without being used."""
+
+
+@dataclass
+class _Part:
+    """A part, the parts that it holds, and the last turn that used it."""
+
+    value: Any
+    holds: list[str]
+    turn: int = 0
 
 
 # Parts that came to this process, by their digest: of the folder that it works for.
-_STAYED: dict[str, Any] = {}
+_STAYED: dict[str, _Part] = {}
 _OF: list[Path] = []
 
 
+def _used(sha256: str, turn: int) -> None:
+    _STAYED[sha256].turn = turn
+    for held in _STAYED[sha256].holds:
+        _used(held, turn)
+
+
 class _Unpacking(pickle.Unpickler):
+    def __init__(self, content: io.BytesIO):
+        super().__init__(content)
+        self.parts: list[str] = []
+
     def persistent_load(self, pid: Any) -> Any:
         path, sha256 = pid
         if [path.parent] != _OF:
             _STAYED.clear()
             _OF[:] = [path.parent]
         if sha256 not in _STAYED:
-            _STAYED[sha256] = _loaded(path, sha256)
-        return _STAYED[sha256]
+            _STAYED[sha256] = _Part(*_loaded(path, sha256))
+        self.parts.append(sha256)
+        return _STAYED[sha256].value
 
 
 @contextmanager
