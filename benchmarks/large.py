@@ -23,6 +23,7 @@ from benchmarks.processes import GAUGEBLOCK, ONE_CORE, VERDICTS, audit, ran
 from studies.kit import page
 
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.processors import processor
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
@@ -140,7 +141,7 @@ def compared(
         if before and not made.exists():
             ran([sys.executable, *before], row.says, cwd=ROOT, env=os.environ, verdict=False)
             made.touch()
-        rows[name] = measured(words, work / name)
+        rows[name] = {**measured(words, work / name), "processor": processor()}
         keep(found, path, "python -m benchmarks.large WORK")
         sys.stderr.write(f"{row.says}: {rows[name]}\n")
 
@@ -157,7 +158,11 @@ def shown(found: Mapping[str, Any]) -> str:
         if (taken := found["rows"].get(name))
     ]  # fmt: skip
     header = ["", "minutes", "CPU minutes", "the command (GB)", "largest worker (GB)", "written (GB)", "says"]
-    return f"{page.table(header, cells)}\n\nOn {found['processor']}."
+    on: dict[str, list[str]] = {}
+    for name, taken in found["rows"].items():
+        on.setdefault(taken["processor"], []).append(name)
+    machines = "; ".join(f"{', '.join(sorted(names))}: {machine}" for machine, names in sorted(on.items()))
+    return f"{page.table(header, cells)}\n\nProcessors: {machines}."
 
 
 def main(words: Sequence[str] | None = None) -> int:

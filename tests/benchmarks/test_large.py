@@ -9,6 +9,7 @@ pytest.importorskip("distributed")
 from benchmarks import large
 
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.processors import processor
 
 
 def test_a_command_is_watched_from_its_start_to_its_end(tmp_path):
@@ -67,9 +68,11 @@ def test_rows_are_kept_what_they_read_is_made_once_and_the_page_says_them(tmp_pa
     large.compared(["much"], tmp_path, path, measured=measured)
     assert (tmp_path / "read").read_text() == "made "
     assert json.loads(path.read_text())["versions"]["python"] == sys.version.split()[0]
+    assert json.loads(path.read_text())["rows"]["much"]["processor"] == processor()
     (tmp_path / "performance.md").write_text("<!-- large -->\n<!-- /large -->\n")
     assert large.main(["--page", "--out", str(path), "--docs", str(tmp_path)]) == 0
-    assert "| much work | 10 | 20 | 1.50 | 0.50 | 2.00 | PASS |" in (tmp_path / "performance.md").read_text()
+    said = (tmp_path / "performance.md").read_text()
+    assert f"| much work | 10 | 20 | 1.50 | 0.50 | 2.00 | PASS |\n\nProcessors: much: {processor()}.\n" in said
 
 
 def test_the_page_says_what_the_file_says():
