@@ -51,7 +51,10 @@ def test_estimators_on_the_boundary_are_rarely_blocked_and_rarely_passed(name):
 
 @pytest.mark.parametrize(
     "name",
-    ["bias, normal", "narrow, Cauchy", "wide, bimodal", "bias, lognormal, sigma 2", "coverage", "ess"],
+    [
+        *("bias, normal", "narrow, normal", "wide, normal", "coverage", "ess"),
+        *("bias, lognormal, sigma 2", "narrow, Cauchy", "wide, bimodal"),
+    ],
 )
 def test_one_gate_alone_on_the_boundary_passes_in_at_most_5_percent(name):
     """The hardest case for an intersection-union test: one gate on the edge, all others far inside."""
