@@ -36,8 +36,8 @@ def test_the_first_verdict(monkeypatch, tmp_path):
         assert said(cells, code).endswith(said(committed, code))
     assert said(cells, "\nblocked.outcome").strip("<>").count("FAIL") >= 1
     assert "PASS" in said(cells, "result.outcome")
-    assert "sbc.log_width[scatter]" in said(cells, "to_frame")
-    assert "scatter: " in said(cells, ".message")
+    assert "sbc.log_width[log_scatter]" in said(cells, "to_frame")
+    assert "log_scatter: " in said(cells, ".message")
     (card,) = (cell for cell in cells if cell.source.endswith("\nresult"))
     assert any("text/html" in out.get("data", {}) for out in card.outputs)
     (figure,) = (cell for cell in cells if "result.plot" in cell.source)

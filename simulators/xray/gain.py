@@ -7,6 +7,7 @@ counts are redistributed by interpolating their cumulative sum smoothly, then gr
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -39,10 +40,15 @@ class Gain:
         return crowded(response)
 
     def reach(self, low: float, high: float, ranges: Ranges, /) -> tuple[float, float]:
-        """True energies of both ends at the ends of all ranges."""
+        """True energies of both ends at the ends of all ranges; where all energies are reached, all are."""
         corners = [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
-        true = [np.asarray(self.true_energy(np.array([low, high]), **corner)) for corner in corners]
-        return float(np.min(true)), float(np.max(true))
+
+        def true(end: float) -> list[float]:
+            if math.isinf(end):
+                return [end]
+            return [float(np.asarray(self.true_energy(np.array([end]), **corner)).item()) for corner in corners]
+
+        return min(true(low)), max(true(high))
 
     def prepare(self, edges: Array, _: Response, /) -> Changed:
         """Counts between the same edges after the move."""

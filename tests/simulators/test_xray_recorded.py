@@ -120,6 +120,24 @@ def test_what_happens_between_two_energies_may_come_from_so_far(name, ranges, re
     assert found == pytest.approx(tuple(reach), rel=1e-5)
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("name", "ranges"),
+    [
+        ("gain_slope", {"slope": (0.9, 1.1)}),
+        ("gain_offset", {"offset": (-0.2, 0.1)}),
+        ("gain_curve", {"curve": (-0.05, 0.05)}),
+    ],
+)
+def test_a_gain_of_what_comes_from_all_energies_comes_from_all(name, ranges):
+    """Resolution without end, or pile-up, lies between the gain and the recorded counts."""
+    reach = EFFECTS[name].apply.what.reach
+    assert reach(-np.inf, np.inf, ranges) == (-np.inf, np.inf)
+    low, high = reach(-np.inf, 8.0, ranges)
+    assert low == -np.inf
+    assert high == reach(1.0, 8.0, ranges)[1]
+
+
 def test_channels_are_laid_out_by_energy_and_groups_are_runs_of_neighbours():
     """A detector that counts downwards; one channel of a group is bad, so that it is two runs."""
     fine = np.array([[3.0, 4.0], [2.0, 3.0], [1.0, 2.0], [0.0, 1.0]])

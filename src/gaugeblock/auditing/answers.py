@@ -42,7 +42,12 @@ class Answers:
         rows = list(zip(*columns, strict=True))
         paths = [question.path(block) for block in range(len(rows))]
         tasks = (
-            (block, rows[block] if self._executor is None else self._packer.pack(rows[block], turn=question.number))
+            (
+                block,
+                rows[block]
+                if self._executor is None
+                else self._packer.pack(rows[block], turn=question.number),
+            )
             for block, path in enumerate(paths)
             if not marked(path)
         )
