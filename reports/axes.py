@@ -146,6 +146,7 @@ def _intervals(shown: Intervals, axes: Axes, gate: Gate | None) -> None:
     axes.set_yticks(place, shown.rows)
     axes.set_ylim(-0.7, len(place) - 0.3)
     axes.set_xlabel(shown.x_label)
+    axes.locator_params(axis="x", nbins=5)  # as many as stand beside each other on half a figure
 
 
 # Curves that one frame can hold and a legend name.

@@ -46,7 +46,8 @@ class Gain:
         def true(end: float) -> list[float]:
             if math.isinf(end):
                 return [end]
-            return [float(np.asarray(self.true_energy(np.array([end]), **corner)).item()) for corner in corners]
+            at = np.array([end])
+            return [np.asarray(self.true_energy(at, **corner)).item() for corner in corners]
 
         return min(true(low)), max(true(high))
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -57,6 +60,21 @@ def test_it_is_drawn_on_the_axes_handed_in(failing):
     assert right.has_data()
     assert not left.has_data()
     assert len(figure.axes) == 2
+
+
+@pytest.mark.parametrize("tolerance", [0.05, 0.1, 0.15, 1e-3])
+def test_what_is_written_below_half_a_figure_does_not_run_into_each_other(failing, tolerance):
+    finding, gate = found(failing, "sbc.bias[beta]")
+    reach = (-0.7 * tolerance, 0.7 * tolerance)
+    inside = replace(gate, tolerance=tolerance, interval=reach, pass_interval=reach)
+    figure, (left, _) = pyplot.subplots(1, 2, figsize=(10, 4), layout="constrained")
+    axes = draw(replace(finding, estimate=0 * finding.estimate), inside, ax=left)
+    figure.canvas.draw()
+    first, last = axes.get_xlim()
+    ticks = zip(axes.get_xticks(), axes.get_xticklabels(), strict=True)
+    boxes = [label.get_window_extent() for at, label in ticks if first <= at <= last]
+    assert len(boxes) >= 3
+    assert all(one.x1 + 2 < other.x0 for one, other in itertools.pairwise(boxes))
 
 
 def test_intervals_are_those_of_the_gate(failing):
