@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,25 @@ def arguments(
 def stored(path: Path) -> dict[str, Any]:
     """What the file holds; nothing where there is none yet."""
     return dict(json.loads(path.read_text(encoding="utf-8"))) if path.exists() else {}
+
+
+def keep_row(found: dict[str, Any], name: str, taken: Mapping[str, Any], path: Path, command: str) -> None:
+    """Write a row too, with the processor that it is of: rows may be of several."""
+    found.setdefault("rows", {})[name] = {**taken, "processor": processor()}
+    keep(found, path, command)
+
+
+def processors(rows: Mapping[str, Mapping[str, Any]]) -> str:
+    """Which rows are of which processor, in words.
+
+    >>> processors({"a": {"processor": "X"}, "c": {"processor": "Y"}, "b": {"processor": "X"}})
+    'Processors: X (a, b); Y (c).'
+    """
+    on: dict[str, list[str]] = {}
+    for name, taken in rows.items():
+        on.setdefault(taken["processor"], []).append(name)
+    said = [f"{which} ({', '.join(sorted(names))})" for which, names in sorted(on.items())]
+    return f"Processors: {'; '.join(said)}."
 
 
 def keep(found: dict[str, Any], path: Path, command: str) -> None:

@@ -18,12 +18,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.kept import arguments, keep, stored
+from benchmarks.kept import arguments, keep_row, processors, stored
 from benchmarks.processes import GAUGEBLOCK, ONE_CORE, VERDICTS, audit, ran
 from studies.kit import page
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.core.processors import processor
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
@@ -141,8 +140,7 @@ def compared(
         if before and not made.exists():
             ran([sys.executable, *before], row.says, cwd=ROOT, env=os.environ, verdict=False)
             made.touch()
-        rows[name] = {**measured(words, work / name), "processor": processor()}
-        keep(found, path, "python -m benchmarks.large WORK")
+        keep_row(found, name, measured(words, work / name), path, "python -m benchmarks.large WORK")
         sys.stderr.write(f"{row.says}: {rows[name]}\n")
 
 
@@ -158,11 +156,7 @@ def shown(found: Mapping[str, Any]) -> str:
         if (taken := found["rows"].get(name))
     ]  # fmt: skip
     header = ["", "minutes", "CPU minutes", "the command (GB)", "largest worker (GB)", "written (GB)", "says"]
-    on: dict[str, list[str]] = {}
-    for name, taken in found["rows"].items():
-        on.setdefault(taken["processor"], []).append(name)
-    machines = "; ".join(f"{', '.join(sorted(names))}: {machine}" for machine, names in sorted(on.items()))
-    return f"{page.table(header, cells)}\n\nProcessors: {machines}."
+    return f"{page.table(header, cells)}\n\n{processors(found['rows'])}"
 
 
 def main(words: Sequence[str] | None = None) -> int:

@@ -21,7 +21,7 @@ from statistics import mean
 from typing import Any
 
 from benchmarks.floors import FLOORS, NAMES
-from benchmarks.kept import arguments, keep, stored
+from benchmarks.kept import arguments, keep_row, processors, stored
 from benchmarks.processes import ONE_CORE, ran
 from studies.kit import page
 
@@ -175,15 +175,15 @@ def compared(rows: Mapping[str, Row], past: Path, path: Path) -> dict[str, Any]:
     """Measure each row that the file lacks in both, in turns, its floor beside it, and keep it at once."""
     found = stored(path)
     for name, row in rows.items():
-        taken = found.setdefault("rows", {}).setdefault(name, {})
-        if "now" not in taken:
-            taken |= {"past": [], "now": []}
-            for seed in range(1, row.repeats + 1):
-                for which, checkout in (("past", past), ("now", ROOT)):
-                    taken[which].append(round(seconds(row, checkout, now=which == "now", seed=seed), 3))
-        if name in FLOORS and "floor" not in taken:
+        if name in found.get("rows", {}):
+            continue
+        taken: dict[str, Any] = {"past": [], "now": []}
+        for seed in range(1, row.repeats + 1):
+            for which, checkout in (("past", past), ("now", ROOT)):
+                taken[which].append(round(seconds(row, checkout, now=which == "now", seed=seed), 3))
+        if name in FLOORS:
             taken["floor"] = float(f"{floor(name):.3g}")
-        keep(found, path, "python -m benchmarks.past")
+        keep_row(found, name, taken, path, "python -m benchmarks.past")
         sys.stderr.write(f"{row.says}: {taken}\n")
     return found
 
@@ -198,7 +198,8 @@ def shown(found: Mapping[str, Any]) -> str:
             least = taken.get("floor")
             beside = ["", ""] if least is None else [f"{least:.2g}", f"{now / least:.2g}"]
             cells.append([row.says, f"{past:.3g}", f"{now:.3g}", f"{now / past:.2f}", row.aim, *beside])
-    return page.table(["", "0.1.0 (CPU s)", "now (CPU s)", "ratio", "aim", "floor", "floors"], cells)
+    header = ["", "0.1.0 (CPU s)", "now (CPU s)", "ratio", "aim", "floor", "floors"]
+    return f"{page.table(header, cells)}\n\n{processors(found['rows'])}"
 
 
 def main(words: Sequence[str] | None = None) -> int:

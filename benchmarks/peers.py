@@ -20,11 +20,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from benchmarks.kept import arguments, keep, stored
+from benchmarks.kept import arguments, keep_row, processors, stored
 from studies.kit import page, plots
 
 os.environ.setdefault("KERAS_BACKEND", "torch")
 HERE = Path(__file__).resolve().parent
+FITTED = 4
+"""Spectra whose posteriors are sampled: jaxspec takes half a minute for each."""
 Task = tuple[str, str, Callable[[], Any], Callable[[], Any], int]
 
 
@@ -347,6 +349,40 @@ def xray_likelihood(rng: np.random.Generator) -> Task:
     )
 
 
+def xray_posterior(rng: np.random.Generator) -> Task:
+    """NUTS with as many steps of each: 500 to warm up, and every second of 2,000 kept."""
+    import jax
+    import numpyro.distributions as dist
+    from jaxspec.fit import MCMCFitter
+
+    from gaugeblock.estimators.nuts import Nuts
+
+    spectrum, model, observation, theta = spectra()
+    kinds = {"Uniform": dist.Uniform, "LogUniform": dist.LogUniform}
+    prior = {
+        f"spectrum.{name}": kinds[type(one).__name__](one.low, one.high)
+        for name, one in spectrum.prior.marginals.items()
+    }
+    x = np.asarray(spectrum.simulate(np.repeat(theta[:1], FITTED, axis=0), rng))
+    estimator = Nuts(spectrum, warmup=500, thinning=2)
+
+    def theirs() -> None:
+        with jax.enable_x64(True):
+            for key in range(FITTED):
+                MCMCFitter(model, prior, observation).fit(
+                    key, num_chains=1, num_warmup=500, num_samples=2000,
+                    mcmc_kwargs={"thinning": 2, "progress_bar": False},
+                )  # fmt: skip
+
+    return (
+        f"posteriors of {FITTED} spectra, EPIC-pn, by NUTS; jaxspec compiles for each",
+        "jaxspec",
+        theirs,
+        lambda: estimator.sample(x, 1000, rng),
+        1,
+    )
+
+
 def whole_audit(rng: np.random.Generator) -> Task:
     """The flow of a user: what sbi's own checks take, and what the default audit does beyond them."""
     import torch
@@ -393,7 +429,17 @@ def whole_audit(rng: np.random.Generator) -> Task:
 
 MADE = (
     *(sbc_ranks, ecdf_band, gamma_null, mmd_null, psis, expected_coverage, thread_errors),
-    *(c2st, tarp, joint_coverage, flow_draws, flow_density, xray_simulation, xray_likelihood, whole_audit),
+    *(
+        c2st,
+        tarp,
+        joint_coverage,
+        flow_draws,
+        flow_density,
+        xray_simulation,
+        xray_likelihood,
+        xray_posterior,
+        whole_audit,
+    ),
 )
 TASKS = {make.__name__: make for make in MADE}
 PEERS = ("sbi", "arviz-stats", "bayesflow", "nestcheck", "tarp", "pted", "jaxspec")
@@ -424,9 +470,8 @@ def compared(tasks: Mapping[str, Callable[[np.random.Generator], Task]], path: P
     rows = found.setdefault("rows", {})
     for name, make in tasks.items():
         if name not in rows:
-            rows[name] = row(make)
             found["peers"] = {peer: version(peer) for peer in PEERS}
-            keep(found, path, "tox -e bench")
+            keep_row(found, name, row(make), path, "tox -e bench")
             sys.stderr.write(f"{name}: {rows[name]}\n")
 
 
@@ -438,7 +483,7 @@ def shown(found: Mapping[str, Any]) -> str:
     ]
     table = page.table(["task", "peer", "peer (CPU s)", "gaugeblock (CPU s)", "ratio"], cells)
     versions = ", ".join(f"{name} {number}" for name, number in found["peers"].items())
-    return f"{table}\n\nOn {found['processor']}; {versions}."
+    return f"{table}\n\nPeers: {versions}. {processors(found['rows'])}"
 
 
 def in_order(found: Mapping[str, Any]) -> list[dict[str, Any]]:

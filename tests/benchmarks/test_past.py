@@ -9,6 +9,7 @@ from benchmarks import past
 from benchmarks.floors import FLOORS, layers, product
 
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.processors import processor
 
 ROOT = Path(__file__).resolve().parents[2]
 COUNTED = past.Row("a loop", "1/2", code="start = time.process_time()\nsum(range(300_000))\n", repeats=1)
@@ -17,7 +18,9 @@ COUNTED = past.Row("a loop", "1/2", code="start = time.process_time()\nsum(range
 def test_a_row_is_timed_once_and_kept(tmp_path):
     found = past.compared({"loop": COUNTED}, ROOT, tmp_path / "past.json")
     taken = found["rows"]["loop"]
-    assert all(0.0 < seconds < 5.0 for both in taken.values() for seconds in both)
+    assert set(taken) == {"past", "now", "processor"}
+    assert all(0.0 < seconds < 5.0 for which in ("past", "now") for seconds in taken[which])
+    assert taken["processor"] == processor()
     assert json.loads((tmp_path / "past.json").read_text())["rows"] == {"loop": taken}
     fails = {"loop": replace(COUNTED, code="raise SystemExit(5)")}
     assert past.compared(fails, ROOT, tmp_path / "past.json")["rows"]["loop"] == taken
@@ -32,11 +35,12 @@ def test_seconds_are_those_of_the_last_part_in_its_own_unit():
     assert past.seconds(per, ROOT, now=True, seed=1) == pytest.approx(2.0, abs=0.1)
 
 
-def test_a_floor_is_measured_beside_what_was(tmp_path, monkeypatch):
-    (tmp_path / "past.json").write_text(json.dumps({"rows": {"judge": {"past": [9.0], "now": [2.0]}}}))
+def test_a_floor_is_measured_beside_a_row(tmp_path, monkeypatch):
     monkeypatch.setattr(past, "floor", lambda name: {"judge": 1.23456}[name])
-    found = past.compared({"judge": past.ROWS["judge"]}, ROOT, tmp_path / "past.json")
-    assert found["rows"]["judge"] == {"past": [9.0], "now": [2.0], "floor": 1.23}
+    monkeypatch.setattr(past, "seconds", lambda row, checkout, now, seed: seed + (0.5 if now else 8.0))
+    found = past.compared({"judge": past.ROWS["judge"]}, tmp_path / "past", tmp_path / "past.json")
+    took = {"past": [9.0, 10.0, 11.0], "now": [1.5, 2.5, 3.5], "floor": 1.23, "processor": processor()}
+    assert found["rows"]["judge"] == took
     assert set(FLOORS) == set(past.ROWS)
 
 
@@ -52,8 +56,9 @@ def test_floors_count_what_is_multiplied():
 
 
 def test_the_page_says_what_the_file_says(tmp_path):
-    rows = {"judge": {"past": [10.2, 9.9], "now": [2.0, 1.98], "floor": 1.6}}
+    rows = {"judge": {"past": [10.2, 9.9], "now": [2.0, 1.98], "floor": 1.6, "processor": "X"}}
     assert "| 10.1 | 1.99 | 0.20 | 1/5 | 1.6 | 1.2 |" in past.shown({"rows": rows})
+    assert past.shown({"rows": rows}).endswith("\n\nProcessors: X (judge).")
     del rows["judge"]["floor"]
     assert "| 10.1 | 1.99 | 0.20 | 1/5 |  |  |" in past.shown({"rows": rows})
     stored = json.loads((ROOT / "benchmarks" / "past.json").read_text())
