@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from benchmarks import past
 from benchmarks.floors import FLOORS, layers, product
+from benchmarks.kept import processors
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.processors import processor
@@ -42,6 +43,11 @@ def test_a_floor_is_measured_beside_a_row(tmp_path, monkeypatch):
     took = {"past": [9.0, 10.0, 11.0], "now": [1.5, 2.5, 3.5], "floor": 1.23, "processor": processor()}
     assert found["rows"]["judge"] == took
     assert set(FLOORS) == set(past.ROWS)
+
+
+def test_rows_of_several_processors_are_told_apart():
+    rows = {"c": {"processor": "Y"}, "b": {"processor": "X"}, "a": {"processor": "X"}}
+    assert processors(rows) == "Processors: X (a, b); Y (c)."
 
 
 def test_floors_count_what_is_multiplied():
