@@ -429,17 +429,8 @@ def whole_audit(rng: np.random.Generator) -> Task:
 
 MADE = (
     *(sbc_ranks, ecdf_band, gamma_null, mmd_null, psis, expected_coverage, thread_errors),
-    *(
-        c2st,
-        tarp,
-        joint_coverage,
-        flow_draws,
-        flow_density,
-        xray_simulation,
-        xray_likelihood,
-        xray_posterior,
-        whole_audit,
-    ),
+    *(c2st, tarp, joint_coverage, flow_draws, flow_density),
+    *(xray_simulation, xray_likelihood, xray_posterior, whole_audit),
 )
 TASKS = {make.__name__: make for make in MADE}
 PEERS = ("sbi", "arviz-stats", "bayesflow", "nestcheck", "tarp", "pted", "jaxspec")

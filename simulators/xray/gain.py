@@ -40,7 +40,7 @@ class Gain:
         return crowded(response)
 
     def reach(self, low: float, high: float, ranges: Ranges, /) -> tuple[float, float]:
-        """True energies of both ends at the ends of all ranges; where all energies are reached, all are."""
+        """True energies of both ends at the ends of all ranges; an infinite end stays where it is."""
         corners = [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
 
         def true(end: float) -> list[float]:

@@ -41,16 +41,11 @@ class Answers:
         question = _Question(ask, next(self._numbers), self._filling)
         rows = list(zip(*columns, strict=True))
         paths = [question.path(block) for block in range(len(rows))]
-        tasks = (
-            (
-                block,
-                rows[block]
-                if self._executor is None
-                else self._packer.pack(rows[block], turn=question.number),
-            )
-            for block, path in enumerate(paths)
-            if not marked(path)
-        )
+
+        def sent(row: tuple[Any, ...]) -> Packed | tuple[Any, ...]:
+            return row if self._executor is None else self._packer.pack(row, turn=question.number)
+
+        tasks = ((block, sent(rows[block])) for block, path in enumerate(paths) if not marked(path))
         for _ in each(question, tasks, folder=self._filling.work, executor=self._executor):
             pass
         return map(read_arrays, paths)
