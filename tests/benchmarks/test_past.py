@@ -1,12 +1,14 @@
 """What 0.1.0 took beside what is taken now: rows that run, are kept, and make the page."""
 
 import json
+import time
 from dataclasses import replace
+from math import prod
 from pathlib import Path
 
 import pytest
-from benchmarks import past
-from benchmarks.floors import FLOORS, layers, product
+from benchmarks import floors, past
+from benchmarks.floors import FLOORS, layers
 from benchmarks.kept import processors
 
 from gaugeblock.core.errors import InputError
@@ -50,15 +52,26 @@ def test_rows_of_several_processors_are_told_apart():
     assert processors(rows) == "Processors: X (a, b); Y (c)."
 
 
-def test_floors_count_what_is_multiplied():
+def test_floors_count_what_is_multiplied(monkeypatch):
     torch = pytest.importorskip("torch")
-    # Twice the rows, or twice the columns, take some twice the time; clocks are coarse and cores busy.
-    one = product(2000, 256, 256)
-    assert 1.2 * one < product(4000, 256, 256) < 4 * one
-    assert product(40_000, 64, 64) < 5 * product(10_000, 64, 64)
     network = torch.nn.ModuleDict({"embedding": torch.nn.Linear(7, 3), "hyper": torch.nn.Linear(3, 5)})
     assert layers(network) == ([(3, 7)], [(5, 3)])
     assert 0.01 < float(past.floor("train")) < 5.0
+    # Products of ones sum to how often something is multiplied: no clock needed.
+    monkeypatch.setattr(floors, "seconds", lambda work: float(work().sum()))
+    for shape in ((2000, 25, 7), (floors.ROWS, 25, 7), (4 * floors.ROWS, 6, 64)):
+        assert floors.product(*shape) == prod(shape)
+
+
+def test_seconds_are_those_of_one_repeat_after_the_first():
+    spent = iter([0.3, *[0.02] * floors.REPEATS])
+
+    def work():
+        end = time.process_time() + next(spent)
+        while time.process_time() < end:
+            pass
+
+    assert 0.02 <= floors.seconds(work) < 0.05
 
 
 def test_the_page_says_what_the_file_says(tmp_path):
