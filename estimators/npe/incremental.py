@@ -14,8 +14,11 @@ from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
+from torch.distributions import Transform
 from zuko.flows import MaskedAutoregressiveTransform
 from zuko.nn import MaskedLinear
+
+from gaugeblock.estimators.npe.spline import Spline
 
 
 def inverse(transforms: Iterable[nn.Module], noise: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:
@@ -37,7 +40,7 @@ def inverse(transforms: Iterable[nn.Module], noise: Tensor, context: Tensor) -> 
                 made = transform(context[:, None].expand(-1, noise.shape[1], -1))
                 values = made.inv(noise)
                 own = made.call_and_ladj(values)[1]
-            noise, volume = values, volume + own
+            noise, volume = values, volume + _of_draws(own)
     return noise, volume
 
 
@@ -53,8 +56,13 @@ def forward(transforms: Iterable[nn.Module], values: Tensor, context: Tensor) ->
         else:
             made = transform(context[:, None].expand(-1, values.shape[1], -1))
         values, own = made.call_and_ladj(values)
-        volume = volume + (own.sum(dim=-1) if own.dim() == 3 else own)
+        volume = volume + _of_draws(own)
     return values, volume
+
+
+def _of_draws(volume: Tensor) -> Tensor:
+    """Log determinants ``(row, draw)`` of what may be those of each parameter."""
+    return volume.sum(dim=-1) if volume.dim() == 3 else volume
 
 
 def normal_log_density(noise: Tensor) -> Tensor:
@@ -91,7 +99,7 @@ def _inverted(transform: nn.Module, noise: Tensor, context: Tensor) -> tuple[Ten
     asked, offset = weights.pop().unflatten(0, (size, -1)), biases.pop().unflatten(0, (size, -1))
     hidden = [noise.new_empty(rows, draws, len(bias)) for bias in biases]
     known = noise.new_empty(rows, draws, size)  # in the order in which they are found
-    values, volume = torch.empty_like(noise), noise.new_zeros(rows, draws)
+    values, volume = torch.empty_like(noise), torch.empty_like(noise)
     found = 0
     for step, mine in enumerate(steps):
         # Before anything is known, all draws of a row are alike.
@@ -106,19 +114,31 @@ def _inverted(transform: nn.Module, noise: Tensor, context: Tensor) -> tuple[Ten
                     reached = reached + known[..., :found] @ weights[0][start:end, :found].T
             else:
                 below = ready[place - 1][step + 1]
-                reached = hidden[place - 1][:, alike, :below] @ weights[place][start:end, :below].T
-                reached = reached + biases[place][start:end]
+                weight, bias = weights[place][start:end, :below], biases[place][start:end]
+                reached = _layer(hidden[place - 1][:, alike, :below], weight, bias)
             hidden[place][..., start:end] = function(reached)
         last = ready[-1][step + 1]
         wanted = asked[mine][..., :last].flatten(end_dim=1)
-        answer = hidden[-1][:, alike, :last] @ wanted.T + offset[mine].flatten()
-        answer = answer.unflatten(-1, (len(mine), -1)).expand(rows, draws, -1, -1)
+        answer = _layer(hidden[-1][:, alike, :last], wanted, offset[mine].flatten())
+        answer = answer.unflatten(-1, (len(mine), -1))
         made = transform.univariate(*_split(answer, transform.shapes))
-        value = made.inv(noise[..., mine])
-        volume += made.call_and_ladj(value)[1].sum(dim=-1)
+        value, volume[..., mine] = _solved(made, noise[..., mine])
         known[..., found : found + len(mine)] = values[..., mine] = value
         found += len(mine)
     return values, volume
+
+
+def _layer(below: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
+    """A linear layer of some units ``(row, draw, unit)`` of an array, which are not copied for it."""
+    return torch.addmm(bias, below.flatten(end_dim=1), weight.T).unflatten(0, below.shape[:2])
+
+
+def _solved(made: Transform, noise: Tensor) -> tuple[Tensor, Tensor]:
+    """What a transform of numbers takes to noise, and the log derivative of noise by it."""
+    if isinstance(made, Spline):
+        return made.solve(noise)
+    value = made.inv(noise)
+    return value, made.call_and_ladj(value)[1]
 
 
 def _asked(transform: nn.Module, values: Tensor, context: Tensor) -> list[Tensor]:

@@ -21,6 +21,8 @@ FLOWS = {
     "two at a time": (zuko.flows.NSF, 6, 5, {"passes": 2}),
     "another function": (zuko.flows.NSF, 4, 5, {"activation": torch.nn.ELU}),
     "residual blocks": (zuko.flows.MAF, 4, 5, {"residual": True, "hidden_features": [16, 16]}),
+    "polynomials, clipped": (zuko.flows.SOSPF, 3, 4, {"transforms": 2}),
+    "Bernstein polynomials": (zuko.flows.BPF, 3, 4, {"transforms": 2}),
     "neural, no known inverse": (zuko.flows.NAF, 3, 4, {"transforms": 1, "hidden_features": [16]}),
 }
 

@@ -1,10 +1,12 @@
 """The faster spline against zuko's own, and against what makes it a spline."""
 
+from functools import partial
+
 import pytest
 
 torch = pytest.importorskip("torch")
 zuko = pytest.importorskip("zuko")
-from zuko.transforms import MonotonicRQSTransform  # noqa: E402
+from zuko.transforms import MonotonicAffineTransform, MonotonicRQSTransform  # noqa: E402
 
 from gaugeblock.estimators.npe.config import NetworkTable  # noqa: E402
 from gaugeblock.estimators.npe.networks import NetworkShape, build_network  # noqa: E402
@@ -73,8 +75,10 @@ def test_what_we_build_is_made_of_it_and_nothing_else_is_touched():
     assert len(splines) == 2
     assert MonotonicRQSTransform not in {getattr(one, "func", None) for one in made}
     own = zuko.flows.NSF(2, 3, slope=0.05)
-    affine = zuko.flows.MAF(2, 3)
-    for flow in (own, affine):
+    affine = partial(MonotonicAffineTransform, slope=1e-2)
+    others = [zuko.flows.MAF(2, 3, univariate=affine), zuko.flows.NSF(2, 3, bins=1), zuko.flows.BPF(2, 3)]
+    for flow in (own, *others):
         use_splines(flow)
     assert {flow.univariate.keywords["slope"] for flow in own.transform.transforms} == {0.05}
-    assert not [flow for flow in affine.transform.transforms if flow.univariate is Spline]
+    transforms = [module for flow in others for module in flow.modules() if hasattr(module, "univariate")]
+    assert Spline not in {getattr(module.univariate, "func", None) for module in transforms}
