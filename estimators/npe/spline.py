@@ -57,10 +57,11 @@ class Spline(MonotonicRQSTransform):
         self, widths: Tensor, heights: Tensor, derivatives: Tensor, bound: float = 5.0, slope: float = 1e-3
     ):
         super(MonotonicRQSTransform, self).__init__()
-        self.bound, steepest, sizes = bound, -math.log(slope), 2 * widths.shape[-1]
+        self.bound, steepest = bound, -math.log(slope)
+        sizes, slopes = 2 * widths.shape[-1], derivatives.shape[-1]
         raw = torch.cat((widths, heights, derivatives), dim=-1)
-        limit = raw.new_tensor([steepest / 2] * sizes + [steepest] * derivatives.shape[-1])
-        bounded = torch.exp(raw / torch.addcmul(raw.new_ones(()), raw.abs(), 1 / limit))
+        limit = torch.cat((raw.new_full((sizes,), steepest / 2), raw.new_full((slopes,), steepest)))
+        bounded = torch.exp(raw / torch.addcdiv(torch.ones_like(limit), raw.abs(), limit))
         # Where bins end, counted from the bound, in units in which nothing has to add up.
         ends = bounded[..., :sizes].unflatten(-1, (2, -1)).cumsum(dim=-1)
         self.horizontal, self.vertical = ends.unbind(dim=-2)

@@ -37,13 +37,40 @@ def nodes(low: Any, high: Any) -> tuple[Any, Any]:
     return middle + NODES[0] * half, middle + NODES[1] * half
 
 
+NARROW = 0.25
+"""Up to here a difference of exponentials is a series; from here on it keeps all digits but one."""
+
+GROWTH = tuple(1.0 / math.factorial(k) for k in range(13, 0, -1))
+"""Coefficients of (exp(x) - 1) / x, the highest first: to the last digit up to `NARROW`."""
+
+
 def relative_expm1(x: Any) -> Any:
     """(exp(x) - 1) / x, and its limit 1 at x = 0, with a derivative there."""
     import jax.numpy as jnp
 
-    small = jnp.abs(x) < 1e-5
-    safe = jnp.where(small, 1.0, x)
-    return jnp.where(small, 1.0 + x * (0.5 + x / 6.0), jnp.expm1(safe) / safe)
+    large = jnp.where(jnp.abs(x) < NARROW, 1.0, x)
+    return jnp.where(jnp.abs(x) < NARROW, _growth(x), (jnp.exp(large) - 1.0) / large)
+
+
+def integrated_powers(below: Any, above: Any, index: Any, across: Any) -> Any:
+    """Integrals of ``x**(index - 1)`` between ends where ``x**index`` is known; `across` is that of 1 / x."""
+    import jax.numpy as jnp
+
+    near = jnp.abs(index * across) < NARROW
+    return jnp.where(
+        near, below * across * _growth(index * across), (above - below) / jnp.where(near, 1.0, index)
+    )
+
+
+def _growth(x: Any) -> Any:
+    """`relative_expm1` of what is small; of what is not, a number."""
+    import jax.numpy as jnp
+
+    small = jnp.where(jnp.abs(x) < NARROW, x, 0.0)
+    value = GROWTH[0]
+    for coefficient in GROWTH[1:]:
+        value = value * small + coefficient
+    return value
 
 
 def constant(energy: Any) -> bool:

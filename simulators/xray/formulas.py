@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from gaugeblock.simulators.xray.averages import normal_cdf
+from gaugeblock.simulators.xray.averages import normal_cdf, relative_expm1
 from gaugeblock.simulators.xray.cross_sections import PHABS, TBABS, WABS, cross_section, table_breaks
 from gaugeblock.simulators.xray.disc import disc_integral
 from gaugeblock.simulators.xray.gaunt import gaunt
@@ -111,17 +111,13 @@ def zbremss(energy: Any, *, kT: Any, redshift: Any, norm: Any) -> Any:
 
 def zbbody(energy: Any, *, kT: Any, redshift: Any, norm: Any) -> Any:
     """8.0525 norm [E (1 + z)]^2 / ((1 + z) kT^4 (e^(E (1 + z) / kT) - 1))."""
-    import jax.numpy as jnp
-
     x = energy * (1.0 + redshift)
-    return 8.0525 * norm * x**2 / ((1.0 + redshift) * kT**4 * jnp.expm1(x / kT))
+    return 8.0525 * norm * x / ((1.0 + redshift) * kT**3 * relative_expm1(x / kT))
 
 
 def bbodyrad(energy: Any, *, kT: Any, norm: Any) -> Any:
     """1.0344e-3 norm E^2 / (e^(E / kT) - 1)."""
-    import jax.numpy as jnp
-
-    return PLANCK * norm * energy**2 / jnp.expm1(energy / kT)
+    return PLANCK * norm * energy * kT / relative_expm1(energy / kT)
 
 
 def cutoffpl(energy: Any, *, alpha: Any, beta: Any, norm: Any) -> Any:

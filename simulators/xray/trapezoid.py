@@ -2,7 +2,7 @@
 
 Densities by trapezoids in energy, factors in its logarithm, weighted with energy; means are multiplied. Bins
 share their ends: each energy is asked for once, where jaxspec asks for it in both bins that meet there, and
-a power law is an exponential, which takes an eighth of the time of a power.
+a power law is one exponential at each, which takes an eighth of the time of a power.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.simulators.xray.averages import relative_expm1
+from gaugeblock.simulators.xray.averages import integrated_powers
 from gaugeblock.simulators.xray.expression import (
     Leaf,
     Node,
@@ -61,7 +61,9 @@ def trapezoid_flux(tree: Node, low: Array, high: Array) -> Callable[[Values, Any
 
         def leaf(node: Leaf) -> Any:
             if node.component == "Powerlaw":
-                return power_law_integral(lower, upper, **values(node))
+                index = 1.0 - values(node)["alpha"]
+                powers = ends(jnp.exp(index * jnp.log(known)))
+                return values(node)["norm"] * integrated_powers(*powers, index, jnp.log(upper / lower))
             at_energy, between = evaluate[node](values(node), known, lower, upper)
             below, above = ends(at_energy)
             if additive(node):
@@ -99,11 +101,3 @@ def _evaluator(leaf: Leaf) -> Callable[[Mapping[str, Any], Any, Any, Any], tuple
         return component.continuum(at), component.integrated_continuum(lower, upper)
 
     return evaluate
-
-
-def power_law_integral(low: Any, high: Any, *, alpha: Any, norm: Any) -> Any:
-    """Photons of ``norm * E**-alpha`` between energies; no difference of nearly equal powers is taken."""
-    import jax.numpy as jnp
-
-    index, across = 1.0 - alpha, jnp.log(high / low)
-    return norm * jnp.exp(index * jnp.log(low)) * across * relative_expm1(index * across)

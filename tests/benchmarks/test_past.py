@@ -1,8 +1,10 @@
 """What 0.1.0 took beside what is taken now: rows that run, are kept, and make the page."""
 
 import json
+import subprocess
 import time
 from dataclasses import replace
+from importlib.util import cache_from_source
 from math import prod
 from pathlib import Path
 
@@ -36,6 +38,17 @@ def test_seconds_are_those_of_the_last_part_in_its_own_unit():
     assert past.seconds(slow, ROOT, now=False, seed=1) < 0.2
     per = replace(COUNTED, now="start = time.process_time() - 6.0\nper = 3.0\n")
     assert past.seconds(per, ROOT, now=True, seed=1) == pytest.approx(2.0, abs=0.1)
+
+
+def test_modules_are_compiled_before_they_are_timed(tmp_path):
+    subprocess.run(["git", "init", "--quiet", tmp_path], check=True)
+    module, other = tmp_path / "room" / "module.py", tmp_path / "made.py"
+    module.parent.mkdir()
+    for path in (module, other):
+        path.write_text("x = 1\n")
+    subprocess.run(["git", "-C", tmp_path, "add", module], check=True)
+    past.precompiled(tmp_path)
+    assert Path(cache_from_source(module)).exists() and not Path(cache_from_source(other)).exists()
 
 
 def test_a_floor_is_measured_beside_a_row(tmp_path, monkeypatch):
