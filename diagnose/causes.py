@@ -63,6 +63,10 @@ CAUSES: Mapping[str, tuple[Cause, ...]] = {
         ),
         Cause("the prior is returned", "check that the posterior, not the proposal, is sampled"),
         Cause("undertrained, or not trained at all", "train longer, or load the trained weights"),
+        Cause(
+            "an autoregressive flow that shows no data to the parameter it begins with (sbi's maf, maf_rqs)",
+            "another seed, more transforms, or zuko_maf or nsf",
+        ),
     ),
     "correlations": (
         Cause("parameters estimated one by one", "estimate them jointly"),
