@@ -87,12 +87,14 @@ def grown(axes: Mapping[str, Axis], path: Path) -> dict[str, Any]:
     """Measure every point that the file lacks, one after the other, and keep each at once."""
     found = stored(path)
     for name, axis in axes.items():
-        points = found.setdefault("axes", {}).setdefault(name, {})
         for size in axis.sizes:
+            points = found.setdefault("axes", {}).setdefault(name, {})
             if str(size) in points:
                 continue
             with tempfile.TemporaryDirectory() as temporary:
                 points[str(size)] = measured(axis.commands(size, Path(temporary)))
+            # The last step is that of the largest two, whichever were measured last.
+            found["axes"][name] = dict(sorted(points.items(), key=lambda point: int(point[0])))
             keep(found, path, "python -m benchmarks.growth")
             sys.stderr.write(f"{name} {size:,}: {points[str(size)]}\n")
     return found

@@ -36,6 +36,16 @@ def test_points_are_measured_once_and_kept(found, monkeypatch):
     assert growth.grown({"trials": small}, path) == made
 
 
+def test_a_point_that_comes_later_stands_where_it_belongs(tmp_path, monkeypatch):
+    path = tmp_path / "growth.json"
+    monkeypatch.setattr(growth, "measured", lambda commands: {"seconds": float(commands[0][0]), "gb": 1.0})
+    axis = growth.Axis((300, 2000), lambda size, _: [[str(size)]], "")
+    growth.grown({"trials": axis}, path)
+    made = growth.grown({"trials": growth.Axis((40, 300, 2000), axis.commands, "")}, path)
+    assert list(made["axes"]["trials"]) == ["40", "300", "2000"]
+    assert list(json.loads(path.read_text())["axes"]["trials"]) == ["40", "300", "2000"]
+
+
 def test_a_page_of_what_there_is(found, tmp_path):
     pytest.importorskip("matplotlib")
     _, path, _ = found
