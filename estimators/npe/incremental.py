@@ -37,9 +37,7 @@ def inverse(transforms: Iterable[nn.Module], noise: Tensor, context: Tensor) -> 
             if _is_plain(transform):
                 values, own = _inverted(transform, noise, context)
             else:
-                made = transform(context[:, None].expand(-1, noise.shape[1], -1))
-                values = made.inv(noise)
-                own = made.call_and_ladj(values)[1]
+                values, own = _solved(transform(context[:, None].expand(-1, noise.shape[1], -1)), noise)
             noise, volume = values, volume + _of_draws(own)
     return noise, volume
 
@@ -134,7 +132,7 @@ def _layer(below: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
 
 
 def _solved(made: Transform, noise: Tensor) -> tuple[Tensor, Tensor]:
-    """What a transform of numbers takes to noise, and the log derivative of noise by it."""
+    """What a transform takes to noise, and the log determinant of noise by it."""
     if isinstance(made, Spline):
         return made.solve(noise)
     value = made.inv(noise)
