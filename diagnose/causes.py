@@ -15,8 +15,9 @@ class Cause(NamedTuple):
 
 # Standard deviations of data beyond which, or beyond the inverse of which, networks learn little from them.
 UNSCALED = 100.0
-# Symptoms of a network that data do not reach: the last where its draws go to the ends of what can be drawn.
-UNREACHED = ("ignored_parameter", "unused", "scale too wide", "x_noise too wide", "few_distinct")
+# Symptoms of a network that data do not reach: `few_distinct` where its draws go to the ends of what can be
+# drawn, `other` where it learned something that no repair mends.
+UNREACHED = ("ignored_parameter", "unused", "scale too wide", "x_noise too wide", "few_distinct", "other")
 
 CAUSES: Mapping[str, tuple[Cause, ...]] = {
     "shift": (
@@ -139,5 +140,5 @@ def causes(
     if symptom in UNREACHED and spread is not None and max(spread[1], 1 / spread[0]) > UNSCALED:
         low, high = spread
         said = f"x is not scaled: its standard deviations are {low:.3g} to {high:.3g}"
-        return (Cause(said, "standardise x, in training and in sample()"), *found)
+        return (Cause(said, "standardise x, in training and in sample(), where the network does not"), *found)
     return found

@@ -277,7 +277,7 @@ def worded(
             "something is wrong that the library has no name for: truths are told from draws by "
             f"{found.before[0]:.3g} nats a trial{where}, and no repair takes all of it away."
         )
-        known = causes("unused", spread=spread) if _kind(found.kinds) == "data" else ()
+        known = causes("unused" if _kind(found.kinds) == "data" else "other", spread=spread)
         told: tuple[str, ...] = ()
         best = min(found.tried[1:], key=lambda each: float(each.left.mean()), default=None)
         if best is not None and best.share > 0:

@@ -30,7 +30,8 @@ SAID = {
     "fault": "abs(mended.draws.mean()) < 0.05 and len(lost_sign(mended)) == 0",
     "gate": "Path('model.py').exists()",
     "ltu-ili": "result.trials.sizes['draw'] == 60 and result.outcome != 'FAIL' and callable(draw)",
-    "mend": "'x is not scaled: its standard deviations are 1.09e+03 to 1.53e+03: standardise x' in printed",
+    "mend": "'x is not scaled: its standard deviations are 1.09e+06 to 1.53e+06: standardise x' in "
+    "' '.join(printed.split())",
     "mlflow": "passed.outcome == 'PASS' and failed.outcome == 'FAIL' and client.get_model_version_by_alias("
     "'rate', 'deployed').run_id == sound and client.get_run(narrow).data.tags['gaugeblock.outcome'] == 'FAIL'"
     " and client.get_run(sound).data.metrics['sbc.bias/rate'] == passed['sbc.bias[rate]'].statistic"

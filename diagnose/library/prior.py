@@ -29,6 +29,9 @@ MOST_BEYOND = 0.8
 
 def other_prior(cases: Cases, reference: Reference) -> Sequence[Repair]:
     """Draws reweighted by a ratio of priors that is log-quadratic in the parameters' normal scores."""
+    # Where hardly a draw lies among the truths, weights find the truths and leave nothing of the draws.
+    if _within(cases.draws, *reference.range).mean() < 1 - MOST_BEYOND:
+        return []
     draws = cases.draws[:, :CANDIDATES]
     together = np.concatenate([cases.theta[:, None], draws], axis=1)
     p = len(cases.names)

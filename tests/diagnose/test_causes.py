@@ -6,7 +6,7 @@ import pytest
 
 from gaugeblock.diagnosis.causes import CAUSES, UNREACHED, UNSCALED, Cause, causes
 
-SCALE = "standardise x, in training and in sample()"
+SCALE = "standardise x, in training and in sample(), where the network does not"
 
 
 @pytest.mark.parametrize("symptom", ["scale", "x_noise"])

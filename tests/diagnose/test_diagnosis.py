@@ -111,6 +111,11 @@ def test_what_comes_nearest_to_what_has_no_name() -> None:
         each.cause for each in (*unused, *causes("scale", wide=True))
     }
     assert len({each.cause for each in made.causes}) == len(made.causes)
+    # So has whatever a network learned from data that nobody scaled, wherever it shows.
+    for kinds in ({}, {"prior": 1.0}, {"data": 1.0}):
+        made = said(found(seen=True, kinds=kinds, tried=(NOTHING, tried(wide, share=0.6))), spread=(1.0, 1e3))
+        unscaled = [each for each in made.causes if each.cause.startswith("x is not scaled")]
+        assert unscaled == [made.causes[0]]
 
 
 def test_what_is_named_first_and_what_it_would_take_to_tell() -> None:

@@ -32,6 +32,15 @@ def test_a_ratio_of_normal_priors_is_found_and_undone():
     np.testing.assert_allclose(mended.std(axis=(0, 1)), 1.0, atol=0.06)
 
 
+@pytest.mark.parametrize(("away", "told"), [(0.85, False), (0.75, True)])
+def test_weights_that_leave_nothing_of_the_draws_are_no_ratio_of_priors(away, told):
+    """A network gone astray draws where no truth is: any weights that fall outwards then find the truth."""
+    rng = np.random.default_rng(4)
+    draws = rng.normal(size=(1000, 64, 2)) + 1e13 * (rng.random((1000, 64, 1)) < away)
+    cases = cases_of(rng.normal(size=(1000, 2)), draws)
+    assert bool(other_prior(cases, Reference.of(cases))) is told
+
+
 def test_where_an_estimator_never_draws_is_said_and_those_trials_are_left_out():
     rng = np.random.default_rng(2)
     theta = rng.uniform(size=(1000, 2))
