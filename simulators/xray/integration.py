@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError, require
-from gaugeblock.simulators.xray.averages import normal_cdf
+from gaugeblock.simulators.xray.averages import constant, normal_cdf
 from gaugeblock.simulators.xray.breaks import breaks, moving
 from gaugeblock.simulators.xray.components import CONVOLUTION
 from gaugeblock.simulators.xray.expression import (
@@ -39,7 +39,7 @@ REACH = 3.0**-0.5
 
 
 class Pieces(NamedTuple):
-    """Lower and upper edges of neighbouring pieces in keV, JAX arrays of shape ``(piece,)``."""
+    """Lower and upper edges of pieces in keV, shape ``(piece,)``: NumPy's where they are known, else JAX's."""
 
     low: Any
     high: Any
@@ -59,7 +59,8 @@ class Pieces(NamedTuple):
         """Energies ``(2, piece)`` at which factors are taken."""
         import jax.numpy as jnp
 
-        return jnp.stack([self.middle - REACH * self.half, self.middle + REACH * self.half])
+        xp: Any = np if constant(self.low) else jnp
+        return xp.stack([self.middle - REACH * self.half, self.middle + REACH * self.half])
 
 
 Evaluator = Callable[[Mapping[str, Any], Pieces], Any]
@@ -101,7 +102,8 @@ def _power_law(values: Mapping[str, Any], pieces: Pieces) -> Any:
     # By its density, which is one power a node; by its integral it would be two.
     import jax.numpy as jnp
 
-    return values["norm"] * jnp.exp(-values["alpha"] * jnp.log(pieces.nodes)) * pieces.half
+    xp: Any = np if constant(pieces.low) else jnp
+    return values["norm"] * jnp.exp(-values["alpha"] * xp.log(pieces.nodes)) * pieces.half
 
 
 def _gaussian(values: Mapping[str, Any], pieces: Pieces) -> Any:
@@ -174,6 +176,7 @@ def exact_flux(tree: Node, low: Array, high: Array) -> Callable[[Values, Any], A
     edges, first = _grid(low, high)
     evaluate = {leaf: evaluator(leaf) for leaf in leaves(tree) if entry_of(leaf).kind != CONVOLUTION}
     cuts = _Cuts(tree)
+    pieces, bins = _cut(edges, first, cuts.still)
 
     def flux(values: Values, factor: Any) -> Any:
         import jax.numpy as jnp
@@ -182,18 +185,26 @@ def exact_flux(tree: Node, low: Array, high: Array) -> Callable[[Values, Any], A
         photons = _Photons(evaluate, given)
         if cuts.moving or not isinstance(factor, int | float):
             bounds, places = _merged(jnp.asarray(edges) * factor, cuts.all(given))
-            within = photons.between(tree, bounds)
+            within = photons.within(tree, Pieces(bounds[:-1], bounds[1:]))
             total = jnp.concatenate([jnp.zeros(1), jnp.cumsum(within)])[places]
             return (total[1:] - total[:-1])[first]
-        still = cuts.still
-        bounds = np.union1d(edges, still[(still > edges[0]) & (still < edges[-1])])
-        piece = np.searchsorted(bounds, edges[:-1])
-        within = photons.between(tree, jnp.asarray(bounds))
-        rest = np.setdiff1d(np.arange(len(bounds) - 1), piece)
-        bins = np.searchsorted(edges, bounds[rest], side="right") - 1
-        return within[piece].at[bins].add(within[rest])[first]
+        within = photons.within(tree, pieces)
+        return within[: len(first)].at[bins].add(within[len(first) :]) if len(bins) else within
 
     return flux
+
+
+def _cut(edges: Array, first: NDArray[np.int64], cuts: Array) -> tuple[Pieces, NDArray[np.int64]]:
+    """Bins cut at known energies: the first piece of every bin, then the others, and whose each of these is.
+
+    What is known when a model is compiled is looked up then, and what comes in this order need not be gathered.
+    """
+    bounds = np.union1d(edges, cuts[(cuts > edges[0]) & (cuts < edges[-1])])
+    begin = np.searchsorted(bounds, edges[first])
+    owner = np.searchsorted(edges[first], bounds[:-1], side="right") - 1
+    others = np.setdiff1d(np.flatnonzero(bounds[:-1] < edges[first + 1][owner]), begin)
+    order = np.concatenate([begin, others])
+    return Pieces(bounds[order], bounds[order + 1]), owner[others]
 
 
 class _Cuts:
@@ -270,9 +281,9 @@ class _Photons:
     def __init__(self, evaluate: Mapping[Leaf, Evaluator], values: Mapping[Leaf, Mapping[str, Any]]):
         self._evaluate, self._values = evaluate, values
 
-    def between(self, tree: Node, bounds: Any) -> Any:
-        """Photons between neighbouring bounds."""
-        return self.at(tree, Pieces(bounds[:-1], bounds[1:])).sum(axis=0)
+    def within(self, tree: Node, pieces: Pieces) -> Any:
+        """Photons in each piece."""
+        return self.at(tree, pieces).sum(axis=0)
 
     def at(self, node: Node, pieces: Pieces) -> Any:
         """As `Evaluator`, of a whole tree."""
