@@ -73,6 +73,13 @@ def _growth(x: Any) -> Any:
     return value
 
 
-def constant(energy: Any) -> bool:
+def known(energy: Any) -> bool:
     """Whether energies are known when a model is compiled, so that tables can be looked up once."""
     return isinstance(energy, np.ndarray)
+
+
+def library_of(energy: Any) -> Any:
+    """What to compute with: NumPy where energies are `known`, else JAX."""
+    import jax.numpy as jnp
+
+    return np if known(energy) else jnp

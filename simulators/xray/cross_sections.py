@@ -10,7 +10,7 @@ import numpy as np
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import require
 from gaugeblock.simulators.xray import data
-from gaugeblock.simulators.xray.averages import constant
+from gaugeblock.simulators.xray.averages import library_of
 
 TBABS, PHABS, WABS = "xsect_tbabs_wilm.fits", "xsect_phabs_aspl.fits", "xsect_wabs_angr.fits"
 """Wilms, Allen & McCray 2000 with their abundances; Balucinska-Church & McCammon 1992 with those of Asplund
@@ -39,9 +39,7 @@ def cross_section(energy: Any, file: str) -> Any:
     Of tbabs linear in both logarithms, beyond the table by its last slopes; of phabs and wabs linear, and
     beyond it all or nothing. Energies that are known are looked up once.
     """
-    import jax.numpy as jnp
-
-    xp: Any = np if constant(energy) else jnp
+    xp = library_of(energy)
     if file != TBABS:
         return xp.interp(energy, *table(file), left=1e9, right=0.0)
     nodes, values = map(np.log, table(file))

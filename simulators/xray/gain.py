@@ -16,6 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.simulators.xray.intervals import places_among, running_sums
 from gaugeblock.simulators.xray.recorded.layout import crowded, gaps
 from gaugeblock.simulators.xray.recorded.operation import Changed, Ranges
 from gaugeblock.simulators.xray.response import Response
@@ -72,7 +73,7 @@ def crossed(counts: Any, edges: Array, wanted: Array, gains: Sequence[tuple[Gain
     true: Any = jnp.asarray(wanted)
     for gain, values in reversed(gains):
         true = gain.true_energy(true, **values)
-    cumulative = jnp.concatenate([jnp.zeros(1), jnp.cumsum(counts)])
+    cumulative = running_sums(counts)
     return _interpolated(true, edges, cumulative, counts) - cumulative[np.searchsorted(edges, wanted)]
 
 
@@ -90,9 +91,9 @@ def _interpolated(energy: Any, edges: Array, cumulative: Any, counts: Any) -> An
     slope = jnp.concatenate([density[:1], inner, density[-1:]])
     # Not by jnp.clip: where an energy lies on an edge, as all do at the neutral gain, its derivative is half.
     inside = jnp.where(energy < edges[0], edges[0], jnp.where(energy > edges[-1], edges[-1], energy))
-    place = jnp.clip(jnp.searchsorted(edges, inside, side="right") - 1, 0, len(width) - 1)
-    step = jnp.asarray(width)[place]
-    t = (inside - jnp.asarray(edges)[place]) / step
-    start, rise = cumulative[place], counts[place]
-    first, last = slope[place] * step, slope[place + 1] * step
+    place = places_among(edges)(inside)
+    # What belongs to one interval lies side by side, and is gathered at once.
+    intervals = jnp.stack([cumulative[:-1], counts, slope[:-1] * width, slope[1:] * width], axis=-1)
+    start, rise, first, last = jnp.moveaxis(intervals[place], -1, 0)
+    t = (inside - jnp.asarray(edges)[place]) / jnp.asarray(width)[place]
     return start + t * (first + t * (3.0 * rise - 2.0 * first - last + t * (first + last - 2.0 * rise)))

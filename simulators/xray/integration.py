@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError, require
-from gaugeblock.simulators.xray.averages import constant, normal_cdf
+from gaugeblock.simulators.xray.averages import library_of, normal_cdf
 from gaugeblock.simulators.xray.breaks import breaks, moving
 from gaugeblock.simulators.xray.components import CONVOLUTION
 from gaugeblock.simulators.xray.expression import (
@@ -32,6 +32,7 @@ from gaugeblock.simulators.xray.expression import (
     with_values,
 )
 from gaugeblock.simulators.xray.formulas import EXACT, FORMULAS, Formula
+from gaugeblock.simulators.xray.intervals import cut, per_bin, running_sums
 from gaugeblock.simulators.xray.tables import is_table, table_formula
 
 REACH = 3.0**-0.5
@@ -39,7 +40,7 @@ REACH = 3.0**-0.5
 
 
 class Pieces(NamedTuple):
-    """Lower and upper edges of pieces in keV, shape ``(piece,)``: NumPy's where they are known, else JAX's."""
+    """Lower and upper edges of pieces in keV, shape ``(piece,)``: NumPy's where known, else JAX's."""
 
     low: Any
     high: Any
@@ -57,10 +58,7 @@ class Pieces(NamedTuple):
     @property
     def nodes(self) -> Any:
         """Energies ``(2, piece)`` at which factors are taken."""
-        import jax.numpy as jnp
-
-        xp: Any = np if constant(self.low) else jnp
-        return xp.stack([self.middle - REACH * self.half, self.middle + REACH * self.half])
+        return library_of(self.low).stack([self.middle - REACH * self.half, self.middle + REACH * self.half])
 
 
 Evaluator = Callable[[Mapping[str, Any], Pieces], Any]
@@ -102,24 +100,23 @@ def _power_law(values: Mapping[str, Any], pieces: Pieces) -> Any:
     # By its density, which is one power a node; by its integral it would be two.
     import jax.numpy as jnp
 
-    xp: Any = np if constant(pieces.low) else jnp
-    return values["norm"] * jnp.exp(-values["alpha"] * xp.log(pieces.nodes)) * pieces.half
+    logs = library_of(pieces.low).log(pieces.nodes)
+    return values["norm"] * jnp.exp(-values["alpha"] * logs) * pieces.half
 
 
 def _gaussian(values: Mapping[str, Any], pieces: Pieces) -> Any:
     """By its integral: a line may be far narrower than a piece. All of its flux is at E > 0."""
-    import jax.numpy as jnp
-
-    places = jnp.stack([pieces.low, pieces.middle, pieces.high], axis=-1)
+    places = library_of(pieces.low).stack([pieces.low, pieces.middle, pieces.high])
     below = normal_cdf((places - values["El"]) / values["sigma"])
     # A product of matrices, because XLA works out what it multiplies once; of sums it repeats the summands.
-    return values["norm"] / normal_cdf(values["El"] / values["sigma"]) * (below @ FROM_BELOW).T
+    # The other way round, nodes last, it takes twice as long.
+    return values["norm"] / normal_cdf(values["El"] / values["sigma"]) * (FROM_BELOW @ below)
 
 
 SHARES = np.array([[0.5 + REACH, 0.5 - REACH], [0.5 - REACH, 0.5 + REACH]])
 """What each node stands for, from the integrals over both halves: exact for emission that is straight."""
 
-FROM_BELOW = np.array([[-1.0, 0.0], [1.0, -1.0], [0.0, 1.0]]) @ SHARES
+FROM_BELOW = SHARES.T @ np.array([[-1.0, 1.0, 0.0], [0.0, -1.0, 1.0]])
 """The same from the photons below a piece's ends and middle."""
 
 
@@ -176,7 +173,7 @@ def exact_flux(tree: Node, low: Array, high: Array) -> Callable[[Values, Any], A
     edges, first = _grid(low, high)
     evaluate = {leaf: evaluator(leaf) for leaf in leaves(tree) if entry_of(leaf).kind != CONVOLUTION}
     cuts = _Cuts(tree)
-    pieces, bins = _cut(edges, first, cuts.still)
+    low, high, others = cut(edges[first], edges[first + 1], cuts.still)
 
     def flux(values: Values, factor: Any) -> Any:
         import jax.numpy as jnp
@@ -186,25 +183,11 @@ def exact_flux(tree: Node, low: Array, high: Array) -> Callable[[Values, Any], A
         if cuts.moving or not isinstance(factor, int | float):
             bounds, places = _merged(jnp.asarray(edges) * factor, cuts.all(given))
             within = photons.within(tree, Pieces(bounds[:-1], bounds[1:]))
-            total = jnp.concatenate([jnp.zeros(1), jnp.cumsum(within)])[places]
+            total = running_sums(within)[places]
             return (total[1:] - total[:-1])[first]
-        within = photons.within(tree, pieces)
-        return within[: len(first)].at[bins].add(within[len(first) :]) if len(bins) else within
+        return per_bin(photons.within(tree, Pieces(low, high)), others)
 
     return flux
-
-
-def _cut(edges: Array, first: NDArray[np.int64], cuts: Array) -> tuple[Pieces, NDArray[np.int64]]:
-    """Bins cut at known energies: the first piece of every bin, then the others, and whose each of these is.
-
-    What is known when a model is compiled is looked up then, and what comes in this order need not be gathered.
-    """
-    bounds = np.union1d(edges, cuts[(cuts > edges[0]) & (cuts < edges[-1])])
-    begin = np.searchsorted(bounds, edges[first])
-    owner = np.searchsorted(edges[first], bounds[:-1], side="right") - 1
-    others = np.setdiff1d(np.flatnonzero(bounds[:-1] < edges[first + 1][owner]), begin)
-    order = np.concatenate([begin, others])
-    return Pieces(bounds[order], bounds[order + 1]), owner[others]
 
 
 class _Cuts:

@@ -14,6 +14,9 @@ from gaugeblock.simulators.xray.response import Response
 DENSE = 2**24
 """Elements up to which a transfer matrix is held dense, which is faster: all but the largest detectors."""
 
+SMALL = 2**20
+"""Elements up to which sums in groups are a product of a dense matrix: it has no program to be compiled."""
+
 SHARE = 0.2
 """Share of elements that are not zero from which on it is held dense whatever its size."""
 
@@ -42,14 +45,18 @@ def response_product(response: Response) -> tuple[Callable[[Any], Any], NDArray[
 def sums(members: Any) -> Callable[[Any], Any]:
     """Pure JAX function of a vector ``(column,)`` to its sums in groups, ``members @ vector``, ``(row,)``.
 
-    Where rows of ones share no column its program depends on the shape of `members` alone; of rows that are
-    there again the first has the sum and the others 0. Rows that overlap are multiplied as by `product`.
+    Where rows of ones share no column, or there are few, its program depends on the shape of `members` alone.
+    Of many rows those that are there again are 0, the first has their sum; those that overlap are multiplied
+    as by `product`.
     """
     import jax
     import jax.numpy as jnp
 
-    entries = members.tocoo()
     number, columns = members.shape
+    if number * columns <= SMALL:
+        dense = jnp.asarray(members.toarray())
+        return lambda vector: dense @ vector
+    entries = members.tocoo()
     owner = np.full(columns, number, dtype=np.int32)
     np.minimum.at(owner, entries.col, entries.row)
     sizes, owned = np.bincount(entries.row, minlength=number), np.bincount(owner, minlength=number + 1)

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from gaugeblock.core.arrays import Array
-from gaugeblock.simulators.xray.averages import above, constant, gaussian, nodes, relative_expm1
+from gaugeblock.simulators.xray.averages import above, gaussian, known, nodes, relative_expm1
 from gaugeblock.simulators.xray.cross_sections import TBABS, cross_section, table_breaks
 from gaugeblock.simulators.xray.effects.assembly import Append
 from gaugeblock.simulators.xray.effects.kinds import NONNEGATIVE, POSITIVE, EffectKind
+from gaugeblock.simulators.xray.intervals import cut, per_bin
 
 
 def absorption_line(low: Any, high: Any, *, energy: Any, sigma: Any, strength: Any) -> Any:
@@ -47,28 +44,9 @@ def partial_covering(low: Any, high: Any, *, nh: Any, fraction: Any) -> Any:
     """
     import jax.numpy as jnp
 
-    if constant(low):
-        start, stop, place = _cut(low, high)
-        share = (stop - start) / (high - low)[place]
-    else:
-        start, stop, place, share = low, high, None, 1.0
-    lost = sum(jnp.expm1(-nh * cross_section(point, TBABS)) for point in nodes(start, stop)) / 2.0 * share
-    mean = lost if place is None else jnp.zeros(len(low)).at[place].add(lost)
-    return 1.0 + fraction * mean
-
-
-def _cut(low: Array, high: Array) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Lower and upper ends of the pieces of bins that hold no edge, and the bin that each belongs to."""
-    found = table_breaks(TBABS)
-    place, cut = np.nonzero((found > low[:, None]) & (found < high[:, None]))
-    bins = np.concatenate([np.arange(len(low)), place])
-    start = np.concatenate([low, found[cut]])
-    order = np.lexsort((start, bins))
-    start, bins = start[order], bins[order]
-    # A piece ends where the next one of its bin begins.
-    last = np.append(bins[1:] != bins[:-1], True)
-    stop = np.where(last, high[bins], np.append(start[1:], 0.0))
-    return start, stop, bins
+    start, stop, others = cut(low, high, table_breaks(TBABS)) if known(low) else (low, high, ())
+    lost = sum(jnp.expm1(-nh * cross_section(point, TBABS)) for point in nodes(start, stop)) / 2.0
+    return 1.0 + fraction * per_bin(lost * (stop - start), others) / (high - low)
 
 
 ABSORPTION = {

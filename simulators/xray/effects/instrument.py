@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-
-from gaugeblock.simulators.xray.averages import constant, gaussian
+from gaugeblock.simulators.xray.averages import gaussian, library_of
 from gaugeblock.simulators.xray.effects.assembly import Append
 from gaugeblock.simulators.xray.effects.kinds import ANY, NONNEGATIVE, POSITIVE, EffectKind
 from gaugeblock.simulators.xray.gain import Gain
@@ -34,11 +32,9 @@ def _offset(recorded: Any, *, offset: Any) -> Any:
 
 def _curve(recorded: Any, *, curve: Any) -> Any:
     # Solves E (1 - curve) + curve E^2 / PIVOT = recorded, in the form that has no 0 / 0 at curve = 0.
-    import jax.numpy as jnp
-
     linear = 1.0 - curve
     square = linear**2 + 4.0 * curve * recorded / PIVOT
-    xp: Any = np if constant(square) else jnp
+    xp = library_of(square)
     root = xp.sqrt(xp.maximum(square, 1e-6))
     return 2.0 * recorded / (linear + root)
 

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.simulators.xray.intervals import running_sums
 from gaugeblock.simulators.xray.recorded.layout import crowded, gaps
 from gaugeblock.simulators.xray.recorded.operation import Changed, Ranges
 from gaugeblock.simulators.xray.response import Response
@@ -69,5 +70,5 @@ def _rebinned(counts: Any, edges: Array, wanted: Array) -> Any:
 
     place = np.clip(np.searchsorted(edges, wanted, side="right") - 1, 0, len(edges) - 2)
     weight = np.clip((wanted - edges[place]) / np.diff(edges)[place], 0.0, 1.0)
-    cumulative = jnp.concatenate([jnp.zeros(1), jnp.cumsum(counts)])
+    cumulative = running_sums(counts)
     return jnp.diff((1.0 - weight) * cumulative[place] + weight * cumulative[place + 1])
