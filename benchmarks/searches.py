@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.kept import arguments, keep, stored
-from benchmarks.past import of_the_past
+from benchmarks.past import of_the_past, precompiled
 from benchmarks.processes import GAUGEBLOCK, cost
 from studies.kit import page
 
@@ -87,6 +87,8 @@ def main(words: Sequence[str] | None = None) -> int:
         options.error("a folder with cases.json, or --page")
     else:
         with of_the_past() as past:
+            for checkout in (past, HERE.parent):
+                precompiled(checkout)
             compared(chosen.folder.resolve(), past, chosen.out)
     return 0
 
