@@ -14,8 +14,9 @@ from gaugeblock.simulators.xray.response import Response
 DENSE = 2**24
 """Elements up to which a transfer matrix is held dense, which is faster: all but the largest detectors."""
 
-SMALL = 2**20
-"""Elements up to which sums in groups are a product of a dense matrix: it has no program to be compiled."""
+SMALL = 2**17
+"""Elements up to which sums in groups are a product of a dense matrix, which takes no program to compile.
+Larger, it takes longer than gathering."""
 
 SHARE = 0.2
 """Share of elements that are not zero from which on it is held dense whatever its size."""
