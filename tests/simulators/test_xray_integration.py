@@ -7,9 +7,12 @@ import pytest
 from scipy.sparse import csr_array
 
 from gaugeblock.core.errors import InputError
+from gaugeblock.core.precision import double_precision
 from gaugeblock.simulators import Effect, Prior, Uniform
 
 pytest.importorskip("jaxspec")
+import jax
+
 from gaugeblock.simulators.xray import Response, XraySpectrum, build, reference
 from gaugeblock.simulators.xray.components import COMPONENTS
 from gaugeblock.simulators.xray.cross_sections import table, table_breaks
@@ -225,3 +228,18 @@ def test_bad_input_in_one_line(coarse):
     overlapping = XraySpectrum(coarse.model, counter(low, low + 0.15), coarse.prior, integration="exact")
     with pytest.raises(InputError, match="input bins overlap"):
         overlapping.expected([0.2, 2.0, 1e-3, 1.0, 0.1])
+
+
+def test_tables_are_looked_up_once_where_energies_are_known(exact):
+    """A program that looks them up again for every batch compiles three times as long."""
+    theta = exact.prior.sample(1, np.random.default_rng(0))[0]
+    moving = XraySpectrum(
+        "zashift*(tbabs*powerlaw)", exact.response,
+        Prior({"zashift_1.redshift": Uniform(0.0, 0.1), "tbabs_1.nh": Uniform(0.0, 1.0),
+               "powerlaw_1.alpha": Uniform(1.0, 3.0), "powerlaw_1.norm": Uniform(0.0, 1.0)}),
+    )  # fmt: skip
+    for spectrum, values, searches in ((exact, theta, False), (moving, np.full(4, 0.05), True)):
+        with double_precision():
+            program = str(jax.make_jaxpr(spectrum.expected_jax)(values))
+        assert ("searchsorted" in program) is searches
+        assert ("gather" in program) is searches

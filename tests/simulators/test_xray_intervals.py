@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import jax
 import numpy as np
 import pytest
 
 from gaugeblock.core.precision import double_precision
 from gaugeblock.simulators.xray import intervals
+
+jax = pytest.importorskip("jax")
 
 
 def test_intervals_are_cut_where_a_number_lies_inside_them():
@@ -19,6 +20,22 @@ def test_intervals_are_cut_where_a_number_lies_inside_them():
     np.testing.assert_array_equal(others, [1, 1, 2])
     whole = intervals.per_bin(jax.numpy.asarray(stop - start), others)
     np.testing.assert_allclose(whole, high - low, rtol=1e-6)
+
+
+def test_intervals_come_in_any_order_and_their_pieces_in_theirs():
+    """A sum over pieces is the sum over intervals, whatever is integrated over them."""
+    rng = np.random.default_rng(0)
+    edges = np.cumsum(rng.uniform(0.1, 1.0, 61))
+    order = rng.permutation(30)
+    low, high = edges[:-1:2][order], edges[1::2][order]
+    at = np.sort(rng.uniform(edges[0] - 1, edges[-1] + 1, 200))
+    start, stop, others = intervals.cut(low, high, at)
+    np.testing.assert_array_equal(start[:30], low)
+    assert (stop > start).all()
+    assert not ((at[:, None] > start) & (at[:, None] < stop)).any()
+    with double_precision():
+        cubes = intervals.per_bin(jax.numpy.asarray(stop**3 - start**3), others)
+    np.testing.assert_allclose(cubes, high**3 - low**3, rtol=1e-12)
 
 
 def test_what_nothing_cuts_stays_whole():
