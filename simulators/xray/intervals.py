@@ -56,11 +56,11 @@ def places_among(edges: Array) -> Callable[[Any], Any]:
     """
     import jax.numpy as jnp
 
-    last, span = len(edges) - 2, edges[-1] - edges[0]
-    cells = math.ceil(2.0 * span / np.diff(edges).min()) + 1
+    last, span, narrowest = len(edges) - 2, edges[-1] - edges[0], np.diff(edges).min()
     known = jnp.asarray(edges)
-    if cells > CELLS:
+    if CELLS * narrowest < 2.0 * span:
         return lambda at: jnp.clip(jnp.searchsorted(known, at, side="right") - 1, 0, last)
+    cells = math.ceil(2.0 * span / narrowest) + 1
     begins = edges[0] + span / cells * np.arange(cells)
     table = jnp.asarray(np.clip(np.searchsorted(edges, begins, side="right") - 1, 0, last))
 

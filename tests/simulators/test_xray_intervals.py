@@ -65,8 +65,9 @@ def test_running_sums_are_sums_of_the_first(number):
         np.geomspace(0.01, 20.0, 300),
         np.array([0.0, 1e-3, 1.0, 1.0005, 7.0]),
         np.array([2.0, 3.0]),
-        # Too many cells for a table.
+        # Too many cells for a table; of files there are channels of no width.
         np.array([0.0, 1e-6, 1.0, 3.0]),
+        np.array([0.0, 0.0, 1.0, 2.0]),
     ],
 )
 def test_a_number_is_found_in_its_interval(edges):
