@@ -21,14 +21,17 @@ def folder(tmp_path):
 
 
 def test_a_command_runs_in_the_past_then_with_nothing_compiled_and_again(folder, tmp_path, monkeypatch):
-    asked = []
+    asked, compiled = [], []
 
     def cost(words, *, good, cwd, env):
         asked.append((words, good, cwd, env))
+        # Bytecode lies beside both before anything is measured.
+        assert compiled[-2:] == [Path("/past"), searches.HERE.parent]
         return {"seconds": 100.0 / len(asked), "gb": 1.0 + len(asked)}
 
     monkeypatch.setattr(searches, "cost", cost)
     monkeypatch.setattr(searches, "of_the_past", lambda: nullcontext(Path("/past")))
+    monkeypatch.setattr(searches, "precompiled", compiled.append)
     out = tmp_path / "searches.json"
     assert searches.main([str(folder), "--out", str(out)]) == 0
     assert searches.main([str(folder), "--out", str(out)]) == 0
