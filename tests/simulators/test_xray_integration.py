@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.sparse import csr_array
+from scipy.stats import norm
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.precision import double_precision
@@ -16,7 +17,8 @@ import jax
 from gaugeblock.simulators.xray import Response, XraySpectrum, build, reference
 from gaugeblock.simulators.xray.components import COMPONENTS
 from gaugeblock.simulators.xray.cross_sections import table, table_breaks
-from gaugeblock.simulators.xray.expression import parameter_names, parse
+from gaugeblock.simulators.xray.expression import leaves, parameter_names, parse
+from gaugeblock.simulators.xray.integration import Pieces, evaluator
 
 pytestmark = pytest.mark.usefixtures("xray_data")
 
@@ -243,3 +245,23 @@ def test_tables_are_looked_up_once_where_energies_are_known(exact):
             program = str(jax.make_jaxpr(spectrum.expected_jax)(values))
         assert ("searchsorted" in program) is searches
         assert ("gather" in program) is searches
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_line_has_its_photons_and_their_energy_in_every_piece(known):
+    """By the normal distribution's own moments: photons at two nodes stand for all of a straight emission."""
+    edges = np.linspace(5.0, 7.0, 41)
+    leaf = next(iter(leaves(parse("gauss"))))
+    values = {"El": 6.1, "sigma": 0.4, "norm": 3.0}
+    with double_precision():
+        ends = (edges[:-1], edges[1:]) if known else tuple(map(jax.numpy.asarray, (edges[:-1], edges[1:])))
+        pieces = Pieces(*ends)
+        photons, energies = np.asarray(evaluator(leaf)(values, pieces)), np.asarray(pieces.nodes)
+    line = norm(values["El"], values["sigma"])
+    share, height = np.diff(line.cdf(edges)), np.diff(line.pdf(edges))
+    np.testing.assert_allclose(photons.sum(axis=0), 3.0 * share, rtol=1e-12)
+    whole = 3.0 * (values["El"] * share - values["sigma"] ** 2 * height)
+    np.testing.assert_allclose((photons * energies).sum(axis=0), whole, rtol=1e-6)
+    # What is exact of straight emission is far better than all photons in the middle.
+    middle = 3.0 * share * 0.5 * (edges[1:] + edges[:-1])
+    assert np.abs((photons * energies).sum(axis=0) - whole).max() < 0.02 * np.abs(middle - whole).max()
