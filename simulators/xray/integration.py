@@ -173,7 +173,6 @@ def exact_flux(tree: Node, low: Array, high: Array) -> Callable[[Values, Any], A
     edges, first = _grid(low, high)
     evaluate = {leaf: evaluator(leaf) for leaf in leaves(tree) if entry_of(leaf).kind != CONVOLUTION}
     cuts = _Cuts(tree)
-    low, high, others = cut(edges[first], edges[first + 1], cuts.still)
 
     def flux(values: Values, factor: Any) -> Any:
         import jax.numpy as jnp
@@ -185,7 +184,8 @@ def exact_flux(tree: Node, low: Array, high: Array) -> Callable[[Values, Any], A
             within = photons.within(tree, Pieces(bounds[:-1], bounds[1:]))
             total = running_sums(within)[places]
             return (total[1:] - total[:-1])[first]
-        return per_bin(photons.within(tree, Pieces(low, high)), others)
+        *ends, others = cut(edges[first], edges[first + 1], cuts.still)
+        return per_bin(photons.within(tree, Pieces(*ends)), others)
 
     return flux
 
