@@ -60,9 +60,10 @@ def _estimated(estimator: Moved, *, exact: bool) -> Replicate:
 
 
 def _truth(replicates: Sequence[Values]) -> Truth:
+    """Means over the audits that judge it: draws do not always confirm the density that they belong to."""
     found: dict[str, list[float]] = {}
-    for name in replicates[0]:
-        mean = float(np.mean([values[name] for values in replicates]))
+    for name in dict.fromkeys(name for values in replicates for name in values):
+        mean = float(np.mean([values[name] for values in replicates if name in values]))
         found.setdefault(name.rpartition(" #")[0], []).append(mean)
     return found
 

@@ -144,6 +144,17 @@ def test_exact_posteriors_of_any_shape_are_rarely_blocked(shape):
     assert sum(said["FAIL"] for said in few) < 4
 
 
+def test_true_values_are_means_over_the_audits_that_judge_them():
+    replicates = [
+        {"sbc.bias #0": 0.1, "sbc.bias #1": 0.3},
+        {"sbc.bias #0": 0.2, "sbc.bias #1": 0.5, "late #0": 7.0},
+    ]
+    truth = intervals._truth(replicates)
+    assert list(truth) == ["sbc.bias", "late"]
+    assert truth["sbc.bias"] == pytest.approx([0.15, 0.4])
+    assert truth["late"] == [7.0]
+
+
 def test_intervals_hold_true_values(few, monkeypatch):
     """2 replicates a case of a tenth of the trials; all 6 outside would have chance 2e-8 at 5%."""
     monkeypatch.setattr(intervals, "TRIALS", 200)
