@@ -16,9 +16,17 @@ from gaugeblock.simulators.protocol import HasJacobian, poisson_log_likelihood
 TINY = 1e-12
 """Smallest mean that a residual is divided by."""
 
-DIFFERENCES, WIDTH = 64, 1e-5
-"""Fits of no more rows than `DIFFERENCES` take derivatives as differences of the expected counts, `WIDTH` to
-either side in each of the `Coordinates`: compiling a derivative would take longer than all of the fit."""
+DIFFERENCES = 64
+"""Fits of no more rows take derivatives as differences of the expected counts: compiling a derivative would
+take longer than all of the fit."""
+
+INWARDS, WIDTH = 1e-6, 1e-5
+"""How far differences go in the `Coordinates`: to one side on the way, which moves the optimum by a
+hundred-thousandth of an error and takes half as long, and to both where a fit ends."""
+
+FAINT = 1e-9
+"""Where a parameter's information is a smaller share of the best-known one's, differences to one side might
+be nothing but curvature, and go to both."""
 
 EARLY, HOPELESS = 20, 10.0
 """After so many steps a start is given up that another of its source leads by so many times what it promises,
@@ -161,7 +169,7 @@ def _best(
             iterations,
             tries,
         )
-    compiled = len(position) > DIFFERENCES
+    compiled = _compiled(simulator, len(position))
     pick = np.arange(sources) * tries + np.argmin(objective.reshape(sources, tries), axis=1)
     position, objective, converged = position[pick], objective[pick], converged[pick]
     theta = coordinates.theta(position)
@@ -169,7 +177,9 @@ def _best(
     return Fit(
         theta,
         expected,
-        _jacobian(simulator, coordinates, position, scale, compiled),
+        _jacobian(simulator, coordinates, position, scale)
+        if compiled
+        else _differences(simulator, coordinates, position, scale),
         coordinates.precision,
         poisson_log_likelihood(np.maximum(expected, TINY), counts),
         objective,
@@ -190,17 +200,22 @@ def _climb(
     """Levenberg-Marquardt steps with Fisher's information, every row at its own damping."""
 
     def objective(place: Array, rows: NDArray[np.int64]) -> tuple[Array, Array]:
-        mean = np.maximum(np.asarray(simulator.expected(coordinates.theta(place))) * scale[rows, None], TINY)
+        mean = _mean(simulator, coordinates, place, scale[rows])
         value = (mean - counts[rows] * np.log(mean)).sum(axis=1)
         return value + 0.5 * (place**2 * coordinates.precision).sum(axis=1), mean
 
+    def derivative(rows: NDArray[np.int64]) -> Array:
+        if compiled:
+            return _jacobian(simulator, coordinates, position[rows], scale[rows])
+        return _slopes(simulator, coordinates, position[rows], scale[rows], mean[rows], free)
+
+    compiled = _compiled(simulator, len(position))
     position = position.copy()
     active = np.arange(len(position))
     value, mean = objective(position, active)
     damping = np.full(len(position), 1e-3)
     converged = np.zeros(len(position), dtype=bool)
-    compiled = len(position) > DIFFERENCES
-    jacobian = _jacobian(simulator, coordinates, position, scale, compiled) if iterations else np.empty(0)
+    jacobian = derivative(active) if iterations else np.empty(0)
     for number in range(iterations):
         gradient, information = _normal_equations(
             jacobian, counts[active], mean[active], position[active], coordinates.precision
@@ -228,8 +243,7 @@ def _climb(
             break
         # Where a step was refused the derivatives are those of before.
         if moved.any():
-            rows = active[moved]
-            jacobian[moved] = _jacobian(simulator, coordinates, position[rows], scale[rows], compiled)
+            jacobian[moved] = derivative(active[moved])
     return position, value, converged
 
 
@@ -266,17 +280,59 @@ def _step(
     return step, 0.5 * (step * pull).sum(axis=1)
 
 
-def _jacobian(
-    simulator: Any, coordinates: Coordinates, position: Array, scale: Array, compiled: bool
-) -> Array:
+def _mean(simulator: Any, coordinates: Coordinates, position: Array, scale: Array) -> Array:
+    """Expected counts ``(source, channel)``, above nothing."""
+    return np.maximum(np.asarray(simulator.expected(coordinates.theta(position))) * scale[:, None], TINY)
+
+
+def _compiled(simulator: Any, rows: int) -> bool:
+    """Whether fits of so many rows take the simulator's own derivative."""
+    return rows > DIFFERENCES and isinstance(simulator, HasJacobian)
+
+
+def _jacobian(simulator: Any, coordinates: Coordinates, position: Array, scale: Array) -> Array:
     """Derivative of the expected counts by the coordinates, ``(source, channel, parameter)``."""
-    if compiled and isinstance(simulator, HasJacobian):
-        by_theta = np.asarray(simulator.jacobian(coordinates.theta(position)))
-        return by_theta * coordinates.slope(position)[:, None, :] * scale[:, None, None]
-    moves = np.concatenate([np.eye(position.shape[1]), -np.eye(position.shape[1])]) * WIDTH
+    by_theta = np.asarray(simulator.jacobian(coordinates.theta(position)))
+    return by_theta * coordinates.slope(position)[:, None, :] * scale[:, None, None]
+
+
+def _slopes(
+    simulator: Any,
+    coordinates: Coordinates,
+    position: Array,
+    scale: Array,
+    mean: Array,
+    free: NDArray[np.bool_],
+) -> Array:
+    """`_jacobian` by differences from the `mean` at `position`, inwards; 0 for what is not `free`."""
+
+    def at(rows: NDArray[np.int64], columns: NDArray[np.int64], moves: Array) -> tuple[Array, Array]:
+        place, number = position[rows], np.arange(len(rows))
+        place[number, columns] += moves
+        place = coordinates.clip(place)
+        return _mean(simulator, coordinates, place, scale[rows]), place[number, columns]
+
+    rows, columns = np.nonzero(np.broadcast_to(free, position.shape))
+    inwards = np.where(coordinates.bounded & (position > 0.5), -INWARDS, INWARDS)
+    moved, place = np.repeat(mean[:, None, :], position.shape[1], axis=1), position + inwards
+    moved[rows, columns], place[rows, columns] = at(rows, columns, inwards[rows, columns])
+    jacobian = (moved - mean[:, None, :]) / inwards[..., None]
+    known = (jacobian**2 / mean[:, None, :]).sum(axis=-1)
+    rows, columns = np.nonzero(free & (known < FAINT * known.max(axis=1, keepdims=True)))
+    if len(rows):
+        outer, there = at(rows, columns, -inwards[rows, columns])
+        size = place[rows, columns] - there
+        jacobian[rows, columns] = (moved[rows, columns] - outer) / size[:, None]
+    return np.asarray(jacobian.swapaxes(1, 2))
+
+
+def _differences(simulator: Any, coordinates: Coordinates, position: Array, scale: Array) -> Array:
+    """`_jacobian` by differences to both sides, as far as the bounds let them."""
+    sources, parameters = position.shape
+    moves = np.concatenate([np.eye(parameters), -np.eye(parameters)]) * WIDTH
     around = coordinates.clip(position[:, None, :] + moves)
-    mean = np.asarray(simulator.expected(coordinates.theta(around).reshape(-1, position.shape[1])))
-    mean = mean.reshape(len(position), 2, position.shape[1], -1)
-    size = (around[:, : position.shape[1]] - around[:, position.shape[1] :]).max(axis=-1)
+    mean = np.asarray(simulator.expected(coordinates.theta(around).reshape(-1, parameters)))
+    mean = mean.reshape(sources, 2, parameters, -1)
+    size = (around[:, :parameters] - around[:, parameters:]).max(axis=-1)
     difference = (mean[:, 0] - mean[:, 1]) / size[..., None]
     return np.asarray(difference.swapaxes(1, 2) * scale[:, None, None])

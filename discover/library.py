@@ -12,7 +12,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.values import Value
 from gaugeblock.simulators.library import LibraryEffect
-from gaugeblock.simulators.protocol import HasEffectLibrary
+from gaugeblock.simulators.protocol import HasEffectLibrary, HasGaps
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -112,14 +112,17 @@ class Candidates(Value):
         Raises
         ------
         InputError
-            If neither the simulator nor the user proposes anything, `only` names what is not there, or no
-            effect can be at the stated energy.
+            If neither the simulator nor the user proposes anything, `only` names what is not there, with the
+            reason if the simulator knows one, or no effect can be at the stated energy.
         """
         entries: dict[str, LibraryEffect] = {}
         if isinstance(simulator, HasEffectLibrary):
             entries.update(simulator.effect_library(np.atleast_2d(np.asarray(theta, dtype=float))))
         entries.update(own or {})
         unknown = set(only) - set(entries)
+        for name, why in (simulator.not_in_library() if isinstance(simulator, HasGaps) else {}).items():
+            if name in unknown:
+                raise InputError(f"discover: no effect {name}: {why}")
         if unknown:
             raise InputError(
                 f"discover: no effect {', '.join(sorted(unknown))}; there are {', '.join(entries) or 'none'}"

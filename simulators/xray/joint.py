@@ -16,6 +16,7 @@ from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.poisson import PoissonCounts
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.segments import Segment, Segmented
+from gaugeblock.simulators.xray.effects.instrument import INSTRUMENT
 from gaugeblock.simulators.xray.joint_library import OnInstrument, joint_library
 
 
@@ -146,11 +147,16 @@ class JointSpectra(PoissonCounts):
         return tuple(f"{part.name}: {note}" for part in self.parts for note in part.simulator.notes)
 
     def not_in_library(self) -> Mapping[str, str]:
-        """Effects that an instrument's response does not allow, as ``<effect>[<instrument>]``: why."""
+        """Effects that an instrument's response does not allow, as ``<effect>[<instrument>]``: why.
+
+        What a source may lack is among them, by its own name, where none of the instruments can see it.
+        """
+        found = {part.name: part.simulator.not_in_library() for part in self.parts}
         return {
-            f"{name}[{part.name}]": why
-            for part in self.parts
-            for name, why in part.simulator.not_in_library().items()
+            f"{name}[{part}]" if name in INSTRUMENT else name: why
+            for part, missing in found.items()
+            for name, why in missing.items()
+            if name in INSTRUMENT or all(name in other for other in found.values())
         }
 
     def with_exposure(self, seconds: float) -> JointSpectra:

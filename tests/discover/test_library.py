@@ -75,6 +75,13 @@ def test_an_energy_that_is_stated_and_effects_of_ones_own(power_law):
     assert (line.name, line.scanned["energy"].tolist()) == ("line", [2.0])
     with pytest.raises(InputError, match=r"no effect glow, haze; there are line, dip, edge$"):
         Candidates.of(power_law(), THETA, only=("haze", "line", "glow"))
+
+    class Gappy(power_law):
+        def not_in_library(self):
+            return {"glow": "its band is too hard", "haze": "it has no frame time"}
+
+    with pytest.raises(InputError, match=r"no effect haze: it has no frame time$"):
+        Candidates.of(Gappy(), THETA, only=("haze", "line"))
     with pytest.raises(InputError, match="an energy was stated, and no effect that is searched for has one"):
         Candidates.of(power_law(), THETA, only=("edge",), energy=2.0)
     with pytest.raises(InputError, match="the library holds no effect; give at least one"):

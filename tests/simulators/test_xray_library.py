@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators import Effect, Prior, Uniform
 from gaugeblock.simulators.segments import segments
 
 pytest.importorskip("jaxspec")
-from gaugeblock.simulators.xray import EffectKind, Response, XraySpectrum, reference
+from gaugeblock.simulators.xray import EffectKind, Response, XraySpectrum, joint_spectra, reference
 from gaugeblock.simulators.xray.data import EXAMPLE, path
 from gaugeblock.simulators.xray.effects import EFFECTS
 from gaugeblock.simulators.xray.library.scale import resolution, spaced
@@ -358,6 +359,39 @@ def test_a_kind_says_what_it_takes():
         if inspect.isfunction(what):
             taken = list(inspect.signature(what).parameters)[2:]
             assert taken == list(kind.parameters), name
+
+
+def above(low):
+    """EPIC-pn's reference spectrum in a band that begins at `low` keV, and its response."""
+    model = reference(level="bright")
+    response = Response.from_ogip(
+        path(EXAMPLE + "PN.rmf"), path(EXAMPLE + "PN.arf"), band=(low, 10.0), exposure=1e4
+    )
+    return XraySpectrum(model.model, response, model.prior), response
+
+
+@pytest.mark.parametrize(("low", "seen"), [(1.8, True), (2.4, False), (3.0, False)])
+def test_a_soft_excess_is_sought_only_where_some_of_its_photons_can_be(low, seen):
+    """Of a black body of 0.2 keV, by a numerical integral of Planck's formula."""
+    simulator, response = above(low)
+    assert (quad(lambda x: x**2 / np.expm1(x), response.band[0] / 0.2, 100)[0] / 2.404 > 1e-3) is seen
+    assert ("soft_excess" in simulator.effect_library(simulator.prior.center[None])) is seen
+    missing = simulator.not_in_library()
+    assert ("soft_excess" in missing) is not seen
+    assert seen or f"{response.band[0]:.3g} keV, where the band begins" in missing["soft_excess"]
+
+
+def test_what_one_of_two_instruments_can_see_is_sought_with_both(simulator):
+    hard, _ = above(4.0)
+    assert "soft_excess" in hard.not_in_library()
+    both = joint_spectra([simulator, hard], ["soft", "hard"])
+    assert not [name for name in both.not_in_library() if name.startswith("soft_excess")]
+    at = both.prior.center[None]
+    sought = both.effect_library(at)["soft_excess"].parameters["norm"]
+    assert sought == simulator.effect_library(at)["soft_excess"].parameters["norm"]
+    neither = joint_spectra([hard, hard], ["a", "b"])
+    assert neither.not_in_library()["soft_excess"] == hard.not_in_library()["soft_excess"]
+    assert "soft_excess" not in neither.effect_library(at)
 
 
 def test_channels_with_gaps_cannot_be_shifted_and_the_library_says_so(simulator):

@@ -14,7 +14,7 @@ from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.xray.effects import EFFECTS
 from gaugeblock.simulators.xray.effects.assembly import Append, Assembly
 from gaugeblock.simulators.xray.library.absorption import absorption
-from gaugeblock.simulators.xray.library.emission import emission
+from gaugeblock.simulators.xray.library.emission import emission, too_soft
 from gaugeblock.simulators.xray.library.instrument import instrument
 from gaugeblock.simulators.xray.library.scale import Scale
 from gaugeblock.simulators.xray.response import Response
@@ -29,12 +29,13 @@ def effect_library(assembly: Assembly, response: Response, theta: ArrayLike) -> 
 
 
 def not_in_library(response: Response) -> Mapping[str, str]:
-    """Effects that a response does not allow: why, and what would mend it."""
+    """Effects that a response does not allow, or its band cannot show: why, and what would mend it."""
     reasons = {
         name: kind.apply.what.lacking(response)
         for name, kind in EFFECTS.items()
         if isinstance(kind.apply, Append) and kind.apply.where == "recorded"
     }
+    reasons["soft_excess"] = too_soft(response)
     return {name: why for name, why in reasons.items() if why is not None}
 
 

@@ -5,13 +5,35 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.special import zeta
 
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.marginals import LogUniform, Uniform
 from gaugeblock.simulators.xray.library.known import emission_lines
 from gaugeblock.simulators.xray.library.scale import Scale, spaced
+from gaugeblock.simulators.xray.response import Response
 
 PHOTONS = "photons/cm2/s"
+
+SOFT = 0.2
+"""kT of a hot soft excess, keV: hotter ones are thin hot gas's as well."""
+
+SEEN = 1e-3
+"""Smallest share of a soft excess's photons in the band: below it any brightness would do."""
+
+
+def too_soft(response: Response) -> str | None:
+    """Why the band cannot hold a soft excess, if it cannot."""
+    low = response.band[0]
+    x = low / SOFT
+    # Of Planck's photons, those above x kT; from x = 1 on the first terms of the sum are all of it.
+    share = sum(np.exp(-n * x) * (x**2 / n + 2 * x / n**2 + 2 / n**3) for n in range(1, 20)) / (2 * zeta(3))
+    if share >= SEEN:
+        return None
+    return (
+        f"a black body of {SOFT:g} keV, which is a hot one, has a share of {share:.1g} of its photons above "
+        f"{low:.3g} keV, where the band begins; give a band that begins below 2 keV"
+    )
 
 
 def emission(scale: Scale) -> Iterator[LibraryEffect]:
