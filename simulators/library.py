@@ -76,6 +76,9 @@ class LibraryEffect(Value):
         Physical sizes, from the parameters' values by name.
     ends : tuple of str
         Parameters other than the amplitude whose upper end is a hard limit: a value there is none.
+    outshines : bool
+        Whether the amplitude ends where the effect alone would be as bright as all that is seen: of several
+        instruments the one that sees it best says where.
     odds : float
         Prior odds, those of the commonest effects being 1.
     known : tuple of Known
@@ -104,6 +107,7 @@ class LibraryEffect(Value):
     usual: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     derived: Mapping[str, Callable[[Mapping[str, float]], float]] = field(default_factory=dict)
     ends: tuple[str, ...] = ()
+    outshines: bool = False
     odds: float = 1.0
     known: tuple[Known, ...] = ()
     kind: Any = None

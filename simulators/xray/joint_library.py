@@ -34,7 +34,8 @@ def joint_library(libraries: Mapping[str, Mapping[str, LibraryEffect]]) -> dict[
     """One library for all, of those by instrument: a source's effects once, an instrument's for every one.
 
     The latter's keys are ``<effect>[<instrument>]``. What a source may lack is sought wherever one of the
-    instruments can see it: priors reach as far as any instrument's, and each adds values to scan beyond those
+    instruments can see it: priors reach as far as any instrument's (what is as bright as all that is seen: as
+    the one's that sees it best), and each adds values to scan beyond those
     of the instruments before it.
     """
     joint: dict[str, LibraryEffect] = {}
@@ -56,7 +57,11 @@ def _widened(first: LibraryEffect, second: LibraryEffect) -> LibraryEffect:
     parameters = {
         name: _hull(marginal, second.parameters[name]) for name, marginal in first.parameters.items()
     }
-    return replace(first, parameters=parameters, scanned=scanned)
+    scale = first
+    if first.outshines:
+        scale = min(first, second, key=lambda entry: entry.parameters[entry.amplitude].support[1])
+        parameters[scale.amplitude] = scale.parameters[scale.amplitude]
+    return replace(first, parameters=parameters, scanned=scanned, step=scale.step)
 
 
 def _hull(first: Marginal, second: Marginal) -> Marginal:

@@ -19,20 +19,20 @@ SOFT = 0.2
 """kT of a hot soft excess, keV: hotter ones are thin hot gas's as well."""
 
 SEEN = 1e-3
-"""Smallest share of a soft excess's photons in the band: below it any brightness would do."""
+"""Smallest share of a soft excess's photons that the band records: below it any brightness would do."""
 
 
 def too_soft(response: Response) -> str | None:
-    """Why the band cannot hold a soft excess, if it cannot."""
-    low = response.band[0]
-    x = low / SOFT
-    # Of Planck's photons, those above x kT; from x = 1 on the first terms of the sum are all of it.
-    share = sum(np.exp(-n * x) * (x**2 / n + 2 * x / n**2 + 2 / n**3) for n in range(1, 20)) / (2 * zeta(3))
+    """Why spectra cannot show a soft excess, if they cannot."""
+    low, high = response.energies.T
+    x = 0.5 * (low + high) / SOFT
+    area = np.asarray(response.sparse.sum(axis=0)).ravel()
+    share = float((x**2 / np.expm1(x) * (high - low) / SOFT) @ (area / area.max())) / (2 * zeta(3))
     if share >= SEEN:
         return None
     return (
-        f"a black body of {SOFT:g} keV, which is a hot one, has a share of {share:.1g} of its photons above "
-        f"{low:.3g} keV, where the band begins; give a band that begins below 2 keV"
+        f"of the photons of a black body of {SOFT:g} keV, which is a hot one, these channels would record a "
+        f"share of {share:.1g}; take in lower energies (they begin at {response.band[0]:.3g} keV)"
     )
 
 
@@ -86,6 +86,7 @@ def emission(scale: Scale) -> Iterator[LibraryEffect]:
         energies=("kT",),
         usual={"kT": (0.05, 0.4)},
         ends=("kT",),
+        outshines=True,
     )
     bright = scale.rate / max(scale.added("thermal_continuum", {"kT": 2.0, "norm": 1.0}), 1e-300)
     yield LibraryEffect(
@@ -101,5 +102,6 @@ def emission(scale: Scale) -> Iterator[LibraryEffect]:
         energies=("kT",),
         usual={"kT": (0.3, 10.0)},
         ends=("kT",),
+        outshines=True,
         odds=0.5,
     )
