@@ -108,7 +108,7 @@ def all_inside(audited: Audited, truth: Truth) -> bool:
             continue
         low, high = (np.array([bound]) for bound in gates[finding.id].interval)
         worst = finding.components.index(gates[finding.id].component)
-        value = np.array(truth[finding.id])
+        value = np.broadcast_to(np.array(truth[finding.id]), finding.estimate.shape)
         if type(finding) is not MeanFinding:
             value = value[[worst]]
         else:

@@ -46,14 +46,19 @@ def _is_known(finding: Finding, *, exact: bool) -> bool:
 
 
 def _estimated(estimator: Moved, *, exact: bool) -> Replicate:
-    """Estimates of everything that is judged, flat; of the exact posterior what they must be."""
+    """Estimates of everything that is judged, flat; of the exact posterior what they must be.
+
+    That is 0 for all components, whose number varies where each audit learns its own.
+    """
 
     def replicate(seed: int) -> Values:
         return {
-            f"{name} #{place}": 0.0 if exact and isinstance(finding, MeanFinding) else value
+            f"{name} #{place}": value
             for name, finding in judged(_audit(estimator, seed)).items()
             if _is_known(finding, exact=exact)
-            for place, value in enumerate(finding.estimate.tolist())
+            for place, value in enumerate(
+                [0.0] if exact and isinstance(finding, MeanFinding) else finding.estimate.tolist()
+            )
         }
 
     return replicate

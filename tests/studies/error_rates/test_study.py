@@ -15,6 +15,7 @@ import pytest
 from scipy import stats
 from studies.error_rates import anytime, curves, gate, intervals, policies, power, replicates, shapes, size
 from studies.error_rates.__main__ import main, parts
+from studies.error_rates.audits import all_inside, judged
 from studies.error_rates.boundary import Moved
 from studies.error_rates.problem import problem
 from studies.error_rates.replicates import Part, run
@@ -142,6 +143,22 @@ def test_exact_posteriors_of_any_shape_are_rarely_blocked(shape):
     few = [shapes.replicate(shapes.SHAPES[shape], 30, 50)(seed) for seed in range(15)]
     few.append(shapes.replicate(shapes.SHAPES[shape], 400, 100)(1))
     assert sum(said["FAIL"] for said in few) < 4
+
+
+def test_of_an_exact_posterior_every_component_is_zero_however_many_an_audit_learns(monkeypatch):
+    """Two audits whose regions differ in number: what must be is asked of the components that are there."""
+    exact = intervals.cases()["exact"]
+    monkeypatch.setattr(intervals, "TRIALS", 400)
+    monkeypatch.setattr(intervals, "GROUPS", {"importance": (20, 50), "joint": (100, 50)})
+    audited = [intervals._audit(exact, seed) for seed in (1, 2)]
+    numbers = [{f.id: len(f.estimate) for f in judged(each).values()} for each in audited]
+    assert numbers[0] != numbers[1]
+    said = [intervals._estimated(exact, exact=True)(seed) for seed in (1, 2)]
+    truth = intervals._truth(said)
+    assert {len(values) for name, values in truth.items() if name.startswith("local.coverage")} == {1}
+    assert all(all_inside(each, truth) for each in audited)
+    wrong = dict.fromkeys(truth, [0.5])
+    assert not any(all_inside(each, wrong) for each in audited)
 
 
 def test_true_values_are_means_over_the_audits_that_judge_them():
