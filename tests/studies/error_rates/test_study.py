@@ -157,7 +157,7 @@ def test_of_an_exact_posterior_every_component_is_zero_however_many_an_audit_lea
     truth = intervals._truth(said)
     assert {len(values) for name, values in truth.items() if name.startswith("local.coverage")} == {1}
     assert all(all_inside(each, truth) for each in audited)
-    wrong = dict.fromkeys(truth, [0.5])
+    wrong = {name: [0.5] for name in truth}
     assert not any(all_inside(each, wrong) for each in audited)
 
 
