@@ -24,6 +24,9 @@ from gaugeblock.simulators.xray.simulator import XraySpectrum
 from gaugeblock.simulators.xray.with_background import with_background
 
 Files = FilePath | Sequence[FilePath] | None
+Band = tuple[float, float]
+Bands = Band | Sequence[Band] | None
+"""Energies in keV: of all spectra, or of one each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +62,7 @@ def read_observation(
     rmf: Files = None,
     arf: Files = None,
     background: Files = None,
-    band: tuple[float, float] | None = None,
+    band: Bands = None,
     exposure: float | None = None,
     redshift: float = 0.0,
     names: Sequence[str] | None = None,
@@ -76,8 +79,8 @@ def read_observation(
         As `build` takes them; parameters that they leave out have `default_prior`.
     rmf, arf, background : path or sequence of paths, optional
         Instead of those that headers name, one a spectrum; a background ``"none"`` does without.
-    band : (low, high), optional
-        Energies in keV.
+    band : (low, high) or a sequence of them, optional
+        Energies in keV, of all spectra or of one each.
     exposure : float, optional
         Seconds, instead of the header's; for a single spectrum.
     redshift : float
@@ -97,12 +100,12 @@ def read_observation(
         raise InputError("spectra: none given; name at least one PHA file")
     if exposure is not None and len(paths) > 1:
         raise InputError("exposure: can be given for a single spectrum only; correct the headers instead")
-    reader = Reader(band=band, regroup=regroup, reached=True)
+    readers = [Reader(band=one, regroup=regroup, reached=True) for one in _bands(band, len(paths))]
     columns = [_each(role, files, len(paths)) for role, files in (("rmf", rmf), ("arf", arf))]
     behind = _each("background", background, len(paths))
     readings = [
         _shared(reader.read(_shipped(path) or path, _shipped(r), _shipped(a), _shipped(b), exposure=exposure))
-        for path, r, a, b in zip(paths, *columns, behind, strict=True)
+        for reader, path, r, a, b in zip(readers, paths, *columns, behind, strict=True)
     ]
     model, given = settled(model, priors)
     model = at_redshift(model, given, redshift)
@@ -133,6 +136,22 @@ def _each(role: str, files: Files, number: int) -> list[FilePath | None]:
     if len(listed) != number:
         raise InputError(f"{role}: {len(listed)} given for {number} spectra; give one for each")
     return list(listed)
+
+
+def _bands(given: Bands, number: int) -> list[Band | None]:
+    if given is None:
+        return [None] * number
+    try:
+        low, high = np.asarray(given, dtype=float).T
+    except (TypeError, ValueError):
+        raise InputError(
+            f"band: give (low, high) in keV, or one such pair a spectrum; got {given!r}"
+        ) from None
+    if low.ndim == 0:
+        low, high = np.repeat(low, number), np.repeat(high, number)
+    if len(low) != number:
+        raise InputError(f"band: {len(low)} given for {number} spectra; give one for all or one for each")
+    return list(zip(low.tolist(), high.tolist(), strict=True))
 
 
 def _shipped(file: FilePath | None) -> FilePath | None:

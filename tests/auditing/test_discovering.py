@@ -384,6 +384,7 @@ def test_files_of_one_source_or_a_folder_of_many(tmp_path, monkeypatch):
         ([tmp_path, "a.pha"], {}, "name either PHA files of one source, or one folder with many"),
         (tmp_path, {"rmf": ["a", "b"]}, "a catalogue takes one --rmf and one --arf at most"),
         (tmp_path, {"arf": ["a", "b"]}, "a catalogue takes one --rmf and one --arf at most"),
+        (tmp_path, {"band": [(0.5, 8.0), (1.0, 2.0)]}, "a catalogue takes one band for all of its spectra"),
     ):
         with pytest.raises(InputError) as caught:
             read_measured(files, **{**common, **more})

@@ -272,6 +272,16 @@ def test_a_search(calls: Calls, tmp_path: Path) -> None:
         "only": ["gauss"], "energy": 6.4, "evidence": True, "replicates": 99, "seed": 3, "out": Path("o"),
         "progress": False, "executor": None,
     }  # fmt: skip
+    asked(tmp_path, "discover", "a.pha", "b.pha", "--bands", "0.3-10", "--bands", "3-7.9e1", "--quiet")
+    assert calls.given == ([Path("a.pha"), Path("b.pha")],)
+    assert calls.named["band"] == [(0.3, 10.0), (3.0, 79.0)]
+    for text in ("3", "3-", "low-high", "1-2-3"):
+        assert refused(tmp_path, "discover", "a.pha", "--bands", text) == (
+            f"--bands {text}: give two energies in keV, such as 0.3-10"
+        )
+    assert refused(tmp_path, "discover", "a.pha", "--bands", "1-2", "--band", "1", "2") == (
+        "discover: give either --band for all spectra or --bands, one a spectrum"
+    )
     for words in ((), ("a.pha", "--catalog", "many")):
         assert refused(tmp_path, "discover", *words) == (
             "discover: name either PHA files of one source, or --catalog with a folder of many"

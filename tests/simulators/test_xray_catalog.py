@@ -102,6 +102,14 @@ def test_several_spectra_are_several_instruments(write):
     paths = [write("c.pha"), paths[1]]
     bare = read_observation(paths, model=MODEL, priors=PRIOR, band=(0.5, 8.0), background="none")
     assert len(bare.simulator.segments()) == 2
+    # A band of its own for each; whole groups of channels lie within.
+    each = read_observation(
+        paths, model=MODEL, priors=PRIOR, band=[(0.5, 8.0), [2.0, 6.0]], background="none"
+    )
+    wide, narrow = (part.simulator.response.band for part in each.simulator.parts)
+    assert wide == pytest.approx((0.5, 8.0), abs=0.1)
+    assert narrow == pytest.approx((2.0, 6.0), abs=0.1)
+    assert each.counts.shape[1] < bare.counts.shape[1]
     # Where headers call two alike, they have the names of their files.
     twice = read_observation([paths[0], write("a.pha")], model=MODEL, priors=PRIOR, band=(0.5, 8.0))
     assert twice.simulator.names == ("c", "a")
@@ -370,6 +378,11 @@ def test_files_that_do_not_fit_are_named(write, tmp_path):
     path = write("a.pha")
     with pytest.raises(InputError, match="rmf: 2 given for 1 spectra"):
         read_observation(path, model=MODEL, priors=PRIOR, rmf=["PN.rmf", "PN.rmf"])
+    with pytest.raises(InputError, match="band: 2 given for 1 spectra; give one for all or one for each"):
+        read_observation(path, model=MODEL, priors=PRIOR, band=[(0.5, 8.0), (1.0, 2.0)])
+    for band in ((0.5, 2.0, 8.0), [(0.5, 8.0), 3.0], ("low", "high"), 5.0):
+        with pytest.raises(InputError, match=r"band: give \(low, high\) in keV, or one such pair a spectrum"):
+            read_observation(path, model=MODEL, priors=PRIOR, band=band)
     with pytest.raises(InputError, match="none given"):
         read_observation([], model=MODEL, priors=PRIOR)
     with pytest.raises(InputError, match="single spectrum"):

@@ -52,7 +52,7 @@ def discover(
     *,
     model: str = "tbabs*powerlaw",
     priors: str | os.PathLike[str] | None = None,
-    band: tuple[float, float] | None = None,
+    band: tuple[float, float] | Sequence[tuple[float, float]] | None = None,
     rmf: Files = (),
     arf: Files = (),
     background: Sequence[str] = (),
@@ -85,8 +85,9 @@ def discover(
     x : array, optional
         ``(n, ...)`` independent data sets that share the effect; one source's counts also as ``(channel,)``.
     model, priors, band, rmf, arf, background, redshift, regroup
-        Of measured spectra: the model as in XSPEC, a TOML file of priors, energies in keV, responses and
-        backgrounds in place of the headers', channels to be grouped; see docs/xray.md.
+        Of measured spectra: the model as in XSPEC, a TOML file of priors, energies ``(low, high)`` in keV for
+        all spectra or for one each, responses and backgrounds in place of the headers', channels to be
+        grouped; see docs/xray.md.
     prior
         Of a simulator that has none, or in place of its own: whatever `as_prior` takes.
     engine : "counts", "catalogue" or "simulations", optional
@@ -326,6 +327,8 @@ def read_measured(
             raise InputError("discover: name either PHA files of one source, or one folder with many")
         if len(rmfs) > 1 or len(arfs) > 1:
             raise InputError("discover: a catalogue takes one --rmf and one --arf at most")
+        if np.ndim(further.get("band")) == 2:
+            raise InputError("discover: a catalogue takes one band for all of its spectra")
         found = read_catalog(
             pha[0],
             rmf=next(iter(rmfs), None),

@@ -13,6 +13,23 @@ from gaugeblock.cli.voice import hand_over, loud, say, tell
 EXIT_CODES = "Exit codes: 0 when the workflow ran to its end, whatever it found; 2 bad input."
 
 
+def energies(text: str) -> tuple[float, float]:
+    """A band in keV from how it is written, ``0.3-10``.
+
+    Raises
+    ------
+    InputError
+        If these are not two numbers.
+    """
+    from gaugeblock.core.errors import InputError
+
+    try:
+        low, high = map(float, text.split("-"))
+    except ValueError:
+        raise InputError(f"--bands {text}: give two energies in keV, such as 0.3-10") from None
+    return low, high
+
+
 def discover(
     pha: Annotated[
         list[Path] | None,
@@ -32,6 +49,9 @@ def discover(
     ] = None,
     band: Annotated[
         tuple[float, float] | None, typer.Option(metavar="LOW HIGH", help="Energies in keV.")
+    ] = None,
+    bands: Annotated[
+        list[str] | None, typer.Option(metavar="LOW-HIGH", help="Instead of --band; one a spectrum.")
     ] = None,
     rmf: Annotated[list[Path] | None, typer.Option(help="Instead of the header's; one a spectrum.")] = None,
     arf: Annotated[list[Path] | None, typer.Option(help="Instead of the header's; one a spectrum.")] = None,
@@ -81,6 +101,8 @@ def discover(
 
     if bool(pha) == (catalog is not None):
         raise InputError("discover: name either PHA files of one source, or --catalog with a folder of many")
+    if band is not None and bands:
+        raise InputError("discover: give either --band for all spectra or --bands, one a spectrum")
     if catalog is not None and not catalog.is_dir():
         raise InputError(f"discover: --catalog {catalog} is no folder")
     with opened(workers=workers, scheduler=scheduler) as (executor, line):
@@ -90,7 +112,7 @@ def discover(
             catalog if catalog is not None else pha,
             model=model,
             priors=priors,
-            band=band,
+            band=[energies(one) for one in bands] if bands else band,
             rmf=rmf or (),
             arf=arf or (),
             background=background or (),
