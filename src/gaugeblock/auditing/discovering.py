@@ -327,7 +327,7 @@ def read_measured(
             raise InputError("discover: name either PHA files of one source, or one folder with many")
         if len(rmfs) > 1 or len(arfs) > 1:
             raise InputError("discover: a catalogue takes one --rmf and one --arf at most")
-        if np.ndim(further.get("band")) == 2:
+        if np.ndim(further.get("band", 0.0)) == 2:
             raise InputError("discover: a catalogue takes one band for all of its spectra")
         found = read_catalog(
             pha[0],
