@@ -26,7 +26,7 @@ from gaugeblock.discovery.counts import counted, window_regions
 from gaugeblock.discovery.engine import Comparison, Engine, Extension, Look, Round, Thresholds
 from gaugeblock.discovery.fitting import Fit, joined
 from gaugeblock.discovery.held_out import BEFORE, NAMED, RIVAL, UNNAMED, HeldOut, deviance
-from gaugeblock.discovery.library import Candidates
+from gaugeblock.discovery.library import Candidates, proposed
 from gaugeblock.discovery.locate.frames import Frames, compare_frames
 from gaugeblock.discovery.locate.quantiles import CumulativeCounts, cumulative_counts
 from gaugeblock.discovery.locate.stacking import stack_excess, stacking_bins
@@ -149,12 +149,15 @@ class CatalogueCounts(Engine):
         self._streams = dict(zip(names, rng.spawn(4), strict=True))
         self.fits = tuple(Fit(**answer) for answer in each(afar, self.blocks))
         theta = np.concatenate([found.theta for found in self.fits])
-        candidates = by_response(
-            self.blocks, lambda simulator: Candidates.of(simulator, theta, own=own, only=only)
-        )
+        self.entries = proposed(self.simulators, theta, own=own, only=only)
+        candidates = by_response(self.blocks, lambda simulator: Candidates(simulator, self.entries))
         self.members = tuple(map(Members, self.blocks, self.fits, candidates))
-        self.entries = self.members[0].candidates.entries
         self._beside: BesideNuisances | None = None
+
+    @cached_property
+    def simulators(self) -> Sequence[Any]:
+        """One for each response."""
+        return tuple({id(one.simulator): one.simulator for one in self.blocks}.values())
 
     @cached_property
     def _first(self) -> Look:

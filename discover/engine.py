@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.held_out import HeldOut
+from gaugeblock.discovery.library import gaps
 from gaugeblock.discovery.result import (
     Amplitude,
     Catalogue,
@@ -25,7 +26,6 @@ from gaugeblock.discovery.result import (
     Region,
 )
 from gaugeblock.simulators.library import LibraryEffect
-from gaugeblock.simulators.protocol import HasGaps
 from gaugeblock.validate.finding import NotChecked
 
 LIMIT = 25.0
@@ -352,10 +352,15 @@ class Engine(Protocol):
     def data(self) -> DataSaid:
         """What was searched."""
 
+    @property
+    def simulators(self) -> Sequence[Any]:
+        """Every simulator that data are of."""
+        return (self.simulator,)
+
     def not_checked(self) -> list[NotChecked]:
-        """Effects that this simulator's library would hold if it knew more, and what it needs to know."""
-        missing = self.simulator.not_in_library() if isinstance(self.simulator, HasGaps) else {}
-        return [NotChecked(name, why) for name, why in missing.items()]
+        """Effects that libraries of these simulators would hold if they knew more, and what that is."""
+        missing = gaps(self.simulators)
+        return [NotChecked(name, why) for name, why in missing.items() if name not in self.entries]
 
     def catalogue(self, rounds: Sequence[Round]) -> Catalogue | None:  # noqa: ARG002
         """What many sources say together; None where they are no catalogue."""

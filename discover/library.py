@@ -115,26 +115,56 @@ class Candidates(Value):
             If neither the simulator nor the user proposes anything, `only` names what is not there, with the
             reason if the simulator knows one, or no effect can be at the stated energy.
         """
-        entries: dict[str, LibraryEffect] = {}
-        if isinstance(simulator, HasEffectLibrary):
-            entries.update(simulator.effect_library(np.atleast_2d(np.asarray(theta, dtype=float))))
-        entries.update(own or {})
-        unknown = set(only) - set(entries)
-        for name, why in (simulator.not_in_library() if isinstance(simulator, HasGaps) else {}).items():
-            if name in unknown:
-                raise InputError(f"discover: no effect {name}: {why}")
-        if unknown:
-            raise InputError(
-                f"discover: no effect {', '.join(sorted(unknown))}; there are {', '.join(entries) or 'none'}"
-            )
-        if not entries:
-            raise InputError(
-                f"discover: {type(simulator).__name__} has no effect_library(theta) and no effect was given"
-            )
-        chosen = {key: entry for key, entry in entries.items() if not only or key in only}
-        if energy is not None:
-            chosen = {key: entry for key, entry in chosen.items() if "energy" in entry.energies}
-            if not chosen:
-                raise InputError("discover: an energy was stated, and no effect that is searched for has one")
-            chosen = {key: entry.at_energy(energy) for key, entry in chosen.items()}
-        return cls(simulator, chosen)
+        return cls(simulator, proposed([simulator], theta, own=own, only=only, energy=energy))
+
+
+def proposed(
+    simulators: Sequence[Any],
+    theta: Array,
+    *,
+    own: Mapping[str, LibraryEffect] | None = None,
+    only: tuple[str, ...] = (),
+    energy: float | None = None,
+) -> dict[str, LibraryEffect]:
+    """One library for sources of several simulators, whose entries are scanned at the same values in all.
+
+    An effect is as the first simulator has it that has it at all. What a source may lack is sought if one of
+    them can see it; what an instrument may do, if all of them can have it. See `Candidates.of`.
+    """
+    scaled = np.atleast_2d(np.asarray(theta, dtype=float))
+    libraries = [
+        one.effect_library(scaled) if isinstance(one, HasEffectLibrary) else {} for one in simulators
+    ]
+    first = {key: entry for library in reversed(libraries) for key, entry in library.items()}
+    entries = {
+        key: first[key]
+        for library in libraries
+        for key in library
+        if first[key].origin == "source" or all(key in other for other in libraries)
+    }
+    entries.update(own or {})
+    unknown = set(only) - set(entries)
+    for name, why in gaps(simulators).items():
+        if name in unknown:
+            raise InputError(f"discover: no effect {name}: {why}")
+    if unknown:
+        raise InputError(
+            f"discover: no effect {', '.join(sorted(unknown))}; there are {', '.join(entries) or 'none'}"
+        )
+    if not entries:
+        raise InputError(
+            f"discover: {type(simulators[0]).__name__} has no effect_library(theta) and no effect was given"
+        )
+    chosen = {key: entry for key, entry in entries.items() if not only or key in only}
+    if energy is not None:
+        chosen = {key: entry for key, entry in chosen.items() if "energy" in entry.energies}
+        if not chosen:
+            raise InputError("discover: an energy was stated, and no effect that is searched for has one")
+        chosen = {key: entry.at_energy(energy) for key, entry in chosen.items()}
+    return chosen
+
+
+def gaps(simulators: Sequence[Any]) -> dict[str, str]:
+    """Effects that the library of one of several simulators would hold if it knew more, and what that is."""
+    known = [one.not_in_library() for one in simulators if isinstance(one, HasGaps)]
+    return {name: why for missing in reversed(known) for name, why in missing.items()}

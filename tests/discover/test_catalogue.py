@@ -152,6 +152,31 @@ def test_an_error_beside_nuisances_that_all_share(bumps):
     assert (high - low) / (2 * 1.645) == pytest.approx(error(60, 1.7, -0.12), rel=0.1)
 
 
+def test_sources_of_two_responses_are_searched_at_the_same_energies(power_law):
+    """The second one's library scans elsewhere and has no area; what the first one's says holds for both."""
+
+    class Second(power_law):
+        def effect_library(self, theta):
+            made = super().effect_library(theta)
+            return {"line": replace(made["line"], scanned={"energy": np.array([1.0, 5.0])})}
+
+        def not_in_library(self):
+            return {"dip": "its area is not known", "line": "never said: the search has it"}
+
+    line = Effect("line", {"energy": 2.5, "counts": 200.0})
+    first, second = (
+        Sources.of(simulator, catalogue(power_law, line, number=20, seed=seed).counts)
+        for simulator, seed in ((power_law(), 1), (Second(), 2))
+    )
+    found = discover_catalogue([first, second], replicates=199)
+    assert found.named == "line"
+    assert found.candidate("line").parameters["energy"] == pytest.approx(2.5, abs=0.05)
+    assert [(one.id, one.why) for one in found.not_checked if one.id in ("dip", "line")] == [
+        ("dip", "its area is not known")
+    ]
+    assert [one.effect for one in found.candidates] == ["line", "edge"]
+
+
 def test_nothing_shared_is_nothing_named(power_law):
     # p <= 0.01 is asked for: three or more of twenty would happen in 0.1%.
     named = [

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.discovery.library import Candidates, amplitude_places
+from gaugeblock.discovery.library import Candidates, amplitude_places, gaps, proposed
 from gaugeblock.simulators import Uniform
 from gaugeblock.simulators.library import LibraryEffect
 
@@ -93,3 +93,33 @@ def test_an_energy_that_is_stated_and_effects_of_ones_own(power_law):
             return super().effect_library(theta)
 
     assert len(Candidates.of(Sized(), [1000.0, 1.5])) == 3
+
+
+def test_one_library_for_several_simulators_is_scanned_at_the_same_values_in_all(power_law):
+    """The first's entry counts; a source's effect is sought if one has it, an instrument's if all have it."""
+
+    class Second(power_law):
+        def effect_library(self, theta):
+            made = super().effect_library(theta)
+            glow = replace(made["edge"], name="glow")
+            return {"glow": glow, "line": replace(made["line"], scanned={"energy": np.array([3.0])})}
+
+        def not_in_library(self):
+            return {"dip": "its area is not known", "haze": "no"}
+
+    class Third(power_law):
+        def not_in_library(self):
+            return {"haze": "nobody knows", "mist": "it is dry"}
+
+    first, second = power_law(), Second()
+    assert list(proposed([first, second], THETA)) == ["line", "edge", "glow"]
+    assert list(proposed([second, first], THETA)) == ["glow", "line", "edge"]
+    assert len(proposed([first, second], THETA)["line"].scanned["energy"]) == 36
+    assert len(proposed([second, first], THETA)["line"].scanned["energy"]) == 1
+    assert list(proposed([first, second], THETA, own={"dip": AREA})) == ["line", "edge", "glow", "dip"]
+    assert list(proposed([first, second], THETA, only=("glow",))) == ["glow"]
+    with pytest.raises(InputError, match=r"no effect dip: its area is not known$"):
+        proposed([first, second], THETA, only=("dip",))
+    assert gaps([first, Third(), second]) == {
+        "haze": "nobody knows", "mist": "it is dry", "dip": "its area is not known"
+    }  # fmt: skip
