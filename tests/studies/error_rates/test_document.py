@@ -131,7 +131,10 @@ def test_the_results_keep_the_promises():
         assert not too_many.sel(case=gross, thing="PASS").any(), name
     assert float(known["intervals"]["high"].min()) >= 0.95
     power = known["power"]
-    assert float(power["high"].sel(thing="FAIL").drop_sel(case="exact").min()) >= 0.9
+    # From 100 draws this one is told, not judged, as the page says: it may never PASS for that.
+    told = "log density off by 0.5"
+    assert float(power["high"].sel(thing="FAIL").drop_sel(case=["exact", told]).min()) >= 0.9
+    assert float(power["high"].sel(thing="PASS", case=told)) <= 0.05
     assert float(power["high"].sel(thing="PASS", case="exact")) >= 0.9
     # 1e-4 for each of some 100 p-values: none is rejected too often at any level.
     size = known["size"]

@@ -187,6 +187,18 @@ def test_gross_faults_are_blocked(few):
     assert table["count"].sel(thing="FAIL").values.tolist() == [1] * len(GROSS)
 
 
+@pytest.mark.parametrize(("draws", "outcome"), [(100, "INCONCLUSIVE"), (120, "FAIL")])
+def test_a_log_density_that_is_too_high_is_told_from_100_draws_and_blocked_from_120(
+    draws, outcome, monkeypatch
+):
+    """The one member of the zoo that is not blocked at the study's number of draws (docs/error-rates.md)."""
+    monkeypatch.setattr(power, "DRAWS", draws)
+    member = replace(power.zoo()["log density off by 0.5"], select=("draws", "density"))
+    said = power.replicate(member)(1)
+    assert said.get("fail: density.normalisation", 0.0) == (outcome == "FAIL")
+    assert said[outcome] == 1
+
+
 def test_the_zoo_is_whole():
     from gaugeblock.estimators.broken import FAULTS
 
