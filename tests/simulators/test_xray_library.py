@@ -2,6 +2,7 @@
 
 import inspect
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ pytest.importorskip("jaxspec")
 from gaugeblock.simulators.xray import EffectKind, Response, XraySpectrum, joint_spectra, reference
 from gaugeblock.simulators.xray.data import EXAMPLE, path
 from gaugeblock.simulators.xray.effects import EFFECTS
+from gaugeblock.simulators.xray.library.emission import too_soft
 from gaugeblock.simulators.xray.library.scale import resolution, spaced
 
 pytestmark = pytest.mark.usefixtures("xray_data")
@@ -386,6 +388,12 @@ def test_a_soft_excess_is_sought_only_where_some_of_its_photons_are_recorded(low
         assert 0.6 * share < float(re.search(r"share of ([-.e0-9]+);", said).group(1)) < 1.1 * share
 
 
+def test_no_energy_is_too_high_to_ask_whether_a_soft_excess_is_there():
+    """Gamma rays of 200 keV are a thousand times its temperature."""
+    _, response = above(4.0)
+    assert "share of 0;" in too_soft(replace(response, energies=response.energies * 50.0))
+
+
 @pytest.mark.parametrize("low", [2.0, 4.0])
 def test_what_one_of_two_instruments_can_see_is_sought_with_both(simulator, low):
     hard, _ = above(low)
@@ -413,8 +421,6 @@ def test_what_no_instrument_can_see_is_said_once():
 
 
 def test_channels_with_gaps_cannot_be_shifted_and_the_library_says_so(simulator):
-    from dataclasses import replace
-
     response = simulator.response
     holes = response.fine_channels.copy()
     holes[::2, 1] -= 0.5 * np.diff(holes[::2], axis=1).ravel()

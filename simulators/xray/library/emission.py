@@ -27,7 +27,9 @@ def too_soft(response: Response) -> str | None:
     low, high = response.energies.T
     x = 0.5 * (low + high) / SOFT
     area = np.asarray(response.sparse.sum(axis=0)).ravel()
-    share = float((x**2 / np.expm1(x) * (high - low) / SOFT) @ (area / area.max())) / (2 * zeta(3))
+    # Planck's x^2 / (e^x - 1), for any x.
+    photons = -(x**2) * np.exp(-x) / np.expm1(-x) * (high - low) / SOFT
+    share = float(photons @ (area / area.max())) / (2 * zeta(3))
     if share >= SEEN:
         return None
     return (
