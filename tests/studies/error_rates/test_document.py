@@ -112,6 +112,9 @@ def test_the_document_says_what_the_results_say():
         assert 0 < (DOCS / "figures" / f"error-rates-{name}.svg").stat().st_size < 200_000
 
 
+OPEN = "log density off by 0.5"
+
+
 def test_the_results_keep_the_promises():
     """What the document promises, on the stored counts.
 
@@ -131,14 +134,23 @@ def test_the_results_keep_the_promises():
         assert not too_many.sel(case=gross, thing="PASS").any(), name
     assert float(known["intervals"]["high"].min()) >= 0.95
     power = known["power"]
-    # From 100 draws this one is told, not judged, as the page says: it may never PASS for that.
-    told = "log density off by 0.5"
-    assert float(power["high"].sel(thing="FAIL").drop_sel(case=["exact", told]).min()) >= 0.9
-    assert float(power["high"].sel(thing="PASS", case=told)) <= 0.05
+    # `test_every_member_of_the_zoo_is_blocked` has the one that is left out here, which fails.
+    assert float(power["high"].sel(thing="FAIL").drop_sel(case=["exact", OPEN]).min()) >= 0.9
+    assert float(power["high"].sel(thing="PASS", case=OPEN)) <= 0.05
     assert float(power["high"].sel(thing="PASS", case="exact")) >= 0.9
     # 1e-4 for each of some 100 p-values: none is rejected too often at any level.
     size = known["size"]
     assert not too_often(size).any()
+
+
+@pytest.mark.xfail(
+    strict=True,
+    raises=AssertionError,
+    reason=f"from 100 draws {OPEN!r} is told and not judged (docs/error-rates.md)",
+)
+def test_every_member_of_the_zoo_is_blocked():
+    power = stored(NAMES)["power"]
+    assert float(power["high"].sel(thing="FAIL").drop_sel(case="exact").min()) >= 0.9
 
 
 def too_often(size: xr.Dataset) -> xr.DataArray:
