@@ -306,23 +306,22 @@ def _slopes(
 ) -> Array:
     """`_jacobian` by differences from the `mean` at `position`, inwards; 0 for what is not `free`."""
 
-    def at(rows: NDArray[np.int64], columns: NDArray[np.int64], moves: Array) -> tuple[Array, Array]:
-        place, number = position[rows], np.arange(len(rows))
-        place[number, columns] += moves
-        place = coordinates.clip(place)
-        return _mean(simulator, coordinates, place, scale[rows]), place[number, columns]
+    def beside(to: Array) -> Array:
+        place = position[rows]
+        place[np.arange(len(rows)), columns] = to[rows, columns]
+        return _mean(simulator, coordinates, place, scale[rows])
 
+    inner = position + np.where(coordinates.bounded & (position > 0.5), -INWARDS, INWARDS)
     rows, columns = np.nonzero(np.broadcast_to(free, position.shape))
-    inwards = np.where(coordinates.bounded & (position > 0.5), -INWARDS, INWARDS)
-    moved, place = np.repeat(mean[:, None, :], position.shape[1], axis=1), position + inwards
-    moved[rows, columns], place[rows, columns] = at(rows, columns, inwards[rows, columns])
-    jacobian = (moved - mean[:, None, :]) / inwards[..., None]
+    moved = np.repeat(mean[:, None, :], position.shape[1], axis=1)
+    moved[rows, columns] = beside(inner)
+    jacobian = (moved - mean[:, None, :]) / (inner - position)[..., None]
     known = (jacobian**2 / mean[:, None, :]).sum(axis=-1)
     rows, columns = np.nonzero(free & (known < FAINT * known.max(axis=1, keepdims=True)))
     if len(rows):
-        outer, there = at(rows, columns, -inwards[rows, columns])
-        size = place[rows, columns] - there
-        jacobian[rows, columns] = (moved[rows, columns] - outer) / size[:, None]
+        outer = coordinates.clip(2 * position - inner)
+        size = (inner - outer)[rows, columns, None]
+        jacobian[rows, columns] = (moved[rows, columns] - beside(outer)) / size
     return np.asarray(jacobian.swapaxes(1, 2))
 
 

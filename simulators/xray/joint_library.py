@@ -34,9 +34,8 @@ def joint_library(libraries: Mapping[str, Mapping[str, LibraryEffect]]) -> dict[
     """One library for all, of those by instrument: a source's effects once, an instrument's for every one.
 
     The latter's keys are ``<effect>[<instrument>]``. What a source may lack is sought wherever one of the
-    instruments can see it: priors reach as far as any instrument's (what is as bright as all that is seen: as
-    the one's that sees it best), and each adds values to scan beyond those
-    of the instruments before it.
+    instruments can see it: priors reach as far as any instrument's (an amplitude that `outshines`: as that of
+    the one that sees it best), and each adds values to scan beyond those of the instruments before it.
     """
     joint: dict[str, LibraryEffect] = {}
     for name, library in libraries.items():
