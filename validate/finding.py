@@ -60,6 +60,8 @@ class Finding(Value):
         What a reader must know before leaning on the number.
     doubt
         Why it is nothing that a gate could PASS by, though one may FAIL by it; mostly empty.
+    excuse
+        Why it is nothing that a gate could FAIL by, though one may PASS by it; mostly empty.
     """
 
     kind: ClassVar[str] = ""
@@ -87,6 +89,7 @@ class Finding(Value):
     details: xr.Dataset = field(default_factory=xr.Dataset)
     caveats: tuple[str, ...] = ()
     doubt: str = ""
+    excuse: str = ""
 
     @property
     def validator(self) -> str:
@@ -109,7 +112,7 @@ class Finding(Value):
             **{name: getattr(self, name) for name in self.words},
             "caveats": json.dumps(self.caveats),
             "components": json.dumps(self.components),
-            **({"doubt": self.doubt} if self.doubt else {}),
+            **{name: said for name in ("doubt", "excuse") if (said := getattr(self, name))},
         }
         data = {name: (dims, getattr(self, name)) for name, dims in self.arrays.items()}
         return xr.Dataset(data, attrs=attributes).merge(details, combine_attrs="override")
@@ -245,6 +248,7 @@ def finding_from(dataset: xr.Dataset) -> Finding:
         details=details,
         caveats=tuple(json.loads(attributes["caveats"])),
         doubt=str(attributes.get("doubt", "")),
+        excuse=str(attributes.get("excuse", "")),
     )
 
 

@@ -124,7 +124,7 @@ def _judgeable(finding: Finding, policy: Policy) -> Judgeable | None:
 
 def _gate(item: Judgeable, bound: Bounds, policy: Policy, *, seed: int, look: int) -> Gate:
     finding = item.finding
-    fails = (bound.high < item.low) | (bound.low > item.high)
+    fails = ((bound.high < item.low) | (bound.low > item.high)) & (not finding.excuse)
     passes = (bound.pass_low >= item.low) & (bound.pass_high <= item.high)
     settled = passes.all() and not finding.doubt
     outcome = Outcome.FAIL if fails.any() else Outcome.PASS if settled else Outcome.INCONCLUSIVE
@@ -132,7 +132,7 @@ def _gate(item: Judgeable, bound: Bounds, policy: Policy, *, seed: int, look: in
     tolerance = item.low if finding.sense == "at-least" else item.high
     detectable = smallest_detectable(item, bound, policy.planning.power)
     foretold = None
-    if outcome is Outcome.INCONCLUSIVE and not finding.doubt:
+    if outcome is Outcome.INCONCLUSIVE and not (finding.doubt or finding.excuse):
         foretold = forecast(item, bound, look=look, seed=seed)
     return Gate(
         id=finding.id,

@@ -46,8 +46,9 @@ def gate_message(
     described = _DESCRIBE.get(quantity, _plain)(item, bound, _shown(item, fails, worst), level)
     if outcome is Outcome.FAIL:
         return described
-    if outcome is Outcome.INCONCLUSIVE and item.finding.doubt:
-        return f"{described}, but {item.finding.doubt}"
+    why = item.finding.doubt or item.finding.excuse
+    if outcome is Outcome.INCONCLUSIVE and why:
+        return f"{described}, but {why}"
     if outcome is Outcome.INCONCLUSIVE:
         return f"{described}: {item.finding.n_trials:,} trials do not settle it; {settled_by}"
     if smallest_detectable is None or not math.isfinite(smallest_detectable):

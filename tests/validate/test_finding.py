@@ -40,7 +40,7 @@ def made(kind, **more) -> Finding:
             "n_trials": 4, "sense": "at-most", "components": ("x", "y", "z"), "population": "some",
             "estimate": np.array([1.0, 2.0, 3.0]), "standard_error": np.array([0.1, 0.2, 0.3]),
             "p_value": 0.25, "details": xr.Dataset({"plot": ("bin", [5, 6])}, attrs={"not": "kept"}),
-            "caveats": ("one", "two"), "doubt": "why",
+            "caveats": ("one", "two"), "doubt": "why", "excuse": "why not",
         } | OWN[kind] | more
     )  # fmt: skip
 
@@ -81,13 +81,14 @@ def test_a_dataset_and_back(kind):
     for name in kind.arrays:
         np.testing.assert_array_equal(getattr(found, name), getattr(whole, name))
         assert type(getattr(found, name)) is np.ndarray
-    assert (found.components, found.caveats, found.doubt) == (("x", "y", "z"), ("one", "two"), "why")
+    assert (found.components, found.caveats) == (("x", "y", "z"), ("one", "two"))
+    assert (found.doubt, found.excuse) == ("why", "why not")
     assert list(found.details.data_vars) == ["plot"]
     assert found.details["plot"].values.tolist() == [5, 6]
     assert found.details.attrs == {}
-    sure = made(kind, doubt="", details=xr.Dataset()).to_dataset()
-    assert "doubt" not in sure.attrs
-    assert finding_from(sure).doubt == ""
+    sure = made(kind, doubt="", excuse="", details=xr.Dataset()).to_dataset()
+    assert not {"doubt", "excuse"} & set(sure.attrs)
+    assert finding_from(sure).doubt == finding_from(sure).excuse == ""
     assert not finding_from(sure).details.data_vars
 
 

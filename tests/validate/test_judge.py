@@ -307,6 +307,17 @@ def test_what_is_doubted_may_fail_and_never_passes():
     assert judge([broken], [], table, seed=1).gates[0].outcome is Outcome.FAIL
 
 
+def test_what_is_excused_may_pass_and_never_fails():
+    sound, broken = (mean_of("sbc.bias[p]", [at, 0.0], excuse="something") for at in (0.0, 0.5))
+    table = policy(required=["sbc"])
+    assert judge([sound], [], table, seed=1).gates[0].outcome is Outcome.PASS
+    (gate,) = judge([broken], [], table, seed=1).gates
+    assert (gate.outcome, gate.statistic, gate.trials_to_settle, gate.trials_to_settle_range) == (
+        Outcome.INCONCLUSIVE, 0.5, None, None,
+    )  # fmt: skip
+    assert gate.message.endswith(", but something")
+
+
 def test_one_sided_gates_have_one_edge_and_what_has_no_tolerance_is_no_gate():
     table = policy(required=["sbc"], tolerance={"ess": 0.5, "outliers": 0.2})
     least, most = (

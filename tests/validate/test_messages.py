@@ -188,9 +188,10 @@ def test_densities_models_and_weights():
 def test_what_is_neither_nor():
     open_ = said("bias", ["a"], [0.04], outcome=Outcome.INCONCLUSIVE)
     assert open_.endswith("; tolerated 0.05): 1,234 trials do not settle it; 2,000 would")
-    assert said("bias", ["a"], [0.0], outcome=Outcome.INCONCLUSIVE, doubt="x is alike").endswith(
-        ", but x is alike"
-    )
+    for remark in ("doubt", "excuse"):
+        shown = said("bias", ["a"], [0.0], outcome=Outcome.INCONCLUSIVE, **{remark: "x is alike"})
+        assert shown.endswith(", but x is alike")
+    assert "alike" not in said("bias", ["a"], [0.0], outcome=Outcome.PASS, excuse="x is alike")
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,8 @@ small ellipsoid where the draws are dense, over q is exactly 1 where q is normal
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
@@ -27,20 +29,27 @@ LEAST_TRIALS = 2
 STEADYING = 10.0
 # Beyond this tail index the ratios have no variance: posteriors thinner than their draws resolve.
 KHAT_LIMIT = 0.5
-# Standard errors from which too little density is no chance.
+# Standard errors from which too little density, or an edge, is no chance.
 CERTAIN = 2.0
 # Trials below which a tail index is not to be had.
 KHAT_TRIALS = 200
 # Nat (a factor of two) from which on, for certain, draws and log q are taken to be of two densities.
 REFUTED = 0.7
 UNRELIABLE = (
-    "the estimate, {:+.2f} nat, is not to be relied on ({}): posteriors are thinner or more curved than so "
-    "few draws resolve, or log q fluctuates; more draws per trial would tell"
+    "the estimate, {:+.2f} nat, is not to be relied on (tail index {:.1f}): posteriors are thinner or more "
+    "curved than so few draws resolve, or log q fluctuates; more draws per trial would tell"
+)
+BENT = (
+    "ellipsoids of {} draws, below {}, may bulge out of a curved posterior; more draws per trial would tell"
+)
+EDGES = (
+    "posteriors may end within the ellipsoids, where the range of the truths does not tell, and the estimate "
+    "for their centres reaches {:+.2f} nat; more trials, or more draws of each, would tell"
 )
 
 
 def ratios(block: TrialBlock) -> Array:
-    """Statistic: `log_density_ratio`, and how many draws had no finite log q, ``(trial, 2)``.
+    """Statistic: `log_density_ratio`, and how many draws had no finite log q, ``(trial, 3)``.
 
     Empty without log q, for weighted draws, and for too few.
     """
@@ -91,12 +100,12 @@ def unconfirmed(prepared: Prepared, trials: xr.Dataset, kept: NDArray[np.bool_])
     above = lacking.mean() - CERTAIN * lacking.std() / np.sqrt(len(lacking))
     if above > REFUTED:
         return f"log q is {lacking.mean():.2f} nat lower at the draws than that of any density as wide"
-    if np.count_nonzero(np.isfinite(log_ratio)) < LEAST_TRIALS:
+    if np.count_nonzero(np.isfinite(log_ratio[:, 0])) < LEAST_TRIALS:
         return "too few draws lie dense, or within the range of the truths"
     finding, why = finding_and_doubt(log_ratio, number, parameters)
     estimate, error = finding.estimate[0], finding.standard_error[0]
-    if why:
-        return why
+    if why or finding.excuse:
+        return why or finding.excuse
     wrong = abs(estimate) - CERTAIN * error > REFUTED
     return f"draws and log q differ by {estimate:+.2f} nat where the draws are dense" if wrong else ""
 
@@ -143,17 +152,40 @@ def finding_and_doubt(
     trial: NDArray[np.int64] | None = None,
     caveats: tuple[str, ...] = (),
 ) -> tuple[Finding, str]:
-    """The finding for ratios of `number` draws, and why it is not to be relied on; empty where it is."""
-    finding = normalisation_finding(log_ratio, trial=trial, caveats=caveats)
-    khat = tail_index(log_ratio)
+    """The finding for ratios ``(trial, 2)`` of `number` draws, and why it is not to be relied on, or ''.
+
+    Too little density need not be the fault of log q: an ellipsoid that bulges out of a crescent, or over an
+    edge, finds too little, and only ever too little.
+    """
+    finding = normalisation_finding(log_ratio[:, 0], trial=trial, caveats=caveats)
     estimate, error = finding.estimate[0], finding.standard_error[0]
+    khat = tail_index(log_ratio[:, 0])
     if khat > KHAT_LIMIT:
-        return finding, UNRELIABLE.format(estimate, f"tail index {khat:.1f}")
-    bent = bent_draws(parameters)
-    if number < bent and estimate < -CERTAIN * error:
-        # An ellipsoid that bulges out of a crescent finds too little density, and only ever too little.
-        return finding, UNRELIABLE.format(estimate, f"{number} draws, below {bent}")
+        return finding, UNRELIABLE.format(estimate, khat)
+    if estimate < -CERTAIN * error:
+        bent, centre = bent_draws(parameters), centre_bound(log_ratio, parameters)
+        excuse = BENT.format(number, bent) if number < bent else EDGES.format(centre) if centre > 0 else ""
+        return replace(finding, excuse=excuse), ""
     return finding, ""
+
+
+def centre_bound(log_ratio: Array, parameters: int) -> float:
+    """Largest log mean ratio that the ellipsoids' centres may have, as the core of each has more or less.
+
+    Where posteriors end, the share of an ellipsoid that they fill falls from its centre to its rim; here with
+    the square of the radius, in ten dimensions slower than it does in a simplex, a cube or an orthant.
+    """
+    logs = log_ratio[~np.isnan(log_ratio).any(axis=1)]
+    n = len(logs)
+    ratio = np.exp(logs - max(float(logs.max(initial=-np.inf)), np.finfo(float).min))
+    mean = ratio.mean(axis=0) if n else np.zeros(2)
+    if not mean.all():
+        return np.inf
+    difference = ratio[:, 1] / mean[1] - ratio[:, 0] / mean[0]
+    error = np.sqrt((float(difference @ difference) + STEADYING) / (n + STEADYING) / n)
+    fuller = float(np.log(mean[1] / mean[0])) + CERTAIN * error
+    whole = float(special.logsumexp(logs[:, 0]) - np.log(n))
+    return float(whole + fuller / -np.expm1(-2 * np.log(2) / parameters))
 
 
 def density(prepared: Prepared) -> list[Finding | NotChecked]:
@@ -173,12 +205,12 @@ def density(prepared: Prepared) -> list[Finding | NotChecked]:
     if not found.shape[1]:
         parameters = len(prepared.parameters)
         return [NotChecked(ID, f"needs {least_draws(parameters)} draws for {parameters} parameters")]
-    log_ratio = found[:, 0]
-    if np.count_nonzero(np.isfinite(log_ratio)) < LEAST_TRIALS:
+    log_ratio, lacking = found[:, :2], found[:, 2]
+    if np.count_nonzero(np.isfinite(log_ratio[:, 0])) < LEAST_TRIALS:
         return [NotChecked(ID, "nearly all draws lie outside the range of the truths, or too few lie dense")]
     said = prepared.caveats
-    if found[:, 1].any():
-        said = (*said, f"{int(found[:, 1].sum())} draw(s) have a log q that is not finite; left out here")
+    if lacking.any():
+        said = (*said, f"{int(lacking.sum())} draw(s) have a log q that is not finite; left out here")
     finding, why = finding_and_doubt(
         log_ratio, prepared.kept_draws, len(prepared.parameters), trial=prepared.trial, caveats=said
     )
@@ -198,7 +230,7 @@ def tail_index(log_ratio: ArrayLike) -> float:
 def normalisation_finding(
     log_ratio: ArrayLike, *, trial: NDArray[np.int64] | None = None, caveats: tuple[str, ...] = ()
 ) -> Finding:
-    """Log of the mean ratio (nat) from `log_density_ratio` ``(trial,)``; positive: log q is too low."""
+    """Log of the mean of ratios (nat) whose logs are given ``(trial,)``; positive: log q is too low."""
     logs = np.asarray(log_ratio, dtype=float)
     n = len(logs)
     known = ~np.isnan(logs)
