@@ -309,6 +309,20 @@ def test_edges_that_nobody_declared_are_not_called_a_wrong_density(shape, dimens
         assert outcome(moved(shape, dimensions, -1.5)) == "FAIL"
 
 
+@pytest.mark.parametrize(
+    "shape", [gaussian, heavy_tails, correlated, two_modes, thin_ring, simplex, orthant, in_order]
+)
+def test_exact_densities_of_any_shape_are_blocked_at_their_rate(shape):
+    """100 audits of 60 trials x 60 draws, 0.03 nat tolerated: FAILs within the 0.999 quantile of 5%."""
+    strict = make_policy({"required": ["density"], "tolerance": {"normalisation": 0.03}}, source="test")
+    theta, log_q = shape(np.random.default_rng(31), 6000, 60, 2)
+    pairs = log_density_ratio(theta, log_q).reshape(100, 60, 2)
+    items = [finding_and_doubt(one, 60, 2) for one in pairs]
+    kept = [finding for finding, why in items if not why]
+    failed = [judge([one], [], strict, seed=1).outcome.value == "FAIL" for one in kept]
+    assert sum(failed) <= stats.binom.ppf(0.999, 100, 0.05)
+
+
 @pytest.mark.parametrize(("dimensions", "draws", "n"), [(1, 20, 300), (2, 100, 300), (5, 170, 600)])
 def test_a_density_that_reads_too_high_is_blocked_where_there_is_no_edge(dimensions, draws, n):
     """Half a nat: what importance sampling would inherit; 30 trials of two parameters do not tell."""
