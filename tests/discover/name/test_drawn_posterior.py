@@ -83,3 +83,21 @@ def test_more_sources_do_not_change_the_first(power_law, monkeypatch):
         simulator, counts, fitted, scale=np.ones(20), draws=60, rng=np.random.default_rng(5)
     )
     np.testing.assert_array_equal(every.unit[:8], few.unit)
+
+
+def test_centres_and_the_narrower_root_by_hand():
+    """A few draws' covariance counts for what they are worth of 40; the rest is half of the fit's."""
+    rng = np.random.default_rng(6)
+    unit = rng.normal(size=(2, 80, 2)) @ np.array([[0.03, 0.02], [0.0, 0.01]]) + 0.5
+    weight = np.stack([np.full(80, 1 / 80), np.where(np.arange(80) < 10, 0.1, 0.0)])
+    root = np.tile(np.array([[0.05, 0.0], [0.04, 0.02]]), (2, 3, 1, 1))
+    centers, narrow = drawn_posterior._spread(unit, weight, root, np.random.default_rng(7))
+    fitted = root[0, 0] @ root[0, 0].T
+    for row, (draws, trust) in enumerate(((80, 1.0), (10, 0.25))):
+        drawn = np.cov(unit[row, :draws].T, ddof=0)
+        mixed = trust * 0.7 * drawn + (1 - trust) * 0.5 * fitted + 1e-4 * np.trace(fitted) * np.eye(2)
+        np.testing.assert_allclose(narrow[row, 0] @ narrow[row, 0].T, mixed, rtol=1e-9)
+        assert narrow[row, 0, 0, 1] == 0.0
+        assert centers.shape[1:] == (drawn_posterior.CENTERS, 2)
+        known = {tuple(draw) for draw in unit[row, :draws]}
+        assert {tuple(center) for center in centers[row]} <= known
