@@ -18,7 +18,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.validate.check import circular_parameters
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.joint.dense_ratio import bent_draws, least_draws, log_density_ratio
-from gaugeblock.validate.joint.psis import pareto_khat
+from gaugeblock.validate.joint.psis import pareto_khat, tail_length
 from gaugeblock.validate.prepared import Prepared, TrialBlock
 from gaugeblock.validate.storage import block_length
 
@@ -41,6 +41,10 @@ UNRELIABLE = (
 )
 BENT = (
     "ellipsoids of {} draws, below {}, may bulge out of a curved posterior; more draws per trial would tell"
+)
+RARE = (
+    "trials of large ratios may be rarer than this many tell (tail index {:.2f}, known to {:.2f}), as of "
+    "posteriors in many parts; more draws per trial would tell"
 )
 EDGES = (
     "posteriors may end within the ellipsoids, where the range of the truths does not tell, and the estimate "
@@ -162,11 +166,19 @@ def finding_and_doubt(
     khat = tail_index(log_ratio[:, 0])
     if khat > KHAT_LIMIT:
         return finding, UNRELIABLE.format(estimate, khat)
-    if estimate < -CERTAIN * error:
-        bent, centre = bent_draws(parameters), centre_bound(log_ratio, parameters)
-        excuse = BENT.format(number, bent) if number < bent else EDGES.format(centre) if centre > 0 else ""
-        return replace(finding, excuse=excuse), ""
-    return finding, ""
+    if estimate >= -CERTAIN * error:
+        return finding, ""
+    bent, centre = bent_draws(parameters), centre_bound(log_ratio, parameters)
+    tail = tail_length(int(np.count_nonzero(~np.isnan(log_ratio[:, 0]))))
+    known_to = (1 + khat) / np.sqrt(max(tail, 1))
+    excuse = ""
+    if number < bent:
+        excuse = BENT.format(number, bent)
+    elif khat + known_to > KHAT_LIMIT:
+        excuse = RARE.format(khat, known_to)
+    elif centre > 0:
+        excuse = EDGES.format(centre)
+    return replace(finding, excuse=excuse), ""
 
 
 def centre_bound(log_ratio: Array, parameters: int) -> float:

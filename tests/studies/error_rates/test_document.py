@@ -146,7 +146,7 @@ def test_the_results_keep_the_promises():
 @pytest.mark.xfail(
     strict=True,
     raises=AssertionError,
-    reason=f"from 100 draws {OPEN!r} is told and not judged (docs/error-rates.md)",
+    reason=f"the stored table is of gates that left {OPEN!r} open at 100 draws (docs/error-rates.md)",
 )
 def test_every_member_of_the_zoo_is_blocked():
     power = stored(NAMES)["power"]
