@@ -108,10 +108,11 @@ def unconfirmed(prepared: Prepared, trials: xr.Dataset, kept: NDArray[np.bool_])
         return "too few draws lie dense, or within the range of the truths"
     finding, why = finding_and_doubt(log_ratio, number, parameters)
     estimate, error = finding.estimate[0], finding.standard_error[0]
-    if why or finding.excuse:
-        return why or finding.excuse
     wrong = abs(estimate) - CERTAIN * error > REFUTED
-    return f"draws and log q differ by {estimate:+.2f} nat where the draws are dense" if wrong else ""
+    if why or not (wrong or number < bent_draws(parameters)):
+        return why
+    differ = f"draws and log q differ by {estimate:+.2f} nat where the draws are dense"
+    return finding.excuse or (differ if wrong else "")
 
 
 def lacking_density(draws: ArrayLike, log_q: ArrayLike) -> Array:

@@ -506,4 +506,10 @@ def test_edges_leave_a_density_unconfirmed_for_weights():
     theta, log_q = simplex(rng, 1000, 321, 10)
     theta = theta + 1e3 * rng.normal(size=(1000, 1, 10))
     trials = make_trials(theta[:, 0], theta[:, 1:], list("abcdefghij"), log_q=log_q[:, 1:])
-    assert doubt(trials).startswith("posteriors may end within the ellipsoids")
+    # 0.6 nat, less than a factor of two; and 1.0.
+    assert doubt(trials) == ""
+    higher = trials.assign(log_q=trials["log_q"] + 0.4)
+    assert doubt(higher).startswith("posteriors may end within the ellipsoids")
+    few = higher.isel(draw=slice(0, 319))
+    assert doubt(few).startswith("ellipsoids of 319 draws, below 320, may bulge out")
+    assert doubt(trials.isel(draw=slice(0, 319))).startswith("ellipsoids of 319 draws")
