@@ -501,6 +501,20 @@ def test_posteriors_in_many_parts_are_not_blocked_by_draws_too_few_for_each():
     assert any(said)
 
 
+def test_a_tail_index_has_to_be_small_for_certain():
+    """300 ratios, whose tail is of 51: the index is known to (1 + index) / sqrt(51)."""
+    shape, between = np.random.default_rng(28).normal(size=300), 0
+    for scale in np.linspace(0.4, 1.6, 61):
+        logs = np.repeat((scale * shape - 3)[:, None], 2, axis=1)
+        index = tail_index(logs[:, 0])
+        finding, why = finding_and_doubt(logs, 100, 2)
+        assert bool(why) == (index > 0.5)
+        if not why:
+            assert bool(finding.excuse) == (index + (1 + index) / np.sqrt(51) > 0.5)
+            between += index + 1 / np.sqrt(51) <= 0.5 < index + (1 + index) / np.sqrt(51)
+    assert between > 0
+
+
 def test_edges_leave_a_density_unconfirmed_for_weights():
     rng = np.random.default_rng(27)
     theta, log_q = simplex(rng, 1000, 321, 10)
