@@ -130,4 +130,4 @@ def test_ratios_that_cannot_be_relied_on_confirm_nothing() -> None:
     kept = np.ones(200, dtype=bool)
     assert "not to be relied on" in unconfirmed(Prepared(trials_tree(trials), 1), trials, kept)
     few = trials.isel(draw=slice(0, 40))
-    assert "it takes 144 draws" in unconfirmed(Prepared(trials_tree(few), 1), few, kept)
+    assert "it takes 128 draws" in unconfirmed(Prepared(trials_tree(few), 1), few, kept)

@@ -38,7 +38,8 @@ CASES = {
     "leaking": Case(("importance.ess",), {"size": 0.4}, policy="strict"),
     "some_nan": Case(("draws.finite",), trials=200),
     "fixed_seed": Case(("coverage.central",), trials=1000, draws=20),
-    "unnormalised": Case(("density.normalisation",), draws=120),
+    # Of 400 trials a tail index is known to some 0.15, for which 4 audits of 100 were left open.
+    "unnormalised": Case(("density.normalisation",), trials=1000, draws=100),
     "wrong_when_bright": Case(("local.coverage",), {"size": 0.5}, trials=1500),
 }
 
