@@ -109,10 +109,11 @@ def unconfirmed(prepared: Prepared, trials: xr.Dataset, kept: NDArray[np.bool_])
     finding, why = finding_and_doubt(log_ratio, number, parameters)
     estimate, error = finding.estimate[0], finding.standard_error[0]
     wrong = abs(estimate) - CERTAIN * error > REFUTED
-    if why or not (wrong or number < bent_draws(parameters)):
+    if why:
         return why
-    differ = f"draws and log q differ by {estimate:+.2f} nat where the draws are dense"
-    return finding.excuse or (differ if wrong else "")
+    if finding.excuse and (wrong or number < bent_draws(parameters)):
+        return finding.excuse
+    return f"draws and log q differ by {estimate:+.2f} nat where the draws are dense" if wrong else ""
 
 
 def lacking_density(draws: ArrayLike, log_q: ArrayLike) -> Array:
@@ -157,48 +158,50 @@ def finding_and_doubt(
     trial: NDArray[np.int64] | None = None,
     caveats: tuple[str, ...] = (),
 ) -> tuple[Finding, str]:
-    """The finding for ratios ``(trial, 2)`` of `number` draws, and why it is not to be relied on, or ''.
-
-    Too little density need not be the fault of log q: an ellipsoid that bulges out of a crescent, or over an
-    edge, finds too little, and only ever too little.
-    """
+    """The finding for ratios ``(trial, 2)`` of `number` draws, and why it is not to be relied on, or ''."""
     finding = normalisation_finding(log_ratio[:, 0], trial=trial, caveats=caveats)
     estimate, error = finding.estimate[0], finding.standard_error[0]
     khat = tail_index(log_ratio[:, 0])
     if khat > KHAT_LIMIT:
         return finding, UNRELIABLE.format(estimate, khat)
-    if estimate >= -CERTAIN * error:
-        return finding, ""
-    bent, centre = bent_draws(parameters), centre_bound(log_ratio, parameters)
+    if estimate < -CERTAIN * error:
+        finding = replace(finding, excuse=_excuse(log_ratio, khat, number, parameters))
+    return finding, ""
+
+
+def _excuse(log_ratio: Array, khat: float, number: int, parameters: int) -> str:
+    """Why too little density need not be the fault of log q; empty where it is.
+
+    An ellipsoid that bulges out of a crescent, or over an edge, finds too little, and only ever too little;
+    so do trials among which the largest ratios are missing.
+    """
+    bent = bent_draws(parameters)
+    if number < bent:
+        return BENT.format(number, bent)
     tail = tail_length(int(np.count_nonzero(~np.isnan(log_ratio[:, 0]))))
     known_to = (1 + khat) / np.sqrt(max(tail, 1))
-    excuse = ""
-    if number < bent:
-        excuse = BENT.format(number, bent)
-    elif khat + known_to > KHAT_LIMIT:
-        excuse = RARE.format(khat, known_to)
-    elif centre > 0:
-        excuse = EDGES.format(centre)
-    return replace(finding, excuse=excuse), ""
+    if khat + known_to > KHAT_LIMIT:
+        return RARE.format(khat, known_to)
+    centre = centre_bound(log_ratio, parameters)
+    return EDGES.format(centre) if centre > 0 else ""
 
 
 def centre_bound(log_ratio: Array, parameters: int) -> float:
     """Largest log mean ratio that the ellipsoids' centres may have, as the core of each has more or less.
 
-    Where posteriors end, the share of an ellipsoid that they fill falls from its centre to its rim; here with
-    the square of the radius, in ten dimensions slower than it does in a simplex, a cube or an orthant.
+    Where posteriors end, the share of an ellipsoid that they fill falls from its centre to its rim. It is
+    taken to fall with the square of the radius; in a simplex, a cube or an orthant it falls later and
+    steeper, so that their centres are bounded too high, not too low.
     """
     logs = log_ratio[~np.isnan(log_ratio).any(axis=1)]
-    n = len(logs)
-    ratio = np.exp(logs - max(float(logs.max(initial=-np.inf)), np.finfo(float).min))
-    mean = ratio.mean(axis=0) if n else np.zeros(2)
+    shift = _largest(logs)
+    ratio = np.exp(logs - shift)
+    mean = ratio.mean(axis=0) if len(logs) else np.zeros(2)
     if not mean.all():
         return np.inf
-    difference = ratio[:, 1] / mean[1] - ratio[:, 0] / mean[0]
-    error = np.sqrt((float(difference @ difference) + STEADYING) / (n + STEADYING) / n)
-    fuller = float(np.log(mean[1] / mean[0])) + CERTAIN * error
-    whole = float(special.logsumexp(logs[:, 0]) - np.log(n))
-    return float(whole + fuller / -np.expm1(-2 * np.log(2) / parameters))
+    error = _standard_error(ratio[:, 1] / mean[1] - ratio[:, 0] / mean[0])
+    whole, core = np.log(mean) + shift
+    return float(whole + (core - whole + CERTAIN * error) / -np.expm1(-2 * np.log(2) / parameters))
 
 
 def density(prepared: Prepared) -> list[Finding | NotChecked]:
@@ -247,11 +250,10 @@ def normalisation_finding(
     logs = np.asarray(log_ratio, dtype=float)
     n = len(logs)
     known = ~np.isnan(logs)
-    shift = max(float(logs[known].max(initial=-np.inf)), np.finfo(float).min)
+    shift = _largest(logs[known])
     values = np.exp(np.where(known, logs, -np.inf) - shift)
     mean = max(float(values.sum()) / max(int(known.sum()), 1), np.finfo(float).tiny)
     influence = np.where(known, values - mean, 0.0) / (mean * max(known.mean(), 1 / n))
-    spread = (float(influence @ influence) + STEADYING) / (n + STEADYING)
     said = caveats
     if not known.all():
         said = (*said, f"{n - known.sum()} trial(s) say nothing: draws at the edge of the truths' range")
@@ -263,8 +265,18 @@ def normalisation_finding(
         reference=REFERENCE,
         n_trials=n,
         estimate=np.array([np.log(mean) + shift]),
-        standard_error=np.array([np.sqrt(spread / n)]),
+        standard_error=np.array([_standard_error(influence)]),
         influence=influence[None],
         details=xr.Dataset({"log_ratio": ("trial", logs)}, coords={} if trial is None else {"trial": trial}),
         caveats=said,
     )
+
+
+def _largest(logs: Array) -> float:
+    """What to take off logs, so that their exponentials stay in range; finite whatever they are."""
+    return max(float(logs.max(initial=-np.inf)), np.finfo(float).min)
+
+
+def _standard_error(influence: Array) -> float:
+    n = len(influence)
+    return float(np.sqrt((influence @ influence + STEADYING) / (n + STEADYING) / n))

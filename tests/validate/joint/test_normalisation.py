@@ -325,8 +325,11 @@ def test_exact_densities_of_any_shape_are_blocked_at_their_rate(shape):
 
 @pytest.mark.parametrize(("dimensions", "draws", "n"), [(1, 20, 300), (2, 100, 300), (5, 170, 600)])
 def test_a_density_that_reads_too_high_is_blocked_where_there_is_no_edge(dimensions, draws, n):
-    """Half a nat: what importance sampling would inherit; 30 trials of two parameters do not tell."""
+    """Half a nat: what importance sampling would inherit."""
     assert outcome(moved(gaussian, dimensions, 0.5, n=n, draws=draws)) == "FAIL"
+
+
+def test_few_trials_do_not_tell_an_edge_from_a_density_that_reads_too_high():
     few = moved(gaussian, 2, 0.5, n=30, draws=100)
     assert outcome(few) == "INCONCLUSIVE"
     assert few.excuse.startswith("posteriors may end")
