@@ -1,4 +1,4 @@
-"""What was fixed before it is measured: rules, margins and seeds of every claim, as one file and its digest.
+"""What was fixed before it is measured: rules, margins and seeds of all claims, the trainings, and their digest.
 
 ``python -m studies.paper.fixed`` writes both. Margins come from the published list alone, a rule a kind:
 
@@ -9,7 +9,8 @@
 - what needs a flow or the simulator: the bounds that the published list states, one-sided where these are,
   which were stated from the published numbers and their scatter.
 
-No number of ours enters, so a margin can be too narrow for our errors: then nothing is decided.
+No number of ours enters, so a margin can be too narrow for our errors: then nothing is decided. How often
+each recipe of the study is trained, and by which seeds, is fixed with them.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ import numpy as np
 from gaugeblock.core.atomic import write_atomically
 from studies.kit.command import SEED
 from studies.paper.judge import CONFIDENCE
+from studies.paper.paper_flow.variants import VARIANTS
 from studies.paper.registry import claims, repeats
 
 FILE = Path(__file__).parent / "fixed.json"
@@ -31,8 +33,12 @@ DIGEST = FILE.with_suffix(".sha256")
 
 
 def fixed() -> dict[str, Any]:
-    """What is fixed of every claim."""
-    return {"confidence": CONFIDENCE, "claims": {name: _entry(name) for name in claims()}}
+    """What is fixed of every claim, and the trainings that there may be."""
+    return {
+        "confidence": CONFIDENCE,
+        "claims": {name: _entry(name) for name in claims()},
+        "trainings": {name: variant.describe() for name, variant in VARIANTS.items()},
+    }
 
 
 def _entry(name: str) -> dict[str, Any]:
@@ -57,12 +63,13 @@ def _bound(value: float) -> float | None:
 
 
 def text() -> str:
-    """The file's text, a claim a line."""
+    """The file's text, a claim or a training a line."""
     content = fixed()
-    lines = ",\n".join(
-        f"{json.dumps(name)}: {json.dumps(entry)}" for name, entry in content["claims"].items()
-    )
-    return f'{{"confidence": {content["confidence"]}, "claims": {{\n{lines}\n}}}}\n'
+    parts = [f'"confidence": {content.pop("confidence")}']
+    for word, entries in content.items():
+        lines = ",\n".join(f"{json.dumps(name)}: {json.dumps(entry)}" for name, entry in entries.items())
+        parts.append(f"{json.dumps(word)}: {{\n{lines}\n}}")
+    return "{" + ", ".join(parts) + "}\n"
 
 
 def digest(content: str) -> str:

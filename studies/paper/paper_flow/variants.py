@@ -1,4 +1,4 @@
-"""Which flows the study trained, with its seeds."""
+"""Which flows the study trained, with its seeds, and how often each recipe is trained again."""
 
 from __future__ import annotations
 
@@ -36,28 +36,45 @@ class Variant:
         return asdict(self)
 
 
+LEVELS = ("faint", "medium", "bright")
+GAIN_LEVELS = ("medium", "bright")
+
+SEEDS = (101, 202, 303, 404)
+"""Of the trainings beside the first: by the first three the study trained its bright flow again."""
+
+FEWER = SEEDS[:2]
+"""Of those on NICER."""
+
+
 def _variants() -> dict[str, Variant]:
     found = {}
-    for offset, level in enumerate(("faint", "medium", "bright"), start=1):
-        found[f"epic-pn-{level}"] = Variant(
+    for offset, level in enumerate(LEVELS, start=1):
+        first = Variant(
             response="epic-pn", level=level, data_seed=SEED + 10 + offset, torch_seed=SEED + offset
         )
+        found |= _trainings(f"epic-pn-{level}", first, SEEDS)
+        # Seeds of the study's trainings on NICER, and of those with a gain, are not published.
+        nicer = Variant(**first.describe() | {"response": "nicer", "data_seed": SEED + 30 + offset})
+        found |= _trainings(f"nicer-{level}", nicer, FEWER)
+        if level in GAIN_LEVELS:
+            gain = Variant(**first.describe() | {"data_seed": SEED + 20 + offset, "gain": True})
+            found |= _trainings(f"epic-pn-{level}-gain", gain, SEEDS)
     bright = found["epic-pn-bright"]
     found["epic-pn-bright-uncapped"] = Variant(**bright.describe() | {"cap": UNCAPPED})
     # The study's own capped training ended on bad weights, ours had converged by then. Its worst epoch shows
     # what last-epoch weights may be.
     found["epic-pn-bright-cut"] = Variant(**bright.describe() | {"cap": WORST})
-    for seed in (101, 202, 303):
-        found[f"epic-pn-bright-seed{seed}"] = Variant(
-            response="epic-pn", level="bright", data_seed=seed, torch_seed=seed
-        )
-    for offset, level in ((2, "medium"), (3, "bright")):
-        # Seeds of the study's gain-marginalised trainings are not published.
-        found[f"epic-pn-{level}-gain"] = Variant(
-            response="epic-pn", level=level, data_seed=SEED + 20 + offset, torch_seed=SEED + offset, gain=True
-        )
     return found
 
 
+def _trainings(name: str, first: Variant, seeds: tuple[int, ...]) -> dict[str, Variant]:
+    """One recipe's trainings: the first by its own seeds, the others by one seed for data and weights."""
+    again = {
+        f"{name}-seed{seed}": Variant(**first.describe() | {"data_seed": seed, "torch_seed": seed})
+        for seed in seeds
+    }
+    return {name: first, **again}
+
+
 VARIANTS = _variants()
-"""By name: level, then what is special. The capped, uncapped and cut bright flows are one training."""
+"""By name: response, level, what is special. The capped, uncapped and cut bright flows are one training."""

@@ -25,6 +25,19 @@ def test_every_claim_is_in_it_with_its_margins():
     assert {entry["seed"] for entry in content["claims"].values()} == {20260611}
 
 
+def test_every_recipe_is_trained_as_often_as_was_said():
+    trainings = json.loads(text())["trainings"]
+    of_bright = {name: entry for name, entry in trainings.items() if name.startswith("epic-pn-bright")}
+    assert trainings["epic-pn-bright"]["data_seed"] == 20260611 + 13
+    assert trainings["epic-pn-medium-gain-seed404"] == {
+        "response": "epic-pn", "level": "medium", "data_seed": 404, "torch_seed": 404, "cap": 150,
+        "simulations": 50_000, "gain": True,
+    }  # fmt: skip
+    assert sum(entry["gain"] for entry in of_bright.values()) == 5
+    assert len([name for name in of_bright if name.endswith(("bright", "gain", "1", "2", "3", "4"))]) == 10
+    assert sum(name.startswith("nicer-") for name in trainings) == 9
+
+
 def test_classes_are_counted():
     numbers = {kind: sum(claim.counted is kind for claim in claims().values()) for kind in Counted}
     assert numbers == {
