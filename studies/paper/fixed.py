@@ -1,4 +1,4 @@
-"""What was fixed before it is measured: rules, margins and seeds of all claims, the trainings, and their digest.
+"""What was fixed before it is measured: rules, margins, seeds and trainings, as one file and its digest.
 
 ``python -m studies.paper.fixed`` writes both. Margins come from the published list alone, a rule a kind:
 
