@@ -35,17 +35,17 @@ def measure(
         ("calibration", CALIBRATION, sizes[1]),
         ("test", TEST, sizes[1]),
     ):
-        theta, x = _fresh(simulator, number, seed + offset)
+        theta, x = fresh(simulator, number, seed + offset)
         drawn = flow.sample(x, draws, rng)[..., : theta.shape[1]]
         made[name] = (drawn < theta[:, None]).mean(axis=1)
         if name == "test":
             made["width"] = np.quantile(drawn, 0.95, axis=1) - np.quantile(drawn, 0.05, axis=1)
-    theta, x = _fresh(simulator, sizes[2], seed + RECOVERY)
+    theta, x = fresh(simulator, sizes[2], seed + RECOVERY)
     raw = flow.raw(x, RECOVERY_DRAWS, rng)[0] if hasattr(flow, "raw") else flow.sample(x, RECOVERY_DRAWS, rng)
     return made | {"median": np.median(raw, axis=1)[:, : theta.shape[1]], "truth": theta}
 
 
-def _fresh(simulator: Any, number: int, seed: int) -> tuple[Array, Array]:
+def fresh(simulator: Any, number: int, seed: int) -> tuple[Array, Array]:
     """Parameters ``(number, parameter)`` and counts ``(number, channel)`` of one of the study's seeds."""
     from gaugeblock.simulators.xray import published
 

@@ -15,9 +15,12 @@ import xarray as xr
 from studies.kit.results import read, record
 from studies.kit.resume import Pieces, Progress
 from studies.paper.measurement import Measured, Untestable
+from studies.paper.numbers import TRAINING, together
 
 Found = Mapping[str, Measured | Untestable]
 SHIPPED = "shipped:"
+FIRST = ""
+"""How the name of a recipe's first training ends."""
 
 
 class Setting(Enum):
@@ -47,27 +50,33 @@ class Experiment:
     """The extra of gaugeblock whose packages it needs."""
     flows: tuple[str, ...] = ()
     """Trained flows it reads, our own as ``shipped:NAME``: pieces of other weights are not used."""
+    retrained: tuple[str, ...] = ()
+    """Flows of which there are several trainings: it runs with every one, its name ended by what
+    ``sizes["training"]`` says, and numbers are means over them."""
+    trainings: tuple[str, ...] = (FIRST,)
+    """How the names of these trainings end; a twin takes the first two."""
     version: int = 1
     """Raised when the same sizes and seed mean other numbers: pieces of another version are not used."""
 
 
 def pieces_of(
     experiment: Experiment,
-    setting: Setting,
+    sizes: Mapping[str, Any],
     folder: Path,
     *,
     seed: int,
     progress: Progress | None = None,
 ) -> Pieces:
-    """Where an experiment keeps its pieces: apart for every setting, seed and version."""
+    """Where an experiment keeps its pieces: apart for all sizes, every training, seed and version."""
     key: dict[str, Any] = {
         "experiment": experiment.name,
         "version": experiment.version,
-        "sizes": dict(experiment.sizes[setting]),
+        "sizes": dict(sizes),
         "seed": seed,
     }
-    if experiment.flows:
-        key["flows"] = {name: weights_of(name) for name in experiment.flows}
+    again = (name + sizes[TRAINING] for name in experiment.retrained)
+    if flows := (*experiment.flows, *again):
+        key["flows"] = {name: weights_of(name) for name in flows}
     return Pieces(folder, key, name=experiment.name, progress=progress)
 
 
@@ -80,11 +89,16 @@ def made(
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Run an experiment, or go on where an earlier run stopped; its table says how it was made."""
-    pieces = pieces_of(experiment, setting, folder, seed=seed, progress=progress)
-    start = time.process_time()
-    table = experiment.run(experiment.sizes[setting], pieces, seed)
+    start, spent, tables = time.process_time(), 0.0, {}
+    for training in experiment.trainings[: 2 if setting is Setting.TWIN else None]:
+        sizes = dict(experiment.sizes[setting])
+        if experiment.retrained:
+            sizes[TRAINING] = training
+        pieces = pieces_of(experiment, sizes, folder, seed=seed, progress=progress)
+        tables[training] = experiment.run(sizes, pieces, seed)
+        spent += pieces.spent()
     small = " --twin" if setting is Setting.TWIN else ""
-    return table.assign_attrs(
+    return together(tables).assign_attrs(
         record(
             f"python -m studies.paper {experiment.name}{small} --seed {seed}",
             seed,
@@ -93,7 +107,7 @@ def made(
             setting=setting.value,
             sizes=dict(experiment.sizes[setting]),
             version=experiment.version,
-            cpu_seconds=round(pieces.spent() or time.process_time() - start, 1),
+            cpu_seconds=round(spent or time.process_time() - start, 1),
         )
     )
 

@@ -14,7 +14,7 @@ import numpy as np
 from gaugeblock.core.arrays import Array
 from studies.paper.claim import SINGLE, Claim
 from studies.paper.judge import Judgement
-from studies.paper.trainings import between_networks, is_paired, scatter
+from studies.paper.trainings import between_trainings, common_share, is_paired, scatter
 
 FAMILIES = 20_000
 """Drawn to know how many misses there may be."""
@@ -43,24 +43,13 @@ class Family:
     adjusted: float = 1.0
 
 
-def common_share(groups: Iterable[Array]) -> float:
-    """Share of the variance between two networks that the cells of a detector have in common.
-
-    >>> common_share([np.array([1.0, 1.0]), np.array([-2.0, -2.0])])
-    1.0
-    """
-    values = list(groups)
-    pairs = sum((x.sum() ** 2 - (x**2).sum()) / (len(x) - 1) for x in values)
-    return float(np.clip(pairs / sum((x**2).sum() for x in values), 0.0, 1.0))
-
-
 def families(judgements: Iterable[Judgement], *, seed: int = 0) -> tuple[Family, ...]:
     """The measured cells among these by response and level."""
     groups: dict[str, list[Judgement]] = {}
     for item in judgements:
         if item.claim.id.startswith("grid.") and SINGLE[0] in item.ours:
             groups.setdefault(" ".join(item.claim.id.split(".")[1:3]), []).append(item)
-    share = common_share(between_networks().values()) if groups else 0.0
+    share = common_share(row for group in between_trainings().values() for row in group) if groups else 0.0
     found = [_family(name, items, share, seed) for name, items in groups.items()]
     adjusted = holm(np.array([entry.p for entry in found]))
     return tuple(replace(entry, adjusted=float(p)) for entry, p in zip(found, adjusted, strict=True))
@@ -82,9 +71,8 @@ def holm(p: Array) -> Array:
 def _family(name: str, items: list[Judgement], share: float, seed: int) -> Family:
     rng = np.random.default_rng(seed)
     claims = [item.claim for item in items]
-    moved = _drawn(claims, share, rng) + np.array([error_of(item) for item in items]) * _drawn(
-        claims, SHARED, rng, scaled=False
-    )
+    trained, spectra = np.array([(_error_of_training(item), error_of(item)) for item in items]).T
+    moved = trained * _drawn(claims, share, rng) + spectra * _drawn(claims, SHARED, rng)
     margin = [claim.rules[0].margins(claim.parts)[0] for claim in claims]
     low, high = np.array([[m.low, m.high] for m in margin]).T
     centre = np.array([claim.known.get(SINGLE[0], claim.parts[SINGLE[0]]) for claim in claims])
@@ -111,16 +99,14 @@ def error_of(item: Judgement) -> float:
     return float(np.hypot(item.errors[SINGLE[0]], item.claim.error[SINGLE[0]]))
 
 
-def _drawn(claims: list[Claim], share: float, rng: np.random.Generator, *, scaled: bool = True) -> Array:
-    """Normal numbers ``(family, cell)``; those of a detector have a share of their variance in common.
+def _error_of_training(item: Judgement) -> float:
+    known = scatter(item.claim, SINGLE[0])
+    return known.error(item.trainings) if known else 0.0
 
-    In errors between trainings if `scaled`.
-    """
+
+def _drawn(claims: list[Claim], share: float, rng: np.random.Generator) -> Array:
+    """Normal numbers ``(family, cell)``; those of a detector have a share of their variance in common."""
     _, place = np.unique([claim.id.rsplit(".", 1)[1] for claim in claims], return_inverse=True)
     common = rng.standard_normal((FAMILIES, place.max() + 1))[:, place]
     own = rng.standard_normal((FAMILIES, len(place)))
-    drawn = np.sqrt(share) * common + np.sqrt(1.0 - share) * own
-    if not scaled:
-        return np.asarray(drawn)
-    known = [scatter(claim, SINGLE[0]) for claim in claims]
-    return np.asarray(drawn * np.array([0.0 if s is None else s.error for s in known]))
+    return np.asarray(np.sqrt(share) * common + np.sqrt(1.0 - share) * own)

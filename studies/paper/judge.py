@@ -44,7 +44,8 @@ class Judgement:
 
     `sigma` is the largest difference from what was published, in combined standard errors of spectra alone,
     infinite where neither side has one. `smallest` is the least difference, or the least excess over a bound,
-    that would have been called. `settles` says what would decide an undecided claim.
+    that would have been called. `settles` says what would decide an undecided claim. `trainings` is over how
+    many ours is a mean.
     """
 
     claim: Claim
@@ -55,6 +56,7 @@ class Judgement:
     smallest: float = float("nan")
     settles: str = ""
     reason: str = ""
+    trainings: int = 1
 
 
 @dataclass(frozen=True)
@@ -131,9 +133,7 @@ def judge(claim: Claim, found: Measured | Untestable | None) -> Judgement:
     lacking = [part for part in claim.needs if part not in ours]
     if lacking:
         raise InputError(f"claim {claim.id}: the measurement lacks {', '.join(lacking)}")
-    seen = [
-        _seen(claim, margin, ours, errors) for rule in claim.rules for margin in rule.margins(claim.parts)
-    ]
+    seen = [_seen(claim, margin, found) for rule in claim.rules for margin in rule.margins(claim.parts)]
     verdict = _verdict(claim, seen, ours)
     doubtful = [item for item in seen if item.verdict is Agreement.UNDECIDED]
     settles = doubtful[0].settles if doubtful else "a statistic with an interval: a p-value has none"
@@ -146,6 +146,7 @@ def judge(claim: Claim, found: Measured | Untestable | None) -> Judgement:
         smallest=max((item.reach + item.half for item in seen), default=float("nan")),
         settles=_settles(claim, settles) if verdict is Agreement.UNDECIDED else "",
         reason=_reason(verdict, found),
+        trainings=found.trainings,
     )
 
 
@@ -177,11 +178,12 @@ def _reason(verdict: Agreement, found: Measured) -> str:
     return "; ".join(filter(None, ("unexplained", told)))
 
 
-def _seen(claim: Claim, margin: Margin, ours: Mapping[str, float], errors: Mapping[str, float]) -> Seen:
+def _seen(claim: Claim, margin: Margin, found: Measured) -> Seen:
     """A number against its margin: of ours around what was published with both errors, of ours alone else.
 
     Where the spectra are the study's own, their noise is in both numbers and drops out of a difference.
     """
+    ours, errors = found.parts, found.errors
     parts = (margin.part, margin.less) if margin.less else (margin.part,)
     value = ours[margin.part] - (ours[margin.less] if margin.less else 0.0)
     slack = ROUNDING * abs(value)
@@ -190,14 +192,15 @@ def _seen(claim: Claim, margin: Margin, ours: Mapping[str, float], errors: Mappi
     told = claim.error.get(margin.part, 0.0) if margin.around else 0.0
     if margin.around and is_paired(claim):
         own = told = 0.0
-    known = Scatter(0.0, np.inf) if claim.kind is not Kind.FLOW else scatter(claim, margin.part)
+    trained = claim.kind is Kind.FLOW
+    known = scatter(claim, margin.part, margin.less) if trained else Scatter(0.0, np.inf)
     return Seen(
         room=min(value - margin.low, margin.high - value) + slack,
         reach=(margin.high - margin.low) / 2.0 if margin.around else 0.0,
         ours=float(own),
         fixed=0.0 if exact else told,
         training=known.sd if known else float("nan"),
-        trainings=known.trainings if known else 1,
+        trainings=found.trainings,
         df=known.df if known else float("inf"),
     )
 

@@ -14,12 +14,14 @@ class Measured:
 
     `standard_error` in the same form, for the parts that have one. `note` is said beside it. `because`
     is what was said of a difference after it was seen; it explains nothing, as it predicted nothing.
+    `trainings` is over how many the number is a mean, of those parts that a training decides.
     """
 
     value: float | Mapping[str, float]
     standard_error: float | Mapping[str, float] | None = None
     note: str = ""
     because: str = ""
+    trainings: int = 1
 
     @property
     def parts(self) -> dict[str, float]:

@@ -19,6 +19,9 @@ Parts = dict[str, Number]
 Numbers = dict[str, Parts]
 """Numbers by claim and part."""
 
+TRAINING = "training"
+"""Among an experiment's sizes, which training of its flows; in a table, the dimension of all."""
+
 MEDIAN = 1.2533
 """Standard error of a median of normal numbers over that of their mean."""
 
@@ -44,6 +47,24 @@ def as_table(numbers: Mapping[str, Number | Mapping[str, Number]]) -> xr.Dataset
     )
 
 
+def together(tables: Mapping[str, xr.Dataset]) -> xr.Dataset:
+    """One table of several trainings' tables: numbers are means, kept one by one in `trained`.
+
+    A standard error is of spectra, which all trainings see alike: the root of the mean square of theirs.
+    What is no number of a claim is the first training's.
+    """
+    first, *others = tables.values()
+    if not others:
+        return first
+    trained = np.stack([table["number"].values for table in tables.values()])
+    errors = np.stack([table["standard_error"].values for table in tables.values()])
+    return first.assign(
+        number=("row", trained.mean(axis=0)),
+        standard_error=("row", np.sqrt((errors**2).mean(axis=0))),
+        trained=((TRAINING, "row"), trained),
+    ).assign_coords({TRAINING: [name or "first" for name in tables]})
+
+
 def by_claim(table: xr.Dataset, name: str = "number") -> dict[str, dict[str, float]]:
     """The numbers of every claim by part, or their standard errors where they have one."""
     found: dict[str, dict[str, float]] = {}
@@ -67,11 +88,12 @@ def measurements(
     standard error, and what is `said` of all of them for itself.
     """
     numbers, errors = by_claim(table), by_claim(table, "standard_error")
+    trainings = table.sizes.get(TRAINING, 1)
     found = {}
     for claim, parts in numbers.items():
         filled = said | parts | {f"{part} error": error for part, error in errors[claim].items()}
         note, reason = (texts.get(claim, "").format_map(filled) for texts in (notes, because))
-        found[claim] = Measured(parts, errors[claim], note=note, because=reason)
+        found[claim] = Measured(parts, errors[claim], note=note, because=reason, trainings=trainings)
     return found
 
 

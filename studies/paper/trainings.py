@@ -1,12 +1,14 @@
-"""What another training adds to an error: scatter between trained networks, pooled over claims of a kind.
+"""What another training adds to an error: scatter between trained networks, pooled over cells of a kind.
 
-A published number is of one training, and so is ours where no more are kept: their difference has the error
-``s sqrt(1 + 1/n)`` for n trainings of ours, with s between trainings. Few trainings tell s badly; groups of
-claims lend each other what they know (Smyth 2004, Stat. Appl. Genet. Mol. Biol. 3, 3).
+A published number is of one training, and ours is a mean over n: their difference has the error
+``s sqrt(1 + 1/n)``, with s between trainings. Few trainings tell s badly; the cells of a detector and level
+tell one between them, and these lend each other what they know (Smyth 2004, Stat. Appl. Genet. Mol. Biol.
+3, 3).
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 
@@ -25,16 +27,14 @@ STOPPED = (*RETRAINED, "tab2.uncapped")
 
 @dataclass(frozen=True)
 class Scatter:
-    """Standard deviation between trainings, its degrees of freedom, and of how many trainings ours is."""
+    """Standard deviation between trainings and its degrees of freedom."""
 
     sd: float
     df: float
-    trainings: int = 1
 
-    @property
-    def error(self) -> float:
-        """What training adds to the error of ours against one other training."""
-        return float(self.sd * np.sqrt(1.0 + 1.0 / self.trainings))
+    def error(self, trainings: int) -> float:
+        """What training adds to the error of a mean of so many of ours against one other training."""
+        return float(self.sd * np.sqrt(1.0 + 1.0 / trainings))
 
 
 def moderated(variance: Array, df: Array) -> tuple[Array, Array]:
@@ -57,28 +57,70 @@ def moderated(variance: Array, df: Array) -> tuple[Array, Array]:
     return (prior * scale + df * variance) / (prior + df), df + prior
 
 
-@cache
-def between_networks() -> dict[tuple[str, str], Array]:
-    """AUCs of two networks on the same spectra of EPIC-pn: differences over errors, by level and detector.
+def common_share(groups: Iterable[Array]) -> float:
+    """Share of the variance between trainings that the cells of a detector have in common, of ``(cell,)``.
 
-    One is the study's architecture, the other ours; the spectra are the study's own, so that nothing but the
-    networks and their draws differs. In standard errors of one AUC over sqrt(2), as of two trainings.
+    >>> common_share([np.array([1.0, 1.0]), np.array([-2.0, -2.0])])
+    1.0
     """
-    from studies.paper.detection_claims import cells
-    from studies.paper.grid_populations import LEVELS
-    from studies.paper.registry import DETECTORS, claims
+    values = list(groups)
+    pairs = sum((x.sum() ** 2 - (x**2).sum()) / (len(x) - 1) for x in values)
+    return float(np.clip(pairs / sum((x**2).sum() for x in values), 0.0, 1.0))
 
-    one, other = (committed(name) for name in ("detection", "detection_nicer"))
-    assert one is not None
-    assert other is not None
-    apart = (one["auc"] - other["auc"]).sel(response="epic-pn").values
-    found: dict[tuple[str, str], list[float]] = {}
-    for name, place in cells("epic-pn"):
-        if is_paired(claims()[name]):
-            key = (LEVELS[place[0]], DETECTORS[place[-1]])
-            error = claims()[name].error[SINGLE[0]]
-            found.setdefault(key, []).append(apart[place] / (np.sqrt(2.0) * error))
-    return {key: np.array(values) for key, values in found.items()}
+
+@cache
+def between_trainings() -> Mapping[tuple[str, str, str], Array]:
+    """AUCs ``(training, cell)`` less their means over trainings, by response, level and detector.
+
+    In published standard errors. Only the networks and their draws differ: spectra are the same.
+    """
+    from studies.paper.registry import claims
+
+    found: dict[tuple[str, str, str], list[Array]] = {}
+    for name, parts in (_trained("detection") | _trained("detection_nicer")).items():
+        if name.startswith("grid."):
+            _, response, level, *_, detector = name.split(".")
+            values = parts[SINGLE[0]]
+            apart = (values - values.mean()) / claims()[name].error[SINGLE[0]]
+            found.setdefault((response, level, detector), []).append(apart)
+    return {key: np.stack(cells, axis=-1) for key, cells in found.items()}
+
+
+def pooled(groups: Iterable[Array]) -> tuple[Array, Array]:
+    """Variances between trainings of groups of residuals ``(training, cell)``, and degrees of freedom.
+
+    Cells of a group have their network in common, so they are worth fewer than they are: of m with a share r
+    of their variance in common and n trainings, ``(n - 1) m / (1 + (m - 1) r^2)`` (Satterthwaite 1946).
+    """
+    every = list(groups)
+    share = common_share(row for group in every for row in group)
+    free = np.array([len(group) - 1.0 for group in every])
+    cells = np.array([group.shape[1] for group in every])
+    variance = np.array([(group**2).sum() for group in every]) / (free * cells)
+    return moderated(variance, free * cells / (1.0 + (cells - 1.0) * share**2))
+
+
+@cache
+def _of_cells() -> Mapping[tuple[str, str, str], tuple[float, float]]:
+    """Scatter of an AUC between trainings over its own error, and degrees of freedom."""
+    values = between_trainings()
+    if not values:
+        return {}
+    variance, total = pooled(values.values())
+    return {key: (float(np.sqrt(v)), float(d)) for key, v, d in zip(values, variance, total, strict=True)}
+
+
+@cache
+def _trained(experiment: str) -> dict[str, dict[str, Array]]:
+    """What every kept training gives, ``(training,)`` by claim and part; nothing where there is but one."""
+    table = committed(experiment)
+    if table is None or "trained" not in table:
+        return {}
+    found: dict[str, dict[str, Array]] = {}
+    rows = zip(table["claim"].values, table["part"].values, table["trained"].values.T, strict=True)
+    for claim, part, values in rows:
+        found.setdefault(str(claim), {})[str(part)] = values
+    return found
 
 
 def is_paired(claim: Claim) -> bool:
@@ -89,15 +131,6 @@ def is_paired(claim: Claim) -> bool:
     if parts[:2] != ["grid", "pn"]:
         return False
     return is_kept(parts[2], parts[3], float(".".join(parts[4:-1])))
-
-
-@cache
-def _of_cells() -> dict[tuple[str, str], tuple[float, float]]:
-    """Scatter of an AUC between networks over its own error, and degrees of freedom."""
-    values = between_networks()
-    df = np.array([len(x) for x in values.values()], dtype=float)
-    variance, total = moderated(np.array([(x**2).mean() for x in values.values()]), df)
-    return {key: (float(np.sqrt(v)), float(d)) for key, v, d in zip(values, variance, total, strict=True)}
 
 
 @cache
@@ -115,15 +148,22 @@ def _of_deviations() -> tuple[float, float]:
     return float(np.sqrt(variance[0])), float(min(total[0], df.sum()))
 
 
-def scatter(claim: Claim, part: str) -> Scatter | None:
-    """Scatter between trainings of a part of a claim; None where no second training is kept."""
+def scatter(claim: Claim, part: str, less: str = "") -> Scatter | None:
+    """Scatter between kept trainings of a part of a claim, or of what it exceeds another by.
+
+    None where no second training is kept, or all gave the same: that is of no training then.
+    """
     words = claim.id.split(".")
     if words[0] == "grid":
-        # Faint has no spectra in common, so it takes the level above it.
-        level = "medium" if words[2] == "faint" else words[2]
-        share, df = _of_cells()[level, words[-1]]
-        return Scatter(share * claim.error[SINGLE[0]], df)
-    # NICER's flow is of our architecture, which these trainings say nothing of.
-    if claim.id.startswith(("cal.dev.pn", "tab2.")) and part in (SINGLE[0], "dev"):
+        every = _of_cells()
+        # Where a response has no second training, it takes the other's scatter.
+        known = every.get((words[1], words[2], words[-1]), every.get(("pn", words[2], words[-1])))
+        return Scatter(known[0] * claim.error[SINGLE[0]], known[1]) if known else None
+    # A row of table 2 is one network's, of a seed of its own.
+    if claim.id.startswith("tab2.") and part == "dev":
         return Scatter(*_of_deviations())
-    return None
+    trained = _trained(claim.by).get(claim.id, {})
+    if part not in trained:
+        return None
+    values = trained[part] - (trained[less] if less else 0.0)
+    return Scatter(float(values.std(ddof=1)), len(values) - 1.0) if np.ptp(values) > 0 else None

@@ -12,6 +12,7 @@ EXPERIMENTS = (
     "counts",
     "information",
     "posteriors",
+    "line_bias",
     "evidence",
     "nested",
     "detection",
@@ -26,7 +27,7 @@ EXPERIMENTS = (
 )
 """Names of files here; each has `EXPERIMENT`."""
 
-PAST = ("evidence_pairs",)
+PAST = ("evidence_pairs", "outputs")
 """Those that measure what the study did not: no claim needs them."""
 
 

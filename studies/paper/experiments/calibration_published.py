@@ -1,4 +1,7 @@
-"""Calibration of the published network, trained as published, with and without its cap at bright counts."""
+"""Calibration of the published network, trained as published: five times with its cap, and once without.
+
+All trainings are tested on the same spectra. The uncapped and the cut network are of the first bright one.
+"""
 
 from __future__ import annotations
 
@@ -24,11 +27,12 @@ from studies.paper.calibration import (
 from studies.paper.calibration import LEVELS as CLAIMED
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.measurement import Untestable
-from studies.paper.numbers import Numbers, Parts, as_table, by_claim, measurements
-from studies.paper.paper_flow import VARIANTS, paper_flow, record_of
+from studies.paper.numbers import TRAINING, Numbers, Parts, as_table, by_claim, measurements
+from studies.paper.paper_flow import TRAININGS, VARIANTS, paper_flow, record_of
 from studies.paper.paper_flow.variants import SEED
 
-LEVELS = ("faint", "medium", "bright")
+BRIGHT = "bright"
+LEVELS = ("faint", "medium", BRIGHT)
 UNCAPPED, CUT = "bright-uncapped", "bright-cut"
 """The bright training without its cap, and with a bad epoch's weights, as the study's cap left its own."""
 
@@ -43,9 +47,15 @@ ROW = "{epochs:.0f} epochs, smallest p {smallest p:.2g}, {failures:.0f} of 5 bel
 
 
 def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
-    """Ranks, coverage and recovery of five trainings."""
+    """Ranks, coverage and recovery of five networks."""
     names = (*LEVELS, UNCAPPED, CUT)
-    parts = pieces.each("flow", len(names), lambda i, rng: flow_piece(names[i], sizes, rng), seed)
+    flows = (*(name + sizes[TRAINING] for name in LEVELS), UNCAPPED, CUT)
+
+    def piece(index: int, rng: np.random.Generator) -> Arrays:
+        ranks = sizes["ranks"] // (1 if names[index] in LEVELS else 2)
+        return flow_piece(flows[index], {**sizes, "ranks": ranks}, rng)
+
+    parts = pieces.each("flow", len(names), piece, seed)
     rng = np.random.default_rng(stream(seed, "calibration", "resampling"))
     made = dict(zip(names, parts, strict=True))
     held = [[coverage(level, found["test"]) for level in CLAIMED] for found in parts]
@@ -53,19 +63,22 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
         {"covered": (("flow", "claimed"), np.array(held))},
         coords={"flow": list(names), "claimed": list(CLAIMED)},
     )
-    return as_table(_claims(made, rng)).merge(curves)
+    return as_table(_claims(made, BRIGHT + sizes[TRAINING], rng)).merge(curves)
 
 
-def flow_piece(name: str, sizes: Mapping[str, Any], rng: np.random.Generator) -> Arrays:
-    """What `measure` gives for a training of the published network on EPIC-pn, by its name without that."""
+def flow_piece(
+    name: str, sizes: Mapping[str, Any], rng: np.random.Generator, *, spectra: int = SEED
+) -> Arrays:
+    """What `measure` gives for a training of the published network on EPIC-pn, by its name without that.
+
+    `spectra` is the seed of those it is tested on.
+    """
     from gaugeblock.simulators.xray import reference
 
     flow, variant = paper_flow(f"epic-pn-{name}"), VARIANTS[f"epic-pn-{name}"]
-    # The study gave its reseeded trainings test spectra of their own, and all but the first half as many.
-    own = variant.data_seed if "seed" in name else SEED
-    numbers = (sizes["ranks"] // (1 if name in LEVELS else 2), sizes["coverage"], sizes["recovery"])
+    numbers = (sizes["ranks"], sizes["coverage"], sizes["recovery"])
     simulator = reference(variant.response, variant.level)
-    return measure(flow, simulator, seed=own, sizes=numbers, draws=sizes["draws"], rng=rng)
+    return measure(flow, simulator, seed=spectra, sizes=numbers, draws=sizes["draws"], rng=rng)
 
 
 def row(name: str, found: Arrays, rng: np.random.Generator) -> Parts:
@@ -84,13 +97,14 @@ def ranks_of(found: Arrays) -> Parts:
     return dict(zip(NAMES, map(float, rank_p(found["ranks"])), strict=True))
 
 
-def _claims(made: Mapping[str, Arrays], rng: np.random.Generator) -> Numbers:
+def _claims(made: Mapping[str, Arrays], bright: str, rng: np.random.Generator) -> Numbers:
+    """Numbers by claim and part; `bright` names the training behind the bright network."""
     numbers: Numbers = {}
     for level in LEVELS:
         numbers[f"cal.dev.pn.{level}"] = {"value": bootstrapped(deviation, made[level]["test"], rng=rng)}
         numbers[f"cal.sbc.pn.{level}"] = ranks_of(made[level])
-    for claim, name in (("production", "bright"), ("uncapped", UNCAPPED)):
-        numbers[f"tab2.{claim}"] = row(name, made[name], rng)
+    numbers["tab2.production"] = row(bright, made[BRIGHT], rng)
+    numbers["tab2.uncapped"] = row(UNCAPPED, made[UNCAPPED], rng)
     record = record_of(f"epic-pn-{CUT}")
     numbers["tab2.production"] |= {
         "cut, dev": float(deviation(made[CUT]["test"])),
@@ -105,10 +119,10 @@ def _claims(made: Mapping[str, Arrays], rng: np.random.Generator) -> Numbers:
     widths = [np.median(made[level]["width"], axis=0) for level in LEVELS]
     shrinks = all((after < before).all() for before, after in pairwise(widths))
     numbers["cal.width.monotone"] = {"value": float(shrinks)}
-    return numbers | _bright(made["bright"], rng)
+    return numbers | _bright(made[BRIGHT], record_of(f"epic-pn-{bright}"), rng)
 
 
-def _bright(found: Arrays, rng: np.random.Generator) -> Numbers:
+def _bright(found: Arrays, record: Mapping[str, Any], rng: np.random.Generator) -> Numbers:
     """What is said of the capped flow alone: recovery, losses, and split conformal."""
     truth, median = found["truth"], found["median"]
     numbers: Numbers = {
@@ -128,7 +142,6 @@ def _bright(found: Arrays, rng: np.random.Generator) -> Numbers:
             "before": bootstrapped(held, test, rng=rng),
             "after": bootstrapped(held, test, first, rng=rng),
         }
-    record = record_of("epic-pn-bright")
     losses: Parts = {}
     for part in ("training", "validation"):
         curve = np.array(record[part])
@@ -179,6 +192,8 @@ EXPERIMENT = Experiment(
     },
     run=run,
     measured=measured,
-    flows=tuple(f"epic-pn-{name}" for name in (*LEVELS, UNCAPPED, CUT)),
+    flows=tuple(f"epic-pn-{name}" for name in (UNCAPPED, CUT)),
+    retrained=tuple(f"epic-pn-{level}" for level in LEVELS),
+    trainings=TRAININGS,
     extra="xray",
 )

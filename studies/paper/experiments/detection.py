@@ -1,7 +1,7 @@
 """The detection grid on EPIC-pn by the study's own network: 144 cells, on the spectra that it drew.
 
-Clean spectra and those of every cell come out of the study's seeds. The network is trained as the study
-trained it, but is not its own, and draws of posteriors and replicates are ours.
+Clean spectra and those of every cell come out of the study's seeds. The network is trained five times as the
+study trained it, but is not its own, and draws of posteriors and replicates are ours.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from studies.paper.detection_level import SHIFT, STRENGTHS, DetectionLevel
 from studies.paper.detectors import DRAWS
 from studies.paper.experiment import Experiment, Found, Setting
 from studies.paper.grid_populations import FAMILIES, LEVELS, is_kept
-from studies.paper.numbers import as_table, by_claim, measurements
+from studies.paper.numbers import TRAINING, as_table, by_claim, measurements
+from studies.paper.paper_flow import TRAININGS
 from studies.paper.registry import DETECTORS, SUSPICIOUS, claims
 
 RESPONSE = "epic-pn"
@@ -48,7 +49,7 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     def flow_of(level: str) -> Any:
         from studies.paper.paper_flow import paper_flow
 
-        return paper_flow(f"{RESPONSE}-{level}")
+        return paper_flow(f"{RESPONSE}-{level}{sizes[TRAINING]}")
 
     levels = levels_of(RESPONSE, flow_of, sizes)
     grid = scored(RESPONSE, levels, pieces, seed)
@@ -174,6 +175,7 @@ EXPERIMENT = Experiment(
     sizes={Setting.FULL: FULL, Setting.TWIN: TWIN},
     run=run,
     measured=measured,
-    flows=tuple(f"{RESPONSE}-{level}" for level in LEVELS),
+    retrained=tuple(f"{RESPONSE}-{level}" for level in LEVELS),
+    trainings=TRAININGS,
     extra="xray",
 )

@@ -29,7 +29,8 @@ from studies.paper.experiments.importance_cells import (
     training,
 )
 from studies.paper.experiments.importance_weights import FEW, WeightLevel, ceiling, diagnostics
-from studies.paper.numbers import Parts, as_table, by_claim, measurements
+from studies.paper.numbers import TRAINING, Parts, as_table, by_claim, measurements
+from studies.paper.paper_flow import TRAININGS
 
 LEVELS = ("medium", "bright")
 FAMILIES = {"B4": "gain", "B1": "line"}
@@ -192,7 +193,7 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     only_few = {name for name, *_ in populations(sizes) if name.startswith("sub")}
     only_few |= {f"medium-clean-{k}" for k in range(len(BOTH), SETS)}
     levels = {name: WeightLevel(name) for name in LEVELS}
-    flows = {name: paper_flow(FLOW + name) for name in levels}
+    flows = {name: paper_flow(FLOW + name + sizes[TRAINING]) for name in levels}
 
     def population(
         flow: Any, level: WeightLevel, kind: str, amplitude: float, number: int, name: str
@@ -296,6 +297,8 @@ EXPERIMENT = Experiment(
     },
     run=run,
     measured=measured,
-    flows=(FLOW + "medium", FLOW + "bright", CUT),
+    flows=(CUT,),
+    retrained=tuple(FLOW + level for level in LEVELS),
+    trainings=TRAININGS,
     extra="xray",
 )

@@ -4,6 +4,6 @@
 """
 
 from studies.paper.paper_flow.shipped import FLOWS, paper_flow, record_of
-from studies.paper.paper_flow.variants import VARIANTS, Variant
+from studies.paper.paper_flow.variants import TRAININGS, VARIANTS, Variant
 
-__all__ = ["FLOWS", "VARIANTS", "Variant", "paper_flow", "record_of"]
+__all__ = ["FLOWS", "TRAININGS", "VARIANTS", "Variant", "paper_flow", "record_of"]

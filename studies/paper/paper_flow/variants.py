@@ -45,6 +45,9 @@ SEEDS = (101, 202, 303, 404)
 FEWER = SEEDS[:2]
 """Of those on NICER."""
 
+TRAININGS = ("", *(f"-seed{seed}" for seed in SEEDS))
+"""How the names of a recipe's trainings end, the first first."""
+
 
 def _variants() -> dict[str, Variant]:
     found = {}

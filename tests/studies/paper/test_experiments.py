@@ -13,6 +13,7 @@ GRID = {"clean": 8, "suspicious": 8, "reference": 16, "draws": 20, "again": 2}
 SMALL = {
     "information": {"spectra": 20, "invariance": 8},
     "posteriors": {"line": 3, "draws": 100},
+    "line_bias": {"line": 10, "draws": 20},
     "evidence": {"draws": 100},
     "nested": {"live": 40},
     # Of the same sizes, so that EPIC-pn is compiled once for both.
@@ -29,6 +30,7 @@ SMALL = {
         **{"warmup": 10, "chain": 20, "told": 20},
     },
     "evidence_pairs": {"pairs": 8, "draws": 50},
+    "outputs": {"ranks": 20, "draws": 20, "refined": 8, "weighted": 50, "recovery": 10, "line": 8},
 }
 """Sizes in place of a twin's: about as few as leave every claim measured."""
 

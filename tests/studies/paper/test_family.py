@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from studies.paper import Measured, claims, judge
-from studies.paper.family import common_share, error_of, families, holm
+from studies.paper.family import error_of, families, holm
 from studies.paper.trainings import is_paired, scatter
 
 
@@ -20,7 +20,7 @@ def replications(cells, number, *, wider=1.0):
         for cell in cells:
             error = cell.error["value"]
             spectra = 0.0 if is_paired(cell) and not cell.known else error * (1.0 if cell.known else 2**0.5)
-            spread = wider * np.hypot(spectra, scatter(cell, "value").error)
+            spread = wider * np.hypot(spectra, scatter(cell, "value").error(1))
             centre = cell.known.get("value", cell.value)
             drawn.append(judge(cell, Measured(centre + spread * rng.normal(), error)))
         yield families(drawn)
@@ -69,14 +69,6 @@ def test_holm_multiplies_the_smallest_p_by_the_number_of_families(cells):
     assert found["pn faint"].adjusted == pytest.approx(6 * found["pn faint"].p)
 
 
-def test_the_share_in_common_is_found_again():
-    """200 groups of 16 with a quarter of their variance in common: 5 errors are 0.06."""
-    rng = np.random.default_rng(3)
-    groups = 0.5 * rng.normal(size=(200, 1)) + 0.75**0.5 * rng.normal(size=(200, 16))
-    assert common_share(groups) == pytest.approx(0.25, abs=0.08)
-    assert common_share(rng.normal(size=(200, 16))) < 0.02
-
-
 def test_only_measured_cells_are_counted(cells):
     assert families([judge(claims()["ns.n"], Measured(76)), judge(cells[0], None)]) == ()
 
@@ -84,11 +76,6 @@ def test_only_measured_cells_are_counted(cells):
 def test_holm_steps_down_and_never_falls():
     np.testing.assert_allclose(holm(np.array([0.5, 0.01, 0.02, 0.021])), [0.5, 0.04, 0.06, 0.06])
     np.testing.assert_allclose(holm(np.array([0.9, 0.8])), [1.0, 1.0])
-
-
-def test_the_share_in_common_is_over_pairs():
-    assert common_share([np.array([1.0, 1.0]), np.array([-2.0, -2.0])]) == pytest.approx(1.0)
-    assert common_share([np.array([1.0, 1.0, 0.0])]) == pytest.approx(0.5)
 
 
 def test_a_cell_has_the_error_of_spectra_that_its_difference_has():

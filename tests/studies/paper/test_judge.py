@@ -194,6 +194,6 @@ def test_spectra_in_common_leave_the_difference_to_the_networks():
     for cell in (paired, apart):
         known = scatter(cell, "value")
         spectra = 0.0 if cell is paired else np.hypot(0.04, cell.error["value"])
-        half = stats.t.ppf(0.95, known.df) * np.hypot(spectra, known.error)
+        half = stats.t.ppf(0.95, known.df) * np.hypot(spectra, known.error(5))
         reach = cell.rules[0].distance
-        assert judge(cell, Measured(cell.value, 0.04)).smallest == pytest.approx(reach + half)
+        assert judge(cell, Measured(cell.value, 0.04, trainings=5)).smallest == pytest.approx(reach + half)
