@@ -21,7 +21,7 @@ from studies.paper.detection_claims import CLEAN_SCORES, cells, estimates, on_ep
 from studies.paper.detection_grid import as_dataset, clean_of, levels_of, misplaced, scored
 from studies.paper.detection_level import SHIFT, STRENGTHS, DetectionLevel
 from studies.paper.detectors import DRAWS
-from studies.paper.experiment import Experiment, Found, Setting
+from studies.paper.experiment import FIRST, Experiment, Found, Setting
 from studies.paper.grid_populations import FAMILIES, LEVELS, is_kept
 from studies.paper.numbers import TRAINING, as_table, by_claim, measurements
 from studies.paper.paper_flow import TRAININGS
@@ -57,17 +57,15 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     replicates = grid.replicates(rng)
     chance = null_of_best(sizes["clean"], sizes["suspicious"], detectors=2, strengths=4, rng=rng)
     table = as_table(estimates(on_epic_pn(grid.auc), on_epic_pn(replicates)))
-    moved = misplaced(RESPONSE, {CAPPED: levels[CAPPED]}, pieces, seed)
-    whole = as_dataset({RESPONSE: grid}, {RESPONSE: replicates})
-    return (
-        table.merge(whole)
-        .merge(moved)
-        .assign(
-            best_of_nothing=("quantity", np.array([chance.mean(), np.quantile(chance, 0.95)])),
-            spectra=sizes["suspicious"],
-            far=("drawn", _far(levels, sizes["redrawn"], pieces, seed)),
-        )
+    table = table.merge(as_dataset({RESPONSE: grid}, {RESPONSE: replicates})).assign(
+        best_of_nothing=("quantity", np.array([chance.mean(), np.quantile(chance, 0.95)])),
+        spectra=sizes["suspicious"],
     )
+    if sizes[TRAINING] != FIRST:
+        return table
+    # What is told beside the numbers is of the first training alone.
+    moved = misplaced(RESPONSE, {CAPPED: levels[CAPPED]}, pieces, seed)
+    return table.merge(moved).assign(far=("drawn", _far(levels, sizes["redrawn"], pieces, seed)))
 
 
 def _far(levels: Mapping[str, DetectionLevel], number: int, pieces: Pieces, seed: int) -> NDArray[np.float64]:
