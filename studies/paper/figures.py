@@ -22,7 +22,7 @@ from studies.paper.experiments.importance import FAMILIES as FAMILY_KINDS
 from studies.paper.experiments.importance import LEVELS as WEIGHTED
 from studies.paper.grid_populations import FAMILIES, LEVELS
 from studies.paper.judge import Agreement, Judgement
-from studies.paper.numbers import by_claim
+from studies.paper.numbers import alone, by_claim
 from studies.paper.registry import DETECTORS, claims
 from studies.paper.rows import published_rows
 
@@ -162,7 +162,7 @@ def _coverage(axis: Any, table: xr.Dataset) -> None:
 
 
 def _ranks(axis: Any, table: xr.Dataset, short: str) -> None:
-    found = by_claim(table)
+    found = by_claim(alone(table))
     for row, level in enumerate(LEVELS):
         claim = f"cal.sbc.{short}.{level}"
         ours, told = found[claim], claims()[claim].parts
@@ -310,9 +310,13 @@ WIDTH = 0.24
 
 
 def grid_figure(response: str, pyplot: Any, tables: Mapping[str, xr.Dataset]) -> Any:
-    """AUCs of one response; open circles are published ones, which not every cell has."""
-    published = published_aucs(response)
-    here = tables["detection" if response == "epic-pn" else "detection_nicer"].sel(response=response)
+    """AUCs of one response, means over trainings; open circles are published, which not every cell is."""
+    table = tables["detection" if response == "epic-pn" else "detection_nicer"]
+    here, numbers = table.sel(response=response), by_claim(table)
+    published, ours = published_aucs(response), here["auc"].values.copy()
+    for claim, cell in cells(response):
+        if claim in numbers:
+            ours[cell] = numbers[claim][SINGLE[0]]
     figure, axes = pyplot.subplots(
         len(DETECTORS), len(FAMILIES), figsize=(7.5, 5.4), sharex="col", sharey=True, layout="constrained"
     )
@@ -324,7 +328,7 @@ def grid_figure(response: str, pyplot: Any, tables: Mapping[str, xr.Dataset]) ->
             place = (number, column, slice(None), row)
             error = here["auc_error"].values[place]
             style = {"color": LEVEL_COLOUR[level], "ms": 3, "lw": 0.9}
-            axis.errorbar(x + 0.04, here["auc"].values[place], error, fmt="o", label=level, **style)
+            axis.errorbar(x + 0.04, ours[place], error, fmt="o", label=level, **style)
             axis.plot(x - 0.04, published[place], "o", mfc="white", **style)
         axis.set_xticks(range(len(amounts)), [f"{amount:g}" for amount in amounts])
         if column == 0:

@@ -65,6 +65,17 @@ def together(tables: Mapping[str, xr.Dataset]) -> xr.Dataset:
     ).assign_coords({TRAINING: [name or "first" for name in tables]})
 
 
+def alone(table: xr.Dataset) -> xr.Dataset:
+    """The table of the first training alone, of one that may be of several.
+
+    >>> by_claim(alone(together({"": as_table({"a": 1.0}), "-again": as_table({"a": 2.0})})))
+    {'a': {'value': 1.0}}
+    """
+    if "trained" not in table:
+        return table
+    return table.assign(number=table["trained"].isel({TRAINING: 0})).drop_dims(TRAINING)
+
+
 def by_claim(table: xr.Dataset, name: str = "number") -> dict[str, dict[str, float]]:
     """The numbers of every claim by part, or their standard errors where they have one."""
     found: dict[str, dict[str, float]] = {}

@@ -74,6 +74,7 @@ def page(
         *(f"![{caption}]({path})" for caption, path in figures.items()),
         *past_the_paper(tables),
         *_outputs(tables),
+        *_go_no_go(tables),
         "## Cells taken together",
         _families(families),
         "## Differences",
@@ -491,6 +492,34 @@ def _outputs(tables: Mapping[str, xr.Dataset]) -> list[str]:
         "## Beside its text: what the study's outputs have",
         said,
         table_of(("EPIC-pn", *LEVELS), rows),
+    ]
+
+
+GATE = """\
+Would this package's gate have let the study's networks through? An audit each of its draws alone, of
+{trials:,} truths with {draws} draws, by the default policy, every training on truths of its own. `bright-cut`
+is our bright training left with the weights of a bad epoch, as the study's cap left its own, on {trainings}
+sets of truths. In brackets how many audits a family of gates blocked."""
+
+
+def _go_no_go(tables: Mapping[str, xr.Dataset]) -> list[str]:
+    """Verdicts of the gate by network."""
+    if "trained" not in tables.get("go_no_go", ()):
+        return []
+    from studies.paper.experiments.go_no_go import OUTCOMES
+
+    table = tables["go_no_go"]
+    trainings, sizes = table.sizes[TRAINING], json.loads(table.attrs["sizes"])
+    rows = []
+    for network, shares in by_claim(table).items():
+        number = {name: round(share * trainings) for name, share in shares.items()}
+        blocked = [f"`{name}` ({count})" for name, count in number.items() if count and name not in OUTCOMES]
+        rows.append((network, *(str(number[name] or "") for name in OUTCOMES), ", ".join(blocked)))
+    said = GATE.format(trainings=trainings, trials=sizes["trials"], draws=sizes["draws"])
+    return [
+        "## Go or no-go",
+        said,
+        table_of(("network", *OUTCOMES, "blocked by"), rows),
     ]
 
 

@@ -30,6 +30,7 @@ SMALL = {
         **{"warmup": 10, "chain": 20, "told": 20},
     },
     "evidence_pairs": {"pairs": 8, "draws": 50},
+    "go_no_go": {"trials": 60, "draws": 40},
     "outputs": {"ranks": 20, "draws": 20, "refined": 8, "weighted": 50, "recovery": 10, "line": 8},
 }
 """Sizes in place of a twin's: about as few as leave every claim measured."""
