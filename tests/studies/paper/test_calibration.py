@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from studies.paper.calibration import bootstrapped, coverage, deviation, rank_p, recovery
+from studies.paper.experiment import committed
+from studies.paper.experiments.calibration_published import measured
+from studies.paper.numbers import alone, by_claim
 
 RNG = np.random.default_rng(11)
 
@@ -30,6 +33,17 @@ def test_recovery_is_a_correlation_parameter_by_parameter() -> None:
     truth = RNG.random((500, 3))
     assert recovery(truth, truth * [1.0, 2.0, 3.0] + 5.0) == pytest.approx(1.0)
     assert abs(recovery(truth, RNG.permutation(truth))) < 0.15
+
+
+def test_rows_of_table_2_and_p_values_are_one_networks_and_the_others_means() -> None:
+    table = committed("calibration_published")
+    assert table is not None
+    found, first, mean = measured(table), by_claim(alone(table)), by_claim(table)
+    for claim in ("tab2.production", "cal.sbc.pn.faint"):
+        assert found[claim].parts == first[claim] != mean[claim]
+        assert found[claim].trainings == 1
+    assert found["cal.dev.pn.faint"].parts == mean["cal.dev.pn.faint"]
+    assert found["cal.dev.pn.faint"].trainings == table.sizes["training"] > 2
 
 
 def test_bootstrap_errors_are_those_of_a_mean() -> None:
