@@ -23,6 +23,7 @@ from studies.paper.family import FAMILIES, TOO_MANY, Family
 from studies.paper.judge import Agreement, Judgement
 from studies.paper.numbers import TRAINING, by_claim
 from studies.paper.paper_flow.shipped import FLOWS, record_of
+from studies.paper.paper_flow.variants import TRAININGS
 from studies.paper.registry import DETECTORS, claims, repeats
 
 INTRODUCTION = """\
@@ -33,8 +34,8 @@ A published study of amortised X-ray inference (three detection schemes, none of
   margin that comes from the published list alone. **differs**: the interval lies outside. **undecided**: it
   crosses, or its error is not known; the row says what would settle it. Not being rejected is no agreement.
 - An error includes training: a published number is of one training, ours a mean over n, so their difference
-  has s √(1 + 1/n), with s between trainings. The study's network on EPIC-pn is trained five times at every
-  level, each tested on the same spectra. Cells of one detector and level share their s, as far as they do not
+  has s √(1 + 1/n), with s between trainings. The study's network on EPIC-pn is trained {trainings} times at
+  every level, each tested on the same spectra. Cells of one detector and level share their s, as far as they do not
   share their networks (Satterthwaite 1946), and lend it to each other (Smyth 2004). Cells on NICER take that
   of EPIC-pn. Where no second training is kept, s is unknown and the claim undecided.
 - *judged* claims have a measurement of their own; *repeated* ones are another claim's in other words;
@@ -90,7 +91,7 @@ def page(
 def _introduction(judgements: Sequence[Judgement]) -> str:
     every = len(claims())
     here = "All are" if len(judgements) == every else f"{len(judgements)} of them are"
-    return INTRODUCTION.format(all=every, here=here)
+    return INTRODUCTION.format(all=every, here=here, trainings=len(TRAININGS))
 
 
 def _front(judgements: Sequence[Judgement], tables: Mapping[str, xr.Dataset]) -> list[str]:

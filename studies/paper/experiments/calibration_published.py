@@ -1,4 +1,4 @@
-"""Calibration of the published network, trained as published: five times with its cap, and once without.
+"""Calibration of the published network, trained as published: several times with its cap, once without.
 
 All trainings are tested on the same spectra. The uncapped and the cut network are of the first bright one.
 """

@@ -1,7 +1,7 @@
 """The detection grid on EPIC-pn by the study's own network: 144 cells, on the spectra that it drew.
 
-Clean spectra and those of every cell come out of the study's seeds. The network is trained five times as the
-study trained it, but is not its own, and draws of posteriors and replicates are ours.
+Clean spectra and those of every cell come out of the study's seeds. The network is trained several times as
+the study trained it, but is not its own, and draws of posteriors and replicates are ours.
 """
 
 from __future__ import annotations

@@ -64,7 +64,7 @@ def measured(table: xr.Dataset) -> Found:  # noqa: ARG001
 
 EXPERIMENT = Experiment(
     name="go_no_go",
-    says="verdicts of this package's gate on the study's network, trained five times at every level",
+    says="verdicts of this package's gate on the study's network, on every training of it",
     sizes={
         Setting.FULL: {"trials": 4000, "draws": 250},
         Setting.TWIN: {"trials": 200, "draws": 50},

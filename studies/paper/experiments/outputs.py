@@ -1,4 +1,4 @@
-"""What the study's outputs have beside the numbers of its text, by its network trained five times on EPIC-pn.
+"""What the study's outputs have beside the numbers of its text, by its network on EPIC-pn.
 
 TARP and the classifiers of ranks are sbi's own, as the study called them. Coverage is refined by importance
 weights under the study's prior, which is uniform in both norms, and under the one that was simulated from.

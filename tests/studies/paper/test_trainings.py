@@ -6,6 +6,7 @@ from scipy import stats
 from studies.paper import claims
 from studies.paper.experiment import committed
 from studies.paper.numbers import by_claim
+from studies.paper.paper_flow import TRAININGS
 from studies.paper.trainings import (
     Scatter,
     between_trainings,
@@ -76,10 +77,10 @@ def test_groups_that_are_unlike_keep_to_themselves():
 
 
 def test_trainings_are_compared_on_the_same_spectra():
-    """Of what is committed: five trainings, 16 cells of each detector and level, about their own mean."""
+    """Of what is committed: all trainings, 16 cells of each detector and level, about their own mean."""
     values = between_trainings()
     assert {key: found.shape for key, found in values.items()} == {
-        ("pn", level, detector): (5, 16)
+        ("pn", level, detector): (len(TRAININGS), 16)
         for level in ("faint", "medium", "bright")
         for detector in ("D1", "D2", "D3")
     }
@@ -117,16 +118,17 @@ def test_a_claim_of_several_trainings_scatters_as_they_do():
         if claim == "det.B1.dGamma.bright"
     }
     claim = claims()["det.B1.dGamma.bright"]
-    assert scatter(claim, "mean") == Scatter(np.std(rows["mean"], ddof=1), 4.0)
+    free = len(TRAININGS) - 1.0
+    assert scatter(claim, "mean") == Scatter(np.std(rows["mean"], ddof=1), free)
     # A step from one part to another scatters by what it does within a training.
     step = rows["mean"] - rows["medium"]
-    assert scatter(claim, "mean", "medium") == Scatter(np.std(step, ddof=1), 4.0)
+    assert scatter(claim, "mean", "medium") == Scatter(np.std(step, ddof=1), free)
 
 
 def test_where_no_second_training_is_kept_nothing_is_said():
     for name in ("cal.dev.nicer.bright", "gm.bias.bright", "xc.bright.capture"):
         assert scatter(claims()[name], "value") is None
-    # Of one network, which is not trained again: that it gives the same five times says nothing.
+    # Of one network, which is not trained again: that it gives the same several times says nothing.
     assert scatter(claims()["tab2.uncapped"], "failures") is None
 
 
