@@ -35,9 +35,9 @@ A published study of amortised X-ray inference (three detection schemes, none of
   crosses, or its error is not known; the row says what would settle it. Not being rejected is no agreement.
 - An error includes training: a published number is of one training, ours a mean over n, so their difference
   has s √(1 + 1/n), with s between trainings. The study's network on EPIC-pn is trained {trainings} times at
-  every level, each tested on the same spectra. Cells of one detector and level share their s, as far as they do not
-  share their networks (Satterthwaite 1946), and lend it to each other (Smyth 2004). Cells on NICER take that
-  of EPIC-pn. Where no second training is kept, s is unknown and the claim undecided.
+  every level, each tested on the same spectra. Cells of one detector and level share their s, as far as they
+  do not share their networks (Satterthwaite 1946), and lend it to each other (Smyth 2004). Cells on NICER take
+  that of EPIC-pn. Where no second training is kept, s is unknown and the claim undecided.
 - *judged* claims have a measurement of their own; *repeated* ones are another claim's in other words;
   *recomputed* ones follow from published numbers or copied settings and can hardly fail; of *reported* ones
   nothing was said that must hold. Only judged claims count.
@@ -52,7 +52,7 @@ As the study trained it: 50,000 spectra of its seeds, batches of 200, patience o
 the best epoch unless a cap of epochs ends the training, which leaves those of the last. Losses are mean
 -log q in linear parameters; the study's capped bright flow ended on -13.36."""
 
-TRAININGS = ("flow", "epochs, cap", "best epoch", "weights kept", "their validation loss", "best", "command")
+HEADINGS = ("flow", "epochs, cap", "best epoch", "weights kept", "their validation loss", "best", "command")
 
 TOGETHER = """\
 A margin has an error rate of its own. Cells of one response and level are taken together, networks and
@@ -364,7 +364,7 @@ def _made(tables: Mapping[str, xr.Dataset]) -> str:
 def _trained() -> list[str]:
     """The trainings of the published network, read off their records alone."""
     rows = [_training(path.stem, record_of(path.stem)) for path in sorted(FLOWS.glob("*.json"))]
-    return ["## The published network, trained again", TRAINED, table_of(TRAININGS, rows)] if rows else []
+    return ["## The published network, trained again", TRAINED, table_of(HEADINGS, rows)] if rows else []
 
 
 def _training(name: str, record: Mapping[str, Any]) -> tuple[str, ...]:
