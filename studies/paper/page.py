@@ -36,8 +36,8 @@ A published study of amortised X-ray inference (three detection schemes, none of
 - An error includes training: a published number is of one training, ours a mean over n, so their difference
   has s √(1 + 1/n), with s between trainings. The study's network on EPIC-pn is trained {trainings} times at
   every level, each tested on the same spectra. Cells of one detector and level share their s, as far as they
-  do not share their networks (Satterthwaite 1946), and lend it to each other (Smyth 2004). Cells on NICER take
-  that of EPIC-pn. Where no second training is kept, s is unknown and the claim undecided.
+  do not share their networks (Satterthwaite 1946), and lend it to each other (Smyth 2004). Cells on NICER
+  take that of EPIC-pn. Where no second training is kept, s is unknown and the claim undecided.
 - *judged* claims have a measurement of their own; *repeated* ones are another claim's in other words;
   *recomputed* ones follow from published numbers or copied settings and can hardly fail; of *reported* ones
   nothing was said that must hold. Only judged claims count.
