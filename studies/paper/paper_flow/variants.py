@@ -45,10 +45,7 @@ SEEDS = (101, 202, 303, 404)
 FEWER = SEEDS[:2]
 """Of those on NICER."""
 
-MADE = SEEDS[:3]
-"""Those of which there are flows at every level; the others are still to be trained."""
-
-TRAININGS = ("", *(f"-seed{seed}" for seed in MADE))
+TRAININGS = ("", *(f"-seed{seed}" for seed in SEEDS))
 """How the names of a recipe's trainings end, the first first."""
 
 
