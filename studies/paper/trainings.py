@@ -86,18 +86,23 @@ def between_trainings() -> Mapping[tuple[str, str, str], Array]:
     return {key: np.stack(cells, axis=-1) for key, cells in found.items()}
 
 
-def pooled(groups: Iterable[Array]) -> tuple[Array, Array]:
-    """Variances between trainings of groups of residuals ``(training, cell)``, and degrees of freedom.
+def freedom(trainings: int, cells: int, share: float) -> float:
+    """Degrees of freedom of the mean variance of cells that share their networks (Satterthwaite 1946).
 
-    Cells of a group have their network in common, so they are worth fewer than they are: of m with a share r
-    of their variance in common and n trainings, ``(n - 1) m / (1 + (m - 1) r^2)`` (Satterthwaite 1946).
+    They are worth fewer than they are: all of their variance in common, and they are worth one.
+
+    >>> freedom(5, 16, 0.0), freedom(5, 16, 1.0)
+    (64.0, 4.0)
     """
+    return (trainings - 1.0) * cells / (1.0 + (cells - 1.0) * share**2)
+
+
+def pooled(groups: Iterable[Array]) -> tuple[Array, Array]:
+    """Variances between trainings of groups of residuals ``(training, cell)``, and degrees of freedom."""
     every = list(groups)
     share = common_share(row for group in every for row in group)
-    free = np.array([len(group) - 1.0 for group in every])
-    cells = np.array([group.shape[1] for group in every])
-    variance = np.array([(group**2).sum() for group in every]) / (free * cells)
-    return moderated(variance, free * cells / (1.0 + (cells - 1.0) * share**2))
+    variance = [(group**2).sum() / ((len(group) - 1.0) * group.shape[1]) for group in every]
+    return moderated(np.array(variance), np.array([freedom(*group.shape, share) for group in every]))
 
 
 @cache

@@ -11,6 +11,7 @@ from studies.paper.trainings import (
     Scatter,
     between_trainings,
     common_share,
+    freedom,
     is_paired,
     moderated,
     pooled,
@@ -55,9 +56,7 @@ def simulated(rng, *, groups, trainings, cells, share, sd):
 def test_cells_of_a_group_lend_each_other_their_scatter_as_far_as_they_are_apart(share):
     """400 groups of 16 cells by five trainings: the variance to 5%, its own scatter to what freedom says."""
     values = simulated(np.random.default_rng(2), groups=400, trainings=5, cells=16, share=share, sd=0.7)
-    free, cells = 4.0, 16.0
-    seen = (values**2).sum(axis=(1, 2)) / (free * cells)
-    worth = free * cells / (1.0 + (cells - 1.0) * share**2)
+    seen, worth = (values**2).sum(axis=(1, 2)) / 64.0, freedom(5, 16, share)
     assert seen.mean() == pytest.approx(0.49, rel=0.05)
     assert seen.var() == pytest.approx(2.0 * seen.mean() ** 2 / worth, rel=0.25)
     variance, df = pooled(values)
