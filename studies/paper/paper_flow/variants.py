@@ -45,7 +45,10 @@ SEEDS = (101, 202, 303, 404)
 FEWER = SEEDS[:2]
 """Of those on NICER."""
 
-TRAININGS = ("", *(f"-seed{seed}" for seed in SEEDS))
+MADE = SEEDS[:3]
+"""Those of which there are flows at every level; the fourth is still to be trained."""
+
+TRAININGS = ("", *(f"-seed{seed}" for seed in MADE))
 """How the names of a recipe's trainings end, the first first."""
 
 
