@@ -44,10 +44,10 @@ class Family:
 
 
 def families(judgements: Iterable[Judgement], *, seed: int = 0) -> tuple[Family, ...]:
-    """The measured cells among these by response and level."""
+    """The measured cells among these by response and level, where it is known what networks scatter by."""
     groups: dict[str, list[Judgement]] = {}
     for item in judgements:
-        if item.claim.id.startswith("grid.") and SINGLE[0] in item.ours:
+        if _is_cell(item) and scatter(item.claim, SINGLE[0]) is not None:
             groups.setdefault(" ".join(item.claim.id.split(".")[1:3]), []).append(item)
     share = common_share(row for group in between_trainings().values() for row in group) if groups else 0.0
     found = [_family(name, items, share, seed) for name, items in groups.items()]
@@ -99,9 +99,14 @@ def error_of(item: Judgement) -> float:
     return float(np.hypot(item.errors[SINGLE[0]], item.claim.error[SINGLE[0]]))
 
 
+def _is_cell(item: Judgement) -> bool:
+    return item.claim.id.startswith("grid.") and SINGLE[0] in item.ours
+
+
 def _error_of_training(item: Judgement) -> float:
     known = scatter(item.claim, SINGLE[0])
-    return known.error(item.trainings) if known else 0.0
+    assert known is not None  # of cells that were chosen by that
+    return known.error(item.trainings)
 
 
 def _drawn(claims: list[Claim], share: float, rng: np.random.Generator) -> Array:

@@ -36,8 +36,8 @@ A published study of amortised X-ray inference (three detection schemes, none of
 - An error includes training: a published number is of one training, ours a mean over n, so their difference
   has s √(1 + 1/n), with s between trainings. The study's network on EPIC-pn is trained {trainings} times at
   every level, each tested on the same spectra. Cells of one detector and level share their s, as far as they
-  do not share their networks (Satterthwaite 1946), and lend it to each other (Smyth 2004). Cells on NICER
-  take that of EPIC-pn. Where no second training is kept, s is unknown and the claim undecided.
+  do not share their networks (Satterthwaite 1946), and lend it to each other (Smyth 2004). Where no second
+  training is kept, s is unknown and the claim undecided: so are all on NICER, which flows of our own measure.
 - *judged* claims have a measurement of their own; *repeated* ones are another claim's in other words;
   *recomputed* ones follow from published numbers or copied settings and can hardly fail; of *reported* ones
   nothing was said that must hold. Only judged claims count.
@@ -443,7 +443,7 @@ def past_the_paper(tables: Mapping[str, xr.Dataset]) -> list[str]:
 OUTPUTS = """\
 The study's outputs have numbers that its text does not, and of which nothing was claimed: they are reported.
 First what it has, each of one training, then the mean of ours over {trainings} trainings and the standard
-deviation between them. The classifier of ranks is sbi's, a forest that is held against numbers which are not
+deviation between them, on the same spectra: what other spectra would change is not in it. The classifier of ranks is sbi's, a forest that is held against numbers which are not
 whole and sees that ranks are: whole numbers drawn uniformly give it {whole}, so less than that is no fault.
 TARP's p-value is sbi's too, of a Kolmogorov-Smirnov test of the points of a curve, and all but always near 1.
 Refined coverage is of {refined} spectra, of which exact posteriors deviate by {floor:.3f}; its weights are of

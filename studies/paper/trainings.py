@@ -60,10 +60,14 @@ def moderated(variance: Array, df: Array) -> tuple[Array, Array]:
 def common_share(groups: Iterable[Array]) -> float:
     """Share of the variance between trainings that the cells of a detector have in common, of ``(cell,)``.
 
+    None where there is but one training.
+
     >>> common_share([np.array([1.0, 1.0]), np.array([-2.0, -2.0])])
     1.0
     """
     values = list(groups)
+    if not values:
+        return 0.0
     pairs = sum((x.sum() ** 2 - (x**2).sum()) / (len(x) - 1) for x in values)
     return float(np.clip(pairs / sum((x**2).sum() for x in values), 0.0, 1.0))
 
@@ -160,9 +164,7 @@ def scatter(claim: Claim, part: str, less: str = "") -> Scatter | None:
     """
     words = claim.id.split(".")
     if words[0] == "grid":
-        every = _of_cells()
-        # Where a response has no second training, it takes the other's scatter.
-        known = every.get((words[1], words[2], words[-1]), every.get(("pn", words[2], words[-1])))
+        known = _of_cells().get((words[1], words[2], words[-1]))
         return Scatter(known[0] * claim.error[SINGLE[0]], known[1]) if known else None
     # A row of table 2 is one network's, of a seed of its own.
     if claim.id.startswith("tab2.") and part == "dev":

@@ -9,7 +9,9 @@ from studies.paper.trainings import is_paired, scatter
 
 @pytest.fixture(scope="module")
 def cells():
-    return [entry for entry in claims().values() if entry.id.startswith("grid.")]
+    """Those whose networks were trained several times."""
+    every = [entry for entry in claims().values() if entry.id.startswith("grid.")]
+    return [cell for cell in every if scatter(cell, "value") is not None]
 
 
 def replications(cells, number, *, wider=1.0):
@@ -27,8 +29,8 @@ def replications(cells, number, *, wider=1.0):
 
 
 def test_faithful_replications_have_as_many_outside_as_expected(cells):
-    """Twelve times six: the mean excess is within 5 of its errors, p small as rarely as it says."""
-    found = [entry for every in replications(cells, 12) for entry in every]
+    """24 times three: the mean excess is within 5 of its errors, p small as rarely as it says."""
+    found = [entry for every in replications(cells, 24) for entry in every]
     assert len(found) == 72
     excess = np.array([entry.misses - entry.expected for entry in found])
     assert abs(excess.mean()) < 5 * excess.std() / np.sqrt(len(excess))
@@ -45,8 +47,18 @@ def test_families_are_of_a_response_and_level_and_know_their_paired_cells(cells)
     found = families([judge(cell, Measured(cell.value, 0.03)) for cell in cells])
     assert [(entry.name, entry.cells, entry.paired) for entry in found] == [
         ("pn faint", 48, 0), ("pn medium", 48, 39), ("pn bright", 48, 48),
-        ("nicer faint", 45, 0), ("nicer medium", 36, 0), ("nicer bright", 36, 0),
     ]  # fmt: skip
+    other = claims()["grid.nicer.bright.B1.2e-05.D1"]
+    assert families([judge(other, Measured(other.value, 0.03))]) == ()
+
+
+def test_means_of_more_trainings_miss_less(cells):
+    """Against one published training: ours scatters as s sqrt(2), a mean of nine as 1.05 s."""
+    one, nine = (
+        families([judge(cell, Measured(cell.value, 0.03, trainings=number)) for cell in cells])
+        for number in (1, 9)
+    )
+    assert all(few.expected > many.expected for few, many in zip(one, nine, strict=True))
 
 
 def test_flows_that_see_the_gain_miss_too_much(cells):
@@ -66,7 +78,7 @@ def test_holm_multiplies_the_smallest_p_by_the_number_of_families(cells):
         for cell in cells
     ]
     found = {entry.name: entry for entry in families(drawn)}
-    assert found["pn faint"].adjusted == pytest.approx(6 * found["pn faint"].p)
+    assert found["pn faint"].adjusted == pytest.approx(3 * found["pn faint"].p)
 
 
 def test_only_measured_cells_are_counted(cells):

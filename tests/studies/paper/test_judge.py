@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from studies.paper import Agreement, Measured, Untestable, claims, judge
 from studies.paper.claim import Counted, claim_of
-from studies.paper.judge import Seen
+from studies.paper.judge import Seen, _seen
 from studies.paper.rules import Margin, rule_of
 from studies.paper.trainings import scatter
 
@@ -189,8 +189,19 @@ def test_parts_are_judged_by_name_and_none_may_be_missing():
         judge(both, Measured({"low": 1.0, "high": 2.0}))
 
 
+def test_a_step_scatters_as_it_does_within_a_training():
+    """Not as its end does alone: a training that moves both moves the step by less."""
+    claim = claims()["det.B1.dGamma.bright"]
+    (order,) = (rule for rule in claim.rules if rule.margins(claim.parts)[0].less)
+    (margin,) = order.margins(claim.parts)
+    parts = {"mean": 0.1, "median": 0.1, "medium": 0.1}
+    seen = _seen(claim, margin, Measured(parts, dict.fromkeys(parts, 0.01), trainings=4))
+    assert seen.training == scatter(claim, "mean", "medium").sd != scatter(claim, "mean").sd
+    assert seen.trainings == 4
+
+
 def test_spectra_in_common_leave_the_difference_to_the_networks():
-    paired, apart = claims()["grid.pn.bright.B1.2e-05.D1"], claims()["grid.nicer.bright.B1.2e-05.D1"]
+    paired, apart = claims()["grid.pn.bright.B1.2e-05.D1"], claims()["grid.pn.faint.B1.2e-05.D1"]
     for cell in (paired, apart):
         known = scatter(cell, "value")
         spectra = 0.0 if cell is paired else np.hypot(0.04, cell.error["value"])

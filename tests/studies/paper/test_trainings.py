@@ -125,17 +125,15 @@ def test_a_claim_of_several_trainings_scatters_as_they_do():
 
 
 def test_where_no_second_training_is_kept_nothing_is_said():
-    for name in ("cal.dev.nicer.bright", "gm.bias.bright", "xc.bright.capture"):
+    for name in (
+        "cal.dev.nicer.bright",
+        "gm.bias.bright",
+        "xc.bright.capture",
+        "grid.nicer.faint.B1.2e-05.D2",
+    ):
         assert scatter(claims()[name], "value") is None
     # Of one network, which is not trained again: that it gives the same several times says nothing.
     assert scatter(claims()["tab2.uncapped"], "failures") is None
-
-
-def test_nicer_takes_the_scatter_of_epic_pn_until_it_is_trained_again():
-    nicer, pn = (claims()[f"grid.{response}.faint.B1.2e-05.D2"] for response in ("nicer", "pn"))
-    assert scatter(nicer, "value").sd / nicer.error["value"] == pytest.approx(
-        scatter(pn, "value").sd / pn.error["value"]
-    )
 
 
 def test_the_share_in_common_is_found_again():
