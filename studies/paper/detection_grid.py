@@ -79,7 +79,7 @@ def levels_of(
     places = [(name, strength) for name in FAMILIES for strength in published.STRENGTHS[name]]
 
     def cell(index: int, seconds: float) -> tuple[str, float, Any]:
-        return (*places[index], _with_effect(response, *places[index]).with_exposure(seconds))
+        return (*places[index], with_effect(response, *places[index]).with_exposure(seconds))
 
     return {
         name: DetectionLevel(
@@ -100,7 +100,7 @@ def _bare(response: str) -> Any:
 
 
 @cache
-def _with_effect(response: str, name: str, strength: float) -> Any:
+def with_effect(response: str, name: str, strength: float) -> Any:
     """Exposures share what is compiled, and grids on one response: every effect is, once."""
     from gaugeblock.simulators.xray import family
 

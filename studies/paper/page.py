@@ -441,14 +441,14 @@ def past_the_paper(tables: Mapping[str, xr.Dataset]) -> list[str]:
 
 
 OUTPUTS = """\
-The study's outputs have numbers that its text does not, and of which nothing was claimed: they are reported.
-First what it has, each of one training, then the mean of ours over {trainings} trainings and the standard
-deviation between them, on the same spectra: what other spectra would change is not in it. The classifier of ranks is sbi's, a forest that is held against numbers which are not
-whole and sees that ranks are: whole numbers drawn uniformly give it {whole}, so less than that is no fault.
-TARP's p-value is sbi's too, of a Kolmogorov-Smirnov test of the points of a curve, and all but always near 1.
-Refined coverage is of {refined} spectra, of which exact posteriors deviate by {floor:.3f}; its weights are of
-a prior uniform in the norms, not of the one that was simulated from: under that one the deviations are
-{simulated}."""
+The study's outputs have numbers that its text does not, and of which nothing was claimed: they are
+reported. First what it has, each of one training, then the mean of ours over {trainings} trainings and the
+standard deviation between them, on the same spectra: what other spectra would change is not in it. The
+classifier of ranks is sbi's, a forest that is held against numbers which are not whole and sees that ranks
+are: whole numbers drawn uniformly give it {whole}, so less than that is no fault. TARP's p-value is sbi's
+too, of a Kolmogorov-Smirnov test of the points of a curve, and all but always near 1. Refined coverage is
+of {refined} spectra, of which exact posteriors deviate by {floor:.3f}; its weights are of a prior uniform
+in the norms, not of the one that was simulated from: under that one the deviations are {simulated}."""
 
 PARTS = {
     **{"nh": "N_H", "alpha": "index", "norm": "norm", "kT": "kT", "bb_norm": "black body's norm"},

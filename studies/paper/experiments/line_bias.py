@@ -7,7 +7,6 @@ value, over the hundred spectra of its strongest line. Nothing is subtracted for
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ import xarray as xr
 
 from gaugeblock.core.arrays import Array
 from studies.kit.resume import Arrays, Pieces
+from studies.paper.detection_grid import with_effect
 from studies.paper.experiment import Experiment, Found, Setting, committed
 from studies.paper.experiments.posteriors import (
     ALPHA,
@@ -61,19 +61,12 @@ def line_errors(
     from gaugeblock.simulators.xray import published
 
     theta, counts = lined_spectra(
-        _lined(strength).with_exposure(published.EXPOSURES["epic-pn"][level]), strength
+        with_effect("epic-pn", FAMILY, strength).with_exposure(published.EXPOSURES["epic-pn"][level]),
+        strength,
     )
     some, (low, high) = slice(sizes["line"]), flow.box
     drawn = np.clip(flow.raw(counts[some], sizes["draws"], rng)[0], low, high)
     return np.median(drawn[..., ALPHA], axis=1) - theta[some, ALPHA]
-
-
-@cache
-def _lined(strength: float) -> Any:
-    """Exposures share what is compiled."""
-    from gaugeblock.simulators.xray import family, reference
-
-    return reference(level="bright").with_effect(family(FAMILY, strength))
 
 
 def measured(table: xr.Dataset) -> Found:

@@ -191,10 +191,9 @@ def test_a_table_measures_every_claim_and_explains_the_flow_that_was_cut(monkeyp
     assert set(said) == set(mine)
     judged = {name: judge(claim, said[name]) for name, claim in mine.items()}
     assert judged["is.draws"].verdict is Agreement.AGREES
-    # One training is kept.
-    for name in ("is.essfrac.medium", "tab3.medium.B1.seed0", "is.essfrac.bright"):
-        assert judged[name].verdict is Agreement.UNDECIDED
-        assert "trainings" in judged[name].settles
+    # In the middle of its margin, by errors that include what kept trainings scatter by; just past another.
+    assert judged["is.essfrac.medium"].verdict is Agreement.AGREES
+    assert judged["is.essfrac.bright"].verdict is Agreement.UNDECIDED
     assert "our training gives 0.01" in said["is.essfrac.bright"].because
     assert judged["is.lowess.bright"].ours["cut"] == 1.0
     assert table["auc"].sel(cell="medium-line-0", score="khat") > 0.9
