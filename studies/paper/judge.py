@@ -133,7 +133,7 @@ def judge(claim: Claim, found: Measured | Untestable | None) -> Judgement:
     lacking = [part for part in claim.needs if part not in ours]
     if lacking:
         raise InputError(f"claim {claim.id}: the measurement lacks {', '.join(lacking)}")
-    seen = [_seen(claim, margin, found) for rule in claim.rules for margin in rule.margins(claim.parts)]
+    seen = [seen_of(claim, margin, found) for rule in claim.rules for margin in rule.margins(claim.parts)]
     verdict = _verdict(claim, seen, ours)
     doubtful = [item for item in seen if item.verdict is Agreement.UNDECIDED]
     settles = doubtful[0].settles if doubtful else "a statistic with an interval: a p-value has none"
@@ -178,7 +178,7 @@ def _reason(verdict: Agreement, found: Measured) -> str:
     return "; ".join(filter(None, ("unexplained", told)))
 
 
-def _seen(claim: Claim, margin: Margin, found: Measured) -> Seen:
+def seen_of(claim: Claim, margin: Margin, found: Measured) -> Seen:
     """A number against its margin: of ours around what was published with both errors, of ours alone else.
 
     Where the spectra are the study's own, their noise is in both numbers and drops out of a difference.

@@ -74,8 +74,8 @@ def page(
         *_front(judgements, tables),
         *(f"![{caption}]({path})" for caption, path in figures.items()),
         *past_the_paper(tables),
-        *_outputs(tables),
-        *_go_no_go(tables),
+        *beside_its_text(tables),
+        *gate_verdicts(tables),
         "## Cells taken together",
         _families(families),
         "## Differences",
@@ -464,7 +464,7 @@ NAMED = {
 }
 
 
-def _outputs(tables: Mapping[str, xr.Dataset]) -> list[str]:
+def beside_its_text(tables: Mapping[str, xr.Dataset]) -> list[str]:
     """What the study's outputs have beside its text."""
     if "trained" not in tables.get("outputs", ()):
         return []
@@ -503,7 +503,7 @@ is our bright training left with the weights of a bad epoch, as the study's cap 
 sets of truths. In brackets how many audits a family of gates blocked."""
 
 
-def _go_no_go(tables: Mapping[str, xr.Dataset]) -> list[str]:
+def gate_verdicts(tables: Mapping[str, xr.Dataset]) -> list[str]:
     """Verdicts of the gate by network."""
     if "trained" not in tables.get("go_no_go", ()):
         return []

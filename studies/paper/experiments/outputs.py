@@ -46,7 +46,12 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
         return found
 
     numbers: Numbers = {}
-    for name, kind in (("ranks", _ranks), ("refined", _refined), ("recovery", _recovery), ("lines", _lines)):
+    for name, kind in (
+        ("ranks", by_ranks),
+        ("refined", by_weights),
+        ("recovery", by_recovery),
+        ("lines", by_lines),
+    ):
         for level, found in zip(
             LEVELS, pieces.each(name, len(LEVELS), partial(made, kind), seed), strict=True
         ):
@@ -56,13 +61,13 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     return as_table(numbers)
 
 
-def _ranks(flow: Any, level: str, sizes: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+def by_ranks(flow: Any, level: str, sizes: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
     """TARP, and how well a classifier tells ranks from uniform numbers, and draws from the prior."""
     import torch
     from sbi.diagnostics.sbc import check_prior_vs_dap, check_uniformity_c2st
     from sbi.diagnostics.tarp import _run_tarp, check_tarp, get_tarp_references
 
-    theta, x = fresh(_simulator(level), sizes["ranks"], SEED + RANKS)
+    theta, x = fresh(simulator_of(level), sizes["ranks"], SEED + RANKS)
     draws = flow.sample(x, sizes["draws"], rng)
     ranks = torch.from_numpy((draws < theta[:, None]).sum(axis=1)).float()
     # The forest is held against numbers that are not whole, and sees that ranks are.
@@ -82,9 +87,9 @@ def _ranks(flow: Any, level: str, sizes: Mapping[str, Any], rng: np.random.Gener
     }
 
 
-def _refined(flow: Any, level: str, sizes: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+def by_weights(flow: Any, level: str, sizes: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
     """Deviation of coverage without and with importance weights, and the share of draws that count."""
-    theta, x = fresh(_simulator(level), sizes["refined"], SEED + TEST)
+    theta, x = fresh(simulator_of(level), sizes["refined"], SEED + TEST)
     drawn, log_q = flow.raw(x, sizes["weighted"], rng)
     inside = flow.inside(drawn) & np.isfinite(log_q)
     held = np.where(inside[..., None], drawn, flow.box[0])
@@ -108,9 +113,9 @@ def normalised(log_weight: Array) -> Array:
     return np.asarray(weight / weight.sum(axis=1, keepdims=True))
 
 
-def _recovery(flow: Any, level: str, sizes: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+def by_recovery(flow: Any, level: str, sizes: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
     """Correlation of truth and posterior median by parameter, and how often all five are held at once."""
-    theta, x = fresh(_simulator(level), sizes["recovery"], SEED + RECOVERY)
+    theta, x = fresh(simulator_of(level), sizes["recovery"], SEED + RECOVERY)
     draws = flow.raw(x, RECOVERY_DRAWS, rng)[0]
     low, median, high = np.quantile(draws, [(1 - JOINT) / 2, 0.5, (1 + JOINT) / 2], axis=1)
     held = ((theta >= low) & (theta <= high)).all(axis=1)
@@ -119,7 +124,7 @@ def _recovery(flow: Any, level: str, sizes: Mapping[str, Any], rng: np.random.Ge
     return found | {"joint/value": held.mean()}
 
 
-def _lines(flow: Any, level: str, sizes: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+def by_lines(flow: Any, level: str, sizes: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
     """Mean and median error of the photon index by strength of the line."""
     from gaugeblock.simulators.xray import published
 
@@ -131,7 +136,8 @@ def _lines(flow: Any, level: str, sizes: Mapping[str, Any], rng: np.random.Gener
 
 
 @cache
-def _simulator(level: str) -> Any:
+def simulator_of(level: str) -> Any:
+    """EPIC-pn at a level, built once."""
     from gaugeblock.simulators.xray import reference
 
     return reference(level=level)

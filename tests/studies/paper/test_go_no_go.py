@@ -7,7 +7,7 @@ import pytest
 from studies.kit.resume import Pieces
 from studies.paper.experiments import go_no_go
 from studies.paper.numbers import as_table, by_claim, together
-from studies.paper.page import _go_no_go
+from studies.paper.page import gate_verdicts
 
 
 def test_a_network_is_asked_for_draws_alone_on_truths_of_its_own(monkeypatch, tmp_path):
@@ -55,7 +55,7 @@ def test_the_page_counts_audits():
     verdicts += [{"PASS": 0.0, "INCONCLUSIVE": 0.0, "FAIL": 1.0, "sbc.bias": 1.0, "joint.tarp": 0.0}] * 2
     tables = {str(k): as_table({"bright": found}) for k, found in enumerate(verdicts)}
     table = together(tables).assign_attrs(sizes='{"trials": 4000, "draws": 250}')
-    _, said, rows = _go_no_go({"go_no_go": table})
+    _, said, rows = gate_verdicts({"go_no_go": table})
     assert "4,000 truths with 250 draws" in said
     assert "| bright |  | 1 | 2 | `sbc.bias` (2) |" in rows
-    assert _go_no_go({}) == []
+    assert gate_verdicts({}) == []

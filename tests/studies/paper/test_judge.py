@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from studies.paper import Agreement, Measured, Untestable, claims, judge
 from studies.paper.claim import Counted, claim_of
-from studies.paper.judge import Seen, _seen
+from studies.paper.judge import Seen, seen_of
 from studies.paper.rules import Margin, rule_of
 from studies.paper.trainings import scatter
 
@@ -195,7 +195,7 @@ def test_a_step_scatters_as_it_does_within_a_training():
     (order,) = (rule for rule in claim.rules if rule.margins(claim.parts)[0].less)
     (margin,) = order.margins(claim.parts)
     parts = {"mean": 0.1, "median": 0.1, "medium": 0.1}
-    seen = _seen(claim, margin, Measured(parts, dict.fromkeys(parts, 0.01), trainings=4))
+    seen = seen_of(claim, margin, Measured(parts, dict.fromkeys(parts, 0.01), trainings=4))
     assert seen.training == scatter(claim, "mean", "medium").sd != scatter(claim, "mean").sd
     assert seen.trainings == 4
 

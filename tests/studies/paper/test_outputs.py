@@ -7,7 +7,7 @@ import pytest
 from studies.paper.experiments import outputs
 from studies.paper.experiments.line_bias import line_errors
 from studies.paper.experiments.outputs import in_its_outputs
-from studies.paper.page import _outputs
+from studies.paper.page import beside_its_text
 
 NOISE = 0.05
 LOW, HIGH = np.full(5, 0.1), np.full(5, 2.5)
@@ -49,7 +49,7 @@ def simulated(request, monkeypatch):
         return -0.5 * (((x[:, None] - theta) / sd) ** 2).sum(axis=-1)
 
     monkeypatch.setattr(outputs, "fresh", fresh)
-    monkeypatch.setattr(outputs, "_simulator", lambda level: None)
+    monkeypatch.setattr(outputs, "simulator_of", lambda level: None)
     monkeypatch.setattr(outputs, "WeightLevel", lambda level: SimpleNamespace(log_likelihood=likelihood))
 
 
@@ -58,7 +58,7 @@ SIZES = {"ranks": 400, "draws": 200, "refined": 1000, "weighted": 1000, "recover
 
 def test_classifiers_and_tarp_see_what_is_too_narrow(simulated):
     exact, narrow = (
-        outputs._ranks(Shrunk(share), "bright", SIZES, np.random.default_rng(1)) for share in (1.0, 0.2)
+        outputs.by_ranks(Shrunk(share), "bright", SIZES, np.random.default_rng(1)) for share in (1.0, 0.2)
     )
     told = {name: [found[f"c2st_ranks/{name}"] for found in (exact, narrow)] for name in outputs.NAMES}
     # A forest tells whole ranks from numbers that are not, of exact posteriors too.
@@ -70,7 +70,7 @@ def test_classifiers_and_tarp_see_what_is_too_narrow(simulated):
     # Draws that are too narrow call the truth far away too often: more is claimed than is held.
     assert abs(exact["tarp/area"]) < 2.0
     assert narrow["tarp/p"] < exact["tarp/p"]
-    again = outputs._ranks(Shrunk(), "bright", SIZES, np.random.default_rng(1))
+    again = outputs.by_ranks(Shrunk(), "bright", SIZES, np.random.default_rng(1))
     assert {name: float(value) for name, value in again.items()} == {
         name: float(value) for name, value in exact.items()
     }
@@ -78,7 +78,7 @@ def test_classifiers_and_tarp_see_what_is_too_narrow(simulated):
 
 def test_weights_mend_a_width_under_the_prior_that_was_simulated_from(simulated):
     """Twice as wide as it should be: weights make it right; 1,000 spectra leave an exact one 0.01."""
-    found = outputs._refined(Shrunk(2.0), "bright", SIZES, np.random.default_rng(1))
+    found = outputs.by_weights(Shrunk(2.0), "bright", SIZES, np.random.default_rng(1))
     assert found["refined/raw"] > 0.05
     assert found["refined/simulated"] < 0.015
     # Of normal weights of half the width; the other prior is nearly flat over so narrow posteriors.
@@ -89,7 +89,7 @@ def test_weights_mend_a_width_under_the_prior_that_was_simulated_from(simulated)
 def test_the_other_prior_moves_what_it_weighs(simulated):
     """Where posteriors are a good part of the prior, one uniform in the norms puts two of five too high."""
     sizes = {**SIZES, "refined": 2000, "weighted": 3000}
-    found = outputs._refined(Shrunk(noise=0.3), "bright", sizes, np.random.default_rng(2))
+    found = outputs.by_weights(Shrunk(noise=0.3), "bright", sizes, np.random.default_rng(2))
     assert found["refined/simulated"] < 0.015
     assert found["refined/refined"] > 0.02
 
@@ -100,7 +100,7 @@ def test_weights_add_up_to_one_and_are_equal_where_nothing_is_inside():
 
 
 def test_recovery_and_joint_intervals_of_exact_posteriors(simulated):
-    found = outputs._recovery(Shrunk(), "bright", SIZES, np.random.default_rng(1))
+    found = outputs.by_recovery(Shrunk(), "bright", SIZES, np.random.default_rng(1))
     assert found["joint/value"] == pytest.approx(0.9**5, abs=0.04)
     theta = outputs.fresh(None, SIZES["recovery"], 1)[0]
     share = theta[:, 0].var()
@@ -135,7 +135,7 @@ def test_the_page_has_them_with_the_scatter_between_trainings():
     from studies.paper.numbers import by_claim
 
     table = committed("outputs")
-    _, said, rows = _outputs({"outputs": table})
+    _, said, rows = beside_its_text({"outputs": table})
     assert f"mean of ours over {table.sizes['training']} trainings" in said
     place = next(
         i
@@ -145,4 +145,4 @@ def test_the_page_has_them_with_the_scatter_between_trainings():
     mean, sd = table["trained"].values[:, place].mean(), table["trained"].values[:, place].std(ddof=1)
     assert by_claim(table)["bright/joint"]["value"] == pytest.approx(mean)
     assert f"0.4, {mean:.3g} ± {sd:.2g} |" in rows
-    assert _outputs({}) == []
+    assert beside_its_text({}) == []
