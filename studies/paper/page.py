@@ -42,9 +42,9 @@ A published study of amortised X-ray inference (three detection schemes, none of
   *recomputed* ones follow from published numbers or copied settings and can hardly fail; of *reported* ones
   nothing was said that must hold. Only judged claims count.
 - *before* is the verdict of the judge that this one replaces, which counted what it could not reject.
-- Rules, margins, seeds and trainings are in `studies/paper/fixed.json`, its sha256 beside it: written from the
-  published list alone, after the first training of every network and the bright one's three others, before
-  all that came since.
+- Rules, margins, seeds and trainings are in `studies/paper/fixed.json`, its sha256 beside it: written from
+  the published list alone, after the first training of every network and the bright one's three others,
+  before all that came since.
 - NICER's response files of the study are not distributed: NICER claims are held against another response of
   the same instrument and say whether they transfer. ± is one standard error, of spectra and draws alone."""
 
