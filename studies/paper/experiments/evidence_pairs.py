@@ -15,7 +15,7 @@ import xarray as xr
 
 from gaugeblock.validate.designs import count_ratio_regression
 from studies.kit.resume import Arrays, Pieces, stream
-from studies.paper.experiment import Experiment, Found, Setting
+from studies.paper.experiment import Experiment, Setting
 from studies.paper.experiments.evidence import PRIOR
 from studies.paper.experiments.gain_claims import SHIFT
 from studies.paper.experiments.gain_pairs import MEMBERS, GainPairs
@@ -103,17 +103,11 @@ def summaries(table: xr.Dataset, *, seed: int = 0) -> dict[tuple[str, str], dict
     return found
 
 
-def measured(table: xr.Dataset) -> Found:  # noqa: ARG001
-    """No claim: the study measured this at medium alone, on pairs that cannot be drawn again."""
-    return {}
-
-
 EXPERIMENT = Experiment(
     name="evidence_pairs",
     says="paired evidences of a gain, at medium and at bright, with shared noise and as published",
     sizes={Setting.FULL: {"pairs": 250, "draws": 1000}, Setting.TWIN: {"pairs": 25, "draws": 200}},
     run=run,
-    measured=measured,
     flows=tuple(FLOW.format(level=level) for level in LEVELS),
     extra="xray",
 )

@@ -14,7 +14,7 @@ from typing import Any
 import xarray as xr
 
 from studies.kit.resume import Pieces, seed_of, stream
-from studies.paper.experiment import Experiment, Found, Setting
+from studies.paper.experiment import Experiment, Setting
 from studies.paper.experiments.calibration_published import BRIGHT, CUT, LEVELS
 from studies.paper.numbers import TRAINING, as_table
 from studies.paper.paper_flow import TRAININGS, paper_flow
@@ -57,11 +57,6 @@ def _audited(flow: str, level: str, sizes: Mapping[str, Any], seed: int) -> dict
     return found
 
 
-def measured(table: xr.Dataset) -> Found:  # noqa: ARG001
-    """No claim is of these."""
-    return {}
-
-
 EXPERIMENT = Experiment(
     name="go_no_go",
     says="verdicts of this package's gate on the study's network, on every training of it",
@@ -70,7 +65,6 @@ EXPERIMENT = Experiment(
         Setting.TWIN: {"trials": 200, "draws": 50},
     },
     run=run,
-    measured=measured,
     flows=(RECIPE + CUT,),
     retrained=tuple(RECIPE + level for level in LEVELS),
     trainings=TRAININGS,

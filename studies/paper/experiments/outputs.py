@@ -19,7 +19,7 @@ import xarray as xr
 from gaugeblock.core.arrays import Array
 from studies.kit.resume import Pieces
 from studies.paper.calibration import RANKS, RECOVERY, RECOVERY_DRAWS, TEST, deviation, fresh
-from studies.paper.experiment import Experiment, Found, Setting
+from studies.paper.experiment import Experiment, Setting
 from studies.paper.experiments.calibration_published import LEVELS, NAMES
 from studies.paper.experiments.importance_weights import WeightLevel
 from studies.paper.experiments.line_bias import line_errors
@@ -160,11 +160,6 @@ def in_its_outputs() -> Mapping[str, Mapping[str, float]]:
     return found
 
 
-def measured(table: xr.Dataset) -> Found:  # noqa: ARG001
-    """No claim is of these."""
-    return {}
-
-
 EXPERIMENT = Experiment(
     name="outputs",
     says="what the study's outputs have beside its text: TARP, classifiers of ranks, refined coverage",
@@ -179,7 +174,6 @@ EXPERIMENT = Experiment(
         },
     },
     run=run,
-    measured=measured,
     retrained=tuple(RECIPE + level for level in LEVELS),
     trainings=TRAININGS,
     extra="xray",
