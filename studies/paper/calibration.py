@@ -88,8 +88,12 @@ def deviation(levels: Array, calibration: Array | None = None) -> Array:
 
 def recovery(truth: Array, median: Array) -> float:
     """Mean over parameters of the correlation of truth and posterior median, ``(spectrum, parameter)``."""
-    columns = zip(truth.T, median.T, strict=True)
-    return float(np.mean([np.corrcoef(a, b)[0, 1] for a, b in columns]))
+    return float(np.mean(correlations(truth, median)))
+
+
+def correlations(truth: Array, median: Array) -> list[float]:
+    """The same by parameter."""
+    return [float(np.corrcoef(a, b)[0, 1]) for a, b in zip(truth.T, median.T, strict=True)]
 
 
 def bootstrapped(

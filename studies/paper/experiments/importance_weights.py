@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from gaugeblock.core.arrays import Array
@@ -37,12 +38,7 @@ def diagnostics(
     Its counts, the share of draws inside the box and of those effective (Kish) under either prior, and
     k-hat; names that begin with ``few-`` are of the first few draws alone.
     """
-    theta, log_q = flow.raw(counts, draws, rng)
-    inside = flow.inside(theta) & np.isfinite(log_q)
-    held = np.where(inside[..., None], theta, flow.box[0])
-    weight = np.where(inside, level.log_likelihood(held, counts) - log_q, -np.inf)
-    # Both priors are flat in the three other parameters; constants do not matter here.
-    simulated = weight - np.log(held[..., NORM] * held[..., AREA])
+    _, inside, weight, simulated = weighted(flow, level, counts, draws=draws, rng=rng)
     made = {"counts": counts.sum(axis=1), "accepted": inside.mean(axis=1)}
     for prefix, number in (("", draws), (FEW, few)):
         made |= {
@@ -51,6 +47,21 @@ def diagnostics(
             f"{prefix}khat": np.minimum(pareto_khat(weight[:, :number]), WORST),
         }
     return made
+
+
+def weighted(
+    flow: Any, level: Any, counts: Array, *, draws: int, rng: np.random.Generator
+) -> tuple[Array, NDArray[np.bool_], Array, Array]:
+    """Draws ``(spectrum, draw, parameter)``, whether each is in the box, and its log weight by either prior.
+
+    First by the study's, which is uniform in both norms, then by the one that was simulated from.
+    """
+    theta, log_q = flow.raw(counts, draws, rng)
+    inside = flow.inside(theta) & np.isfinite(log_q)
+    held = np.where(inside[..., None], theta, flow.box[0])
+    weight = np.where(inside, level.log_likelihood(held, counts) - log_q, -np.inf)
+    # Both priors are flat in the three other parameters; constants do not matter here.
+    return theta, inside, weight, weight - np.log(held[..., NORM] * held[..., AREA])
 
 
 @dataclass(frozen=True)

@@ -17,15 +17,14 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.validate.joint.importance import kish_fraction
 from studies.kit.resume import Pieces
-from studies.paper.calibration import RANKS, RECOVERY, RECOVERY_DRAWS, TEST, deviation, fresh
+from studies.paper.calibration import RANKS, RECOVERY, RECOVERY_DRAWS, TEST, correlations, deviation, fresh
 from studies.paper.experiment import Experiment, Setting
 from studies.paper.experiments.calibration_published import LEVELS, NAMES
-from studies.paper.experiments.importance_weights import WeightLevel
+from studies.paper.experiments.importance_weights import WeightLevel, weighted
 from studies.paper.experiments.line_bias import line_errors
 from studies.paper.experiments.posteriors import FAMILY
-from studies.paper.interpolated import AREA
-from studies.paper.interpolated import NORM as PLACE
 from studies.paper.numbers import TRAINING, Numbers, as_table
 from studies.paper.paper_flow import TRAININGS, paper_flow
 from studies.paper.paper_flow.variants import SEED
@@ -90,19 +89,12 @@ def by_ranks(flow: Any, level: str, sizes: Mapping[str, Any], rng: np.random.Gen
 def by_weights(flow: Any, level: str, sizes: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
     """Deviation of coverage without and with importance weights, and the share of draws that count."""
     theta, x = fresh(simulator_of(level), sizes["refined"], SEED + TEST)
-    drawn, log_q = flow.raw(x, sizes["weighted"], rng)
-    inside = flow.inside(drawn) & np.isfinite(log_q)
-    held = np.where(inside[..., None], drawn, flow.box[0])
-    log_weight = np.where(inside, WeightLevel(level).log_likelihood(held, x) - log_q, -np.inf)
+    drawn, _, log_weight, simulated = weighted(flow, WeightLevel(level), x, draws=sizes["weighted"], rng=rng)
     below = drawn < theta[:, None]
     found: dict[str, Any] = {"refined/raw": deviation(below.mean(axis=1))}
-    simulated = log_weight - np.log(held[..., PLACE] * held[..., AREA])
     for name, logs in (("refined", log_weight), ("simulated", simulated)):
-        weight = normalised(logs)
-        found[f"refined/{name}"] = deviation((weight[..., None] * below).sum(axis=1))
-        if name == "refined":
-            found["refined/effective"] = np.median(1.0 / (weight**2).sum(axis=1)) / weight.shape[1]
-    return found
+        found[f"refined/{name}"] = deviation((normalised(logs)[..., None] * below).sum(axis=1))
+    return found | {"refined/effective": np.median(kish_fraction(log_weight))}
 
 
 def normalised(log_weight: Array) -> Array:
@@ -119,8 +111,8 @@ def by_recovery(flow: Any, level: str, sizes: Mapping[str, Any], rng: np.random.
     draws = flow.raw(x, RECOVERY_DRAWS, rng)[0]
     low, median, high = np.quantile(draws, [(1 - JOINT) / 2, 0.5, (1 + JOINT) / 2], axis=1)
     held = ((theta >= low) & (theta <= high)).all(axis=1)
-    r = [np.corrcoef(a, b)[0, 1] for a, b in zip(theta.T, median.T, strict=True)]
-    found = {f"recovery/{name}": value for name, value in zip(NAMES, r, strict=True)}
+    r = zip(NAMES, correlations(theta, median), strict=True)
+    found: dict[str, Any] = {f"recovery/{name}": value for name, value in r}
     return found | {"joint/value": held.mean()}
 
 
