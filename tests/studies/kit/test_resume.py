@@ -138,10 +138,11 @@ def test_pieces_of_other_weights_are_not_used(tmp_path, monkeypatch):
     from studies.paper.experiments import load
 
     mine = load("conformal")
-    first = experiment.pieces_of(mine, Setting.TWIN, tmp_path, seed=1).place
-    assert first == experiment.pieces_of(mine, Setting.TWIN, tmp_path, seed=1).place
+    sizes = mine.sizes[Setting.TWIN]
+    first = experiment.pieces_of(mine, sizes, tmp_path, seed=1).place
+    assert first == experiment.pieces_of(mine, sizes, tmp_path, seed=1).place
     monkeypatch.setattr(experiment, "weights_of", lambda flow: "another training of " + flow)
-    assert first != experiment.pieces_of(mine, Setting.TWIN, tmp_path, seed=1).place
+    assert first != experiment.pieces_of(mine, sizes, tmp_path, seed=1).place
 
 
 def test_a_flow_that_is_not_there_is_named():
