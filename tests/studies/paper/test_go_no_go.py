@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from studies.kit.resume import Pieces
+from studies.paper.beyond import gate_verdicts
 from studies.paper.experiments import go_no_go
 from studies.paper.numbers import as_table, by_claim, together
-from studies.paper.page import gate_verdicts
 
 
 def test_a_network_is_asked_for_draws_alone_on_truths_of_its_own(monkeypatch, tmp_path):

@@ -4,10 +4,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from studies.paper.beyond import beside_its_text
 from studies.paper.experiments import outputs
 from studies.paper.experiments.line_bias import line_errors
 from studies.paper.experiments.outputs import in_its_outputs
-from studies.paper.page import beside_its_text
 
 NOISE = 0.05
 LOW, HIGH = np.full(5, 0.1), np.full(5, 2.5)
