@@ -16,7 +16,7 @@ from studies.kit import plots
 from studies.kit.plots import BLUE, GREY, ORANGE
 from studies.paper.claim import SINGLE, Claim, Counted, Kind
 from studies.paper.detection_claims import cells
-from studies.paper.experiments.arithmetic import GAIN_PRIOR_SD
+from studies.paper.experiments.arithmetic import GAIN_PRIOR_SD, LINE_KEV
 from studies.paper.experiments.importance import BOTH, SETS, SUB, SWEEP
 from studies.paper.experiments.importance import FAMILIES as FAMILY_KINDS
 from studies.paper.experiments.importance import LEVELS as WEIGHTED
@@ -309,14 +309,14 @@ WIDTH = 0.24
 """Between the levels of one strength."""
 
 
+GRIDS = {"epic-pn": "detection", "nicer": "detection_nicer"}
+"""Experiments of the grid by response."""
+
+
 def grid_figure(response: str, pyplot: Any, tables: Mapping[str, xr.Dataset]) -> Any:
     """AUCs of one response, means over trainings; open circles are published, which not every cell is."""
-    table = tables["detection" if response == "epic-pn" else "detection_nicer"]
-    here, numbers = table.sel(response=response), by_claim(table)
-    published, ours = published_aucs(response), here["auc"].values.copy()
-    for claim, cell in cells(response):
-        if claim in numbers:
-            ours[cell] = numbers[claim][SINGLE[0]]
+    here = tables[GRIDS[response]].sel(response=response)
+    published, ours = published_aucs(response), our_aucs(response, tables)
     figure, axes = pyplot.subplots(
         len(DETECTORS), len(FAMILIES), figsize=(7.5, 5.4), sharex="col", sharey=True, layout="constrained"
     )
@@ -341,7 +341,17 @@ def grid_figure(response: str, pyplot: Any, tables: Mapping[str, xr.Dataset]) ->
     return figure
 
 
-def published_aucs(response: str) -> np.ndarray:
+def our_aucs(response: str, tables: Mapping[str, xr.Dataset]) -> Array:
+    """Our AUCs ``(level, family, strength, detector)``, means over trainings where there are some."""
+    table = tables[GRIDS[response]]
+    numbers, found = by_claim(table), table.sel(response=response)["auc"].values.copy()
+    for claim, cell in cells(response):
+        if claim in numbers:
+            found[cell] = numbers[claim][SINGLE[0]]
+    return np.asarray(found)
+
+
+def published_aucs(response: str) -> Array:
     """The published AUCs ``(level, family, strength, detector)``; NaN for cells that were not published."""
     every = claims()
     found = np.full((len(LEVELS), len(FAMILIES), 4, len(DETECTORS)), np.nan)
@@ -351,22 +361,62 @@ def published_aucs(response: str) -> np.ndarray:
     return found
 
 
+FACES = {"B1": (BLUE, "line"), "B4": (ORANGE, "gain")}
+LINES = {"epic-pn": ("-", "EPIC-pn"), "nicer": ("--", "NICER")}
+
+
+def responses_figure(pyplot: Any, tables: Mapping[str, xr.Dataset]) -> Any:
+    """Best AUC of a line and of a gain by a detector of single spectra, and the effective areas.
+
+    The best is over strengths and two detectors, so that chance alone puts it above one half.
+    """
+    figure, (left, right) = pyplot.subplots(1, 2, figsize=(7.5, 3.2), layout="constrained")
+    left.axhline(0.5, color="#8a8a8a", lw=0.8)
+    for response, (line, title) in LINES.items():
+        for ours, auc in enumerate((published_aucs(response), our_aucs(response, tables))):
+            for family, (colour, what) in FACES.items():
+                best = auc[:, FAMILIES.index(family), :, :2].max(axis=(1, 2))
+                style = {"color": colour, "ls": line, "lw": 1.0 if ours else 0.5, "ms": 4}
+                label = f"{what}, {title}" if ours else None
+                place = np.arange(len(LEVELS)) + (0.04 if ours else -0.04)
+                left.plot(place, best, "o", mfc=colour if ours else "white", label=label, **style)
+        area = tables["setup"]["area"].sel(response=response)
+        right.plot(area["energy"].values, area.values, line, color="black", lw=1.0, label=title)
+    left.set_xticks(range(len(LEVELS)), list(LEVELS))
+    left.set_ylabel("best AUC of single spectra")
+    left.legend(frameon=False, fontsize=7)
+    right.axvline(LINE_KEV, color=BLUE, lw=0.8, ls=":")
+    right.set_xscale("log")
+    right.set_xticks([0.5, 1, 2, 5, 10], ["0.5", "1", "2", "5", "10"])
+    right.minorticks_off()
+    right.set_xlabel("energy, keV; dotted: the line")
+    right.set_ylabel("effective area, cm$^2$")
+    right.legend(frameon=False)
+    return figure
+
+
 BESIDE = "ours, and as published (open circles)"
-FIGURES: tuple[tuple[str, str, str, Callable[[Any, Mapping[str, xr.Dataset]], Any]], ...] = (
-    ("published", "evidence", "Log evidences of the published runs", evidence_figure),
-    ("information", "information", "Gain: bias and information", information_figure),
+FIGURES: tuple[tuple[tuple[str, ...], str, str, Callable[[Any, Mapping[str, xr.Dataset]], Any]], ...] = (
+    (("published",), "evidence", "Log evidences of the published runs", evidence_figure),
+    (("information",), "information", "Gain: bias and information", information_figure),
     (
-        "calibration_published",
+        ("calibration_published",),
         "calibration",
         "Coverage, and ranks: published ones are open circles",
         calibration_figure,
     ),
-    ("cross_check", "shrink", "Shrink of the gain", shrink_figure),
-    ("importance", "importance", "Effective sample size: a gain and a line", importance_figure),
-    ("detection", "grid-epic-pn", f"Detection grid, EPIC-pn: {BESIDE}", partial(grid_figure, "epic-pn")),
-    ("detection_nicer", "grid-nicer", f"Detection grid, NICER: {BESIDE}", partial(grid_figure, "nicer")),
+    (("cross_check",), "shrink", "Shrink of the gain", shrink_figure),
+    (("importance",), "importance", "Effective sample size: a gain and a line", importance_figure),
+    (("detection",), "grid-epic-pn", f"Detection grid, EPIC-pn: {BESIDE}", partial(grid_figure, "epic-pn")),
+    (("detection_nicer",), "grid-nicer", f"Detection grid, NICER: {BESIDE}", partial(grid_figure, "nicer")),
+    (
+        ("setup", "detection", "detection_nicer"),
+        "responses",
+        f"A line and a gain by response, {BESIDE}; effective areas of the responses at hand",
+        responses_figure,
+    ),
 )
-"""The experiment that a figure needs, its name and caption, and what draws it from the tables."""
+"""The experiments that a figure needs, its name and caption, and what draws it from the tables."""
 
 
 def draw(
@@ -383,7 +433,7 @@ def draw(
         captions["verdicts"] = "Verdicts by kind, judged claims alone"
         made["verdicts"] = partial(verdicts_figure, plot, judged)
     for needed, name, caption, make in FIGURES:
-        if needed in tables:
+        if set(needed) <= set(tables):
             captions[name], made[name] = caption, partial(make, plot, tables)
     paths = plots.draw(made, folder, prefix=prefix)
     return {c: f"{folder.name}/{path.name}" for c, path in zip(captions.values(), paths, strict=True)}

@@ -21,7 +21,8 @@ GAIN_PRIOR = Uniform(0.95, 1.05)
 """Of the gain-marginalised flows and of the exact cross-check."""
 
 BIN_KEV = 0.05
-"""Bins in which two effective areas are compared: each file has bins of its own."""
+EDGES = BIN_KEV * np.arange(6, 201)
+"""Bins in keV in which two effective areas are compared: each file has bins of its own."""
 
 CROSSING = (2.5, 6.0)
 """Energies in keV between which the areas cross once."""
@@ -35,7 +36,8 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:  # n
     pn, other = epic_pn(), nicer()
     holds = (pn.channels[:, 0] <= LINE_KEV) & (pn.channels[:, 1] > LINE_KEV)
     cells = sum(map(len, STRENGTHS.values())) * len(EXPOSURES["epic-pn"]) * len(DETECTORS)
-    return as_table(
+    energy, areas = 0.5 * (EDGES[1:] + EDGES[:-1]), np.stack([averaged_area(pn), averaged_area(other)])
+    facts = as_table(
         {
             "det.cells": float(cells),
             "det.pn.chanwidth": float(1000.0 * np.diff(pn.channels[holds][0]).item()),
@@ -44,10 +46,12 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:  # n
                 "peak": float(other.area.max()),
             },
             "det.nicer.fwhm": 1000.0 * width_at_half_maximum(other, LINE_KEV),
-            "det.areacross": crossing(pn, other),
+            "det.areacross": crossing(energy, *areas),
             "gm.prior": dict(zip(("low", "high"), GAIN_PRIOR.support, strict=True)),
         }
     )
+    area = xr.DataArray(areas, {"response": ["epic-pn", "nicer"], "energy": energy}, name="area")
+    return facts.assign(area=area.assign_attrs(units="cm2", long_name="effective area in bins of 50 eV"))
 
 
 def width_at_half_maximum(response: Any, kev: float) -> float:
@@ -65,20 +69,25 @@ def width_at_half_maximum(response: Any, kev: float) -> float:
     return float(high - low)
 
 
-def crossing(first: Any, second: Any) -> float:
-    """Energy in keV where the smaller of two effective areas becomes the larger."""
-    edges = np.arange(CROSSING[0], CROSSING[1] + BIN_KEV / 2, BIN_KEV)
-    middle = 0.5 * (edges[1:] + edges[:-1])
-    gap = _averaged(first, edges) - _averaged(second, edges)
+def crossing(energy: Array, first: Array, second: Array) -> float:
+    """Energy in keV, between those of `CROSSING`, where the smaller of two areas becomes the larger.
+
+    >>> first, second = np.array([0.0, 0.0, 2.0, 3.0]), np.array([9.0, 1.0, 1.0, 1.0])
+    >>> crossing(np.array([1.0, 3.0, 4.0, 5.0]), first, second)
+    3.5
+    """
+    within = (energy >= CROSSING[0]) & (energy <= CROSSING[1])
+    middle, gap = energy[within], (first - second)[within]
     place = int(np.flatnonzero(np.diff(np.sign(gap)))[0])
-    return float(middle[place] + BIN_KEV * gap[place] / (gap[place] - gap[place + 1]))
+    step = middle[place + 1] - middle[place]
+    return float(middle[place] + step * gap[place] / (gap[place] - gap[place + 1]))
 
 
-def _averaged(response: Any, edges: Array) -> Array:
-    """Effective area averaged between edges."""
+def averaged_area(response: Any) -> Array:
+    """Effective area averaged within `EDGES`."""
     middle, width = response.energies.mean(axis=1), np.diff(response.energies, axis=1).ravel()
-    total = np.histogram(middle, edges, weights=response.area * width)[0]
-    return np.asarray(total / np.histogram(middle, edges, weights=width)[0])
+    total = np.histogram(middle, EDGES, weights=response.area * width)[0]
+    return np.asarray(total / np.histogram(middle, EDGES, weights=width)[0])
 
 
 def measured(table: xr.Dataset) -> Found:
