@@ -1,9 +1,9 @@
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from tests.reports.parsed import Page
 
 from gaugeblock.auditing.diagnosing import with_diagnosis
 from gaugeblock.diagnosis.cases import thirds
@@ -13,41 +13,6 @@ from gaugeblock.reports.html import by_reason
 from gaugeblock.reports.mended import before_and_after
 from gaugeblock.reports.worst import in_worst_regions, trial_errors
 from gaugeblock.validate import Outcome, main_trials, make_trials, run_validators, trials_tree
-
-VOID = {"meta", "link", "br", "input"}
-
-
-class Page(HTMLParser):
-    """Tags, attributes and text; notes every tag that is closed out of turn."""
-
-    def __init__(self, text: str):
-        super().__init__()
-        self.open: list[str] = []
-        self.astray: list[str] = []
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.words: list[str] = []
-        self.feed(text)
-        self.close()
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-
-    def handle_endtag(self, tag):
-        if not self.open or self.open.pop() != tag:
-            self.astray.append(tag)
-
-    def handle_data(self, data):
-        if "style" not in self.open:
-            self.words.append(data)
-
-    @property
-    def text(self) -> str:
-        return " ".join(" ".join(self.words).split())
 
 
 def page_of(audit, title="An audit") -> Page:

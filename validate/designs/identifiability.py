@@ -16,7 +16,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.validate.check import circular_parameters
 from gaugeblock.validate.designs.shrinkage import capture, weighted_sd
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
-from gaugeblock.validate.joint.importance import KHAT_LIMIT, NEEDED, log_weights
+from gaugeblock.validate.joint.importance import KHAT_LIMIT, NEEDED, log_weights, why_unweighted
 from gaugeblock.validate.joint.psis import pareto_khat
 from gaugeblock.validate.prepared import Prepared, TrialBlock, trial_numbers
 from gaugeblock.validate.ranks import unwrap_circular
@@ -58,12 +58,7 @@ def identifiability(prepared: Prepared) -> list[Finding | NotChecked]:
 
 def _captures(prepared: Prepared) -> list[Finding | NotChecked]:
     trials, population = prepared.importance
-    missing = [name for name in NEEDED if name not in trials]
-    if missing:
-        why = (
-            "needs log_q, log_likelihood and log_prior at the draws (make_trials takes them by these names); "
-            f"the trials lack {', '.join(missing)}"
-        )
+    if why := why_unweighted(trials):
         return [NotChecked("identifiability.capture", why)]
     counted = min(trials.sizes["trial"], MOST_TRIALS)
     estimated, exact, khat = _widths(trials.isel(trial=slice(0, counted)))

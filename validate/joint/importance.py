@@ -85,17 +85,23 @@ def _scaled(log_weight: Array) -> tuple[Array, NDArray[np.bool_]]:
     return scaled, usable
 
 
-def importance(prepared: Prepared) -> list[Finding | NotChecked]:
-    """Kish ESS, Pareto k-hat and log evidence of the importance-sampling trials."""
-    trials, population = prepared.importance
+def why_unweighted(trials: xr.Dataset) -> str:
+    """Why draws of these trials cannot be weighted; empty if they can be."""
     missing = [name for name in NEEDED if name not in trials]
+    if missing and "no_log_prior" in trials.attrs:
+        return f"needs the log density of the prior: {trials.attrs['no_log_prior']}"
     if missing:
-        why = (
+        return (
             "needs log_q, log_likelihood and log_prior at the draws (make_trials takes them by these names); "
             f"the trials lack {', '.join(missing)}"
         )
-        if "no_log_prior" in trials.attrs:
-            why = f"needs the log density of the prior: {trials.attrs['no_log_prior']}"
+    return ""
+
+
+def importance(prepared: Prepared) -> list[Finding | NotChecked]:
+    """Kish ESS, Pareto k-hat and log evidence of the importance-sampling trials."""
+    trials, population = prepared.importance
+    if why := why_unweighted(trials):
         return [NotChecked(name, why) for name in IDS]
     counted = prepared.not_finite if population == "trials" else count_not_finite(trials)
     finite = counted.sum(axis=1) == 0

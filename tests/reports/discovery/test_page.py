@@ -1,48 +1,15 @@
 import json
 import re
-from html.parser import HTMLParser
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import xarray as xr
+from tests.reports.parsed import Page
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.reports.discovery import discovery_html, write_discovery
 from gaugeblock.reports.discovery.schema import GROUPS
-
-VOID = {"meta", "link", "br"}
-
-
-class Page(HTMLParser):
-    """Tags, attributes, sections and text; notes every tag that is closed out of turn."""
-
-    def __init__(self, text: str):
-        super().__init__()
-        self.open: list[str] = []
-        self.astray: list[str] = []
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.words: list[str] = []
-        self.feed(text)
-        self.close()
-        self.text = " ".join(" ".join(self.words).split())
-        self.sections = [a.get("id") for tag, a in self.tags if tag == "section"]
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-
-    def handle_endtag(self, tag):
-        if not self.open or self.open.pop() != tag:
-            self.astray.append(tag)
-
-    def handle_data(self, data):
-        if "style" not in self.open:
-            self.words.append(data)
 
 
 def well_formed(page):

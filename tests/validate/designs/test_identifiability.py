@@ -32,6 +32,13 @@ def test_shrink_of_an_exact_posterior(gaussian_trials):
     assert "lack log_q" in missing["identifiability.capture"]
 
 
+def test_a_prior_without_a_density_is_named(gaussian_trials):
+    """Also of what it captures: the trials say why its density is not in them."""
+    lean = gaussian_trials(50, 20, 2, seed=0, density=False)
+    _, missing = run(lean.assign_attrs(no_log_prior="it is a sample"))
+    assert missing["identifiability.capture"] == "needs the log density of the prior: it is a sample"
+
+
 def test_standard_error_of_shrink_is_its_scatter():
     """1,000 sets of 200 trials: ratio within 4 of its standard errors (2.2%) and 2% for finite samples."""
     rng = np.random.default_rng(1)
