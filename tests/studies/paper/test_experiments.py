@@ -56,7 +56,9 @@ def _twin(request, experiment, folder):
     sizes = experiment.sizes[Setting.TWIN]
     small = sizes | SMALL.get(request.param, {})
     assert set(small) == set(sizes)
-    experiment = replace(experiment, sizes={Setting.TWIN: small})
+    # That several trainings are put together, experiments of claims and test_retrained.py see.
+    trainings = experiment.trainings[: 1 if request.param in PAST else None]
+    experiment = replace(experiment, sizes={Setting.TWIN: small}, trainings=trainings)
     if experiment.extra == "xray":
         request.getfixturevalue("xray_data")
     return experiment, made(experiment, Setting.TWIN, folder, seed=11)
