@@ -99,7 +99,7 @@ def part(
         name="intervals",
         says=f"simultaneous intervals of whole audits, {TRIALS:,} trials x {DRAWS} draws",
         cases={name: _replicate(case, _truth(done[name])) for name, case in cases().items()},
-        replicates=300,
+        replicates=1000,
         settings={**SETTINGS, "references": references},
         summarise=indicators,
     )
