@@ -50,7 +50,7 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:  # n
             "gm.prior": dict(zip(("low", "high"), GAIN_PRIOR.support, strict=True)),
         }
     )
-    area = xr.DataArray(areas, {"response": ["epic-pn", "nicer"], "energy": energy}, name="area")
+    area = xr.DataArray(areas, {"response": ["epic-pn", "nicer"], "energy": energy})
     return facts.assign(area=area.assign_attrs(units="cm2", long_name="effective area in bins of 50 eV"))
 
 
