@@ -200,6 +200,13 @@ def test_a_plan_is_the_table_with_no_more_than_there_is() -> None:
     assert (plan.importance_number, plan.joint_number, plan.joint_draws) == (20, 20, 20)
 
 
+@pytest.mark.parametrize(("number", "likelihoods"), [(900, 900), (4000, 1000), (4003, 1000), (10_000, 2500)])
+def test_likelihoods_are_evaluated_of_more_trials_where_there_are_more(number: int, likelihoods: int) -> None:
+    assert as_trials_table(number).plan().joint_number == likelihoods
+    assert as_trials_table({"number": number, "joint_number": 7}).plan().joint_number == 7
+    assert as_trials_table({"number": number, "joint_number": 0}).plan().joint_number == 0
+
+
 def test_trials_in_every_form() -> None:
     table = TrialsTable(number=50, block=5)
     over = as_trials_table(table, draws=7, seed=3)

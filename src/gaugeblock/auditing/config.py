@@ -20,6 +20,7 @@ from gaugeblock.validate.policy import SHIPPED, Policy, make_policy, read_policy
 from gaugeblock.validate.validators import check_validators
 
 Count = Annotated[int, Field(gt=0)]
+LIKELIHOODS, SHARE = 1000, 4
 # No more than there is of the whole.
 _PARTS = {"importance_number": "number", "joint_number": "number", "joint_draws": "draws"}
 
@@ -30,7 +31,7 @@ class TrialsTable(Table):
     `block` trials are simulated and sampled together, with one random generator (1 is for simulators of a
     minute a call); it is part of what makes a run repeatable to the bit. The first `importance_number` trials
     get `importance_draws` further draws each, with densities; the likelihood is evaluated at the first
-    `joint_draws` draws of the first `joint_number` trials. With `anytime` trials are watched block by block,
+    `joint_draws` draws of the first `joint_number` trials (1,000, or a quarter where that is more). With `anytime` trials are watched block by block,
     and `number` is the most there can be. `observation` is a file with the data in hand, around which
     calibration is looked at too.
     """
@@ -40,7 +41,7 @@ class TrialsTable(Table):
     block: Count = 200
     importance_number: Annotated[int, Field(ge=0)] = 200
     importance_draws: Annotated[int, Field(ge=10)] = 500
-    joint_number: Annotated[int, Field(ge=0)] = 1000
+    joint_number: Annotated[int, Field(ge=0)] | None = None
     joint_draws: Annotated[int, Field(ge=2)] = 100
     seed: Annotated[int, Field(ge=0)] = 20260611
     anytime: bool = False
@@ -57,13 +58,15 @@ class TrialsTable(Table):
     def _subset(self) -> TrialsTable:
         for name, whole in _PARTS.items():
             part, most = getattr(self, name), getattr(self, whole)
-            if part > most and name in self.model_fields_set:
+            if part is not None and part > most and name in self.model_fields_set:
                 raise ValueError(f"{name} {part} is more than {whole} {most}")
         return self
 
     def plan(self) -> Plan:
         """What to collect; a default that is more than there is means all there is."""
         held = self.model_dump(include={one.name for one in fields(Plan)})
+        if held["joint_number"] is None:
+            held["joint_number"] = max(LIKELIHOODS, self.number // SHARE)
         return Plan(**held | {name: min(held[name], held[whole]) for name, whole in _PARTS.items()})
 
 
