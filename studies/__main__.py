@@ -21,6 +21,7 @@ NAMES = {
     "measured": "measured",
     "planted": "planted",
     "nulls": "nulls",
+    "shipped": "shipped",
     "informed": "informed.__main__",
     "check": "check.__main__",
     "simulated": "simulated.__main__",
