@@ -1,7 +1,8 @@
 """The flows that ship, audited on trials that nobody had seen when they were final.
 
     python -m studies shipped [NAME ...]            # two audits each, and one of both together
-    python -m studies shipped --development NAME    # one audit on the development seed; nothing is kept
+    python -m studies shipped --development NAME    # one audit on the development seed; no table is written
+    python -m studies shipped --log                 # every training and audit, those that failed too
     python -m studies shipped --page                # docs/training.md of results/shipped.nc; runs nothing
 
 The policy and the number of trials of each flow stand below, the number of trainings that it may have in
@@ -14,6 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import tomllib
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -27,10 +29,11 @@ import xarray as xr
 import gaugeblock as gb
 from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.npe.shipped import reference_model_path
+from gaugeblock.validate.trials import IMPORTANCE, JOINT, group_trials, main_trials, trials_tree
 from studies.kit.command import carried_out, given, parser
 from studies.kit.commit import ROOT, committed, seed_of
 from studies.kit.page import fill, table
-from studies.kit.results import measured_commit, read, record, write
+from studies.kit.results import STUDIES, read, record, write
 
 NAME = "studies shipped"
 DEVELOPMENT = 1
@@ -40,6 +43,7 @@ TRAININGS = 3
 """Of a flow, at most, the first among them."""
 
 AUDITS = ("first", "second", "both")
+EFFICIENCY = "{efficiency:.1%} ({efficiency_lo:.1%} to {efficiency_hi:.1%})"
 
 
 @dataclass(frozen=True)
@@ -67,24 +71,33 @@ PROMISES: Mapping[str, Promise] = {
 
 def audited(name: str, seed: int, trials: int, out: Path) -> Any:
     """One audit, with likelihoods of all trials; an interrupted one goes on in its folder."""
-    path = reference_model_path(name)
-    simulator = json.loads((path / "model.json").read_text(encoding="utf-8"))["simulator_table"]
     promise = PROMISES[name]
     numbers = {"number": trials, "joint_number": trials, "importance_draws": promise.importance_draws}
     return gb.audit(
-        f"shipped:{name}", simulator, trials=numbers, seed=seed, policy=promise.policy, out=out, progress=True
+        f"shipped:{name}",
+        _made(name)["simulator_table"],
+        trials=numbers,
+        seed=seed,
+        policy=promise.policy,
+        out=out,
+        progress=True,
     )
+
+
+def _made(name: str) -> dict[str, Any]:
+    """How a flow was made."""
+    return dict(json.loads((reference_model_path(name) / "model.json").read_text(encoding="utf-8")))
 
 
 def together(audits: Sequence[Any], policy: str, seed: int) -> Any:
     """One audit of the trials of several."""
     trees = [audit.trials for audit in audits]
-    joined = {
-        node.path: xr.concat([tree[node.path].to_dataset(inherit=False) for tree in trees], "trial")
-        for node in trees[0].subtree
-        if "trial" in node.to_dataset(inherit=False).dims
-    }
-    return gb.audit_draws(xr.DataTree.from_dict(joined), policy=policy, seed=seed)
+    main = xr.concat([main_trials(tree) for tree in trees], "trial")
+    groups = {}
+    for name in (IMPORTANCE, JOINT):
+        found = [one for one in (group_trials(tree, name) for tree in trees) if one is not None]
+        groups[name] = xr.concat(found, "trial") if found else None
+    return gb.audit_draws(trials_tree(main, **groups), policy=policy, seed=seed)
 
 
 def row(name: str, which: str, seed: int, audit: Any) -> dict[str, Any]:
@@ -115,27 +128,50 @@ def _families(gates: Iterable[Any]) -> str:
 
 
 def run(chosen: argparse.Namespace, command: str) -> None:
-    """Every flow: two audits and one of both; the table is written after each flow."""
-    commit = committed(ROOT, chosen.commit)
-    rows: list[dict[str, Any]] = []
+    """Two audits of every flow and one of both; what was found of other flows stays in the table.
+
+    Raises
+    ------
+    InputError
+        If a flow was audited already, on trials of another commit.
+    """
+    commit, file = committed(ROOT, chosen.commit), chosen.out / "shipped.nc"
     for name in _named(chosen.names):
-        promise = PROMISES[name]
-        trials = chosen.trials or promise.trials
+        kept = _rows(read(file)) if file.exists() else []
+        origin = {"weights": _made(name)["sha256"][:12], "commit": commit}
+        for one in kept:
+            if one["weights"] == origin["weights"] and one["commit"] != commit:
+                raise InputError(
+                    f"{file}: {name} was audited on trials of {one['commit'][:7]}, and final trials are "
+                    "looked at once: name that with --commit, or another --out"
+                )
         seeds = [seed_of(f"shipped {which}", commit) for which in AUDITS[:2]]
-        if chosen.development:
-            seeds = [DEVELOPMENT]
-        found = [
-            audited(name, seed, trials, (chosen.work or chosen.out / "audits") / f"{name}-{seed}")
-            for seed in seeds
+        found = [_audit(chosen, name, seed) for seed in seeds]
+        both = together(found, PROMISES[name].policy, seeds[0])
+        rows = [
+            row(name, which, seed, audit) | origin
+            for which, seed, audit in zip(AUDITS, (*seeds, seeds[0]), (*found, both), strict=True)
         ]
-        rows += [row(name, which, seed, one) for which, seed, one in zip(AUDITS, seeds, found, strict=False)]
-        if not chosen.development:
-            rows.append(row(name, AUDITS[2], seeds[0], together(found, promise.policy, seeds[0])))
-        made = xr.Dataset({key: ("row", np.array([one[key] for one in rows])) for key in rows[0]})
-        made = made.assign_attrs(record(command, seeds[0], commit=commit))
-        sys.stdout.write(shown(made) + "\n")
-        if not chosen.development:
-            write({"": made}, chosen.out / "shipped.nc")
+        made = _as_table([one for one in kept if one["flow"] != name] + rows)
+        write({"": made.assign_attrs(record(command, seeds[0]))}, file)
+        sys.stdout.write(shown(_as_table(rows)) + "\n")
+
+
+def develop(chosen: argparse.Namespace) -> None:
+    """One audit of every flow on the seed by which flows are chosen."""
+    for name in _named(chosen.names):
+        one = row(name, "development", DEVELOPMENT, _audit(chosen, name, DEVELOPMENT))
+        sys.stdout.write(shown(_as_table([one | {"commit": ""}])) + "\n")
+
+
+def _audit(chosen: argparse.Namespace, name: str, seed: int) -> Any:
+    folder = (chosen.work or chosen.out / "checkpoints") / f"{name}-{_made(name)['sha256'][:12]}-{seed}"
+    return audited(name, seed, chosen.trials or PROMISES[name].trials, folder)
+
+
+def _as_table(rows: Sequence[Mapping[str, Any]]) -> xr.Dataset:
+    order = sorted(rows, key=lambda one: list(PROMISES).index(one["flow"]))
+    return xr.Dataset({key: ("row", np.array([one[key] for one in order])) for key in order[0]})
 
 
 def _named(names: Sequence[str]) -> list[str]:
@@ -161,12 +197,31 @@ def shown(made: xr.Dataset) -> str:
     lines = [
         [
             f"`{one['flow']}`", one["audit"], one["policy"], f"{one['trials']:,}", one["outcome"],
-            one["failed"] or "-", one["open"] or "-", one["open_beside"] or "-",
-            "{efficiency:.1%} ({efficiency_lo:.1%} to {efficiency_hi:.1%})".format_map(one),
+            one["failed"] or "-", one["open"] or "-", one["open_beside"] or "-", EFFICIENCY.format_map(one),
         ]
         for one in _rows(made)
     ]  # fmt: skip
-    return f"{table(header, lines)}\n\n{measured_commit(made)}"
+    return table(header, lines)
+
+
+def logged(rows: Sequence[Mapping[str, Any]]) -> str:
+    """A line for every training and audit of shipped.toml, then for the audits of the table."""
+    known = tomllib.loads((STUDIES / "shipped.toml").read_text(encoding="utf-8"))
+    lines = [
+        (one["date"].isoformat(), one["flow"], one["weights"], kind, one["commit"], one["says"])
+        for kind in ("training", "audit")
+        for one in known[kind]
+    ]
+    lines += [
+        ("", one["flow"], one["weights"], "audit", one["commit"][:7],
+         "{policy}, {trials:,} trials, {audit} of two final seeds: {outcome}".format_map(one))
+        for one in rows
+    ]  # fmt: skip
+    order = sorted(lines, key=lambda line: (list(PROMISES).index(line[1]), line[0] or "z"))
+    return "\n".join(
+        f"{date:10s}  {flow:20s} {weights}  {kind:8s}  {commit}  {says}"
+        for date, flow, weights, kind, commit, says in order
+    )
 
 
 def _rows(made: xr.Dataset) -> list[dict[str, Any]]:
@@ -180,11 +235,17 @@ def main(arguments: Sequence[str]) -> int:
     options.add_argument("--commit", default="HEAD", help="of the flows that are audited: draws the seeds")
     options.add_argument("--trials", type=int, help="of each audit, instead of what was promised")
     options.add_argument("--development", action="store_true", help="one audit, on the seed for choosing")
+    options.add_argument("--log", action="store_true", help="print every training and audit; runs nothing")
     options.add_argument("--page", action="store_true", help="only make the page of what is stored")
     chosen = options.parse_args(arguments)
+    file = chosen.out / "shipped.nc"
+    if chosen.log:
+        sys.stdout.write(logged(_rows(read(file)) if file.exists() else []) + "\n")
+        return 0
     if chosen.page:
-        said = {"shipped": shown(read(chosen.out / "shipped.nc"))}
-        return carried_out(partial(fill, chosen.docs / "training.md", said))
+        return carried_out(lambda: fill(chosen.docs / "training.md", {"shipped": shown(read(file))}))
+    if chosen.development:
+        return carried_out(partial(develop, chosen))
     return carried_out(partial(run, chosen, given(NAME, arguments)))
 
 

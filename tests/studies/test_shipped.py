@@ -1,0 +1,123 @@
+"""The flows that ship and their final audits: promised for all, opened once, put together whole."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+pytest.importorskip("jaxspec")
+pytest.importorskip("torch")
+from studies import shipped
+from studies.__main__ import main
+from studies.kit.results import DOCS, read
+
+import gaugeblock as gb
+from gaugeblock.core.errors import InputError
+from gaugeblock.estimators.npe.shipped import reference_model_path
+from gaugeblock.validate.trials import group_trials
+
+MODELS = reference_model_path().parent
+FLOW = "epic-pn-medium"
+
+
+def test_every_flow_that_ships_is_promised():
+    assert set(shipped.PROMISES) == {path.parent.name for path in MODELS.glob("*/model.json")}
+    assert shipped.PROMISES["epic-pn-bright"].policy == "strict"
+    assert shipped.PROMISES["nicer-bright"].policy == "default"
+    assert shipped.PROMISES["epic-pn-bright"].trials == 10_000
+    assert shipped.PROMISES["epic-pn-bright"].importance_draws == 4_000
+    assert shipped.PROMISES["nicer-bright"].trials == 4_000
+
+
+def test_every_training_is_in_the_log(capsys):
+    assert main(["shipped", "--log"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    for name in shipped.PROMISES:
+        weights = json.loads((MODELS / name / "model.json").read_text())["sha256"][:12]
+        kinds = [line.split()[3] if line[0] == "2" else line.split()[2] for line in lines if weights in line]
+        assert kinds.count("training") == 1, name
+        assert "audit" in kinds, name
+    assert any("epic-pn-bright-gain" in line and "FAIL" in line for line in lines)
+    assert any("epic-pn-faint" in line and "INCONCLUSIVE" in line for line in lines)
+
+
+def trials_of(seed, number):
+    rng = np.random.default_rng(seed)
+    simulator = gb.make_trials(rng.normal(size=(number, 2)), rng.normal(size=(number, 30, 2)))
+    return gb.audit_draws(simulator, policy="default", seed=1)
+
+
+def test_two_audits_become_one_of_all_their_trials():
+    parts = [trials_of(1, 40), trials_of(2, 60)]
+    both = shipped.together(parts, "strict", 7)
+    theta = np.concatenate([part.trials["theta_true"].values for part in parts])
+    np.testing.assert_array_equal(both.trials["theta_true"].values, theta)
+    draws = np.concatenate([part.trials["draws"].values for part in parts])
+    np.testing.assert_array_equal(both.trials["draws"].values, draws)
+    assert both.gates["sbc.bias[theta_1]"].tolerance == 0.05
+
+
+@pytest.fixture(scope="module")
+def twin(tmp_path_factory, xray_data):
+    """Two small audits of one flow, and one of both."""
+    out = tmp_path_factory.mktemp("shipped")
+    with pytest.MonkeyPatch.context() as patch:
+        # A tenth of the draws: each has a likelihood.
+        patch.setattr(shipped, "PROMISES", {**shipped.PROMISES, FLOW: shipped.Promise("strict", 60, 400)})
+        assert main(["shipped", FLOW, "--out", str(out)]) == 0
+    return out
+
+
+def test_a_flow_has_two_audits_and_one_of_both(twin):
+    rows = shipped._rows(read(twin / "shipped.nc"))
+    assert [row["audit"] for row in rows] == ["first", "second", "both"]
+    assert [row["trials"] for row in rows] == [60, 60, 120]
+    assert len({row["seed"] for row in rows}) == 2
+    assert {row["policy"] for row in rows} == {"strict"}
+    # So few trials settle nothing, and the flow is not bad enough to be blocked by them.
+    assert {row["outcome"] for row in rows} == {"INCONCLUSIVE"}
+    first, second, both = (row["efficiency"] for row in rows)
+    assert min(first, second) <= both <= max(first, second)
+    assert 0.8 < both < 1.0
+    assert "sbc.log_width (5)" in rows[0]["open"]
+    assert not rows[2]["failed"]
+
+
+def test_trials_are_drawn_from_the_commit_and_both_groups_are_put_together(twin):
+    from gaugeblock.auditing.stored import stored_audit
+
+    folders = sorted((twin / "checkpoints").iterdir())
+    assert len(folders) == 2
+    audits = [stored_audit(folder) for folder in folders]
+    groups = [group_trials(one.trials, name) for one in audits for name in ("importance", "joint")]
+    assert [group.sizes["trial"] for group in groups] == [60] * 4
+    assert [group.sizes["draw"] for group in groups] == [400, 100] * 2
+    assert not np.array_equal(*(one.trials["theta_true"].values for one in audits))
+    both = shipped.together(audits, "strict", 1)
+    for at, name in enumerate(("importance", "joint")):
+        own = group_trials(both.trials, name)
+        expected = np.concatenate([group["log_likelihood"].values for group in groups[at::2]])
+        np.testing.assert_array_equal(own["log_likelihood"].values, expected)
+
+
+def test_final_trials_are_looked_at_once(twin, tmp_path, capsys):
+    shutil.copy(twin / "shipped.nc", tmp_path)
+    before = read(tmp_path / "shipped.nc")
+    assert main(["shipped", FLOW, "--commit", "HEAD~1", "--trials", "60", "--out", str(tmp_path)]) == 2
+    said = capsys.readouterr().err
+    assert f"{FLOW} was audited on trials of" in said
+    assert "--out" in said
+    assert read(tmp_path / "shipped.nc").identical(before)
+
+
+def test_a_flow_that_does_not_ship_is_named(tmp_path):
+    with pytest.raises(InputError, match="no flow 'mine' ships; there are epic-pn-faint"):
+        shipped._named(["mine"])
+    assert shipped._named([]) == list(shipped.PROMISES)
+
+
+def test_the_page_shows_what_is_stored(twin, tmp_path):
+    shutil.copy(DOCS / "training.md", tmp_path)
+    assert main(["shipped", "--page", "--out", str(twin), "--docs", str(tmp_path)]) == 0
+    assert f"| `{FLOW}` | both | strict | 120 | INCONCLUSIVE |" in (tmp_path / "training.md").read_text()
