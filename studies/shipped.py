@@ -27,8 +27,14 @@ import numpy as np
 import xarray as xr
 
 import gaugeblock as gb
+from gaugeblock.auditing.audit import judged_and_kept
+from gaugeblock.auditing.config import as_policy
+from gaugeblock.auditing.result import Audit
+from gaugeblock.core.atomic import write_atomically
 from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.npe.shipped import reference_model_path
+from gaugeblock.reports.machine import verdict_json
+from gaugeblock.validate.looks import Looks
 from gaugeblock.validate.trials import IMPORTANCE, JOINT, group_trials, main_trials, trials_tree
 from studies.kit.command import carried_out, given, parser
 from studies.kit.commit import ROOT, committed, seed_of
@@ -39,6 +45,7 @@ NAME = "studies shipped"
 DEVELOPMENT = 1
 """Seed of the audits by which flows are chosen."""
 
+MODELS = reference_model_path().parent
 TRAININGS = 3
 """Of a flow, at most, the first among them."""
 
@@ -69,10 +76,14 @@ PROMISES: Mapping[str, Promise] = {
 }
 
 
-def audited(name: str, seed: int, trials: int, out: Path) -> Any:
+def audited(name: str, seed: int, out: Path) -> Audit:
     """One audit, with likelihoods of all trials; an interrupted one goes on in its folder."""
     promise = PROMISES[name]
-    numbers = {"number": trials, "joint_number": trials, "importance_draws": promise.importance_draws}
+    numbers = {
+        "number": promise.trials,
+        "joint_number": promise.trials,
+        "importance_draws": promise.importance_draws,
+    }
     return gb.audit(
         f"shipped:{name}",
         _made(name)["simulator_table"],
@@ -89,18 +100,30 @@ def _made(name: str) -> dict[str, Any]:
     return dict(json.loads((reference_model_path(name) / "model.json").read_text(encoding="utf-8")))
 
 
-def together(audits: Sequence[Any], policy: str, seed: int) -> Any:
-    """One audit of the trials of several."""
+def together(audits: Sequence[Audit], seeds: Sequence[int], *, command: str = "") -> Audit:
+    """One audit of the trials of several, under the policy that they have in common."""
     trees = [audit.trials for audit in audits]
     main = xr.concat([main_trials(tree) for tree in trees], "trial")
     groups = {}
     for name in (IMPORTANCE, JOINT):
         found = [one for one in (group_trials(tree, name) for tree in trees) if one is not None]
         groups[name] = xr.concat(found, "trial") if found else None
-    return gb.audit_draws(trials_tree(main, **groups), policy=policy, seed=seed)
+    record = dict(audits[0].verdict.provenance)
+    sizes = {"number": main.sizes["trial"], "seeds": [str(seed) for seed in seeds]}
+    return judged_and_kept(
+        trials_tree(main, **groups),
+        as_policy(record["policy"]),
+        seed=seeds[0],
+        validators=None,
+        provenance=record | {"command": command, "trials": {**record["trials"], **sizes}},
+        out=None,
+        earlier=None,
+        looks=Looks(trials=(main.sizes["trial"],)),
+        progress=lambda *_: None,
+    )
 
 
-def row(name: str, which: str, seed: int, audit: Any) -> dict[str, Any]:
+def row(name: str, which: str, seed: int, audit: Audit) -> dict[str, Any]:
     """What is kept of an audit: its outcome, what failed, and what was left open, required or not."""
     gates = list(audit.gates.values())
     left = [gate for gate in gates if gate.outcome == "INCONCLUSIVE"]
@@ -128,7 +151,9 @@ def _families(gates: Iterable[Any]) -> str:
 
 
 def run(chosen: argparse.Namespace, command: str) -> None:
-    """Two audits of every flow and one of both; what was found of other flows stays in the table.
+    """Two audits of every flow and one of both, whose verdict is put beside the flow's weights.
+
+    What was found of other flows stays in the table.
 
     Raises
     ------
@@ -147,13 +172,15 @@ def run(chosen: argparse.Namespace, command: str) -> None:
                 )
         seeds = [seed_of(f"shipped {which}", commit) for which in AUDITS[:2]]
         found = [_audit(chosen, name, seed) for seed in seeds]
-        both = together(found, PROMISES[name].policy, seeds[0])
+        both = together(found, seeds, command=command)
         rows = [
             row(name, which, seed, audit) | origin
             for which, seed, audit in zip(AUDITS, (*seeds, seeds[0]), (*found, both), strict=True)
         ]
         made = _as_table([one for one in kept if one["flow"] != name] + rows)
         write({"": made.assign_attrs(record(command, seeds[0]))}, file)
+        said = verdict_json(both.verdict, both.findings)
+        write_atomically(chosen.models / name / "verdict.json", said.encode())
         sys.stdout.write(shown(_as_table(rows)) + "\n")
 
 
@@ -164,9 +191,9 @@ def develop(chosen: argparse.Namespace) -> None:
         sys.stdout.write(shown(_as_table([one | {"commit": ""}])) + "\n")
 
 
-def _audit(chosen: argparse.Namespace, name: str, seed: int) -> Any:
+def _audit(chosen: argparse.Namespace, name: str, seed: int) -> Audit:
     folder = (chosen.work or chosen.out / "checkpoints") / f"{name}-{_made(name)['sha256'][:12]}-{seed}"
-    return audited(name, seed, chosen.trials or PROMISES[name].trials, folder)
+    return audited(name, seed, folder)
 
 
 def _as_table(rows: Sequence[Mapping[str, Any]]) -> xr.Dataset:
@@ -233,7 +260,7 @@ def main(arguments: Sequence[str]) -> int:
     options = parser(NAME, __doc__)
     options.add_argument("names", nargs="*", metavar="NAME", help=", ".join(PROMISES))
     options.add_argument("--commit", default="HEAD", help="of the flows that are audited: draws the seeds")
-    options.add_argument("--trials", type=int, help="of each audit, instead of what was promised")
+    options.add_argument("--models", type=Path, default=MODELS, help="folder of flows, for their verdicts")
     options.add_argument("--development", action="store_true", help="one audit, on the seed for choosing")
     options.add_argument("--log", action="store_true", help="print every training and audit; runs nothing")
     options.add_argument("--page", action="store_true", help="only make the page of what is stored")

@@ -35,37 +35,42 @@ def test_every_training_is_in_the_log(capsys):
     lines = capsys.readouterr().out.splitlines()
     for name in shipped.PROMISES:
         weights = json.loads((MODELS / name / "model.json").read_text())["sha256"][:12]
-        kinds = [line.split()[3] if line[0] == "2" else line.split()[2] for line in lines if weights in line]
-        assert kinds.count("training") == 1, name
-        assert "audit" in kinds, name
+        mine = [line for line in lines if weights in line]
+        assert sum("  training  " in line for line in mine) == 1, name
+        assert any("  audit " in line for line in mine), name
+        every = [line for line in lines if f" {name} " in line and "  training  " in line]
+        assert 1 <= len(every) <= shipped.TRAININGS, name
     assert any("epic-pn-bright-gain" in line and "FAIL" in line for line in lines)
     assert any("epic-pn-faint" in line and "INCONCLUSIVE" in line for line in lines)
 
 
-def trials_of(seed, number):
+def audit_of(seed, number):
     rng = np.random.default_rng(seed)
-    simulator = gb.make_trials(rng.normal(size=(number, 2)), rng.normal(size=(number, 30, 2)))
-    return gb.audit_draws(simulator, policy="default", seed=1)
+    theta, draws = rng.normal(size=(number, 2)), rng.normal(size=(number, 30, 2))
+    return gb.audit_draws(theta, draws, policy="strict", seed=1)
 
 
 def test_two_audits_become_one_of_all_their_trials():
-    parts = [trials_of(1, 40), trials_of(2, 60)]
-    both = shipped.together(parts, "strict", 7)
-    theta = np.concatenate([part.trials["theta_true"].values for part in parts])
-    np.testing.assert_array_equal(both.trials["theta_true"].values, theta)
-    draws = np.concatenate([part.trials["draws"].values for part in parts])
-    np.testing.assert_array_equal(both.trials["draws"].values, draws)
+    parts = [audit_of(1, 40), audit_of(2, 60)]
+    both = shipped.together(parts, [8, 9], command="this")
+    for name in ("theta_true", "draws"):
+        expected = np.concatenate([part.trials[name].values for part in parts])
+        np.testing.assert_array_equal(both.trials[name].values, expected)
     assert both.gates["sbc.bias[theta_1]"].tolerance == 0.05
+    assert both.gates["sbc.bias[theta_1]"].n_trials == 100
+    assert both.verdict.provenance["command"] == "this"
+    assert both.verdict.provenance["trials"] == {"number": 100, "seeds": ["8", "9"]}
 
 
 @pytest.fixture(scope="module")
 def twin(tmp_path_factory, xray_data):
     """Two small audits of one flow, and one of both."""
     out = tmp_path_factory.mktemp("shipped")
+    (out / "models" / FLOW).mkdir(parents=True)
     with pytest.MonkeyPatch.context() as patch:
         # A tenth of the draws: each has a likelihood.
         patch.setattr(shipped, "PROMISES", {**shipped.PROMISES, FLOW: shipped.Promise("strict", 60, 400)})
-        assert main(["shipped", FLOW, "--out", str(out)]) == 0
+        assert main(["shipped", FLOW, "--out", str(out), "--models", str(out / "models")]) == 0
     return out
 
 
@@ -94,17 +99,27 @@ def test_trials_are_drawn_from_the_commit_and_both_groups_are_put_together(twin)
     assert [group.sizes["trial"] for group in groups] == [60] * 4
     assert [group.sizes["draw"] for group in groups] == [400, 100] * 2
     assert not np.array_equal(*(one.trials["theta_true"].values for one in audits))
-    both = shipped.together(audits, "strict", 1)
+    both = shipped.together(audits, [1, 2])
     for at, name in enumerate(("importance", "joint")):
         own = group_trials(both.trials, name)
         expected = np.concatenate([group["log_likelihood"].values for group in groups[at::2]])
         np.testing.assert_array_equal(own["log_likelihood"].values, expected)
 
 
+def test_the_verdict_of_both_lies_beside_the_weights(twin):
+    verdict = json.loads((twin / "models" / FLOW / "verdict.json").read_text())
+    assert verdict["verdict"] == "INCONCLUSIVE"
+    said = verdict["provenance"]
+    assert said["estimator"]["sha256"] == json.loads((MODELS / FLOW / "model.json").read_text())["sha256"]
+    assert said["trials"]["number"] == 120
+    assert said["trials"]["seeds"] == [row["seed"] for row in shipped._rows(read(twin / "shipped.nc"))][:2]
+    assert said["command"] == f"python -m studies shipped {FLOW}"
+
+
 def test_final_trials_are_looked_at_once(twin, tmp_path, capsys):
     shutil.copy(twin / "shipped.nc", tmp_path)
     before = read(tmp_path / "shipped.nc")
-    assert main(["shipped", FLOW, "--commit", "HEAD~1", "--trials", "60", "--out", str(tmp_path)]) == 2
+    assert main(["shipped", FLOW, "--commit", "HEAD~1", "--out", str(tmp_path)]) == 2
     said = capsys.readouterr().err
     assert f"{FLOW} was audited on trials of" in said
     assert "--out" in said
