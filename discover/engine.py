@@ -27,6 +27,7 @@ from gaugeblock.discovery.result import (
 )
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.validate.finding import NotChecked
+from gaugeblock.validate.p_values import among
 
 LIMIT = 25.0
 """Nats by which an effect is demoted that has to stand at a hard limit."""
@@ -181,7 +182,7 @@ class Look:
 
 def beyond(null: Array, value: float) -> float:
     """Share of a simulated null at or beyond a value, the data counted among them."""
-    return float((1 + np.count_nonzero(null >= value - 1e-12)) / (1 + len(null)))
+    return among(null, value - 1e-12)
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import generator
 from gaugeblock.validate.finding import Finding, MeanFinding, QuantileFinding, RootFinding
 from gaugeblock.validate.looks import share
+from gaugeblock.validate.p_values import of_replicates
 from gaugeblock.validate.quantiles import crossing, mean_error, order_statistic_bounds
 
 REPLICATES = 40_000
@@ -120,7 +121,7 @@ def bounds(
         pass_low, pass_high = bounds_at(item.finding, 1 - pass_level(look), dof)
         outside, p_value = _outside(item, dof)
         exceeded = len(largest) - np.searchsorted(largest, outside, side="left")
-        tail = np.minimum((1 + exceeded) / (1 + len(largest)), 2 * components * stats.t.sf(outside, dof))
+        tail = np.minimum(of_replicates(exceeded, len(largest)), 2 * components * stats.t.sf(outside, dof))
         adjusted = np.minimum(1.0, number * tail / share(look))
         found.append(
             Bounds(

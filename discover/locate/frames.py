@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.locate.fitted import normal_score
 from gaugeblock.discovery.locate.stacking import StackedExcess
-from gaugeblock.discovery.locate.windows import share_beyond
+from gaugeblock.validate.p_values import among
 
 COUNTS_NEEDED = 20.0
 """Expected counts from which a bin takes part: below, its excess is not yet near enough to normal."""
@@ -130,4 +130,4 @@ def _largest(
     values, vectors = np.linalg.eigh(covariance[np.ix_(kept, kept)] / np.outer(scale, scale))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     null = np.abs(rng.standard_normal((replicates, len(values))) @ root.T).max(axis=1)
-    return share_beyond(null, float(np.abs(excess[kept] / scale).max()))
+    return among(null, float(np.abs(excess[kept] / scale).max()))

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.locate.fitted import FittedCounts
-from gaugeblock.discovery.locate.windows import share_beyond
+from gaugeblock.validate.p_values import among
 
 FLOOR = 0.1
 """The least standard deviation a curve is divided by, as a share of its largest: a fit pins the ends."""
@@ -75,4 +75,4 @@ def cumulative_counts(
         null = np.maximum(null, (np.abs(curves) / spread[part]).max(axis=1))
         farthest = max(farthest, float((np.abs(curve[part]) / spread[part]).max()))
     half = float(np.quantile(null, level)) * spread
-    return CumulativeCounts(share, curve, -half, half, share_beyond(null, farthest))
+    return CumulativeCounts(share, curve, -half, half, among(null, farthest))

@@ -12,6 +12,7 @@ from scipy import linalg
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.locate.fitted import FittedCounts, normal_score
+from gaugeblock.validate.p_values import among
 
 REPLICATES_AT_ONCE = 100
 
@@ -113,7 +114,7 @@ def scan_windows(
         if not apart.any():
             break
         best = int(np.argmax(np.where(apart, np.abs(scores), -1.0)))
-        worst = max(worst, share_beyond(null, abs(scores[best])))
+        worst = max(worst, among(null, abs(scores[best])))
         if worst > level:
             break
         found.append((int(windows[best, 0]), int(windows[best, 1]), float(scores[best]), worst))
@@ -131,7 +132,7 @@ def scan_windows(
         z=np.array([row[2] for row in found]),
         excess=np.array([raw[a:b].sum() for a, b in rows]),
         p_global=np.array([row[3] for row in found]),
-        p_overall=share_beyond(null, top),
+        p_overall=among(null, top),
         strongest=_strongest(first, windows, len(fitted.expected)),
         null_maximum=null,
     )
@@ -153,16 +154,6 @@ def window_bounds(segments: Sequence[tuple[int, int]]) -> NDArray[np.intp]:
             bounds.append(np.stack([starts, starts + width], axis=1))
             width = max(width + 1, round(width * 1.4))
     return np.concatenate(bounds).astype(np.intp)
-
-
-def share_beyond(null: ArrayLike, value: float) -> float:
-    """Monte Carlo p of a value, itself among those simulated: never below 1 / (B + 1).
-
-    >>> share_beyond([1.0, 2.0, 3.0], 2.5)
-    0.5
-    """
-    simulated = np.asarray(null)
-    return float((1 + np.sum(simulated >= value)) / (1 + len(simulated)))
 
 
 def _sums(values: Array, windows: NDArray[np.intp]) -> Array:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.validate.p_values import among
 from studies.paper.claim import SINGLE, Claim
 from studies.paper.judge import Judgement
 from studies.paper.trainings import between_trainings, common_share, is_paired, scatter
@@ -86,7 +87,7 @@ def _family(name: str, items: list[Judgement], share: float, seed: int) -> Famil
         misses=misses,
         expected=float(numbers.mean()),
         most=int(np.quantile(numbers, 0.95)),
-        p=float((1 + np.count_nonzero(numbers >= misses)) / (1 + FAMILIES)),
+        p=among(numbers, misses),
     )
 
 

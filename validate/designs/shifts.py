@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.validate.p_values import of_replicates
 
 # Statistics this close to the observed one, relative to the largest, are ties that rounding broke.
 ROUNDING = 1e-12
@@ -34,7 +35,7 @@ class Shifts:
         extreme = np.count_nonzero(size >= edge)
         if self.exact:
             return float(extreme / len(size))
-        return float((1 + extreme) / (1 + len(size)))
+        return of_replicates(extreme, len(size))
 
 
 def shift_interval(shifts: Shifts, level: float) -> tuple[float, float]:

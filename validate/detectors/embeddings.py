@@ -17,6 +17,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.detectors.kernels import PERMUTATIONS, mmd
 from gaugeblock.validate.finding import Finding, PValueFinding
+from gaugeblock.validate.p_values import among, of_replicates
 
 REFERENCE = "Schmitt et al. 2023, arXiv:2112.08866; Gretton et al. 2012, JMLR 13, 723; Vovk et al. 2005"
 
@@ -68,7 +69,7 @@ def mahalanobis(observed: ArrayLike, simulated: ArrayLike, *, rng: np.random.Gen
     here, there = ((((points - centre) @ root) ** 2).sum(axis=1) for points in (a, held))
     ordered = np.sort(there)
     farther = len(held) - np.searchsorted(ordered, here)
-    return Distances(here, there, (1 + farther) / (1 + len(held)))
+    return Distances(here, there, of_replicates(farther, len(held)))
 
 
 def embedding_distance(
@@ -88,7 +89,6 @@ def embedding_distance(
     # Distances have long tails; their logs weigh a far observation as such, not as everything.
     scores = np.log1p(np.concatenate([found.observed, found.simulated]))
     null = rng.permuted(np.tile(scores, (permutations, 1)), axis=1)[:, :m].mean(axis=1)
-    exceeded = np.count_nonzero(null >= scores[:m].mean() - 1e-12)
     discrepancy, p_value, spread = mmd(observed, simulated, rng=rng, permutations=permutations)
     n = len(np.asarray(simulated))
     return (
@@ -101,7 +101,7 @@ def embedding_distance(
             n_trials=m + n,
             estimate=np.array([found.observed.mean()]),
             standard_error=np.array([found.simulated.std(ddof=1) / np.sqrt(m)]),
-            p_value=float((1 + exceeded) / (1 + permutations)),
+            p_value=among(null, scores[:m].mean() - 1e-12),
             details=xr.Dataset(
                 {
                     "distance": ("observation", found.observed),

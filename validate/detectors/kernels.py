@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
+from gaugeblock.validate.p_values import among
 
 # Points of each sample at most: the kernel of all pairs is in memory.
 MOST_POINTS = 2000
@@ -68,8 +69,7 @@ def mmd(
     others = kernel.sum() - within - 2 * across
     own = within / (m * (m - 1)) if m > 1 else across / n
     statistic = own + others / (n * (n - 1)) - 2 * across / (m * n)
-    exceeded = np.count_nonzero(statistic[1:] >= statistic[0] - 1e-12)
-    return float(statistic[0]), float((1 + exceeded) / (1 + permutations)), statistic[1:]
+    return float(statistic[0]), among(statistic[1:], statistic[0] - 1e-12), statistic[1:]
 
 
 def at_most(points: ArrayLike, rng: np.random.Generator) -> Array:

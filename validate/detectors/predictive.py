@@ -21,6 +21,7 @@ from scipy import special
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.finding import Finding, PValueFinding
+from gaugeblock.validate.p_values import among, of_replicates
 
 DataStatistic = Callable[[Array, Array, Array], Array]
 """From data ``(m, k, channel)``, mean and variance ``(m, 1, channel)`` to ``(m, k)``; large is suspicious."""
@@ -85,8 +86,8 @@ def predictive_p(observed: ArrayLike, replicated: ArrayLike, statistic: DataStat
         raise InputError(
             f"the statistic gave shape {score.shape} for data {pool.shape}; it must give {pool.shape[:2]}"
         )
-    higher = np.count_nonzero(score[:, 1:] >= score[:, :1], axis=1)
-    return np.asarray((1 + higher) / (1 + copies.shape[1]))
+    higher = np.asarray(np.count_nonzero(score[:, 1:] >= score[:, :1], axis=1))
+    return of_replicates(higher, copies.shape[1])
 
 
 def calibrated_p(observed: ArrayLike, simulated: ArrayLike) -> Array:
@@ -98,7 +99,7 @@ def calibrated_p(observed: ArrayLike, simulated: ArrayLike) -> Array:
     [0.25, 0.75]
     """
     known = np.sort(np.asarray(simulated, dtype=float))
-    return np.asarray((1 + np.searchsorted(known, np.asarray(observed), side="right")) / (1 + len(known)))
+    return of_replicates(np.searchsorted(known, np.asarray(observed), side="right"), len(known))
 
 
 def predictive_check(
@@ -152,8 +153,7 @@ def predictive_check(
         }
         score = _normal(np.concatenate([p, known]), copies)
         null = rng.permuted(np.tile(score, (permutations, 1)), axis=1)[:, : len(p)].mean(axis=1)
-        lower = np.count_nonzero(null <= score[: len(p)].mean() + 1e-12)
-        combined, caveats = float((1 + lower) / (1 + permutations)), ()
+        combined, caveats = among(-null, -score[: len(p)].mean() - 1e-12), ()
     return PValueFinding(
         id=f"predictive_check.{name}",
         quantity="",

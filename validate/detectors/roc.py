@@ -16,7 +16,7 @@ from scipy import stats
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate.p_values import by_replicates
+from gaugeblock.validate.p_values import by_replicates, of_replicates
 
 REFERENCE = "Hanley & McNeil 1982; permutation and bootstrap of rank sums"
 CHUNK = 1 << 22
@@ -129,7 +129,7 @@ def best_of_cells(
         null.append(_cells(np.moveaxis(pooled[:, order], 0, 1), n, strengths).max(axis=(1, 2)))
     largest = np.sort(np.concatenate(null))
     exceeded = permutations - np.searchsorted(largest, found - 1e-12)
-    return BestOfCells(found, (1 + exceeded) / (1 + permutations), largest)
+    return BestOfCells(found, of_replicates(exceeded, permutations), largest)
 
 
 def null_of_best(

@@ -23,7 +23,7 @@ from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked, PValue
 from gaugeblock.validate.learned.learned import LEAST_TRIALS, LearnedRanks, learned_from
 from gaugeblock.validate.levels import LEVELS
 from gaugeblock.validate.marginal.coverage import inside_central, steadied_error
-from gaugeblock.validate.p_values import lower_tail
+from gaugeblock.validate.p_values import among, lower_tail
 from gaugeblock.validate.prepared import Prepared
 
 REFERENCE = "Lopez-Paz & Oquab 2017, arXiv:1610.06545; ranks of a score: Bansal et al. 2026, arXiv:2507.17026"
@@ -121,7 +121,6 @@ def accuracy_finding(ranks: LearnedRanks, *, seed: int, caveats: tuple[str, ...]
     for number, probability in zip(members.tolist(), chance.tolist(), strict=True):
         if number:
             null += binomial_quantile(rng.random(REPLICATES), number, probability)
-    exceeded = np.count_nonzero(null >= np.count_nonzero(ranks.truth_above))
     return PValueFinding(
         id="c2st.accuracy",
         quantity="",
@@ -133,7 +132,7 @@ def accuracy_finding(ranks: LearnedRanks, *, seed: int, caveats: tuple[str, ...]
         n_trials=n,
         estimate=np.array([right.mean()]),
         standard_error=np.array([right.std(ddof=1) / np.sqrt(n)]),
-        p_value=float((1 + exceeded) / (1 + REPLICATES)),
+        p_value=among(null, np.count_nonzero(ranks.truth_above)),
         details=xr.Dataset(
             {
                 "always_draw": ((), draws / (draws + 1)),

@@ -19,6 +19,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.learned.discriminant import columns, normal_scores, penalties
 from gaugeblock.validate.learned.pool_coordinates import pool_coordinates, soft_limit
+from gaugeblock.validate.p_values import among, of_replicates
 
 REFERENCE = "Linhart, Gramfort & Rodrigues 2023, arXiv:2306.03580; refits by linearity of the discriminant"
 PERMUTATIONS = 999
@@ -105,12 +106,11 @@ def local_c2st(
     null = values[1:]
     exceeded = np.count_nonzero(null >= values[0] * (1 - 1e-12), axis=0)
     relative = values / null.mean(axis=0)
-    larger = np.count_nonzero(relative[1:].max(axis=1) >= relative[0].max() * (1 - 1e-12))
     return LocalC2ST(
         statistic=values[0],
-        p_value=(1 + exceeded) / (1 + permutations),
+        p_value=of_replicates(exceeded, permutations),
         null=null,
-        p_global=float((1 + larger) / (1 + permutations)),
+        p_global=among(relative[1:].max(axis=1), relative[0].max() * (1 - 1e-12)),
         refits=permutations,
     )
 

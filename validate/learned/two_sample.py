@@ -22,6 +22,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.finding import Finding, PValueFinding
 from gaugeblock.validate.learned.classifier import fit_classifier
+from gaugeblock.validate.p_values import among
 
 Fit = Callable[[Array, NDArray[np.bool_], int], Callable[[Array], Array]]
 """From rows ``(n, p)``, labels and a seed to log odds of the label, for equal classes."""
@@ -151,7 +152,7 @@ def _accuracy_p(
     null = rng.hypergeometric(ones, zeros, above, size=(permutations, len(above))).sum(axis=1)
     # `above` is fixed, so balanced accuracy rises with the number of hits alone.
     hits = np.count_nonzero(inside & labels & (score > 0))
-    return float((1 + np.count_nonzero(null >= hits)) / (1 + permutations))
+    return among(null, hits)
 
 
 def _conformal(
@@ -177,8 +178,7 @@ def _conformal(
         shuffled = rng.permuted(np.tile(ranks, (permutations, 1)), axis=1)[:, :m].sum(axis=1)
         null += (shuffled - least) / n
         weight += m
-    exceeded = np.count_nonzero(null >= observed - 1e-9)
-    return float(observed / weight), float((1 + exceeded) / (1 + permutations))
+    return float(observed / weight), among(null, observed - 1e-9)
 
 
 def two_sample_finding(result: TwoSample, *, identifier: str = "two_sample.accuracy", n: int) -> Finding:

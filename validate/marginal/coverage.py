@@ -14,6 +14,7 @@ from gaugeblock.core.streams import generator, multinomial
 from gaugeblock.validate.contributions import contributions
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked, PValueFinding
 from gaugeblock.validate.levels import LEVELS, component
+from gaugeblock.validate.p_values import among
 from gaugeblock.validate.prepared import Prepared
 
 REFERENCE = "Hermans et al. 2022, arXiv:2110.06581; coverage of the randomised PIT"
@@ -173,7 +174,7 @@ def deviation_finding(
         n_trials=n,
         estimate=np.array([deviation]),
         standard_error=np.array([null.std()]),
-        p_value=float((1 + np.count_nonzero(null >= deviation)) / (1 + REPLICATES)),
+        p_value=among(null, deviation),
         details=xr.Dataset({"floor": ((), floor), "floor_low": ((), low), "floor_high": ((), high)}),
         caveats=caveats,
     )

@@ -23,7 +23,7 @@ from scipy import special
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.finding import Finding, PValueFinding
-from gaugeblock.validate.p_values import SMALLEST
+from gaugeblock.validate.p_values import SMALLEST, of_replicates
 
 ORDER = 4
 # What each component of a PIT says where it is positive.
@@ -91,7 +91,7 @@ def smooth_test(values: ArrayLike, *, order: int = ORDER) -> SmoothTest:
         return SmoothTest(component, statistic, max(float(special.chdtrc(order, statistic)), SMALLEST))
     null = _simulated_null(len(sample), order)
     exceeded = len(null) - int(np.searchsorted(null, statistic, side="left"))
-    return SmoothTest(component, statistic, (1 + exceeded) / (1 + len(null)))
+    return SmoothTest(component, statistic, of_replicates(exceeded, len(null)))
 
 
 def smooth_finding(name: str, pit: ArrayLike, *, caveats: tuple[str, ...] = ()) -> Finding:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.validate.p_values import of_replicates
 
 # Ranks as they are up to the largest hundredth, beyond that as an exponential tail goes on that begins at the
 # largest tenth: or a view could say no more than 1 / n, however far away the observation is.
@@ -65,7 +66,7 @@ def p_values_against(reference: Array, planted: Array, weights: Array | None = N
     oddness = np.sort(np.logaddexp.reduce(_surprise(reference, reference, weights), axis=1))
     planted_oddness = np.logaddexp.reduce(_surprise(reference, planted, weights), axis=1)
     above = len(reference) - np.searchsorted(oddness, planted_oddness)
-    return np.asarray((1 + above) / (1 + len(reference)))
+    return of_replicates(np.asarray(above), len(reference))
 
 
 def _surprise(reference: Array, scores: Array, weights: Array | None) -> Array:

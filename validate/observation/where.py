@@ -11,6 +11,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.validate.observation.tables import DATA
 from gaugeblock.validate.observation.together import Together
 from gaugeblock.validate.observation.views import Rows, Views
+from gaugeblock.validate.p_values import among
 
 LEVEL = 0.95
 MOST = 12
@@ -112,4 +113,4 @@ def located(views: Views, x: NDArray[np.generic], rows: Rows, groups: NDArray[np
 
 def _p_value(worst: Array, departure: float) -> float:
     """Among the largest departures of groups, the observed one first."""
-    return float((1 + np.count_nonzero(worst[1:] >= abs(departure))) / len(worst))
+    return among(worst[1:], abs(departure))

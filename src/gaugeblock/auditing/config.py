@@ -31,9 +31,9 @@ class TrialsTable(Table):
     `block` trials are simulated and sampled together, with one random generator (1 is for simulators of a
     minute a call); it is part of what makes a run repeatable to the bit. The first `importance_number` trials
     get `importance_draws` further draws each, with densities; the likelihood is evaluated at the first
-    `joint_draws` draws of the first `joint_number` trials (1,000, or a quarter where that is more). With `anytime` trials are watched block by block,
-    and `number` is the most there can be. `observation` is a file with the data in hand, around which
-    calibration is looked at too.
+    `joint_draws` draws of the first `joint_number` trials (1,000, or a quarter where that is more). With
+    `anytime` trials are watched block by block, and `number` is the most there can be. `observation` is a
+    file with the data in hand, around which calibration is looked at too.
     """
 
     number: Annotated[int, Field(ge=10)] = 4000

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from gaugeblock.discovery.locate import scan_windows
-from gaugeblock.discovery.locate.windows import share_beyond, window_bounds
+from gaugeblock.discovery.locate.windows import window_bounds
+from gaugeblock.validate.p_values import among
 
 
 def line(energy, *, at=3.0, width=0.1, height=0.6):
@@ -198,7 +199,7 @@ def test_the_same_rng_gives_the_same_scan(power_laws):
 
 def test_p_is_never_zero():
     null = np.abs(np.random.default_rng(1).standard_normal((999, 50))).max(axis=1)
-    assert share_beyond(null, 100.0) == 1 / 1000
+    assert among(null, 100.0) == 1 / 1000
 
 
 @pytest.mark.slow

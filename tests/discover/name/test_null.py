@@ -7,11 +7,11 @@ from scipy.stats import binom, norm
 
 from gaugeblock.discovery import Candidates, Sources
 from gaugeblock.discovery.fitting import fit
-from gaugeblock.discovery.locate.windows import share_beyond
 from gaugeblock.discovery.name.null import largest_null
 from gaugeblock.discovery.name.score import allowed, normalised, scores
 from gaugeblock.discovery.name.shapes import templates
 from gaugeblock.simulators import Effect
+from gaugeblock.validate.p_values import among
 
 NUMBER = 600
 
@@ -34,7 +34,7 @@ def test_p_holds_its_level_and_uses_it_up(power_law, bright, nearly_empty):
         null = largest_null(
             fitted.expected[i], tested.shape[i], tested.skew[i], found.sign, replicates=199, rng=rng
         )
-        p[i] = share_beyond(null, largest[i])
+        p[i] = among(null, largest[i])
     for level in (0.01, 0.05, 0.2):
         low, high = binom.ppf([0.001, 0.999], NUMBER, level)
         assert low <= np.sum(p <= level) <= high, f"{np.sum(p <= level)} at {level}"
@@ -96,5 +96,5 @@ def test_an_edge_is_seen_beside_channels_that_are_nearly_empty(power_law):
         null = largest_null(
             fitted.expected[i], tested.shape[i], tested.skew[i], found.sign, replicates=199, rng=rng
         )
-        seen += share_beyond(null, allowed(tested.z[i], found.sign).max()) <= 0.01
+        seen += among(null, allowed(tested.z[i], found.sign).max()) <= 0.01
     assert seen >= 50
