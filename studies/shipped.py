@@ -211,15 +211,8 @@ def _named(names: Sequence[str]) -> list[str]:
 def shown(made: xr.Dataset) -> str:
     """A line for every audit."""
     header = [
-        "flow",
-        "audit",
-        "policy",
-        "trials",
-        "verdict",
-        "FAIL",
-        "left open",
-        "open, not required",
-        "efficiency",
+        *("flow", "audit", "policy", "trials", "verdict"),
+        *("FAIL", "left open", "open, not required", "efficiency"),
     ]
     lines = [
         [
@@ -228,6 +221,22 @@ def shown(made: xr.Dataset) -> str:
         ]
         for one in _rows(made)
     ]  # fmt: skip
+    return table(header, lines)
+
+
+def flows(made: xr.Dataset) -> str:
+    """A line for every flow that ships: how it was made, and what both audits together say."""
+    header = ["`shipped:`", "network", "simulations", "steps", "redraws", "loss", "verdict", "efficiency"]
+    lines = []
+    for one in _rows(made):
+        if one["audit"] == AUDITS[2]:
+            model = _made(one["flow"])
+            kind, trained = model["network"]["kind"], model["training"]
+            lines.append([
+                f"`{one['flow']}`", kind, f"{trained['simulations']:,}", f"{trained['steps']:,}",
+                str(trained.get("redraws") or "-"), f"{model['validation_loss']:.3f}",
+                "{outcome}, {policy}, {trials:,} trials".format_map(one), EFFICIENCY.format_map(one),
+            ])  # fmt: skip
     return table(header, lines)
 
 
@@ -255,6 +264,11 @@ def _rows(made: xr.Dataset) -> list[dict[str, Any]]:
     return [{str(key): made[key].values[at].item() for key in made} for at in range(made.sizes["row"])]
 
 
+def _page(page: Path, file: Path) -> None:
+    made = read(file)
+    fill(page, {"shipped flows": flows(made), "shipped audits": shown(made)})
+
+
 def main(arguments: Sequence[str]) -> int:
     """Run it, or make the page of what is stored."""
     options = parser(NAME, __doc__)
@@ -270,7 +284,7 @@ def main(arguments: Sequence[str]) -> int:
         sys.stdout.write(logged(_rows(read(file)) if file.exists() else []) + "\n")
         return 0
     if chosen.page:
-        return carried_out(lambda: fill(chosen.docs / "training.md", {"shipped": shown(read(file))}))
+        return carried_out(partial(_page, chosen.docs / "training.md", file))
     if chosen.development:
         return carried_out(partial(develop, chosen))
     return carried_out(partial(run, chosen, given(NAME, arguments)))

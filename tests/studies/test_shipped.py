@@ -10,7 +10,7 @@ pytest.importorskip("jaxspec")
 pytest.importorskip("torch")
 from studies import shipped
 from studies.__main__ import main
-from studies.kit.results import DOCS, read
+from studies.kit.results import DOCS, RESULTS, read
 
 import gaugeblock as gb
 from gaugeblock.core.errors import InputError
@@ -135,4 +135,28 @@ def test_a_flow_that_does_not_ship_is_named(tmp_path):
 def test_the_page_shows_what_is_stored(twin, tmp_path):
     shutil.copy(DOCS / "training.md", tmp_path)
     assert main(["shipped", "--page", "--out", str(twin), "--docs", str(tmp_path)]) == 0
-    assert f"| `{FLOW}` | both | strict | 120 | INCONCLUSIVE |" in (tmp_path / "training.md").read_text()
+    page = (tmp_path / "training.md").read_text()
+    assert f"| `{FLOW}` | both | strict | 120 | INCONCLUSIVE | - | sbc" in page
+    assert (
+        f"| `{FLOW}` | default | 400,000 | 12,000 | - | -0.410 | INCONCLUSIVE, strict, 120 trials |" in page
+    )
+
+
+def test_the_page_is_of_what_is_committed(tmp_path):
+    shutil.copy(DOCS / "training.md", tmp_path)
+    assert main(["shipped", "--page", "--docs", str(tmp_path)]) == 0
+    assert (tmp_path / "training.md").read_text() == (DOCS / "training.md").read_text()
+
+
+@pytest.mark.parametrize("name", shipped.PROMISES)
+def test_a_flow_ships_with_the_verdict_of_its_final_audits(name):
+    row = next(
+        row
+        for row in shipped._rows(read(RESULTS / "shipped.nc"))
+        if (row["flow"], row["audit"]) == (name, "both")
+    )
+    verdict = json.loads((MODELS / name / "verdict.json").read_text())
+    assert row["weights"] == json.loads((MODELS / name / "model.json").read_text())["sha256"][:12]
+    assert row["policy"] == shipped.PROMISES[name].policy
+    assert row["trials"] == 2 * shipped.PROMISES[name].trials == verdict["provenance"]["trials"]["number"]
+    assert row["outcome"] == verdict["verdict"]
