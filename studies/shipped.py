@@ -244,13 +244,13 @@ def logged(rows: Sequence[Mapping[str, Any]]) -> str:
     """A line for every training and audit of shipped.toml, then for the audits of the table."""
     known = tomllib.loads((STUDIES / "shipped.toml").read_text(encoding="utf-8"))
     lines = [
-        (one["date"].isoformat(), one["flow"], one["weights"], kind, one["commit"], one["says"])
-        for kind in ("training", "audit")
-        for one in known[kind]
+        (one["date"].isoformat(), one["flow"], one["weights"], one["kind"], one["commit"], one["says"])
+        for one in known["entry"]
     ]
     lines += [
         ("", one["flow"], one["weights"], "audit", one["commit"][:7],
-         "{policy}, {trials:,} trials, {audit} of two final seeds: {outcome}".format_map(one))
+         "{policy}, {trials:,} trials, {audit} of two final seeds: {outcome}".format_map(one)
+         + (f" by {one['failed']}" if one["failed"] else ""))
         for one in rows
     ]  # fmt: skip
     order = sorted(lines, key=lambda line: (list(PROMISES).index(line[1]), line[0] or "z"))
