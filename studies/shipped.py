@@ -36,7 +36,7 @@ from gaugeblock.estimators.npe.shipped import reference_model_path
 from gaugeblock.reports.machine import verdict_json
 from gaugeblock.validate.looks import Looks
 from gaugeblock.validate.trials import IMPORTANCE, JOINT, group_trials, main_trials, trials_tree
-from studies.kit.command import carried_out, given, parser
+from studies.kit.command import carried_out, parser
 from studies.kit.commit import ROOT, committed, seed_of
 from studies.kit.page import fill, table
 from studies.kit.results import STUDIES, read, record, write
@@ -150,7 +150,7 @@ def _families(gates: Iterable[Any]) -> str:
     return ", ".join(name if number == 1 else f"{name} ({number})" for name, number in found.items())
 
 
-def run(chosen: argparse.Namespace, command: str) -> None:
+def run(chosen: argparse.Namespace) -> None:
     """Two audits of every flow and one of both, whose verdict is put beside the flow's weights.
 
     What was found of other flows stays in the table.
@@ -172,13 +172,13 @@ def run(chosen: argparse.Namespace, command: str) -> None:
                 )
         seeds = [seed_of(f"shipped {which}", commit) for which in AUDITS[:2]]
         found = [_audit(chosen, name, seed) for seed in seeds]
-        both = together(found, seeds, command=command)
+        both = together(found, seeds, command=f"python -m {NAME} {name} --commit {commit}")
         rows = [
             row(name, which, seed, audit) | origin
             for which, seed, audit in zip(AUDITS, (*seeds, seeds[0]), (*found, both), strict=True)
         ]
         made = _as_table([one for one in kept if one["flow"] != name] + rows)
-        write({"": made.assign_attrs(record(command, seeds[0]))}, file)
+        write({"": made.assign_attrs(record(f"python -m {NAME} NAME --commit COMMIT", seeds[0]))}, file)
         said = verdict_json(both.verdict, both.findings)
         write_atomically(chosen.models / name / "verdict.json", said.encode())
         sys.stdout.write(shown(_as_table(rows)) + "\n")
@@ -287,7 +287,7 @@ def main(arguments: Sequence[str]) -> int:
         return carried_out(partial(_page, chosen.docs / "training.md", file))
     if chosen.development:
         return carried_out(partial(develop, chosen))
-    return carried_out(partial(run, chosen, given(NAME, arguments)))
+    return carried_out(partial(run, chosen))
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from gaugeblock.core.errors import GaugeblockError
 from studies.kit.results import DOCS, RESULTS
 
 SEED = 20260611
-PLACES = ("--folder", "--out", "--docs", "--work", "--repository", "--models")
+PLACES = ("--folder", "--out", "--docs", "--work", "--repository")
 
 
 def parser(name: str, says: str | None) -> argparse.ArgumentParser:

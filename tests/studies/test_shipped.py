@@ -10,6 +10,7 @@ pytest.importorskip("jaxspec")
 pytest.importorskip("torch")
 from studies import shipped
 from studies.__main__ import main
+from studies.kit.commit import ROOT, committed
 from studies.kit.results import DOCS, RESULTS, read
 
 import gaugeblock as gb
@@ -113,7 +114,7 @@ def test_the_verdict_of_both_lies_beside_the_weights(twin):
     assert said["estimator"]["sha256"] == json.loads((MODELS / FLOW / "model.json").read_text())["sha256"]
     assert said["trials"]["number"] == 120
     assert said["trials"]["seeds"] == [row["seed"] for row in shipped._rows(read(twin / "shipped.nc"))][:2]
-    assert said["command"] == f"python -m studies shipped {FLOW}"
+    assert said["command"] == f"python -m studies shipped {FLOW} --commit {committed(ROOT, 'HEAD')}"
 
 
 def test_final_trials_are_looked_at_once(twin, tmp_path, capsys):
