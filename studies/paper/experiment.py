@@ -111,9 +111,16 @@ def made(
             setting=setting.value,
             sizes=dict(experiment.sizes[setting]),
             version=experiment.version,
+            flows={name: weights_of(name) for name in experiment.flows},
             cpu_seconds=round(spent or time.process_time() - start, 1),
         )
     )
+
+
+def trained_since(table: xr.Dataset) -> list[str]:
+    """Flows that a table is of, but that have other weights today."""
+    weights = json.loads(table.attrs.get("flows", "{}"))
+    return [name for name, kept in weights.items() if weights_of(name) != kept]
 
 
 def committed(name: str) -> xr.Dataset | None:

@@ -17,6 +17,7 @@ from studies.kit.results import command_of, renamed
 from studies.paper import words
 from studies.paper.beyond import beyond
 from studies.paper.claim import SINGLE, Claim, Counted
+from studies.paper.experiment import trained_since
 from studies.paper.experiments import load
 from studies.paper.experiments.calibration_published import FAILS
 from studies.paper.family import FAMILIES, TOO_MANY, Family
@@ -339,7 +340,7 @@ def _made(tables: Mapping[str, xr.Dataset]) -> str:
     rows = [
         (
             name,
-            made.attrs.get("says", ""),
+            _of(made),
             made.attrs.get("setting", ""),
             str(made.attrs.get("seed", "")),
             f"{float(made.attrs.get('cpu_seconds', 0.0)):.0f} s",
@@ -355,6 +356,14 @@ def _made(tables: Mapping[str, xr.Dataset]) -> str:
         table_of(("experiment", "what it measures", "setting", "seed", "CPU", "command"), rows)
         + f"\n\nMade with {with_what}."
     )
+
+
+def _of(made: xr.Dataset) -> str:
+    """What a table is of, and which of its flows are no longer those that it was made by."""
+    says, others = str(made.attrs.get("says", "")), trained_since(made)
+    if not others:
+        return says
+    return f"{says}; made before these were trained again: {', '.join(f'`{name}`' for name in others)}"
 
 
 def _trained() -> list[str]:

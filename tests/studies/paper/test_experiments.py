@@ -1,12 +1,13 @@
 """Every experiment runs as its twin does, yet smaller, resumes bit for bit, and measures its claims."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from studies.kit.results import read, write
 from studies.paper import Agreement, Setting, claims, judge
-from studies.paper.experiment import committed, made
+from studies.paper.experiment import committed, made, trained_since
 from studies.paper.experiments import EXPERIMENTS, PAST, load
 
 GRID = {"clean": 8, "suspicious": 8, "reference": 16, "draws": 20, "again": 2}
@@ -73,6 +74,14 @@ DIFFERING = {
 
 def mine(experiment):
     return {name: claim for name, claim in claims().items() if claim.by == experiment.name}
+
+
+def test_its_table_says_by_which_weights_it_was_made(twin):
+    experiment, table = twin
+    weights = json.loads(table.attrs["flows"])
+    assert set(weights) == set(experiment.flows)
+    assert all(len(digest) == 64 for digest in weights.values())
+    assert trained_since(table) == []
 
 
 def test_it_measures_the_claims_that_are_its_and_no_others(twin):

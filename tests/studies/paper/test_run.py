@@ -5,7 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
-from studies.paper import Agreement, Measured, Setting, Untestable, claims, from_committed, judge, reproduce
+from studies.paper import (
+    Agreement,
+    Measured,
+    Setting,
+    Untestable,
+    claims,
+    experiment,
+    from_committed,
+    judge,
+    reproduce,
+)
 from studies.paper.claim import Counted
 from studies.paper.document import DOCS, adopt, document
 from studies.paper.family import Family
@@ -151,3 +161,12 @@ def test_the_front_page_says_what_was_counted_twice_and_what_was_picked():
     text = (DOCS / "reproduction.md").read_text()
     assert "its 3 of 5 are 2 of 4 networks" in text
     assert "`xc.i22.flat` is 5.4 nats in the study's box and\n0.37 in the wider one" in text
+
+
+def test_the_page_names_flows_that_were_trained_again(monkeypatch):
+    table = xr.Dataset(attrs={"says": "ours on NICER", "flows": '{"shipped:a": "one", "shipped:b": "two"}'})
+    monkeypatch.setattr(experiment, "weights_of", {"shipped:a": "one", "shipped:b": "two"}.get)
+    assert "| ours on NICER |" in page({"calibration_nicer": table}, {}, (), {})
+    monkeypatch.setattr(experiment, "weights_of", {"shipped:a": "one", "shipped:b": "three"}.get)
+    said = page({"calibration_nicer": table}, {}, (), {})
+    assert "| ours on NICER; made before these were trained again: `shipped:b` |" in said
