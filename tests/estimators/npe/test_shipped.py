@@ -13,10 +13,10 @@ EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "undertrained-model
 SHIPPED = sorted(path.parent for path in reference_model_path().parent.glob("*/model.json"))
 
 STRICT = ("epic-pn-faint", "epic-pn-medium", "epic-pn-bright")
-"""Those of the strict policy with 10,000 trials and more; the others passed the default one."""
+"""Those of the strict policy; the others passed the default one."""
 
-# Median ESS at 200 trials x 500 draws, and what 60 trials x 300 draws with a fixed seed have to reach.
-WORTH = {"epic-pn-faint": 0.91, "epic-pn-medium": 0.87, "epic-pn-bright": 0.68, "nicer-bright": 0.5}
+# What 60 trials x 300 draws with a fixed seed have to reach: less than the final audits found, as so few may.
+WORTH = {"epic-pn-faint": 0.91, "epic-pn-medium": 0.87, "epic-pn-bright": 0.74, "nicer-bright": 0.66}
 
 
 @pytest.mark.parametrize("folder", [*SHIPPED, EXAMPLE], ids=lambda folder: folder.name)
@@ -34,7 +34,7 @@ def test_they_carry_the_verdict_that_let_them_pass(folder):
     assert verdict["verdict"] == "PASS"
     assert verdict["provenance"]["estimator"]["sha256"] == load(folder).record["sha256"]
     if folder.name in STRICT:
-        assert verdict["provenance"]["trials"]["number"] >= 10_000
+        assert verdict["provenance"]["trials"]["number"] == 20_000
         assert verdict["provenance"]["policy"]["tolerance"]["bias"] == 0.05
 
 
