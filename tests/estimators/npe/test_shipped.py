@@ -15,6 +15,9 @@ SHIPPED = sorted(path.parent for path in reference_model_path().parent.glob("*/m
 STRICT = ("epic-pn-faint", "epic-pn-medium", "epic-pn-bright")
 """Those of the strict policy; the others passed the default one."""
 
+FAILING = {"epic-pn-bright-gain": ["joint.likelihood"]}
+"""What failed of those that ship marked as failing: three trainings are what a flow may have."""
+
 # What 60 trials x 300 draws with a fixed seed have to reach: less than the final audits found, as so few may.
 WORTH = {"epic-pn-faint": 0.91, "epic-pn-medium": 0.87, "epic-pn-bright": 0.74, "nicer-bright": 0.66}
 
@@ -29,9 +32,11 @@ def test_the_flows_that_ship_load_and_say_how_they_were_made(folder):
 
 
 @pytest.mark.parametrize("folder", SHIPPED, ids=lambda folder: folder.name)
-def test_they_carry_the_verdict_that_let_them_pass(folder):
+def test_they_carry_the_verdict_of_their_final_audits(folder):
     verdict = json.loads((folder / "verdict.json").read_text())
-    assert verdict["verdict"] == "PASS"
+    failed = [gate["id"] for gate in verdict["gates"] if gate["verdict"] == "FAIL"]
+    assert failed == FAILING.get(folder.name, [])
+    assert verdict["verdict"] == ("FAIL" if failed else "PASS")
     assert verdict["provenance"]["estimator"]["sha256"] == load(folder).record["sha256"]
     if folder.name in STRICT:
         assert verdict["provenance"]["trials"]["number"] == 20_000
