@@ -63,7 +63,7 @@ def by_replicates(as_large: Callable[[int], NDArray[np.bool_]], most: int, *, at
     """Exact Monte Carlo p-value of at most so many replicates; fewer where it is plainly not small.
 
     `as_large` makes so many further replicates, at most `at_once`, and says ``(replicate,)`` which are as
-    large as what was observed. With all: `of_replicates`. Once there are `ENOUGH` of them, after l
+    large as what was observed. Where all are made, `of_replicates`. Once there are `ENOUGH` of them, after l
     replicates: ENOUGH / l, which is known to a seventh. Under the null P(p <= a) <= a either way. How many
     are made at once makes no difference.
 
