@@ -76,9 +76,9 @@ PROMISES: Mapping[str, Promise] = {
 }
 
 
-def audited(name: str, seed: int, out: Path) -> Audit:
-    """One audit, with likelihoods of all trials; an interrupted one goes on in its folder."""
-    promise = PROMISES[name]
+def audited(name: str, seed: int, work: Path) -> Audit:
+    """One audit, with likelihoods of all trials; an interrupted one goes on in its folder below `work`."""
+    promise, made = PROMISES[name], _made(name)
     numbers = {
         "number": promise.trials,
         "joint_number": promise.trials,
@@ -86,11 +86,11 @@ def audited(name: str, seed: int, out: Path) -> Audit:
     }
     return gb.audit(
         f"shipped:{name}",
-        _made(name)["simulator_table"],
+        made["simulator_table"],
         trials=numbers,
         seed=seed,
         policy=promise.policy,
-        out=out,
+        out=work / f"{name}-{made['sha256'][:12]}-{seed}",
         progress=True,
     )
 
@@ -171,7 +171,7 @@ def run(chosen: argparse.Namespace) -> None:
                     "looked at once: name that with --commit, or another --out"
                 )
         seeds = [seed_of(f"shipped {which}", commit) for which in AUDITS[:2]]
-        found = [_audit(chosen, name, seed) for seed in seeds]
+        found = [audited(name, seed, chosen.work) for seed in seeds]
         both = together(found, seeds, command=f"python -m {NAME} {name} --commit {commit}")
         rows = [
             row(name, which, seed, audit) | origin
@@ -187,13 +187,8 @@ def run(chosen: argparse.Namespace) -> None:
 def develop(chosen: argparse.Namespace) -> None:
     """One audit of every flow on the seed by which flows are chosen."""
     for name in _named(chosen.names):
-        one = row(name, "development", DEVELOPMENT, _audit(chosen, name, DEVELOPMENT))
+        one = row(name, "development", DEVELOPMENT, audited(name, DEVELOPMENT, chosen.work))
         sys.stdout.write(shown(_as_table([one | {"commit": ""}])) + "\n")
-
-
-def _audit(chosen: argparse.Namespace, name: str, seed: int) -> Audit:
-    folder = (chosen.work or chosen.out / "checkpoints") / f"{name}-{_made(name)['sha256'][:12]}-{seed}"
-    return audited(name, seed, folder)
 
 
 def _as_table(rows: Sequence[Mapping[str, Any]]) -> xr.Dataset:
@@ -279,6 +274,7 @@ def main(arguments: Sequence[str]) -> int:
     options.add_argument("--log", action="store_true", help="print every training and audit; runs nothing")
     options.add_argument("--page", action="store_true", help="only make the page of what is stored")
     chosen = options.parse_args(arguments)
+    chosen.work = chosen.work or chosen.out / "checkpoints"
     file = chosen.out / "shipped.nc"
     if chosen.log:
         sys.stdout.write(logged(_rows(read(file)) if file.exists() else []) + "\n")
