@@ -35,8 +35,7 @@ def parts(work: Path, seed: int, **options: Any) -> dict[str, Callable[[], Part]
     return {
         "size": size.part,
         "gate": gate.part,
-        "shapes-small": partial(shapes.part, "30 x 50"),
-        "shapes-medium": partial(shapes.part, "1,000 x 250"),
+        "edges": shortcut.whole_part,
         "intervals": lambda: intervals.part(work, seed=seed, **options),
         "shortcut": shortcut.part,
         "looks": looks.part,
@@ -45,7 +44,11 @@ def parts(work: Path, seed: int, **options: Any) -> dict[str, Callable[[], Part]
         "power": power.part,
         "curves": curves.part,
         "anytime": anytime.part,
-    }
+    } | {
+        f"{kind}-{size}": partial(shapes.part, kind, size)
+        for size in shapes.SIZES
+        for kind in shapes.KINDS
+    }  # fmt: skip
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -32,6 +32,9 @@ from gaugeblock.validate.validators import default_validators
 # What no verdict rests on, and takes a third of an audit's time, is not computed.
 JUDGED = tuple(name for name in default_validators() if name not in ("controls", "layout"))
 
+# Of these the verdict on truths and draws alone is made: without data and densities no other is judged.
+WITHOUT_DATA = ("draws", "sbc", "coverage", "tails", "joint", "local", "c2st")
+
 Truth = Mapping[str, Sequence[float]]
 """True values of each finding's components, by place: regions are named after where their edges fell."""
 
@@ -86,10 +89,16 @@ def audit(
     simulator: Any, estimator: Any, plan: Plan, policy: Policy, *, select: Iterable[str] = JUDGED
 ) -> Audited:
     """Collect, validate, judge; the plan's seed decides all."""
-    tree = collected(simulator, estimator, plan)
-    findings, not_checked = run_validators(tree, seed=plan.seed, select=select)
+    return audited(collected(simulator, estimator, plan), policy, plan.seed, select=select)
+
+
+def audited(
+    trials: xr.DataTree | xr.Dataset, policy: Policy, seed: int, *, select: Iterable[str] = JUDGED
+) -> Audited:
+    """Validate and judge trials that are there already."""
+    findings, not_checked = run_validators(trials, seed=seed, select=select)
     with quick_bootstrap():
-        return Audited(findings, not_checked, judge(findings, not_checked, policy, seed=plan.seed))
+        return Audited(findings, not_checked, judge(findings, not_checked, policy, seed=seed))
 
 
 def judged(audited: Audited) -> dict[str, Finding]:

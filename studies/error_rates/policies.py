@@ -9,6 +9,10 @@ from gaugeblock.validate.planning.planner import StudyPlan, plan
 from gaugeblock.validate.policy import Tolerance
 
 DEFAULT = read_policy("default")
+# What the default policy requires of trials that hold no data.
+WITHOUT_DATA = DEFAULT.model_copy(
+    update={"required": tuple(entry for entry in DEFAULT.required if not entry.startswith("informed"))}
+)
 OPEN_WIDE = {"bias": 99.0, "log_width": 99.0, "normalisation": 99.0, "ess": 0.0}
 
 

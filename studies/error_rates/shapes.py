@@ -10,10 +10,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gaugeblock.validate import judge, make_trials, run_validators
-from studies.error_rates.audits import JUDGED, Audited, quick_bootstrap
+from gaugeblock.validate import make_trials
+from studies.error_rates import audits, policies
+from studies.error_rates.audits import audited
 from studies.error_rates.gate import outcome
-from studies.error_rates.policies import DEFAULT
 from studies.error_rates.problem import Array
 from studies.error_rates.replicates import Part, Replicate, Values
 from studies.error_rates.summary import indicators
@@ -21,7 +21,8 @@ from studies.error_rates.summary import indicators
 Shape = Callable[[np.random.Generator, tuple[int, int, int]], Array]
 """Truth and draws of every trial together, ``(trial, 1 + draw, parameter)``."""
 
-SIZES = {"30 x 50": (30, 50), "1,000 x 250": (1000, 250)}
+SIZES = {"small": (30, 50), "medium": (1000, 250), "large": (4000, 250)}
+"""Trials, and draws of each."""
 PARAMETERS = 3
 
 
@@ -40,9 +41,14 @@ def _ring(rng: np.random.Generator, size: tuple[int, int, int]) -> Array:
     )
 
 
-def _correlated(rng: np.random.Generator, size: tuple[int, int, int]) -> Array:
-    common = rng.normal(size=(*size[:2], 1))
-    return np.asarray(3 * common + rng.normal(size=(*size[:2], 20)))
+def _correlated(dimensions: int) -> Shape:
+    """So many parameters, any two with correlation 0.9."""
+
+    def drawn(rng: np.random.Generator, size: tuple[int, int, int]) -> Array:
+        common = rng.normal(size=(*size[:2], 1))
+        return np.asarray(3 * common + rng.normal(size=(*size[:2], dimensions)))
+
+    return drawn
 
 
 def _chain(rho: float) -> Shape:
@@ -69,32 +75,41 @@ SHAPES: dict[str, Shape] = {
     "bounded U": lambda rng, size: rng.beta(0.3, 0.3, size=size),
     "bimodal": lambda rng, size: rng.choice([-4.0, 4.0], size=size) + rng.normal(size=size),
     "ring": _ring,
-    "20 parameters, correlated": _correlated,
+    "20 parameters, correlated": _correlated(20),
+    "50 parameters, correlated": _correlated(50),
     "chain, correlation 0.5": _chain(0.5),
     "chain, correlation 0.9": _chain(0.9),
     "float16": lambda rng, size: (300 + 100 * rng.normal(size=size)).astype(np.float16),
 }
 
 
+KINDS = {"shapes": f"{PARAMETERS} parameters", "wide": "20 and 50 parameters"}
+"""What costs as much as all others together is a part of its own."""
+
+
 def replicate(shape: Shape, trials: int, draws: int) -> Replicate:
-    """One audit of truths and draws in hand: the verdict, with the gates to blame."""
+    """One audit of truths and draws in hand: the verdict, with the gates to blame.
+
+    What the verdict on such trials does not rest on is not computed; it is the whole audit's.
+    """
 
     def once(seed: int) -> Values:
         pool = shape(np.random.default_rng(seed), (trials, 1 + draws, PARAMETERS))
-        found, not_checked = run_validators(make_trials(pool[:, 0], pool[:, 1:]), seed=seed, select=JUDGED)
-        with quick_bootstrap():
-            return outcome(Audited(found, not_checked, judge(found, not_checked, DEFAULT, seed=seed)))
+        held = make_trials(pool[:, 0], pool[:, 1:])
+        return outcome(audited(held, policies.WITHOUT_DATA, seed, select=audits.WITHOUT_DATA))
 
     return once
 
 
-def part(size: str) -> Part:
-    """The part of the study at one size."""
+def part(kind: str, size: str) -> Part:
+    """The part of the study at one size: shapes of few parameters, or of many."""
+    trials, draws = SIZES[size]
+    chosen = {name: shape for name, shape in SHAPES.items() if ("parameters" in name) is (kind == "wide")}
     return Part(
-        name=f"shapes-{size.replace(' ', '')}",
-        says=f"whole audits of exact posteriors of {PARAMETERS} parameters or more, {size} (trials x draws)",
-        cases={name: replicate(shape, *SIZES[size]) for name, shape in SHAPES.items()},
+        name=f"{kind}-{size}",
+        says=f"verdicts on exact posteriors of {KINDS[kind]}, {trials:,} x {draws} (trials x draws)",
+        cases={name: replicate(shape, trials, draws) for name, shape in chosen.items()},
         replicates=1000,
-        settings={"shapes": list(SHAPES), "size": SIZES[size], "parameters": PARAMETERS},
+        settings={"shapes": list(chosen), "size": SIZES[size], "parameters": PARAMETERS},
         summarise=indicators,
     )

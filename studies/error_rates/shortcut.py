@@ -15,14 +15,15 @@ import numpy as np
 from scipy import optimize, stats
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate import Finding, Outcome, Policy, judge, make_policy
+from gaugeblock.validate import Finding, Outcome, Policy, judge, make_policy, make_trials
 from gaugeblock.validate.joint.importance import importance_findings
 from gaugeblock.validate.marginal.coverage import central_finding
 from gaugeblock.validate.marginal.half_widths import UNIT, bias_finding, half_width_scores, log_width_finding
 from gaugeblock.validate.marginal.tails import outlier_finding, outlier_shares
 from gaugeblock.validate.ranks import randomised_pit
-from studies.error_rates.audits import quick_bootstrap
+from studies.error_rates.audits import audited, quick_bootstrap
 from studies.error_rates.boundary import kink
+from studies.error_rates.gate import outcome
 from studies.error_rates.policies import alone
 from studies.error_rates.replicates import Part, Replicate, Values
 from studies.error_rates.shapes import SHAPES
@@ -123,11 +124,10 @@ def on_the_edge(name: str, shape: str) -> Case:
     return replace(case, **{quantity: sign * float(size)})
 
 
-def findings(
-    case: Case, rng: np.random.Generator, *, pools: tuple[Array, Array] | None = None
-) -> list[Finding]:
-    """Findings on one simulated audit; `pools` are exact truths and draws that are there already."""
-    names = [f"p{i}" for i in range(case.dimensions)]
+def faulty(
+    case: Case, rng: np.random.Generator, pools: tuple[Array, Array] | None = None
+) -> tuple[Array, Array]:
+    """Truths and draws of one simulated audit; `pools` are exact ones that are there already."""
     if pools is None:
         made = SHAPES[case.shape](rng, (case.trials, 1 + case.draws, case.dimensions))
         pools = made[:, 0], made[:, 1:]
@@ -139,7 +139,15 @@ def findings(
         folded = 1 - np.interp(1 - v, [0, 0.5 - case.coverage, 1], [0, 0.5, 1])
         truth = np.sign(truth) * stats.norm.isf(folded / 2)
     stray = rng.random(pools[1].shape) < case.outliers
-    sampled = np.where(stray, centre + ASTRAY * unit, pools[1])
+    return truth, np.where(stray, centre + ASTRAY * unit, pools[1])
+
+
+def findings(
+    case: Case, rng: np.random.Generator, *, pools: tuple[Array, Array] | None = None
+) -> list[Finding]:
+    """Findings on one simulated audit, of one gate and what it needs."""
+    names = [f"p{i}" for i in range(case.dimensions)]
+    truth, sampled = faulty(case, rng, pools)
     pit = randomised_pit(truth, sampled, rng)
     scores = np.concatenate(half_width_scores(truth, sampled), axis=-1)
     shares = np.stack(outlier_shares(truth, sampled), axis=-1)
@@ -169,6 +177,29 @@ def replicate(built: Built) -> Replicate:
         return {name.value: float(said is name) for name in Outcome}
 
     return verdict
+
+
+def whole(built: Built) -> Replicate:
+    """Verdicts of whole audits of the same truths and draws, with the gates to blame."""
+
+    def verdict(seed: int) -> Values:
+        case = built()
+        return outcome(audited(make_trials(*faulty(case, np.random.default_rng(seed))), case.policy, seed))
+
+    return verdict
+
+
+def whole_part() -> Part:
+    """The part of the study that runs whole audits of what needs truths and draws alone."""
+    built = {name: each for name, each in cases().items() if name not in ("ess", "all at once")}
+    return Part(
+        name="edges",
+        says="whole audits with one gate on its edge, 1,000 trials x 100 draws",
+        cases={name: whole(each) for name, each in built.items()},
+        replicates=100,
+        settings={"edges": EDGES, "shapes": EDGED, "policy": DEFAULT.model_dump()},
+        summarise=indicators,
+    )
 
 
 def part() -> Part:
