@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from scipy import stats
 
-from studies.error_rates import anytime, forecasts, retraining
+from studies.error_rates import anytime, forecasts, retraining, shapes
 from studies.kit import page, plots
 from studies.kit.page import table as rows
 from studies.kit.plots import BLUE, GREY, ORANGE, pyplot
@@ -181,17 +181,35 @@ def _rates(title: str, **columns: str) -> Callable[[xr.Dataset], str]:
     return made
 
 
+def _to_blame(table: xr.Dataset, case: str, verb: str) -> str:
+    """Gates that in half of the audits of a case or more did what the word before the colon says."""
+    things = [thing for thing in table["thing"].values.tolist() if thing.startswith(f"{verb}: ")]
+    rate = {thing: float(table["rate"].sel(case=case, thing=thing)) for thing in things}
+    often = sorted((thing for thing in things if rate[thing] >= 0.5), key=lambda thing: -rate[thing])
+    return ", ".join(f"`{thing.removeprefix(f'{verb}: ')}`" for thing in often)
+
+
+def shapes_table(table: xr.Dataset) -> str:
+    """False alarms of exact posteriors, how many PASS, and what keeps the others from it."""
+    lines = [
+        (
+            case,
+            *(percent(table, case=case, thing=thing) for thing in ("FAIL", "PASS")),
+            _to_blame(table, case, "open"),
+        )
+        for case in table["case"].values.tolist()
+    ]
+    return rows(("exact posterior", "FAIL", "PASS", "open in half of the audits or more"), lines)
+
+
 def power_table(table: xr.Dataset) -> str:
     """How often each member of the zoo is blocked, and by which gates."""
     zoo = json.loads(table.attrs["settings"])["zoo"]
-    blamed = [thing for thing in table["thing"].values.tolist() if thing.startswith("fail: ")]
     lines = []
     for case in table["case"].values.tolist():
-        rate = {thing: float(table["rate"].sel(case=case, thing=thing)) for thing in blamed}
-        by = sorted((thing for thing in blamed if rate[thing] >= 0.5), key=lambda thing: -rate[thing])
-        named = ", ".join(f"`{thing.removeprefix('fail: ')}`" for thing in by)
         about = (case, str(zoo[case]["policy"]), f"{zoo[case]['trials']:,}")
-        lines.append((*about, *(percent(table, case=case, thing=t) for t in ("FAIL", "PASS")), named))
+        verdicts = (percent(table, case=case, thing=t) for t in ("FAIL", "PASS"))
+        lines.append((*about, *verdicts, _to_blame(table, case, "fail")))
     header = ("estimator", "policy", "trials", "FAIL", "PASS", "FAILs in half of the audits or more")
     return rows(header, lines)
 
@@ -222,9 +240,9 @@ def made_by(table: xr.Dataset) -> str:
 TABLES: Mapping[str, Callable[[xr.Dataset], str]] = {
     "size": size_table,
     "gate": _rates("estimator on the edge of", FAIL="FAIL", PASS="PASS"),
-    **dict.fromkeys(("shapes-small", "shapes-medium"), _rates("exact posterior", FAIL="FAIL", PASS="PASS")),
+    **{f"{kind}-{size}": shapes_table for size in shapes.SIZES for kind in shapes.KINDS},
     "intervals": _rates("estimator", inside="all true values in the intervals"),
-    **dict.fromkeys(("shortcut", "looks"), _rates("on the edge of", FAIL="FAIL", PASS="PASS")),
+    **dict.fromkeys(("shortcut", "edges", "looks"), _rates("on the edge of", FAIL="FAIL", PASS="PASS")),
     "forecasts": _rates(
         "fault around what is tolerated, of a",
         **{name: name for name in (forecasts.WITHIN, forecasts.BEFORE, forecasts.AFTER, forecasts.EDGED)},

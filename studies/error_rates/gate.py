@@ -62,9 +62,11 @@ def _audit(case: Case, seed: int) -> Audited:
 
 
 def blamed(audited: Audited) -> dict[str, float]:
-    """Which groups of gates FAILed, as ``fail: sbc.bias``."""
-    failed = [gate.id for gate in audited.verdict.gates if gate.outcome is Outcome.FAIL]
-    return {f"fail: {name.split('[')[0]}": 1.0 for name in failed}
+    """Groups of gates that FAILed (``fail: sbc.bias``), and required ones left open (``open: sbc.bias``)."""
+    gates = audited.verdict.gates
+    failed = [f"fail: {gate.id}" for gate in gates if gate.outcome is Outcome.FAIL]
+    left = [f"open: {gate.id}" for gate in gates if gate.required and gate.outcome is Outcome.INCONCLUSIVE]
+    return {name.split("[")[0]: 1.0 for name in failed + left}
 
 
 def outcome(audited: Audited) -> dict[str, float]:

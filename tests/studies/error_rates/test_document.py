@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from scipy import stats
+from studies.error_rates import shapes
 from studies.error_rates.__main__ import main, parts
 from studies.error_rates.anytime import summarise
 from studies.error_rates.document import FIGURE, TABLES, blocks, document, percent
@@ -20,7 +21,7 @@ NAMES = list(parts(RESULTS, 1))
 
 
 ANY_OF = {f"any of {number}": 0.0 for number in (1, 2, 5, 10, 20)}
-SHAPES = ("shapes-small", "shapes-medium")
+SHAPES = [f"{kind}-{size}" for size in shapes.SIZES for kind in shapes.KINDS]
 
 
 @pytest.fixture(scope="module")
@@ -28,16 +29,20 @@ def tables():
     """Small tables of every part, as a run would store them."""
     rng = np.random.default_rng(1)
     verdict = [{"FAIL": 1.0, "PASS": 0.0, "inside": 1.0, "fail: sbc.bias": 1.0}, {"PASS": 1.0, "inside": 0.0}]
+    unsettled = [
+        {"FAIL": 0.0, "PASS": 0.0, "open: sbc.log_width": 1.0, "open: sbc.bias": float(k < 3)}
+        for k in range(10)
+    ]
     uniform = [{"sbc.bias[a]": p, "local": 1 - p} for p in rng.random(40)]
     zoo = {"exact": {"trials": 1000, "policy": "default"}, "narrow": {"trials": 4000, "policy": "strict"}}
     made = {
         "size": p_values({"linear_gaussian": uniform, "alone": [{"mmd": 0.5}] * 40}),
         "gate": indicators({"exact": verdict, "bias": verdict}),
         "intervals": indicators({"exact": [{"inside": 1.0}]}),
-        **dict.fromkeys(("shortcut", "looks"), indicators({"bias": verdict})),
+        **dict.fromkeys(("shortcut", "edges", "looks"), indicators({"bias": verdict})),
         "forecasts": indicators({"normal": [dict.fromkeys((WITHIN, BEFORE, AFTER, EDGED), 1.0)]}),
         "retraining": indicators({"on the edge": [{"released": 1.0, **ANY_OF}]}),
-        **dict.fromkeys(SHAPES, indicators({"Cauchy": verdict})),
+        **dict.fromkeys(SHAPES, indicators({"Cauchy": unsettled})),
         "power": indicators({"exact": verdict, "narrow": verdict}),
         "curves": indicators({f"narrow @ {n}": verdict for n in (100, 200)}),
         "anytime": summarise(
@@ -58,7 +63,15 @@ def tables():
 
 def test_every_part_has_a_table(tables):
     assert set(tables) == set(TABLES) == set(NAMES)
-    assert set(FIGURE) == set(NAMES) - {"shortcut", "looks", "forecasts", "retraining", "intervals", *SHAPES}
+    assert set(FIGURE) == set(NAMES) - {
+        "shortcut",
+        "edges",
+        "looks",
+        "forecasts",
+        "retraining",
+        "intervals",
+        *SHAPES,
+    }
 
 
 def test_tables_stand_where_the_document_wants_them(tables):
@@ -70,6 +83,7 @@ def test_tables_stand_where_the_document_wants_them(tables):
     assert filled(once, made) == once
     assert "| exact | default | 1,000 | 50.0% (1.3 to 98.7) | 50.0% (1.3 to 98.7) | `sbc.bias` |" in once
     assert f"| on the edge |{5 * ' 0.0% (0.0 to 97.5) |'} 100.0% (2.5 to 100.0) |" in once
+    assert once.count("| Cauchy | 0.0% (0.0 to 30.8) | 0.0% (0.0 to 30.8) | `sbc.log_width` |") == len(SHAPES)
     assert "| `mmd` |  | 0.0% (0.0 to 8.8) |" in once
     assert "| width 0.5 | 100.0% (29.2 to 100.0) | 0.0% (0.0 to 70.8) | 9, 9, 9 |" in once
     assert (
