@@ -189,17 +189,21 @@ def _to_blame(table: xr.Dataset, case: str, verb: str) -> str:
     return ", ".join(f"`{thing.removeprefix(f'{verb}: ')}`" for thing in often)
 
 
-def shapes_table(table: xr.Dataset) -> str:
-    """False alarms of exact posteriors, how many PASS, and what keeps the others from it."""
-    lines = [
-        (
-            case,
-            *(percent(table, case=case, thing=thing) for thing in ("FAIL", "PASS")),
-            _to_blame(table, case, "open"),
-        )
-        for case in table["case"].values.tolist()
-    ]
-    return rows(("exact posterior", "FAIL", "PASS", "open in half of the audits or more"), lines)
+def shapes_table(table: xr.Dataset, size: str, planned: xr.Dataset | None) -> str:
+    """False alarms of exact posteriors, how many PASS, how many were to, and what keeps the others open."""
+    lines = []
+    for case in table["case"].values.tolist():
+        verdicts = (percent(table, case=case, thing=thing) for thing in ("FAIL", "PASS"))
+        lines.append((case, *verdicts, _promised(planned, case, size), _to_blame(table, case, "open")))
+    return rows(("exact posterior", "FAIL", "PASS", "planned", "open in half of the audits or more"), lines)
+
+
+def _promised(planned: xr.Dataset | None, case: str, size: str) -> str:
+    """Probability to PASS that plans foretell: the median, and the range of eight pilots of ten."""
+    if planned is None or size not in planned["size"]:
+        return ""
+    low, middle, high = 100 * planned["promised"].sel(case=case, size=size).values
+    return f"{middle:.0f}% ({low:.0f} to {high:.0f})" if np.isfinite(middle) else "nothing"
 
 
 def power_table(table: xr.Dataset) -> str:
@@ -240,7 +244,7 @@ def made_by(table: xr.Dataset) -> str:
 TABLES: Mapping[str, Callable[[xr.Dataset], str]] = {
     "size": size_table,
     "gate": _rates("estimator on the edge of", FAIL="FAIL", PASS="PASS"),
-    **{f"{kind}-{size}": shapes_table for size in shapes.SIZES for kind in shapes.KINDS},
+    "planned": lambda table: "",  # noqa: ARG005  (stands beside what was measured)
     "intervals": _rates("estimator", inside="all true values in the intervals"),
     **dict.fromkeys(("shortcut", "edges", "looks"), _rates("on the edge of", FAIL="FAIL", PASS="PASS")),
     "forecasts": _rates(
@@ -260,8 +264,14 @@ TABLES: Mapping[str, Callable[[xr.Dataset], str]] = {
 
 def blocks(tables: Mapping[str, xr.Dataset]) -> dict[str, str]:
     """What stands in the document, by the name of its place."""
+    of_shapes = {
+        f"{kind}-{size}": partial(shapes_table, size=size, planned=tables.get("planned"))
+        for size in shapes.SIZES
+        for kind in shapes.KINDS
+    }
+    made = {**TABLES, **of_shapes}
     return {
-        name: "\n\n".join(part for part in (TABLES[name](table), made_by(table)) if part)
+        name: "\n\n".join(part for part in (made[name](table), made_by(table)) if part)
         for name, table in tables.items()
     }
 

@@ -6,10 +6,13 @@ Each cell is refuted above 77 FAILs of 1,000.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+import xarray as xr
 
+import gaugeblock as gb
+from gaugeblock.core.errors import InputError
 from gaugeblock.validate import make_trials
 from studies.error_rates import audits, policies
 from studies.error_rates.audits import audited
@@ -24,6 +27,8 @@ Shape = Callable[[np.random.Generator, tuple[int, int, int]], Array]
 SIZES = {"small": (30, 50), "medium": (1000, 250), "large": (4000, 250)}
 """Trials, and draws of each."""
 PARAMETERS = 3
+# Trials of a pilot.
+PILOT = 200
 
 
 def _spikes(rng: np.random.Generator, size: tuple[int, int, int]) -> Array:
@@ -99,6 +104,52 @@ def replicate(shape: Shape, trials: int, draws: int) -> Replicate:
         return outcome(audited(held, policies.WITHOUT_DATA, seed, select=audits.WITHOUT_DATA))
 
     return once
+
+
+def planned(shape: Shape) -> Replicate:
+    """What `gb.plan` promises from a pilot's draws: the probability to PASS at each size."""
+
+    def once(seed: int) -> Values:
+        pilot = shape(np.random.default_rng(seed), (PILOT, 250, PARAMETERS))
+        sizes = {name: size for name, size in SIZES.items() if name != "small"}
+        try:
+            made = {
+                name: gb.plan(like=pilot, policy=policies.WITHOUT_DATA, trials=trials, draws=draws)
+                for name, (trials, draws) in sizes.items()
+            }
+        except InputError:  # of draws that depend on each other too much nothing is promised
+            return dict.fromkeys(sizes, np.nan)
+        return {name: one.pass_probability_exact for name, one in made.items()}
+
+    return once
+
+
+def medians(results: Mapping[str, Sequence[Values]]) -> xr.Dataset:
+    """Median, and the range of eight pilots of ten, of what is promised at each size; NaN where nothing is."""
+    sizes = list(next(iter(results.values()))[0])
+    found = np.array([[[values[size] for values in each] for size in sizes] for each in results.values()])
+    return xr.Dataset(
+        {
+            "promised": (
+                ("case", "size", "quantile"),
+                np.moveaxis(np.quantile(found, [0.1, 0.5, 0.9], axis=2), 0, 2),
+            ),
+            "replicates": (("case", "size"), np.isfinite(found).sum(axis=2)),
+        },
+        coords={"case": list(results), "size": sizes, "quantile": [0.1, 0.5, 0.9]},
+    )
+
+
+def planned_part() -> Part:
+    """The part of the study that asks the planner what the others then measure."""
+    return Part(
+        name="planned",
+        says=f"what a plan promises from draws of {PILOT} trials of such a shape",
+        cases={name: planned(shape) for name, shape in SHAPES.items()},
+        replicates=10,
+        settings={"shapes": list(SHAPES), "sizes": SIZES, "parameters": PARAMETERS, "pilot": PILOT},
+        summarise=medians,
+    )
 
 
 def part(kind: str, size: str) -> Part:

@@ -8,13 +8,17 @@ import math
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+import torch
 from tests.cli.inside import inside
 
+import gaugeblock as gb
 from gaugeblock.auditing.planned import as_json, print_table, tolerating
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate import read_policy
+from gaugeblock.validate import make_trials, read_policy
 from gaugeblock.validate.planning.planner import plan
 
 DEFAULT = read_policy("default")
@@ -35,6 +39,58 @@ def test_json_on_stdout() -> None:
     for name, tolerated in said["tolerance"].items():
         assert tolerated < said["smallest_detectable"][name] <= 2 * tolerated * 1.03
     assert set(said["noticed_by_rank_test"]) == {"bias", "log_width"}
+
+
+def test_posteriors_like_those_of_a_pilot(tmp_path: Path) -> None:
+    """From draws in a file and in memory, of any of the forms that draws have; the two agree."""
+    rng = np.random.default_rng(1)
+    draws = np.stack([rng.normal(size=(120, 80)), rng.standard_cauchy((120, 80))], axis=-1)
+    np.savez(tmp_path / "pilot.npz", theta_true=np.zeros((120, 2)), draws=draws)
+    done = inside("plan", "--like", str(tmp_path / "pilot.npz"), "--trials", "4000", "--json")
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert (said["params"], said["shape"]) == (2, "given")
+    made = gb.plan(like=make_trials(np.zeros((120, 2)), draws), trials=4000)
+    assert said == json.loads(as_json(made))
+    normal = gb.plan(params=2, trials=4000)
+    assert made.pass_probability_exact < 0.6 < normal.pass_probability_exact
+    assert made.smallest_detectable["log_width"] > normal.smallest_detectable["log_width"]
+    for array in (draws, draws.tolist(), torch.as_tensor(draws)):
+        found = gb.plan(like=array, trials=4000)
+        assert found.params == 2
+        assert found.pass_probability_exact == pytest.approx(made.pass_probability_exact, abs=0.15)
+    assert gb.plan(like=draws[..., :1]).trials < 4500 < gb.plan(like=draws[..., 1:]).trials
+    file = io.StringIO()
+    print_table(made, file)
+    words = "2 parameters: exact posteriors like these pass with probability"
+    assert words in " ".join(file.getvalue().split())
+
+
+def test_a_bias_that_is_never_known() -> None:
+    """Draws that are nearly always the same number."""
+    draws = (np.random.default_rng(2).random((100, 60, 1)) < 0.003).astype(float)
+    made = gb.plan(like=draws, trials=1000)
+    file = io.StringIO()
+    print_table(made, file)
+    (row,) = (line for line in file.getvalue().splitlines() if line.startswith("bias"))
+    assert re.fullmatch(r"bias, half-widths +0\.1 +none +0\.0% +[\d,]+ trials *", row)
+    assert json.loads(as_json(made))["smallest_detectable"]["bias"] is None
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"params": 3}, "params = 3, but the draws are of 2: leave params out"),
+        ({"like": np.zeros((50, 2, 1))}, r"three draws at least; got \(50, 2, 1\)"),
+        ({"like": [[1.0, 2.0]]}, r"draws must be \(trial, draw, parameter\)"),
+        ({"like": "nowhere.nc"}, "nowhere.nc"),
+        ({"params": 0, "like": None}, "params = 0"),
+    ],
+)
+def test_pilots_that_are_refused(given: dict[str, Any], said: str) -> None:
+    draws = np.random.default_rng(3).normal(size=(50, 60, 2))
+    with pytest.raises(InputError, match=said):
+        gb.plan(**{"like": draws, **given})
 
 
 def test_trials_given() -> None:
@@ -121,7 +177,7 @@ def test_every_number_of_the_table_has_its_place() -> None:
     print_table(made, file)
     first, _, *rows = (line.rstrip() for line in file.getvalue().splitlines())
     assert first == (
-        "12,345 trials of 67 draws, 2 parameters: an exact estimator passes with probability 0.988"
+        "12,345 trials of 67 draws, 2 parameters: exact normal posteriors pass with probability 0.988"
     )
     assert [re.split(r"  +", row) for row in rows] == [
         ["bias, half-widths", "0.1", "0.1235", "50.0%", "1,234 trials"],

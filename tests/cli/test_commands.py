@@ -317,14 +317,14 @@ def test_a_plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(planned, "plan", found)
     asked(tmp_path, "plan")
     assert found.named == {
-        "bias": None, "width_error": None, "coverage": None, "power": None, "params": 5, "trials": None,
-        "draws": None, "policy": "default", "seed": 0,
+        "bias": None, "width_error": None, "coverage": None, "power": None, "params": None, "trials": None,
+        "draws": None, "like": None, "policy": "default", "seed": 0,
     }  # fmt: skip
     words = "plan --bias 0.1 --width-error 0.2 --coverage 0.3 --power 0.8 --params 2 --trials 50 --draws 60"
-    asked(tmp_path, *words.split(), "--policy", "strict", "--seed", 7)
+    asked(tmp_path, *words.split(), "--like", "a.nc", "--policy", "strict", "--seed", 7)
     assert found.named == {
         "bias": 0.1, "width_error": 0.2, "coverage": 0.3, "power": 0.8, "params": 2, "trials": 50,
-        "draws": 60, "policy": "strict", "seed": 7,
+        "draws": 60, "like": Path("a.nc"), "policy": "strict", "seed": 7,
     }  # fmt: skip
 
 

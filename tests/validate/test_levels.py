@@ -105,7 +105,7 @@ def test_a_plan_is_of_the_policys_levels():
     assert few.pass_probability(1500, rules) > many.pass_probability(1500, rules) + 0.01
     assert few.critical(1500, 0.05) < many.critical(1500, 0.05)
     # Of one share: sqrt(p (1 - p) / n), steadied by eight more on either side.
-    assert few.standard_errors(1500)[-1] == pytest.approx(np.sqrt(0.25 / 1500))
+    assert few.standard_errors(1500)[0, -1] == pytest.approx(np.sqrt(0.25 / 1500))
     assert many.curve_pass_probability(1500, 0.05) == pytest.approx(few.curve_pass_probability(1500, 0.05))
     odd = LimitProcess(parameters=1, draws=100, levels=(0.25, 0.9))
     assert 0 < odd.pass_probability(1500, rules) < 1

@@ -1,9 +1,10 @@
-"""What the gates of a Gaussian posterior do when there are many trials: a normal process, known beforehand.
+"""What the gates of an exact posterior do when there are many trials: a normal process, known beforehand.
 
 Per parameter the process has components for the bias, three log widths and the coverage gap at each level.
-Their standard errors and correlations follow from the standard normal errors of an exact estimator, so that
-a plan needs no trials: a log width rests on the same indicators as the coverage of its interval, so these two
-have correlation 1, and the bias, a mean of ranks, has none with either.
+Of normal posteriors their standard errors and correlations are known, so that a plan needs no trials: a log
+width rests on the same indicators as the coverage of its interval, so these two have correlation 1, and the
+bias, a mean of ranks, has none with either. Of other shapes the standard errors of bias and log widths are
+given (see `pilot`).
 Parameters are taken to be independent, which spends the budget fastest.
 """
 
@@ -52,6 +53,8 @@ class LimitProcess:
     `families` is among how many families of gates the error budget is shared: this one, and what else an
     audit judges on other trials or quantities. `further` is the number of further comparisons in this one
     (joint, by region, learned), taken to be independent. `levels` are those of the central coverage.
+    `spreads`, a row for each parameter, are the standard errors of bias and log widths that one trial would
+    have, where posteriors are not normal.
     """
 
     parameters: int
@@ -59,17 +62,14 @@ class LimitProcess:
     families: int = 1
     further: int = 0
     levels: tuple[float, ...] = LEVELS
+    spreads: tuple[tuple[float, ...], ...] = ()
     seed: int = 0
 
     def standard_errors(self, trials: int) -> Array:
-        """Standard errors ``(component,)`` of an exact estimator."""
-        reach, unit = special.ndtri((1 + _WIDTH) / 2), special.ndtri((1 + 0.68) / 2)
-        slope = 2 * _density(reach) * reach
-        width = np.sqrt(_WIDTH * (1 - _WIDTH)) / slope
-        # Ranks of a normal error: a spread of 1 / sqrt(12), and a slope of 1 / (2 sqrt(pi)) per sd.
-        bias = np.sqrt(np.pi / 3) / unit
-        spread = np.concatenate([[bias], width])
-        return np.concatenate([spread / np.sqrt(trials), _gap_error(self.levels, trials)])
+        """Standard errors ``(parameter, component)`` of an exact estimator; one row if all are alike."""
+        spread = np.array(self.spreads or [normal_spread()])
+        gaps = np.tile(_gap_error(self.levels, trials), (len(spread), 1))
+        return np.concatenate([spread / np.sqrt(trials), gaps], axis=1)
 
     @cached_property
     def _replicates(self) -> Array:
@@ -114,7 +114,8 @@ class LimitProcess:
         """Probability that an exact estimator PASSes all gates."""
         one_sided = stats.t.ppf(pass_level(1), trials - 1)
         spare = self._tolerated(tolerance) / self.standard_errors(trials) - one_sided
-        return float(np.mean((self._replicates <= spare).all(axis=1)) ** self.parameters)
+        each = [np.mean((self._replicates <= row).all(axis=1)) for row in spare]
+        return float(np.prod(each) ** (self.parameters / len(each)))
 
     def curve_pass_probability(self, trials: int, tolerance: float) -> float:
         """Probability that one curve of an exact estimator's joint coverage, at twelve levels, PASSes."""
@@ -125,11 +126,15 @@ class LimitProcess:
     def smallest_detectable(
         self, trials: int, tolerance: Tolerance, *, error_budget: float, power: float
     ) -> dict[str, float]:
-        """Per quantity, the fault that FAILs with this power, as gates state it beside each PASS."""
+        """Per quantity, the fault that FAILs with this power, as gates state it beside each PASS.
+
+        Of the parameter in which it is largest.
+        """
         reach = self.critical(trials, error_budget) + float(special.ndtri(power))
         edge = self._tolerated(tolerance) + reach * self.standard_errors(trials)
-        widths, gaps = edge[1 : 1 + len(_WIDTH)], edge[1 + len(_WIDTH) :]
-        return {"bias": float(edge[0]), "log_width": float(widths.min()), "coverage": float(gaps.max())}
+        widths, gaps = edge[:, 1 : 1 + len(_WIDTH)].min(axis=1), edge[:, 1 + len(_WIDTH) :]
+        largest = {"bias": edge[:, 0], "log_width": widths, "coverage": gaps}
+        return {name: float(found.max()) for name, found in largest.items()}
 
     def fail_probability(self, trials: int, tolerance: Tolerance, *, error_budget: float) -> dict[str, float]:
         """Probability that a fault of twice the tolerance, in one parameter, FAILs its gate; at least.
@@ -141,7 +146,8 @@ class LimitProcess:
         critical = self.critical(trials, error_budget)
         hidden = hidden_by(self.draws)
         found = {}
-        for name, worst in (("bias", error[0]), ("log_width", error[1 : 1 + len(_WIDTH)].min())):
+        widths = error[:, 1 : 1 + len(_WIDTH)].min(axis=1)
+        for name, worst in (("bias", error[:, 0].max()), ("log_width", widths.max())):
             edge = float(getattr(tolerance, name))
             found[name] = float(special.ndtr((TIMES * (1 - hidden[name]) - 1) * edge / worst - critical))
         edge = tolerance.coverage
@@ -155,6 +161,16 @@ class LimitProcess:
         """Tolerance of each component of a parameter."""
         of_widths, of_gaps = [tolerance.log_width] * len(_WIDTH), [tolerance.coverage] * len(self.levels)
         return np.array([tolerance.bias, *of_widths, *of_gaps])
+
+
+def normal_spread() -> Array:
+    """Standard errors ``(component,)`` of bias and log widths that one trial would have, if normal."""
+    reach, unit = special.ndtri((1 + _WIDTH) / 2), special.ndtri((1 + 0.68) / 2)
+    slope = 2 * _density(reach) * reach
+    width = np.sqrt(_WIDTH * (1 - _WIDTH)) / slope
+    # Ranks of a normal error: a spread of 1 / sqrt(12), and a slope of 1 / (2 sqrt(pi)) per sd.
+    bias = np.sqrt(np.pi / 3) / unit
+    return np.concatenate([[bias], width])
 
 
 def _gap_error(levels: Sequence[float], trials: int) -> Array:

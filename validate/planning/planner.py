@@ -12,6 +12,7 @@ from itertools import count
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import special
 
 from gaugeblock.core.errors import InputError
@@ -40,9 +41,9 @@ class StudyPlan:
     """What a number of trials and draws promises under the tolerances of a policy.
 
     `smallest_detectable`: the fault that FAILs with the planning power, per quantity; `fail_probability`: of
-    twice the tolerated fault; `hidden_by_draws`: the share of a small fault that finite draws hide;
-    `noticed_by_rank_test`: trials at which rank tests of one parameter at 5% would notice the *tolerated*
-    fault, which is no reason to block anything.
+    twice the tolerated fault; `shape`: of which posteriors, "normal" or "given"; `hidden_by_draws`: the share
+    of a small fault that finite draws hide; `noticed_by_rank_test`: trials at which rank tests of one
+    parameter at 5% would notice the *tolerated* fault, which is no reason to block anything.
     """
 
     trials: int
@@ -52,6 +53,7 @@ class StudyPlan:
     families: int
     further: int
     seed: int
+    shape: str
     critical_value: float
     pass_probability_exact: float
     fail_probability: dict[str, float]
@@ -69,10 +71,13 @@ class StudyPlan:
             "error_budget": self.policy.error_budget,
             "families": self.families,
             "further_comparisons": self.further,
+            "shape": self.shape,
             "tolerance": {name: float(getattr(self.policy.tolerance, name)) for name in QUANTITIES},
             "pass_probability_exact": self.pass_probability_exact,
             "fail_probability_twice_tolerated": self.fail_probability,
-            "smallest_detectable": self.smallest_detectable,
+            "smallest_detectable": {
+                name: size if np.isfinite(size) else None for name, size in self.smallest_detectable.items()
+            },
             "hidden_by_draws": self.hidden_by_draws,
             "critical_value": self.critical_value,
             "noticed_by_rank_test": self.noticed_by_rank_test,
@@ -88,14 +93,16 @@ def plan(
     draws: int | None = None,
     families: int = FAMILIES,
     further: int | None = None,
+    spreads: ArrayLike | None = None,
     seed: int = 0,
 ) -> StudyPlan:
     """The fewest trials that keep the promise under `policy`; with `trials`, what so many promise.
 
     `families` and `further` say with what else the gates of `sbc` and `coverage` share the budget; without
-    them with all that a whole audit judges.
+    them with all that a whole audit judges. `spreads` ``(parameter, component)`` are those of posteriors that
+    are not normal (see `pilot`).
 
-    Null: parameters independent, posteriors Gaussian; both are the harder case. The power is the policy's.
+    Parameters are taken to be independent, which is the harder case. The power is the policy's.
 
     Raises
     ------
@@ -116,6 +123,7 @@ def plan(
         families=families,
         further=others,
         levels=policy.levels.coverage,
+        spreads=() if spreads is None else tuple(map(tuple, np.asarray(spreads).tolist())),
         seed=seed,
     )
     tolerance, budget, power = policy.tolerance, policy.error_budget, policy.planning.power
@@ -126,7 +134,7 @@ def plan(
 
     number = smallest(enough, first=FEWEST, most=MOST) if trials is None else trials
     if number is None:
-        raise InputError(_hopeless(tolerance.model_dump(), depth))
+        raise InputError(_hopeless(tolerance.model_dump(), depth, process))
     return StudyPlan(
         trials=number,
         draws=depth,
@@ -135,6 +143,7 @@ def plan(
         families=families,
         further=others,
         seed=seed,
+        shape="normal" if spreads is None else "given",
         critical_value=process.critical(number, budget),
         pass_probability_exact=_passes(process, policy, number),
         fail_probability=process.fail_probability(number, tolerance, error_budget=budget),
@@ -185,7 +194,12 @@ def _check(**numbers: int | None) -> None:
             raise InputError(f"{name} = {number}: must be a whole number from {least} to {most:,}")
 
 
-def _hopeless(tolerance: dict[str, float], draws: int) -> str:
+def _hopeless(tolerance: dict[str, float], draws: int, process: LimitProcess) -> str:
+    if not np.isfinite(process.standard_errors(MOST)).all():
+        return (
+            "no number of trials settles the bias of posteriors like these: most have no width that it could "
+            "be told in; give the number of trials to see what else they show"
+        )
     named = ", ".join(f"{name} {tolerance[name]:g}" for name in QUANTITIES)
     return (
         f"no number of trials up to {MOST:,} settles {named} with {draws} draws a trial; "

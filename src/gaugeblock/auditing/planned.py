@@ -6,11 +6,18 @@ import json
 import math
 from typing import IO, Any
 
+import xarray as xr
+
 from gaugeblock.auditing.config import PolicyLike, as_policy
+from gaugeblock.auditing.trials_from import any_trials
+from gaugeblock.core.arrays import plain
 from gaugeblock.core.errors import InputError
+from gaugeblock.validate import make_trials
+from gaugeblock.validate.planning.pilot import spreads_of
 from gaugeblock.validate.planning.planner import StudyPlan
 from gaugeblock.validate.planning.planner import plan as planned
 from gaugeblock.validate.policy import Policy, make_policy
+from gaugeblock.validate.trials import trials_tree
 
 # Wide enough for the table, on a terminal or in a file.
 WIDTH = 100
@@ -19,6 +26,9 @@ _FAULTS = {
     "log_width": "log of width ratio",
     "coverage": "coverage gap",
 }
+
+
+_POSTERIORS = {"normal": "normal posteriors", "given": "posteriors like these"}
 
 
 def tolerating(
@@ -62,28 +72,53 @@ def plan(
     width_error: float | None = None,
     coverage: float | None = None,
     power: float | None = None,
-    params: int = 5,
+    params: int | None = None,
     trials: int | None = None,
     draws: int | None = None,
+    like: Any = None,
     policy: PolicyLike = "default",
     seed: int = 0,
 ) -> StudyPlan:
     """How many trials and draws an audit takes, or, with `trials`, what so many can show.
 
     `bias` is tolerated in half-widths of 68% intervals, `width_error` as a fraction, `coverage` as a gap of
-    probability; `power` is the probability of the right verdict, `params` the number of parameters. What is
-    not given is as in the policy. Nothing is simulated.
+    probability; `power` is the probability of the right verdict, `params` the number of parameters, 5 if
+    nothing says otherwise. What is not given is as in the policy. Nothing is simulated.
+
+    Posteriors are taken to be normal; heavy tails and spikes take more trials. `like` is draws that show
+    their shape, of some hundred trials of any estimator: an array ``(trial, draw, parameter)``, or whatever
+    `audit_draws` takes as its source. The promise is then of exact posteriors of such shapes.
 
     Raises
     ------
     InputError
-        If a number cannot be a tolerance, a power or a size.
+        If a number cannot be a tolerance, a power or a size, or `like` cannot be read or says too little.
 
     >>> plan(width_error=0.1, bias=0.1, params=5).draws
     130
     """
     rules = tolerating(as_policy(policy), bias=bias, width_error=width_error, coverage=coverage, power=power)
-    return planned(rules, params=params, trials=trials, draws=draws, seed=seed)
+    spreads = None
+    if like is not None:
+        spreads = spreads_of(_pilot(like), seed=seed)
+        if params not in (None, len(spreads)):
+            raise InputError(f"params = {params}, but the draws are of {len(spreads)}: leave params out")
+        params = len(spreads)
+    return planned(
+        rules, params=5 if params is None else params, trials=trials, draws=draws, spreads=spreads, seed=seed
+    )
+
+
+def _pilot(like: Any) -> xr.DataTree:
+    """Draws in hand as Trials: of an array, the first draw of each trial stands where a truth would."""
+    if getattr(like, "ndim", None) != 3 and not isinstance(like, list):
+        return any_trials(like)
+    draws = plain(like, what="like")
+    if draws.ndim != 3 or draws.shape[1] < 3:
+        raise InputError(
+            f"like: draws must be (trial, draw, parameter), three draws at least; got {draws.shape}"
+        )
+    return trials_tree(make_trials(draws[:, 0], draws[:, 1:]))
 
 
 def as_json(made: StudyPlan) -> str:
@@ -100,7 +135,7 @@ def print_table(made: StudyPlan, file: IO[str]) -> None:
     console = Console(file=file, highlight=False, width=WIDTH)
     console.print(
         f"{made.trials:,} trials of {made.draws} draws, {made.params} parameter"
-        f"{'' if made.params == 1 else 's'}: an exact estimator passes with probability "
+        f"{'' if made.params == 1 else 's'}: exact {_POSTERIORS[made.shape]} pass with probability "
         f"{made.pass_probability_exact:.3g}"
     )
     table = Table(box=None, pad_edge=False)
@@ -112,7 +147,7 @@ def print_table(made: StudyPlan, file: IO[str]) -> None:
         table.add_row(
             words,
             f"{getattr(made.policy.tolerance, name):.4g}",
-            f"{made.smallest_detectable[name]:.4g}",
+            f"{size:.4g}" if math.isfinite(size := made.smallest_detectable[name]) else "none",
             f"{made.fail_probability[name]:.1%}",
             f"{noticed['neyman_4']:,} trials" if noticed else "",
         )

@@ -246,12 +246,18 @@ def plan(
     bias: Annotated[float | None, typer.Option(help="Tolerated bias in half-widths (68%).")] = None,
     coverage: Annotated[float | None, typer.Option(help="Tolerated gap of central coverage.")] = None,
     power: Annotated[float | None, typer.Option(help="Probability of the right verdict.")] = None,
-    params: Annotated[int, typer.Option(help="Number of parameters.")] = 5,
+    params: Annotated[int | None, typer.Option(help="Number of parameters; default: 5, or LIKE's.")] = None,
     trials: Annotated[
         int | None, typer.Option(help="So many trials: what can they show? Default: how many does it take?")
     ] = None,
     draws: Annotated[
         int | None, typer.Option(help="Draws per trial; default: enough to hide little.")
+    ] = None,
+    like: Annotated[
+        Path | None,
+        typer.Option(
+            "--like", metavar="FILE", help="Draws that show the posteriors' shape; default: normal ones."
+        ),
     ] = None,
     policy: PolicyName = None,
     seed: Seed = None,
@@ -270,6 +276,7 @@ def plan(
         params=params,
         trials=trials,
         draws=draws,
+        like=like,
         policy=policy or "default",
         seed=seed or 0,
     )

@@ -23,14 +23,17 @@ UNIT = stats.norm.ppf(0.84)
 POLICY = make_policy({"required": ["sbc", "coverage"]}, source="test", base=DEFAULT)
 
 
-def audit(rng, n, draws, parameters, *, log_width=0.0, bias=0.0, faulty=1):
-    """Findings on Gaussian posteriors; faults, in half-widths and as a log ratio, in some parameters."""
+def audit(rng, n, draws, parameters, *, log_width=0.0, bias=0.0, faulty=1, draw=np.random.Generator.normal):
+    """Findings on posteriors, Gaussian if nothing else draws them.
+
+    Faults, in half-widths and as a log ratio, are in some parameters.
+    """
     at_fault = np.arange(parameters) < faulty
     ratio = np.exp(log_width * at_fault)
     found, ranks, names = [], [], [f"p{i}" for i in range(parameters)]
     for name, k in zip(names, range(parameters), strict=True):
-        truth = rng.normal(size=(n, 1)) - bias * UNIT * at_fault[k] * ratio[k]
-        sampled = ratio[k] * rng.normal(size=(n, draws, 1))
+        truth = draw(rng, size=(n, 1)) - bias * UNIT * at_fault[k] * ratio[k]
+        sampled = ratio[k] * draw(rng, size=(n, draws, 1))
         pit = randomised_pit(truth, sampled, rng)
         scores = np.concatenate(half_width_scores(truth, sampled), axis=-1)[:, 0]
         found += [
@@ -59,7 +62,7 @@ def test_the_limit_has_the_correlations_of_simulated_findings():
     influence = np.concatenate([finding.influence for finding in order])
     np.testing.assert_allclose(np.abs(np.corrcoef(influence)), np.abs(correlation()), atol=0.025)
     errors = np.concatenate([finding.standard_error for finding in order])
-    limit = LimitProcess(parameters=1, draws=500).standard_errors(40_000)
+    (limit,) = LimitProcess(parameters=1, draws=500).standard_errors(40_000)
     np.testing.assert_allclose(limit[0], errors[0], rtol=0.02)
     np.testing.assert_allclose(limit[1:4], errors[1:4], rtol=0.1)
     np.testing.assert_allclose(limit[4:], errors[4:], rtol=0.015)
@@ -275,7 +278,7 @@ def test_a_pass_takes_all_that_is_required(required, curves, regions):
     }
     assert found.to_json() == {
         "trials": 2000, "draws": 60, "params": 2, "power": 0.9, "error_budget": 0.05, "families": 2,
-        "further_comparisons": 5,
+        "further_comparisons": 5, "shape": "normal",
         "tolerance": {name: getattr(tolerance, name) for name in ("bias", "log_width", "coverage")},
         "pass_probability_exact": found.pass_probability_exact,
         "fail_probability_twice_tolerated": found.fail_probability,
