@@ -125,7 +125,7 @@ def planned(shape: Shape) -> Replicate:
 
 
 def medians(results: Mapping[str, Sequence[Values]]) -> xr.Dataset:
-    """Median, and the range of eight pilots of ten, of what is promised at each size; NaN where nothing is."""
+    """Median, and the range of eight pilots of ten, of what is promised at each size; else NaN."""
     sizes = list(next(iter(results.values()))[0])
     found = np.array([[[values[size] for values in each] for size in sizes] for each in results.values()])
     return xr.Dataset(

@@ -42,7 +42,13 @@ def tables():
         **dict.fromkeys(("shortcut", "edges", "looks"), indicators({"bias": verdict})),
         "forecasts": indicators({"normal": [dict.fromkeys((WITHIN, BEFORE, AFTER, EDGED), 1.0)]}),
         "retraining": indicators({"on the edge": [{"released": 1.0, **ANY_OF}]}),
-        **dict.fromkeys(SHAPES, indicators({"Cauchy": unsettled})),
+        **dict.fromkeys(SHAPES, indicators({"Cauchy": unsettled, "chain": unsettled})),
+        "planned": shapes.medians(
+            {
+                "Cauchy": [{"medium": 0.01 * k, "large": 0.1 * k} for k in range(11)],
+                "chain": [{"medium": np.nan, "large": np.nan}] * 11,
+            }
+        ),
         "power": indicators({"exact": verdict, "narrow": verdict}),
         "curves": indicators({f"narrow @ {n}": verdict for n in (100, 200)}),
         "anytime": summarise(
@@ -62,16 +68,9 @@ def tables():
 
 
 def test_every_part_has_a_table(tables):
-    assert set(tables) == set(TABLES) == set(NAMES)
-    assert set(FIGURE) == set(NAMES) - {
-        "shortcut",
-        "edges",
-        "looks",
-        "forecasts",
-        "retraining",
-        "intervals",
-        *SHAPES,
-    }
+    assert set(tables) == {*TABLES, *SHAPES} == set(NAMES)
+    without = {"planned", "shortcut", "edges", "looks", "forecasts", "retraining", "intervals", *SHAPES}
+    assert set(FIGURE) == set(NAMES) - without
 
 
 def test_tables_stand_where_the_document_wants_them(tables):
@@ -83,7 +82,10 @@ def test_tables_stand_where_the_document_wants_them(tables):
     assert filled(once, made) == once
     assert "| exact | default | 1,000 | 50.0% (1.3 to 98.7) | 50.0% (1.3 to 98.7) | `sbc.bias` |" in once
     assert f"| on the edge |{5 * ' 0.0% (0.0 to 97.5) |'} 100.0% (2.5 to 100.0) |" in once
-    assert once.count("| Cauchy | 0.0% (0.0 to 30.8) | 0.0% (0.0 to 30.8) | `sbc.log_width` |") == len(SHAPES)
+    none = "0.0% (0.0 to 30.8) | 0.0% (0.0 to 30.8)"
+    for promised in ("", "5% (1 to 9)", "50% (10 to 90)"):
+        assert once.count(f"| Cauchy | {none} | {promised} | `sbc.log_width` |") == 2
+    assert once.count(f"| chain | {none} | nothing | `sbc.log_width` |") == 4
     assert "| `mmd` |  | 0.0% (0.0 to 8.8) |" in once
     assert "| width 0.5 | 100.0% (29.2 to 100.0) | 0.0% (0.0 to 70.8) | 9, 9, 9 |" in once
     assert (
