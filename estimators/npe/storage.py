@@ -81,8 +81,7 @@ def load(
         If a file is missing, truncated or edited, or the simulator is not the one it was trained for; or
         there is no such device.
     """
-    name = str(path)
-    folder = reference_model_path(name.removeprefix(SHIPPED)) if name.startswith(SHIPPED) else Path(path)
+    folder = model_folder(path)
     description = _read_description(folder / DESCRIPTION)
     weights = read_bytes(folder / WEIGHTS, most=MOST, remedy=REMEDY)
     if hashlib.sha256(weights).hexdigest() != description["sha256"]:
@@ -111,6 +110,12 @@ def load(
     if simulator is not None:
         check_simulator(estimator, simulator, where=str(folder))
     return estimator
+
+
+def model_folder(path: str | os.PathLike[str]) -> Path:
+    """The folder itself, or that of ``shipped:NAME``."""
+    name = str(path)
+    return reference_model_path(name.removeprefix(SHIPPED)) if name.startswith(SHIPPED) else Path(path)
 
 
 def check_simulator(estimator: NPE, simulator: Simulator, *, where: str) -> None:

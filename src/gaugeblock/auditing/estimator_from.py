@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import os
+import warnings
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gaugeblock.auditing.identity import identity
+from gaugeblock.auditing.provenance import finished_audit
 from gaugeblock.core.arrays import Array, plain
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.global_state import SEEDS, seeded_globals
@@ -174,7 +176,8 @@ def load(path: str | os.PathLike[str], *, device: str | None = None) -> Estimato
     """A trained flow: a model folder of ``gaugeblock train``, or ``"shipped:NAME"``.
 
     `device` is ``cpu``, ``cuda``, ``cuda:1`` or ``auto``; by default what the variable GAUGEBLOCK_DEVICE
-    says, or the CPU.
+    says, or the CPU. A UserWarning names the gates that the flow FAILs, where a ``verdict.json`` of these
+    weights lies beside them.
 
     Raises
     ------
@@ -184,8 +187,26 @@ def load(path: str | os.PathLike[str], *, device: str | None = None) -> Estimato
         If torch or sbi is not installed.
     """
     from gaugeblock.estimators.npe import load as load_flow
+    from gaugeblock.estimators.npe.storage import model_folder
 
-    return load_flow(path, device=device)
+    flow = load_flow(path, device=device)
+    if failed := _failed(model_folder(path), flow.record["sha256"]):
+        warnings.warn(
+            f"{path} FAILs {', '.join(failed)} in the audit beside it: do not use its draws unmended",
+            stacklevel=2,
+        )
+    return flow
+
+
+def _failed(folder: Path, weights: str) -> list[str]:
+    """Gates that these weights FAIL, by the verdict beside them; none where there is no such verdict."""
+    try:
+        audit = finished_audit(folder)
+        if audit["provenance"]["estimator"]["sha256"] != weights:
+            return []
+        return [str(gate["id"]) for gate in audit["gates"] if gate["verdict"] == "FAIL"]
+    except (InputError, KeyError, TypeError):
+        return []
 
 
 def _table(name: str) -> dict[str, Any]:

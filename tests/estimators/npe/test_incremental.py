@@ -6,7 +6,7 @@ import pytest
 torch = pytest.importorskip("torch")
 zuko = pytest.importorskip("zuko")
 
-import gaugeblock as gb  # noqa: E402
+from gaugeblock.estimators.npe import load  # noqa: E402
 from gaugeblock.estimators.npe.flows import as_flow  # noqa: E402
 from gaugeblock.estimators.npe.incremental import forward, inverse, normal_log_density  # noqa: E402
 
@@ -85,7 +85,7 @@ def test_each_hidden_unit_is_evaluated_once(monkeypatch):
 
 @pytest.mark.parametrize("name", ["epic-pn-medium", "epic-pn-bright-gain", "nicer-faint"])
 def test_shipped_flows_draw_as_their_own_inverse_does(name):
-    estimator = gb.load(f"shipped:{name}")
+    estimator = load(f"shipped:{name}")
     x = np.random.default_rng(1).poisson(4.0, (3, *estimator.data_shape))
     draws, log_q = estimator.sample_and_log_prob(x, 60, np.random.default_rng(2))
     flow = as_flow(estimator.network)

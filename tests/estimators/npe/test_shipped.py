@@ -1,4 +1,5 @@
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -6,6 +7,7 @@ import pytest
 
 pytest.importorskip("sbi")
 
+import gaugeblock as gb
 from gaugeblock.estimators.npe import load, reference_model_path
 from gaugeblock.validate.joint.importance import kish_fraction, log_weights
 
@@ -41,6 +43,31 @@ def test_they_carry_the_verdict_of_their_final_audits(folder):
     if folder.name in STRICT:
         assert verdict["provenance"]["trials"]["number"] == 20_000
         assert verdict["provenance"]["policy"]["tolerance"]["bias"] == 0.05
+
+
+@pytest.mark.parametrize("folder", SHIPPED, ids=lambda folder: folder.name)
+def test_one_that_fails_says_so_when_it_is_loaded(folder, recwarn):
+    flow = gb.load(f"shipped:{folder.name}")
+    said = [str(warning.message) for warning in recwarn]
+    failed = FAILING.get(folder.name)
+    wanted = f"shipped:{folder.name} FAILs {', '.join(failed)} in the audit beside it" if failed else None
+    assert len(said) == bool(failed)
+    assert not failed or said[0].startswith(wanted)
+    assert flow.record["sha256"] == load(folder).record["sha256"]
+
+
+def test_a_verdict_of_other_weights_or_none_at_all_says_nothing_of_these(tmp_path):
+    folder = shutil.copytree(reference_model_path("epic-pn-bright-gain"), tmp_path / "flow")
+    with pytest.warns(UserWarning, match="do not use its draws unmended") as caught:
+        gb.load(folder)
+    assert caught[0].filename == __file__
+    verdict = json.loads((folder / "verdict.json").read_text())
+    verdict["provenance"]["estimator"]["sha256"] = "0" * 64
+    for text in (json.dumps(verdict), "{}", "no JSON", '{"provenance": {}, "gates": 3}'):
+        (folder / "verdict.json").write_text(text)
+        gb.load(folder)
+    (folder / "verdict.json").unlink()
+    gb.load(folder)
 
 
 @pytest.mark.parametrize("name", WORTH)
