@@ -25,6 +25,8 @@ from gaugeblock.validate.standardised import standardised_errors
 from gaugeblock.validate.storage import block_length
 from gaugeblock.validate.trials import IMPORTANCE, group_trials, main_trials
 
+T = TypeVar("T")
+
 # Correlated draws that are worth fewer than this judge nothing: what thinning leaves of them is too little.
 LEAST_WORTH = 50
 
@@ -53,6 +55,9 @@ class TrialBlock:
     log_likelihood_true: Array | None = None
     log_prior_true: Array | None = None
     own: dict[str, Array] = field(default_factory=dict)
+    _made: dict[Callable[[TrialBlock], Any], Any] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     def __len__(self) -> int:
         return len(self.trial)
@@ -61,8 +66,13 @@ class TrialBlock:
         """Random numbers of each trial; the same (seed, purpose, trial) has the same ones in any block."""
         return Rows(self.prepared.seed, purpose, self.trial)
 
+    def once(self, made: Callable[[TrialBlock], T]) -> T:
+        """What several statistics need of the block, made once."""
+        if made not in self._made:
+            self._made[made] = made(self)
+        return cast(T, self._made[made])
 
-T = TypeVar("T")
+
 Statistic = Callable[[TrialBlock], NDArray[Any]]
 """From a block to one row per trial, ``(n, ...)``; the rows must not depend on where blocks end."""
 

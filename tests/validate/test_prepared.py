@@ -1,5 +1,7 @@
 """What validators see of hand-made trials: which, in which blocks, with which words of caution."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -9,6 +11,10 @@ from gaugeblock.validate import prepared as module
 from gaugeblock.validate import storage
 from gaugeblock.validate.autocorrelation import DrawOrder
 from gaugeblock.validate.features import fit_summariser
+from gaugeblock.validate.joint import pool
+from gaugeblock.validate.joint.pool import make_pool
+from gaugeblock.validate.joint.projections import projections
+from gaugeblock.validate.joint.tarp import tarp
 from gaugeblock.validate.policy import Levels
 from gaugeblock.validate.prepared import Prepared, count_not_finite, trial_numbers, values_per_trial
 from gaugeblock.validate.ranks import randomised_pit
@@ -182,6 +188,29 @@ def test_each_statistic_is_computed_once_in_one_pass(trials, monkeypatch):
         return len(made_of)
 
     assert (made.once(once), made.once(once), made_of) == (2, 2, [made, made])
+
+
+def test_what_several_statistics_need_of_a_block_is_made_once_and_for_this_block_alone(trials, monkeypatch):
+    made = []
+
+    def total(block):
+        made.append(block)
+        return float(block.draws.sum())
+
+    block, *others = Prepared(trials_tree(trials), 1).blocks()
+    assert [block.once(total), block.once(total)] == 2 * [block.draws.sum()]
+    assert len(made) == 1
+    # Another block with the same trials and other draws is another one.
+    moved = replace(block, draws=block.draws + 1)
+    assert moved.once(total) == pytest.approx(block.draws.sum() + block.draws.size)
+    assert not others
+    pools = []
+    monkeypatch.setattr(
+        pool, "make_pool", lambda *given, **words: pools.append(1) or make_pool(*given, **words)
+    )
+    for statistic in (tarp, projections):
+        statistic(block)
+    assert len(pools) == 1
 
 
 def test_features_are_of_data_and_of_the_user_s_own_numbers(trials, monkeypatch):

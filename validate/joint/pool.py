@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Uniforms
+from gaugeblock.validate.prepared import TrialBlock
 from gaugeblock.validate.ranks import truth_weight
 
 # Directions whose variance is less than this share of a parameter's are taken to have none: rounding.
@@ -72,6 +73,11 @@ def make_pool(theta_true: ArrayLike, draws: ArrayLike, *, weight: ArrayLike | No
     root = 1 / np.sqrt(np.maximum(values, SMALLEST_VARIANCE))
     whitening = (vectors * root[:, None, :]) @ np.swapaxes(vectors, 1, 2)
     return Pool(members, mean, sd * np.where(reach > 0, reach, 1.0), whitening, own)
+
+
+def pooled(block: TrialBlock) -> Pool:
+    """The pool of a block of trials; `block.once(pooled)` makes it once."""
+    return make_pool(block.theta_true, block.draws, weight=block.weight)
 
 
 def pool_pit(values: ArrayLike, rng: Uniforms, *, weight: Array | None = None) -> Array:

@@ -20,7 +20,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Uniforms
 from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.joint.gaps import gap_finding, inside_lowest
-from gaugeblock.validate.joint.pool import Pool, make_pool, pool_pit
+from gaugeblock.validate.joint.pool import Pool, pool_pit, pooled
 from gaugeblock.validate.marginal.coverage import inside_central
 from gaugeblock.validate.prepared import TrialBlock
 
@@ -76,8 +76,7 @@ def projected_pit(pool: Pool, rng: Uniforms) -> Array:
 
 def projections(block: TrialBlock) -> Array:
     """Statistic: randomised PIT of projections and products, ``(trial, quantity)``."""
-    pool = make_pool(block.theta_true, block.draws, weight=block.weight)
-    return projected_pit(pool, block.rng("projections"))
+    return projected_pit(block.once(pooled), block.rng("projections"))
 
 
 def projections_finding(

@@ -19,7 +19,7 @@ from gaugeblock.core.streams import Uniforms
 from gaugeblock.validate.check import circular_parameters
 from gaugeblock.validate.finding import Finding
 from gaugeblock.validate.joint.gaps import curve, gap_finding, uniform_finding
-from gaugeblock.validate.joint.pool import Pool, make_pool, pool_pit
+from gaugeblock.validate.joint.pool import Pool, pool_pit, pooled
 from gaugeblock.validate.learned.expected import expected_of
 from gaugeblock.validate.learned.informed.location import Location
 from gaugeblock.validate.levels import LEVELS
@@ -43,6 +43,7 @@ def distance_pit(pool: Pool, references: ArrayLike, rng: Uniforms) -> Array:
     posterior if no reference depends on which member of its pool is the truth.
 
     >>> rng = np.random.default_rng(0)
+    >>> from gaugeblock.validate.joint.pool import make_pool
     >>> pool = make_pool(np.zeros((1, 1)), [[[-2.0], [-1.0], [1.0], [2.0]]])
     >>> bool(distance_pit(pool, [[[0.0]]], rng)[0, 0] < 0.2)  # none is nearer
     True
@@ -59,7 +60,7 @@ def distance_pit(pool: Pool, references: ArrayLike, rng: Uniforms) -> Array:
 
 def tarp(block: TrialBlock) -> Array:
     """Statistic: randomised PIT of distances to random references, ``(trial, reference)``."""
-    pool = make_pool(block.theta_true, block.draws, weight=block.weight)
+    pool = block.once(pooled)
     rng = block.rng("tarp")
     return distance_pit(pool, _references(block, rng), rng)
 
