@@ -10,8 +10,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from studies.kit.page import table as table_of
+from studies.paper.claim import SINGLE
 from studies.paper.experiments.calibration_published import CLAIMED, LEVELS
 from studies.paper.numbers import TRAINING, by_claim
+from studies.paper.registry import claims
 
 
 def beyond(tables: Mapping[str, xr.Dataset]) -> list[str]:
@@ -52,6 +54,26 @@ area and redistribution with them, and concludes that nothing warns.
 [The gain shift that no check saw](gain.md) puts that form and the physical one, in which recorded energies
 are wrong, to the study's three schemes and to shared scores, on the same populations: the scores see both."""
 
+RESIDUALS = """\
+**Count-controlled residuals, from new runs.** The study reads log evidences against a straight line through
+clean ones on log10 counts. Here it is done again with as many new spectra, {runs} runs of nested sampling
+(against exact evidences of the same spectra their errors have an rms pull of {pull:.2f}), with exact
+evidences of these, and of {spectra} spectra a cell:"""
+
+RESIDUAL_HEADER = (
+    "cell",
+    "the study, nat",
+    "new runs (95% interval)",
+    "exact, the same spectra",
+    "exact, many spectra",
+    "95 of 100 such studies",
+)
+
+CURVED = """\
+At medium counts clean spectra themselves lie {clean:+.1f} nats off their line, which is straight where their
+trend is not; with a gain they lie {gain:+.1f} off it, so {left:+.1f} ± {error:.1f} of it are the gain's.
+The line's residual is its own: {line:+.0f} and {bright:+.0f} nats at the two levels."""
+
 TIME = """\
 **Time.** Nested sampling took the study {theirs} times as long as 2,000 draws of its flow. Side by side in
 one process, with as many live points, it takes us {ours} times as long ({levels}). A factor of {share:.0f}
@@ -65,6 +87,8 @@ def past_the_paper(tables: Mapping[str, xr.Dataset]) -> list[str]:
         made.insert(0, _capture(tables["cross_check"]))
     if "evidence_pairs" in tables:
         made += _evidence(tables["evidence_pairs"])
+    if "residuals" in tables:
+        made += _residuals(tables["residuals"])
     if "nested" in tables:
         made.append(_time(tables["nested"]))
     return ["## Past the paper", *made]
@@ -204,6 +228,37 @@ def _evidence(table: xr.Dataset) -> list[str]:
     twelve = " and ".join(f"{said['twelve']:.1f}" for said in by_design["coupled"])
     left = LEFT.format(twelve=twelve, mean=farthest["mean"], error=farthest["error"], **scatter)
     return [EVIDENCE.format(pairs=table.sizes["pair"]), table_of(HEADER, rows), left]
+
+
+def _residuals(table: xr.Dataset) -> list[str]:
+    from studies.paper.experiments.residuals import pulls, summaries
+
+    found = summaries(table)
+    rows = []
+    for cell, said in found.items():
+        claim = claims().get(f"ns.cc.{cell.replace(' ', '.')}")
+        rows.append(
+            (
+                cell,
+                f"{claim.parts[SINGLE[0]]:+.0f}" if claim else "",
+                f"{said['nested']:+.0f} ({said['low']:+.0f} to {said['high']:+.0f}), {said['runs']:.0f}",
+                f"{said['same']:+.0f}",
+                f"{said['all']:+.1f} ± {said['all_error']:.1f}",
+                f"{said['few_low']:+.0f} to {said['few_high']:+.0f}",
+            )
+        )
+    clean, gain = found["clean medium"], found["B4 medium"]
+    pull = float(np.sqrt(np.mean(pulls(table) ** 2)))
+    head = RESIDUALS.format(runs=len(pulls(table)), pull=pull, spectra=f"{clean['spectra']:.0f}")
+    said = CURVED.format(
+        clean=clean["all"],
+        gain=gain["all"],
+        left=gain["all"] - clean["all"],
+        error=float(np.hypot(gain["all_error"], clean["all_error"])),
+        line=found["B1 medium"]["all"],
+        bright=found["B1 bright"]["all"],
+    )
+    return [head, table_of(RESIDUAL_HEADER, rows), said]
 
 
 def _time(table: xr.Dataset) -> str:

@@ -54,7 +54,7 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
     fitted = {name: bright.with_exposure(value) for name, value in seconds.items()}
 
     def one(index: int, rng: np.random.Generator) -> Mapping[str, Any]:
-        return _run(fitted[level[index]], counts[index], sizes["live"], rng)
+        return run_nested(fitted[level[index]], counts[index], sizes["live"], rng)
 
     def exact(rng: np.random.Generator) -> Mapping[str, Any]:
         scale = np.array([seconds[name] / seconds["bright"] for name in level])
@@ -92,7 +92,7 @@ def drawn(family: str, level: str, number: int, seed: int) -> Array:
     return np.array([rng.poisson(row) for rng, row in zip(noise, expected, strict=True)], dtype=float)
 
 
-def _run(simulator: Any, counts: Array, live: int, rng: np.random.Generator) -> Mapping[str, Any]:
+def run_nested(simulator: Any, counts: Array, live: int, rng: np.random.Generator) -> Mapping[str, Any]:
     """One run and the bootstrap over its threads, timed without compilation."""
     from gaugeblock.estimators.nested_sampling import NestedSampling
     from gaugeblock.validate.evidence import thread_bootstrap

@@ -30,6 +30,7 @@ SMALL = {
         **{"pool": 20, "screen": 50, "draws": 500, "proposals": 500},
         **{"warmup": 10, "chain": 20, "told": 20},
     },
+    "residuals": {"runs": {"clean faint": 0, "clean medium": 1, "B1 medium": 0}, "spectra": 3},
     "evidence_pairs": {"pairs": 8, "draws": 50},
     "go_no_go": {"trials": 60, "draws": 40},
     "outputs": {"ranks": 20, "draws": 20, "refined": 8, "weighted": 50, "recovery": 10, "line": 8},
