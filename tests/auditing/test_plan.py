@@ -59,6 +59,9 @@ def test_posteriors_like_those_of_a_pilot(tmp_path: Path) -> None:
         found = gb.plan(like=array, trials=4000)
         assert found.params == 2
         assert found.pass_probability_exact == pytest.approx(made.pass_probability_exact, abs=0.15)
+    audited = gb.audit_draws(np.zeros((120, 2)), draws, validators=["draws"], out=tmp_path / "audit")
+    for source in (audited, tmp_path / "audit", str(tmp_path / "audit" / "trials.nc")):
+        assert gb.plan(like=source, trials=4000) == made
     assert gb.plan(like=draws[..., :1]).trials < 4500 < gb.plan(like=draws[..., 1:]).trials
     file = io.StringIO()
     print_table(made, file)
@@ -81,7 +84,8 @@ def test_a_bias_that_is_never_known() -> None:
     ("given", "said"),
     [
         ({"params": 3}, "params = 3, but the draws are of 2: leave params out"),
-        ({"like": np.zeros((50, 2, 1))}, r"three draws at least; got \(50, 2, 1\)"),
+        ({"like": np.zeros((50, 2, 1))}, r"3 draws at least; got \(50, 2, 1\)"),
+        ({"like": np.zeros((50, 60))}, r"draws must be \(trial, draw, parameter\)"),
         ({"like": [[1.0, 2.0]]}, r"draws must be \(trial, draw, parameter\)"),
         ({"like": "nowhere.nc"}, "nowhere.nc"),
         ({"params": 0, "like": None}, "params = 0"),

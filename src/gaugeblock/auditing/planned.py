@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import os
+from pathlib import Path
 from typing import IO, Any
 
 import xarray as xr
@@ -86,8 +88,9 @@ def plan(
     nothing says otherwise. What is not given is as in the policy. Nothing is simulated.
 
     Posteriors are taken to be normal; heavy tails and spikes take more trials. `like` is draws that show
-    their shape, of some hundred trials of any estimator: an array ``(trial, draw, parameter)``, or whatever
-    `audit_draws` takes as its source. The promise is then of exact posteriors of such shapes.
+    their shape, of some hundred trials of any estimator: an array ``(trial, draw, parameter)``, an audit or
+    its folder, or whatever `audit_draws` takes as its source. The promise is then of exact posteriors of such
+    shapes.
 
     Raises
     ------
@@ -111,13 +114,18 @@ def plan(
 
 def _pilot(like: Any) -> xr.DataTree:
     """Draws in hand as Trials: of an array, the first draw of each trial stands where a truth would."""
-    if getattr(like, "ndim", None) != 3 and not isinstance(like, list):
+    from gaugeblock.auditing.result import Audit
+
+    if isinstance(like, Audit):
+        return any_trials(like.trials)
+    if isinstance(like, str | os.PathLike):
+        path = Path(like)
+        return any_trials(path / "trials.nc" if path.is_dir() else path)
+    if not (hasattr(like, "ndim") or isinstance(like, list)):
         return any_trials(like)
     draws = plain(like, what="like")
     if draws.ndim != 3 or draws.shape[1] < 3:
-        raise InputError(
-            f"like: draws must be (trial, draw, parameter), three draws at least; got {draws.shape}"
-        )
+        raise InputError(f"like: draws must be (trial, draw, parameter), 3 draws at least; got {draws.shape}")
     return trials_tree(make_trials(draws[:, 0], draws[:, 1:]))
 
 

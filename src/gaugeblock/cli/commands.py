@@ -256,7 +256,9 @@ def plan(
     like: Annotated[
         Path | None,
         typer.Option(
-            "--like", metavar="FILE", help="Draws that show the posteriors' shape; default: normal ones."
+            "--like",
+            metavar="PATH",
+            help="Draws, or an audit, that show the posteriors' shape.",
         ),
     ] = None,
     policy: PolicyName = None,
