@@ -24,7 +24,8 @@ class Tolerance(Table):
     """The largest fault that is tolerated, per quantity; for `ess` the least fraction.
 
     bias: half-widths of 68% intervals (of a Gaussian: sd). log_width: natural log of the factor by which
-    central intervals are too wide. coverage, joint, local, tails, informed, models: probability.
+    central intervals are too wide. coverage, joint, tails, informed, models: probability. local: probability
+    in a region of a twentieth of the trials; in one of a share f, sqrt(0.05 / f) times this.
     normalisation: natural log of a density. outliers: share of draws.
     """
 
@@ -32,7 +33,7 @@ class Tolerance(Table):
     log_width: Size
     coverage: Gap
     joint: Gap
-    local: Gap
+    local: Size
     informed: Gap
     normalisation: Size
     outliers: Gap

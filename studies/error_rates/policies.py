@@ -13,7 +13,7 @@ DEFAULT = read_policy("default")
 WITHOUT_DATA = DEFAULT.model_copy(
     update={"required": tuple(entry for entry in DEFAULT.required if not entry.startswith("informed"))}
 )
-OPEN_WIDE = {"bias": 99.0, "log_width": 99.0, "normalisation": 99.0, "ess": 0.0}
+OPEN_WIDE = {"bias": 99.0, "log_width": 99.0, "local": 99.0, "normalisation": 99.0, "ess": 0.0}
 
 
 def alone(quantity: str, *required: str, **tolerance: float) -> Policy:

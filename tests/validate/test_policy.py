@@ -1,9 +1,10 @@
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from gaugeblock.core.errors import InputError
-from gaugeblock.validate import make_policy, read_policy
+from gaugeblock.validate import Outcome, judge, make_policy, make_trials, read_policy, run_validators
 from gaugeblock.validate.policy import covers
 
 
@@ -18,6 +19,17 @@ def test_shipped_policies():
     assert strict.tolerated("ess") > default.tolerated("ess")
     assert default.tolerated("") is None
     assert default.tolerated("model_fields") is None
+
+
+def test_regions_can_be_tolerated_to_be_as_wrong_as_can_be():
+    """No truth lies within its draws: 0.9 of them are missing everywhere, 4.02 in units of a twentieth."""
+    rng = np.random.default_rng(1)
+    trials = make_trials(np.full((400, 1), 99.0), rng.normal(size=(400, 60, 1)), x=rng.normal(size=(400, 2)))
+    found, left = run_validators(trials, seed=1, select=["local"])
+    for local, failed in ((0.21, True), (3.9, True), (4.1, False)):
+        policy = make_policy({"tolerance": {"local": local}}, source="test")
+        gates = {gate.id: gate.outcome for gate in judge(found, left, policy, seed=1).gates}
+        assert (gates["local.coverage[theta_1]"] is Outcome.FAIL) == failed
 
 
 def test_a_file_overrides_the_default(tmp_path):
