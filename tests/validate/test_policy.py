@@ -22,11 +22,11 @@ def test_shipped_policies():
 
 
 def test_regions_can_be_tolerated_to_be_as_wrong_as_can_be():
-    """No truth lies within its draws: 0.9 of them are missing everywhere, 4.02 in units of a twentieth."""
+    """No truth lies within its draws: 0.95 are missing, at most 4.2 in units of a twentieth."""
     rng = np.random.default_rng(1)
     trials = make_trials(np.full((400, 1), 99.0), rng.normal(size=(400, 60, 1)), x=rng.normal(size=(400, 2)))
     found, left = run_validators(trials, seed=1, select=["local"])
-    for local, failed in ((0.21, True), (3.9, True), (4.1, False)):
+    for local, failed in ((0.21, True), (3.0, True), (4.3, False)):
         policy = make_policy({"tolerance": {"local": local}}, source="test")
         gates = {gate.id: gate.outcome for gate in judge(found, left, policy, seed=1).gates}
         assert (gates["local.coverage[theta_1]"] is Outcome.FAIL) == failed
