@@ -61,7 +61,7 @@ def part() -> Part:
             for name, fault in faults().items()
             for trials in fault.numbers
         },
-        replicates=30,
+        replicates=200,
         settings={"draws": DRAWS, "faults": {name: fault.numbers for name, fault in faults().items()}},
         summarise=indicators,
     )

@@ -137,7 +137,7 @@ def test_the_results_keep_the_promises():
     known = stored(NAMES)
     if not known:
         pytest.skip("the study has not been run; python -m studies error-rates --all --report")
-    for name in ("gate", "shortcut", "anytime"):
+    for name in ("gate", "shortcut", "edges", "anytime"):
         edge = known[name].sel(thing=["FAIL", "PASS"])
         sound = [case for case in ("exact",) if case in edge["case"]]
         gross = [case for case in edge["case"].values if str(case).startswith(("width", "shift"))]
@@ -145,6 +145,17 @@ def test_the_results_keep_the_promises():
         assert not too_many.drop_sel(case=[*sound, *gross]).any(), name
         assert not too_many.sel(case=sound, thing="FAIL").any(), name
         assert not too_many.sel(case=gross, thing="PASS").any(), name
+    for name in SHAPES:
+        found = known[name]
+        too_many = found["count"] > stats.binom.ppf(1 - 1e-4, found["replicates"], 0.05)
+        assert not too_many.sel(thing="FAIL").any(), name
+    of_all = xr.concat([known["shapes-large"], known["wide-large"]], "case", join="outer", fill_value=0)
+    promised = known["planned"]["promised"].sel(size="large", quantile=0.5)
+    for case in promised["case"].values[promised.values >= 0.9]:
+        assert float(of_all["high"].sel(case=case, thing="PASS")) >= 0.9, case
+        assert float(of_all["rate"].sel(case=case, thing="PASS")) >= 0.85, case
+    assert int((promised >= 0.9).sum()) >= 10
+    assert int(known["curves"]["replicates"].min()) >= 200
     assert int(known["intervals"]["replicates"].min()) >= 1000
     assert float(known["intervals"]["low"].min()) >= 0.95
     power = known["power"]
