@@ -191,18 +191,20 @@ def _to_blame(table: xr.Dataset, case: str, verb: str) -> str:
 
 def shapes_table(table: xr.Dataset, size: str, planned: xr.Dataset | None) -> str:
     """False alarms of exact posteriors, how many PASS, how many were to, and what keeps the others open."""
-    lines = []
-    for case in table["case"].values.tolist():
-        verdicts = (percent(table, case=case, thing=thing) for thing in ("FAIL", "PASS"))
-        lines.append((case, *verdicts, _promised(planned, case, size), _to_blame(table, case, "open")))
-    return rows(("exact posterior", "FAIL", "PASS", "planned", "open in half of the audits or more"), lines)
+    cases = table["case"].values.tolist()
+    columns = {
+        "exact posterior": cases,
+        **{thing: [percent(table, case=case, thing=thing) for case in cases] for thing in ("FAIL", "PASS")},
+    }
+    if planned is not None and size in planned["size"]:
+        columns["planned"] = [_promised(planned.sel(case=case, size=size)) for case in cases]
+    columns["open in half of the audits or more"] = [_to_blame(table, case, "open") for case in cases]
+    return rows(list(columns), list(zip(*columns.values(), strict=True)))
 
 
-def _promised(planned: xr.Dataset | None, case: str, size: str) -> str:
+def _promised(planned: xr.Dataset) -> str:
     """Probability to PASS that plans foretell: the median, and the range of eight pilots of ten."""
-    if planned is None or size not in planned["size"]:
-        return ""
-    low, middle, high = 100 * planned["promised"].sel(case=case, size=size).values
+    low, middle, high = 100 * planned["promised"].values
     return f"{middle:.0f}% ({low:.0f} to {high:.0f})" if np.isfinite(middle) else "nothing"
 
 
