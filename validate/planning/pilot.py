@@ -35,7 +35,7 @@ def spreads_of(tree: xr.DataTree, *, seed: int = 0) -> Array:
     InputError
         If there are too few trials or draws, or draws that depend on each other too much.
     """
-    prepared = Prepared(tree, seed)
+    prepared = Prepared(tree, seed).first(TRUTHS)
     number, draws = len(prepared.trial), prepared.kept_draws
     if prepared.too_dependent:
         raise InputError(f"the draws say nothing of the shape of posteriors: {prepared.too_dependent}")

@@ -82,6 +82,13 @@ def test_draws_that_follow_each_other():
         told(pool)
 
 
+def test_of_more_trials_than_truths_the_first_are_taken(monkeypatch):
+    monkeypatch.setattr(pilot, "TRUTHS", 50)
+    pool = np.random.default_rng(7).normal(size=(80, 101, 2))
+    np.testing.assert_array_equal(told(pool), told(pool[:50]))
+    assert not np.array_equal(told(pool[:40]), told(pool[:50]))
+
+
 def test_as_many_truths_as_are_asked_for(monkeypatch):
     """More truths, less scatter: of 30 pilots each, by a third at least."""
     scatter = []
