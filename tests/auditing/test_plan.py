@@ -62,6 +62,13 @@ def test_posteriors_like_those_of_a_pilot(tmp_path: Path) -> None:
     audited = gb.audit_draws(np.zeros((120, 2)), draws, validators=["draws"], out=tmp_path / "audit")
     for source in (audited, tmp_path / "audit", str(tmp_path / "audit" / "trials.nc")):
         assert gb.plan(like=source, trials=4000) == made
+
+    def spread(seed: int) -> float:
+        """Of the bias, in units of a gap's error: the critical value, which has a seed too, falls out."""
+        found = gb.plan(like=draws, trials=4000, seed=seed).smallest_detectable
+        return (found["bias"] - 0.1) / (found["coverage"] - 0.05)
+
+    assert spread(1) == spread(1) != spread(2)
     assert gb.plan(like=draws[..., :1]).trials < 4500 < gb.plan(like=draws[..., 1:]).trials
     file = io.StringIO()
     print_table(made, file)
