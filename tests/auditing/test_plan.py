@@ -68,7 +68,7 @@ def test_posteriors_like_those_of_a_pilot(tmp_path: Path) -> None:
         found = gb.plan(like=draws, trials=4000, seed=seed).smallest_detectable
         return (found["bias"] - 0.1) / (found["coverage"] - 0.05)
 
-    assert spread(1) == spread(1) != spread(2)
+    assert spread(1) == spread(1) != pytest.approx(spread(2), rel=1e-3)
     assert gb.plan(like=draws[..., :1]).trials < 4500 < gb.plan(like=draws[..., 1:]).trials
     file = io.StringIO()
     print_table(made, file)
