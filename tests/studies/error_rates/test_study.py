@@ -172,6 +172,18 @@ def test_what_a_verdict_without_data_does_not_rest_on_changes_no_gate(shape):
     assert len(part.gates) > 10
 
 
+def test_what_is_blamed_is_what_failed_and_what_was_asked_for_and_left_open():
+    trials = make_trials(np.zeros((40, 1)), np.random.default_rng(1).normal(2.0, 1.0, size=(40, 60, 1)))
+    found = audited(trials, policies.DEFAULT, 1)
+    gates = {(g.id.partition("[")[0], g.outcome, g.required) for g in found.verdict.gates}
+    left = {(name, required) for name, outcome, required in gates if outcome is Outcome.INCONCLUSIVE}
+    assert {required for _, required in left} == {True, False}
+    said = {f"fail: {name}" for name, outcome, _ in gates if outcome is Outcome.FAIL}
+    assert "fail: sbc.bias" in said
+    said |= {f"open: {name}" for name, required in left if required}
+    assert gate.blamed(found) == dict.fromkeys(said, 1.0)
+
+
 @pytest.mark.parametrize("name", ["bias, normal", "outliers, lognormal, sigma 2", "narrow, bounded U"])
 def test_whole_audits_judge_the_one_gate_on_its_edge(name):
     """By every validator, and no other gate can FAIL: many truths of a narrow U lie outside all draws."""

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import xarray as xr
+from studies.kit.resume import Pieces
 from studies.paper.beyond import past_the_paper
+from studies.paper.experiments import residuals
 from studies.paper.experiments.residuals import CELLS, RUNS, pulls, residual, summaries
 
 MANY = 300
@@ -67,6 +71,40 @@ def test_a_curved_trend_is_seen_as_a_residual_of_clean_spectra_and_of_any_other(
     found = summaries(table)
     assert found["clean medium"]["all"] < -8
     assert found["B4 medium"]["all"] - found["clean medium"]["all"] == pytest.approx(2.0, abs=1.5)
+
+
+def test_the_first_spectra_of_each_cell_are_the_runs(tmp_path, xray_data, monkeypatch):
+    """Evidences that say which spectrum they are of, in place of half an hour of sampling."""
+    from gaugeblock.simulators.xray import published
+
+    monkeypatch.setattr(
+        residuals,
+        "run_nested",
+        lambda simulator, counts, live, rng: {
+            "log_evidence": -counts.sum() - simulator.exposure,
+            "error": 0.1,
+        },
+    )
+    monkeypatch.setattr(
+        residuals,
+        "exact_posteriors",
+        lambda simulator, counts, scale, **_: SimpleNamespace(
+            log_evidence=-counts.sum(axis=1), effective=scale
+        ),
+    )
+    runs = dict.fromkeys(RUNS, 1) | {"clean medium": 3, "B4 medium": 0}
+    table = residuals.run({"runs": runs, "spectra": 4, "live": 50}, Pieces(tmp_path, {}), 3)
+    known = np.isfinite(table["nested"].values).reshape(len(runs), 4)
+    wanted = [[k < number for k in range(4)] for number in runs.values()]
+    assert known.tolist() == wanted
+    np.testing.assert_array_equal(table["exact"], -table["counts"])
+    seconds = published.EXPOSURES["epic-pn"]
+    level = [name.split()[1] for name in table["cell"].values]
+    scale = np.array([seconds[name] / seconds["bright"] for name in level])
+    np.testing.assert_allclose(table["effective"], scale)
+    own = (-table["counts"].values - [seconds[name] for name in level])[known.ravel()]
+    np.testing.assert_allclose(table["nested"].values[known.ravel()], own)
+    assert len(set(table["counts"].values)) > 20  # no cell has the sources of another
 
 
 def test_pulls_are_of_runs_alone():
