@@ -25,6 +25,7 @@ from gaugeblock.validate.standardised import standardised_errors
 from gaugeblock.validate.storage import block_length
 from gaugeblock.validate.trials import IMPORTANCE, group_trials, main_trials
 
+S = TypeVar("S")
 T = TypeVar("T")
 
 # Correlated draws that are worth fewer than this judge nothing: what thinning leaves of them is too little.
@@ -68,9 +69,14 @@ class TrialBlock:
 
     def once(self, made: Callable[[TrialBlock], T]) -> T:
         """What several statistics need of the block, made once."""
-        if made not in self._made:
-            self._made[made] = made(self)
-        return cast(T, self._made[made])
+        return _once(self._made, made, self)
+
+
+def _once(known: dict[Callable[[S], Any], Any], made: Callable[[S], T], of: S) -> T:
+    """What a function makes of something; kept among what is known."""
+    if made not in known:
+        known[made] = made(of)
+    return cast(T, known[made])
 
 
 Statistic = Callable[[TrialBlock], NDArray[Any]]
@@ -292,9 +298,7 @@ class Prepared:
 
     def once(self, made: Callable[[Prepared], T]) -> T:
         """What a function makes of all trials together, made once."""
-        if made not in self._made:
-            self._made[made] = made(self)
-        return cast(T, self._made[made])
+        return _once(self._made, made, self)
 
     def compute(self, statistics: Sequence[Statistic]) -> None:
         """Compute all these statistics that are not known yet, in one pass over the draws."""

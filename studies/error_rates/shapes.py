@@ -68,7 +68,7 @@ def _chain(rho: float) -> Shape:
     return drawn
 
 
-SHAPES: dict[str, Shape] = {
+FEW: dict[str, Shape] = {
     "normal": lambda rng, size: rng.normal(size=size),
     "0 or 1, rarely 1": lambda rng, size: (rng.random(size) < 0.001).astype(float),
     "three values": lambda rng, size: rng.integers(0, 3, size=size).astype(float),
@@ -80,16 +80,18 @@ SHAPES: dict[str, Shape] = {
     "bounded U": lambda rng, size: rng.beta(0.3, 0.3, size=size),
     "bimodal": lambda rng, size: rng.choice([-4.0, 4.0], size=size) + rng.normal(size=size),
     "ring": _ring,
-    "20 parameters, correlated": _correlated(20),
-    "50 parameters, correlated": _correlated(50),
     "chain, correlation 0.5": _chain(0.5),
     "chain, correlation 0.9": _chain(0.9),
     "float16": lambda rng, size: (300 + 100 * rng.normal(size=size)).astype(np.float16),
 }
-
-
-KINDS = {"shapes": f"{PARAMETERS} parameters", "wide": "20 and 50 parameters"}
-"""What costs as much as all others together is a part of its own."""
+"""Of a few parameters each."""
+MANY: dict[str, Shape] = {
+    "20 parameters, correlated": _correlated(20),
+    "50 parameters, correlated": _correlated(50),
+}
+"""These cost as much as all others together, and are parts of their own."""
+SHAPES = FEW | MANY
+KINDS = {"shapes": (FEW, f"{PARAMETERS} parameters"), "wide": (MANY, "20 and 50 parameters")}
 
 
 def replicate(shape: Shape, trials: int, draws: int) -> Replicate:
@@ -154,11 +156,10 @@ def planned_part() -> Part:
 
 def part(kind: str, size: str) -> Part:
     """The part of the study at one size: shapes of few parameters, or of many."""
-    trials, draws = SIZES[size]
-    chosen = {name: shape for name, shape in SHAPES.items() if ("parameters" in name) is (kind == "wide")}
+    (trials, draws), (chosen, of) = SIZES[size], KINDS[kind]
     return Part(
         name=f"{kind}-{size}",
-        says=f"verdicts on exact posteriors of {KINDS[kind]}, {trials:,} x {draws} (trials x draws)",
+        says=f"verdicts on exact posteriors of {of}, {trials:,} x {draws} (trials x draws)",
         cases={name: replicate(shape, trials, draws) for name, shape in chosen.items()},
         replicates=1000,
         settings={"shapes": list(chosen), "size": SIZES[size], "parameters": PARAMETERS},

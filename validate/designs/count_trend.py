@@ -62,12 +62,12 @@ def count_controlled_residual(
     reference_y, reference_x = _checked(
         reference_values, reference_totals, LEAST_REFERENCE, "reference cases"
     )
-    slope, intercept = _lines(np.ones((1, len(reference_x))), reference_x, reference_y)
+    slope, intercept = lines(np.ones((1, len(reference_x))), reference_x, reference_y)
     if not np.isfinite(slope[0]):
         raise InputError("count trend: all reference cases have the same total; there is no trend to fit")
     residuals = y - slope[0] * x - intercept[0]
     drawn = _resampled(len(reference_x), replicates, rng)
-    slopes, intercepts = _lines(drawn, reference_x, reference_y)
+    slopes, intercepts = lines(drawn, reference_x, reference_y)
     chosen = _resampled(len(x), replicates, rng) / len(x)
     means = chosen @ y - slopes * (chosen @ x) - intercepts
     means = means[np.isfinite(means)]
@@ -82,8 +82,11 @@ def count_controlled_residual(
     )
 
 
-def _lines(count: Array, x: Array, y: Array) -> tuple[Array, Array]:
-    """Slopes and intercepts of lines through cases counted ``(replicate, case)``; NaN where x is one."""
+def lines(count: Array, x: Array, y: Array) -> tuple[Array, Array]:
+    """Slopes and intercepts ``(replicate,)`` of lines through cases that count ``(replicate, case)`` times.
+
+    `x` and `y` are ``(case,)``; NaN where all cases that count have one x.
+    """
     total = count.sum(axis=1)
     centre, level = count @ x / total, count @ y / total
     x, y = x - x.mean(), y - y.mean()

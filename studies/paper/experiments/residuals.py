@@ -17,7 +17,7 @@ import xarray as xr
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.designs import count_controlled_residual
-from gaugeblock.validate.designs.count_trend import CountTrend
+from gaugeblock.validate.designs.count_trend import CountTrend, lines
 from studies.kit.resume import Pieces, seed_of, stream
 from studies.paper.exact import exact_posteriors
 from studies.paper.experiment import Experiment, Setting
@@ -125,18 +125,21 @@ def summaries(table: xr.Dataset, *, seed: int = 0) -> dict[str, dict[str, float]
 def _few(table: xr.Dataset, cell: str, rng: np.random.Generator) -> Array:
     """Residuals ``(AGAIN,)`` of a cell in studies of as many spectra of every cell as nested sampling had."""
     cells, known = table["cell"].values, np.isfinite(table["nested"].values)
-    value, total = table["exact"].values, np.log10(table["counts"].values)
+    x, y = np.log10(table["counts"].values), table["exact"].values
 
-    def chosen(name: str) -> Any:
-        rows = np.flatnonzero(cells == name)
-        return rng.choice(rows, (AGAIN, int(np.count_nonzero(known[rows]))))
+    def counted(*names: str) -> Array:
+        """How often each spectrum is drawn, ``(AGAIN, spectrum)``."""
+        drawn_of = np.zeros((AGAIN, len(cells)))
+        for name in names:
+            mine = cells == name
+            number = int(np.count_nonzero(known & mine))
+            drawn_of[:, mine] = rng.multinomial(number, np.full(mine.sum(), 1 / mine.sum()), size=AGAIN)
+        return drawn_of
 
-    clean = np.concatenate([chosen(name) for name in RUNS if name.startswith("clean")], axis=1)
-    mine, (x, y) = chosen(cell), (total[clean], value[clean])
-    away = x - x.mean(axis=1, keepdims=True)
-    slope = (away * y).sum(axis=1) / (away**2).sum(axis=1)
-    line = y.mean(axis=1, keepdims=True) + slope[:, None] * (total[mine] - x.mean(axis=1, keepdims=True))
-    return np.asarray((value[mine] - line).mean(axis=1))
+    slope, intercept = lines(counted(*(name for name in RUNS if name.startswith("clean"))), x, y)
+    mine = counted(cell)
+    mine /= mine.sum(axis=1, keepdims=True)
+    return np.asarray(mine @ y - slope * (mine @ x) - intercept)
 
 
 def pulls(table: xr.Dataset) -> Array:

@@ -152,7 +152,7 @@ def test_the_whole_gate_is_rarely_wrong(few):
 def test_exact_posteriors_of_any_shape_are_rarely_blocked(shape):
     """15 audits of 30 trials x 50 draws and one of 400 x 100: 4 or more FAILs have chance 1e-2 at 5%, in all
     shapes together 1e-4 at the rates that are measured (docs/error-rates.md). Of many parameters 5 audits."""
-    number = 5 if "parameters" in shape else 15
+    number = 5 if shape in shapes.MANY else 15
     few = [shapes.replicate(shapes.SHAPES[shape], 30, 50)(seed) for seed in range(number)]
     few.append(shapes.replicate(shapes.SHAPES[shape], 400, 100)(1))
     assert sum(said["FAIL"] for said in few) < (3 if number == 5 else 4)
