@@ -107,23 +107,23 @@ def test_of_parameters_of_different_shapes_each_has_its_own_chance_and_the_worst
     sizes = np.column_stack([bias, *(gaps[level] for level in (*WIDTHS, *levels))])
     spreads = ((1.0, 1.1, 1.3, 2.5), (2.2, 0.7, 0.8, 0.9))
     process = LimitProcess(parameters=2, draws=50, levels=levels, spreads=spreads)
-    error = np.array([[*(np.array(row) / np.sqrt(800)), *errors(800, levels)[4:]] for row in spreads])
-    np.testing.assert_allclose(process.standard_errors(800), error)
+    error = np.array([[*(np.array(row) / np.sqrt(2500)), *errors(2500, levels)[4:]] for row in spreads])
+    np.testing.assert_allclose(process.standard_errors(2500), error)
     far = stats.t.ppf(1 - 0.05 * 0.8, 799)
     spare = np.array([0.12, *[0.15] * 3, *[0.06] * 2]) / error - far
     each = [np.mean((sizes <= row).all(axis=1)) for row in spare]
     assert abs(each[0] - each[1]) > 0.05
     assert 0.05 < each[0] * each[1] < 0.9
-    assert process.pass_probability(800, TOLERANCE) == pytest.approx(each[0] * each[1], abs=0.01)
-    critical = process.critical(800, 0.1)
+    assert process.pass_probability(2500, TOLERANCE) == pytest.approx(each[0] * each[1], abs=0.01)
+    critical = process.critical(2500, 0.1)
     reach = critical + stats.norm.ppf(0.8)
     # Each width by the level that tells it best, then the parameter of which it is told worst.
-    assert process.smallest_detectable(800, TOLERANCE, error_budget=0.1, power=0.8) == pytest.approx({
-        "bias": 0.12 + reach * 2.2 / np.sqrt(800), "log_width": 0.15 + reach * 1.1 / np.sqrt(800),
+    assert process.smallest_detectable(2500, TOLERANCE, error_budget=0.1, power=0.8) == pytest.approx({
+        "bias": 0.12 + reach * 2.2 / np.sqrt(2500), "log_width": 0.15 + reach * 1.1 / np.sqrt(2500),
         "coverage": 0.06 + reach * error[:, 4:].max(),
     })  # fmt: skip
     hidden = hidden_by(50)
-    found = process.fail_probability(800, TOLERANCE, error_budget=0.1)
+    found = process.fail_probability(2500, TOLERANCE, error_budget=0.1)
     for name, edge, spread in (("bias", 0.12, 2.2), ("log_width", 0.15, 1.1)):
-        wanted = stats.norm.cdf((1 - 2 * hidden[name]) * edge / spread * np.sqrt(800) - critical)
+        wanted = stats.norm.cdf((1 - 2 * hidden[name]) * edge / spread * np.sqrt(2500) - critical)
         assert found[name] == pytest.approx(wanted)
