@@ -5,11 +5,15 @@ from __future__ import annotations
 import ast
 import json
 import random
+import re
 import subprocess
 import sys
+import tomllib
+from configparser import ConfigParser
 from pathlib import Path
 
-PACKAGE = Path(__file__).resolve().parent.parent / "src" / "gaugeblock"
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = ROOT / "src" / "gaugeblock"
 
 PROGRAM = """
 import importlib, json, sys, types
@@ -114,9 +118,48 @@ def private_in(source: str) -> list[str]:
 def test_tests_import_what_is_not_private() -> None:
     """What has a test of its own is part of its module's interface."""
     assert private_in("from studies.kit import _a, b, __main__") == ["studies.kit._a"]
-    folders = (PACKAGE.parents[1] / name for name in ("tests", "property_tests"))
+    folders = (ROOT / name for name in ("tests", "property_tests"))
     found = {path: private_in(path.read_text("utf-8")) for folder in folders for path in folder.rglob("*.py")}
     assert len(found) > 400
+    assert not {path: names for path, names in found.items() if names}
+
+
+def extras() -> set[str]:
+    """Packages that a test may lack where the core install alone is tested."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    wanted = (each for group in project["optional-dependencies"].values() for each in group)
+    names = {re.match(r"[\w-]+", each)[0] for each in wanted} - {"gaugeblock", "pytest", "hypothesis"}
+    return {name.replace("scikit-learn", "sklearn") for name in names}
+
+
+def unannounced(source: str, missing: set[str]) -> list[str]:
+    """Extras that a file imports as it is collected, with nothing before that skips it for want of one."""
+    found = []
+    for node in ast.parse(source).body:
+        if "importorskip" in ast.unparse(node) and not isinstance(node, ast.FunctionDef | ast.ClassDef):
+            break
+        names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+        names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+        found += [name for name in names if name.partition(".")[0] in missing]
+    return found
+
+
+def test_tests_of_the_core_install_skip_for_want_of_an_extra() -> None:
+    assert {"torch", "sbi", "jax", "sklearn", "matplotlib"} < extras()
+    assert unannounced("import numpy, torch.nn\nfrom jax import jit", {"torch", "jax"}) == ["torch.nn", "jax"]
+    assert not unannounced("x = pytest.importorskip('torch')\nimport torch", {"torch"})
+    assert unannounced("def f():\n    pytest.importorskip('torch')\nimport torch", {"torch"})
+    tox = ConfigParser()
+    tox.read(ROOT / "tox.ini")
+    elsewhere = re.findall(r"--ignore=(\S+)", tox["testenv:core"]["elsewhere"])
+    files = [
+        path
+        for path in sorted((ROOT / "tests").rglob("*.py"))
+        if path.name.startswith(("test_", "conftest"))
+        and not any(path.relative_to(ROOT).as_posix().startswith(left) for left in elsewhere)
+    ]
+    assert len(files) > 150
+    found = {path: unannounced(path.read_text("utf-8"), extras()) for path in files}
     assert not {path: names for path, names in found.items() if names}
 
 
