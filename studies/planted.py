@@ -420,18 +420,28 @@ def shown(made: xr.Dataset) -> str:
         kinds, number = np.unique(said, return_counts=True) if said else ((), ())
         rest = ", ".join(f"{kind} {count}" for kind, count in zip(kinds, number, strict=True))
         seconds = f"{np.median(part['seconds'].values):.0f}"
-        lines.append([f"`{fault}`" if fault != "control" else fault, _rate(part), rest or "-", seconds])
+        control = fault == "control"
+        held = "-" if control else _rate(part, _held(part))
+        lines.append([fault if control else f"`{fault}`", _rate(part), held, rest or "-", seconds])
     strong = made.isel(row=made["fault"].values != "control")
-    lines.append(["all that is planted", _rate(strong), "", ""])
+    lines.append(["all that is planted", _rate(strong), _rate(strong, _held(strong)), "", ""])
     if "statistic" in made:
         strong = strong.isel(row=(strong["statistic"] - strong["bins"]).values >= STRONG)
-        lines.append(["of these strong: 25 nats or more in the best fit", _rate(strong), "", ""])
-    rows = table(["planted", "headline holds the answer", "else named", "CPU s, median"], lines)
-    return f"{rows}\n\n{measured_commit(made)}"
+        words = "of these strong: 25 nats or more in the best fit"
+        lines.append([words, _rate(strong), _rate(strong, _held(strong)), "", ""])
+    heads = ["planted", "named first, and certain", "in the first set", "else named", "CPU s, median"]
+    return f"{table(heads, lines)}\n\n{measured_commit(made)}"
 
 
-def _rate(part: xr.Dataset) -> str:
-    right, number = int(part["right"].values.sum()), part.sizes["row"]
+def _held(part: xr.Dataset) -> NDArray[np.bool_]:
+    """Whether what was planted is among the names that the first one cannot be told from."""
+    sets = zip(part["fault"].values, part["set"].values, strict=True)
+    return np.array([fault in found.split() for fault, found in sets], dtype=bool)
+
+
+def _rate(part: xr.Dataset, found: NDArray[np.bool_] | None = None) -> str:
+    """Of these cases those that are right, or of which something else was found."""
+    right, number = int((part["right"].values if found is None else found).sum()), part.sizes["row"]
     low, high = clopper_pearson(right, number)
     return f"{right} of {number} ({low:.0%} to {high:.0%})"
 

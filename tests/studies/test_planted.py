@@ -211,12 +211,16 @@ def test_the_command_keeps_figures_alone_and_makes_a_page(tmp_path, monkeypatch)
     assert made.sizes["row"] == 6
     assert made["right"].values.tolist() == [False] * 3 + [True] * 3
     said = planted.shown(made)
-    assert "| `background` | 0 of 3 (0% to 71%) | nothing 3 |" in said
-    assert "| control | 3 of 3 (29% to 100%) | - |" in said
+    assert "| `background` | 0 of 3 (0% to 71%) | 0 of 3 (0% to 71%) | nothing 3 |" in said
+    assert "| control | 3 of 3 (29% to 100%) | - | - |" in said
+    sets = np.array(["pileup background", "background_line", "", "background", "", ""])
+    held = planted.shown(made.assign(set=("row", sets)))
+    assert "| `background` | 0 of 3 (0% to 71%) | 1 of 3 (1% to 91%) | nothing 3 |" in held
+    assert "| all that is planted | 0 of 3 (0% to 71%) | 1 of 3 (1% to 91%) |" in held
     # C of 120 for 100 bins is not strong, of 150 is.
     assert "25 nats or more in the best fit | 0 of 0" in said
     loud = made.assign(statistic=made["bins"] + np.array([50.0, 49.0, 60.0, 99.0, 99.0, 99.0]))
-    assert "25 nats or more in the best fit | 0 of 2" in planted.shown(loud)
+    assert "25 nats or more in the best fit | 0 of 2 (0% to 84%) | 0 of 2" in planted.shown(loud)
     (tmp_path / "measured.md").write_text("<!-- measured planted --><!-- /measured planted -->")
     assert planted.main(["--page", "--out", str(tmp_path), "--docs", str(tmp_path)]) == 0
     assert said in (tmp_path / "measured.md").read_text()
