@@ -23,25 +23,25 @@ from sbi.neural_nets import posterior_nn  # noqa: E402
 
 
 class PublishedEmbedding(nn.Module):
-    """log(1+x), two convolutions with pooling, two dense layers: 20 summaries of one spectrum."""
+    """log(1+x), two convolutions with pooling, two dense layers: 20 summaries of one spectrum, or others."""
 
-    def __init__(self, channels: int):
+    def __init__(self, channels: int, summaries: int = 20):
         super().__init__()
         self.convolutions = nn.Sequential(
             nn.Conv1d(1, 16, 5, padding=2), nn.ReLU(), nn.MaxPool1d(2),
             nn.Conv1d(16, 32, 5, padding=2), nn.ReLU(), nn.MaxPool1d(2),
         )  # fmt: skip
-        self.dense = nn.Sequential(nn.Linear(32 * (channels // 4), 64), nn.ReLU(), nn.Linear(64, 20))
+        self.dense = nn.Sequential(nn.Linear(32 * (channels // 4), 64), nn.ReLU(), nn.Linear(64, summaries))
 
     def forward(self, x: Tensor) -> Tensor:
-        """Spectra ``(n, channel)`` to summaries ``(n, 20)``."""
+        """Spectra ``(n, channel)`` to summaries ``(n, summary)``."""
         logged = torch.log1p(x).to(torch.float32)
         # A GPU would convolve with ten bits: cuDNN's default, TensorFloat-32.
         with torch.backends.cudnn.flags(enabled=True, allow_tf32=False):
             return self.dense(self.convolutions(logged.unsqueeze(-2)).flatten(start_dim=-2))
 
 
-def builder(data_shape: tuple[int, ...], *, z_score_theta: str = "none") -> Any:
+def builder(data_shape: tuple[int, ...], *, z_score_theta: str = "none", summaries: int = 20) -> Any:
     """The function (theta, x) -> density estimator that sbi's trainers take.
 
     `z_score_theta` as sbi's: "none" for coordinates that are standardised already.
@@ -63,7 +63,7 @@ def builder(data_shape: tuple[int, ...], *, z_score_theta: str = "none") -> Any:
         num_transforms=5,
         hidden_features=50,
         num_bins=10,
-        embedding_net=PublishedEmbedding(data_shape[0]),
+        embedding_net=PublishedEmbedding(data_shape[0], summaries),
     )
 
 

@@ -77,14 +77,14 @@ def family(name: str, strength: float) -> Effect:
     return Effect("published_gain", {"factor": 1.0 + strength / 100.0})
 
 
-def theta(n: int, seed: int) -> NDArray[np.float64]:
-    """The study's n prior draws for a seed, shape ``(n, 5)``: one vector per parameter, so n matters.
+def theta(n: int, seed: int, prior: Prior = REFERENCE_PRIOR) -> NDArray[np.float64]:
+    """The study's n prior draws for a seed, ``(n, parameter)``: one vector per parameter, so n matters.
 
     To reproduce its spectra only; everything else samples from the prior itself.
     """
     rng = np.random.default_rng(seed)
     columns = []
-    for marginal in REFERENCE_PRIOR.marginals.values():
+    for marginal in prior.marginals.values():
         low, high = marginal.support
         if isinstance(marginal, LogUniform):
             columns.append(10.0 ** rng.uniform(np.log10(low), np.log10(high), n))

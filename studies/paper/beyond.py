@@ -18,7 +18,12 @@ from studies.paper.registry import claims
 
 def beyond(tables: Mapping[str, xr.Dataset]) -> list[str]:
     """All of it, of what is measured."""
-    return [*past_the_paper(tables), *beside_its_text(tables), *gate_verdicts(tables)]
+    return [
+        *past_the_paper(tables),
+        *beside_its_text(tables),
+        *learning_curve(tables),
+        *gate_verdicts(tables),
+    ]
 
 
 CAPTURE = """\
@@ -148,6 +153,36 @@ def beside_its_text(tables: Mapping[str, xr.Dataset]) -> list[str]:
         said,
         table_of(("EPIC-pn", *LEVELS), rows),
     ]
+
+
+LEARNING = """\
+The smaller model, an absorbed power law at medium, by the number of spectra that its network learns from.
+First the study's training, then the mean and standard deviation of ours, {trainings} on spectra of their own,
+with at most {cap} epochs; correlations of truth and posterior median are of 200 spectra there and of {test:,}
+here."""
+
+LEARNING_HEADER = ("spectra", "epochs", "smallest loss", "r of N_H", "r of the index", "r of the norm")
+
+
+def learning_curve(tables: Mapping[str, xr.Dataset]) -> list[str]:
+    """What more spectra to learn from bring."""
+    if "learning_curve" not in tables:
+        return []
+    from studies.paper.experiments.learning_curve import IN_ITS_OUTPUTS
+
+    table = tables["learning_curve"]
+    sizes, rows = json.loads(table.attrs["sizes"]), []
+    for spectra in table["spectra"].values:
+        its, ours = IN_ITS_OUTPUTS[int(spectra)], table.sel(spectra=spectra)
+        pairs = [(f"{its['epochs']}", ours["epochs"], ".0f"), (f"{its['loss']:.2f}", ours["loss"], ".2f")]
+        pairs += [(f"{r:.3f}", ours["r"][:, k], ".3f") for k, r in enumerate(its["r"])]
+        said = (
+            f"{first}, {values.mean().item():{form}} ± {values.std(ddof=1).item():{form}}"
+            for first, values, form in pairs
+        )
+        rows.append((f"{spectra:,}", *said))
+    head = LEARNING.format(trainings=table.sizes["training"], cap=sizes["cap"], test=sizes["test"])
+    return ["## Its learning curve", head, table_of(LEARNING_HEADER, rows)]
 
 
 GATE = """\

@@ -27,7 +27,7 @@ EXPERIMENTS = (
 )
 """Names of files here; each has `EXPERIMENT`."""
 
-PAST = ("evidence_pairs", "residuals", "outputs", "go_no_go")
+PAST = ("evidence_pairs", "residuals", "outputs", "learning_curve", "go_no_go")
 """Those that measure what the study did not: no claim needs them."""
 
 

@@ -57,7 +57,7 @@ def train(names: dict[str, Variant], folder: Path, *, work: Path, progress: Prog
     order = np.random.default_rng([longest.torch_seed, 0]).permutation(len(theta))
     held = int(VALIDATION * len(theta))
     fitted, validated = order[held:], order[:held]
-    network = build(theta[fitted], counts.shape[1], seed=longest.torch_seed)
+    network = build(theta[fitted], counts.shape[1], seed=longest.torch_seed, summaries=longest.summaries)
     optimizer = torch.optim.Adam(network.parameters(), lr=RATE)
     key = json.dumps(longest.describe(), sort_keys=True)
     checkpoint = work / f"{digest(longest.describe())[:12]}.safetensors"

@@ -13,10 +13,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Rng
 from gaugeblock.estimators.npe.estimator import DRAWS_AT_ONCE
 from gaugeblock.estimators.npe.flows import NflowsFlow
-from gaugeblock.simulators.marginals import Uniform
 from gaugeblock.simulators.prior import Prior
-from gaugeblock.simulators.xray.published import REFERENCE_PRIOR
-from studies.paper.paper_flow.simulations import GAIN
 
 TRIES = 100
 """Rounds of rejection before what still lies outside the box is clipped to it."""
@@ -100,13 +97,6 @@ class PaperFlow:
         """The network's 20 summaries ``(batch, 20)``."""
         with torch.inference_mode():
             return np.asarray(self._flow.context(_data(x)).double().numpy())
-
-
-def prior_of(*, gain: bool) -> Prior:
-    """What the study simulated from, with the gain where it is free."""
-    if not gain:
-        return REFERENCE_PRIOR
-    return Prior({**REFERENCE_PRIOR.marginals, "published_gain_1.factor": Uniform(*GAIN)})
 
 
 def _data(x: ArrayLike) -> torch.Tensor:

@@ -26,12 +26,16 @@ def paper_flow(name: str, folder: Path = FLOWS) -> PaperFlow:
     import torch
     from safetensors.torch import load_file
 
-    from studies.paper.paper_flow.flow import PaperFlow, prior_of
+    from studies.paper.paper_flow.flow import PaperFlow
     from studies.paper.paper_flow.network import build
+    from studies.paper.paper_flow.simulations import prior_of
+    from studies.paper.paper_flow.variants import Variant
 
     record = record_of(name, folder)
-    prior = prior_of(gain=record["variant"]["gain"])
-    network = build(torch.arange(2.0 * prior.size).reshape(2, -1), record["channels"], seed=0)
+    variant = Variant(**record["variant"])
+    prior = prior_of(variant)
+    theta = torch.arange(2.0 * prior.size).reshape(2, -1)
+    network = build(theta, record["channels"], seed=0, summaries=variant.summaries)
     network.load_state_dict(load_file(folder / f"{name}.safetensors"))
     return PaperFlow(network, prior, record)
 

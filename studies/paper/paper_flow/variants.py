@@ -20,7 +20,8 @@ class Variant:
     """One training of the study's.
 
     `data_seed` draws parameters and counts, `torch_seed` the weights, the split and the order. `cap` is the
-    largest number of epochs. `gain` says that the gain is a sixth parameter, 0.95 to 1.05.
+    largest number of epochs. `gain` says that the gain is a sixth parameter, 0.95 to 1.05; `base` that the
+    model is the study's smaller one, an absorbed power law, with fewer summaries.
     """
 
     response: str
@@ -30,10 +31,16 @@ class Variant:
     cap: int = CAP
     simulations: int = SIMULATIONS
     gain: bool = False
+    base: bool = False
+
+    @property
+    def summaries(self) -> int:
+        """Numbers that the network makes of a spectrum."""
+        return 16 if self.base else 20
 
     def describe(self) -> dict[str, Any]:
-        """Plain data."""
-        return asdict(self)
+        """Plain data; records of the larger model are from before there was a smaller."""
+        return {name: value for name, value in asdict(self).items() if name != "base" or value}
 
 
 LEVELS = ("faint", "medium", "bright")

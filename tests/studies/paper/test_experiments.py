@@ -32,6 +32,7 @@ SMALL = {
     },
     "residuals": {"runs": {"clean faint": 0, "clean medium": 1, "B1 medium": 0}, "spectra": 3},
     "evidence_pairs": {"pairs": 8, "draws": 50},
+    "learning_curve": {"spectra": [400, 600], "cap": 1, "test": 20, "draws": 10},
     "go_no_go": {"trials": 60, "draws": 40},
     "outputs": {"ranks": 20, "draws": 20, "refined": 8, "weighted": 50, "recovery": 10, "line": 8},
 }

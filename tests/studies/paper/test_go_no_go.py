@@ -45,9 +45,9 @@ def test_a_network_is_asked_for_draws_alone_on_truths_of_its_own(monkeypatch, tm
 
 
 def _prior():
-    from studies.paper.paper_flow.flow import prior_of
+    from gaugeblock.simulators.xray.published import REFERENCE_PRIOR
 
-    return prior_of(gain=False)
+    return REFERENCE_PRIOR
 
 
 def test_the_page_counts_audits():

@@ -15,9 +15,9 @@ pytest.importorskip("jaxspec")
 
 from studies.paper.paper_flow import VARIANTS, paper_flow
 from studies.paper.paper_flow.__main__ import train
-from studies.paper.paper_flow.flow import PaperFlow, prior_of
+from studies.paper.paper_flow.flow import PaperFlow
 from studies.paper.paper_flow.shipped import FLOWS
-from studies.paper.paper_flow.simulations import simulations
+from studies.paper.paper_flow.simulations import prior_of, simulations
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.xray import reference
@@ -101,4 +101,4 @@ def test_weights_that_ship_are_those_of_their_record(path: Path) -> None:
     assert record["variant"] == VARIANTS[path.stem].describe()
     flow = paper_flow(path.stem)
     assert isinstance(flow, PaperFlow)
-    assert flow.prior == prior_of(gain=VARIANTS[path.stem].gain)
+    assert flow.prior == prior_of(VARIANTS[path.stem])
