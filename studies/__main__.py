@@ -16,6 +16,7 @@ NAMES = {
     "faults": "faults.__main__",
     "cures": "cures.__main__",
     "gain": "gain.__main__",
+    "gain-amplitudes": "gain.amplitudes",
     "paper": "paper.__main__",
     "discoveries": "discoveries",
     "measured": "measured",
@@ -35,7 +36,7 @@ def listing() -> str:
     for name, module in NAMES.items():
         path = STUDIES / f"{module.replace('.', '/')}.py"
         says = (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").splitlines()[0]
-        lines.append(f"{name:12s} {says}")
+        lines.append(f"{name:15s} {says}")
     return "\n".join(lines)
 
 

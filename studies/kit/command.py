@@ -26,10 +26,11 @@ def parser(name: str, says: str | None) -> argparse.ArgumentParser:
     return made
 
 
-def of_a_commit(name: str, says: str | None, *, folder: str) -> argparse.ArgumentParser:
+def of_a_commit(name: str, says: str | None, *, folder: str = "") -> argparse.ArgumentParser:
     """The same for a study whose cases are drawn from the commit that it measures; `folder` is its help."""
     made = parser(name, says)
-    made.add_argument("folder", type=Path, nargs="?", help=folder)
+    if folder:
+        made.add_argument("folder", type=Path, nargs="?", help=folder)
     made.add_argument("--commit", default="HEAD", help="of the code that is measured: draws the cases")
     made.add_argument("--generator-seed", type=int, help="in place of the one that the commit gives")
     made.add_argument("--page", action="store_true", help="only make the page of what is stored")

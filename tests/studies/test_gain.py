@@ -9,12 +9,13 @@ import xarray as xr
 from gaugeblock.simulators import Effect
 
 pytest.importorskip("jaxspec")
+from studies.gain import amplitudes
 from studies.gain import document as page
 from studies.gain.models import SETS, TabulatedShared, bright, table
 from studies.gain.pools import CHUNK, TEMPLATES, GainPool, draw, pools, scored
 from studies.gain.table import cases, catalogues, orthogonal, summary
 from studies.gain.whole import profiled, sources_of
-from studies.kit.results import DOCS, RESULTS
+from studies.kit.results import DOCS, RESULTS, read
 from studies.kit.resume import Pieces
 
 from gaugeblock.simulators.xray import reference
@@ -76,6 +77,39 @@ def test_the_profile_reads_the_amplitude():
     assert found["converged"]
     assert abs(found["value"] - found["truth"]) < 4 * found["standard_error"]
     assert found["gain"] > 20
+
+
+def test_intervals_of_many_catalogues_are_counted(monkeypatch, tmp_path):
+    """With profiles that are said: by case three of four, none, all, all; pulls twice as wide in one."""
+    seen = []
+
+    def profile(pool, name, size, seed, catalogue):
+        assert (pool.hidden, pool.integration, pool.number, size, seed) == (name, "exact", 4 * 7, 7, 5)
+        seen.append((pool.name, catalogue))
+        truth = pool.value - 1.0
+        pull = {"published_gain_1.03": 2.0, "published_gain_0.97": 9.0}.get(pool.name[7:], 1.0)
+        value = truth + 0.001 * pull * (-1.0, 1.0, -1.0, 1.0)[catalogue]
+        reach = 0.0 if pull == 9.0 or (pull == 2.0 and catalogue == 3) else 0.005
+        return {
+            "truth": truth, "value": value, "standard_error": 0.0005, "sandwich_error": 0.001,
+            "low": value - reach, "high": value + reach,
+        }  # fmt: skip
+
+    monkeypatch.setattr(amplitudes, "profiled", profile)
+    given = ["--catalogues", "4", "--sources", "7", "--generator-seed", "5", "--out", str(tmp_path)]
+    assert amplitudes.main(given) == 0
+    assert len(set(seen)) == len(seen) == 16
+    made = read(tmp_path / "gain-amplitudes.nc")
+    assert made.sizes == {"case": 4, "catalogue": 4}
+    said = amplitudes.shown(made)
+    first, second, third, _, every = said.splitlines()[2:7]
+    assert first.startswith("| published gain +3% | +3.00 ± 0.12 | 0.10 | 2.31 | 3 of 4 (")
+    assert second.startswith("| published gain -3% | -3.00 ± 0.52 | 0.10 | 10.39 | 0 of 4 (")
+    assert third.startswith("| gain slope +3% | +3.00 ± 0.06 | 0.10 | 1.15 | 4 of 4 (")
+    assert every.startswith("| all |  |  |  | 11 of 16 (41% to 89%) |")
+    (tmp_path / "gain.md").write_text("<!-- amplitudes --><!-- /amplitudes -->")
+    assert amplitudes.main(["--page", "--out", str(tmp_path), "--docs", str(tmp_path)]) == 0
+    assert said in (tmp_path / "gain.md").read_text()
 
 
 def test_spectra_are_the_same_whoever_draws_them():
