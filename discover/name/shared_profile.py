@@ -1,4 +1,4 @@
-"""Shared amplitudes fitted together with every source: curvature of a finite effect does no harm."""
+"""Shared amplitudes fitted together with every source: to the top of the likelihood, by its own curvature."""
 
 from __future__ import annotations
 
@@ -30,6 +30,15 @@ TRIES = 4
 CLOSE = 0.05
 """The fit has converged when no amplitude moves by more than this share of its standard error."""
 
+PARABOLAS = 4
+"""Of the profile, each through three points of it."""
+
+NEAR = 0.25
+"""A parabola whose top is within this share of an error needs no other."""
+
+TRUSTED = 9.0
+"""Times as curved as the information says, or as flat: beyond it the profile is rough at an error's scale."""
+
 
 @dataclass(frozen=True, eq=False)
 class SharedAmplitude:
@@ -40,7 +49,8 @@ class SharedAmplitude:
     value, neutral : float
         Absolute amplitude, and where it would do nothing.
     standard_error : float
-        From the information, shared nuisances with their priors projected out.
+        From the curvature of the profile likelihood, shared nuisances with their priors fitted beside;
+        where it has none that can be trusted, from the information.
     sandwich_error : float
         From the scatter between sources.
     phi : ndarray, shape (term,)
@@ -88,7 +98,8 @@ def profile_shared(
     """Fit one shared effect beside shared nuisances: Gauss-Newton on these, every source fitted at each step.
 
     The sources' own parameters are fitted anew at each value of the shared ones, so that the step is that
-    of the profile likelihood, to the order of the templates' change over a standard error.
+    of the profile likelihood, to the order of the templates' change over their finite steps. What that
+    leaves, parabolas through the likelihood itself take away.
 
     Parameters
     ----------
@@ -159,19 +170,64 @@ def profile_models(
         else:
             shorter *= 0.5
     beside = stack(_effect_first(scores), first.sd[1:])
-    information = float(beside.information[0]) + first.sd[0] ** -2.0
+    information, share_of_error = float(beside.information[0]) + first.sd[0] ** -2.0, 1.0
+    if converged:
+        covariance = solved(
+            scores.nuisance_information.sum(axis=0) + prior_precision(scores, first.sd), np.eye(len(phi))
+        )
+        error = covariance[0] / np.sqrt(covariance[0, 0])
+        phi, found, objective, share_of_error = _top(models, groups, phi, found, objective, error, each)
     gain = _objective(bare, first.neutral, first) - objective
     return SharedAmplitude(
         float(phi[0]),
         float(first.neutral[0]),
-        float(1.0 / np.sqrt(information)),
-        float(beside.sandwich_error[0] * beside.information[0] / information),
+        float(share_of_error / np.sqrt(information)),
+        float(share_of_error * beside.sandwich_error[0] * beside.information[0] / information),
         phi,
         gain,
         tuple(found),
         converged,
         _stopped(float(phi[0]), first),
     )
+
+
+def _top(
+    models: Sequence[Shared],
+    groups: Sequence[Sources],
+    phi: Array,
+    found: list[Fit],
+    objective: float,
+    error: Array,
+    each: Each,
+) -> tuple[Array, list[Fit], float, float]:
+    """The top of the profile near phi: amplitudes, fits, objective, and by how much to multiply the error.
+
+    `error` ``(term,)`` is one of the effect, the others where it leads them. Templates are differences over
+    finite steps, and their score may vanish an error and more off the top.
+    """
+    first, share_of_error = models[0], 1.0
+    for _ in range(PARABOLAS):
+        ends = [np.clip(phi + side * share_of_error * error, *_inside(first)) for side in (-1.0, 1.0)]
+        left, right = (abs(float(end[0] - phi[0]) / error[0]) for end in ends)
+        if min(left, right) < NEAR:  # at the border of the prior
+            break
+        sides = [refitted(models, groups, end, found, each=each) for end in ends]
+        known = [(_objective(fits, end, first), end, fits) for fits, end in zip(sides, ends, strict=True)]
+        down, up = ((one[0] - objective) / reach for one, reach in zip(known, (left, right), strict=True))
+        curvature = 2.0 * (down + up) / (left + right)
+        away = (0.5 * curvature * right - up) / curvature if curvature > 0 else 0.0
+        step = float(np.clip(away, -2.0 * left, 2.0 * right))
+        moved = np.clip(phi + step * error, *_inside(first))
+        tried = refitted(models, groups, moved, found, each=each)
+        known += [(_objective(tried, moved, first), moved, tried), (objective, phi, found)]
+        best = min(known, key=lambda one: one[0])
+        # Fits end within their tolerance: where the parabola has its top is as good as the best of these.
+        objective, phi, found = known[2] if known[2][0] < best[0] + SLACK else best
+        if 1 / TRUSTED < curvature < TRUSTED:
+            share_of_error = float(curvature**-0.5)
+        if curvature > 0 and abs(step) < NEAR * share_of_error:
+            break
+    return phi, found, objective, share_of_error
 
 
 def refitted(

@@ -1,9 +1,11 @@
 """Shared amplitudes with every source fitted anew: no bias at either sign, redshifts, intervals."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
+from scipy import interpolate, optimize
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.fitting import fit
@@ -216,3 +218,72 @@ def test_a_source_that_began_in_the_wrong_valley_leaves_it_where_the_amplitude_h
     lost = begun[1].objective.sum() - begun[0].objective.sum()
     assert lost > 100
     assert wrong.gain == pytest.approx(right.gain + lost, abs=0.1)
+
+
+class Peaked(Twofold):
+    """A slope of each source's own, and a peak that all share; `shift` moves it."""
+
+    def with_effect(self, effect):
+        return Peaked((*self.effects, effect))
+
+    def expected(self, theta):
+        values = np.asarray(theta, dtype=float)
+        shared = list(np.moveaxis(values[..., 2:], -1, 0))
+        shift, bump = 0.0, 0.0
+        for effect in self.effects:
+            value = shared.pop(0) if effect.free else next(iter(effect.fixed.values()))
+            shift, bump = (value, bump) if effect.name == "shift" else (shift, value)
+        peak = 0.3 * np.exp(-0.5 * ((CHANNELS - 0.45 - np.asarray(shift)[..., None]) / 0.06) ** 2)
+        mean = 100.0 * values[..., 1:2] * np.exp(values[..., :1] * CHANNELS) + 30.0 * peak
+        return mean * (1.0 + BUMP * np.asarray(bump)[..., None])
+
+
+def entry_of(name, amplitude, step):
+    return LibraryEffect(
+        name=name, parameters={amplitude: Uniform(-0.9, 2.0)}, amplitude=amplitude, step=step, cause="",
+        typical="",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("sd", [None, 0.05])
+def test_the_top_of_the_profile_is_found_where_templates_are_coarse(monkeypatch, sd):
+    """Of a peak's place, by differences over more than its width; with or without a bump beside."""
+    simulator, rng = Peaked(), np.random.default_rng(12)
+    theta = np.column_stack([rng.uniform(-0.5, 0.5, 40), rng.uniform(0.6, 1.4, 40)])
+    true = simulator.with_effect(Effect("shift", {"shift": 0.05}))
+    true = true if sd is None else true.with_effect(Effect("bump", {"depth": 0.04}))
+    counts = rng.poisson(true.expected(theta)).astype(float)
+
+    def objective(shift, depth=0.0):
+        made = simulator.with_effect(Effect("shift", {"shift": shift}))
+        if sd is None:
+            return fit(made, counts).objective.sum()
+        return (
+            fit(made.with_effect(Effect("bump", {"depth": depth})), counts).objective.sum()
+            + 0.5 * (depth / sd) ** 2
+        )
+
+    def profile(shift):
+        if sd is None:
+            return objective(shift)
+        return optimize.minimize_scalar(partial(objective, shift), bounds=(-0.3, 0.3), method="bounded").fun
+
+    nuisances = [] if sd is None else [Term(entry_of("bump", "depth", 0.05), sd=sd)]
+    given = [Sources.of(simulator, counts)], Term(entry_of("shift", "shift", 0.15)), nuisances
+    found = profile_shared(*given)
+    grid = found.value + found.standard_error * np.linspace(-1.5, 1.5, 9)
+    curve = interpolate.CubicSpline(grid, [profile(value) for value in grid])
+    top = optimize.minimize_scalar(curve, bounds=(grid[0], grid[-1]), method="bounded").x
+    fall = 0.5 * (curve(top - found.standard_error) + curve(top + found.standard_error)) - curve(top)
+    assert abs(found.value - top) < 0.15 * found.standard_error
+    assert fall == pytest.approx(0.5, rel=0.1)
+    assert 0.6 < found.sandwich_error / found.standard_error < 1.6
+    assert found.gain == pytest.approx(objective(0.0) - curve(top), abs=0.1)
+    # Where the score of such templates vanishes is another estimate, three times as uncertain.
+    monkeypatch.setattr("gaugeblock.discovery.name.shared_profile.PARABOLAS", 0)
+    coarse = profile_shared(*given)
+    assert coarse.converged
+    assert coarse.standard_error > 2 * found.standard_error
+    if sd is None:
+        assert abs(coarse.value - top) > 0.3 * found.standard_error
+        assert coarse.gain < found.gain - 0.04
