@@ -207,7 +207,7 @@ def _top(
     """
     first, share_of_error = models[0], 1.0
     for _ in range(PARABOLAS):
-        ends = [np.clip(phi + side * share_of_error * error, *_inside(first)) for side in (-1.0, 1.0)]
+        ends = [np.clip(phi + side * error, *_inside(first)) for side in (-1.0, 1.0)]
         left, right = (abs(float(end[0] - phi[0]) / error[0]) for end in ends)
         if min(left, right) < NEAR:  # at the border of the prior
             break
@@ -220,9 +220,7 @@ def _top(
         moved = np.clip(phi + step * error, *_inside(first))
         tried = refitted(models, groups, moved, found, each=each)
         known += [(_objective(tried, moved, first), moved, tried), (objective, phi, found)]
-        best = min(known, key=lambda one: one[0])
-        # Fits end within their tolerance: where the parabola has its top is as good as the best of these.
-        objective, phi, found = known[2] if known[2][0] < best[0] + SLACK else best
+        objective, phi, found = min(known, key=lambda one: one[0])
         if 1 / TRUSTED < curvature < TRUSTED:
             share_of_error = float(curvature**-0.5)
         if curvature > 0 and abs(step) < NEAR * share_of_error:

@@ -223,8 +223,10 @@ def test_a_source_that_began_in_the_wrong_valley_leaves_it_where_the_amplitude_h
 class Peaked(Twofold):
     """A slope of each source's own, and a peak that all share; `shift` moves it."""
 
+    rough = 0.0
+
     def with_effect(self, effect):
-        return Peaked((*self.effects, effect))
+        return type(self)((*self.effects, effect))
 
     def expected(self, theta):
         values = np.asarray(theta, dtype=float)
@@ -233,6 +235,7 @@ class Peaked(Twofold):
         for effect in self.effects:
             value = shared.pop(0) if effect.free else next(iter(effect.fixed.values()))
             shift, bump = (value, bump) if effect.name == "shift" else (shift, value)
+        shift = shift + self.rough * np.sin(np.asarray(shift) / 0.0007)
         peak = 0.3 * np.exp(-0.5 * ((CHANNELS - 0.45 - np.asarray(shift)[..., None]) / 0.06) ** 2)
         mean = 100.0 * values[..., 1:2] * np.exp(values[..., :1] * CHANNELS) + 30.0 * peak
         return mean * (1.0 + BUMP * np.asarray(bump)[..., None])
@@ -287,3 +290,23 @@ def test_the_top_of_the_profile_is_found_where_templates_are_coarse(monkeypatch,
     if sd is None:
         assert abs(coarse.value - top) > 0.3 * found.standard_error
         assert coarse.gain < found.gain - 0.04
+
+
+class Rough(Peaked):
+    """Its profile has many tops within an error."""
+
+    rough = 0.04
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_curvature_of_a_profile_that_is_rough_at_its_error_is_no_error(monkeypatch, seed):
+    simulator, rng = Rough(), np.random.default_rng(seed)
+    theta = np.column_stack([rng.uniform(-0.5, 0.5, 40), rng.uniform(0.6, 1.4, 40)])
+    true = simulator.with_effect(Effect("shift", {"shift": 0.05}))
+    sources = Sources.of(simulator, rng.poisson(true.expected(theta)).astype(float))
+    term = Term(entry_of("shift", "shift", 0.01))
+    errors = []
+    for parabolas in (4, 0):
+        monkeypatch.setattr("gaugeblock.discovery.name.shared_profile.PARABOLAS", parabolas)
+        errors.append(profile_shared([sources], term).standard_error)
+    assert 1 / 3 <= errors[0] / errors[1] <= 3
