@@ -21,6 +21,9 @@ CELL = ("level", "family", "strength", "detector")
 REPLICATES = 500
 """Bootstrap replicates of the spectra behind every AUC."""
 
+SHARES = np.linspace(0.0, 1.0, 201)
+"""Of clean spectra, at which a ROC curve is kept."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Grid:
@@ -43,6 +46,13 @@ class Grid:
     def auc(self) -> Array:
         """AUCs ``(*CELL)``."""
         return auc(self.clean, self.suspicious)
+
+    @property
+    def roc(self) -> Array:
+        """ROC curves ``(level, family, detector, share)`` of every family at its strongest."""
+        low, high = self.clean[:, :, -1], self.suspicious[:, :, -1]
+        curves = [roc(low[place], high[place]) for place in np.ndindex(low.shape[:3])]
+        return np.reshape(curves, (*low.shape[:3], len(SHARES)))
 
     def replicates(self, rng: np.random.Generator, number: int = REPLICATES) -> Array:
         """Bootstrap replicates ``(replicate, *CELL)`` of all AUCs together.
@@ -67,6 +77,23 @@ class Grid:
         wider = np.sqrt(max(whole, part) / part) if part > 0 else 1.0
         found[..., -1] = centre + wider * (trained - centre)
         return found
+
+
+def roc(clean: Array, suspicious: Array) -> Array:
+    """Share of suspicious data above a score by the share of clean data that are: at `SHARES`.
+
+    Ties are taken at random; where the curve is steep its upper end counts.
+
+    >>> curve = roc(np.array([0.0, 1.0, 1.0]), np.array([1.0, 2.0]))
+    >>> [float(value) for value in curve[[0, 100, 200]]]
+    [0.5, 0.875, 1.0]
+    """
+    from sklearn.metrics import roc_curve
+
+    named = np.repeat([0, 1], [len(clean), len(suspicious)])
+    false, true, _ = roc_curve(named, np.concatenate([clean, suspicious]), drop_intermediate=False)
+    last = np.append(np.diff(false) > 0, True)
+    return np.interp(SHARES, false[last], true[last])
 
 
 def levels_of(
@@ -179,6 +206,7 @@ def as_dataset(grids: Mapping[str, Grid], replicates: Mapping[str, Array]) -> xr
     return xr.Dataset(
         {
             "auc": stacked([grid.auc for grid in every], *CELL),
+            "roc": stacked([grid.roc for grid in every], "level", "family", "detector", "share"),
             "auc_error": stacked([found.std(axis=0, ddof=1) for found in replicates.values()], *CELL),
             "again": stacked([grid.again.mean(axis=-1) for grid in every], *CELL),
             "again_sd": stacked([grid.again.std(axis=-1, ddof=1) for grid in every], *CELL),
@@ -196,5 +224,6 @@ def as_dataset(grids: Mapping[str, Grid], replicates: Mapping[str, Array]) -> xr
             "family": list(FAMILIES),
             "detector": list(DETECTORS),
             "embedded": list(DETECTORS[1:]),
+            "share": SHARES,
         },
     )

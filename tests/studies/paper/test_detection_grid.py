@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 from studies.paper import claims
 from studies.paper.auc_error import auc_error
 from studies.paper.detection_claims import cells, estimates, on_epic_pn, on_nicer
-from studies.paper.detection_grid import CELL, Grid, as_dataset
+from studies.paper.detection_grid import CELL, SHARES, Grid, as_dataset, roc
 from studies.paper.grid_populations import LEVELS, cell_counts, cell_seed, clean_counts
 from studies.paper.numbers import as_table
 from studies.paper.rows import published_rows
@@ -19,7 +20,7 @@ def mine(name):
 
 def published(response):
     pytest.importorskip("jaxspec")
-    from studies.paper.figures import published_aucs
+    from studies.paper.detection_figures import published_aucs
 
     return published_aucs(response)
 
@@ -92,6 +93,26 @@ def grid(rng, shift, again_variance=0.0):
     return Grid(
         clean=clean, suspicious=suspicious, again=again, nothing=nothing, accuracy=unused, largest=unused
     )
+
+
+def test_curves_are_of_the_strongest_change_and_hold_its_area():
+    """Of normal scores Phi(shift + z) at every share; in this cell alone they differ."""
+    rng = np.random.default_rng(12)
+    made = grid(rng, 0.0)
+    made.suspicious[1, 2, 3, 0] += 1.5
+    made.suspicious[1, 2, 2, 1] += 9.0
+    curves = made.roc
+    assert curves.shape == (3, 4, 3, len(SHARES))
+    np.testing.assert_allclose(np.trapezoid(curves, SHARES, axis=-1), made.auc[:, :, 3], atol=0.006)
+    wanted = stats.norm.sf(stats.norm.isf(SHARES) - 1.5)
+    assert np.abs(curves[1, 2, 0] - wanted).max() < 0.15
+    assert np.abs(curves[1, 2, 1] - SHARES).max() < 0.2
+    assert (np.diff(curves) >= 0).all()
+    assert (curves[..., -1] == 1).all()
+    np.testing.assert_allclose(roc(np.zeros(7), np.zeros(9)), SHARES)
+    table = as_dataset({"epic-pn": made}, {"epic-pn": made.replicates(rng, 3)})
+    here = table["roc"].sel(response="epic-pn", level="medium", family="B3", detector="D1")
+    np.testing.assert_array_equal(here.values, curves[1, 2, 0])
 
 
 def test_replicates_have_the_mean_and_the_error_of_an_auc():

@@ -12,7 +12,7 @@ pytest.importorskip("jaxspec")
 @pytest.fixture(scope="module")
 def axes():
     from studies.kit import plots
-    from studies.paper.figures import responses_figure
+    from studies.paper.detection_figures import responses_figure
 
     pyplot = plots.pyplot()
     figure = responses_figure(pyplot, {n: committed(n) for n in ("setup", "detection", "detection_nicer")})
