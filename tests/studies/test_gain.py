@@ -178,3 +178,12 @@ def test_what_is_promised_holds():
         table = stored.load()
     assert {"scheme", "case"} == set(table.dims)
     assert (table["threshold"] > table["null_low"]).where(np.isfinite(table["value"]), True).all()
+
+
+def test_the_page_has_the_intervals_that_were_counted():
+    made = read(RESULTS / "gain-amplitudes.nc")
+    assert made.sizes == {"case": 4, "catalogue": 50}
+    assert (made["converged"] == 1).all()
+    assert amplitudes.shown(made) in (DOCS / "gain.md").read_text()
+    inside = (made["low"] < made["truth"]) & (made["truth"] < made["high"])
+    assert 0.85 < inside.mean() < 0.95
