@@ -172,10 +172,8 @@ def profile_models(
     beside = stack(_effect_first(scores), first.sd[1:])
     information, share_of_error = float(beside.information[0]) + first.sd[0] ** -2.0, 1.0
     if converged:
-        covariance = solved(
-            scores.nuisance_information.sum(axis=0) + prior_precision(scores, first.sd), np.eye(len(phi))
-        )
-        error = covariance[0] / np.sqrt(covariance[0, 0])
+        known = _covariance(scores, first.sd)
+        error = known[0] / np.sqrt(known[0, 0])
         phi, found, objective, share_of_error = _top(models, groups, phi, found, objective, error, each)
     gain = _objective(bare, first.neutral, first) - objective
     return SharedAmplitude(
@@ -270,12 +268,17 @@ def _parts(model: Shared, sources: Sources, fit: Fit, *, phi: Array) -> Answer:
 
 def newton(scores: SharedScores, sd: Array, away: Array) -> tuple[Array, Array]:
     """Step of the shared amplitudes, and their standard errors, ``(term,)``."""
-    matrix = scores.nuisance_information.sum(axis=0) + prior_precision(scores, sd)
-    pull = scores.nuisance_score.sum(axis=0) - away / sd**2
-    step = solved(matrix, pull[None])[0]
-    variance = np.diag(solved(matrix, np.eye(len(sd))))
+    covariance = _covariance(scores, sd)
+    step = (scores.nuisance_score.sum(axis=0) - away / sd**2) @ covariance
+    variance = np.diag(covariance)
     with np.errstate(divide="ignore"):
         return step, np.sqrt(np.where(variance > 0, variance, np.inf))
+
+
+def _covariance(scores: SharedScores, sd: Array) -> Array:
+    """Of the shared amplitudes, ``(term, term)``, with their priors."""
+    matrix = scores.nuisance_information.sum(axis=0) + prior_precision(scores, sd)
+    return solved(matrix, np.eye(len(sd)))
 
 
 def _effect_first(scores: SharedScores) -> SharedScores:

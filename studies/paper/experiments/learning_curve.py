@@ -28,8 +28,6 @@ IN_ITS_OUTPUTS = {
 }
 """By spectra: epochs, smallest validation loss, and correlations of truth and median in 200 spectra."""
 
-PARAMETERS = ("tbabs_1.nh", "powerlaw_1.alpha", "powerlaw_1.norm")
-
 
 def variant_of(spectra: int, seed: int, cap: int) -> Variant:
     """One training; which of its spectra the study took for a shorter one is not told, so all are new."""
@@ -70,7 +68,7 @@ def run(sizes: Mapping[str, Any], pieces: Pieces, seed: int) -> xr.Dataset:
             "loss": (points, values("loss")[..., 0]),
             "r": ((*points, "parameter"), values("r")),
         },
-        coords={"spectra": spectra, "training": seeds, "parameter": list(PARAMETERS)},
+        coords={"spectra": spectra, "training": seeds, "parameter": list(simulator.prior.names)},
     )
 
 

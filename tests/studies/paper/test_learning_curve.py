@@ -5,13 +5,14 @@ import pytest
 import xarray as xr
 from studies.kit.resume import Pieces
 from studies.paper.beyond import beyond, learning_curve
-from studies.paper.experiments.learning_curve import IN_ITS_OUTPUTS, PARAMETERS, run, variant_of
+from studies.paper.experiments.learning_curve import IN_ITS_OUTPUTS, run, variant_of
 
 pytest.importorskip("sbi")
 pytest.importorskip("jaxspec")
 
 from studies.paper.paper_flow.simulations import simulations
 
+PARAMETERS = ("tbabs_1.nh", "powerlaw_1.alpha", "powerlaw_1.norm")
 SIZES = {"spectra": [300, 500], "seeds": [7, 8], "cap": 6, "test": 4000, "draws": 31}
 
 

@@ -109,7 +109,7 @@ def test_of_parameters_of_different_shapes_each_has_its_own_chance_and_the_worst
     process = LimitProcess(parameters=2, draws=50, levels=levels, spreads=spreads)
     error = np.array([[*(np.array(row) / np.sqrt(2500)), *errors(2500, levels)[4:]] for row in spreads])
     np.testing.assert_allclose(process.standard_errors(2500), error)
-    far = stats.t.ppf(1 - 0.05 * 0.8, 799)
+    far = stats.t.ppf(1 - 0.05 * 0.8, 2499)
     spare = np.array([0.12, *[0.15] * 3, *[0.06] * 2]) / error - far
     each = [np.mean((sizes <= row).all(axis=1)) for row in spare]
     assert abs(each[0] - each[1]) > 0.05
