@@ -74,10 +74,10 @@ RESIDUAL_HEADER = (
     "95 of 100 such studies",
 )
 
-CURVED = """\
-At medium counts clean spectra themselves lie {clean:+.1f} nats off their line, which is straight where their
-trend is not; with a gain they lie {gain:+.1f} off it, so {left:+.1f} ± {error:.1f} of it are the gain's.
-The line's residual is its own: {line:+.0f} and {bright:+.0f} nats at the two levels."""
+GAIN_RESIDUAL = """\
+Clean spectra of medium counts lie {clean:+.1f} nats off their own line, those with a gain {gain:+.1f}: {left:+.1f}
+± {error:.1f} of it are the gain's, where the study's four spectra have {theirs:+.0f}. The line's residual is its
+own: {line:+.0f} and {bright:+.0f} nats at the two levels."""
 
 TIME = """\
 **Time.** Nested sampling took the study {theirs} times as long as 2,000 draws of its flow. Side by side in
@@ -285,11 +285,12 @@ def _residuals(table: xr.Dataset) -> list[str]:
     clean, gain = found["clean medium"], found["B4 medium"]
     pull = float(np.sqrt(np.mean(pulls(table) ** 2)))
     head = RESIDUALS.format(runs=len(pulls(table)), pull=pull, spectra=f"{clean['spectra']:.0f}")
-    said = CURVED.format(
+    said = GAIN_RESIDUAL.format(
         clean=clean["all"],
         gain=gain["all"],
-        left=gain["all"] - clean["all"],
+        left=round(gain["all"] - clean["all"], 1) + 0.0,  # not -0.0
         error=float(np.hypot(gain["all_error"], clean["all_error"])),
+        theirs=claims()["ns.cc.B4.medium"].parts[SINGLE[0]],
         line=found["B1 medium"]["all"],
         bright=found["B1 bright"]["all"],
     )
