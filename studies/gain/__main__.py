@@ -3,33 +3,21 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
-
-import xarray as xr
 
 import studies.gain
 from gaugeblock import discovery, simulators
 from gaugeblock.core.progress import Bars
-from studies.gain.document import document, headline
-from studies.gain.limits import limits
-from studies.gain.pools import pools, scored
-from studies.gain.schemes import compare
-from studies.gain.table import CATALOGUES, cases, summary
-from studies.gain.whole import as_dataset, marginalised, profiled
+from studies.gain.document import document
+from studies.gain.pools import pools
+from studies.gain.study import study
+from studies.gain.table import CATALOGUES
 from studies.kit.command import carried_out, given, parser
 from studies.kit.results import record, write
 from studies.kit.resume import Pieces, Progress, code_of
 
 NAME = "studies gain"
-
-PROFILED = 10
-"""Catalogues of a case whose amplitude is profiled, where a pool has so many."""
-
-NUMBER, PAIRS = 300, 100
-"""Spectra, clean and shifted each, that every published scheme sees, and pairs for the evidence."""
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -47,7 +35,8 @@ def main(arguments: Sequence[str]) -> int:
         folder = chosen.work or chosen.out / "checkpoints"
         with Bars() as bars:
             pieces = pieces_of(folder, chosen.seed, progress=bars.show, workers=chosen.workers)
-            groups = study(pieces, seed=chosen.seed, share=chosen.share, number=chosen.catalogues)
+            planned = pools(share=chosen.share)
+            groups = study(planned, pieces, seed=chosen.seed, share=chosen.share, number=chosen.catalogues)
         attributes = record(given(NAME, arguments), chosen.seed, share=chosen.share)
         write(groups | {"": groups[""].assign_attrs(attributes)}, chosen.out / "gain.nc")
 
@@ -58,48 +47,6 @@ def pieces_of(folder: Path, seed: int, *, progress: Progress | None = None, work
     """Where the study keeps what is finished."""
     key = {"seed": seed, "code": code_of(discovery, simulators, studies.gain)}
     return Pieces(folder, key, name="gain", progress=progress, workers=workers)
-
-
-def study(
-    pieces: Pieces, *, seed: int, share: float = 1.0, number: int = CATALOGUES
-) -> dict[str, xr.Dataset]:
-    """All tables by group."""
-    planned = pools(share=share)
-    done = {name: scored(pool, pieces, seed=seed) for name, pool in planned.items()}
-    sums = summary(done, planned, share=share, number=number, seed=seed)
-    count = max(20, round(NUMBER * min(1.0, share)))
-    compared = partial(_compared, number=count, pairs=max(8, count * PAIRS // NUMBER), seed=seed)
-    profiles, marginals, schemes = {}, {}, {}
-    for case in cases(share):
-        hidden, clean = case.pool(planned), case.clean(planned)
-        for k in range(max(1, min(PROFILED, hidden.number // case.size))):
-            make = partial(profiled, hidden, case.hidden, case.size, seed, k)
-            profiles[f"{case.label}, catalogue {k + 1}"] = make
-        if hidden.marginal:
-            marginals[case.label] = partial(marginalised, hidden, case.size, seed)
-            marginals[f"{case.size} {case.level}, no gain"] = partial(marginalised, clean, case.size, seed)
-        if not case.small:
-            schemes[case.label] = partial(compared, clean, hidden)
-
-    def made(kind: str, wanted: Mapping[str, Any]) -> dict[str, Any]:
-        found = pieces.made({f"{kind}, {label}": make for label, make in wanted.items()}, kind=kind)
-        return dict(zip(wanted, found.values(), strict=True))
-
-    tables = {label: xr.Dataset.from_dict(found) for label, found in made("schemes", schemes).items()}
-    beside = xr.concat(tables.values(), dim="case").assign_coords(case=list(tables))
-    return {
-        "": sums,
-        "profiles": as_dataset(made("profile", profiles)),
-        "marginal": as_dataset(made("marginal", marginals)),
-        "schemes": beside,
-        "limits": limits(done[planned["bright_clean"].name]),
-        "headline": headline(sums, beside),
-    }
-
-
-def _compared(*pools: Any, **options: Any) -> dict[str, Any]:
-    plain: dict[str, Any] = compare(*pools, **options).to_dict()
-    return plain
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from scipy import stats
 import studies.gain
 from gaugeblock import discovery, simulators
 from gaugeblock.core.progress import Bars
-from studies.gain.models import GAINS
+from studies.gain.models import EXACT, GAINS
 from studies.gain.pools import GainPool
 from studies.gain.whole import profiled
 from studies.kit.command import carried_out, given, of_a_commit
@@ -40,7 +40,7 @@ CASES = tuple((name, value) for name in ("published_gain", "gain_slope") for val
 
 def measured(seed: int, pieces: Pieces, *, catalogues: int, sources: int) -> xr.Dataset:
     """Amplitudes, intervals and errors ``(case, catalogue)``, less what changes nothing."""
-    pools = [GainPool("bright", *case, catalogues * sources, integration="exact") for case in CASES]
+    pools = [GainPool("bright", *case, catalogues * sources, spectrum=EXACT) for case in CASES]
     wanted = {
         f"{pool.name}-{k:03d}": partial(profiled, pool, pool.hidden, sources, seed, k)
         for pool in pools

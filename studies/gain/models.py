@@ -146,20 +146,35 @@ GAINS = {
 }
 
 
+@dataclass(frozen=True)
+class Spectrum:
+    """Whose spectra a pool has: of the reference model at bright counts, by a rule of integration."""
+
+    integration: str = "jaxspec"
+
+    @property
+    def simulator(self) -> Any:
+        """With five parameters, in the reference model's order."""
+        return reference(level="bright", integration=self.integration)
+
+
+JAXSPEC, EXACT = Spectrum(), Spectrum("exact")
+
+
 @cache
-def bright(integration: str, name: str = "") -> Any:
-    """The bright reference spectrum, with an effect all of whose parameters are free: compiled once."""
-    simulator: Any = reference(level="bright", integration=integration)
+def free(spectrum: Spectrum, name: str = "") -> Any:
+    """A spectrum's simulator, with an effect all of whose parameters are free: compiled once."""
+    simulator = spectrum.simulator
     if name == "effective_area":
-        free = {"energy": Uniform(0.3, 10.0), "width": Uniform(0.01, 5.0), "depth": Uniform(-0.5, 0.5)}
-        return simulator.with_effect(Effect(name, free))
+        bump = {"energy": Uniform(0.3, 10.0), "width": Uniform(0.01, 5.0), "depth": Uniform(-0.5, 0.5)}
+        return simulator.with_effect(Effect(name, bump))
     return simulator.with_effect(GAINS[name].effect()) if name else simulator
 
 
 @cache
-def table(integration: str, name: str = "", *values: float) -> Tabulated:
-    """The bright reference spectrum under an effect of these parameters, tabulated once."""
-    return Tabulated(bright(integration, name), values)
+def table(spectrum: Spectrum, name: str = "", *values: float) -> Tabulated:
+    """A spectrum under an effect of these parameters, tabulated once."""
+    return Tabulated(free(spectrum, name), values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +183,7 @@ class TabulatedShared:
 
     name: str
     step: float
-    integration: str = "jaxspec"
+    spectrum: Spectrum = JAXSPEC
     terms: tuple[Term, ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -177,7 +192,7 @@ class TabulatedShared:
     @property
     def base(self) -> Tabulated:
         """Without the gain."""
-        return table(self.integration)
+        return table(self.spectrum)
 
     @property
     def parameters(self) -> int:
@@ -203,7 +218,7 @@ class TabulatedShared:
         """The table at an amplitude, which is rounded to a thousandth of a step."""
         unit = self.step * 1e-3
         steps = round((float(phi[0]) - self.neutral[0]) / unit)
-        return table(self.integration, self.name, self.neutral[0] + steps * unit) if steps else self.base
+        return table(self.spectrum, self.name, self.neutral[0] + steps * unit) if steps else self.base
 
     def expected(self, theta: Array, phi: Array, scale: Array, redshift: Array) -> Array:  # noqa: ARG002
         """As `Shared.expected`; nothing here is redshifted."""
@@ -234,18 +249,17 @@ def nuisance_sd(name: str) -> float:
     return AREA_SD if name.startswith("area") else np.inf
 
 
-def nuisance_templates(theta: Array, scale: Array, integration: str, steps: dict[str, float]) -> Array:
+def nuisance_templates(theta: Array, scale: Array, spectrum: Spectrum, steps: dict[str, float]) -> Array:
     """Change of the expected counts by unit of each nuisance, ``(source, nuisance, channel)``."""
     phi, redshift = np.zeros(1), np.zeros(len(theta))
     columns = []
     for name in NUISANCES[:2]:
-        shared = TabulatedShared(name, steps[name], integration)
+        shared = TabulatedShared(name, steps[name], spectrum)
         columns.append(shared.templates(theta, shared.neutral + phi, scale, redshift)[:, 0])
-    plain = table(integration).expected(theta)
+    plain = table(spectrum).expected(theta)
     for energy in AREA_ENERGIES:
         # The area is linear in a bump's depth.
-        bumped = table(
-            integration, "effective_area", float(energy), AREA_WIDTH * float(energy), 0.1
-        ).expected(theta)
+        values = float(energy), AREA_WIDTH * float(energy), 0.1
+        bumped = table(spectrum, "effective_area", *values).expected(theta)
         columns.append((bumped - plain) / 0.1 * scale[:, None])
     return np.stack(columns, axis=1)

@@ -15,8 +15,17 @@ from gaugeblock.discovery.name.marginal import marginal_scores
 from gaugeblock.discovery.name.shared_score import SharedScores, join, shared_scores
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.effects import Effect
-from gaugeblock.simulators.xray import reference
-from studies.gain.models import GAINS, MEDIUM, TabulatedShared, nuisance_templates, table
+from studies.gain.models import (
+    EXACT,
+    GAINS,
+    JAXSPEC,
+    MEDIUM,
+    Spectrum,
+    Tabulated,
+    TabulatedShared,
+    nuisance_templates,
+    table,
+)
 from studies.kit.resume import Pieces, joined
 
 CHUNK = 500
@@ -33,7 +42,7 @@ class GainPool:
     number: int
     marginal: int = 0
     """How many of them have marginal scores of `published_gain` too."""
-    integration: str = "jaxspec"
+    spectrum: Spectrum = JAXSPEC
     small: bool = False
 
     @property
@@ -54,6 +63,28 @@ class GainPool:
         """Exposure in units of a bright spectrum's."""
         return MEDIUM if self.level == "medium" else 1.0
 
+    @property
+    def model(self) -> Tabulated:
+        """What is fitted: the spectrum without a gain."""
+        return table(self.spectrum)
+
+    @property
+    def flow(self) -> str:
+        """A shipped one that was trained on such spectra, if any was when this was measured."""
+        return "shipped:epic-pn-medium" if self.level == "medium" else ""
+
+    def draw(self, chunk: int, seed: int) -> tuple[Array, Array]:
+        """Theta and counts of one chunk, by the simulator itself."""
+        key = [int(digest([self.name, chunk])[:8], 16)]
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
+        simulator = simulator_of(self.spectrum, self.hidden, self.value)
+        theta = simulator.prior.sample(CHUNK, rng)
+        return theta, rng.poisson(simulator.expected(theta) * self.scale).astype(float)
+
+    def again(self, theta: Array, _seed: int, rng: np.random.Generator) -> Array:
+        """Other counts of the same sources, without a gain."""
+        return rng.poisson(self.model.expected(theta) * self.scale).astype(float)
+
 
 @dataclass(frozen=True, eq=False)
 class ScoredPool:
@@ -71,29 +102,20 @@ TEMPLATES = ("published_gain", "gain_slope")
 
 
 @cache
-def simulator_of(hidden: str, value: float, integration: str) -> Any:
+def simulator_of(spectrum: Spectrum, hidden: str, value: float) -> Any:
     """The simulator that hides a gain, compiled once."""
-    simulator: Any = reference(level="bright", integration=integration)
+    simulator = spectrum.simulator
     return simulator.with_effect(Effect(hidden, {GAINS[hidden].amplitude: value})) if hidden else simulator
-
-
-def draw(pool: GainPool, chunk: int, seed: int) -> tuple[Array, Array]:
-    """Theta and counts of one chunk, by the simulator itself."""
-    key = [int(digest([pool.name, chunk])[:8], 16)]
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
-    simulator = simulator_of(pool.hidden, pool.value, pool.integration)
-    theta = simulator.prior.sample(CHUNK, rng)
-    return theta, rng.poisson(simulator.expected(theta) * pool.scale).astype(float)
 
 
 def score(pool: GainPool, chunk: int, seed: int, number: int) -> dict[str, Array]:
     """Scores of one chunk, as arrays to be stored."""
-    counts = draw(pool, chunk, seed)[1][:number]
-    sources = Sources.of(table(pool.integration), counts, scale=pool.scale)
+    counts = pool.draw(chunk, seed)[1][:number]
+    sources = Sources.of(pool.model, counts, scale=pool.scale)
     fitted = fit(sources.simulator, counts, scale=sources.scale, seed=chunk)
-    shared = [TabulatedShared(name, pool.steps[name], pool.integration) for name in TEMPLATES]
+    shared = [TabulatedShared(name, pool.steps[name], pool.spectrum) for name in TEMPLATES]
     values = [s.templates(fitted.theta, s.neutral, sources.scale, sources.redshift) for s in shared]
-    beside = nuisance_templates(fitted.theta, sources.scale, pool.integration, pool.steps)
+    beside = nuisance_templates(fitted.theta, sources.scale, pool.spectrum, pool.steps)
     found = shared_scores(counts, fitted, np.concatenate(values, axis=1), beside)
     return {name.name: getattr(found, name.name).astype(np.float32) for name in fields(found)}
 
@@ -103,10 +125,10 @@ def marginal(pool: GainPool, chunk: int, seed: int, number: int) -> dict[str, Ar
 
     The prior is the truth here; a catalogue's own tilt is fitted in `whole`.
     """
-    counts = draw(pool, chunk, seed)[1][:number]
-    sources = Sources.of(table(pool.integration), counts, scale=pool.scale)
+    counts = pool.draw(chunk, seed)[1][:number]
+    sources = Sources.of(pool.model, counts, scale=pool.scale)
     fitted = fit(sources.simulator, counts, scale=sources.scale, seed=chunk)
-    shared: Any = TabulatedShared("published_gain", pool.steps["published_gain"], pool.integration)
+    shared: Any = TabulatedShared("published_gain", pool.steps["published_gain"], pool.spectrum)
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=[chunk, 1]))
     found = marginal_scores(shared, sources, fitted, draws=DRAWS, iterations=0, rng=rng)
     return {"marginal": found.score, "population": found.population}
@@ -147,9 +169,9 @@ def pools(*, share: float = 1.0) -> dict[str, GainPool]:
         GainPool("medium", "", 0.0, n(10_000), n(10_000)),
         *(GainPool("medium", "published_gain", value, n(10_000), n(4_000)) for value in (1.03, 0.97)),
         *(GainPool("medium", "gain_slope", value, n(5_000)) for value in (1.03, 0.97)),
-        GainPool("bright", "", 0.0, n(20_000), integration="exact", small=True),
+        GainPool("bright", "", 0.0, n(20_000), spectrum=EXACT, small=True),
         *(
-            GainPool("bright", name, value, n(5_000), integration="exact", small=True)
+            GainPool("bright", name, value, n(5_000), spectrum=EXACT, small=True)
             for name in ("published_gain", "gain_slope")
             for value in (1.003, 0.997)
         ),

@@ -9,7 +9,6 @@ measures has.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -25,8 +24,7 @@ from gaugeblock.validate.detectors.embeddings import mahalanobis
 from gaugeblock.validate.detectors.predictive import STATISTICS, predictive_p
 from gaugeblock.validate.joint.psis import pareto_khat
 from gaugeblock.validate.learned.two_sample import classifier_two_sample
-from studies.gain.models import table
-from studies.gain.pools import GainPool, draw
+from studies.gain.pools import GainPool
 
 REPLICATES = 200
 FLOW_DRAWS = 500
@@ -52,16 +50,16 @@ class Read:
 
 
 def read(counts: Array, pool: GainPool, rng: np.random.Generator) -> Read:
-    """Read spectra ``(n, channel)`` of a pool's level."""
-    return _by_flow(counts, pool, rng) if pool.level == "medium" else _by_fit(counts, pool, rng)
+    """Read spectra ``(n, channel)`` such as a pool has."""
+    return _by_flow(counts, pool, rng) if pool.flow else _by_fit(counts, pool, rng)
 
 
 def _by_flow(counts: Array, pool: GainPool, rng: np.random.Generator) -> Read:
     from gaugeblock.estimators.npe import load
 
-    flow = load("shipped:epic-pn-medium")
+    flow = load(pool.flow)
     theta, log_q = flow.sample_and_log_prob(counts, FLOW_DRAWS, rng)
-    model = table(pool.integration)
+    model = pool.model
     likelihood = np.stack(
         [
             poisson_log_likelihood(model.expected(rows) * pool.scale, x)
@@ -75,7 +73,7 @@ def _by_flow(counts: Array, pool: GainPool, rng: np.random.Generator) -> Read:
 
 
 def _by_fit(counts: Array, pool: GainPool, rng: np.random.Generator) -> Read:
-    model = table(pool.integration)
+    model = pool.model
     sources = Sources.of(model, counts, scale=pool.scale)
     fitted = fit(model, counts, scale=sources.scale)
     found = posterior_draws(model, counts, fitted, scale=sources.scale, draws=FLOW_DRAWS, rng=rng)
@@ -94,7 +92,7 @@ def _by_fit(counts: Array, pool: GainPool, rng: np.random.Generator) -> Read:
 def per_spectrum(counts: Array, seen: Read, reference: Array, pool: GainPool, seed: int) -> dict[str, Array]:
     """Scores ``(n,)`` of each spectrum alone, large where suspicious; `reference` are clean embeddings."""
     rng = np.random.default_rng(seed)
-    model = table(pool.integration)
+    model = pool.model
     mean = np.stack([model.expected(rows) for rows in seen.theta]) * pool.scale
     replicated = rng.poisson(mean).astype(float)
     p = [predictive_p(counts, replicated, statistic) for statistic in STATISTICS.values()]
@@ -112,9 +110,9 @@ def compare(clean: GainPool, shifted: GainPool, *, number: int, pairs: int, seed
     """All schemes on the first `number` spectra of two pools: value, and where the null's 95% lie."""
     key = [int(digest(["schemes", clean.name, shifted.name])[:8], 16)]
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
-    sets: list[Any] = [draw(pool, 0, seed) for pool in (clean, shifted)]
+    sets = [pool.draw(0, seed) for pool in (clean, shifted)]
     low, high = (counts[:number] for _, counts in sets)
-    reference = read(draw(clean, 1, seed)[1][:number], clean, rng).embedding
+    reference = read(clean.draw(1, seed)[1][:number], clean, rng).embedding
     seen = [read(counts, clean, rng) for counts in (low, high)]
     scores = [
         per_spectrum(counts, found, reference, clean, int(rng.integers(2**31)))
@@ -127,7 +125,8 @@ def compare(clean: GainPool, shifted: GainPool, *, number: int, pairs: int, seed
     told = classifier_two_sample(seen[0].embedding, seen[1].embedding, rng=rng)
     wide = 1.96 * np.sqrt((told.scored + 1) / (12.0 * (told.scored / 2) ** 2))
     rows["population C2ST"] = (told.auc, 0.5 - wide, 0.5 + wide)
-    rows["paired evidence"] = _paired(clean, sets[1][0][:pairs], high[:pairs], seen[1], rng)
+    partner = clean.again(sets[1][0][:pairs], seed, rng)
+    rows["paired evidence"] = _paired(partner, high[:pairs], seen[1], read(partner, clean, rng))
     order = list(SCHEMES)
     return xr.Dataset(
         {
@@ -138,18 +137,15 @@ def compare(clean: GainPool, shifted: GainPool, *, number: int, pairs: int, seed
     )
 
 
-def _paired(
-    clean: GainPool, theta: Array, counts: Array, seen: Read, rng: np.random.Generator
-) -> tuple[float, float, float]:
+def _paired(partner: Array, counts: Array, seen: Read, clean: Read) -> tuple[float, float, float]:
     """Mean difference of log evidences at equal counts, and 95% of it if there were none.
 
-    Shifted and clean spectra of the same theta; the difference's regression on the log ratio of their total
-    counts is taken off, as the published study does.
+    Shifted spectra and clean ones, `partner`, of the same theta; the difference's regression on the log ratio
+    of their total counts is taken off, as the published study does.
     """
-    partner = rng.poisson(table(clean.integration).expected(theta) * clean.scale).astype(float)
-    difference = seen.log_evidence[: len(theta)] - read(partner, clean, rng).log_evidence
+    difference = seen.log_evidence[: len(counts)] - clean.log_evidence
     ratio = np.log(counts.sum(axis=1) / partner.sum(axis=1))
-    design = np.column_stack([np.ones(len(theta)), ratio])
+    design = np.column_stack([np.ones(len(counts)), ratio])
     found = np.linalg.lstsq(design, difference, rcond=None)[0]
     left = difference - design @ found
     spread = float(left.std(ddof=2) * np.sqrt(np.linalg.inv(design.T @ design)[0, 0]))

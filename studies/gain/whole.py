@@ -12,8 +12,8 @@ from gaugeblock.discovery.name.marginal import marginal_scores
 from gaugeblock.discovery.name.shared_profile import profile_models
 from gaugeblock.discovery.name.stacked import stack
 from gaugeblock.discovery.sources import Sources
-from studies.gain.models import GAINS, TabulatedShared, table
-from studies.gain.pools import CHUNK, DRAWS, GainPool, draw
+from studies.gain.models import GAINS, TabulatedShared
+from studies.gain.pools import CHUNK, DRAWS, GainPool
 from studies.gain.table import said_by
 
 
@@ -21,15 +21,15 @@ def sources_of(pool: GainPool, size: int, seed: int, *, catalogue: int = 0) -> S
     """One of the catalogues of `size` spectra into which a pool falls, in order."""
     first, last = catalogue * size, min((catalogue + 1) * size, pool.number)
     chunks = range(first // CHUNK, -(-last // CHUNK))
-    counts = np.concatenate([draw(pool, chunk, seed)[1] for chunk in chunks])
+    counts = np.concatenate([pool.draw(chunk, seed)[1] for chunk in chunks])
     start = first - chunks[0] * CHUNK
-    return Sources.of(table(pool.integration), counts[start : start + last - first], scale=pool.scale)
+    return Sources.of(pool.model, counts[start : start + last - first], scale=pool.scale)
 
 
 def profiled(pool: GainPool, name: str, size: int, seed: int, catalogue: int) -> dict[str, float]:
     """Profile of a gain on one catalogue of a pool; `gain` is in log likelihood, interval of 90%."""
     sources = sources_of(pool, size, seed, catalogue=catalogue)
-    shared: Any = TabulatedShared(name, pool.steps[name], pool.integration)
+    shared: Any = TabulatedShared(name, pool.steps[name], pool.spectrum)
     fits = fit(sources.simulator, sources.counts, scale=sources.scale)
     found = profile_models([shared], [sources], fits=[fits])
     low, high = found.interval(0.9)
@@ -50,7 +50,7 @@ def profiled(pool: GainPool, name: str, size: int, seed: int, catalogue: int) ->
 def marginalised(pool: GainPool, size: int, seed: int) -> dict[str, float]:
     """Marginal score of the published gain on a whole catalogue, its population fitted."""
     sources = sources_of(pool, size, seed)
-    shared: Any = TabulatedShared("published_gain", pool.steps["published_gain"], pool.integration)
+    shared: Any = TabulatedShared("published_gain", pool.steps["published_gain"], pool.spectrum)
     fits = fit(sources.simulator, sources.counts, scale=sources.scale)
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=[2]))
     found = marginal_scores(shared, sources, fits, draws=DRAWS, rng=rng)

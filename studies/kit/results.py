@@ -59,12 +59,17 @@ def measured_commit(table: xr.Dataset) -> str:
 
 
 def write(tables: Mapping[str, xr.Dataset], path: Path) -> None:
-    """One file of several tables, each a group; the root is ""."""
+    """One file of several tables, each a group with coordinates of its own; the root is ""."""
     made_folder(path.parent)
-    tree = xr.DataTree.from_dict({name or "/": table for name, table in tables.items()})
-    encoding = {f"/{name}": _compressed(table) for name, table in tables.items()}
     with atomic_path(path) as temporary:
-        tree.to_netcdf(temporary, engine="netcdf4", encoding=encoding)
+        for at, (name, table) in enumerate(tables.items()):
+            table.to_netcdf(
+                temporary,
+                mode="a" if at else "w",
+                group=name or None,
+                engine="netcdf4",
+                encoding=_compressed(table),
+            )
 
 
 def _compressed(table: xr.Dataset) -> dict[str, dict[str, Any]]:

@@ -75,9 +75,9 @@ RESIDUAL_HEADER = (
 )
 
 GAIN_RESIDUAL = """\
-Clean spectra of medium counts lie {clean:+.1f} nats off their own line, those with a gain {gain:+.1f}: {left:+.1f}
-± {error:.1f} of it are the gain's, where the study's four spectra have {theirs:+.0f}. The line's residual is its
-own: {line:+.0f} and {bright:+.0f} nats at the two levels."""
+Clean spectra of medium counts lie {clean:+.1f} nats off their own line, those with a gain {gain:+.1f}:
+{left:+.1f} ± {error:.1f} of it are the gain's, where the study's four spectra have {theirs:+.0f}. The line's
+residual is its own: {line:+.0f} and {bright:+.0f} nats at the two levels."""
 
 TIME = """\
 **Time.** Nested sampling took the study {theirs} times as long as 2,000 draws of its flow. Side by side in

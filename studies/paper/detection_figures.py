@@ -1,4 +1,4 @@
-"""Figures of the detection grids: AUCs cell by cell, and one response beside the other."""
+"""Figures of the detection grids: AUCs cell by cell, ROC curves, and one response beside the other."""
 
 from __future__ import annotations
 
@@ -113,4 +113,31 @@ def responses_figure(pyplot: Any, tables: Mapping[str, xr.Dataset]) -> Any:
     right.set_xlabel("energy, keV; dotted: the line")
     right.set_ylabel("effective area, cm$^2$")
     right.legend(frameon=False)
+    return figure
+
+
+FAMILY_COLOUR = {"B1": BLUE, "B2": "#5a9367", "B3": "#7a5aa6", "B4": ORANGE}
+
+
+def roc_figure(pyplot: Any, tables: Mapping[str, xr.Dataset]) -> Any:
+    """ROC curves of the strongest change of every family by level, of the first training.
+
+    Solid that detector of single spectra with the larger area, dotted D3, which compares populations.
+    """
+    table = tables["detection"].sel(response="epic-pn")
+    figure, axes = pyplot.subplots(1, len(LEVELS), figsize=(7.5, 2.9), sharey=True, layout="constrained")
+    for axis, level in zip(axes, LEVELS, strict=True):
+        axis.plot([0, 1], [0, 1], color="#8a8a8a", lw=0.8)
+        for family in FAMILIES:
+            here = table.sel(level=level, family=family)
+            curve, area = here["roc"], here["auc"].isel(strength=-1)
+            best = max(DETECTORS[:2], key=lambda name, area=area: float(area.sel(detector=name)))
+            for detector, style in ((best, "-"), (DETECTORS[2], ":")):
+                said = f"{family}, {best}: {float(area.sel(detector=best)):.2f}" if style == "-" else None
+                values = curve.sel(detector=detector).values
+                axis.plot(curve["share"].values, values, style, color=FAMILY_COLOUR[family], lw=1, label=said)
+        axis.set_title(level, fontsize=8)
+        axis.set_xlabel("clean spectra that are called suspicious")
+        axis.legend(frameon=False, fontsize=6, loc="lower right")
+    axes[0].set_ylabel("suspicious ones that are")
     return figure

@@ -15,7 +15,7 @@ from gaugeblock.core.arrays import Array
 from studies.kit import plots
 from studies.kit.plots import BLUE, GREY, ORANGE
 from studies.paper.claim import Claim, Counted, Kind
-from studies.paper.detection_figures import LEVEL_COLOUR, grid_figure, responses_figure
+from studies.paper.detection_figures import LEVEL_COLOUR, grid_figure, responses_figure, roc_figure
 from studies.paper.experiments.arithmetic import GAIN_PRIOR_SD
 from studies.paper.experiments.importance import BOTH, SETS, SUB, SWEEP
 from studies.paper.experiments.importance import FAMILIES as FAMILY_KINDS
@@ -310,6 +310,12 @@ FIGURES: tuple[tuple[tuple[str, ...], str, str, Callable[[Any, Mapping[str, xr.D
     (("importance",), "importance", "Effective sample size: a gain and a line", importance_figure),
     (("detection",), "grid-epic-pn", f"Detection grid, EPIC-pn: {BESIDE}", partial(grid_figure, "epic-pn")),
     (("detection_nicer",), "grid-nicer", f"Detection grid, NICER: {BESIDE}", partial(grid_figure, "nicer")),
+    (
+        ("detection",),
+        "roc",
+        "ROC of the strongest change, EPIC-pn: the better detector of single spectra, and D3 (dotted)",
+        roc_figure,
+    ),
     (
         ("setup", "detection", "detection_nicer"),
         "responses",

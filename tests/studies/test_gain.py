@@ -11,8 +11,8 @@ from gaugeblock.simulators import Effect
 pytest.importorskip("jaxspec")
 from studies.gain import amplitudes
 from studies.gain import document as page
-from studies.gain.models import SETS, TabulatedShared, bright, table
-from studies.gain.pools import CHUNK, TEMPLATES, GainPool, draw, pools, scored
+from studies.gain.models import EXACT, JAXSPEC, SETS, TabulatedShared, free, table
+from studies.gain.pools import CHUNK, TEMPLATES, GainPool, pools, scored
 from studies.gain.table import cases, catalogues, orthogonal, summary
 from studies.gain.whole import profiled, sources_of
 from studies.kit.results import DOCS, RESULTS, read
@@ -49,12 +49,12 @@ def test_the_table_agrees_with_the_simulator(name, values, effect):
     if effect is not None:
         simulator = simulator.with_effect(effect)
     theta = simulator.prior.sample(50, np.random.default_rng(0))
-    made = table("jaxspec", name, *values)
+    made = table(JAXSPEC, name, *values)
     np.testing.assert_allclose(made.expected(theta), simulator.expected(theta), rtol=2e-5)
     exact = simulator.jacobian(theta[:5])
     size = np.abs(exact).max(axis=1, keepdims=True)
     assert (np.abs(made.jacobian(theta[:5]) - exact) / size).max() < 1e-4
-    assert made.prior.names == bright("jaxspec").prior.names
+    assert made.prior.names == free(JAXSPEC).prior.names
 
 
 def test_a_shift_stands_out_and_its_absence_does_not(made):
@@ -84,7 +84,7 @@ def test_intervals_of_many_catalogues_are_counted(monkeypatch, tmp_path):
     seen = []
 
     def profile(pool, name, size, seed, catalogue):
-        assert (pool.hidden, pool.integration, pool.number, size, seed) == (name, "exact", 4 * 7, 7, 5)
+        assert (pool.hidden, pool.spectrum, pool.number, size, seed) == (name, EXACT, 4 * 7, 7, 5)
         seen.append((pool.name, catalogue))
         truth = pool.value - 1.0
         pull = {"published_gain_1.03": 2.0, "published_gain_0.97": 9.0}.get(pool.name[7:], 1.0)
@@ -115,8 +115,8 @@ def test_intervals_of_many_catalogues_are_counted(monkeypatch, tmp_path):
 def test_spectra_are_the_same_whoever_draws_them():
     pool = SMALL[1]
     sources = sources_of(pool, 20, SEED, catalogue=1)
-    np.testing.assert_array_equal(sources.counts, draw(pool, 0, SEED)[1][20:40])
-    assert not np.array_equal(draw(pool, 0, SEED)[1], draw(pool, 0, SEED + 1)[1])
+    np.testing.assert_array_equal(sources.counts, pool.draw(0, SEED)[1][20:40])
+    assert not np.array_equal(pool.draw(0, SEED)[1], pool.draw(0, SEED + 1)[1])
 
 
 def test_catalogues_are_disjoint_first():
@@ -142,7 +142,7 @@ def test_templates_are_changes_by_unit_amplitude():
     theta = shared.base.prior.sample(4, np.random.default_rng(1))
     one = np.ones(4)
     template = shared.templates(theta, shared.neutral, one, 0 * one)[:, 0]
-    change = table("jaxspec", "gain_slope", 1.005).expected(theta) - shared.base.expected(theta)
+    change = table(JAXSPEC, "gain_slope", 1.005).expected(theta) - shared.base.expected(theta)
     assert np.abs(template * 0.005 - change).max() < 0.1 * np.abs(change).max()
 
 

@@ -132,6 +132,6 @@ def test_what_the_page_says_of_them():
     (row,) = (line for line in text.splitlines() if line.startswith("| clean bright"))
     assert row.split("|")[2].strip() == ""
     left = said["B4 medium"]["all"] - said["clean medium"]["all"]
-    assert f"gain {said['B4 medium']['all']:+.1f}: {left:+.1f}\n± " in text
+    assert f"gain {said['B4 medium']['all']:+.1f}:\n{left:+.1f} ± " in text
     assert "spectra have +13." in text
     assert f"{said['B1 medium']['all']:+.0f} and {said['B1 bright']['all']:+.0f} nats" in text

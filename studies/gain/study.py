@@ -1,0 +1,70 @@
+"""All tables of pools of spectra: catalogues and their null, profiles, schemes beside them, limits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+import xarray as xr
+
+from studies.gain.document import headline
+from studies.gain.limits import limits
+from studies.gain.pools import GainPool, scored
+from studies.gain.schemes import compare
+from studies.gain.table import CATALOGUES, cases, summary
+from studies.gain.whole import as_dataset, marginalised, profiled
+from studies.kit.resume import Pieces
+
+PROFILED = 10
+"""Catalogues of a case whose amplitude is profiled, where a pool has so many."""
+
+NUMBER, PAIRS = 300, 100
+"""Spectra, clean and shifted each, that every published scheme sees, and pairs for the evidence."""
+
+
+def study(
+    planned: Mapping[str, GainPool],
+    pieces: Pieces,
+    *,
+    seed: int,
+    share: float = 1.0,
+    number: int = CATALOGUES,
+    profiles: int = PROFILED,
+) -> dict[str, xr.Dataset]:
+    """All tables by group, of cases that the pools have spectra for; at most so many `profiles` of each."""
+    done = {name: scored(pool, pieces, seed=seed) for name, pool in planned.items()}
+    sums = summary(done, planned, share=share, number=number, seed=seed)
+    count = max(20, round(NUMBER * min(1.0, share)))
+    compared = partial(_compared, number=count, pairs=max(8, count * PAIRS // NUMBER), seed=seed)
+    wanted, marginals, schemes = {}, {}, {}
+    for case in (case for case in cases(share) if case.known(planned)):
+        hidden, clean = case.pool(planned), case.clean(planned)
+        for k in range(min(profiles, max(1, hidden.number // case.size))):
+            make = partial(profiled, hidden, case.hidden, case.size, seed, k)
+            wanted[f"{case.label}, catalogue {k + 1}"] = make
+        if hidden.marginal:
+            marginals[case.label] = partial(marginalised, hidden, case.size, seed)
+            marginals[f"{case.size} {case.level}, no gain"] = partial(marginalised, clean, case.size, seed)
+        if not case.small:
+            schemes[case.label] = partial(compared, clean, hidden)
+
+    def made(kind: str, makers: Mapping[str, Any]) -> dict[str, Any]:
+        found = pieces.made({f"{kind}, {label}": make for label, make in makers.items()}, kind=kind)
+        return dict(zip(makers, found.values(), strict=True))
+
+    tables = {label: xr.Dataset.from_dict(found) for label, found in made("schemes", schemes).items()}
+    beside = xr.concat(tables.values(), dim="case").assign_coords(case=list(tables))
+    return {
+        "": sums,
+        "profiles": as_dataset(made("profile", wanted)),
+        "marginal": as_dataset(made("marginal", marginals)),
+        "schemes": beside,
+        "limits": limits(done["bright_clean"]),
+        "headline": headline(sums, beside),
+    }
+
+
+def _compared(*pools: Any, **options: Any) -> dict[str, Any]:
+    plain: dict[str, Any] = compare(*pools, **options).to_dict()
+    return plain

@@ -1,0 +1,309 @@
+"""A gain planted in thinned copies of a measured spectrum: the schemes and the shared scores on real counts.
+
+    python -m studies gain-thinned FOLDER   # FOLDER has nicer_unbinned.pha, nicer.rmf.gz and nicer.arf
+    python -m studies gain-thinned --page   # docs/gain.md of results/gain-thinned.nc; runs nothing
+
+One long observation is divided into many short ones; no count is in two of them. So copies are Poisson counts
+of a real source in a real detector, whose area and gain nobody knows to a per cent. They share one source:
+what its model lacks is the same in all, and adds up over a catalogue.
+
+The physical slope moves counts from channel to channel, without any model. The published form cannot be
+planted so: what the response would have changed is put in by thinning, as the best fit of the whole
+observation says. Which count goes where is drawn from the digest of the commit that is measured.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+import studies.gain
+from gaugeblock import discovery, simulators
+from gaugeblock.core.arrays import Array
+from gaugeblock.core.digest import file_digest
+from gaugeblock.core.errors import InputError
+from gaugeblock.core.progress import Bars
+from gaugeblock.discovery.fitting import fit
+from gaugeblock.discovery.held_out import deviance
+from gaugeblock.simulators.marginals import LogUniform, Uniform
+from gaugeblock.simulators.prior import Prior
+from gaugeblock.simulators.xray.observation import Observation, read_observation
+from studies.gain.document import catalogues_table, schemes_table
+from studies.gain.models import Spectrum
+from studies.gain.pools import CHUNK, GainPool, simulator_of
+from studies.gain.study import study
+from studies.gain.table import CATALOGUES
+from studies.kit.command import carried_out, given_folder, of_a_commit
+from studies.kit.commit import ROOT, committed, seed_of
+from studies.kit.page import fill
+from studies.kit.results import measured_commit, read, record, write
+from studies.kit.resume import Pieces, code_of, stream
+
+NAME = "studies gain-thinned"
+FILES = ("nicer_unbinned.pha", "nicer.rmf.gz", "nicer.arf")
+MODEL, BAND = "tbabs*(powerlaw+bbodyrad)", (0.5, 10.0)
+PRIOR = {
+    "tbabs_1.nh": Uniform(0.01, 0.6),
+    "powerlaw_1.alpha": Uniform(1.0, 3.0),
+    "powerlaw_1.norm": LogUniform(0.5, 50.0),
+    "blackbodyrad_1.kT": LogUniform(0.1, 1.5),
+    "blackbodyrad_1.norm": LogUniform(1e2, 1e7),
+}
+BRIGHT = 1e4
+"""Counts of a bright copy."""
+
+CLEAN, SHIFTED = {"bright": 2500, "medium": 4000}, {"bright": 1000, "medium": 2000}
+"""Copies without a gain, five and four catalogues, and of each that is planted, two of either level."""
+
+GAINS = tuple((name, value) for name in ("published_gain", "gain_slope") for value in (1.03, 0.97))
+
+Counts = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Measured(Spectrum):
+    """A measured spectrum of a folder, exposed as long as it takes to collect a bright copy's counts."""
+
+    folder: Path = Path()
+
+    @property
+    def simulator(self) -> Any:
+        """Of a bright copy."""
+        whole = _observation(self.folder)
+        return whole.simulator.with_exposure(whole.simulator.exposure * share(self.folder))
+
+
+@cache
+def _observation(folder: Path) -> Observation:
+    pha, rmf, arf = (folder / name for name in FILES)
+    return read_observation(
+        pha, model=MODEL, priors=Prior(PRIOR), rmf=rmf, arf=arf, band=BAND, regroup="always"
+    )
+
+
+@cache
+def share(folder: Path) -> float:
+    """Of the whole exposure: what a bright copy takes."""
+    return float(BRIGHT / _observation(folder).counts.sum())
+
+
+@cache
+def recorded(folder: Path) -> Counts:
+    """Counts by detector channel, by astropy alone; all channels of the response are there.
+
+    Raises
+    ------
+    InputError
+        If they are not the counts that were read with the response.
+    """
+    from astropy.io import fits
+
+    with fits.open(folder / FILES[0]) as file:
+        counts = np.asarray(file["SPECTRUM"].data["COUNTS"], dtype=np.int64)
+    whole = _observation(folder)
+    if not np.array_equal(whole.simulator.response.grouping @ counts, whole.counts[0]):
+        raise InputError(f"{folder / FILES[0]}: channels are left out; a spectrum of all channels is needed")
+    return counts
+
+
+@cache
+def best_fit(folder: Path) -> Array:
+    """Parameters of the whole observation."""
+    whole = _observation(folder)
+    return fit(whole.simulator, whole.counts).theta[0]
+
+
+@cache
+def change(folder: Path, name: str, value: float) -> Array:
+    """By how much a gain would have changed each bin, in the best fit of the whole observation."""
+    spectrum, theta = Measured(folder=folder), best_fit(folder)
+    with_gain = simulator_of(spectrum, name, value).expected(theta)
+    return np.asarray(with_gain / spectrum.simulator.expected(theta))
+
+
+Lots = tuple[tuple[str, float], ...]
+"""Names and shares of the exposure, of what an observation is divided into."""
+
+
+@cache
+def divided(folder: Path, lots: Lots, seed: int) -> dict[str, Counts]:
+    """Counts by detector channel of every lot: each recorded count lies in one at most.
+
+    Raises
+    ------
+    InputError
+        If the lots are more than the observation.
+    """
+    shares = np.array([size for _, size in lots])
+    if shares.sum() > 1:
+        raise InputError(f"{folder}: too few counts; {shares.sum():.1f} times as many are needed")
+    rng = np.random.default_rng(stream(seed, "lots"))
+    parts = rng.multinomial(recorded(folder), [*shares, 1 - shares.sum()]).T
+    return {name: part for (name, _), part in zip(lots, parts, strict=False)}
+
+
+def moved(counts: Counts, edges: Array, slope: float, rng: np.random.Generator) -> Counts:
+    """Counts recorded at energies that are off by a factor; each lay anywhere in its channel.
+
+    `edges` ``(channel, 2)`` in keV, one channel next to the other; what leaves all channels is lost.
+    """
+    low, high = edges.T
+    found = np.zeros_like(counts)
+    for channel in np.flatnonzero(counts):
+        start, stop = slope * low[channel], slope * high[channel]
+        into = np.flatnonzero((high > start) & (low < stop))
+        held = (np.minimum(high[into], stop) - np.maximum(low[into], start)) / (stop - start)
+        held = np.maximum(held, 0.0) / max(1.0, held.sum())
+        found[into] += rng.multinomial(counts[channel], [*held, max(0.0, 1 - held.sum())])[:-1]
+    return found
+
+
+@dataclass(frozen=True)
+class ThinnedPool(GainPool):
+    """Copies of a measured spectrum, at least as many as the schemes look at."""
+
+    spectrum: Measured = Measured()
+    lots: Lots = ()
+
+    @property
+    def copies(self) -> int:
+        """How many there are; `number` of them are scored."""
+        return max(self.number, CHUNK if self.hidden else 3 * CHUNK)
+
+    @property
+    def flow(self) -> str:
+        """None was trained on such spectra."""
+        return ""
+
+    @property
+    def kept(self) -> Array | None:
+        """Share of its counts that each bin keeps, where a gain is planted by thinning."""
+        if self.hidden != "published_gain":
+            return None
+        changed = change(self.spectrum.folder, self.hidden, self.value)
+        return np.asarray(changed / changed.max())
+
+    @property
+    def size(self) -> float:
+        """The share of the exposure that all copies take."""
+        lost = 1.0 if self.kept is None else 1 / change(self.spectrum.folder, self.hidden, self.value).max()
+        return self.copies * self.scale * share(self.spectrum.folder) / lost
+
+    def draw(self, chunk: int, seed: int) -> tuple[Array, Array]:
+        """The best fit of all, and counts of one chunk of copies."""
+        counts = _copies(self, seed)[chunk * CHUNK : (chunk + 1) * CHUNK].astype(float)
+        return np.tile(best_fit(self.spectrum.folder), (len(counts), 1)), counts
+
+    def again(self, theta: Array, seed: int, _rng: np.random.Generator) -> Array:
+        """Copies of a chunk that nothing else looks at."""
+        return self.draw(2, seed)[1][: len(theta)]
+
+
+@cache
+def _copies(pool: ThinnedPool, seed: int) -> Counts:
+    """All copies ``(copy, bin)`` of a pool, with its gain."""
+    rng = np.random.default_rng(stream(seed, "copies", pool.name))
+    counts = divided(pool.spectrum.folder, pool.lots, seed)[pool.name]
+    response = pool.spectrum.simulator.response
+    if pool.hidden == "gain_slope":
+        counts = moved(counts, response.fine_channels, pool.value, rng)
+    binned = np.rint(response.grouping @ counts).astype(np.int64)
+    if pool.kept is not None:
+        binned = rng.binomial(binned, pool.kept)
+    return np.asarray(rng.multinomial(binned, np.full(pool.copies, 1 / pool.copies)).T)
+
+
+def planned(folder: Path, *, part: float = 1.0) -> dict[str, GainPool]:
+    """All pools by name; `part` makes them smaller, for tests."""
+    wanted = [("", 0.0, CLEAN), *((*gain, SHIFTED) for gain in GAINS)]
+    pools = [
+        ThinnedPool(level, name, value, max(2, round(number[level] * part)), spectrum=Measured(folder=folder))
+        for level in CLEAN
+        for name, value, number in wanted
+    ]
+    lots = tuple((pool.name, pool.size) for pool in pools)
+    return {pool.name: replace(pool, lots=lots) for pool in pools}
+
+
+def described(pool: GainPool, folder: Path, seed: int) -> xr.Dataset:
+    """How well the model describes the whole observation, and copies: deviance per bin."""
+    whole, copies = _observation(folder), pool.draw(0, seed)[1]
+    of_copies = pool.model.expected(fit(pool.model, copies).theta)
+    return xr.Dataset(
+        {
+            "counts": ((), whole.counts.sum()),
+            "bins": ((), whole.counts.shape[1]),
+            "deviance": ((), deviance(whole.counts[0], whole.simulator.expected(best_fit(folder)))),
+            "of_copies": ("copy", deviance(copies, of_copies)),
+        }
+    )
+
+
+DESCRIBED = """\
+{counts:,} counts in {bins} bins. The model, its five parameters free, describes each copy (deviance per
+bin {copies:.2f} on average) and not the whole ({whole:.0f})."""
+
+
+def shown(groups: dict[str, xr.Dataset]) -> dict[str, str]:
+    """The page's tables, by name."""
+    made, of = groups[""], groups["described"]
+    said = DESCRIBED.format(
+        counts=int(of["counts"]),
+        bins=int(of["bins"]),
+        copies=float(of["of_copies"].mean()),
+        whole=float(of["deviance"]),
+    )
+    return {
+        "thinned": f"{said} {measured_commit(made)}",
+        "thinned schemes": schemes_table(groups["schemes"], made),
+        "thinned catalogues": catalogues_table(made),
+    }
+
+
+def run(chosen: argparse.Namespace, command: str) -> None:
+    """Divide, plant, score, and keep the tables."""
+    if chosen.folder is None:
+        raise InputError(f"FOLDER: name one with {', '.join(FILES)}")
+    commit = committed(ROOT, chosen.commit)
+    seed = seed_of("gain-thinned", commit) if chosen.generator_seed is None else chosen.generator_seed
+    key = {
+        "seed": str(seed), "code": code_of(discovery, simulators, studies.gain),
+        "files": [file_digest(chosen.folder / name) for name in FILES],
+    }  # fmt: skip
+    with Bars() as bars:
+        pieces = Pieces(
+            chosen.work or chosen.out / "checkpoints", key, "gain-thinned", bars.show, chosen.workers
+        )
+        pools = planned(chosen.folder, part=chosen.part)
+        groups = study(pools, pieces, seed=seed, share=chosen.part, number=chosen.catalogues, profiles=0)
+    groups["described"] = described(pools["bright_clean"], chosen.folder, seed)
+    attributes = record(command, chosen.seed, commit=commit, generator_seed=str(seed))
+    kept = groups | {"": groups[""].assign_attrs(attributes)}
+    write(kept, chosen.out / "gain-thinned.nc")
+    sys.stdout.write("\n\n".join(shown(kept).values()) + "\n")
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run it, or make the page of what is stored."""
+    options = of_a_commit(NAME, __doc__, folder=f"with {', '.join(FILES)}")
+    options.add_argument("--part", type=float, default=1.0, help="of every pool and catalogue")
+    options.add_argument("--catalogues", type=int, default=CATALOGUES, help="effect-free ones, for each null")
+    chosen = options.parse_args(arguments)
+    if chosen.page:
+        names = ("", "schemes", "described")
+        stored = {name: read(chosen.out / "gain-thinned.nc", name) for name in names}
+        return carried_out(partial(fill, chosen.docs / "gain.md", shown(stored)))
+    return carried_out(partial(run, chosen, given_folder(NAME, arguments, chosen.folder)))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
