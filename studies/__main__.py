@@ -17,6 +17,7 @@ NAMES = {
     "cures": "cures.__main__",
     "gain": "gain.__main__",
     "gain-amplitudes": "gain.amplitudes",
+    "gain-sweep": "gain.sweep",
     "gain-thinned": "gain.thinned",
     "paper": "paper.__main__",
     "discoveries": "discoveries",

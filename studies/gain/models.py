@@ -151,11 +151,12 @@ class Spectrum:
     """Whose spectra a pool has: of the reference model at bright counts, by a rule of integration."""
 
     integration: str = "jaxspec"
+    response: str = "epic-pn"
 
     @property
     def simulator(self) -> Any:
         """With five parameters, in the reference model's order."""
-        return reference(level="bright", integration=self.integration)
+        return reference(self.response, "bright", integration=self.integration)
 
 
 JAXSPEC, EXACT = Spectrum(), Spectrum("exact")

@@ -34,11 +34,12 @@ def study(
 ) -> dict[str, xr.Dataset]:
     """All tables by group, of cases that the pools have spectra for; at most so many `profiles` of each."""
     done = {name: scored(pool, pieces, seed=seed) for name, pool in planned.items()}
-    sums = summary(done, planned, share=share, number=number, seed=seed)
+    chosen = [case for case in cases(share) if case.known(planned)]
+    sums = summary(done, planned, chosen, number=number, seed=seed)
     count = max(20, round(NUMBER * min(1.0, share)))
     compared = partial(_compared, number=count, pairs=max(8, count * PAIRS // NUMBER), seed=seed)
     wanted, marginals, schemes = {}, {}, {}
-    for case in (case for case in cases(share) if case.known(planned)):
+    for case in chosen:
         hidden, clean = case.pool(planned), case.clean(planned)
         for k in range(min(profiles, max(1, hidden.number // case.size))):
             make = partial(profiled, hidden, case.hidden, case.size, seed, k)

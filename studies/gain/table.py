@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -136,20 +136,18 @@ def distribution(
 def summary(
     scored: Mapping[str, ScoredPool],
     pools: Mapping[str, GainPool],
+    wanted: Iterable[GainCase],
     *,
-    share: float = 1.0,
     number: int = CATALOGUES,
     seed: int = 0,
 ) -> xr.Dataset:
-    """Table ``(case, statistic)``: z and amplitude of hidden gains, and of effect-free catalogues.
+    """Table ``(case, statistic)`` of cases that have spectra: z and amplitude of gains, and their null.
 
     `z` is of the first catalogue, `z_mean` over all catalogues; `null_mean_error` says how well the pool's
     size lets the null's mean be known; `power` is the share of catalogues past `THRESHOLD` null sd.
     """
     rows: list[dict[str, Any]] = []
-    for case in cases(share):
-        if not case.known(pools):
-            continue
+    for case in (case for case in wanted if case.known(pools)):
         hidden, clean = case.pool(pools), case.clean(pools)
         for label, statistic in _statistics(case, scored[hidden.name]).items():
             with_marginal = label == "marginal"

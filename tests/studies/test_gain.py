@@ -148,7 +148,7 @@ def test_templates_are_changes_by_unit_amplitude():
 
 def test_the_summary_has_a_row_a_case(made):
     planned = {pool.name: pool for pool in SMALL}
-    found = summary(made, planned, share=0.04, number=20, seed=1)
+    found = summary(made, planned, cases(0.04), number=20, seed=1)
     assert found["statistic"].values.tolist() == list(SETS)
     assert found["case"].values.tolist() == ["20 bright, gain slope +3.0%"]
     assert (found["null_catalogues"] == 20).all()
