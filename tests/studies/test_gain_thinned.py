@@ -76,6 +76,14 @@ def test_copies_hold_the_counts_of_their_lot(pools):
     np.testing.assert_array_equal(pool.again(np.zeros((7, 5)), SEED, None), copies[2 * CHUNK :][:7])
 
 
+def test_pools_of_the_same_counts_are_thinned_otherwise(pools, monkeypatch):
+    same = dict.fromkeys(pools, np.full(len(recorded()), 3000))
+    monkeypatch.setattr(thinned, "divided", lambda *_: same)
+    one, other = (pools[f"{level}_clean"].draw(0, SEED + 1)[1] for level in ("bright", "medium"))
+    assert one.shape == other.shape
+    assert not np.array_equal(one, other)
+
+
 @pytest.mark.parametrize("value", [1.03, 0.97])
 def test_a_slope_moves_the_counts(pools, edges, value):
     """Against every count drawn at an energy of its own and put where that is, times the factor."""
