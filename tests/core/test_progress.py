@@ -111,6 +111,20 @@ def test_where_no_terminal_is_each_kind_begins_and_ends_once(monkeypatch: pytest
     ]  # fmt: skip
 
 
+def test_a_log_is_told_every_minute_how_far_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    stream, clock = Stream(False), iter((0.0, 30.0, 59.0, 60.5, 60.5, 120.0, 121.0, 121.0, 500.0))
+    monkeypatch.setattr(sys, "stderr", stream)
+    monkeypatch.setattr("gaugeblock.core.progress.time.monotonic", lambda: next(clock))
+    with Bars() as bars:
+        # At 0, 30, 59, 60.5, 120, 121 and 500 seconds; a line that is said looks at the clock again.
+        for done in (7, 8, 9, 1200, 1300, 1400, 4000):
+            bars.show("trials", done, 4000)
+    assert stream.getvalue().splitlines() == [
+        "trials: 4,000 to do, 7 of them done", "trials: 1,200 of 4,000", "trials: 1,400 of 4,000",
+        "trials: done",
+    ]  # fmt: skip
+
+
 def test_in_a_terminal_there_is_a_bar_for_each_kind(monkeypatch: pytest.MonkeyPatch) -> None:
     stream = Stream(True)
     monkeypatch.setattr(sys, "stderr", stream)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import TracebackType
@@ -60,8 +61,12 @@ class NotebookBars:
             self._lines[what] = display.display(line, display_id=True)
 
 
+SILENCE = 60.0
+"""Seconds after which a log is told how far it is."""
+
+
 class Bars:
-    """A bar per kind of work; on a stream that is no terminal, a line when each kind begins and ends.
+    """A bar per kind of work; on a stream that is no terminal a line when it begins, ends, and every minute.
 
     Use as a context manager and pass `show` as the progress callback ``(what, done, total)``.
     """
@@ -78,6 +83,7 @@ class Bars:
         )
         self._tasks: dict[str, TaskID] = {}
         self._ended: set[str] = set()
+        self._told = 0.0
 
     def __enter__(self) -> Bars:
         self._bars.start()
@@ -103,7 +109,14 @@ class Bars:
     def _line(self, what: str, done: int, total: int) -> None:
         if what not in self._tasks:
             self._tasks[what] = TaskID(0)
-            self._console.print(f"{what}: {total:,} to do", highlight=False)
+            so_far = f", {done:,} of them done" if 0 < done < total else ""
+            self._say(f"{what}: {total:,} to do{so_far}")
+        elif done < total and time.monotonic() - self._told >= SILENCE:
+            self._say(f"{what}: {done:,} of {total:,}")
         elif done >= total and what not in self._ended:
             self._ended.add(what)
-            self._console.print(f"{what}: done", highlight=False)
+            self._say(f"{what}: done")
+
+    def _say(self, line: str) -> None:
+        self._told = time.monotonic()
+        self._console.print(line, highlight=False)
