@@ -142,10 +142,12 @@ def _few(table: xr.Dataset, cell: str, rng: np.random.Generator) -> Array:
     return np.asarray(mine @ y - slope * (mine @ x) - intercept)
 
 
-def pulls(table: xr.Dataset) -> Array:
-    """Nested log evidences less exact ones in their errors by thread bootstrap, of all runs."""
+def pulls(table: xr.Dataset) -> dict[str, Array]:
+    """Nested log evidences less exact ones in their errors by thread bootstrap, of all runs by level."""
     known = np.isfinite(table["nested"].values)
-    return np.asarray(((table["nested"] - table["exact"]) / table["nested_error"]).values[known], dtype=float)
+    found = ((table["nested"] - table["exact"]) / table["nested_error"]).values[known]
+    level = np.array([cell.split()[1] for cell in table["cell"].values[known].tolist()])
+    return {name: found[level == name] for name in dict.fromkeys(level.tolist())}
 
 
 EXPERIMENT = Experiment(

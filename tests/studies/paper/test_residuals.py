@@ -108,17 +108,26 @@ def test_the_first_spectra_of_each_cell_are_the_runs(tmp_path, xray_data, monkey
 
 
 def test_pulls_are_of_runs_alone():
-    found = pulls(made(0.0))
-    assert len(found) == sum(RUNS.values()) == 76
-    assert found.std() == pytest.approx(1.0, abs=0.3)
+    table = made(0.0)
+    known = np.isfinite(table["nested"].values)
+    table["nested_error"] = table["nested_error"] / xr.where(table["cell"].str.endswith("bright"), 2.0, 1.0)
+    found = pulls(table)
+    assert {level: len(of) for level, of in found.items()} == {"faint": 25, "medium": 26, "bright": 25}
+    assert known.sum() == sum(RUNS.values()) == 76
+    assert found["medium"].std() == pytest.approx(1.0, abs=0.4)
+    assert found["bright"].std() == pytest.approx(2.0, abs=0.8)
 
 
 def test_what_the_page_says_of_them():
     table = made(20.0)
+    table["effective"] = xr.full_like(table["exact"], 200.0)
     said = summaries(table)
     text = "\n".join(past_the_paper({"residuals": table}))
     assert "76 runs of nested sampling" in text
-    assert f"rms pull of {np.sqrt(np.mean(pulls(table) ** 2)):.2f}" in text
+    of_medium = pulls(table)["medium"]
+    assert f" {np.sqrt(np.mean(of_medium**2)):.1f} (medium)" in text
+    own = np.sqrt(np.nanmean(1 / (table["effective"] * table["nested_error"] ** 2)))
+    assert f"own error is {own:.1f}:" in text
     (row,) = (line for line in text.splitlines() if line.startswith("| B1 medium"))
     cells = [cell.strip() for cell in row.strip("|").split("|")]
     of = said["B1 medium"]
