@@ -3,7 +3,7 @@
 A run's log evidence errs because prior volumes are known only statistically, by about sqrt(H / live points).
 Resampling whole threads with replacement gives the spread of everything that follows from the run (Higson et
 al. 2018, arXiv:1704.03459), with live points that vary too. It does not see a sampler that fails to draw from
-the prior above the contour: `insertion_order_test` does.
+the prior above the contour: `insertion_order_test` may, and runs repeated against a known evidence do.
 """
 
 from __future__ import annotations
