@@ -68,8 +68,8 @@ def _cell(sums: xr.Dataset, label: str, statistic: str) -> dict[str, float] | No
     return cell if np.isfinite(cell["z"]) else None
 
 
-def schemes_table(beside: xr.Dataset, sums: xr.Dataset) -> str:
-    """Scheme, statistic, null and what each case reads."""
+def schemes_table(beside: xr.Dataset, sums: xr.Dataset | None = None) -> str:
+    """Scheme, null and what each case reads; our statistics too, where `sums` has them."""
     labels = beside["case"].values.tolist()
     lines: list[tuple[str, ...]] = []
     for scheme in beside["scheme"].values.tolist():
@@ -80,7 +80,7 @@ def schemes_table(beside: xr.Dataset, sums: xr.Dataset) -> str:
             (scheme, f"{low:.{digits}f} to {high:.{digits}f}")
             + tuple(f"{float(v):.{digits}f}" for v in part["value"].values)
         )
-    for statistic, name in OURS.items():
+    for statistic, name in OURS.items() if sums is not None else ():
         known = [_cell(sums, label, statistic) for label in labels]
         nulls = [f"{cell['null_low']:+.1f} to {cell['null_high']:+.1f}" for cell in known if cell]
         cells = [f"**{cell['z']:+.1f}**" if cell else "" for cell in known]
