@@ -240,8 +240,8 @@ READ = """\
 Without a gain, scores alone are not centred on real counts: {clean}.
 What the response and the model have wrong looks like a gain, and would be called one; a free offset and areas
 known to a per cent take it up. Beside both, a planted slope lies more than 3 sd from clean copies in {slope}
-of {catalogues} bright catalogues, the published form in {published} of {catalogues}, with amplitudes (one step)
-of {amplitudes} where ±3 was planted."""
+of {catalogues} bright catalogues, the published form in {published} of {catalogues}; amplitudes (one step)
+are {amplitudes} where ±3 was planted."""
 
 
 def _read(made: xr.Dataset) -> str:

@@ -177,7 +177,7 @@ def test_what_is_read_off_the_table_is_in_it():
     assert f"in {seen['gain slope']} of 4 bright catalogues" in said
     assert f"the published form in {seen['published gain']} of 4" in said
     steps = ", ".join(f"{float(row[-2]):+.1f}" for row in free)
-    assert f"(one step) of {steps} where" in said
+    assert f"(one step) are {steps} where" in said
     for form in seen:
         alone, beside = (
             next(row for row in rows if form in row[0] and "bright" in row[0] and row[1] == name)[3].split(
