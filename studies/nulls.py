@@ -30,10 +30,9 @@ from gaugeblock import discovery, simulators
 from gaugeblock.core.progress import Bars
 from studies.hidden.instrument import Instrument, response
 from studies.hidden.spectrum import CrossSection, blackbody, gaussian, powerlaw
-from studies.kit.command import carried_out, given_folder, of_a_commit
-from studies.kit.commit import ROOT, committed, seed_of
+from studies.kit.command import carried_out, given_folder, of_a_commit, seeded
 from studies.kit.page import fill, table
-from studies.kit.results import clopper_pearson, measured_commit, read, record, write
+from studies.kit.results import clopper_pearson, measured_commit, read, write
 from studies.kit.resume import Pieces, code_of, stream
 from studies.kit.statements import said
 
@@ -353,8 +352,7 @@ def search(case: Case, counts: float, files: Files, rng: Rng, seed: int) -> dict
 
 def run(chosen: argparse.Namespace, command: str) -> None:
     """Every case once, a file each, and all of them as one table."""
-    commit = committed(ROOT, chosen.commit)
-    seed = seed_of("nulls", commit) if chosen.generator_seed is None else chosen.generator_seed
+    seed, attributes = seeded("nulls", chosen, command)
     wanted = {str(number): partial(searched, number, seed, chosen.folder) for number in range(chosen.each)}
     key = {"seed": str(seed), "code": code_of(discovery, simulators)}
     with Bars() as bars:
@@ -373,7 +371,7 @@ def run(chosen: argparse.Namespace, command: str) -> None:
         for stratum, one in enumerate(case)
     ]  # fmt: skip
     made = xr.Dataset({name: ("row", np.array([row[name] for row in rows])) for name in rows[0]})
-    made = made.assign_attrs(record(command, chosen.seed, commit=commit, generator_seed=str(seed)))
+    made = made.assign_attrs(attributes)
     write({"": made}, chosen.out / "nulls.nc")
     sys.stdout.write(shown(made) + "\n")
 

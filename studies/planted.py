@@ -35,10 +35,9 @@ from scipy import optimize, special
 from gaugeblock import discovery, simulators
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.progress import Bars
-from studies.kit.command import carried_out, given_folder, of_a_commit
-from studies.kit.commit import ROOT, committed, seed_of
+from studies.kit.command import carried_out, given_folder, of_a_commit, seeded
 from studies.kit.page import fill, table
-from studies.kit.results import clopper_pearson, measured_commit, read, record, write
+from studies.kit.results import clopper_pearson, measured_commit, read, write
 from studies.kit.resume import Pieces, code_of, stream
 from studies.measured import scored
 
@@ -366,8 +365,7 @@ def _there(statement: Mapping[str, Any], planted: Mapping[str, float]) -> bool:
 
 def run(chosen: argparse.Namespace, command: str) -> None:
     """Every case once, a file each, and all of them as one table."""
-    commit = committed(ROOT, chosen.commit)
-    seed = seed_of("planted", commit) if chosen.generator_seed is None else chosen.generator_seed
+    seed, attributes = seeded("planted", chosen, command)
     known = bases(chosen.folder)
     wanted = {
         f"{fault or 'control'}-{name}-{number}": partial(case, known[name], fault, number, seed)
@@ -382,7 +380,7 @@ def run(chosen: argparse.Namespace, command: str) -> None:
         found = pieces.made(wanted)
     rows = [_row(name, one) for name, one in found.items()]
     made = xr.Dataset({name: ("row", np.array([row[name] for row in rows])) for name in rows[0]})
-    made = made.assign_attrs(record(command, chosen.seed, commit=commit, generator_seed=str(seed)))
+    made = made.assign_attrs(attributes)
     write({"": made}, chosen.out / "planted.nc")
     sys.stdout.write(shown(made) + "\n")
 

@@ -25,10 +25,9 @@ from gaugeblock.core.progress import Bars
 from studies.gain.models import EXACT, GAINS
 from studies.gain.pools import GainPool
 from studies.gain.whole import profiled
-from studies.kit.command import carried_out, given, of_a_commit
-from studies.kit.commit import ROOT, committed, seed_of
+from studies.kit.command import carried_out, given, of_a_commit, seeded
 from studies.kit.page import fill, table
-from studies.kit.results import clopper_pearson, measured_commit, read, record, write
+from studies.kit.results import clopper_pearson, measured_commit, read, write
 from studies.kit.resume import Pieces, code_of
 
 NAME = "studies gain-amplitudes"
@@ -86,14 +85,13 @@ def _held(part: xr.Dataset) -> str:
 
 def run(chosen: argparse.Namespace, command: str) -> None:
     """Every catalogue once, a file each, and all of them as one table."""
-    commit = committed(ROOT, chosen.commit)
-    seed = seed_of("gain-amplitudes", commit) if chosen.generator_seed is None else chosen.generator_seed
+    seed, attributes = seeded("gain-amplitudes", chosen, command)
     key = {"seed": str(seed), "code": code_of(discovery, simulators, studies.gain), "sources": chosen.sources}
     with Bars() as bars:
         folder = chosen.work or chosen.out / "checkpoints"
         pieces = Pieces(folder, key, "gain-amplitudes", bars.show, chosen.workers)
         made = measured(seed, pieces, catalogues=chosen.catalogues, sources=chosen.sources)
-    made = made.assign_attrs(record(command, chosen.seed, commit=commit, generator_seed=str(seed)))
+    made = made.assign_attrs(attributes)
     write({"": made}, chosen.out / "gain-amplitudes.nc")
     sys.stdout.write(shown(made) + "\n")
 

@@ -22,10 +22,9 @@ from gaugeblock.core.progress import Bars
 from studies.gain.models import Spectrum
 from studies.gain.pools import GainPool, scored
 from studies.gain.table import CATALOGUES, GainCase, summary
-from studies.kit.command import carried_out, given, of_a_commit
-from studies.kit.commit import ROOT, committed, seed_of
+from studies.kit.command import carried_out, given, of_a_commit, seeded
 from studies.kit.page import fill, table
-from studies.kit.results import measured_commit, read, record, write
+from studies.kit.results import measured_commit, read, write
 from studies.kit.resume import Pieces, code_of
 
 NAME = "studies gain-sweep"
@@ -87,8 +86,7 @@ def _from_the_null(cell: xr.Dataset) -> str:
 
 def run(chosen: argparse.Namespace, command: str) -> None:
     """Simulate, score, and keep the tables."""
-    commit = committed(ROOT, chosen.commit)
-    seed = seed_of("gain-sweep", commit) if chosen.generator_seed is None else chosen.generator_seed
+    seed, attributes = seeded("gain-sweep", chosen, command)
     folder = chosen.work or chosen.out / "checkpoints"
     tables: dict[str, xr.Dataset] = {}
     with Bars() as bars:
@@ -96,7 +94,6 @@ def run(chosen: argparse.Namespace, command: str) -> None:
             key = {"seed": str(seed), "code": code_of(discovery, simulators, studies.gain), "by": response}
             pieces = Pieces(folder, key, f"gain-sweep-{response}", bars.show, chosen.workers)
             tables[response] = swept(response, pieces, seed=seed, part=chosen.part, number=chosen.catalogues)
-    attributes = record(command, chosen.seed, commit=commit, generator_seed=str(seed))
     tables = {"": xr.Dataset(attrs=attributes), **tables}
     write(tables, chosen.out / "gain-sweep.nc")
     sys.stdout.write(shown(tables) + "\n")

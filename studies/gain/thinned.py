@@ -41,10 +41,9 @@ from studies.gain.models import Spectrum
 from studies.gain.pools import CHUNK, GainPool, simulator_of
 from studies.gain.study import study
 from studies.gain.table import CATALOGUES
-from studies.kit.command import carried_out, given, of_a_commit
-from studies.kit.commit import ROOT, committed, seed_of
+from studies.kit.command import carried_out, given, of_a_commit, seeded
 from studies.kit.page import fill
-from studies.kit.results import measured_commit, read, record, write
+from studies.kit.results import measured_commit, read, write
 from studies.kit.resume import Pieces, code_of, stream
 
 NAME = "studies gain-thinned"
@@ -286,15 +285,13 @@ def shown(groups: dict[str, xr.Dataset]) -> dict[str, str]:
 
 def run(chosen: argparse.Namespace, command: str) -> None:
     """Divide, plant, score, and keep the tables."""
-    commit = committed(ROOT, chosen.commit)
-    seed = seed_of("gain-thinned", commit) if chosen.generator_seed is None else chosen.generator_seed
+    seed, attributes = seeded("gain-thinned", chosen, command)
     key = {"seed": str(seed), "code": code_of(discovery, simulators, studies.gain)}
     folder, pools = chosen.work or chosen.out / "checkpoints", planned(part=chosen.part)
     with Bars() as bars:
         pieces = Pieces(folder, key, "gain-thinned", bars.show, chosen.workers)
         groups = study(pools, pieces, seed=seed, share=chosen.part, number=chosen.catalogues, profiles=0)
     groups["described"] = described(pools["bright_clean"], seed)
-    attributes = record(command, chosen.seed, commit=commit, generator_seed=str(seed))
     groups[""] = groups[""].assign_attrs(attributes)
     write(groups, chosen.out / "gain-thinned.nc")
     sys.stdout.write("\n\n".join(shown(groups).values()) + "\n")

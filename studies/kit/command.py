@@ -7,9 +7,11 @@ import shlex
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from gaugeblock.core.errors import GaugeblockError
-from studies.kit.results import DOCS, RESULTS
+from studies.kit.commit import ROOT, committed, seed_of
+from studies.kit.results import DOCS, RESULTS, record
 
 SEED = 20260611
 PLACES = ("--folder", "--out", "--docs", "--work", "--repository")
@@ -35,6 +37,16 @@ def of_a_commit(name: str, says: str | None, *, folder: str = "") -> argparse.Ar
     made.add_argument("--generator-seed", type=int, help="in place of the one that the commit gives")
     made.add_argument("--page", action="store_true", help="only make the page of what is stored")
     return made
+
+
+def seeded(name: str, chosen: argparse.Namespace, command: str) -> tuple[int, dict[str, Any]]:
+    """The seed of a study's cases, of its commit or as it was given, and what is kept beside its tables.
+
+    `chosen` are options of `of_a_commit`.
+    """
+    commit = committed(ROOT, chosen.commit)
+    seed = seed_of(name, commit) if chosen.generator_seed is None else chosen.generator_seed
+    return seed, record(command, chosen.seed, commit=commit, generator_seed=str(seed))
 
 
 def given_folder(name: str, arguments: Sequence[str], folder: Path | None) -> str:
