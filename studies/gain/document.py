@@ -9,7 +9,7 @@ import xarray as xr
 
 from gaugeblock.core.atomic import write_atomically
 from gaugeblock.reports.discovery.gain import gain_headline
-from studies.gain.table import THRESHOLD
+from studies.gain.table import THRESHOLD, spread
 from studies.kit.page import fill
 from studies.kit.page import table as rows
 from studies.kit.results import command_of, read
@@ -65,6 +65,7 @@ def _cell(sums: xr.Dataset, label: str, statistic: str) -> dict[str, float] | No
     if label not in sums["case"].values or statistic not in sums["statistic"].values:
         return None
     cell = {str(name): float(sums[name].sel(case=label, statistic=statistic)) for name in sums}
+    cell["null_sd"] = spread(cell["null_sd"], cell["null_mean_error"] ** 2)
     return cell if np.isfinite(cell["z"]) else None
 
 

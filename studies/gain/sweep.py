@@ -66,22 +66,31 @@ BESIDE = {"alone": "z alone", "offset and area": "z beside offset and area"}
 
 
 def shown(tables: Mapping[str, xr.Dataset]) -> str:
-    """By form and size: z and the amplitude of one step, for each response."""
+    """By response and gain: z of catalogues, and the amplitude of one step beside offset and area.
+
+    Without a gain z is the mean of catalogues of the clean pool, with the error that its size leaves.
+    """
     rows = []
     for response, words in RESPONSES.items():
         made = tables[response]
-        for case in made["case"].values.tolist():
-            here, form = made.sel(case=case), case.split(", ")[1].rpartition(" ")[0]
-            free = here.sel(statistic="offset and area")
-            cells = [_from_the_null(here.sel(statistic=name)) for name in BESIDE]
-            amplitude = f"{100 * float(free['amplitude']):+.2f} ± {100 * float(free['standard_error']):.2f}"
-            rows.append((words, form, f"{100 * float(free['truth']):+.1f}", *cells, amplitude))
+        for form in dict.fromkeys(map(_form, made["case"].values.tolist())):
+            own = made.sel(case=[case for case in made["case"].values.tolist() if _form(case) == form])
+            first = own.isel(case=0)
+            error = float(first["null_mean_error"].max())
+            clean = [f"{float(first['null_mean'].sel(statistic=s)):+.1f} ± {error:.1f}" for s in BESIDE]
+            rows.append((words, form, "none", *clean, ""))
+            for case in own["case"].values.tolist():
+                here = own.sel(case=case)
+                free = here.sel(statistic="offset and area")
+                cells = [f"{float(here['z'].sel(statistic=s)):+.1f}" for s in BESIDE]
+                step = f"{100 * float(free['amplitude']):+.2f} ± {100 * float(free['standard_error']):.2f}"
+                rows.append((words, form, f"{100 * float(free['truth']):+.1f}", *cells, step))
     heads = ("response", "gain", "planted, %", *BESIDE.values(), "amplitude beside both, %")
     return f"{table(heads, rows)}\n\n{measured_commit(tables[''])}"
 
 
-def _from_the_null(cell: xr.Dataset) -> str:
-    return f"{float((cell['z'] - cell['null_mean']) / cell['null_sd']):+.1f}"
+def _form(case: str) -> str:
+    return case.split(", ")[1].rpartition(" ")[0]
 
 
 def run(chosen: argparse.Namespace, command: str) -> None:

@@ -238,32 +238,30 @@ bin {copies:.2f} on average) and not the whole ({whole:.0f})."""
 READ = """\
 Without a gain, scores alone are not centred on real counts: {clean}.
 What the response and the model have wrong looks like a gain, and would be called one; a free offset and areas
-known to a per cent take it up. Beside both, a planted slope lies more than 3 sd from clean copies in {slope}
-of {catalogues} bright catalogues, the published form in {published} of {catalogues}; amplitudes (one step)
-are {amplitudes} where ±3 was planted."""
+known to a per cent take it up. Beside both, z of what was planted is {planted} (means of two catalogues), its
+amplitude (one step) {amplitudes} where ±3 was planted."""
 
 
 def _read(made: xr.Dataset) -> str:
     """What bright catalogues say, without a gain and beside offset and area."""
     bright = made.sel(case=[case for case in made["case"].values.tolist() if "bright" in case])
     labels = bright["case"].values.tolist()
-    forms = {name: [label for label in labels if name in label] for name in ("published gain", "gain slope")}
-    null = {
-        name: [float(bright["null_mean"].sel(case=own[0], statistic=s)) for s in ("alone", "offset and area")]
-        for name, own in forms.items()
-    }
     free = bright.sel(statistic="offset and area")
-    seen = {name: free.sel(case=own) for name, own in forms.items()}
-    times = {name: round(float((part["power"] * part["catalogues"]).sum())) for name, part in seen.items()}
+    said = []
+    for form in ("published gain", "gain slope"):
+        null = bright["null_mean"].sel(case=next(label for label in labels if form in label))
+        alone, beside = (float(null.sel(statistic=name)) for name in ("alone", "offset and area"))
+        said.append(f"z of a {form} is {alone:+.1f} alone and {beside:+.1f} beside offset and area")
     return READ.format(
-        clean="; ".join(
-            f"z of a {name} is {alone:+.1f} alone and {beside:+.1f} beside offset and area"
-            for name, (alone, beside) in null.items()
-        ),
-        slope=times["gain slope"],
-        published=times["published gain"],
-        catalogues=round(float(seen["gain slope"]["catalogues"].sum())),
+        clean="; ".join(said),
+        planted=_listed(free["z_mean"].values, labels),
         amplitudes=", ".join(f"{100 * float(value):+.1f}" for value in free["amplitude_mean"].values),
+    )
+
+
+def _listed(values: Array, labels: Sequence[str]) -> str:
+    return ", ".join(
+        f"{value:+.1f} ({label.split(', ')[1]})" for value, label in zip(values, labels, strict=True)
     )
 
 

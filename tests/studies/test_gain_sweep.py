@@ -60,9 +60,9 @@ def made(z):
         **{name: (("case", "statistic"), np.zeros((1, 3))) for name in FIELDS},
         "z": (("case", "statistic"), np.array([z])),
         "null_mean": (("case", "statistic"), np.array([[0.5, 0.0, -1.0]])),
-        "null_sd": (("case", "statistic"), np.array([[2.0, 1.0, 0.5]])),
         "amplitude": (("case", "statistic"), np.array([[0.0, 0.0, 0.0031]])),
         "standard_error": (("case", "statistic"), np.array([[0.0, 0.0, 0.0004]])),
+        "null_mean_error": (("case", "statistic"), np.full((1, 3), 0.7)),
         "truth": (("case", "statistic"), np.full((1, 3), 0.003)),
     }
     coords = {"case": ["2000 bright, gain slope +0.3%"], "statistic": ["alone", "offset", "offset and area"]}
@@ -81,9 +81,12 @@ def test_the_command_keeps_and_tells_every_response(monkeypatch, tmp_path, capsy
     assert sweep.main(given) == 0
     assert asked == [("epic-pn", 5, 0.5, 9), ("nicer", 5, 0.5, 9)]
     printed = capsys.readouterr().out
-    rows = printed.splitlines()[2:4]
-    assert rows[0] == "| EPIC-pn | gain slope | +0.3 | +2.0 | +4.0 | +0.31 ± 0.04 |"
-    assert rows[1] == "| NICER | gain slope | +0.3 | +5.0 | +8.0 | +0.31 ± 0.04 |"
+    assert printed.splitlines()[2:6] == [
+        "| EPIC-pn | gain slope | none | +0.5 ± 0.7 | -1.0 ± 0.7 |  |",
+        "| EPIC-pn | gain slope | +0.3 | +4.5 | +1.0 | +0.31 ± 0.04 |",
+        "| NICER | gain slope | none | +0.5 ± 0.7 | -1.0 ± 0.7 |  |",
+        "| NICER | gain slope | +0.3 | +10.5 | +3.0 | +0.31 ± 0.04 |",
+    ]
     (tmp_path / "gain.md").write_text("<!-- sweep --><!-- /sweep -->\n")
     assert sweep.main(["--page", "--out", str(tmp_path), "--docs", str(tmp_path)]) == 0
     assert printed.strip() in (tmp_path / "gain.md").read_text()
