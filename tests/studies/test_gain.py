@@ -9,11 +9,11 @@ import xarray as xr
 from gaugeblock.simulators import Effect
 
 pytest.importorskip("jaxspec")
-from studies.gain import amplitudes
+from studies.gain import amplitudes, schemes
 from studies.gain import document as page
 from studies.gain.models import EXACT, JAXSPEC, SETS, TabulatedShared, free, table
 from studies.gain.pools import CHUNK, TEMPLATES, GainPool, pools, scored
-from studies.gain.table import cases, catalogues, orthogonal, summary
+from studies.gain.table import cases, catalogues, orthogonal, spread, summary
 from studies.gain.whole import profiled, sources_of
 from studies.kit.results import DOCS, RESULTS, read
 from studies.kit.resume import Pieces
@@ -117,6 +117,56 @@ def test_spectra_are_the_same_whoever_draws_them():
     sources = sources_of(pool, 20, SEED, catalogue=1)
     np.testing.assert_array_equal(sources.counts, pool.draw(0, SEED)[1][20:40])
     assert not np.array_equal(pool.draw(0, SEED)[1], pool.draw(0, SEED + 1)[1])
+
+
+def test_clean_spectra_of_the_same_sources_are_had_again():
+    pool = SMALL[1]
+    theta, counts = pool.draw(0, SEED)
+    again = pool.again(theta[:40], SEED, np.random.default_rng(1))
+    expected = reference(level="bright").expected(theta[:40])
+    pulls = (again - expected).sum(axis=1) / np.sqrt(expected.sum(axis=1))
+    assert again.shape == (40, counts.shape[1])
+    assert (pulls**2).sum() == pytest.approx(40, abs=5 * np.sqrt(80))
+    assert not np.array_equal(again, counts[:40])
+
+
+def test_paired_evidence_is_what_counts_do_not_carry():
+    """Differences of 1.5 nats at equal counts, beside 40 for every unit of the log ratio of counts."""
+    rng = np.random.default_rng(4)
+    partner, counts = rng.poisson(50.0, (2, 200, 30)).astype(float)
+    ratio = np.log(counts.sum(axis=1) / partner.sum(axis=1))
+    noise = rng.normal(size=200)
+    seen, clean = (
+        schemes.Read(np.empty(0), np.empty(0), np.empty(0), evidence)
+        for evidence in (np.append(7.0 + 1.5 + 40 * ratio + noise, np.zeros(9)), np.full(200, 7.0))
+    )
+    value, low, high = schemes._paired(partner, counts, seen, clean)
+    assert value == pytest.approx(1.5, abs=4 / np.sqrt(200))
+    assert high == -low == pytest.approx(1.96 / np.sqrt(200), rel=0.2)
+
+
+def test_a_pool_with_a_flow_is_read_by_it(monkeypatch):
+    asked = []
+    for name in ("_by_flow", "_by_fit"):
+        monkeypatch.setattr(schemes, name, lambda *_, name=name: asked.append(name))
+    for level in ("medium", "bright"):
+        schemes.read(np.zeros((1, 3)), GainPool(level, "", 0.0, 10), np.random.default_rng(0))
+    assert asked == ["_by_flow", "_by_fit"]
+    assert [GainPool(level, "", 0.0, 1).flow for level in ("medium", "bright")] == [
+        "shipped:epic-pn-medium",
+        "",
+    ]
+
+
+def test_a_null_of_resampled_catalogues_is_widened_by_what_they_share():
+    """Of 4,000 numbers means of 1,000, drawn without replacement: as told, fresh ones scatter by more."""
+    rng = np.random.default_rng(2)
+    values = rng.normal(size=4000)
+    means = [values[rows].mean() for rows in catalogues(1000, 4000, 2000, rng)]
+    assert spread(np.std(means) * np.sqrt(1000), 0.25) == pytest.approx(values.std(), rel=0.06)
+    assert np.std(means) * np.sqrt(1000) < 0.93 * values.std()
+    few = [values[:400][rows].mean() for rows in catalogues(300, 400, 2000, rng)]
+    assert spread(np.std(few) * np.sqrt(300), 0.75) == pytest.approx(values[:400].std(), rel=0.1)
 
 
 def test_catalogues_are_disjoint_first():
