@@ -13,7 +13,7 @@ from studies.gain import amplitudes, schemes
 from studies.gain import document as page
 from studies.gain.models import EXACT, JAXSPEC, SETS, TabulatedShared, free, table
 from studies.gain.pools import CHUNK, TEMPLATES, GainPool, pools, scored
-from studies.gain.table import cases, catalogues, orthogonal, spread, summary
+from studies.gain.table import FIELDS, GainCase, _row, cases, catalogues, orthogonal, spread, summary
 from studies.gain.whole import profiled, sources_of
 from studies.kit.results import DOCS, RESULTS, read
 from studies.kit.resume import Pieces
@@ -135,14 +135,14 @@ def test_paired_evidence_is_what_counts_do_not_carry():
     rng = np.random.default_rng(4)
     partner, counts = rng.poisson(50.0, (2, 200, 30)).astype(float)
     ratio = np.log(counts.sum(axis=1) / partner.sum(axis=1))
-    noise = rng.normal(size=200)
+    noise = 2 * rng.normal(size=200)
     seen, clean = (
         schemes.Read(np.empty(0), np.empty(0), np.empty(0), evidence)
         for evidence in (np.append(7.0 + 1.5 + 40 * ratio + noise, np.zeros(9)), np.full(200, 7.0))
     )
     value, low, high = schemes._paired(partner, counts, seen, clean)
-    assert value == pytest.approx(1.5, abs=4 / np.sqrt(200))
-    assert high == -low == pytest.approx(1.96 / np.sqrt(200), rel=0.2)
+    assert value == pytest.approx(1.5, abs=8 / np.sqrt(200))
+    assert high == -low == pytest.approx(2 * 1.96 / np.sqrt(200), rel=0.2)
 
 
 def test_a_pool_with_a_flow_is_read_by_it(monkeypatch):
@@ -167,6 +167,15 @@ def test_a_null_of_resampled_catalogues_is_widened_by_what_they_share():
     assert np.std(means) * np.sqrt(1000) < 0.93 * values.std()
     few = [values[:400][rows].mean() for rows in catalogues(300, 400, 2000, rng)]
     assert spread(np.std(few) * np.sqrt(300), 0.75) == pytest.approx(values[:400].std(), rel=0.1)
+
+
+def test_seen_is_what_lies_beyond_three_of_the_widened_sd():
+    """A null of mean 1 and sd 0.6, of catalogues that are 0.36 of their pool: three sd are 2.25."""
+    null = {"z": 1 + 0.6 * np.array([-1.0, 1.0]) / np.sqrt(2)}
+    found = {name: np.zeros(4) for name in FIELDS} | {"z": np.array([-1.3, 3.1, 3.3, 2.0])}
+    row = _row(GainCase("bright", "gain_slope", 1.03, 36), "alone", null, found, 100)
+    assert row["null_sd"] == pytest.approx(0.6)
+    assert row["power"] == 0.5
 
 
 def test_catalogues_are_disjoint_first():
