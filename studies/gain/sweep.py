@@ -102,7 +102,7 @@ def run(chosen: argparse.Namespace, command: str) -> None:
         for response in RESPONSES:
             key = {"seed": str(seed), "code": code_of(discovery, simulators, studies.gain), "by": response}
             pieces = Pieces(folder, key, f"gain-sweep-{response}", bars.show, chosen.workers)
-            tables[response] = swept(response, pieces, seed=seed, part=chosen.part, number=chosen.catalogues)
+            tables[response] = swept(response, pieces, seed=seed, part=chosen.share, number=chosen.catalogues)
     tables = {"": xr.Dataset(attrs=attributes), **tables}
     write(tables, chosen.out / "gain-sweep.nc")
     sys.stdout.write(shown(tables) + "\n")
@@ -111,7 +111,7 @@ def run(chosen: argparse.Namespace, command: str) -> None:
 def main(arguments: Sequence[str]) -> int:
     """Run it, or make the page of what is stored."""
     options = of_a_commit(NAME, __doc__)
-    options.add_argument("--part", type=float, default=1.0, help="of every pool and catalogue")
+    options.add_argument("--share", type=float, default=1.0, help="of every pool and catalogue")
     options.add_argument("--catalogues", type=int, default=CATALOGUES, help="effect-free ones, for each null")
     chosen = options.parse_args(arguments)
     if chosen.page:

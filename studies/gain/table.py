@@ -179,7 +179,7 @@ def summary(
                 number=max(1, sources[0] // case.size),
                 seed=seed,
             )
-            rows.append(_row(case, label, null, found, sources[1]))
+            rows.append(row_of(case, label, null, found, sources[1]))
     return _dataset(rows)
 
 
@@ -193,9 +193,10 @@ def _statistics(case: GainCase, pool: ScoredPool) -> dict[str, Statistic]:
     return made
 
 
-def _row(
+def row_of(
     case: GainCase, label: str, null: dict[str, Array], found: dict[str, Array], sources: int
 ) -> dict[str, Any]:
+    """What catalogues of a case and of a null say, fields ``(catalogue,)``; `sources` are in the pool."""
     mean, sd = float(null["z"].mean()), float(null["z"].std(ddof=1))
     truth = case.value - GAINS[case.hidden].neutral
     return {

@@ -285,10 +285,10 @@ def run(chosen: argparse.Namespace, command: str) -> None:
     """Divide, plant, score, and keep the tables."""
     seed, attributes = seeded("gain-thinned", chosen, command)
     key = {"seed": str(seed), "code": code_of(discovery, simulators, studies.gain)}
-    folder, pools = chosen.work or chosen.out / "checkpoints", planned(part=chosen.part)
+    folder, pools = chosen.work or chosen.out / "checkpoints", planned(part=chosen.share)
     with Bars() as bars:
         pieces = Pieces(folder, key, "gain-thinned", bars.show, chosen.workers)
-        groups = study(pools, pieces, seed=seed, share=chosen.part, number=chosen.catalogues, profiles=0)
+        groups = study(pools, pieces, seed=seed, share=chosen.share, number=chosen.catalogues, profiles=0)
     groups["described"] = described(pools["bright_clean"], seed)
     groups[""] = groups[""].assign_attrs(attributes)
     write(groups, chosen.out / "gain-thinned.nc")
@@ -298,7 +298,7 @@ def run(chosen: argparse.Namespace, command: str) -> None:
 def main(arguments: Sequence[str]) -> int:
     """Run it, or make the page of what is stored."""
     options = of_a_commit(NAME, __doc__)
-    options.add_argument("--part", type=float, default=1.0, help="of every pool and catalogue")
+    options.add_argument("--share", type=float, default=1.0, help="of every pool and catalogue")
     options.add_argument("--catalogues", type=int, default=CATALOGUES, help="effect-free ones, for each null")
     chosen = options.parse_args(arguments)
     if chosen.page:

@@ -13,7 +13,7 @@ from studies.gain import amplitudes, schemes
 from studies.gain import document as page
 from studies.gain.models import EXACT, JAXSPEC, SETS, TabulatedShared, free, table
 from studies.gain.pools import CHUNK, TEMPLATES, GainPool, pools, scored
-from studies.gain.table import FIELDS, GainCase, _row, cases, catalogues, orthogonal, spread, summary
+from studies.gain.table import FIELDS, GainCase, cases, catalogues, orthogonal, row_of, spread, summary
 from studies.gain.whole import profiled, sources_of
 from studies.kit.results import DOCS, RESULTS, read
 from studies.kit.resume import Pieces
@@ -173,7 +173,7 @@ def test_seen_is_what_lies_beyond_three_of_the_widened_sd():
     """A null of mean 1 and sd 0.6, of catalogues that are 0.36 of their pool: three sd are 2.25."""
     null = {"z": 1 + 0.6 * np.array([-1.0, 1.0]) / np.sqrt(2)}
     found = {name: np.zeros(4) for name in FIELDS} | {"z": np.array([-1.3, 3.1, 3.3, 2.0])}
-    row = _row(GainCase("bright", "gain_slope", 1.03, 36), "alone", null, found, 100)
+    row = row_of(GainCase("bright", "gain_slope", 1.03, 36), "alone", null, found, 100)
     assert row["null_sd"] == pytest.approx(0.6)
     assert row["power"] == 0.5
 

@@ -77,7 +77,7 @@ def test_the_command_keeps_and_tells_every_response(monkeypatch, tmp_path, capsy
         return made((10.5, 0.0, 3.0) if response == "nicer" else (4.5, 0.0, 1.0))
 
     monkeypatch.setattr(sweep, "swept", table)
-    given = ["--part", "0.5", "--catalogues", "9", "--generator-seed", "5", "--out", str(tmp_path)]
+    given = ["--share", "0.5", "--catalogues", "9", "--generator-seed", "5", "--out", str(tmp_path)]
     assert sweep.main(given) == 0
     assert asked == [("epic-pn", 5, 0.5, 9), ("nicer", 5, 0.5, 9)]
     printed = capsys.readouterr().out

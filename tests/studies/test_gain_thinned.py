@@ -138,7 +138,7 @@ def test_the_command_keeps_what_it_says(monkeypatch, tmp_path, capsys):
         return {"": stored[""].drop_attrs(), "schemes": stored["schemes"], "profiles": xr.Dataset()}
 
     monkeypatch.setattr(thinned, "study", study)
-    given = ["--part", "0.01", "--generator-seed", "5", "--out", str(tmp_path)]
+    given = ["--share", "0.01", "--generator-seed", "5", "--out", str(tmp_path)]
     assert thinned.main(given) == 0
     assert (seen["seed"], seen["share"], seen["profiles"], len(seen["pools"])) == (5, 0.01, 0, 10)
     printed = capsys.readouterr().out
@@ -149,7 +149,7 @@ def test_the_command_keeps_what_it_says(monkeypatch, tmp_path, capsys):
     page = (tmp_path / "gain.md").read_text()
     for said in printed.split("\n\n"):
         assert said.strip() in page
-    assert "--part 0.01" in printed
+    assert "--share 0.01" in printed
 
 
 def test_the_page_says_what_was_measured():
