@@ -18,8 +18,7 @@ from studies.faults.score import apart, scored, table
 from studies.faults.seal import SIZES, opened, seal
 from studies.faults.sizes import CASES
 from studies.faults.sizes import run as run_sizes
-from studies.kit.command import carried_out, given, parser
-from studies.kit.commit import ROOT, committed, seed_of
+from studies.kit.command import carried_out, drawn_from, given, parser, seeded
 from studies.kit.results import RESULTS, record, write
 from studies.kit.resume import Pieces
 
@@ -53,7 +52,7 @@ def main(arguments: Sequence[str]) -> int:
 def _step(step: str, chosen: argparse.Namespace, command: str) -> None:
     if step == "generate":
         sizes = {kind: getattr(chosen, kind) for kind in SIZES}
-        commit, seed = _drawn_from("faults", chosen)
+        commit, seed = drawn_from("faults", chosen)
         said = seal(chosen.folder, seed=seed, commit=commit, sizes=sizes)
         sys.stdout.write(json.dumps(said) + "\n")
     elif step == "run":
@@ -67,21 +66,14 @@ def _step(step: str, chosen: argparse.Namespace, command: str) -> None:
         document(chosen.out, chosen.docs)
 
 
-def _drawn_from(study: str, chosen: argparse.Namespace) -> tuple[str, int]:
-    """The commit that is measured, and the seed that it gives."""
-    commit, own = committed(ROOT, chosen.commit), chosen.generator_seed
-    return commit, seed_of(study, commit) if own is None else own
-
-
 def _made_for_it(step: str, chosen: argparse.Namespace, command: str) -> None:
     """Cases that are made for one question, with a seed of their own."""
-    commit, seed = _drawn_from(f"fault {step}", chosen)
+    seed, said = seeded(f"fault {step}", chosen, command)
     numbers = {fault: min(number, chosen.each or number) for fault, number in CASES.items()}
     how = {"numbers": numbers} if step == "sizes" else {"trials": chosen.trials}
     with Bars() as bars:
         run = partial(run_sizes if step == "sizes" else run_cost, **how)
         made = run(chosen.folder, seed, workers=chosen.workers, progress=bars.show)
-    said = record(command, chosen.seed, commit=commit, generator_seed=str(seed))
     write({"": made.assign_attrs(said)}, chosen.out / f"faults-{step}.nc")
 
 

@@ -19,40 +19,37 @@ import numpy as np
 import xarray as xr
 from scipy import stats
 
-import studies.gain
-from gaugeblock import discovery, simulators
 from gaugeblock.core.progress import Bars
 from studies.gain.models import EXACT, GAINS
-from studies.gain.pools import GainPool
+from studies.gain.pools import LARGE, GainPool
+from studies.gain.study import pieces_of
 from studies.gain.whole import profiled
 from studies.kit.command import carried_out, given, of_a_commit, seeded
 from studies.kit.page import fill, table
 from studies.kit.results import clopper_pearson, measured_commit, read, write
-from studies.kit.resume import Pieces, code_of
+from studies.kit.resume import Pieces
 
 NAME = "studies gain-amplitudes"
 CATALOGUES, SOURCES = 50, 100
 """Of each gain, and spectra of each catalogue."""
 
-CASES = tuple((name, value) for name in ("published_gain", "gain_slope") for value in (1.03, 0.97))
-
 
 def measured(seed: int, pieces: Pieces, *, catalogues: int, sources: int) -> xr.Dataset:
     """Amplitudes, intervals and errors ``(case, catalogue)``, less what changes nothing."""
-    pools = [GainPool("bright", *case, catalogues * sources, spectrum=EXACT) for case in CASES]
+    pools = [GainPool("bright", *case, catalogues * sources, spectrum=EXACT) for case in LARGE]
     wanted = {
         f"{pool.name}-{k:03d}": partial(profiled, pool, pool.hidden, sources, seed, k)
         for pool in pools
         for k in range(catalogues)
     }
     found = list(pieces.made(wanted).values())
-    shape = (len(CASES), catalogues)
+    shape = (len(LARGE), catalogues)
     return xr.Dataset(
         {
             name: (("case", "catalogue"), np.array([one[name] for one in found]).reshape(shape))
             for name in found[0]
         },
-        coords={"case": [_label(*case) for case in CASES]},
+        coords={"case": [_label(*case) for case in LARGE]},
     )
 
 
@@ -86,10 +83,8 @@ def _held(part: xr.Dataset) -> str:
 def run(chosen: argparse.Namespace, command: str) -> None:
     """Every catalogue once, a file each, and all of them as one table."""
     seed, attributes = seeded("gain-amplitudes", chosen, command)
-    key = {"seed": str(seed), "code": code_of(discovery, simulators, studies.gain), "sources": chosen.sources}
     with Bars() as bars:
-        folder = chosen.work or chosen.out / "checkpoints"
-        pieces = Pieces(folder, key, "gain-amplitudes", bars.show, chosen.workers)
+        pieces = pieces_of("gain-amplitudes", seed, chosen, bars.show, sources=chosen.sources)
         made = measured(seed, pieces, catalogues=chosen.catalogues, sources=chosen.sources)
     made = made.assign_attrs(attributes)
     write({"": made}, chosen.out / "gain-amplitudes.nc")

@@ -100,6 +100,9 @@ DRAWS = 192
 
 TEMPLATES = ("published_gain", "gain_slope")
 
+LARGE = tuple((name, value) for name in TEMPLATES for value in (1.03, 0.97))
+"""Gains of 3 per cent: effect and value."""
+
 
 @cache
 def simulator_of(spectrum: Spectrum, hidden: str, value: float) -> Any:

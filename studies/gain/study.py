@@ -2,25 +2,41 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
 import xarray as xr
 
+import studies.gain
+from gaugeblock import discovery, simulators
 from studies.gain.document import headline
 from studies.gain.limits import limits
 from studies.gain.pools import GainPool, scored
 from studies.gain.schemes import compare
 from studies.gain.table import CATALOGUES, cases, summary
 from studies.gain.whole import as_dataset, marginalised, profiled
-from studies.kit.resume import Pieces
+from studies.kit.resume import Pieces, Progress, code_of
 
 PROFILED = 10
 """Catalogues of a case whose amplitude is profiled, where a pool has so many."""
 
 NUMBER, PAIRS = 300, 100
 """Spectra, clean and shifted each, that every published scheme sees, and pairs for the evidence."""
+
+
+def with_sizes(options: argparse.ArgumentParser) -> argparse.ArgumentParser:
+    """The same options, and how large the study is."""
+    options.add_argument("--share", type=float, default=1.0, help="of every pool and catalogue")
+    options.add_argument("--catalogues", type=int, default=CATALOGUES, help="effect-free ones, for each null")
+    return options
+
+
+def pieces_of(name: str, seed: int, chosen: argparse.Namespace, progress: Progress, **more: Any) -> Pieces:
+    """Where a study of the gain keeps what is finished; `more` decides its numbers too."""
+    key = {"seed": str(seed), "code": code_of(discovery, simulators, studies.gain), **more}
+    return Pieces(chosen.work or chosen.out / "checkpoints", key, name, progress, chosen.workers)
 
 
 def study(

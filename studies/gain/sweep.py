@@ -16,24 +16,21 @@ from functools import partial
 
 import xarray as xr
 
-import studies.gain
-from gaugeblock import discovery, simulators
 from gaugeblock.core.progress import Bars
 from studies.gain.models import Spectrum
-from studies.gain.pools import GainPool, scored
+from studies.gain.pools import TEMPLATES, GainPool, scored
+from studies.gain.study import pieces_of, with_sizes
 from studies.gain.table import CATALOGUES, GainCase, summary
 from studies.kit.command import carried_out, given, of_a_commit, seeded
 from studies.kit.page import fill, table
 from studies.kit.results import measured_commit, read, write
-from studies.kit.resume import Pieces, code_of
+from studies.kit.resume import Pieces
 
 NAME = "studies gain-sweep"
 RESPONSES = {"epic-pn": "EPIC-pn", "nicer": "NICER"}
 SIZES = (0.001, 0.002, 0.003, 0.005)
 CLEAN, SHIFTED = 4000, 2000
 """Spectra without a gain, and of every size; the latter are one catalogue."""
-
-FORMS = ("published_gain", "gain_slope")
 
 
 def pools(response: str, *, part: float = 1.0) -> dict[str, GainPool]:
@@ -44,7 +41,7 @@ def pools(response: str, *, part: float = 1.0) -> dict[str, GainPool]:
         GainPool("bright", "", 0.0, clean, spectrum=spectrum, small=True),
         *(
             GainPool("bright", form, 1 + size, shifted, spectrum=spectrum, small=True)
-            for form in FORMS
+            for form in TEMPLATES
             for size in SIZES
         ),
     ]
@@ -96,12 +93,10 @@ def _form(case: str) -> str:
 def run(chosen: argparse.Namespace, command: str) -> None:
     """Simulate, score, and keep the tables."""
     seed, attributes = seeded("gain-sweep", chosen, command)
-    folder = chosen.work or chosen.out / "checkpoints"
     tables: dict[str, xr.Dataset] = {}
     with Bars() as bars:
         for response in RESPONSES:
-            key = {"seed": str(seed), "code": code_of(discovery, simulators, studies.gain), "by": response}
-            pieces = Pieces(folder, key, f"gain-sweep-{response}", bars.show, chosen.workers)
+            pieces = pieces_of(f"gain-sweep-{response}", seed, chosen, bars.show)
             tables[response] = swept(response, pieces, seed=seed, part=chosen.share, number=chosen.catalogues)
     tables = {"": xr.Dataset(attrs=attributes), **tables}
     write(tables, chosen.out / "gain-sweep.nc")
@@ -110,9 +105,7 @@ def run(chosen: argparse.Namespace, command: str) -> None:
 
 def main(arguments: Sequence[str]) -> int:
     """Run it, or make the page of what is stored."""
-    options = of_a_commit(NAME, __doc__)
-    options.add_argument("--share", type=float, default=1.0, help="of every pool and catalogue")
-    options.add_argument("--catalogues", type=int, default=CATALOGUES, help="effect-free ones, for each null")
+    options = with_sizes(of_a_commit(NAME, __doc__))
     chosen = options.parse_args(arguments)
     if chosen.page:
         stored = {name: read(chosen.out / "gain-sweep.nc", name) for name in ("", *RESPONSES)}

@@ -14,7 +14,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.name.marginal import MarginalScores
 from gaugeblock.discovery.name.stacked import stack
 from studies.gain.models import GAINS, NUISANCES, SETS, nuisance_sd
-from studies.gain.pools import TEMPLATES, GainPool, ScoredPool
+from studies.gain.pools import LARGE, TEMPLATES, GainPool, ScoredPool
 
 FIELDS = ("z", "amplitude", "standard_error", "sandwich_error")
 
@@ -123,8 +123,7 @@ def cases(share: float = 1.0) -> list[GainCase]:
     large = [
         GainCase(level, name, value, n(SIZES[level]))
         for level in ("bright", "medium")
-        for name in ("published_gain", "gain_slope")
-        for value in (1.03, 0.97)
+        for name, value in LARGE
     ]
     return large + [
         GainCase("bright", name, value, n(SMALL))

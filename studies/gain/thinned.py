@@ -25,8 +25,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-import studies.gain
-from gaugeblock import discovery, simulators
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.progress import Bars
@@ -38,13 +36,12 @@ from gaugeblock.simulators.xray import data
 from gaugeblock.simulators.xray.observation import Observation, read_observation
 from studies.gain.document import catalogues_table, schemes_table
 from studies.gain.models import Spectrum
-from studies.gain.pools import CHUNK, GainPool, simulator_of
-from studies.gain.study import study
-from studies.gain.table import CATALOGUES
+from studies.gain.pools import CHUNK, LARGE, GainPool, simulator_of
+from studies.gain.study import pieces_of, study, with_sizes
 from studies.kit.command import carried_out, given, of_a_commit, seeded
 from studies.kit.page import fill
 from studies.kit.results import measured_commit, read, write
-from studies.kit.resume import Pieces, code_of, stream
+from studies.kit.resume import stream
 
 NAME = "studies gain-thinned"
 SPECTRUM = "nicer_unbinned.pha"
@@ -63,8 +60,6 @@ BRIGHT = 1e4
 
 CLEAN, SHIFTED = {"bright": 2500, "medium": 4000}, {"bright": 1000, "medium": 2000}
 """Copies without a gain, five and four catalogues, and of each that is planted, two of either level."""
-
-GAINS = tuple((name, value) for name in ("published_gain", "gain_slope") for value in (1.03, 0.97))
 
 Counts = NDArray[np.int64]
 
@@ -206,7 +201,7 @@ def _copies(pool: ThinnedPool, seed: int) -> Counts:
 
 def planned(*, part: float = 1.0) -> dict[str, GainPool]:
     """All pools by name; `part` makes them smaller, for tests."""
-    wanted = [("", 0.0, CLEAN), *((*gain, SHIFTED) for gain in GAINS)]
+    wanted = [("", 0.0, CLEAN), *((*gain, SHIFTED) for gain in LARGE)]
     pools = [
         ThinnedPool(level, name, value, max(2, round(number[level] * part)))
         for level in CLEAN
@@ -284,10 +279,9 @@ def shown(groups: dict[str, xr.Dataset]) -> dict[str, str]:
 def run(chosen: argparse.Namespace, command: str) -> None:
     """Divide, plant, score, and keep the tables."""
     seed, attributes = seeded("gain-thinned", chosen, command)
-    key = {"seed": str(seed), "code": code_of(discovery, simulators, studies.gain)}
-    folder, pools = chosen.work or chosen.out / "checkpoints", planned(part=chosen.share)
+    pools = planned(part=chosen.share)
     with Bars() as bars:
-        pieces = Pieces(folder, key, "gain-thinned", bars.show, chosen.workers)
+        pieces = pieces_of("gain-thinned", seed, chosen, bars.show)
         groups = study(pools, pieces, seed=seed, share=chosen.share, number=chosen.catalogues, profiles=0)
     groups["described"] = described(pools["bright_clean"], seed)
     groups[""] = groups[""].assign_attrs(attributes)
@@ -297,9 +291,7 @@ def run(chosen: argparse.Namespace, command: str) -> None:
 
 def main(arguments: Sequence[str]) -> int:
     """Run it, or make the page of what is stored."""
-    options = of_a_commit(NAME, __doc__)
-    options.add_argument("--share", type=float, default=1.0, help="of every pool and catalogue")
-    options.add_argument("--catalogues", type=int, default=CATALOGUES, help="effect-free ones, for each null")
+    options = with_sizes(of_a_commit(NAME, __doc__))
     chosen = options.parse_args(arguments)
     if chosen.page:
         names = ("", "schemes", "described")

@@ -39,13 +39,18 @@ def of_a_commit(name: str, says: str | None, *, folder: str = "") -> argparse.Ar
     return made
 
 
+def drawn_from(study: str, chosen: argparse.Namespace) -> tuple[str, int]:
+    """The commit that is measured, and the seed that it gives, or that was given in its place."""
+    commit, own = committed(ROOT, chosen.commit), chosen.generator_seed
+    return commit, seed_of(study, commit) if own is None else own
+
+
 def seeded(name: str, chosen: argparse.Namespace, command: str) -> tuple[int, dict[str, Any]]:
     """The seed of a study's cases, of its commit or as it was given, and what is kept beside its tables.
 
     `chosen` are options of `of_a_commit`.
     """
-    commit = committed(ROOT, chosen.commit)
-    seed = seed_of(name, commit) if chosen.generator_seed is None else chosen.generator_seed
+    commit, seed = drawn_from(name, chosen)
     return seed, record(command, chosen.seed, commit=commit, generator_seed=str(seed))
 
 
