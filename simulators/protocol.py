@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.core.streams import Rng
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators.marginals import Marginal
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.segments import Segmented
 
@@ -56,6 +57,15 @@ class HasNoise(HasExpected, Protocol):
 
     def observe(self, expected: ArrayLike, rng: Rng) -> NDArray[Any]:
         """Noise alone: data ``(n, *data_shape)`` given their mean."""
+
+
+@runtime_checkable
+class HasExposures(Protocol):
+    """Its data are counts and, last, the exposure they were collected in: another each time, and known."""
+
+    @property
+    def exposures(self) -> Marginal:
+        """What exposures are drawn from."""
 
 
 @runtime_checkable
@@ -161,7 +171,7 @@ class Described(Protocol):
 
 
 CAPABILITIES: tuple[type, ...] = (
-    *(Simulator, HasExpected, HasJacobian, HasNoise, Holdable),
+    *(Simulator, HasExpected, HasJacobian, HasNoise, HasExposures, Holdable),
     *(HasLikelihood, LikelihoodSimulator, HasTraceableLikelihood, Extensible, HasEffectLibrary, HasGaps),
     *(Segmented, HasNotes, HasExactPosterior, HasExactDensity, HasExactEvidence, Described),
 )

@@ -23,6 +23,7 @@ SIMULATORS: Table = {
     "two_moons": ("gaugeblock.simulators.two_moons", "TwoMoons", None),
     "gaussian_mixture": ("gaugeblock.simulators.gaussian_mixture", "GaussianMixture", None),
     "epidemic": ("gaugeblock.simulators.epidemic", "Epidemic", None),
+    "across_exposures": ("gaugeblock.simulators.exposures", "AcrossExposures", None),
 }
 
 

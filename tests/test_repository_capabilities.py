@@ -11,8 +11,9 @@ import pytest
 
 from gaugeblock.estimators import ESTIMATORS, build_estimator
 from gaugeblock.estimators import protocol as of_estimators
-from gaugeblock.simulators import SIMULATORS, build_simulator
+from gaugeblock.simulators import SIMULATORS, LogUniform, build_simulator
 from gaugeblock.simulators import protocol as of_simulators
+from gaugeblock.simulators.exposures import AcrossExposures
 
 ROOT = Path(__file__).parents[1]
 ROOMS = (
@@ -54,8 +55,9 @@ def disagreements(thing, capabilities):
 
 
 def simulators():
-    for name in sorted(set(SIMULATORS) - {"xray"}):
+    for name in sorted(set(SIMULATORS) - {"xray", "across_exposures"}):
         yield build_simulator(name)
+    yield AcrossExposures({"name": "linear_gaussian"}, LogUniform(1.0, 2.0))
     epidemic = build_simulator("epidemic")
     yield epidemic.with_effect(
         next(iter(epidemic.effect_library(epidemic.prior.center[None]).values())).effect()

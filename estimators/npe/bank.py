@@ -19,7 +19,7 @@ from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.npe.coordinates import to_scores
 from gaugeblock.simulators.prior import Prior
-from gaugeblock.simulators.protocol import Described, HasNoise, Simulator
+from gaugeblock.simulators.protocol import Described, HasExposures, HasNoise, Simulator
 
 CHUNK = 8192
 Progress = Callable[[str, int, int], None]
@@ -38,6 +38,11 @@ def describe_simulator(simulator: Simulator) -> dict[str, Any]:
         description: dict[str, Any] = json.loads(json.dumps(simulator.describe()))
         return description
     return {"simulator": type(simulator).__name__, "prior": simulator.prior.describe()}
+
+
+def exposures_of(simulator: Simulator) -> tuple[float, float] | None:
+    """Ends of the exposures that a simulator's data come with, None where they come with none."""
+    return simulator.exposures.support if isinstance(simulator, HasExposures) else None
 
 
 @dataclass(frozen=True)

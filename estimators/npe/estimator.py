@@ -20,6 +20,8 @@ from gaugeblock.simulators.prior import Prior
 
 # Activations of this many draws stay in the processor's cache; 65,536 at once take six times as long.
 DRAWS_AT_ONCE = 8192
+# Of an exposure at the end of its range.
+ROUNDING = 1e-6
 
 
 class NPE(Shown):
@@ -39,6 +41,10 @@ class NPE(Shown):
         Shape of one data set.
     counts
         Whether data must not be negative.
+    exposures
+        Ends of the exposures it was trained on, where the last entry of the data is one.
+    exposure
+        The one that all data were collected in, if they come without: see `at`.
     record
         Everything ``model.json`` says: network, training, losses, versions, sha256 of the weights.
     device
@@ -59,13 +65,48 @@ class NPE(Shown):
         *,
         data_shape: tuple[int, ...],
         counts: bool = False,
+        exposures: tuple[float, float] | None = None,
+        exposure: float | None = None,
         record: Mapping[str, Any] | None = None,
         device: str | None = None,
     ):
         self.device = torch_device(device, where="estimator npe: device")
         self.network, self._flow = network.to(self.device).eval(), as_flow(network)
         self.prior, self.data_shape, self._counts = prior, tuple(data_shape), counts
+        self.exposures, self.exposure = exposures, exposure
         self.record = dict(record or {})
+
+    def at(self, exposure: float) -> NPE:
+        """The same flow for counts that were all collected in one exposure, and come without it.
+
+        Raises
+        ------
+        InputError
+            If it was not trained on exposures, or not on such a one.
+        """
+        if self.exposures is None or self.exposure is not None:
+            raise InputError("this flow was trained for data of one exposure; it takes no other")
+        self.check_exposures(exposure)
+        return NPE(
+            self.network,
+            self.prior,
+            data_shape=(self.data_shape[0] - 1,),
+            counts=self._counts,
+            exposures=self.exposures,
+            exposure=float(exposure),
+            record=self.record,
+            device=self.device,
+        )
+
+    def check_exposures(self, *exposures: float) -> None:
+        """Raise InputError where some are not among those it was trained on."""
+        low, high = self.exposures or (0.0, np.inf)
+        wrong = [each for each in exposures if not low * (1 - ROUNDING) <= each <= high * (1 + ROUNDING)]
+        if wrong:
+            raise InputError(
+                f"this flow was trained on exposures from {low:.6g} to {high:.6g}, and here is "
+                f"{wrong[0]:.6g}; train one for it"
+            )
 
     def sample(self, x: ArrayLike, n: int, rng: Rng) -> Array:
         """Posterior draws ``(batch, n, parameter)``.
@@ -126,7 +167,8 @@ class NPE(Shown):
     def describe(self) -> dict[str, Any]:
         """Plain data that identifies it: sha256 of the weights, network, training, simulator."""
         keys = ("sha256", "network", "training", "simulator")
-        return {"estimator": "npe", **{key: self.record.get(key) for key in keys}}
+        at = {} if self.exposure is None else {"exposure": self.exposure}
+        return {"estimator": "npe", **{key: self.record.get(key) for key in keys}, **at}
 
     def _noise(self, x: ArrayLike, n: int, rng: Rng) -> torch.Tensor:
         noise = rng.standard_normal((len(np.asarray(x)), int(n), self.prior.size))
@@ -158,6 +200,10 @@ class NPE(Shown):
             )
         if self._counts and (flat < 0).any():
             raise InputError("this flow was trained on counts and the data hold negative values")
+        if self.exposure is not None:
+            data = np.concatenate([data, np.full((len(data), 1), self.exposure)], axis=1)
+        elif self.exposures is not None and len(data):
+            self.check_exposures(data[:, -1].min(), data[:, -1].max())
         return self._tensor(data)
 
 

@@ -18,9 +18,9 @@ class StandardFeatures(nn.Module):
 
     kind = "standard"
 
-    def __init__(self, data_shape: tuple[int, ...]):
+    def __init__(self, data_shape: tuple[int, ...], *, exposed: bool = False):
         super().__init__()
-        self.data_shape = tuple(data_shape)
+        self.data_shape, self.exposed = tuple(data_shape), exposed
         self.size = self.raw(torch.zeros((1, *self.data_shape), dtype=torch.float64)).shape[-1]
         self.register_buffer("mean", torch.zeros(self.size, dtype=torch.float64))
         self.register_buffer("scale", torch.ones(self.size, dtype=torch.float64))
@@ -49,7 +49,7 @@ class CountFeatures(StandardFeatures):
 
     Square roots ``sqrt(x + 3/8)`` (variance 1/4 at any mean), the same as shares of the total (a shape that
     does not depend on brightness), log total, and logarithms of groups of channels, in which power laws and
-    absorption are nearly linear.
+    absorption are nearly linear. If `exposed`, the last entry is no channel but an exposure: its logarithm.
 
     References
     ----------
@@ -59,6 +59,12 @@ class CountFeatures(StandardFeatures):
     kind = "counts"
 
     def raw(self, x: Tensor) -> Tensor:
+        if self.exposed:
+            # Of counts of nothing, which only say how many features there are, in no time.
+            return torch.cat((self._raw(x[..., :-1]), torch.log(x[..., -1:].clamp(min=1e-300))), dim=-1)
+        return self._raw(x)
+
+    def _raw(self, x: Tensor) -> Tensor:
         root = torch.sqrt(x.clamp(min=0.0) + 0.375)
         total = x.sum(dim=-1, keepdim=True)
         padding = -x.shape[-1] % GROUP
@@ -67,14 +73,19 @@ class CountFeatures(StandardFeatures):
         return torch.cat((root, torch.log1p(total), shape, torch.log(groups + 0.5)), dim=-1)
 
 
-def build_features(kind: str, data_shape: tuple[int, ...]) -> StandardFeatures:
+def build_features(kind: str, data_shape: tuple[int, ...], *, exposed: bool = False) -> StandardFeatures:
     """Features of the given kind with statistics still to be fitted or loaded."""
-    return (CountFeatures if kind == "counts" else StandardFeatures)(data_shape)
+    return (CountFeatures if kind == "counts" else StandardFeatures)(data_shape, exposed=exposed)
 
 
-def choose_kind(kind: str, x: NDArray[Any]) -> str:
-    """Resolve "auto" by example data ``(n, *data_shape)``: integers in one dimension are counts."""
+def choose_kind(kind: str, x: NDArray[Any], *, exposed: bool = False) -> str:
+    """Resolve "auto" by example data ``(n, *data_shape)``: integers in one dimension are counts.
+
+    So is what comes with an exposure.
+    """
     if kind != "auto":
         return kind
+    if exposed:
+        return "counts"
     counts = x.ndim == 2 and np.issubdtype(x.dtype, np.integer) and bool(np.all(x >= 0))
     return "counts" if counts else "standard"

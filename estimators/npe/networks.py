@@ -15,17 +15,26 @@ from gaugeblock.estimators.npe.config import NetworkTable
 from gaugeblock.estimators.npe.features import build_features
 from gaugeblock.estimators.npe.incremental import forward, inverse, normal_log_density
 from gaugeblock.estimators.npe.laplace.compressor import Compressor
-from gaugeblock.estimators.npe.laplace.network import Head, LaplaceNetwork, groups_of
+from gaugeblock.estimators.npe.laplace.network import Head, LaplaceNetwork
 from gaugeblock.estimators.npe.spline import use_splines
 
 
 @dataclass(frozen=True)
 class NetworkShape:
-    """What a network is built for: parameters, shape of the data, kind of features (never "auto")."""
+    """What a network is built for: parameters, shape of the data, kind of features (never "auto").
+
+    `exposures` are the ends of the exposures that counts come with, as the last entry of the data.
+    """
 
     parameters: int
     data_shape: tuple[int, ...]
     features: str
+    exposures: tuple[float, float] | None = None
+
+    @property
+    def exposed(self) -> bool:
+        """Whether the last entry of the data is an exposure."""
+        return self.exposures is not None
 
 
 class SplineFlow(nn.Module):
@@ -66,7 +75,7 @@ class SplineFlow(nn.Module):
 
 def default_embedding(config: NetworkTable, shape: NetworkShape) -> nn.Module:
     """Fixed features, then a multilayer perceptron."""
-    features = build_features(shape.features, shape.data_shape)
+    features = build_features(shape.features, shape.data_shape, exposed=shape.exposed)
     sizes = (features.size, *config.embedding)
     layers: list[nn.Module] = [features]
     for before, after in pairwise(sizes):
@@ -109,13 +118,17 @@ def laplace_network(config: NetworkTable, shape: NetworkShape) -> LaplaceNetwork
         raise InputError(
             'network.kind = "laplace" is for counts in one dimension; take network.kind = "default"'
         )
-    groups = groups_of(shape.data_shape, config.groups)
+    channels = shape.data_shape[0] - shape.exposed
     head = Head(
         shape.parameters,
+        exposed=shape.exposed,
         embedding=config.embedding,
         output=config.embedding_output,
         transforms=config.transforms,
         hidden=config.hidden,
         bins=config.bins,
     )
-    return LaplaceNetwork(Compressor(shape.parameters, shape.data_shape[0], groups, config.emulator), head)
+    compressor = Compressor(
+        shape.parameters, channels, min(channels, config.groups), config.emulator, exposed=shape.exposed
+    )
+    return LaplaceNetwork(compressor, head)

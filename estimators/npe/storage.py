@@ -18,6 +18,7 @@ from gaugeblock.core.atomic import discard_unfinished, write_atomically
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.foreign import WEIGHTS as MOST
 from gaugeblock.core.foreign import read_bytes, read_json
+from gaugeblock.estimators.npe.bank import exposures_of
 from gaugeblock.estimators.npe.config import NetworkTable
 from gaugeblock.estimators.npe.estimator import NPE
 from gaugeblock.estimators.npe.networks import NetworkShape, build_network
@@ -59,6 +60,7 @@ def save(
         "prior": prior.describe(),
         "data_shape": list(shape.data_shape),
         "features": shape.features,
+        **({} if shape.exposures is None else {"exposures": list(shape.exposures)}),
         **record,
     }
     write_atomically(place / WEIGHTS, weights)
@@ -72,6 +74,7 @@ def load(
 ) -> NPE:
     """Read a model folder; with a simulator, insist that the flow was trained for its prior and data.
 
+    A flow for many exposures comes back as one for the simulator's, where that has a single one (`NPE.at`).
     ``shipped:NAME`` stands for the folder of a flow that comes with the package. `device` is where it
     computes, as in `NPE`.
 
@@ -91,7 +94,13 @@ def load(
         )
     try:
         prior = Prior.from_description(description["prior"])
-        shape = NetworkShape(prior.size, tuple(description["data_shape"]), str(description["features"]))
+        low, high = map(float, description.get("exposures", (0.0, math.inf)))
+        shape = NetworkShape(
+            prior.size,
+            tuple(description["data_shape"]),
+            str(description["features"]),
+            (low, high) if "exposures" in description else None,
+        )
         table = NetworkTable.model_validate(description["network"])
         _check_size(table, shape, len(weights))
         network = build_network(table, shape)
@@ -104,12 +113,11 @@ def load(
         prior,
         data_shape=shape.data_shape,
         counts=shape.features == "counts",
+        exposures=shape.exposures,
         record=description,
         device=device,
     )
-    if simulator is not None:
-        check_simulator(estimator, simulator, where=str(folder))
-    return estimator
+    return estimator if simulator is None else for_simulator(estimator, simulator, where=str(folder))
 
 
 def model_folder(path: str | os.PathLike[str]) -> Path:
@@ -118,8 +126,14 @@ def model_folder(path: str | os.PathLike[str]) -> Path:
     return reference_model_path(name.removeprefix(SHIPPED)) if name.startswith(SHIPPED) else Path(path)
 
 
-def check_simulator(estimator: NPE, simulator: Simulator, *, where: str) -> None:
-    """Raise InputError unless prior and data shape are those the flow was trained for."""
+def for_simulator(estimator: NPE, simulator: Simulator, *, where: str) -> NPE:
+    """The flow for the data of a simulator, if prior, exposures and data shape are those it was trained for.
+
+    Raises
+    ------
+    InputError
+        If they are not.
+    """
     trained, asked = estimator.prior, simulator.prior
     if trained.names != asked.names:
         raise InputError(
@@ -132,12 +146,19 @@ def check_simulator(estimator: NPE, simulator: Simulator, *, where: str) -> None
                 f"{where}: trained under the prior {marginal} of {name}, but the simulator has "
                 f"{asked.marginals[name]}; give the simulator it was trained for, or train anew"
             )
+    if estimator.exposures is not None:
+        asked_for, one = exposures_of(simulator), getattr(simulator, "exposure", None)
+        if asked_for is not None:
+            estimator.check_exposures(*asked_for)
+        elif one is not None:
+            estimator = estimator.at(one)
     shape = getattr(simulator, "data_shape", None)
     if shape is not None and tuple(shape) != estimator.data_shape:
         raise InputError(
             f"{where}: trained on data of shape {estimator.data_shape}, "
             f"but the simulator makes {tuple(shape)}"
         )
+    return estimator
 
 
 def _check_size(table: NetworkTable, shape: NetworkShape, weights: int) -> None:

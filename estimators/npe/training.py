@@ -20,7 +20,14 @@ from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.executors import threads
 from gaugeblock.core.trust import modules_in, only_named
-from gaugeblock.estimators.npe.bank import Bank, Progress, describe_simulator, fingerprint, stream
+from gaugeblock.estimators.npe.bank import (
+    Bank,
+    Progress,
+    describe_simulator,
+    exposures_of,
+    fingerprint,
+    stream,
+)
 from gaugeblock.estimators.npe.config import TrainingConfig, read_config
 from gaugeblock.estimators.npe.estimator import NPE
 from gaugeblock.estimators.npe.features import StandardFeatures, choose_kind
@@ -117,10 +124,15 @@ def _trained(
         progress=progress,
     )
     examples = bank.observe(slice(0, FEATURE_ROWS), stream(options.seed, "features"))
-    shape = NetworkShape(
-        simulator.prior.size, examples.shape[1:], choose_kind(config.network.features, examples)
-    )
+    exposures = exposures_of(simulator)
+    kind = choose_kind(config.network.features, examples, exposed=exposures is not None)
+    shape = NetworkShape(simulator.prior.size, examples.shape[1:], kind, exposures)
     if config.network.kind == "published":
+        if shape.exposed:
+            raise InputError(
+                'network.kind = "published" reads channels alone, and here the last entry is an exposure; '
+                'take "laplace" or "default"'
+            )
         # Here, because it alone needs sbi, whose import takes two seconds.
         from gaugeblock.estimators.npe.published import train_published
 

@@ -27,7 +27,7 @@ def trials(toy):
 
 
 def test_every_toy_is_here():
-    assert set(OPTIONS) == set(SIMULATORS) - {"xray"}
+    assert set(OPTIONS) == set(SIMULATORS) - {"xray", "across_exposures"}
 
 
 def test_shapes_and_support(toy, trials):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import torch
 from torch import Tensor, nn
@@ -21,6 +22,12 @@ HEAVIEST = 1.5
 """Log of the largest weight of a point that is lower than a parabola has it."""
 
 
+class Expected(Protocol):
+    """Log expected counts ``(n, channel)`` of scores ``(n, parameter)``, and their derivatives."""
+
+    def with_slope(self, score: Tensor, /) -> tuple[Tensor, Tensor]: ...
+
+
 @dataclass(frozen=True, eq=False)
 class Gaussian:
     """Mean ``(n, parameter)`` and Cholesky factor of the covariance ``(n, parameter, parameter)``.
@@ -34,7 +41,7 @@ class Gaussian:
     shape: Tensor
 
 
-def approximate(emulator: Emulator, x: Tensor, start: Tensor) -> Gaussian:
+def approximate(emulator: Expected, x: Tensor, start: Tensor) -> Gaussian:
     """The Gaussian for counts ``(n, channel)``, the fit starting from scores ``(n, parameter)``."""
     mean, covariance = _mode(emulator, x, start)
     for _ in range(WIDENED):
@@ -51,7 +58,7 @@ def potential(log_mean: Tensor, x: Tensor, score: Tensor) -> Tensor:
     return deviance.sum(dim=-1) + 0.5 * (score**2).sum(dim=-1)
 
 
-def _mode(emulator: Emulator, x: Tensor, score: Tensor) -> tuple[Tensor, Tensor]:
+def _mode(emulator: Expected, x: Tensor, score: Tensor) -> tuple[Tensor, Tensor]:
     """Levenberg-Marquardt with a damping of its own for every row, in double precision.
 
     In single precision rounding decides whether a last step goes downhill, and a spectrum's posterior would
@@ -84,7 +91,7 @@ def _information(log_mean: Tensor, slope: Tensor, x: Tensor, score: Tensor) -> t
     return information, (slope @ (x - expected)[..., None])[..., 0] - score
 
 
-def _widened(emulator: Emulator, x: Tensor, mean: Tensor, covariance: Tensor) -> tuple[Tensor, Tensor]:
+def _widened(emulator: Expected, x: Tensor, mean: Tensor, covariance: Tensor) -> tuple[Tensor, Tensor]:
     """Mean of the points at the ends of the axes and of the covariances there, by their posterior mass."""
     points, parabola = _points(mean, torch.linalg.cholesky(covariance))
     rows, number, size = points.shape
@@ -108,7 +115,7 @@ def _points(mean: Tensor, factor: Tensor) -> tuple[Tensor, Tensor]:
     return points.clamp(-FARTHEST - 0.5, FARTHEST + 0.5), heights
 
 
-def _shape(emulator: Emulator, x: Tensor, mean: Tensor, factor: Tensor) -> Tensor:
+def _shape(emulator: Expected, x: Tensor, mean: Tensor, factor: Tensor) -> Tensor:
     points, parabola = _points(mean, factor)
     rows, number, size = points.shape
     flat, counts = points.flatten(end_dim=1), x.repeat_interleave(number, dim=0)
@@ -130,35 +137,54 @@ ROWS = 512
 """At once: derivatives of so many spectra stay in the processor's cache."""
 
 
+class AtExposures:
+    """An emulator of counts in some exposure, for rows of other ones: `log_factor` ``(n, 1)`` times as many.
+
+    Scores may be several for each row, one row after the other.
+    """
+
+    def __init__(self, emulator: Emulator, log_factor: Tensor):
+        self._emulator, self._log_factor = emulator, log_factor
+
+    def with_slope(self, score: Tensor) -> tuple[Tensor, Tensor]:
+        """As the emulator's own."""
+        log_mean, slope = self._emulator.with_slope(score)
+        each = len(score) // len(self._log_factor)
+        return log_mean + self._log_factor.to(score.dtype).repeat_interleave(each, dim=0), slope
+
+
 class Compressor(nn.Module):
     """Emulator, a first guess of the scores, and the groups of channels that both work on.
 
     `group` ``(channel,)`` names the group of every channel: neighbouring channels of many-channel data are
-    summed, which leaves them Poisson counts.
+    summed, which leaves them Poisson counts. If `exposed`, counts come with an exposure as the last entry,
+    and the emulator works in that of the `log_exposure`.
     """
 
     group: Tensor
+    log_exposure: Tensor
 
-    def __init__(self, parameters: int, channels: int, groups: int, hidden: tuple[int, int]):
+    def __init__(
+        self, parameters: int, channels: int, groups: int, hidden: tuple[int, int], *, exposed: bool = False
+    ):
         super().__init__()
-        self.parameters_number, self.groups = parameters, groups
+        self.parameters_number, self.groups, self.exposed = parameters, groups, exposed
         self.register_buffer("group", torch.zeros(channels, dtype=torch.int64))
+        if exposed:
+            self.register_buffer("log_exposure", torch.zeros((), dtype=torch.float64))
         self.emulator = Emulator(parameters, groups, hidden)
-        self.features = CountFeatures((groups,))
+        self.features = CountFeatures((groups + exposed,), exposed=exposed)
         self.guess = nn.Sequential(
             nn.Linear(self.features.size, 128), nn.GELU(), nn.Linear(128, 128), nn.GELU(),
             nn.Linear(128, parameters),
         )  # fmt: skip
 
-    @property
-    def size(self) -> int:
-        """Length of a compressed spectrum."""
-        number = self.parameters_number
-        return number + number * (number + 1) // 2 + 2 * number * (number + 1)
-
     def choose_groups(self, expected: Tensor) -> None:
         """Groups of about equal share of counts and of channels, half of each, from examples."""
-        channels = expected.shape[-1]
+        channels = len(self.group)
+        if self.exposed:
+            self.log_exposure.copy_(torch.log(expected[0, -1]))
+            expected = expected[:, :channels]
         if channels == self.groups:
             self.group.copy_(torch.arange(channels))
             return
@@ -168,10 +194,12 @@ class Compressor(nn.Module):
         self.group.copy_(torch.clamp((middle * self.groups).long(), max=self.groups - 1))
 
     def grouped(self, x: Tensor) -> Tensor:
-        """Counts by group ``(n, group)``, in x's precision."""
-        if x.shape[-1] == self.groups:
+        """Counts by group ``(n, group)``, in x's precision; exposures stay last."""
+        channels = len(self.group)
+        if channels == self.groups:
             return x
-        return x.new_zeros((len(x), self.groups)).index_add_(1, self.group, x)
+        summed = x.new_zeros((len(x), self.groups)).index_add_(1, self.group, x[:, :channels])
+        return torch.cat((summed, x[:, channels:]), dim=1)
 
     @torch.no_grad()
     def forward(self, x: Tensor) -> Tensor:
@@ -179,7 +207,17 @@ class Compressor(nn.Module):
         return torch.cat([self._some(rows) for rows in self.grouped(x).split(ROWS)])
 
     def _some(self, x: Tensor) -> Tensor:
-        counts = x.to(torch.float32)
-        found = approximate(self.emulator, counts, self.guess(self.features(x)))
+        counts, known = x[:, : self.groups].to(torch.float32), []
+        emulator: Expected = self.emulator
+        if self.exposed:
+            factor = torch.log(x[:, self.groups :]) - self.log_exposure
+            emulator, known = AtExposures(self.emulator, factor), [factor.to(torch.float32)]
+        found = approximate(emulator, counts, self.guess(self.features(x)))
         row, column = torch.tril_indices(self.parameters_number, self.parameters_number, device=counts.device)
-        return torch.cat((found.mean, found.factor[:, row, column], found.shape), dim=-1)
+        return torch.cat((found.mean, found.factor[:, row, column], found.shape, *known), dim=-1)
+
+
+def compressed_size(parameters: int, *, exposed: bool) -> int:
+    """Length of a compressed spectrum: mean, factor, shape, and the exposure where there is one."""
+    gaussian = parameters + parameters * (parameters + 1) // 2
+    return gaussian + 2 * parameters * (parameters + 1) + exposed

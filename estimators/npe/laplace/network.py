@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from itertools import pairwise
 
 import torch
@@ -10,7 +9,7 @@ import zuko
 from torch import Tensor, nn
 
 from gaugeblock.estimators.npe.incremental import forward, inverse, normal_log_density
-from gaugeblock.estimators.npe.laplace.compressor import Compressor
+from gaugeblock.estimators.npe.laplace.compressor import Compressor, compressed_size
 
 SQUASHED = 3.0
 """Standard deviations beyond which coordinates are compressed: splines end at five."""
@@ -31,10 +30,11 @@ class Head(nn.Module):
         transforms: int,
         hidden: tuple[int, ...],
         bins: int,
+        exposed: bool = False,
     ):
         super().__init__()
         self.size = parameters
-        read = parameters + parameters * (parameters + 1) // 2 + 2 * parameters * (parameters + 1)
+        read = compressed_size(parameters, exposed=exposed)
         self.register_buffer("mean", torch.zeros(read))
         self.register_buffer("scale", torch.ones(read))
         widths = (read, *embedding)
@@ -84,7 +84,7 @@ class Head(nn.Module):
         return compressed[:, : self.size + self.size * (self.size + 1) // 2]
 
     def _numbers(self, compressed: Tensor) -> Tensor:
-        """Mean, log scales, normalised factor and shape: numbers of order one."""
+        """Mean, log scales, normalised factor, shape and log exposure: numbers of order one."""
         gaussian = self._gaussian(compressed)
         factor = self._unpacked(gaussian[:, self.size :])
         scales = torch.diagonal(factor, dim1=1, dim2=2)
@@ -132,8 +132,3 @@ class LaplaceNetwork(nn.Module):
     def log_prob(self, values: Tensor, context: Tensor) -> Tensor:
         """Log density of scores."""
         return self.head.log_prob(values, context)
-
-
-def groups_of(data_shape: tuple[int, ...], most: int) -> int:
-    """Number of groups for data of a shape."""
-    return min(math.prod(data_shape), most)

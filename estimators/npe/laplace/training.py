@@ -211,12 +211,13 @@ def train_compressor(
     """Choose groups, then fit the emulator to expected counts and the first guess to noisy ones."""
     expected = placed(bank.data[:EXAMPLES], compressor)
     compressor.choose_groups(expected)
-    compressor.emulator.standardise(compressor.grouped(expected))
+    groups = compressor.groups
+    compressor.emulator.standardise(compressor.grouped(expected)[:, :groups])
     noisy = np.asarray(bank.observe(slice(0, EXAMPLES), stream(seed, "features")), dtype=np.float64)
     compressor.features.fit(compressor.grouped(placed(noisy, compressor)).cpu().numpy())
 
     def emulated(rows: NDArray[Any], rng: np.random.Generator) -> torch.Tensor:  # noqa: ARG001
-        mean = compressor.grouped(placed(bank.data[rows], compressor)).clamp(min=1e-6)
+        mean = compressor.grouped(placed(bank.data[rows], compressor))[:, :groups].clamp(min=1e-6)
         away = compressor.emulator(placed(bank.scores[rows], compressor)) - torch.log(mean)
         # Counts span decades: the logarithm keeps the brightest from deciding alone.
         return torch.log1p((mean * away**2).sum(dim=-1)).mean()
