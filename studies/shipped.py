@@ -50,16 +50,30 @@ TRAININGS = 3
 """Of a flow, at most, the first among them."""
 
 AUDITS = ("first", "second", "both")
+WORST = ("FAIL", "INCONCLUSIVE", "PASS")
+"""First."""
 EFFICIENCY = "{efficiency:.1%} ({efficiency_lo:.1%} to {efficiency_hi:.1%})"
 
 
 @dataclass(frozen=True)
 class Promise:
-    """The policy that a flow ships under, the trials of each of its two audits, draws for each efficiency."""
+    """The policy that a flow ships under, the trials of each of its two audits, draws for each efficiency.
+
+    One for many exposures has these audits in every range of `exposures`, and keeps its promise in all.
+    """
 
     policy: str
     trials: int
     importance_draws: int
+    exposures: tuple[tuple[float, float], ...] = ()
+
+    @property
+    def parts(self) -> Mapping[str, Mapping[str, Any]]:
+        """What is audited by itself: its name, and what its simulator has in place of the training's."""
+        return {
+            f"{low:g} to {high:g} s": {"exposure": {"distribution": "log_uniform", "low": low, "high": high}}
+            for low, high in self.exposures
+        } or {"": {}}
 
 
 # With 500 draws the strict policy leaves open a flow whose weights have a tail.
@@ -76,9 +90,10 @@ PROMISES: Mapping[str, Promise] = {
 }
 
 
-def audited(name: str, seed: int, work: Path) -> Audit:
+def audited(name: str, part: str, seed: int, work: Path) -> Audit:
     """One audit, with likelihoods of all trials; an interrupted one goes on in its folder below `work`."""
     promise, made = PROMISES[name], _made(name)
+    called = "-".join(filter(None, (name, part.replace(" ", "-"), made["sha256"][:12], str(seed))))
     numbers = {
         "number": promise.trials,
         "joint_number": promise.trials,
@@ -86,11 +101,11 @@ def audited(name: str, seed: int, work: Path) -> Audit:
     }
     return gb.audit(
         f"shipped:{name}",
-        made["simulator_table"],
+        made["simulator_table"] | promise.parts[part],
         trials=numbers,
         seed=seed,
         policy=promise.policy,
-        out=work / f"{name}-{made['sha256'][:12]}-{seed}",
+        out=work / called,
         progress=True,
     )
 
@@ -123,13 +138,13 @@ def together(audits: Sequence[Audit], seeds: Sequence[int], *, command: str = ""
     )
 
 
-def row(name: str, which: str, seed: int, audit: Audit) -> dict[str, Any]:
+def row(name: str, part: str, which: str, seed: int, audit: Audit) -> dict[str, Any]:
     """What is kept of an audit: its outcome, what failed, and what was left open, required or not."""
     gates = list(audit.gates.values())
     left = [gate for gate in gates if gate.outcome == "INCONCLUSIVE"]
     efficiency = audit.gates["importance.ess"]
     return {
-        "flow": name, "audit": which, "seed": str(seed), "policy": PROMISES[name].policy,
+        "flow": name, "part": part, "audit": which, "seed": str(seed), "policy": PROMISES[name].policy,
         "trials": audit.trials.sizes["trial"], "outcome": str(audit.outcome.value),
         "failed": _families(gate for gate in gates if gate.outcome == "FAIL"),
         "open": _families(gate for gate in left if gate.required),
@@ -153,7 +168,7 @@ def _families(gates: Iterable[Any]) -> str:
 def run(chosen: argparse.Namespace) -> None:
     """Two audits of every flow and one of both, whose verdict is put beside the flow's weights.
 
-    What was found of other flows stays in the table.
+    Of a flow in parts, that is the verdict of the worst. What was found of other flows stays in the table.
 
     Raises
     ------
@@ -170,16 +185,21 @@ def run(chosen: argparse.Namespace) -> None:
                     f"{file}: {name} was audited on trials of {one['commit'][:7]}, and final trials are "
                     "looked at once: name that with --commit, or another --out"
                 )
-        seeds = [seed_of(f"shipped {which}", commit) for which in AUDITS[:2]]
-        found = [audited(name, seed, chosen.work) for seed in seeds]
-        both = together(found, seeds, command=f"python -m {NAME} {name} --commit {commit}")
-        rows = [
-            row(name, which, seed, audit) | origin
-            for which, seed, audit in zip(AUDITS, (*seeds, seeds[0]), (*found, both), strict=True)
-        ]
+        rows, verdicts = [], []
+        for part in PROMISES[name].parts:
+            seeds = [seed_of(f"shipped {which} {part}".rstrip(), commit) for which in AUDITS[:2]]
+            found = [audited(name, part, seed, chosen.work) for seed in seeds]
+            both = together(found, seeds, command=f"python -m {NAME} {name} --commit {commit}")
+            verdicts.append(both)
+            rows += [
+                row(name, part, which, seed, audit) | origin
+                for which, seed, audit in zip(AUDITS, (*seeds, seeds[0]), (*found, both), strict=True)
+            ]
         made = _as_table([one for one in kept if one["flow"] != name] + rows)
-        write({"": made.assign_attrs(record(f"python -m {NAME} NAME --commit COMMIT", seeds[0]))}, file)
-        said = verdict_json(both.verdict, both.findings)
+        made_by = record(f"python -m {NAME} NAME --commit COMMIT", int(rows[0]["seed"]))
+        write({"": made.assign_attrs(made_by)}, file)
+        worst = min(verdicts, key=lambda one: WORST.index(one.outcome.value))
+        said = verdict_json(worst.verdict, worst.findings)
         write_atomically(chosen.models / name / "verdict.json", said.encode())
         sys.stdout.write(shown(_as_table(rows)) + "\n")
 
@@ -187,8 +207,10 @@ def run(chosen: argparse.Namespace) -> None:
 def develop(chosen: argparse.Namespace) -> None:
     """One audit of every flow on the seed by which flows are chosen."""
     for name in _named(chosen.names):
-        one = row(name, "development", DEVELOPMENT, audited(name, DEVELOPMENT, chosen.work))
-        sys.stdout.write(shown(_as_table([one | {"commit": ""}])) + "\n")
+        for part in PROMISES[name].parts:
+            audit = audited(name, part, DEVELOPMENT, chosen.work)
+            one = row(name, part, "development", DEVELOPMENT, audit)
+            sys.stdout.write(shown(_as_table([one | {"commit": ""}])) + "\n")
 
 
 def _as_table(rows: Sequence[Mapping[str, Any]]) -> xr.Dataset:
@@ -211,7 +233,7 @@ def shown(made: xr.Dataset) -> str:
     ]
     lines = [
         [
-            f"`{one['flow']}`", one["audit"], one["policy"], f"{one['trials']:,}", one["outcome"],
+            _called(one), one["audit"], one["policy"], f"{one['trials']:,}", one["outcome"],
             one["failed"] or "-", one["open"] or "-", one["open_beside"] or "-", EFFICIENCY.format_map(one),
         ]
         for one in _rows(made)
@@ -228,7 +250,7 @@ def flows(made: xr.Dataset) -> str:
             model = _made(one["flow"])
             kind, trained = model["network"]["kind"], model["training"]
             lines.append([
-                f"`{one['flow']}`", kind, f"{trained['simulations']:,}", f"{trained['steps']:,}",
+                _called(one), kind, f"{trained['simulations']:,}", f"{trained['steps']:,}",
                 str(trained.get("redraws") or "-"), f"{model['validation_loss']:.3f}",
                 "{outcome}, {policy}, {trials:,} trials".format_map(one), EFFICIENCY.format_map(one),
             ])  # fmt: skip
@@ -255,8 +277,16 @@ def logged(rows: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
+def _called(one: Mapping[str, Any]) -> str:
+    return f"`{one['flow']}`" + (f", {one['part']}" if one["part"] else "")
+
+
 def _rows(made: xr.Dataset) -> list[dict[str, Any]]:
-    return [{str(key): made[key].values[at].item() for key in made} for at in range(made.sizes["row"])]
+    # Of before there were parts.
+    whole = {"part": ""}
+    return [
+        whole | {str(key): made[key].values[at].item() for key in made} for at in range(made.sizes["row"])
+    ]
 
 
 def _page(page: Path, file: Path) -> None:

@@ -141,6 +141,44 @@ def test_a_flow_that_does_not_ship_is_named(tmp_path):
     assert shipped._named([]) == list(shipped.PROMISES)
 
 
+def test_a_flow_for_many_exposures_is_audited_in_each_range_and_judged_by_the_worst(tmp_path, monkeypatch):
+    ranges = ((1.0, 10.0), (10.0, 100.0), (100.0, 1000.0))
+    promise = shipped.Promise("strict", 60, 400, exposures=ranges)
+    parts = ["1 to 10 s", "10 to 100 s", "100 to 1000 s"]
+    assert list(promise.parts) == parts
+    assert promise.parts["10 to 100 s"] == {
+        "exposure": {"distribution": "log_uniform", "low": 10.0, "high": 100.0}
+    }
+    seen = []
+
+    def audited(name, part, seed, work):
+        seen.append((part, seed))
+        rng = np.random.default_rng(seed)
+        theta, draws = rng.normal(size=(60, 1)), rng.normal(size=(60, 30, 1))
+        # The second range is as wrong as can be.
+        return gb.audit_draws(theta + 9.0 * (part == parts[1]), draws, policy="strict", seed=1)
+
+    def row(name, part, which, seed, audit):
+        outcome = audit.outcome.value
+        return {"flow": name, "part": part, "audit": which, "seed": str(seed), "outcome": outcome}
+
+    monkeypatch.setattr(shipped, "PROMISES", {FLOW: promise})
+    for name, other in (("audited", audited), ("row", row), ("shown", lambda made: "")):
+        monkeypatch.setattr(shipped, name, other)
+    (tmp_path / "models" / FLOW).mkdir(parents=True)
+    assert main(["shipped", FLOW, "--out", str(tmp_path), "--models", str(tmp_path / "models")]) == 0
+    assert [part for part, _ in seen] == [part for part in parts for _ in range(2)]
+    assert len({seed for _, seed in seen}) == 6
+    rows = shipped._rows(read(tmp_path / "shipped.nc"))
+    assert [(one["part"], one["audit"]) for one in rows] == [
+        (part, which) for part in parts for which in shipped.AUDITS
+    ]
+    assert [one["outcome"] for one in rows] == [*["INCONCLUSIVE"] * 3, *["FAIL"] * 3, *["INCONCLUSIVE"] * 3]
+    verdict = json.loads((tmp_path / "models" / FLOW / "verdict.json").read_text())
+    assert verdict["verdict"] == "FAIL"
+    assert shipped._called(rows[0]) == f"`{FLOW}`, 1 to 10 s"
+
+
 def test_the_page_shows_what_is_stored(twin, tmp_path):
     shutil.copy(DOCS / "training.md", tmp_path)
     assert main(["shipped", "--page", "--out", str(twin), "--docs", str(tmp_path)]) == 0
