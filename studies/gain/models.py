@@ -19,6 +19,9 @@ from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.xray import reference
 from gaugeblock.simulators.xray.forward import FLOOR
 
+PARAMETERS = 5
+"""Of a source."""
+
 NODES = 40
 RANK = 1e-10
 
@@ -66,10 +69,30 @@ class Tabulated:
     simulator: Any
     tail: tuple[float, ...] = ()
 
+    @property
+    def model(self) -> str:
+        """As the simulator's."""
+        return str(self.simulator.model)
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """As the simulator's."""
+        return tuple(self.simulator.effects)
+
+    @property
+    def exposure(self) -> float:
+        """In seconds, as the simulator's."""
+        return float(self.simulator.exposure)
+
+    @property
+    def data_shape(self) -> tuple[int, ...]:
+        """As the simulator's."""
+        return tuple(self.simulator.data_shape)
+
     @cached_property
     def prior(self) -> Any:
         """Of the five parameters."""
-        names = self.simulator.prior.names[:5]
+        names = self.simulator.prior.names[:PARAMETERS]
         return Prior({name: self.simulator.prior.marginals[name] for name in names})
 
     @cached_property
@@ -155,8 +178,22 @@ class Spectrum:
 
     @property
     def simulator(self) -> Any:
-        """With five parameters, in the reference model's order."""
+        """With five parameters, in the reference model's order; others may follow."""
         return reference(self.response, "bright", integration=self.integration)
+
+    @property
+    def source(self) -> Spectrum:
+        """What gains and areas act on."""
+        return self
+
+    @property
+    def fitted(self) -> Any:
+        """What is fitted: the simulator, tabulated."""
+        return table(self)
+
+    def over(self, templates: Array) -> Array:
+        """Changes of the source's expected counts ``(..., channel)`` as changes of all data's."""
+        return templates
 
 
 JAXSPEC, EXACT = Spectrum(), Spectrum("exact")
@@ -198,7 +235,7 @@ class TabulatedShared:
     @property
     def parameters(self) -> int:
         """Of a source's own."""
-        return 5
+        return PARAMETERS
 
     @property
     def neutral(self) -> Array:

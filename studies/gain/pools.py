@@ -20,11 +20,10 @@ from studies.gain.models import (
     GAINS,
     JAXSPEC,
     MEDIUM,
+    PARAMETERS,
     Spectrum,
-    Tabulated,
     TabulatedShared,
     nuisance_templates,
-    table,
 )
 from studies.kit.resume import Pieces, joined
 
@@ -64,9 +63,9 @@ class GainPool:
         return MEDIUM if self.level == "medium" else 1.0
 
     @property
-    def model(self) -> Tabulated:
+    def model(self) -> Any:
         """What is fitted: the spectrum without a gain."""
-        return table(self.spectrum)
+        return self.spectrum.fitted
 
     @property
     def flow(self) -> str:
@@ -116,10 +115,12 @@ def score(pool: GainPool, chunk: int, seed: int, number: int) -> dict[str, Array
     counts = pool.draw(chunk, seed)[1][:number]
     sources = Sources.of(pool.model, counts, scale=pool.scale)
     fitted = fit(sources.simulator, counts, scale=sources.scale, seed=chunk)
-    shared = [TabulatedShared(name, pool.steps[name], pool.spectrum) for name in TEMPLATES]
-    values = [s.templates(fitted.theta, s.neutral, sources.scale, sources.redshift) for s in shared]
-    beside = nuisance_templates(fitted.theta, sources.scale, pool.spectrum, pool.steps)
-    found = shared_scores(counts, fitted, np.concatenate(values, axis=1), beside)
+    spectrum, theta = pool.spectrum, fitted.theta[:, :PARAMETERS]
+    shared = [TabulatedShared(name, pool.steps[name], spectrum.source) for name in TEMPLATES]
+    values = [s.templates(theta, s.neutral, sources.scale, sources.redshift) for s in shared]
+    beside = nuisance_templates(theta, sources.scale, spectrum.source, pool.steps)
+    templates = spectrum.over(np.concatenate(values, axis=1))
+    found = shared_scores(counts, fitted, templates, spectrum.over(beside))
     return {name.name: getattr(found, name.name).astype(np.float32) for name in fields(found)}
 
 

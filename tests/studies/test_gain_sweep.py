@@ -9,16 +9,18 @@ import xarray as xr
 pytest.importorskip("jaxspec")
 from studies.gain import sweep
 from studies.gain.pools import GainPool
-from studies.gain.sweep import RESPONSES, SIZES, pools, shown, swept
+from studies.gain.sweep import MARKERS, SIZES, SPECTRA, WORDS, pools, shown, swept
 from studies.gain.table import FIELDS
-from studies.kit.results import DOCS, RESULTS, read
+from studies.kit.results import DOCS, RESULTS, read_groups
 
 SEED = 5
+ALL = {label: spectrum for one in SPECTRA.values() for label, spectrum in one.items()}
 
 
-@pytest.mark.parametrize("response", RESPONSES)
-def test_every_size_has_spectra_of_its_response(response):
-    planned = pools(response)
+@pytest.mark.parametrize("label", ALL)
+def test_every_size_has_spectra_of_its_response(label):
+    planned = pools(ALL[label])
+    response = "nicer" if label == "nicer" else "epic-pn"
     assert len(planned) == 9
     clean = planned["bright_clean_small"]
     assert clean.number == 4000
@@ -30,8 +32,8 @@ def test_every_size_has_spectra_of_its_response(response):
 
 @pytest.mark.usefixtures("xray_data")
 def test_nicer_has_its_own_channels_and_the_same_sources():
-    ours = {response: pools(response, part=0.01)["bright_clean_small"] for response in RESPONSES}
-    theta, counts = zip(*(pool.draw(0, SEED) for pool in ours.values()), strict=True)
+    ours = [pools(ALL[label], part=0.01)["bright_clean_small"] for label in ("epic-pn", "nicer")]
+    theta, counts = zip(*(pool.draw(0, SEED) for pool in ours), strict=True)
     np.testing.assert_array_equal(*theta)
     assert [part.shape[1] for part in counts] == [102, 970]
 
@@ -46,7 +48,7 @@ def test_a_table_of_every_response(monkeypatch):
 
     monkeypatch.setattr(sweep, "scored", score)
     monkeypatch.setattr(sweep, "summary", lambda done, planned, wanted, **options: (done, wanted, options))
-    done, wanted, options = swept("nicer", None, seed=3, part=0.01, number=7)
+    done, wanted, options = swept(ALL["nicer"], None, seed=3, part=0.01, number=7)
     assert options == {"number": 7, "seed": 3}
     assert {name for name, _, _ in seen} == set(done)
     assert all(isinstance(pool, GainPool) and pool.spectrum.response == "nicer" for pool in done.values())
@@ -72,9 +74,10 @@ def made(z):
 def test_the_command_keeps_and_tells_every_response(monkeypatch, tmp_path, capsys):
     asked = []
 
-    def table(response, _pieces, *, seed, part, number):
-        asked.append((response, seed, part, number))
-        return made((10.5, 0.0, 3.0) if response == "nicer" else (4.5, 0.0, 1.0))
+    def table(spectrum, _pieces, *, seed, part, number):
+        label = next(label for label, one in ALL.items() if one == spectrum)
+        asked.append((label, seed, part, number))
+        return made((10.5, 0.0, 3.0) if label == "nicer" else (4.5, 0.0, 1.0))
 
     monkeypatch.setattr(sweep, "swept", table)
     given = ["--share", "0.5", "--catalogues", "9", "--generator-seed", "5", "--out", str(tmp_path)]
@@ -87,14 +90,27 @@ def test_the_command_keeps_and_tells_every_response(monkeypatch, tmp_path, capsy
         "| NICER | gain slope | none | +0.5 ± 0.7 | -1.0 ± 0.7 |  |",
         "| NICER | gain slope | +0.3 | +10.5 | +3.0 | +0.31 ± 0.04 |",
     ]
-    (tmp_path / "gain.md").write_text("<!-- sweep --><!-- /sweep -->\n")
+    assert sweep.main([*given, "--background"]) == 0
+    assert asked[2:] == [("epic-pn-background", 5, 0.5, 9)]
+    beside = capsys.readouterr().out
+    assert "| EPIC-pn, background | gain slope | +0.3 | +4.5 | +1.0 | +0.31 ± 0.04 |" in beside
+    assert (
+        "`python -m studies gain-sweep --share 0.5 --catalogues 9 --generator-seed 5 --background`" in beside
+    )
+    page = tmp_path / "gain.md"
+    page.write_text("<!-- sweep --><!-- /sweep -->\n<!-- background --><!-- /background -->\n")
     assert sweep.main(["--page", "--out", str(tmp_path), "--docs", str(tmp_path)]) == 0
-    assert printed.strip() in (tmp_path / "gain.md").read_text()
+    assert printed.strip() in page.read_text().partition("<!-- background -->")[0]
+    assert beside.strip() in page.read_text().partition("<!-- background -->")[2]
 
 
-def test_the_page_says_what_was_measured():
-    tables = {name: read(RESULTS / "gain-sweep.nc", name) for name in ("", *RESPONSES)}
-    assert shown(tables) in (DOCS / "gain.md").read_text(encoding="utf-8")
-    for response in RESPONSES:
-        assert tables[response].sizes["case"] == 8
-        assert (tables[response]["null_catalogues"] == 400).all()
+@pytest.mark.parametrize("name", [name for name in SPECTRA if (RESULTS / f"{name}.nc").exists()])
+def test_the_page_says_what_was_measured(name):
+    tables = read_groups(RESULTS / f"{name}.nc")
+    assert set(tables) == {"", *SPECTRA[name]}
+    page = (DOCS / "gain.md").read_text(encoding="utf-8")
+    assert f"<!-- {MARKERS[name]} -->\n{shown(tables)}\n" in page
+    for label in SPECTRA[name]:
+        assert label in WORDS
+        assert tables[label].sizes["case"] == 8
+        assert (tables[label]["null_catalogues"] == 400).all()
