@@ -84,7 +84,7 @@ class NPE(Shown):
         InputError
             If it was not trained on exposures, or not on such a one.
         """
-        if self.exposures is None or self.exposure is not None:
+        if not self._asks:
             raise InputError("this flow was trained for data of one exposure; it takes no other")
         self.check_exposures(exposure)
         return NPE(
@@ -170,6 +170,11 @@ class NPE(Shown):
         at = {} if self.exposure is None else {"exposure": self.exposure}
         return {"estimator": "npe", **{key: self.record.get(key) for key in keys}, **at}
 
+    @property
+    def _asks(self) -> bool:
+        """Whether data come with their exposure."""
+        return self.exposures is not None and self.exposure is None
+
     def _noise(self, x: ArrayLike, n: int, rng: Rng) -> torch.Tensor:
         noise = rng.standard_normal((len(np.asarray(x)), int(n), self.prior.size))
         return self._tensor(noise.astype(np.float32))
@@ -190,6 +195,7 @@ class NPE(Shown):
             raise InputError(
                 f"this flow was trained on data of shape {self.data_shape}, so x must be "
                 f"(batch, {', '.join(map(str, self.data_shape))}), got {data.shape}"
+                + ("; the last entry is the exposure, and flow.at(exposure) takes counts alone" * self._asks)
             )
         flat = data.reshape(len(data), -1)
         wrong = ~np.isfinite(flat).all(axis=1)
@@ -202,7 +208,7 @@ class NPE(Shown):
             raise InputError("this flow was trained on counts and the data hold negative values")
         if self.exposure is not None:
             data = np.concatenate([data, np.full((len(data), 1), self.exposure)], axis=1)
-        elif self.exposures is not None and len(data):
+        elif self._asks and len(data):
             self.check_exposures(data[:, -1].min(), data[:, -1].max())
         return self._tensor(data)
 

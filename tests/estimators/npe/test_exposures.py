@@ -143,6 +143,10 @@ def test_it_says_which_exposures_it_knows(flow, folder, counts, across):
     load(folder, AcrossExposures(counts, LogUniform(1.0, 30.0)))
     with pytest.raises(InputError, match=r"trained on data of shape \(9,\)"):
         load(folder, counts)
+    with pytest.raises(InputError, match=r"got \(2, 8\); the last entry is the exposure, and flow.at\("):
+        flow.sample(np.ones((2, 8)), 3, np.random.default_rng(1))
+    with pytest.raises(InputError, match=r"got \(2, 9\)$"):
+        flow.at(1.0).sample(np.ones((2, 9)), 3, np.random.default_rng(1))
 
 
 def test_other_networks(tmp_path, across, configure, counts_flow):
