@@ -55,7 +55,7 @@ INSIDE = {
             *("_truncated_normal", "marginals", "blocks", "foreign", "prior", "prior_from"),
             *("segments", "protocol", "effects", "library"),
         ),
-        ("epidemic", "xray", "registry", "from_function"),
+        ("epidemic", "xray", "registry", "from_function", "exposures"),
     ),
     "estimators": (("protocol", "_rows"), ("registry", "broken")),
     "validate": (

@@ -33,6 +33,15 @@ def test_the_background_is_the_measured_one_fifty_times_as_bright():
     assert rate == pytest.approx(LEVEL * counts * ratio / header["EXPOSURE"], rel=0.05)
 
 
+def test_the_background_is_as_bright_as_the_page_says():
+    pool = pools(REGION)["bright_clean_small"]
+    expected = REGION.simulator.expected(pool.draw(0, 77)[0])
+    behind = (expected[:, 102:] * background().scale).sum(axis=1)
+    share = behind / expected[:, :102].sum(axis=1)
+    assert np.median(share) == pytest.approx(1 / 5, abs=0.03)
+    assert np.mean(share > 0.5) == pytest.approx(1 / 6, abs=0.05)
+
+
 def test_what_is_fitted_is_what_is_drawn():
     rng = np.random.default_rng(1)
     theta = REGION.simulator.prior.sample(5, rng)
