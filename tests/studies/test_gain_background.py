@@ -8,12 +8,14 @@ from scipy import stats
 
 pytest.importorskip("jaxspec")
 from studies.gain.behind import LEVEL, WithRegion, background
-from studies.gain.models import Spectrum, table
+from studies.gain.models import AREA_ENERGIES, AREA_WIDTH, Spectrum, table
 from studies.gain.pools import GainPool, score, simulator_of
 from studies.gain.sweep import pools
 
+from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.name.shared_score import SharedScores
 from gaugeblock.discovery.name.stacked import stack
+from gaugeblock.simulators import Effect
 from gaugeblock.simulators.xray import data
 
 pytestmark = pytest.mark.usefixtures("xray_data")
@@ -68,31 +70,41 @@ def test_a_gain_moves_the_source_alone():
 
 
 def test_scores_are_those_of_one_linear_model_of_both_regions():
-    """Against least squares of all data at once, of two sources."""
+    """Against least squares of all data at once: a slope, an offset and a bump in the area."""
     pool = pools(REGION, part=0.001)["bright_gain_slope_1.005_small"]
-    found = score(pool, 0, 5, 2)
-    from gaugeblock.discovery.fitting import fit
-
-    counts = pool.draw(0, 5)[1][:2]
+    found, counts = score(pool, 0, 5, 2), pool.draw(0, 5)[1][:2]
     fitted = fit(pool.model, counts, seed=0)
-    steps = pool.steps
+    source = fitted.theta[:, :5]
+
+    def difference(name, step):
+        ends = [table(REGION.source, name, *at).expected(source) for at in step]
+        return ends[1] - ends[0]
+
+    slope, offset = pool.steps["gain_slope"], pool.steps["gain_offset"]
+    bump = {"energy": AREA_ENERGIES[0], "width": AREA_WIDTH * AREA_ENERGIES[0], "depth": 0.02}
+    dimmer = REGION.source.simulator.with_effect(Effect("effective_area", bump)).expected(source)
+    changes = np.stack(
+        [
+            difference("gain_slope", [(1 - slope,), (1 + slope,)]) / (2 * slope),
+            difference("gain_offset", [(-offset,), (offset,)]) / (2 * offset),
+            (dimmer - table(REGION.source).expected(source)) / 0.02,
+        ]
+    )
     for k in range(2):
-        theta, mean = fitted.theta[k], pool.model.expected(fitted.theta[k][None])[0]
-        source = theta[None, :5]
-        slope = (
-            table(REGION.source, "gain_slope", 1 + steps["gain_slope"]).expected(source)
-            - table(REGION.source, "gain_slope", 1 - steps["gain_slope"]).expected(source)
-        )[0] / (2 * steps["gain_slope"])
-        template = np.concatenate([slope, np.zeros(102)])
-        own = pool.model.jacobian(theta[None])[0]
-        root = np.sqrt(mean)[:, None]
-        design = np.column_stack([own, template]) / root
-        left = template / root[:, 0] - own / root @ np.linalg.lstsq(own / root, template / root[:, 0])[0]
-        assert found["information"][k, 1] == pytest.approx(left @ left, rel=1e-3)
-        assert found["score"][k, 1] == pytest.approx(
-            left @ ((counts[k] - mean) / root[:, 0]), rel=1e-2, abs=0.5
-        )
-        assert np.linalg.matrix_rank(design) == 20
+        theta = fitted.theta[k][None]
+        mean, own = pool.model.expected(theta)[0], pool.model.jacobian(theta)[0]
+        root = np.sqrt(mean)
+        templates = np.concatenate([changes[:, k], np.zeros((3, 102))], axis=1).T / root[:, None]
+        own = own / root[:, None]
+        left = templates - own @ np.linalg.lstsq(own, templates)[0]
+        products, seen = left.T @ left, left.T @ ((counts[k] - mean) / root)
+        near = {"rel": 2e-3}
+        assert found["information"][k, 1] == pytest.approx(products[0, 0], **near)
+        assert found["cross"][k, 1, 1:3] == pytest.approx(products[0, 1:], **near)
+        information = found["nuisance_information"][k, 1:3, 1:3]
+        np.testing.assert_allclose(information, products[1:, 1:], rtol=1e-2)
+        assert found["score"][k, 1] == pytest.approx(seen[0], rel=1e-2, abs=0.5)
+        assert found["nuisance_score"][k, 1:3] == pytest.approx(seen[1:], rel=1e-2, abs=0.5)
 
 
 def test_without_a_gain_scores_are_centred_and_with_one_they_are_not():

@@ -179,6 +179,28 @@ def test_a_flow_for_many_exposures_is_audited_in_each_range_and_judged_by_the_wo
     assert shipped._called(rows[0]) == f"`{FLOW}`, 1 to 10 s"
 
 
+def test_an_audit_of_a_range_has_its_simulator_and_a_folder_of_its_own(tmp_path, monkeypatch):
+    ranges = ((1.0, 10.0), (10.0, 100.0))
+    monkeypatch.setattr(shipped, "PROMISES", {FLOW: shipped.Promise("strict", 60, 400, exposures=ranges)})
+    asked = []
+    monkeypatch.setattr(
+        shipped.gb, "audit", lambda *given, out, **options: asked.append((given, out, options))
+    )
+    for part in shipped.PROMISES[FLOW].parts:
+        shipped.audited(FLOW, part, 3, tmp_path)
+    given, folders, options = zip(*asked, strict=True)
+    table = json.loads((MODELS / FLOW / "model.json").read_text())["simulator_table"]
+    assert [one[0] for one in given] == [f"shipped:{FLOW}"] * 2
+    assert [one[1] for one in given] == [
+        {**table, "exposure": {"distribution": "log_uniform", "low": low, "high": high}}
+        for low, high in ranges
+    ]
+    assert len(set(folders)) == 2
+    assert all(folder.parent == tmp_path for folder in folders)
+    assert options[0]["trials"] == {"number": 60, "joint_number": 60, "importance_draws": 400}
+    assert (options[0]["policy"], options[0]["seed"]) == ("strict", 3)
+
+
 def test_the_page_shows_what_is_stored(twin, tmp_path):
     shutil.copy(DOCS / "training.md", tmp_path)
     assert main(["shipped", "--page", "--out", str(twin), "--docs", str(tmp_path)]) == 0
