@@ -270,7 +270,8 @@ def logged(rows: Sequence[Mapping[str, Any]]) -> str:
          + (f" by {one['failed']}" if one["failed"] else ""))
         for one in rows
     ]  # fmt: skip
-    order = sorted(lines, key=lambda line: (list(PROMISES).index(line[1]), line[0] or "z"))
+    flows = [*PROMISES, *(line[1] for line in lines)]  # those that do not ship yet come last
+    order = sorted(lines, key=lambda line: (flows.index(line[1]), line[0] or "z"))
     return "\n".join(
         f"{date:10s}  {flow:20s} {weights}  {kind:8s}  {commit}  {says}"
         for date, flow, weights, kind, commit, says in order
