@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -120,16 +121,32 @@ def redrawn_bank(
             pieces.append(redrawn(head, compressed, counts, own, number=number, rng=rng))
         return tuple(np.concatenate(part) for part in zip(*pieces, strict=True))
 
+    names = ("pool", "log_weight")
+    pool, log_weight = in_chunks(
+        "redraws", names, pools, rows=rows, chunk=chunk, folder=folder, told=progress
+    )
+    return RedrawnBank(compressed, pool, log_weight)
+
+
+def in_chunks(
+    stage: str,
+    names: tuple[str, ...],
+    make: Callable[[int, int], tuple[NDArray[Any], ...]],
+    *,
+    rows: int,
+    chunk: int,
+    folder: Path,
+    told: Progress | None,
+) -> tuple[NDArray[Any], ...]:
+    """Arrays of all rows, made from `start` to `stop`; an interrupted run finds chunks again in `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
     parts = []
     for start in range(0, rows, chunk):
         stop = min(start + chunk, rows)
-        make = partial(pools, start, stop)
-        parts.append(kept(folder / f"{start:08d}.npz", ("pool", "log_weight"), make))
-        if progress is not None:
-            progress("redraws", stop, rows)
-    pool, log_weight = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return RedrawnBank(compressed, pool, log_weight)
+        parts.append(kept(folder / f"{start:08d}.npz", names, partial(make, start, stop)))
+        if told is not None:
+            told(stage, stop, rows)
+    return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
 
 
 EMULATOR_STEPS, GUESS_STEPS = 12_000, 3_000
@@ -149,7 +166,7 @@ def train_laplace(
 ) -> dict[str, Any]:
     """Train in place; returns the training curve of the flow.
 
-    What each stage leaves lies in `folder`, under `key`: a run that was cut off repeats a stage at most.
+    What each stage leaves lies in `folder`, under `key`: one that was cut off repeats the emulator or a chunk.
     """
     compressor = network.compressor
     stored = folder / f"compressor-{key}.safetensors"
@@ -159,7 +176,18 @@ def train_laplace(
         )
         state = {name: value.contiguous() for name, value in compressor.state_dict().items()}
         write_atomically(stored, bytes(save(state)))
-    data = _compressed(compressor, bank, folder / f"compressed-{key}.npz", options.seed, progress)
+
+    def compress(start: int, _: int) -> tuple[NDArray[np.float32]]:
+        x = noisy(bank, start, CHUNK, options.seed)
+        return (compressor(placed(x, compressor)).cpu().numpy(),)
+
+    (data,) = in_chunks(
+        *("compressed", ("data",), compress),
+        rows=len(bank),
+        chunk=CHUNK,
+        folder=folder / f"compressed-{key}",
+        told=progress,
+    )
     network.head.standardise(placed(data[:EXAMPLES], network))
     compressed = Bank(bank.scores, data, False, bank.simulator)
     curve = train_default(
@@ -248,19 +276,3 @@ def _restored(compressor: Compressor, path: Path) -> bool:
         return False
     compressor.requires_grad_(False)
     return True
-
-
-def _compressed(
-    compressor: Compressor, bank: Bank, path: Path, seed: int, progress: Progress | None
-) -> NDArray[np.float32]:
-    def compress() -> tuple[NDArray[np.float32]]:
-        parts = []
-        for start in range(0, len(bank), CHUNK):
-            x = noisy(bank, start, CHUNK, seed)
-            parts.append(compressor(placed(x, compressor)).cpu().numpy())
-            if progress is not None:
-                progress("compressed", start + len(x), len(bank))
-        return (np.concatenate(parts),)
-
-    (data,) = kept(path, ("data",), compress)
-    return data

@@ -214,17 +214,18 @@ def test_it_comes_back_from_its_folder(flow, counts, tmp_path_factory):
     np.testing.assert_array_equal(first, second)
 
 
-def test_cut_off_after_the_compression_it_ends_at_the_same_weights(
-    tmp_path, make_counts, settings, monkeypatch
+@pytest.mark.parametrize("cut", [("compressed", 400), ("steps", 15)], ids=lambda cut: cut[0])
+def test_cut_off_in_or_after_the_compression_it_ends_at_the_same_weights(
+    tmp_path, make_counts, settings, monkeypatch, cut
 ):
-    for name, value in {"EMULATOR_STEPS": 10, "GUESS_STEPS": 10}.items():
+    for name, value in {"EMULATOR_STEPS": 10, "GUESS_STEPS": 10, "CHUNK": 200}.items():
         monkeypatch.setattr(f"gaugeblock.estimators.npe.laplace.training.{name}", value)
 
     class Cut(Exception):
         pass
 
     def stop(stage, done, total):
-        if stage == "steps" and done == 15:
+        if (stage, done) == cut:
             raise Cut
 
     few = {"simulations": 512, "batch": 64, "steps": 20, "checkpoint": 10}
@@ -233,6 +234,8 @@ def test_cut_off_after_the_compression_it_ends_at_the_same_weights(
     folder = tmp_path / "model"
     with pytest.raises(Cut):
         train(make_counts(), settings(**few), folder=folder, progress=stop)
+    chunks = list((folder / "training").glob("compressed-*/*.npz"))
+    assert len(chunks) == (2 if cut[0] == "compressed" else 3)
     again = train(make_counts(), settings(**few), folder=folder)
     assert again.record["sha256"] == whole.record["sha256"]
 
@@ -280,7 +283,9 @@ def test_stages_hand_on_what_they_have_found(tmp_path, make_counts, settings, mo
     features = compressor.features(torch.from_numpy(np.concatenate(noise))).numpy()
     np.testing.assert_allclose(features.mean(axis=0), 0.0, atol=0.4)
     np.testing.assert_allclose(features.std(axis=0), 1.0, atol=0.4)
-    compressed = np.load(tmp_path / "compressed-k.npz")["data"]
+    stored = sorted((tmp_path / "compressed-k").glob("*.npz"))
+    assert [path.stem for path in stored] == ["00000000", "00000100", "00000200"]
+    compressed = np.concatenate([np.load(path)["data"] for path in stored])
     parts = [compressor(torch.from_numpy(x)).numpy() for x in noise]
     np.testing.assert_allclose(compressed, np.concatenate(parts), rtol=1e-4, atol=1e-5)
     with torch.no_grad():
