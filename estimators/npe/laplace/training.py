@@ -166,7 +166,7 @@ def train_laplace(
 ) -> dict[str, Any]:
     """Train in place; returns the training curve of the flow.
 
-    What each stage leaves lies in `folder`, under `key`: one that was cut off repeats the emulator or a chunk.
+    What a stage leaves lies in `folder`, under `key`: one that was cut off repeats the emulator or a chunk.
     """
     compressor = network.compressor
     stored = folder / f"compressor-{key}.safetensors"
