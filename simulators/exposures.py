@@ -66,7 +66,7 @@ class AcrossExposures(Shown):
                 f"across_exposures: exposures need two positive, finite ends, got {low} to {high}; take "
                 "log_uniform or a truncated distribution"
             )
-        self.exposures, self.prior = exposure, self.base.prior
+        self.exposure_distribution, self.prior = exposure, self.base.prior
         self.data_shape = None if shape is None else (shape[0] + 1,)
         self._own = float(getattr(self.base, "exposure", 1.0))
 
@@ -89,7 +89,7 @@ class AcrossExposures(Shown):
                 f"across_exposures: mean counts of its base, a {type(self.base).__name__}, are negative or "
                 "NaN; it is for simulators of Poisson counts"
             )
-        exposure = self.exposures.from_unit(rng.random((*mean.shape[:-1], 1)))
+        exposure = self.exposure_distribution.from_unit(rng.random((*mean.shape[:-1], 1)))
         counts = rng.poisson(mean[..., :-1] * (exposure / mean[..., -1:]))
         return np.concatenate([counts, exposure], axis=-1)
 
@@ -108,5 +108,5 @@ class AcrossExposures(Shown):
         return {
             "simulator": "across_exposures",
             "base": description(self.base),
-            "exposure": self.exposures.describe(),
+            "exposure": self.exposure_distribution.describe(),
         }

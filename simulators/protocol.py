@@ -64,7 +64,7 @@ class HasExposures(Protocol):
     """Its data are counts and, last, the exposure they were collected in: another each time, and known."""
 
     @property
-    def exposures(self) -> Marginal:
+    def exposure_distribution(self) -> Marginal:
         """What exposures are drawn from."""
 
 

@@ -42,7 +42,7 @@ def describe_simulator(simulator: Simulator) -> dict[str, Any]:
 
 def exposures_of(simulator: Simulator) -> tuple[float, float] | None:
     """Ends of the exposures that a simulator's data come with, None where they come with none."""
-    return simulator.exposures.support if isinstance(simulator, HasExposures) else None
+    return simulator.exposure_distribution.support if isinstance(simulator, HasExposures) else None
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ class CountFeatures(StandardFeatures):
 
     def raw(self, x: Tensor) -> Tensor:
         if self.exposed:
-            # Of counts of nothing, which only say how many features there are, in no time.
+            # Zeros, which say how many features there are, have no exposure either.
             return torch.cat((self._raw(x[..., :-1]), torch.log(x[..., -1:].clamp(min=1e-300))), dim=-1)
         return self._raw(x)
 

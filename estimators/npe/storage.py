@@ -105,7 +105,7 @@ def load(
         _check_size(table, shape, len(weights))
         network = build_network(table, shape)
         network.load_state_dict(load_tensors(weights))
-    except (SafetensorError, RuntimeError, KeyError, TypeError, ValueError) as error:
+    except (SafetensorError, RuntimeError, LookupError, TypeError, ValueError) as error:
         first = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         raise InputError(f"{folder}: {DESCRIPTION} and {WEIGHTS} do not fit together: {first}") from None
     estimator = NPE(

@@ -57,6 +57,11 @@ def test_the_folder_holds_weights_and_a_description_and_no_pickle(counts_folder)
         (lambda p: network(p, transforms=1000), "larger than its weights"),
         (lambda p: network(p, kind="laplace", emulator=[200, 200]), "larger than its weights"),
         (lambda p: edit(p, prior={"slope": {"distribution": "cauchy"}}), "do not fit together"),
+        (lambda p: edit(p, exposures=[1.0]), "do not fit together"),
+        (lambda p: edit(p, exposures=[1.0, "x"]), "do not fit together"),
+        (lambda p: edit(p, exposures=None), "do not fit together"),
+        (lambda p: edit(p, exposures=[1.0, 2.0]), "do not fit together"),
+        (lambda p: (edit(p, data_shape=[]), network(p, kind="laplace")), "do not fit together"),
     ],
 )
 def test_a_damaged_folder_gives_one_line(folder, damage, message):
