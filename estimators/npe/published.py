@@ -22,14 +22,52 @@ from sbi.inference import NPE as Inference  # noqa: E402
 from sbi.neural_nets import posterior_nn  # noqa: E402
 
 
+class _Larger(torch.autograd.Function):
+    """The larger of every two neighbours: what ``max_pool1d(x, 2)`` gives, in less time.
+
+    Values and gradients are the same bits, at ties, too, where the first of two has the gradient.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, x: Tensor) -> Tensor:
+        first, second = _neighbours(x)
+        ctx.first_is, ctx.length = first >= second, x.shape[-1]
+        return torch.maximum(first, second)
+
+    @staticmethod
+    def backward(ctx: Any, gradient: Tensor) -> Tensor:
+        made = gradient.new_empty((*gradient.shape[:-1], ctx.length))
+        made[..., 2 * gradient.shape[-1] :] = 0.0
+        first, second = _neighbours(made)
+        torch.mul(gradient, ctx.first_is, out=first)
+        torch.sub(gradient, first, out=second)
+        return made
+
+
+def _neighbours(x: Tensor) -> tuple[Tensor, Tensor]:
+    """Every first and every second entry of the last axis; an odd one out is left."""
+    even = x.shape[-1] // 2 * 2
+    return x[..., :even:2], x[..., 1:even:2]
+
+
+class Halved(nn.Module):
+    """Half as many channels: of every two the larger."""
+
+    def forward(self, x: Tensor) -> Tensor:
+        """From ``(..., channel)`` to ``(..., channel // 2)``."""
+        larger: Tensor = _Larger.apply(x)
+        return larger
+
+
 class PublishedEmbedding(nn.Module):
     """log(1+x), two convolutions with pooling, two dense layers: 20 summaries of one spectrum, or others."""
 
     def __init__(self, channels: int, summaries: int = 20):
         super().__init__()
+        # The study takes the larger after ReLU; before, it is the same, of half as many numbers.
         self.convolutions = nn.Sequential(
-            nn.Conv1d(1, 16, 5, padding=2), nn.ReLU(), nn.MaxPool1d(2),
-            nn.Conv1d(16, 32, 5, padding=2), nn.ReLU(), nn.MaxPool1d(2),
+            nn.Conv1d(1, 16, 5, padding=2), Halved(), nn.ReLU(),
+            nn.Conv1d(16, 32, 5, padding=2), Halved(), nn.ReLU(),
         )  # fmt: skip
         self.dense = nn.Sequential(nn.Linear(32 * (channels // 4), 64), nn.ReLU(), nn.Linear(64, summaries))
 

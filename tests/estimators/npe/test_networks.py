@@ -110,3 +110,28 @@ def test_the_default_network_is_sbis_zuko_nsf():
     with torch.no_grad():
         found = network.log_prob(theta[:, None], network.context(x))[:, 0]
         torch.testing.assert_close(found, theirs.log_prob(theta[None], x)[0], rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("channels", [8, 102, 971])
+def test_the_larger_of_two_is_what_pooling_after_relu_gives_to_the_last_bit(channels):
+    torch.manual_seed(4)
+    embedding = PublishedEmbedding(channels)
+    first, _, _, second, _, _ = embedding.convolutions
+    study = torch.nn.Sequential(
+        first, torch.nn.ReLU(), torch.nn.MaxPool1d(2), second, torch.nn.ReLU(), torch.nn.MaxPool1d(2)
+    )
+    # Most channels are empty, so that neighbours tie.
+    x = torch.log1p(torch.poisson(torch.full((20, 1, channels), 0.2)))
+    assert (x == 0).float().mean() > 0.7
+    weight = torch.randn(20, 32, channels // 4)
+    found = []
+    for layers in (embedding.convolutions, study):
+        embedding.zero_grad()
+        values = layers(x)
+        (values * weight).sum().backward()
+        found.append(
+            [values.detach(), *(p.grad.clone() for p in (*first.parameters(), *second.parameters()))]
+        )
+    assert all(torch.equal(*both) for both in zip(*found, strict=True))
+    assert found[0][0].shape == (20, 32, channels // 4)
+    assert all(gradient.abs().max() > 0 for gradient in found[0][1:])
