@@ -36,6 +36,7 @@ from gaugeblock.estimators.npe.shipped import reference_model_path
 from gaugeblock.reports.machine import verdict_json
 from gaugeblock.validate.looks import Looks
 from gaugeblock.validate.trials import IMPORTANCE, JOINT, group_trials, main_trials, trials_tree
+from gaugeblock.validate.verdict import combine
 from studies.kit.command import carried_out, parser
 from studies.kit.commit import ROOT, committed, seed_of
 from studies.kit.page import fill, table
@@ -50,8 +51,6 @@ TRAININGS = 3
 """Of a flow, at most, the first among them."""
 
 AUDITS = ("first", "second", "both")
-WORST = ("FAIL", "INCONCLUSIVE", "PASS")
-"""First."""
 EFFICIENCY = "{efficiency:.1%} ({efficiency_lo:.1%} to {efficiency_hi:.1%})"
 
 
@@ -198,7 +197,8 @@ def run(chosen: argparse.Namespace) -> None:
         made = _as_table([one for one in kept if one["flow"] != name] + rows)
         made_by = record(f"python -m {NAME} NAME --commit COMMIT", int(rows[0]["seed"]))
         write({"": made.assign_attrs(made_by)}, file)
-        worst = min(verdicts, key=lambda one: WORST.index(one.outcome.value))
+        outcome = combine(one.outcome for one in verdicts)
+        worst = next(one for one in verdicts if one.outcome is outcome)
         said = verdict_json(worst.verdict, worst.findings)
         write_atomically(chosen.models / name / "verdict.json", said.encode())
         sys.stdout.write(shown(_as_table(rows)) + "\n")

@@ -94,12 +94,9 @@ def load(
         )
     try:
         prior = Prior.from_description(description["prior"])
-        low, high = map(float, description.get("exposures", (0.0, math.inf)))
+        exposures = _ends(description["exposures"]) if "exposures" in description else None
         shape = NetworkShape(
-            prior.size,
-            tuple(description["data_shape"]),
-            str(description["features"]),
-            (low, high) if "exposures" in description else None,
+            prior.size, tuple(description["data_shape"]), str(description["features"]), exposures
         )
         table = NetworkTable.model_validate(description["network"])
         _check_size(table, shape, len(weights))
@@ -159,6 +156,11 @@ def for_simulator(estimator: NPE, simulator: Simulator, *, where: str) -> NPE:
             f"but the simulator makes {tuple(shape)}"
         )
     return estimator
+
+
+def _ends(values: Any) -> tuple[float, float]:
+    low, high = map(float, values)
+    return low, high
 
 
 def _check_size(table: NetworkTable, shape: NetworkShape, weights: int) -> None:

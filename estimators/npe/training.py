@@ -76,6 +76,11 @@ def train(
             'training.redraws needs network.kind = "laplace" and a simulator with a likelihood (its '
             "`log_likelihood`)"
         )
+    if config.network.kind == "published" and exposures_of(simulator) is not None:
+        raise InputError(
+            'network.kind = "published" reads channels alone, and here the last entry is an exposure; '
+            'take "laplace" or "default"'
+        )
     require_prior(simulator.prior, HasBijections, "estimator npe")
     try:
         same = Prior.from_description(simulator.prior.describe()) == simulator.prior
@@ -128,11 +133,6 @@ def _trained(
     kind = choose_kind(config.network.features, examples, exposed=exposures is not None)
     shape = NetworkShape(simulator.prior.size, examples.shape[1:], kind, exposures)
     if config.network.kind == "published":
-        if shape.exposed:
-            raise InputError(
-                'network.kind = "published" reads channels alone, and here the last entry is an exposure; '
-                'take "laplace" or "default"'
-            )
         # Here, because it alone needs sbi, whose import takes two seconds.
         from gaugeblock.estimators.npe.published import train_published
 
