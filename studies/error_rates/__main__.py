@@ -24,6 +24,7 @@ from studies.error_rates import (
 )
 from studies.error_rates.document import document
 from studies.error_rates.replicates import Part, run
+from studies.error_rates.summary import added, has
 from studies.kit.command import carried_out, given, parser
 from studies.kit.results import RESULTS, record, stored, write
 
@@ -59,6 +60,7 @@ def main(arguments: Sequence[str]) -> int:
     options.add_argument("parts", nargs="*", choices=[*names, []], help="which parts to run")
     options.add_argument("--all", action="store_true", help="all parts")
     options.add_argument("--replicates", type=int, help="of each case, instead of what the study has")
+    options.add_argument("--add", action="store_true", help="to the tables in OUT what they lack of that")
     options.add_argument("--report", action="store_true", help="figures and text from the tables in OUT")
     chosen = options.parse_args(arguments)
     wanted = names if chosen.all else chosen.parts
@@ -78,12 +80,17 @@ def main(arguments: Sequence[str]) -> int:
 def _part(name: str, chosen: Any, command: str, bars: Bars) -> None:
     work, options = chosen.work or chosen.out / "checkpoints", {"workers": chosen.workers}
     part = parts(work, chosen.seed, progress=bars.show, **options)[name]()
-    done = run(part, work, seed=chosen.seed, replicates=chosen.replicates, progress=bars.show, **options)
+    path, number = chosen.out / f"{name}.nc", chosen.replicates or part.replicates
+    earlier = stored([name], chosen.out).get(name) if chosen.add else None
+    first = 0 if earlier is None else has(earlier)
+    if first >= number:
+        return
+    done = run(part, work, seed=chosen.seed, first=first, replicates=number, progress=bars.show, **options)
     said = {"part": name, "says": part.says, "settings": part.settings}
     seconds = round(done.seconds, 4)
-    table = part.summarise(done.values)
     attributes = record(command, chosen.seed, seconds_per_replicate=seconds, **said)
-    write({"": table.assign_attrs(attributes)}, chosen.out / f"{name}.nc")
+    table = part.summarise(done.values).assign_attrs(attributes)
+    write({"": table if earlier is None else added(earlier, table)}, path)
 
 
 if __name__ == "__main__":

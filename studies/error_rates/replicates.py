@@ -62,11 +62,12 @@ def run(
     folder: Path,
     *,
     seed: int,
+    first: int = 0,
     replicates: int | None = None,
     workers: int = 1,
     progress: Progress | None = None,
 ) -> Done:
-    """Every replicate of every case, in order; those that lie in `folder` are not made again.
+    """Every replicate of every case from `first` on, in order; those in `folder` are not made again.
 
     The results depend on the seed alone, not on `workers` or on where an earlier run stopped.
     """
@@ -75,7 +76,7 @@ def run(
     pieces = Pieces(folder, key, name=part.name, progress=progress, workers=workers)
     blocks = {
         f"{digest(case)[:8]}-{start}-{min(start + part.together, number)}": (case, start)
-        for start in range(0, number, part.together)
+        for start in range(first, number, part.together)
         for case in part.cases
     }
     wanted = {
@@ -85,7 +86,7 @@ def run(
     values: dict[str, list[Values]] = {case: [] for case in part.cases}
     for name, block in pieces.made(wanted).items():
         values[blocks[name][0]] += block
-    return Done(values, pieces.spent(wanted) / max(1, number * len(part.cases)))
+    return Done(values, pieces.spent(wanted) / max(1, (number - first) * len(part.cases)))
 
 
 def _block(part: Part, case: str, indices: range, seed: int) -> list[Values]:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import xarray as xr
 
+from gaugeblock.core.errors import InputError
 from studies.kit.results import clopper_pearson
 
 Values = Mapping[str, float]
@@ -27,18 +28,59 @@ def indicators(results: Mapping[str, Sequence[Values]]) -> xr.Dataset:
         table = table.reshape(len(replicates), len(things))
         count[row] = (table == 1).sum(axis=0)
         number[row] = np.isfinite(table).sum(axis=0)
-    low, high = clopper_pearson(count, number)
     dims = ("case", "thing")
-    return xr.Dataset(
-        {
-            "count": (dims, count),
-            "replicates": (dims, number),
-            "rate": (dims, count / np.maximum(number, 1)),
-            "low": (dims, low),
-            "high": (dims, high),
-        },
-        coords={"case": list(results), "thing": things},
-    )
+    counted = {"count": (dims, count), "replicates": (dims, number)}
+    return _rates(xr.Dataset(counted, coords={"case": list(results), "thing": things}))
+
+
+def has(table: xr.Dataset) -> int:
+    """Replicates of each case that a table of `indicators` has.
+
+    Raises
+    ------
+    InputError
+        If it is no such table.
+    """
+    if "count" not in table:
+        raise InputError(
+            f"{table.attrs.get('part')}: its table is no sum, nothing can be added; make it anew"
+        )
+    return int(table.replicates.max())
+
+
+def added(earlier: xr.Dataset, later: xr.Dataset) -> xr.Dataset:
+    """Two tables of `indicators` as one: replicates of the same cases, none of them in both.
+
+    Raises
+    ------
+    InputError
+        If they were made with other settings or versions, or of other seeds.
+    """
+    for name in ("part", "seed", "settings", "versions"):
+        if earlier.attrs[name] != later.attrs[name]:
+            raise InputError(f"{later.attrs['part']}: {name} differ, tables are not added; make it anew")
+    things = sorted({*earlier.thing.values, *later.thing.values})
+    both = [
+        # What no replicate mentions happened in none of them.
+        table[["count", "replicates"]].reindex(
+            thing=things, fill_value={"count": 0, "replicates": has(table)}
+        )
+        for table in (earlier, later)
+    ]
+    numbers = [has(table) for table in (earlier, later)]
+    seconds = np.dot(numbers, [table.attrs["seconds_per_replicate"] for table in (earlier, later)])
+    more = {
+        "command": f"{earlier.attrs['command']} && {later.attrs['command']}",
+        "seconds_per_replicate": round(float(seconds) / max(1, sum(numbers)), 4),
+    }
+    return _rates(both[0] + both[1]).assign_attrs(later.attrs | more)
+
+
+def _rates(counted: xr.Dataset) -> xr.Dataset:
+    low, high = clopper_pearson(counted["count"], counted.replicates)
+    rate = counted["count"] / np.maximum(counted.replicates, 1)
+    dims = counted["count"].dims
+    return counted.assign(rate=rate, low=(dims, low), high=(dims, high))
 
 
 def p_values(results: Mapping[str, Sequence[Values]]) -> xr.Dataset:

@@ -31,10 +31,11 @@ from studies.error_rates.audits import all_inside, audited, judged, quick_bootst
 from studies.error_rates.boundary import Moved
 from studies.error_rates.problem import problem
 from studies.error_rates.replicates import Part, run
-from studies.error_rates.summary import indicators, p_values
+from studies.error_rates.summary import added, has, indicators, p_values
 from studies.kit import command, page, results, resume
 from studies.kit.results import clopper_pearson, read
 
+from gaugeblock.core.errors import InputError
 from gaugeblock.validate import Outcome, judge, make_trials, read_policy, run_validators
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -82,6 +83,44 @@ def test_results_do_not_depend_on_interruptions(tmp_path):
     assert said[0] == ("toy", 2, 8)
     assert said[-1] == ("toy", 8, 8)
     assert whole.values["a"] != whole.values["b"]
+
+
+def test_a_table_that_is_added_to_is_the_one_of_a_single_run(tmp_path):
+    asked = ["wide-small", "--out", str(tmp_path / "both"), "--work"]
+    # Of the work in between nothing is left.
+    assert main([*asked, str(tmp_path / "first"), "--replicates", "3"]) == 0
+    assert main([*asked, str(tmp_path / "then"), "--replicates", "7", "--add"]) == 0
+    assert len(list((tmp_path / "then").glob("*/*-3-7.npz"))) == len(shapes.MANY)
+    assert main(["wide-small", "--out", str(tmp_path / "one"), "--replicates", "7"]) == 0
+    one, both = (read(tmp_path / made / "wide-small.nc") for made in ("one", "both"))
+    assert both.drop_attrs().identical(one.drop_attrs())
+    assert both.attrs["command"] == (
+        "python -m studies error-rates wide-small --replicates 3"
+        " && python -m studies error-rates wide-small --replicates 7 --add"
+    )
+    assert both.attrs["settings"] == one.attrs["settings"]
+    # What it has already is not made again, nor counted twice.
+    assert main([*asked, str(tmp_path / "again"), "--replicates", "7", "--add"]) == 0
+    assert read(tmp_path / "both" / "wide-small.nc").identical(both)
+
+
+def test_what_no_replicate_of_one_table_mentions_happened_in_none():
+    attributes = {"part": "toy", "seed": 1, "settings": "{}", "versions": "{}"}
+    earlier = indicators({"a": [{"FAIL": 1.0}, {"FAIL": 0.0}]}).assign_attrs(
+        attributes, command="one", seconds_per_replicate=1.0
+    )
+    later = indicators({"a": [{"FAIL": 1.0, "open": 1.0}] * 6}).assign_attrs(
+        attributes, command="two", seconds_per_replicate=2.0
+    )
+    both = added(earlier, later)
+    whole = {"a": [{"FAIL": 1.0}, {"FAIL": 0.0}] + [{"FAIL": 1.0, "open": 1.0}] * 6}
+    assert both.drop_attrs().identical(indicators(whole))
+    assert both.attrs["seconds_per_replicate"] == 1.75
+    for other in ({"seed": 2}, {"settings": "{1}"}, {"versions": "{2}"}, {"part": "other"}):
+        with pytest.raises(InputError, match=f"{next(iter(other))} differ"):
+            added(earlier.assign_attrs(other), later)
+    with pytest.raises(InputError, match="is no sum"):
+        has(p_values({"a": [{"p": 0.5}]}).assign_attrs(attributes))
 
 
 def test_replicates_of_other_settings_are_not_mixed(tmp_path):
