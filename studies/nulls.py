@@ -27,12 +27,13 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gaugeblock import discovery, simulators
+from gaugeblock.core.errors import InputError
 from gaugeblock.core.progress import Bars
 from studies.hidden.instrument import Instrument, response
 from studies.hidden.spectrum import CrossSection, blackbody, gaussian, powerlaw
 from studies.kit.command import carried_out, given_folder, of_a_commit, seeded
 from studies.kit.page import fill, table
-from studies.kit.results import clopper_pearson, measured_commit, read, write
+from studies.kit.results import clopper_pearson, command_of_both, measured_commit, read, write
 from studies.kit.resume import Pieces, code_of, stream
 from studies.kit.statements import said
 
@@ -353,7 +354,16 @@ def search(case: Case, counts: float, files: Files, rng: Rng, seed: int) -> dict
 def run(chosen: argparse.Namespace, command: str) -> None:
     """Every case once, a file each, and all of them as one table."""
     seed, attributes = seeded("nulls", chosen, command)
-    wanted = {str(number): partial(searched, number, seed, chosen.folder) for number in range(chosen.each)}
+    file = chosen.out / "nulls.nc"
+    earlier = read(file) if chosen.add and file.exists() else None
+    first = 0
+    if earlier is not None:
+        attributes["command"] = command_of_both(earlier.attrs, attributes)
+        first = int(earlier["number"].max()) + 1
+    numbers = range(first, chosen.each)
+    if not numbers:
+        raise InputError(f"{file} has {first} cases in a stratum already, --each asks for {chosen.each}")
+    wanted = {str(number): partial(searched, number, seed, chosen.folder) for number in numbers}
     key = {"seed": str(seed), "code": code_of(discovery, simulators)}
     with Bars() as bars:
         pieces = Pieces(chosen.work or chosen.out / "checkpoints", key, "nulls", bars.show, chosen.workers)
@@ -371,8 +381,10 @@ def run(chosen: argparse.Namespace, command: str) -> None:
         for stratum, one in enumerate(case)
     ]  # fmt: skip
     made = xr.Dataset({name: ("row", np.array([row[name] for row in rows])) for name in rows[0]})
+    if earlier is not None:
+        made = xr.concat([earlier, made], "row")
     made = made.assign_attrs(attributes)
-    write({"": made}, chosen.out / "nulls.nc")
+    write({"": made}, file)
     sys.stdout.write(shown(made) + "\n")
 
 
@@ -421,6 +433,7 @@ def main(arguments: Sequence[str]) -> int:
     """Run it, or make the page of what is stored."""
     options = of_a_commit(NAME, __doc__, folder="with the responses of four more instruments")
     options.add_argument("--each", type=int, default=EACH, help="cases in a stratum of counts")
+    options.add_argument("--add", action="store_true", help="to the table in OUT the cases that it lacks")
     chosen = options.parse_args(arguments)
     if chosen.page:
         made = shown(read(chosen.out / "nulls.nc"))

@@ -26,7 +26,7 @@ from studies.error_rates.document import document
 from studies.error_rates.replicates import Part, run
 from studies.error_rates.summary import added, has
 from studies.kit.command import carried_out, given, parser
-from studies.kit.results import RESULTS, record, stored, write
+from studies.kit.results import RESULTS, command_of_both, record, stored, write
 
 NAME = "studies error-rates"
 
@@ -85,10 +85,12 @@ def _part(name: str, chosen: Any, command: str, bars: Bars) -> None:
     first = 0 if earlier is None else has(earlier)
     if first >= number:
         return
-    done = run(part, work, seed=chosen.seed, first=first, replicates=number, progress=bars.show, **options)
     said = {"part": name, "says": part.says, "settings": part.settings}
-    seconds = round(done.seconds, 4)
-    attributes = record(command, chosen.seed, seconds_per_replicate=seconds, **said)
+    attributes = record(command, chosen.seed, **said)
+    if earlier is not None:
+        command_of_both(earlier.attrs, attributes)
+    done = run(part, work, seed=chosen.seed, first=first, replicates=number, progress=bars.show, **options)
+    attributes["seconds_per_replicate"] = round(done.seconds, 4)
     table = part.summarise(done.values).assign_attrs(attributes)
     write({"": table if earlier is None else added(earlier, table)}, path)
 

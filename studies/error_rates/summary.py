@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.core.errors import InputError
-from studies.kit.results import clopper_pearson
+from studies.kit.results import clopper_pearson, command_of_both
 
 Values = Mapping[str, float]
 
@@ -54,11 +54,9 @@ def added(earlier: xr.Dataset, later: xr.Dataset) -> xr.Dataset:
     Raises
     ------
     InputError
-        If they were made with other settings or versions, or of other seeds.
+        If they were not made alike.
     """
-    for name in ("part", "seed", "settings", "versions"):
-        if earlier.attrs[name] != later.attrs[name]:
-            raise InputError(f"{later.attrs['part']}: {name} differ, tables are not added; make it anew")
+    command = command_of_both(earlier.attrs, later.attrs)
     things = sorted({*earlier.thing.values, *later.thing.values})
     both = [
         # What no replicate mentions happened in none of them.
@@ -68,11 +66,8 @@ def added(earlier: xr.Dataset, later: xr.Dataset) -> xr.Dataset:
         for table in (earlier, later)
     ]
     numbers = [has(table) for table in (earlier, later)]
-    seconds = np.dot(numbers, [table.attrs["seconds_per_replicate"] for table in (earlier, later)])
-    more = {
-        "command": f"{earlier.attrs['command']} && {later.attrs['command']}",
-        "seconds_per_replicate": round(float(seconds) / max(1, sum(numbers)), 4),
-    }
+    took = np.average([table.attrs["seconds_per_replicate"] for table in (earlier, later)], weights=numbers)
+    more = {"command": command, "seconds_per_replicate": round(float(took), 4)}
     return _rates(both[0] + both[1]).assign_attrs(later.attrs | more)
 
 

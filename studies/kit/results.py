@@ -29,6 +29,9 @@ RENAMED = {
 }
 """Commands of 0.1.0 that what is committed was made by, and what does the same today."""
 
+VARY = {"command", "seconds_per_replicate"}
+"""Attributes in which tables may differ that are put together."""
+
 
 def record(command: str, seed: int, **more: Any) -> dict[str, Any]:
     """Attributes of a table: how it was made, and by which versions. What is no number or text is JSON."""
@@ -53,6 +56,26 @@ def command_of(table: xr.Dataset) -> str:
     return renamed(str(table.attrs.get("command", "")))
 
 
+def command_of_both(earlier: Mapping[str, Any], later: Mapping[str, Any]) -> str:
+    """The command behind one table of two that were made alike, from the attributes of both.
+
+    Raises
+    ------
+    InputError
+        If they were made of other seeds, settings, commits or versions.
+
+    >>> command_of_both({"command": "a", "seed": 1}, {"command": "b", "seed": 1, "seconds_per_replicate": 2})
+    'a && b'
+    """
+    for name in later.keys() - VARY:
+        if earlier.get(name) != later[name]:
+            raise InputError(
+                f"--add: {name} is {later[name]!s:.60}, and in the table that is there "
+                f"{earlier.get(name)!s:.60}; give the same, or another --out"
+            )
+    return f"{earlier['command']} && {later['command']}"
+
+
 def measured_commit(table: xr.Dataset) -> str:
     """Which code a table measures, and the command, in a sentence."""
     return f"Measured is commit `{table.attrs['commit']}`, `{table.attrs['command']}`."
@@ -63,7 +86,8 @@ def write(tables: Mapping[str, xr.Dataset], path: Path) -> None:
     made_folder(path.parent)
     with atomic_path(path) as temporary:
         for at, (name, table) in enumerate(tables.items()):
-            table.to_netcdf(
+            # A table that was read says how wide its text was, and longer text would be cut.
+            table.drop_encoding().to_netcdf(
                 temporary,
                 mode="a" if at else "w",
                 group=name or None,

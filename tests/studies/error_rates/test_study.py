@@ -117,7 +117,7 @@ def test_what_no_replicate_of_one_table_mentions_happened_in_none():
     assert both.drop_attrs().identical(indicators(whole))
     assert both.attrs["seconds_per_replicate"] == 1.75
     for other in ({"seed": 2}, {"settings": "{1}"}, {"versions": "{2}"}, {"part": "other"}):
-        with pytest.raises(InputError, match=f"{next(iter(other))} differ"):
+        with pytest.raises(InputError, match=f"--add: {next(iter(other))} is "):
             added(earlier.assign_attrs(other), later)
     with pytest.raises(InputError, match="is no sum"):
         has(p_values({"a": [{"p": 0.5}]}).assign_attrs(attributes))
