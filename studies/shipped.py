@@ -77,6 +77,8 @@ class Promise:
 
 # With 500 draws the strict policy leaves open a flow whose weights have a tail.
 STRICT, DEFAULT = Promise("strict", 10_000, 4_000), Promise("default", 4_000, 500)
+# In the middle of them the median draw from the prior has 100, 1,000 and 10,000 counts.
+DECADES = Promise("strict", 10_000, 4_000, exposures=((10.8, 108.0), (108.0, 1080.0), (1080.0, 10800.0)))
 PROMISES: Mapping[str, Promise] = {
     "epic-pn-faint": STRICT,
     "epic-pn-medium": STRICT,
@@ -86,6 +88,7 @@ PROMISES: Mapping[str, Promise] = {
     "nicer-bright": DEFAULT,
     "epic-pn-medium-gain": DEFAULT,
     "epic-pn-bright-gain": DEFAULT,
+    "epic-pn-exposures": DECADES,
 }
 
 
