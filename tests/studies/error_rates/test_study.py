@@ -85,23 +85,36 @@ def test_results_do_not_depend_on_interruptions(tmp_path):
     assert whole.values["a"] != whole.values["b"]
 
 
-def test_a_table_that_is_added_to_is_the_one_of_a_single_run(tmp_path):
-    asked = ["wide-small", "--out", str(tmp_path / "both"), "--work"]
+def test_a_table_that_is_added_to_is_the_one_of_a_single_run(tmp_path, monkeypatch):
+    monkeypatch.setattr("studies.error_rates.__main__.parts", lambda *_, **__: {"toy": lambda: PART})
+    asked = ["toy", "--out", str(tmp_path / "both"), "--work"]
     # Of the work in between nothing is left.
     assert main([*asked, str(tmp_path / "first"), "--replicates", "3"]) == 0
     assert main([*asked, str(tmp_path / "then"), "--replicates", "7", "--add"]) == 0
-    assert len(list((tmp_path / "then").glob("*/*-3-7.npz"))) == len(shapes.MANY)
-    assert main(["wide-small", "--out", str(tmp_path / "one"), "--replicates", "7"]) == 0
-    one, both = (read(tmp_path / made / "wide-small.nc") for made in ("one", "both"))
+    assert len(list((tmp_path / "then").glob("*/*-3-7.npz"))) == len(PART.cases)
+    assert main(["toy", "--out", str(tmp_path / "one"), "--replicates", "7"]) == 0
+    one, both = (read(tmp_path / made / "toy.nc") for made in ("one", "both"))
     assert both.drop_attrs().identical(one.drop_attrs())
     assert both.attrs["command"] == (
-        "python -m studies error-rates wide-small --replicates 3"
-        " && python -m studies error-rates wide-small --replicates 7 --add"
+        "python -m studies error-rates toy --replicates 3"
+        " && python -m studies error-rates toy --replicates 7 --add"
     )
     assert both.attrs["settings"] == one.attrs["settings"]
     # What it has already is not made again, nor counted twice.
     assert main([*asked, str(tmp_path / "again"), "--replicates", "7", "--add"]) == 0
-    assert read(tmp_path / "both" / "wide-small.nc").identical(both)
+    assert read(tmp_path / "both" / "toy.nc").identical(both)
+    # Of another seed it is refused before anything is run.
+    assert main([*asked, str(tmp_path / "other"), "--seed", "5", "--replicates", "9", "--add"]) == 2
+    assert not (tmp_path / "other").exists()
+
+
+def test_seconds_are_of_the_replicates_that_were_made(tmp_path, monkeypatch):
+    monkeypatch.setattr(resume.Pieces, "spent", lambda self, names=None: 12.0)
+    done = run(PART, tmp_path, seed=1, first=4, replicates=7)
+    assert [len(values) for values in done.values.values()] == [3, 3]
+    assert done.seconds == 2.0
+    whole = run(PART, tmp_path, seed=1, replicates=7)
+    assert {case: values[4:] for case, values in whole.values.items()} == done.values
 
 
 def test_what_no_replicate_of_one_table_mentions_happened_in_none():
