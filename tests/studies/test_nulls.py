@@ -188,16 +188,16 @@ def test_a_run_counts_alarms_names_and_what_stopped(tmp_path, monkeypatch, capsy
     assert nulls.main(arguments) == 0
     assert len(asked) == before == 40
     # Nor is it where a table is there and the work behind it is not: what it lacks is added to it.
-    part, rest = (["--generator-seed", "4", "--out", str(tmp_path / "both")] for _ in range(2))
-    assert nulls.main([*part, "--each", "6", "--work", str(tmp_path / "lost")]) == 0
-    assert nulls.main([*rest, "--each", "10", "--work", str(tmp_path / "then"), "--add"]) == 0
+    again = ["--generator-seed", "4", "--out", str(tmp_path / "both")]
+    assert nulls.main([*again, "--each", "6", "--work", str(tmp_path / "lost")]) == 0
+    assert nulls.main([*again, "--each", "10", "--work", str(tmp_path / "then"), "--add"]) == 0
     assert len(asked) == 80
     both = read(tmp_path / "both" / "nulls.nc")
     assert both.drop_vars("seconds").drop_attrs().identical(table.drop_vars("seconds").drop_attrs())
     assert both.attrs["command"].endswith(
         "--each 6 && python -m studies nulls --generator-seed 4 --each 10 --add"
     )
-    assert nulls.main([*rest, "--each", "10", "--add"]) == 2
+    assert nulls.main([*again, "--each", "10", "--add"]) == 2
     assert "has 10 cases in a stratum already" in capsys.readouterr().err
     other = ["--generator-seed", "5", "--out", str(tmp_path / "both"), "--each", "12", "--add"]
     assert nulls.main(other) == 2
