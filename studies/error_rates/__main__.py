@@ -80,15 +80,16 @@ def main(arguments: Sequence[str]) -> int:
 def _part(name: str, chosen: Any, command: str, bars: Bars) -> None:
     work, options = chosen.work or chosen.out / "checkpoints", {"workers": chosen.workers}
     part = parts(work, chosen.seed, progress=bars.show, **options)[name]()
-    path, number = chosen.out / f"{name}.nc", chosen.replicates or part.replicates
+    path = chosen.out / f"{name}.nc"
+    number = part.replicates if chosen.replicates is None else chosen.replicates
     earlier = stored([name], chosen.out).get(name) if chosen.add else None
     first = 0 if earlier is None else has(earlier)
-    if first >= number:
+    if earlier is not None and first >= number:
         return
     said = {"part": name, "says": part.says, "settings": part.settings}
     attributes = record(command, chosen.seed, **said)
     if earlier is not None:
-        command_of_both(earlier.attrs, attributes)
+        command_of_both(earlier.attrs, attributes)  # refused before hours of work, not after
     done = run(part, work, seed=chosen.seed, first=first, replicates=number, progress=bars.show, **options)
     attributes["seconds_per_replicate"] = round(done.seconds, 4)
     table = part.summarise(done.values).assign_attrs(attributes)

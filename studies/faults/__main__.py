@@ -18,7 +18,7 @@ from studies.faults.score import apart, scored, table
 from studies.faults.seal import SIZES, opened, seal
 from studies.faults.sizes import CASES
 from studies.faults.sizes import run as run_sizes
-from studies.kit.command import carried_out, drawn_from, given, parser, seeded
+from studies.kit.command import asks_for_a_commit, carried_out, drawn_from, given, parser, seeded
 from studies.kit.results import RESULTS, record, write
 from studies.kit.resume import Pieces
 
@@ -32,10 +32,9 @@ def main(arguments: Sequence[str]) -> int:
     options.add_argument("steps", nargs="*", choices=[*STEPS, []], help="which steps; all of them if none")
     options.add_argument("--folder", type=Path, default=RESULTS / "sealed-faults", help="the sealed set")
     options.add_argument("--name", default="faults", help="of the table in --out")
-    options.add_argument("--generator-seed", type=int, help="in place of the one that the commit gives")
+    asks_for_a_commit(options)
     options.add_argument("--most", type=int, help="run no more than so many cases, the first by lot")
     options.add_argument("--so-far", action="store_true", help="score the cases that were run by now")
-    options.add_argument("--commit", default="HEAD", help="of the code that is measured: draws the cases")
     options.add_argument("--each", type=int, help="no more than so many cases a fault, of sizes")
     options.add_argument("--trials", type=int, default=TRIALS, help="of a case of which the cost is measured")
     for kind, number in SIZES.items():

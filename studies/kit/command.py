@@ -33,10 +33,15 @@ def of_a_commit(name: str, says: str | None, *, folder: str = "") -> argparse.Ar
     made = parser(name, says)
     if folder:
         made.add_argument("folder", type=Path, nargs="?", help=folder)
-    made.add_argument("--commit", default="HEAD", help="of the code that is measured: draws the cases")
-    made.add_argument("--generator-seed", type=int, help="in place of the one that the commit gives")
+    asks_for_a_commit(made)
     made.add_argument("--page", action="store_true", help="only make the page of what is stored")
     return made
+
+
+def asks_for_a_commit(options: argparse.ArgumentParser) -> None:
+    """The options that `drawn_from` and `seeded` read."""
+    options.add_argument("--commit", default="HEAD", help="of the code that is measured: draws the cases")
+    options.add_argument("--generator-seed", type=int, help="in place of the one that the commit gives")
 
 
 def drawn_from(study: str, chosen: argparse.Namespace) -> tuple[str, int]:
@@ -48,7 +53,7 @@ def drawn_from(study: str, chosen: argparse.Namespace) -> tuple[str, int]:
 def seeded(name: str, chosen: argparse.Namespace, command: str) -> tuple[int, dict[str, Any]]:
     """The seed of a study's cases, of its commit or as it was given, and what is kept beside its tables.
 
-    `chosen` are options of `of_a_commit`.
+    `chosen` are options of `asks_for_a_commit`.
     """
     commit, seed = drawn_from(name, chosen)
     return seed, record(command, chosen.seed, commit=commit, generator_seed=str(seed))
