@@ -34,15 +34,16 @@ class NetworkTable(Table):
 
 
 class TrainingTable(Table):
-    """How to train. `steps` belongs to the default network, `epochs` and `patience` to the published one.
+    """How to train. `epochs` and `patience` belong to the published network, `steps` to the others.
 
     `fresh_noise` draws new noise at every step, where the simulator can; `keep` says which weights the
     default network ends with: those of the smallest validation loss, or the last, as a training without a
-    validation set would. With `redraws` a "laplace" network trains a second time, as many steps, on so many
-    posterior draws beside every row's own parameters. `device` is where torch trains: "cpu", "cuda", "cuda:1"
-    or "auto"; by default what the variable GAUGEBLOCK_DEVICE says, or the CPU. `threads` is how many of the
-    processor's take part in a step: by default one, so that weights are the same bits on any number of
-    cores; several wait more than they compute where networks are small or cores are shared.
+    validation set would. The emulator of a "laplace" network trains `emulator_steps`; with `redraws` its flow
+    trains a second time, as many steps, on so many posterior draws beside every row's own parameters.
+    `device` is where torch trains: "cpu", "cuda", "cuda:1" or "auto"; by default what the variable
+    GAUGEBLOCK_DEVICE says, or the CPU. `threads` is how many of the processor's take part in a step: by
+    default one, so that weights are the same bits on any number of cores; several wait more than they compute
+    where networks are small or cores are shared.
     """
 
     simulations: Annotated[int, Field(ge=20)] = 50_000
@@ -50,6 +51,7 @@ class TrainingTable(Table):
     batch: Count = 1024
     learning_rate: Annotated[float, Field(gt=0.0, le=1.0)] = 2e-3
     steps: Count = 4000
+    emulator_steps: Count = 12_000
     epochs: Count = 150
     patience: Count = 20
     weight_decay: Annotated[float, Field(ge=0.0)] = 1e-5

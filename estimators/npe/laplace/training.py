@@ -149,7 +149,7 @@ def in_chunks(
     return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
 
 
-EMULATOR_STEPS, GUESS_STEPS = 12_000, 3_000
+GUESS_STEPS = 3_000
 BATCH, RATE = 1024, 4e-3
 EXAMPLES = 20_000
 CHUNK = 8192
@@ -171,9 +171,8 @@ def train_laplace(
     compressor = network.compressor
     stored = folder / f"compressor-{key}.safetensors"
     if not _restored(compressor, stored):
-        train_compressor(
-            compressor, bank, seed=options.seed, steps=(EMULATOR_STEPS, GUESS_STEPS), progress=progress
-        )
+        steps = (options.emulator_steps, GUESS_STEPS)
+        train_compressor(compressor, bank, seed=options.seed, steps=steps, progress=progress)
         state = {name: value.contiguous() for name, value in compressor.state_dict().items()}
         write_atomically(stored, bytes(save(state)))
 

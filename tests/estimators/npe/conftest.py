@@ -109,6 +109,7 @@ def configure_laplace():
                     "simulations": 3072,
                     "batch": 256,
                     "steps": 200,
+                    "emulator_steps": 600,
                     "learning_rate": 5e-3,
                     "checkpoint": 100,
                     "seed": 1,
@@ -118,7 +119,6 @@ def configure_laplace():
         )
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gaugeblock.estimators.npe.laplace.training.EMULATOR_STEPS", 600)
         patch.setattr("gaugeblock.estimators.npe.laplace.training.GUESS_STEPS", 150)
         yield made
 

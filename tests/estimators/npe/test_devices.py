@@ -68,7 +68,6 @@ def pretended(**options):
 
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch):
-    monkeypatch.setattr("gaugeblock.estimators.npe.laplace.training.EMULATOR_STEPS", 5)
     monkeypatch.setattr("gaugeblock.estimators.npe.laplace.training.GUESS_STEPS", 5)
     # The pretended device has no kernel of a whole step, and another one rounds otherwise.
     monkeypatch.setattr("gaugeblock.estimators.npe.adamw.FUSED", frozenset())
@@ -89,12 +88,12 @@ def spectra(counts):
 
 def configured(kind, **training):
     """A training of a second, on fewer groups than there are channels."""
-    few = {"simulations": 120, "batch": 40, "steps": 5, "checkpoint": 3, "epochs": 2, "seed": 1}
+    few = {"simulations": 120, "batch": 40, "steps": 5, "emulator_steps": 5, "checkpoint": 3, "epochs": 2}
     return TrainingConfig.build(
         {
             "simulator": {"name": "counts"},
             "network": {"kind": kind, "groups": 5, "emulator": [16, 16], **SMALL},
-            "training": {**few, **training},
+            "training": {**few, "seed": 1, **training},
         }
     )
 

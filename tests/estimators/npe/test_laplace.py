@@ -218,7 +218,7 @@ def test_it_comes_back_from_its_folder(flow, counts, tmp_path_factory):
 def test_cut_off_in_or_after_the_compression_it_ends_at_the_same_weights(
     tmp_path, make_counts, settings, monkeypatch, cut
 ):
-    for name, value in {"EMULATOR_STEPS": 10, "GUESS_STEPS": 10, "CHUNK": 200}.items():
+    for name, value in {"GUESS_STEPS": 10, "CHUNK": 200}.items():
         monkeypatch.setattr(f"gaugeblock.estimators.npe.laplace.training.{name}", value)
 
     class Cut(Exception):
@@ -228,7 +228,7 @@ def test_cut_off_in_or_after_the_compression_it_ends_at_the_same_weights(
         if (stage, done) == cut:
             raise Cut
 
-    few = {"simulations": 512, "batch": 64, "steps": 20, "checkpoint": 10}
+    few = {"simulations": 512, "batch": 64, "steps": 20, "emulator_steps": 10, "checkpoint": 10}
     with torch.no_grad():  # as BayesFlow leaves a whole process
         whole = train(make_counts(), settings(**few), folder=tmp_path / "whole")
     folder = tmp_path / "model"
@@ -252,12 +252,12 @@ def test_the_emulator_follows_the_simulator(tmp_path, counts):
 
 def test_stages_hand_on_what_they_have_found(tmp_path, make_counts, settings, monkeypatch):
     """Every stage is cut to a few steps, chunks and rows to less than the bank."""
-    for name, value in {"EMULATOR_STEPS": 2, "GUESS_STEPS": 3, "CHUNK": 100, "EXAMPLES": 150}.items():
+    for name, value in {"GUESS_STEPS": 3, "CHUNK": 100, "EXAMPLES": 150}.items():
         monkeypatch.setattr(f"gaugeblock.estimators.npe.laplace.training.{name}", value)
     simulator = make_counts()
     simulator.log_likelihood = lambda theta, x: poisson_log_likelihood(simulator.expected(theta), x)
     few = {"simulations": 260, "batch": 32, "steps": 5, "checkpoint": 4, "validation": 0.1, "redraws": 3}
-    config = settings(**few, seed=8)
+    config = settings(**few, emulator_steps=2, seed=8)
     bank = Bank.simulate(simulator, 260, seed=8, folder=tmp_path)
     network = build_network(config.network, NetworkShape(2, (8,), "counts"), seed=8)
     seen = []
