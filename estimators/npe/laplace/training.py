@@ -171,8 +171,8 @@ def train_laplace(
     compressor = network.compressor
     stored = folder / f"compressor-{key}.safetensors"
     if not _restored(compressor, stored):
-        steps = (options.emulator_steps, GUESS_STEPS)
-        train_compressor(compressor, bank, seed=options.seed, steps=steps, progress=progress)
+        numbers = (options.emulator_steps, GUESS_STEPS)
+        train_compressor(compressor, bank, seed=options.seed, steps=numbers, progress=progress)
         state = {name: value.contiguous() for name, value in compressor.state_dict().items()}
         write_atomically(stored, bytes(save(state)))
 
