@@ -1,0 +1,162 @@
+"""What the README says was measured is what the pages say that are made of the measurements."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+NUMBER = r"([+-]?\d+(?:\.\d+)?)"
+
+
+def flat(text):
+    """In one line, thousands without their commas, nothing bold."""
+    return re.sub(r"(?<=\d),(?=\d{3})", "", " ".join(text.replace("**", "").split()))
+
+
+def page(name):
+    return (ROOT / "docs" / name).read_text(encoding="utf-8")
+
+
+def table(name, block):
+    """Rows of cells that a study writes between its marks, without the heading, and the line below them."""
+    text = page(name).partition(f"<!-- {block} -->\n")[2].partition(f"\n<!-- /{block} -->")[0]
+    lines = text.splitlines()
+    rows = [[cell.strip() for cell in flat(line).strip("|").split("|")] for line in lines if line[:1] == "|"]
+    assert len(rows) > 2
+    return rows[2:], flat(" ".join(line for line in lines if line[:1] != "|"))
+
+
+README = flat((ROOT / "README.md").read_text(encoding="utf-8"))
+
+
+def said(pattern, text=README):
+    """The numbers of the one place that a pattern matches, as they are written; # stands for each."""
+    (found,) = re.findall(pattern.replace("#", NUMBER), text)
+    return found if isinstance(found, tuple) else (found,)
+
+
+def same(written, measured):
+    """A number that is written is what was measured, to its last digit."""
+    digits = len(written.partition(".")[2])
+    return f"{float(written):.{digits}f}" == f"{float(measured):.{digits}f}"
+
+
+def rate(cell):
+    return float(re.match(NUMBER, cell).group())
+
+
+def test_verdicts_on_the_edge_of_a_tolerance():
+    rows, below = table("error-rates.md", "gate")
+    edges = [(rate(fail), rate(passed)) for case, fail, passed in rows if case != "exact"]
+    each, fail, passed = said(
+        "on the edge of a tolerance, # each | FAIL in at most #%, PASS in at most #%".replace("|", r"\|")
+    )
+    assert (each,) == said("; # replicates of each", below)
+    assert same(fail, max(edge[0] for edge in edges))
+    assert same(passed, max(edge[1] for edge in edges))
+    assert len(edges) == 7
+
+
+def test_sizes_of_p_values():
+    rows, below = table("error-rates.md", "size")
+    rates = [rate(cell) for row in rows for cell in row[1:] if cell]
+    number, each, most = said(r"rejections at 5% of # p-values on exact posteriors, # each \| at most #%")
+    assert int(number) == len(rates)
+    assert (each,) == said("; # replicates of each", below)
+    assert same(most, max(rates))
+
+
+def test_faults_that_are_named():
+    found = {(row[0], row[1]): row[3] for row in table("hidden-faults.md", "faults aims")[0]}
+    fair = said("#% of #", found["a fair fault is named", "called again"])
+    sound = said("#% of #", found["something is named in a sound estimator", "called again"])
+    lacks = said("#% of #", found["one wrong name for what the library lacks", "called again"])
+    share, number, sound_number, wrong, of = said(
+        "named rightly in #% of #; a fault was named in one of # sound ones, and one wrong name given to "
+        "what the library lacks in # of #"
+    )
+    assert same(share, fair[0])
+    assert (number, sound_number, of) == (fair[1], sound[1], lacks[1])
+    assert same(f"{100 / int(sound_number):.1f}", sound[0])
+    assert same(f"{100 * int(wrong) / int(of):.1f}", lacks[0])
+
+
+def test_flows_that_are_mended():
+    found = {row[0]: said("#% of #", row[1]) for row in table("cures.md", "cures trial")[0]}
+    number, cured, runner = said(
+        "Of # flows that FAIL because one thing was wrong in their training, #% PASS when they are trained "
+        "again with the cures that were named, none with another seed alone, and #% with the cures of the "
+        "runner-up"
+    )
+    assert (cured, number) == found["the cures of what was named"]
+    assert (runner, number) == found["the cures of the runner-up"]
+    assert ("0", number) == found["nothing, but for another seed (placebo)"]
+
+
+def test_effects_that_are_named():
+    rows = {row[0]: row[2:4] for row in table("hidden-effects.md", "spectra targets")[0]}
+    sealed, share, nothing, unlisted = said(
+        "Of effects hidden in # sealed spectra, those that can be told apart were named rightly in #%; a "
+        "name was given in one of # in which nothing was hidden, and a confident wrong one in one of # whose "
+        "effect no library has"
+    )
+    right = rows["eligible cases named correctly, averaged per effect"]
+    empty = rows["a name given where nothing is hidden"]
+    unknown = rows["a confident wrong name for what the library lacks"]
+    assert same(share, rate(right[1]))
+    for number, (cases, found) in ((nothing, empty), (unlisted, unknown)):
+        assert number == cases
+        assert same(f"{100 / int(number):.1f}", rate(found))
+    assert said("# of # sealed cases, 1.8 hours", flat(page("hidden-effects.md"))) == (sealed, sealed)
+
+
+def test_the_shared_score():
+    """Every row of the README's table is one of the page's, of the gain that was published."""
+    rows, _ = table("gain.md", "schemes")
+    measured = {row[0]: [*row[1:4], *row[6:8]] for row in rows}
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    lines = re.findall(r"^\| ([\w ]+), (?:AUC|z) \| (.*) \|$", text, flags=re.MULTILINE)
+    for name, cells in lines:
+        assert [cell.strip() for cell in flat(cells).split("|")] == [
+            cell.replace("+", "").strip() for cell in measured[name]
+        ]
+    assert {name for name, _ in lines} == {
+        *("predictive check", "population C2ST", "importance ESS", "paired evidence", "shared score")
+    }
+
+
+def test_the_bright_flow():
+    measured = [row[-2:] for row in table("training.md", "shipped flows")[0] if row[0] == "`epic-pn-bright`"]
+    ((verdict, efficiency),) = measured
+    shares = said(
+        "shipped bright flow .*? median effective fraction \\| # \\(95%: #-#\\), strict policy PASS"
+    )
+    assert verdict == "PASS, strict, 20000 trials"
+    for share, percent in zip(shares, said(r"^#% \(#% to #%\)", efficiency), strict=True):
+        assert same(share, float(percent) / 100)
+
+
+def test_peers():
+    ratios = {row[0]: row[4] for row in table("peers.md", "peers")[0]}
+    names = ("simultaneous ECDF band", "MMD", "expected coverage", "PSIS", "thread bootstrap")
+    shares = said(
+        "released peers, time over ours: ECDF bands, MMD null, expected coverage, PSIS, thread bootstrap "
+        r"\| #, #, #, #, #"
+    )
+    for share, name in zip(shares, names, strict=True):
+        (measured,) = [ratio for task, ratio in ratios.items() if task.startswith(name)]
+        assert same(share, measured)
+
+
+def test_the_published_study():
+    measured = said("Of # judged claims # agree, # differ, # are undecided", flat(page("reproduction.md")))
+    assert measured == said(r"the published study: # claims .*? \| # agree .*?, # differ, # are undecided")
+
+
+@pytest.mark.parametrize(
+    ("written", "measured", "other"), [("2.4", 2.44, 2.46), ("0.9", "0.90", "0.84"), ("-5", "-5.2", "5.2")]
+)
+def test_a_number_is_compared_to_its_last_digit(written, measured, other):
+    assert same(written, measured)
+    assert not same(written, other)
