@@ -27,6 +27,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import numbers
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.check import PER_DRAW, check_trials
 from gaugeblock.validate.storage import SCHEMA_VERSION, in_parts, open_groups, write_groups
@@ -65,7 +66,7 @@ def make_trials(
     Raises
     ------
     InputError
-        If shapes or names do not fit together; see `check_trials`.
+        If shapes or names do not fit together, or values are masked or no numbers; see `check_trials`.
 
     >>> import numpy as np
     >>> trials = make_trials(np.zeros((3, 2)), np.ones((3, 10, 2)), ["a", "b"])
@@ -73,7 +74,7 @@ def make_trials(
     {'trial': 3, 'parameter': 2, 'draw': 10}
     """
     data: dict[str, Any] = {}
-    theta, sampled = np.asarray(theta_true), np.asarray(draws)
+    theta, sampled = numbers(theta_true, what="theta_true"), numbers(draws, what="draws")
     if theta.ndim == 1 and sampled.ndim == 2:
         theta, sampled = theta[:, None], sampled[..., None]
     _put(data, "theta_true", theta, ("trial", "parameter"))
@@ -86,9 +87,10 @@ def make_trials(
     }  # fmt: skip
     for name, values in optional.items():
         if values is not None:
-            _put(data, name, np.asarray(values), ("trial", "draw") if name in PER_DRAW else ("trial",))
+            axes = ("trial", "draw") if name in PER_DRAW else ("trial",)
+            _put(data, name, numbers(values, what=name), axes)
     if x is not None:
-        observed = np.asarray(x)
+        observed = numbers(x, what="x")
         inner = ("channel",) if observed.ndim == 2 else tuple(f"x_{i}" for i in range(observed.ndim - 1))
         _put(data, "x", observed, ("trial", *inner))
     if parameters is None:
@@ -108,14 +110,21 @@ def make_trials(
             data, coords={"trial": np.arange(theta.shape[0]), "parameter": names}, attrs=attributes
         )
     except ValueError as error:
-        exchanged = sampled.shape[1] == len(theta) != len(sampled)
-        meant = (
-            "; draws look like (draw, trial, parameter): exchange their first two axes" if exchanged else ""
-        )
-        raise InputError(
-            f"the arrays of trials do not fit together: {' '.join(str(error).split())}{meant}"
-        ) from None
+        reason = " ".join(str(error).split()) + _meant(theta, sampled)
+        raise InputError(f"the arrays of trials do not fit together: {reason}") from None
     return check_trials(dataset, source="trials")
+
+
+def _meant(theta: np.ndarray[Any, Any], draws: np.ndarray[Any, Any]) -> str:
+    """How the axes of draws are exchanged, where the shapes tell."""
+    trials, parameters = theta.shape
+    if draws.shape[1:] == (trials, parameters) and len(draws) != trials:
+        return "; draws look like (draw, trial, parameter): exchange their first two axes"
+    if draws.shape[:2] == (trials, parameters) and draws.shape[2] != parameters:
+        return "; draws look like (trial, parameter, draw): exchange their last two axes"
+    if draws.shape[0] == parameters != draws.shape[2] and trials in draws.shape[1:]:
+        return "; the parameters of the draws are their first axis: make it the last"
+    return ""
 
 
 def _put(data: dict[str, Any], name: str, values: np.ndarray[Any, Any], dims: tuple[str, ...]) -> None:

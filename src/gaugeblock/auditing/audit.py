@@ -32,10 +32,10 @@ from gaugeblock.auditing.provenance import FORMAT, digests, finished_audit, name
 from gaugeblock.auditing.result import Audit, write_arrays
 from gaugeblock.auditing.samples import Plan
 from gaugeblock.auditing.trials_from import any_trials
+from gaugeblock.auditing.trials_from.in_hand import trials_in_hand
 from gaugeblock.auditing.trusted import DRAWS, trust_record, with_densities
 from gaugeblock.auditing.watch import Watch, watched
 from gaugeblock.auditing.workplace import CHUNKS, discard, workplace
-from gaugeblock.core.arrays import numbers, plain
 from gaugeblock.core.atomic import made_folder
 from gaugeblock.core.digest import digest, file_digest
 from gaugeblock.core.errors import InputError
@@ -55,7 +55,7 @@ from gaugeblock.estimators.protocol import (
 from gaugeblock.reports.machine import plain as plain_data
 from gaugeblock.simulators.from_function import as_simulator
 from gaugeblock.simulators.protocol import HasLikelihood, Simulator
-from gaugeblock.validate import Outcome, Policy, make_trials, run_validators
+from gaugeblock.validate import Outcome, Policy, run_validators
 from gaugeblock.validate import judge as judged
 from gaugeblock.validate.findings_file import read_findings
 from gaugeblock.validate.looks import Looks
@@ -476,13 +476,13 @@ def audit_draws(
 
     Parameters
     ----------
-    theta_true : array ``(trial, parameter)``, or a source of everything
-        The truths behind each data set; or, without `draws`, a path of a NetCDF file (Trials, or ArviZ's
+    theta_true : array ``(trial, parameter)``, arrays by name, or a source of everything
+        The truths behind each data set, as an array, a table with columns or a dictionary of arrays; or, without `draws`, a path of a NetCDF file (Trials, or ArviZ's
         groups) or of an ``.npz`` whose arrays have the names of these arguments, a Dataset or DataTree of
         Trials, or an ArviZ object of many fits.
-    draws : array ``(trial, draw, parameter)``
-        Posterior draws given the data of each trial.
-    x : array ``(trial, ...)``, optional
+    draws : array ``(trial, draw, parameter)``, or arrays ``(trial, draw, ...)`` by name
+        Posterior draws given the data of each trial. An xarray array may have its axes in any order.
+    x : array ``(trial, ...)``, or its name among the truths, optional
         The data themselves: without them nothing says whether the draws depend on them as they should.
     names : sequence of str, optional
         Of the parameters.
@@ -503,18 +503,9 @@ def audit_draws(
     if draws is None:
         tree = any_trials(theta_true, names=names)
     else:
-        given = {"x": x, "log_q": log_q, "log_q_true": log_q_true, "weight": weight}
-        arrays: dict[str, Any] = {
-            name: numbers(array, what=name) for name, array in given.items() if array is not None
-        }
+        arrays = {"x": x, "log_q": log_q, "log_q_true": log_q_true, "weight": weight}
         tree = trials_tree(
-            make_trials(
-                plain(theta_true, what="theta_true"),
-                plain(draws, what="draws"),
-                names,
-                **arrays,
-                autocorrelated=autocorrelated,
-            )
+            trials_in_hand(theta_true, draws, names=names, autocorrelated=autocorrelated, **arrays)
         )
     file = theta_true if isinstance(theta_true, str | os.PathLike) else None
     record = {} if file is None else {"file": str(file), "file_sha256": file_digest(Path(file))}

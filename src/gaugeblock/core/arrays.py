@@ -21,13 +21,16 @@ def numbers(value: object, *, what: str) -> NDArray[Any]:
     Raises
     ------
     InputError
-        If it holds anything but real numbers, or rows of different lengths.
+        If it holds anything but real numbers, rows of different lengths, or masked values.
     """
+    if isinstance(value, np.ma.MaskedArray) and (hidden := np.count_nonzero(value.mask)):
+        raise InputError(f"{what} has {hidden} masked values; fill them, or leave out what they belong to")
     held = value.detach().cpu() if hasattr(value, "detach") else value
     try:
         array = np.asarray(held)
     except (TypeError, ValueError) as error:
-        reason = " ".join(str(error).split())[:120]
+        reason = " ".join(str(error).split())
+        reason = "rows have different lengths" if "inhomogeneous" in reason else reason[:120]
         raise InputError(f"{what}: cannot be made an array of numbers ({reason})") from None
     if array.dtype == np.bool_:
         return array.astype(np.int8)

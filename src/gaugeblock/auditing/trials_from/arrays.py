@@ -122,10 +122,12 @@ def assembled(
     names: Sequence[str],
     source: str,
     x: Array | None = None,
-    autocorrelated: bool = False,
     labels: Mapping[str, Sequence[str]] | None = None,
+    **further: Any,
 ) -> xr.Dataset:
     """Trials of the variables `names`, each with draws ``(trial, draw, ...)`` and truths ``(trial, ...)``.
+
+    `further` is for `make_trials`.
 
     Raises
     ------
@@ -157,7 +159,7 @@ def assembled(
         np.concatenate([part[1] for part in parts], axis=-1),
         [name for part in parts for name in part[2]],
         x=x,
-        autocorrelated=autocorrelated,
+        **further,
     )
 
 
