@@ -477,9 +477,9 @@ def audit_draws(
     Parameters
     ----------
     theta_true : array ``(trial, parameter)``, arrays by name, or a source of everything
-        The truths behind each data set, as an array, a table with columns or a dictionary of arrays; or, without `draws`, a path of a NetCDF file (Trials, or ArviZ's
-        groups) or of an ``.npz`` whose arrays have the names of these arguments, a Dataset or DataTree of
-        Trials, or an ArviZ object of many fits.
+        The truths behind each data set, as an array, a table with columns or a dictionary of arrays; or,
+        without `draws`, a path of a NetCDF file (Trials, or ArviZ's groups) or of an ``.npz`` whose arrays
+        have the names of these arguments, a Dataset or DataTree of Trials, or an ArviZ object of many fits.
     draws : array ``(trial, draw, parameter)``, or arrays ``(trial, draw, ...)`` by name
         Posterior draws given the data of each trial. An xarray array may have its axes in any order.
     x : array ``(trial, ...)``, or its name among the truths, optional
