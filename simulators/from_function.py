@@ -33,7 +33,7 @@ class FunctionSimulator:
 
     def __init__(self, simulate: Callable[..., Any], prior: Any, *, circular: Sequence[str] = ()):
         self._simulate, self.prior, self.circular = simulate, prior, tuple(circular)
-        self._alone = _takes_theta_alone(simulate)
+        self._alone = takes_no_rng(simulate, arguments=1)
 
     def simulate(self, theta: ArrayLike, rng: Rng) -> NDArray[Any]:
         """Data ``(n, *data_shape)`` for each row of theta."""
@@ -158,13 +158,13 @@ def _parameters(function: Callable[..., Any]) -> list[inspect.Parameter]:
         return []
 
 
-def _takes_theta_alone(function: Callable[..., Any]) -> bool:
-    """Whether a function needs a single positional argument, and takes no `rng`."""
+def takes_no_rng(function: Callable[..., Any], *, arguments: int) -> bool:
+    """Whether a function needs so many positional arguments, and takes no `rng`."""
     parameters = _parameters(function)
     if any(p.name == "rng" or p.kind is p.VAR_POSITIONAL for p in parameters):
         return False
     kinds = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
-    return sum(p.kind in kinds and p.default is p.empty for p in parameters) == 1
+    return sum(p.kind in kinds and p.default is p.empty for p in parameters) == arguments
 
 
 def first_argument(function: Callable[..., Any]) -> str:

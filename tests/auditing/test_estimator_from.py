@@ -76,6 +76,34 @@ def test_a_function_draws_and_says_where_it_is_from() -> None:
     assert as_estimator(Called(), Simulator()).describe()["estimator"] == "Called"  # type: ignore[attr-defined]
 
 
+def test_a_function_without_rng_draws_from_global_generators_that_are_put_back() -> None:
+    def drawn(x: Any, n: int, scale: float = 1.0) -> Any:
+        return np.asarray(x)[:, None] + scale * np.random.normal(size=(len(x), n, 2))  # noqa: NPY002
+
+    made = as_estimator(drawn, Simulator())
+    before = np.random.get_state(legacy=False)["state"]["key"].copy()  # noqa: NPY002
+    one, again = (made.sample(X, 4, np.random.default_rng(1)) for _ in range(2))
+    np.testing.assert_array_equal(one, again)
+    assert (one != made.sample(X, 4, np.random.default_rng(2))).all()
+    rng = np.random.default_rng(1)
+    assert (made.sample(X, 4, rng) != made.sample(X, 4, rng)).all()
+    np.testing.assert_array_equal(np.random.get_state(legacy=False)["state"]["key"], before)  # noqa: NPY002
+
+
+def test_a_function_may_draw_by_name() -> None:
+    names = Simulator().prior.names
+
+    def drawn(x: Any, n: int, rng: Any) -> Any:
+        one, two = np.moveaxis(draw(x, n, rng), -1, 0)
+        return {names[1]: two[..., None], "derived": one + two, names[0]: one}
+
+    made = as_estimator(drawn, Simulator()).sample(X, 4, np.random.default_rng(1))
+    np.testing.assert_array_equal(made, draw(X, 4, np.random.default_rng(1)))
+    part = as_estimator(lambda x, n, rng: {names[0]: draw(x, n, rng)[..., 0]}, Simulator())
+    with pytest.raises(InputError, match=f"no draws of {names[1]} .there are {names[0]}."):
+        part.sample(X, 4, np.random.default_rng(1))
+
+
 def test_a_librarys_object_draws_with_seeds_of_ours_and_leaves_global_ones() -> None:
     model = Model(autocorrelated=True)
     made = LibraryEstimator(model)

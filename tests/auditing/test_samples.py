@@ -188,6 +188,8 @@ def test_what_simulators_and_estimators_may_not_give() -> None:
     assert said(Wrong(lambda x: x[:3])) == (
         "the simulator gave data of shape (3, 2) for 4 trials; its first axis must be the trial"
     )
+    hidden = "the simulator's data has 4 masked values; fill them, or leave out what they belong to"
+    assert said(Wrong(lambda x: np.ma.array(x, mask=np.arange(8).reshape(4, 2) % 2))) == hidden
     assert said(Wrong(lambda x: 1 / 0)) == (
         "the simulator failed on trials 8 to 11: ZeroDivisionError: division by zero"
     )
@@ -202,6 +204,12 @@ def test_what_simulators_and_estimators_may_not_give() -> None:
     assert checked([[1, 2]], (1, 2)).dtype == float
     with pytest.raises(InputError, match=r"^the estimator gave log_q of shape \(2,\) for 3 trials; expected"):
         checked([1, 2], (3,), "log_q")
+
+    draws = np.zeros((6, 4, 2))
+    with pytest.raises(InputError, match=r"expected \(4, 6, 2\): exchange their first two axes$"):
+        checked(draws, (4, 6, 2))
+    with pytest.raises(InputError, match=r"of shape \(3, 4, 2\) for 4 trials; expected \(4, 6, 2\)$"):
+        checked(draws[:3], (4, 6, 2))
 
     class Dumb(Plain):
         def sample(self, x: Any, n: int, rng: Any) -> Any:

@@ -40,7 +40,9 @@ def test_numbers_keep_their_type_and_plain_ones_are_of_double_precision(value, k
         (["a"], "theta holds <U1 values"),
         ([1j], "theta holds complex128"),
         ([None], "theta holds object"),
-        ([[1.0], [1.0, 2.0]], "theta: cannot be made an array"),
+        ([[1.0], [1.0, 2.0]], r"theta: cannot be made an array of numbers \(rows have different lengths\)$"),
+        ({"a": [1.0], "b": [2.0]}, r"theta: is a dictionary \(a, b\); give one array$"),
+        (np.ma.masked_equal([1.0, 2.0, 1.0], 1.0), "theta has 2 masked values; fill them, or leave out what"),
     ],
 )
 def test_what_is_no_array_of_real_numbers_is_refused(value, said):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import os
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from gaugeblock.core.global_state import SEEDS, seeded_globals
 from gaugeblock.core.streams import Rng
 from gaugeblock.estimators.protocol import Estimator, HasDensity
 from gaugeblock.estimators.registry import build_estimator
-from gaugeblock.simulators.from_function import first_argument, source_of
+from gaugeblock.simulators.from_function import first_argument, source_of, takes_no_rng
 from gaugeblock.simulators.protocol import Simulator
 from gaugeblock.simulators.registry import load_object, made_for
 from gaugeblock.stranger.mapping import Mapping as ColumnMapping
@@ -32,14 +32,26 @@ BRIEFLY = 5.0
 
 
 class FunctionEstimator:
-    """A function ``(x, n, rng)`` of data ``(batch, *data_shape)`` that gives ``(batch, n, parameter)``."""
+    """A function ``(x, n, rng)`` of data ``(batch, *data_shape)`` that gives ``(batch, n, parameter)``.
 
-    def __init__(self, function: Callable[..., Any]):
-        self._function = function
+    What it gives may be a dictionary, of arrays ``(batch, n)`` by the `names` of parameters. A function
+    ``(x, n)`` takes its random numbers from global generators, which are seeded for each call and put back.
+    """
+
+    def __init__(self, function: Callable[..., Any], names: Sequence[str] = ()):
+        self._function, self._names = function, tuple(names)
+        self._alone = takes_no_rng(function, arguments=2)
 
     def sample(self, x: ArrayLike, n: int, rng: Rng) -> Array:
         """Draws ``(batch, n, parameter)``."""
-        return plain(self._function(x, n, rng), what="the estimator's draws")
+        if self._alone:
+            with seeded_globals(int(rng.integers(SEEDS))):
+                made = self._function(x, n)
+        else:
+            made = self._function(x, n, rng)
+        if not isinstance(made, Mapping):
+            return plain(made, what="the estimator's draws")
+        return _columns({str(name): one for name, one in made.items()}, self._names)
 
     def describe(self) -> dict[str, Any]:
         """The function and its source; without a source file of its own it has no identity."""
@@ -125,10 +137,10 @@ def as_estimator(estimator: Any, simulator: Simulator, *, densities: bool = Fals
     ----------
     estimator
         An object with ``sample(x, n, rng)``; a posterior of sbi, or its trainer; a workflow or approximator
-        of BayesFlow; a function ``(x, n, rng)``; a class of estimators, made with the simulator where it
-        takes one; ``"shipped:NAME"``, a model folder, a name (``"exact"``, ``"module:object"``), a file of
-        somebody else's, which runs in a sandbox; or a table ``{"name": ..., ...options}``, whose option
-        `base` may be any of these.
+        of BayesFlow; a function ``(x, n, rng)`` or ``(x, n)``; a class of estimators, made with the simulator
+        where it takes one; ``"shipped:NAME"``, a model folder, a name (``"exact"``, ``"module:object"``), a
+        file of somebody else's, which runs in a sandbox; or a table ``{"name": ..., ...options}``, whose
+        option `base` may be any of these.
     simulator : Simulator
         What it is for.
     densities : bool
@@ -164,7 +176,7 @@ def as_estimator(estimator: Any, simulator: Simulator, *, densities: bool = Fals
     if callable(getattr(estimator, "sample", None)):
         return estimator  # type: ignore[no-any-return]
     if callable(estimator):
-        return FunctionEstimator(estimator)
+        return FunctionEstimator(estimator, simulator.prior.names)
     raise InputError(
         f"the estimator is a {type(estimator).__name__} without sample: give an object with sample(x, n, "
         "rng), a function (x, n, rng), a posterior of sbi or a workflow of BayesFlow; the order is "
@@ -209,6 +221,16 @@ def _failed(folder: Path, weights: str) -> list[str]:
         return []
 
 
+def _columns(draws: Mapping[str, Any], names: Sequence[str]) -> Array:
+    """Draws ``(batch, n, parameter)`` of arrays ``(batch, n)``, or ``(batch, n, 1)``, by name."""
+    lacking = [name for name in names if name not in draws]
+    if lacking:
+        there = ", ".join(draws) or "none"
+        raise InputError(f"the estimator gave no draws of {', '.join(lacking)} (there are {there})")
+    columns = [plain(draws[name], what=f"the estimator's draws of {name}") for name in names]
+    return np.concatenate([one[..., None] if one.ndim == 2 else one for one in columns], axis=-1)
+
+
 def _table(name: str) -> dict[str, Any]:
     """What a single word may mean."""
     path = Path(name)
@@ -222,7 +244,7 @@ def _named(name: str, simulator: Simulator, options: Mapping[str, Any]) -> Estim
     if ":" in name and not options:
         found = load_object(name, "estimator")
         if inspect.isfunction(found) and first_argument(found) == "x":
-            return FunctionEstimator(found)
+            return FunctionEstimator(found, simulator.prior.names)
     return build_estimator(name, simulator, **options)
 
 

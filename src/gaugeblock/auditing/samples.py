@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.auditing.asking import in_calls
-from gaugeblock.core.arrays import Array
+from gaugeblock.core.arrays import Array, numbers, plain
 from gaugeblock.core.errors import InputError, blamed
 from gaugeblock.core.streams import Rng, generator
 from gaugeblock.estimators.protocol import (
@@ -67,10 +67,12 @@ def checked(values: ArrayLike, shape: tuple[int, ...], what: str = "draws") -> A
     InputError
         If it has another.
     """
-    array = np.asarray(values, dtype=float)
+    array = plain(values, what=f"the estimator's {what}")
     if array.shape != shape:
+        exchanged = array.shape == (*shape[1::-1], *shape[2:])
+        meant = ": exchange their first two axes" if exchanged else ""
         raise InputError(
-            f"the estimator gave {what} of shape {array.shape} for {shape[0]} trials; expected {shape}"
+            f"the estimator gave {what} of shape {array.shape} for {shape[0]} trials; expected {shape}{meant}"
         )
     return array
 
@@ -104,7 +106,8 @@ class MainTrials:
     def truth_and_data(self, trials: range) -> tuple[Array, NDArray[Any]]:
         theta = self.simulator.prior.sample(len(trials), self.rng("truth", trials))
         with blamed("the simulator", trials):
-            x = np.asarray(self.simulator.simulate(theta, self.rng("data", trials)))
+            made = self.simulator.simulate(theta, self.rng("data", trials))
+        x = numbers(made, what="the simulator's data")
         if x.shape[:1] != (len(trials),):
             raise InputError(
                 f"the simulator gave data of shape {x.shape} for {len(trials)} trials; "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,8 @@ def numbers(value: object, *, what: str) -> NDArray[Any]:
     InputError
         If it holds anything but real numbers, rows of different lengths, or masked values.
     """
+    if isinstance(value, Mapping):
+        raise InputError(f"{what}: is a dictionary ({', '.join(map(str, value))}); give one array")
     if isinstance(value, np.ma.MaskedArray) and (hidden := np.count_nonzero(value.mask)):
         raise InputError(f"{what} has {hidden} masked values; fill them, or leave out what they belong to")
     held = value.detach().cpu() if hasattr(value, "detach") else value
