@@ -109,6 +109,17 @@ def test_an_audit_of_models_is_kept_and_verified(made, tmp_path):
     assert gb.judge(tmp_path, {"required": ["models"], "tolerance": {"models": 0.3}}).outcome == "PASS"
 
 
+def test_tables_name_the_models():
+    pandas = pytest.importorskip("pandas")
+    table = pandas.DataFrame({"b": [0.9, 0.2, 0.7], "a": [0.1, 0.8, 0.3]})
+    true = pandas.Series(["b", "a", "a"])
+    found = gb.audit_models(table, true)
+    assert found.trials["model_probability"]["model"].values.tolist() == ["b", "a"]
+    np.testing.assert_array_equal(found.trials["theta_true"].values[:, 0], [0, 1, 1])
+    called = gb.audit_models(table, true.map({"a": "x", "b": "y"}), names=np.array(["y", "x"]))
+    np.testing.assert_array_equal(called.trials["theta_true"], found.trials["theta_true"])
+
+
 def test_what_does_not_fit_together_is_refused():
     even = np.full((4, 2), 0.5)
     with pytest.raises(gb.InputError, match=r"model_true has shape \(3,\); .* each of 4 trials"):

@@ -153,7 +153,9 @@ def compare(
         _check_prior(who, given, prior, theta, rtol)
         code, values, fault = evaluated(who, density, theta, x, rtol)
         if fault is not None:
-            raise LikelihoodsDiffer(fault[1], fault[0])
+            name, words = fault
+            single = "; every data set is one number here: if the data are one data set, give data[None]"
+            raise LikelihoodsDiffer(words + (single if name == "shape" and x.ndim == 1 else ""), name)
         evaluations.append((code, values))
     (first, first_values), (second, second_values) = evaluations
     case = Case(
@@ -246,7 +248,7 @@ def places(prior: Any, *, points: int, seed: int) -> Array:
         if not callable(getattr(prior, "sample", None)):
             raise InputError(
                 "assert_same_likelihood: needs the prior's quantile function (unit cube) or its draws, "
-                "sample(n, rng), of which this one has neither; give gaugeblock.Prior"
+                "sample(n, rng), of which this one has neither; give gaugeblock.as_prior(prior)"
             )
         return np.asarray(prior.sample(points + 5, np.random.default_rng(seed)), dtype=float)
     dimension = len(prior.names)

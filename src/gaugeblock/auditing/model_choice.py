@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from gaugeblock.auditing.audit import audit_draws
 from gaugeblock.auditing.config import PolicyLike, as_policy
 from gaugeblock.auditing.result import Audit
-from gaugeblock.core.arrays import Array, numbers, plain
+from gaugeblock.core.arrays import Array, column_names, numbers, plain
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.progress import Progress
 from gaugeblock.core.streams import generator
@@ -56,7 +56,7 @@ def audit_models(
     model_true : array ``(trial,)``
         The model that made the data: its column, or its name.
     names : sequence of str, optional
-        Of the models; model_1, model_2 and so on.
+        Of the models; by default those of a table's columns, or model_1, model_2 and so on.
     x : array ``(trial, ...)``, optional
         The data: whether a challenger that looks at them knows more.
     policy
@@ -80,7 +80,8 @@ def audit_models(
     FAIL
     """
     probability = check_probabilities(numbers(probabilities, what="probabilities"))
-    chosen = check_names(names, probability.shape[1])
+    labels = names if names is not None else column_names(probabilities) or None
+    chosen = check_names(labels, probability.shape[1])
     index = _index(model_true, chosen, len(probability))
     data = None if x is None else numbers(x, what="x")
     trials = make_trials(index, _drawn(probability, seed), [PARAMETER], x=data)
@@ -101,7 +102,7 @@ def audit_models(
 
 def _index(model_true: Any, names: Sequence[str], n: int) -> Array:
     """Columns ``(trial, 1)`` of the true models, from columns or names."""
-    given: Any = np.asarray(model_true) if isinstance(model_true, list | np.ndarray) else None
+    given: Any = None if hasattr(model_true, "detach") else np.asarray(model_true)
     named = given is not None and given.dtype.kind in "OSUT"
     given = given if named else plain(model_true, what="model_true")
     if given.shape != (n,):

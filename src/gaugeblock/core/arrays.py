@@ -42,6 +42,12 @@ def numbers(value: object, *, what: str) -> NDArray[Any]:
     return array
 
 
+def column_names(table: object) -> list[str]:
+    """Names of the columns of a table of pandas or polars, where all of them have one; nothing of others."""
+    names = list(getattr(table, "columns", ()))
+    return names if all(isinstance(name, str) for name in names) else []
+
+
 def plain(value: object, *, what: str) -> Array:
     """The same in double precision.
 

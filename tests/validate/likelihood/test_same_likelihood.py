@@ -6,8 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.special import gammaln
-from scipy.stats import poisson
+from scipy.stats import loguniform, poisson, uniform
 
+from gaugeblock import as_prior
 from gaugeblock.core.errors import InputError
 from gaugeblock.simulators import LogUniform, Normal, Prior, Uniform
 from gaugeblock.validate import assert_same_likelihood
@@ -62,6 +63,20 @@ def test_float32_results_are_refused_by_their_type():
 def test_a_batch_that_is_not_reduced_per_row_is_refused():
     with pytest.raises(AssertionError, match=r"shape \(69, 12\) for a batch, expected \(69,\)"):
         assert_same_likelihood(lambda t, x: poisson.logpmf(x, expected(t)), by_hand, PRIOR, simulate)
+
+
+def test_one_data_set_that_is_taken_for_many_says_so():
+    one = simulate([[20.0, 1.0]], np.random.default_rng(1))[0]
+
+    def needs_channels(theta, x):
+        return by_hand(np.asarray(theta)[..., None, :], np.asarray(x)[[0, 5]])
+
+    hint = "give data\\[None\\]$"
+    with pytest.raises(AssertionError, match=hint):
+        assert_same_likelihood(needs_channels, by_hand, PRIOR, one)
+    with pytest.raises(AssertionError, match=r"expected \(69,\)$"):
+        assert_same_likelihood(lambda t, x: poisson.logpmf(x, expected(t)), by_hand, PRIOR, one[None])
+    assert assert_same_likelihood(by_scipy, by_hand, PRIOR, one[None]).points == 69
 
 
 def test_rows_that_depend_on_their_batch_are_found():
@@ -156,3 +171,10 @@ def test_where_summands_cancel_the_difference_is_relative_to_them():
 def test_what_cannot_be_compared_is_bad_input(a, data, message):
     with pytest.raises(InputError, match=message):
         assert_same_likelihood(a, by_hand, PRIOR, data)
+
+
+def test_a_prior_that_is_none_of_ours_is_made_one():
+    theirs = {"norm": loguniform(1.0, 1e3), "index": uniform(0.5, 1.5)}
+    with pytest.raises(InputError, match=r"give gaugeblock.as_prior\(prior\)$"):
+        assert_same_likelihood(by_scipy, by_hand, theirs, simulate)
+    assert assert_same_likelihood(by_scipy, by_hand, as_prior(theirs), simulate).points == 69

@@ -8,7 +8,7 @@ from typing import Any
 import xarray as xr
 
 from gaugeblock.auditing.trials_from.arrays import assembled, chosen_names, data_of
-from gaugeblock.core.arrays import numbers, plain
+from gaugeblock.core.arrays import column_names, numbers, plain
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate.trials import make_trials
 
@@ -73,10 +73,7 @@ def _by_name(value: Any, axes: tuple[str, ...]) -> dict[str, Any] | None:
             return None
         ordered = value.transpose(*axes)
         return {str(name): ordered[..., at] for at, name in enumerate(value[axes[-1]].values)}
-    columns = getattr(value, "columns", ())
-    if not all(isinstance(name, str) for name in columns):
-        return None
-    return {name: value[name] for name in columns} or None
+    return {name: value[name] for name in column_names(value)} or None
 
 
 def _in_order(value: Any, axes: tuple[str, ...]) -> Any:
