@@ -50,8 +50,9 @@ def test_arrays_by_name(tmp_path: Path, held: dict[str, Any], names: Any, wanted
 def test_arrays_that_are_missing_or_none_of_ours(tmp_path: Path) -> None:
     path = tmp_path / "t.npz"
     how = (
-        "save theta_true (trial, parameter) and draws (trial, draw, parameter), and where you have them x, "
-        "log_q, log_likelihood, log_prior, log_q_true, log_likelihood_true, log_prior_true, weight and names"
+        "save theta_true (trial, parameter) and draws (trial, draw, parameter) with numpy.savez, and where "
+        "you have them x, log_q, log_likelihood, log_prior, log_q_true, log_likelihood_true, log_prior_true, "
+        "weight and names"
     )
     for arrays, what in (
         ({"theta_true": THETA}, "no array draws"),
@@ -63,6 +64,22 @@ def test_arrays_that_are_missing_or_none_of_ours(tmp_path: Path) -> None:
         with pytest.raises(InputError) as caught:
             any_trials(path)
         assert str(caught.value) == f"{path}: {what}; {how}"
+
+
+@pytest.mark.parametrize("name", ["draws.npy", "draws.csv", "DRAWS.PT"])
+def test_files_of_other_formats_are_told_how_to_be_saved(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(b"1, 2, 3")
+    with pytest.raises(InputError, match=r"trials are NetCDF, or .npz; save theta_true .* with numpy.savez$"):
+        any_trials(path)
+    with pytest.raises(InputError, match="no such file"):
+        any_trials(tmp_path / f"no-{name}")
+
+
+def test_an_ending_is_no_reason_to_refuse_trials(tmp_path: Path) -> None:
+    for name in ("draws", "draws.h5", "draws.hdf5", "draws.nc4"):
+        write_trials(make_trials(THETA, DRAWS), tmp_path / name)
+        np.testing.assert_array_equal(any_trials(tmp_path / name)["draws"].values, DRAWS)
 
 
 def test_what_is_in_memory_stays_what_it_is(tmp_path: Path) -> None:

@@ -25,6 +25,12 @@ OPTIONAL = (
 )
 TRIALS = {"theta_true", "draws"}
 NAMES = ("names", "parameter")
+SAVE = "save theta_true (trial, parameter) and draws (trial, draw, parameter) with numpy.savez"
+OTHERS = {
+    *(".npy", ".csv", ".ecsv", ".tsv", ".txt", ".json", ".parquet", ".feather", ".pt", ".pth", ".pkl"),
+    *(".pickle", ".joblib", ".mat", ".fits"),
+}
+"""Endings of files that hold arrays, and are not read."""
 
 
 def any_trials(source: Any, *, names: Sequence[str] | None = None) -> xr.DataTree:
@@ -41,6 +47,8 @@ def any_trials(source: Any, *, names: Sequence[str] | None = None) -> xr.DataTre
     """
     if isinstance(source, str | os.PathLike):
         path = Path(source)
+        if path.is_file() and path.suffix.lower() in OTHERS:
+            raise InputError(f"{path}: trials are NetCDF, or .npz; {SAVE}")
         if zipfile.is_zipfile(path):
             return trials_tree(_npz(path, names))
         if not _has_groups_of_arviz(path):
@@ -71,10 +79,7 @@ def _npz(path: Path, names: Sequence[str] | None) -> xr.Dataset:
     unknown = sorted(set(held) - TRIALS - {*OPTIONAL, *NAMES})
     if missing or unknown:
         what = f"no array {missing[0]}" if missing else f"an array {unknown[0]} that is none of ours"
-        raise InputError(
-            f"{path}: {what}; save theta_true (trial, parameter) and draws (trial, draw, parameter), and "
-            f"where you have them {', '.join(OPTIONAL)} and names"
-        )
+        raise InputError(f"{path}: {what}; {SAVE}, and where you have them {', '.join(OPTIONAL)} and names")
     said = next((held[name] for name in NAMES if name in held), None)
     chosen = names if names is not None else None if said is None else [str(name) for name in np.ravel(said)]
     arrays: dict[str, Any] = {
