@@ -234,6 +234,7 @@ def test_an_audit_looks_around_the_observation_it_is_given(tmp_path, suffix):
     [
         ("none.npy", None, "cannot be read"),
         ("bad.npy", b"no array", "cannot be read as a NumPy array"),
+        ("bad.csv", b"1, 2", "what is read is NetCDF, and .npy; save it with numpy.save$"),
         ("bad.nc", b"no file", "cannot be read as NetCDF"),
     ],
 )

@@ -16,7 +16,7 @@ from gaugeblock.auditing.samples import checked, log_prior_and_likelihood
 from gaugeblock.core.arrays import Array, numbers
 from gaugeblock.core.digest import digest, file_digest
 from gaugeblock.core.errors import InputError
-from gaugeblock.core.foreign import read_array
+from gaugeblock.core.foreign import check_format, read_array
 from gaugeblock.core.streams import Rng, generator, whole_blocks
 from gaugeblock.estimators._rows import resample
 from gaugeblock.estimators.protocol import Estimator, has_density, sample_and_log_prob, untrusted
@@ -159,6 +159,7 @@ def read_observation(given: Any) -> Observation | None:
     if path.suffix == ".npy":
         data = read_array(path)
     else:
+        check_format(path, reads=".npy", remedy="save it with numpy.save")
         found = read_groups(path, what="observation")[""]
         if "x" not in found:
             raise InputError(f"{path}: no array 'x'; an observation is a .npy file, or NetCDF with x")

@@ -31,8 +31,25 @@ SPECTRUM, RESPONSE = 256 * MB, 4 * GB
 ITEMS, RANK = 1000, 8
 # What NumPy raises for a damaged header.
 DAMAGED = (ValueError, TypeError, SyntaxError, EOFError, MemoryError, RecursionError, OverflowError)
+# Endings of files that hold arrays, some of which are read in one place and none everywhere.
+FORMATS = {
+    *(".npy", ".npz", ".csv", ".ecsv", ".tsv", ".txt", ".json", ".parquet", ".feather", ".mat", ".fits"),
+    *(".pt", ".pth", ".pkl", ".pickle", ".joblib"),
+}
 GZIP = b"\x1f\x8b"
 PACKED = {b"BZh": "bzip2", b"PK": "zip", b"\x1f\x9d": "compress", b"\xfd7zXZ": "xz"}
+
+
+def check_format(path: Path, *, reads: str, remedy: str) -> None:
+    """Refuse a file by its ending, where that is of another format than NetCDF and the one that is read.
+
+    Raises
+    ------
+    InputError
+        With what is read, and the remedy.
+    """
+    if path.suffix.lower() in FORMATS - {reads} and path.is_file():
+        raise InputError(f"{path}: what is read is NetCDF, and {reads}; {remedy}")
 
 
 def read_bytes(path: str | os.PathLike[str], *, most: int, remedy: str = "") -> bytes:

@@ -14,7 +14,7 @@ import xarray as xr
 from gaugeblock.auditing.trials_from.arviz import POSTERIOR, RANKS, trials_from_arviz
 from gaugeblock.core.arrays import numbers
 from gaugeblock.core.errors import InputError
-from gaugeblock.core.foreign import read_arrays
+from gaugeblock.core.foreign import check_format, read_arrays
 from gaugeblock.core.hdf5 import check_hdf5
 from gaugeblock.validate.check import check_trials
 from gaugeblock.validate.trials import make_trials, read_trials, trials_tree
@@ -26,11 +26,6 @@ OPTIONAL = (
 TRIALS = {"theta_true", "draws"}
 NAMES = ("names", "parameter")
 SAVE = "save theta_true (trial, parameter) and draws (trial, draw, parameter) with numpy.savez"
-OTHERS = {
-    *(".npy", ".csv", ".ecsv", ".tsv", ".txt", ".json", ".parquet", ".feather", ".pt", ".pth", ".pkl"),
-    *(".pickle", ".joblib", ".mat", ".fits"),
-}
-"""Endings of files that hold arrays, and are not read."""
 
 
 def any_trials(source: Any, *, names: Sequence[str] | None = None) -> xr.DataTree:
@@ -47,8 +42,7 @@ def any_trials(source: Any, *, names: Sequence[str] | None = None) -> xr.DataTre
     """
     if isinstance(source, str | os.PathLike):
         path = Path(source)
-        if path.is_file() and path.suffix.lower() in OTHERS:
-            raise InputError(f"{path}: trials are NetCDF, or .npz; {SAVE}")
+        check_format(path, reads=".npz", remedy=SAVE)
         if zipfile.is_zipfile(path):
             return trials_tree(_npz(path, names))
         if not _has_groups_of_arviz(path):
