@@ -70,7 +70,7 @@ def test_arrays_that_are_missing_or_none_of_ours(tmp_path: Path) -> None:
 def test_files_of_other_formats_are_told_how_to_be_saved(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     path.write_bytes(b"1, 2, 3")
-    with pytest.raises(InputError, match=r"what is read is NetCDF, and .npz; save theta_true .* with numpy.savez$"):
+    with pytest.raises(InputError, match=r"NetCDF, and .npz; save theta_true .* with numpy.savez$"):
         any_trials(path)
     with pytest.raises(InputError, match="no such file"):
         any_trials(tmp_path / f"no-{name}")
