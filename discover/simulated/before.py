@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from gaugeblock.core.arrays import numbers
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.library import Candidates
 from gaugeblock.discovery.simulated.closing_in import close_in
@@ -17,6 +18,7 @@ from gaugeblock.discovery.simulated.model import Model
 from gaugeblock.discovery.simulated.moment_fit import SimulatedFit, fit_simulated
 from gaugeblock.discovery.simulated.observed import Budget, Observed
 from gaugeblock.discovery.simulated.score_tests import LearnedScores, learn_effects
+from gaugeblock.simulators.data_sets import as_data_sets
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.protocol import Extensible, Simulator
 
@@ -45,14 +47,16 @@ def prepare(
     step: Callable[[str], None],
 ) -> Before:
     """Fit the model without an effect and learn the score of every effect there."""
-    data = np.asarray(x)
     for capability, method in ((Simulator, "simulate"), (Extensible, "with_effect")):
         if not isinstance(simulator, capability):
             raise InputError(f"discover: {type(simulator).__name__} has no {method}(...), which naming needs")
-    if data.ndim < 2 or (1 < len(data) < FEWEST) or not len(data):
+    rng = np.random.default_rng(budget.seed)
+    one = np.asarray(simulator.simulate(simulator.prior.sample(1, rng), rng))
+    data = as_data_sets(numbers(x, what="discover: x"), one.shape[1:], what="discover: x")
+    if 1 < len(data) < FEWEST:
         raise InputError(
-            f"discover: give one data set (1, ...) or at least {FEWEST} (n, ...), got shape {data.shape}; a "
-            "population cannot be fitted to fewer"
+            f"discover: x: a population cannot be fitted to {len(data)} data sets; give one, or at least "
+            f"{FEWEST}"
         )
     if budget.simulations < 1000:
         raise InputError(f"discover: needs at least 1,000 simulations a state, got {budget.simulations}")

@@ -23,6 +23,7 @@ from gaugeblock.core.progress import Progress, shown
 from gaugeblock.core.streams import generator
 from gaugeblock.estimators.protocol import Estimator
 from gaugeblock.reports.machine import plain
+from gaugeblock.simulators.data_sets import as_data_sets
 from gaugeblock.simulators.from_function import as_simulator
 from gaugeblock.simulators.protocol import Extensible, Simulator
 from gaugeblock.simulators.segments import Segmented
@@ -182,7 +183,7 @@ class _Run:
         tell("simulating", 0, simulations)
         self.theta, self.learned = Predictive(simulator, seed, "learned").pairs(simulations)
         self.shape = self.learned.shape[1:]
-        self.observed = _as_sets(observed, self.shape)
+        self.observed = as_data_sets(observed, self.shape, what="observation")
         # Several observations need others enough to stand in for them.
         self.fresh = Predictive(simulator, seed, "ranked").data(max(trials, 10 * len(self.observed)))
         tell("simulating", simulations, simulations)
@@ -330,30 +331,6 @@ class _Run:
             Moved(name, (float(mean[0, i]), float(spread[0, i])), (float(mean[1, i]), float(spread[1, i])))
             for i, name in enumerate(self.simulator.prior.names)
         )
-
-
-def _as_sets(observed: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
-    """One data set or several as ``(m, *shape)``.
-
-    Raises
-    ------
-    InputError
-        If they have another shape, or hold NaN.
-    """
-    if observed.shape == shape:
-        observed = observed[None]
-    if observed.shape[1:] != shape or not len(observed):
-        raise InputError(
-            f"observation: has shape {observed.shape}; it must have the shape of the simulator's data, "
-            f"{shape}, or be several of them, (n, *{shape})"
-        )
-    wrong = int(np.count_nonzero(~np.isfinite(observed)))
-    if wrong:
-        raise InputError(
-            f"observation: {wrong} of {observed.size} numbers are NaN or infinite; leave them out, here and "
-            "in what the simulator gives"
-        )
-    return observed
 
 
 def _called(

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.auditing.answers import Answers, fingerprint
 from gaugeblock.auditing.identity import versions
 from gaugeblock.auditing.workplace import CHUNKS, discard, workplace
+from gaugeblock.core.arrays import numbers
 from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.progress import Progress, shown
@@ -83,7 +84,7 @@ def discover(
         the simulator that should explain it: an object, a name, or a function ``(theta, rng)`` beside its
         `prior`. Or `Sources`, one group or several.
     x : array, optional
-        ``(n, ...)`` independent data sets that share the effect; one source's counts also as ``(channel,)``.
+        ``(n, ...)`` independent data sets that share the effect, or a single one, ``(...)``.
     model, priors, band, rmf, arf, background, redshift, regroup
         Of measured spectra: the model as in XSPEC, a TOML file of priors, energies ``(low, high)`` in keV for
         all spectra or for one each, responses and backgrounds in place of the headers', channels to be
@@ -140,7 +141,7 @@ def discover(
             groups = [what]
         elif x is not None:
             simulator = _simulator(what, prior)
-            counts = np.asarray(x)
+            counts = numbers(x, what="discover: x")
             engine = engine or _engine(simulator, counts)
             if engine != "simulations":
                 groups = [Sources.of(simulator, counts)]
@@ -166,7 +167,7 @@ def discover(
             raise InputError("discover: an energy can be stated of counts of one source")
         if not groups:
             found = discover_simulated(
-                simulator, np.asarray(x), most=most, simulations=simulations, summaries=summaries, **common
+                simulator, counts, most=most, simulations=simulations, summaries=summaries, **common
             )
         elif engine == "simulations":
             raise InputError("discover: engine 'simulations' takes a simulator and x")
@@ -177,7 +178,7 @@ def discover(
         else:
             found = _catalogue(groups, out, executor, common)
         steps.end()
-    data = [group.counts.tolist() for group in groups] if groups else np.asarray(x).tolist()
+    data = [group.counts.tolist() for group in groups] if groups else counts.tolist()
     searched = [group.simulator for group in groups] if groups else [simulator]
     notes = dict.fromkeys(note for one in searched if isinstance(one, HasNotes) for note in one.notes)
     found = replace(found, remarks=(*found.remarks, *notes)).with_provenance(

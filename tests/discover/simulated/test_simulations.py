@@ -254,10 +254,12 @@ def test_effects_on_the_epidemic(name, values, amplitude):
 @pytest.mark.parametrize(
     ("x", "options", "words"),
     [
-        (np.zeros((29, 8)), {}, r"one data set \(1, .* or at least 30 .*, got shape \(29, 8\); a population"),
-        (np.zeros((0, 8)), {}, r"got shape \(0, 8\)"),
-        (np.zeros(8), {}, r"got shape \(8,\)"),
-        (np.full((40, 8), np.nan), {}, "NaN or infinite"),
+        (np.zeros((29, 8)), {}, "a population cannot be fitted to 29 data sets; give one, or at least 30$"),
+        (np.zeros((0, 8)), {}, r"x: has shape \(0, 8\); it must have the shape .*, \(8,\), or be several"),
+        (np.zeros(7), {}, r"x: has shape \(7,\); it must"),
+        (np.zeros((40, 9)), {}, r"x: has shape \(40, 9\); it must"),
+        (np.full((40, 8), "a"), {}, "x holds <U1 values"),
+        (np.full((40, 8), np.nan), {}, "x: 320 of 320 numbers are NaN or infinite"),
         (np.zeros((30, 8)), {"simulations": 999}, "at least 1,000 simulations a state, got 999"),
         (np.zeros((1, 8)), {"simulations": 999}, "at least 1,000 simulations a state, got 999"),
         (np.zeros((40, 8)), {"replicates": 398}, r"at least 399 replicates, got 398: .* global p of 0\.01$"),
@@ -268,6 +270,11 @@ def test_mistakes_are_one_clear_line(ruler, x, options, words):
     with pytest.raises(InputError, match=words) as caught:
         discover_simulated(ruler, x, **options)
     assert "\n" not in str(caught.value)
+
+
+def test_one_data_set_may_come_without_its_axis(ruler):
+    with pytest.raises(InputError, match="no effect glow"):  # which is asked later
+        discover_simulated(ruler, np.zeros(8), only=("glow",), simulations=1000)
 
 
 def test_a_simulator_without_effects_is_told_so():

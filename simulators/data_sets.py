@@ -1,0 +1,36 @@
+"""Data in hand, held against what a simulator gives."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaugeblock.core.errors import InputError
+
+
+def as_data_sets(data: NDArray[Any], shape: tuple[int, ...], *, what: str) -> NDArray[Any]:
+    """One data set or several as ``(n, *shape)``, `shape` being that of one that is simulated.
+
+    Raises
+    ------
+    InputError
+        If they have another shape, or hold NaN; `what` names them.
+
+    >>> as_data_sets(np.zeros(3), (3,), what="x").shape, as_data_sets(np.zeros((2, 3)), (3,), what="x").shape
+    ((1, 3), (2, 3))
+    """
+    sets = data[None] if data.shape == shape else data
+    if sets.shape[1:] != shape or not len(sets):
+        raise InputError(
+            f"{what}: has shape {data.shape}; it must have the shape of the simulator's data, {shape}, or be "
+            f"several of them, (n, {', '.join(map(str, shape))})"
+        )
+    wrong = int(np.count_nonzero(~np.isfinite(sets)))
+    if wrong:
+        raise InputError(
+            f"{what}: {wrong} of {sets.size} numbers are NaN or infinite; leave them out, here and in what "
+            "the simulator gives"
+        )
+    return sets
