@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.values import Value
 from gaugeblock.simulators.effects import Effect
+from gaugeblock.simulators.foreign import distributions
 from gaugeblock.simulators.marginals import Marginal, Uniform
 
 Origin = Literal["source", "instrument"]
@@ -38,6 +39,14 @@ class Known:
     rank: int
 
 
+def _one(effect: str, parameter: str, given: Any) -> Any:
+    """The one-dimensional distribution that somebody gave."""
+    found = distributions(given)
+    if len(found) != 1 or np.ndim(getattr(found[0], "support", 0.0)) != 1:
+        raise InputError(f"effect {effect}: the prior of {parameter} must be a distribution of one number")
+    return found[0]
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class LibraryEffect(Value):
     """A candidate for the effect that is missing.
@@ -50,7 +59,8 @@ class LibraryEffect(Value):
     name : str
         The effect's name.
     parameters : mapping of str to Marginal
-        Prior of every parameter, in order. The amplitude's must be uniform and hold `neutral`.
+        Prior of every parameter, in order; distributions of scipy do too. The amplitude's must be uniform and
+        hold `neutral`.
     amplitude : str
         The parameter that scales the effect.
     neutral : float
@@ -113,6 +123,7 @@ class LibraryEffect(Value):
     kind: Any = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "parameters", {k: _one(self.name, k, v) for k, v in self.parameters.items()})
         if set(self.parameters) != {self.amplitude, *self.scanned}:
             raise InputError(
                 f"effect {self.name}: every parameter but the amplitude {self.amplitude!r} needs values to "

@@ -14,7 +14,7 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.library import Candidates
 from gaugeblock.discovery.simulated.closing_in import close_in
 from gaugeblock.discovery.simulated.features import Summaries, learn_features
-from gaugeblock.discovery.simulated.model import Model
+from gaugeblock.discovery.simulated.model import Model, simulated
 from gaugeblock.discovery.simulated.moment_fit import SimulatedFit, fit_simulated
 from gaugeblock.discovery.simulated.observed import Budget, Observed
 from gaugeblock.discovery.simulated.score_tests import LearnedScores, learn_effects
@@ -51,7 +51,7 @@ def prepare(
         if not isinstance(simulator, capability):
             raise InputError(f"discover: {type(simulator).__name__} has no {method}(...), which naming needs")
     rng = np.random.default_rng(budget.seed)
-    one = np.asarray(simulator.simulate(simulator.prior.sample(1, rng), rng))
+    one = simulated(simulator, simulator.prior.sample(1, rng), rng)
     data = as_data_sets(numbers(x, what="discover: x"), one.shape[1:], what="discover: x")
     if 1 < len(data) < FEWEST:
         raise InputError(

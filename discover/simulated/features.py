@@ -81,7 +81,13 @@ class LearnedFeatures:
         return int(self.knots.shape[0])
 
     def __call__(self, x: ArrayLike) -> Array:
-        """Features ``(n, feature)``."""
+        """Features ``(n, feature)``.
+
+        Raises
+        ------
+        InputError
+            If data have another number of coordinates than those that features were learned from.
+        """
         rows = coordinates_of(x, self.summaries)
         quadratic = _quadratic(self._normal_scores(rows), self.components, self.axes)
         smooth = _polynomials(quadratic @ self.weights - self.centre, self.degree)
@@ -102,6 +108,11 @@ class LearnedFeatures:
         return self._normal_scores(coordinates_of(x, self.summaries))
 
     def _normal_scores(self, rows: Array) -> Array:
+        if rows.shape[1] != self.coordinates:
+            raise InputError(
+                f"discover: data of {rows.shape[1]} numbers each, where the model's have {self.coordinates}: "
+                "an effect, or the simulator, changes the shape of its data"
+            )
         columns = zip(rows.T, self.knots, self.scores, strict=True)
         return np.stack([np.interp(column, knots, scores) for column, knots, scores in columns], axis=1)
 

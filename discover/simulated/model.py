@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gaugeblock.core.arrays import Array
+from gaugeblock.core.arrays import Array, numbers
+from gaugeblock.core.errors import InputError, blamed
 from gaugeblock.discovery.simulated.population import LearnedPopulation
 
 MARGIN = 1e-3
@@ -56,11 +57,33 @@ class Model:
         the simulator lets it: differences between neighbouring states are then steadier than either."""
         theta = self.population.theta(state[: self.hyper], self.normal(n, seed))
         tail = np.broadcast_to(state[self.hyper :], (n, len(state) - self.hyper))
-        return np.asarray(self.simulator.simulate(np.concatenate([theta, tail], axis=1), _streams(seed)[1]))
+        return simulated(self.simulator, np.concatenate([theta, tail], axis=1), _streams(seed)[1])
 
     def normal(self, n: int, seed: int) -> Array:
         """The standard normal numbers ``(n, parameter)`` that a draw's parameters are made from."""
         return _streams(seed)[0].normal(size=(n, self.population.prior.size))
+
+
+def simulated(simulator: Any, theta: Array, rng: np.random.Generator) -> NDArray[Any]:
+    """Data ``(n, ...)`` of a simulator that somebody wrote, for theta ``(n, parameter)``.
+
+    Raises
+    ------
+    InputError
+        If it fails, or gives anything else.
+    """
+    with blamed("the simulator", f"{len(theta)} parameter vectors"):
+        data = numbers(simulator.simulate(theta, rng), what="the simulator's data")
+    if data.shape[:1] != theta.shape[:1]:
+        raise InputError(f"the simulator gave data of shape {data.shape} for {len(theta)} parameter vectors")
+    wrong = ~np.isfinite(data.reshape(len(data), -1)).all(axis=1)
+    if wrong.any():
+        first = np.array2string(theta[np.argmax(wrong)], precision=4)
+        raise InputError(
+            f"the simulator gave NaN or infinite data for {np.count_nonzero(wrong)} of {len(data)} parameter "
+            f"vectors, first for theta = {first}; mend it, or narrow its prior"
+        )
+    return data
 
 
 def _streams(seed: int) -> list[np.random.Generator]:

@@ -1,11 +1,13 @@
 """One way in to discovery: the engine that fits, functions with effects of one's own, files if asked."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy.stats
 import xarray as xr
 
 from gaugeblock.auditing import discovering
@@ -165,6 +167,42 @@ def test_mistakes_are_one_clear_line(what, x, options, words):
     with pytest.raises(InputError, match=words) as caught:
         discover(what, x, replicates=399, **{"simulations": 1000, **options})
     assert "\n" not in str(caught.value)
+
+
+def bent(change):
+    """An effect of one's own that is no good."""
+    return [entry("drift", "drift", change)]
+
+
+@pytest.mark.parametrize(
+    ("simulate", "effects", "words"),
+    [
+        (readings, bent(lambda s: 1), r"effect drift failed on \d+ parameter vectors: TypeError: .* given$"),
+        (readings, bent(lambda s, t, v, r: np.zeros(3)), r"data of shape \(3,\) for \d+ parameter vectors$"),
+        (readings, bent(lambda s, t, v, r: s(t, r)[:, 1:]), "of 5 numbers each, where the model's have 6"),
+        (readings, {"mine": readings}, "effect mine: holds a function, not a LibraryEffect"),
+        (lambda theta, rng: 1 / 0, OWN, "the simulator failed on 1 parameter vectors: ZeroDivisionError"),
+        (
+            lambda theta, rng: np.where(theta[:, :1] > 0.0, np.nan, readings(theta, rng)), OWN,
+            r"NaN or infinite data for \d+ of \d+ parameter vectors, first for theta = \[[\d. -]+\]; mend it",
+        ),
+    ],
+)  # fmt: skip
+def test_code_of_ones_own_that_fails_is_said_to_have(simulate, effects, words):
+    x = readings(PRIOR.sample(40, np.random.default_rng(1)), np.random.default_rng(2))
+    with pytest.raises(InputError, match=words) as caught:
+        discover(simulate, x, prior=PRIOR, effects=effects, **FEW)
+    assert "\n" not in str(caught.value)
+
+
+def test_one_effect_needs_no_list_and_a_prior_may_be_of_scipy():
+    mine = replace(entry("drift", "drift", None), parameters={"drift": scipy.stats.uniform(-1.0, 2.0)})
+    assert mine.parameters["drift"] == Uniform(-1.0, 1.0)
+    assert own_effects(mine) == own_effects([mine]) == {"drift": mine}
+    assert own_effects({"other": mine}) == {"other": mine}
+    for prior in (scipy.stats.multivariate_normal([0.0, 0.0]), lambda n, rng: rng.normal(size=(n, 1))):
+        with pytest.raises(InputError, match="the prior of drift must be a distribution of one number"):
+            replace(mine, parameters={"drift": prior})
 
 
 def test_several_sources_are_no_single_one(towns):

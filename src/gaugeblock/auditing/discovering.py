@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack
 from dataclasses import replace
@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from gaugeblock.auditing.answers import Answers, fingerprint
 from gaugeblock.auditing.identity import versions
 from gaugeblock.auditing.workplace import CHUNKS, discard, workplace
-from gaugeblock.core.arrays import numbers
+from gaugeblock.core.arrays import Array, numbers
 from gaugeblock.core.digest import digest
-from gaugeblock.core.errors import InputError
+from gaugeblock.core.errors import InputError, blamed
 from gaugeblock.core.progress import Progress, shown
 from gaugeblock.discovery import (
     Discovery,
@@ -272,7 +272,7 @@ class WithFunctions:
             values = {name: np.full(len(rows), value) for name, value in effect.fixed.items()}
             for name in effect.free:
                 values[name], at = rows[:, at], at + 1
-            call = _changed(effect.kind, call, values)
+            call = _changed(effect, call, values)
         return np.asarray(call(rows[:, : self._plain.size], rng))
 
     def with_effect(self, effect: Effect) -> WithFunctions:
@@ -293,8 +293,12 @@ class WithFunctions:
         return WithFunctions(self._simulate, self._plain, more)
 
 
-def _changed(kind: Callable[..., Any], call: Callable[..., Any], values: Mapping[str, Any]) -> Any:
-    return lambda theta, rng: kind(call, theta, values, rng)
+def _changed(effect: Effect, call: Callable[..., Any], values: Mapping[str, Any]) -> Callable[..., Any]:
+    def changed(theta: Array, rng: np.random.Generator) -> Any:
+        with blamed(f"the effect {effect.name}", f"{len(theta)} parameter vectors"):
+            return effect.kind(call, theta, values, rng)
+
+    return changed
 
 
 def read_measured(
@@ -376,7 +380,7 @@ class _Steps:
 
 
 def own_effects(
-    given: Mapping[str, LibraryEffect] | Sequence[LibraryEffect | str],
+    given: Mapping[str, LibraryEffect] | Sequence[LibraryEffect | str] | LibraryEffect,
 ) -> dict[str, LibraryEffect]:
     """Effects of one's own by name, those given as ``module:object`` loaded.
 
@@ -386,13 +390,17 @@ def own_effects(
         If a module cannot be imported, or something is no effect.
     """
     if isinstance(given, Mapping):
-        return dict(given)
-    found: dict[str, LibraryEffect] = {}
-    for name in given:
-        loaded: Any = load_object(name, "effect") if isinstance(name, str) else name
-        several = loaded.values() if isinstance(loaded, Mapping) else loaded
-        for entry in [loaded] if isinstance(loaded, LibraryEffect) else list(several):
-            if not isinstance(entry, LibraryEffect):
-                raise InputError(f"effect {name!r}: holds a {type(entry).__name__}, not a LibraryEffect")
-            found[entry.name] = entry
+        return {str(name): entry for name, one in given.items() for entry in _effects(one, f"{name}")}
+    every = [given] if isinstance(given, LibraryEffect | str) else given
+    return {entry.name: entry for one in every for entry in _effects(one, f"{one!r}")}
+
+
+def _effects(given: Any, called: str) -> list[LibraryEffect]:
+    """One effect, or those that an object of a module holds."""
+    loaded = load_object(given, "effect") if isinstance(given, str) else given
+    several = loaded.values() if isinstance(loaded, Mapping) else loaded
+    found = list(several) if isinstance(several, Iterable) else [several]
+    for entry in found:
+        if not isinstance(entry, LibraryEffect):
+            raise InputError(f"effect {called}: holds a {type(entry).__name__}, not a LibraryEffect")
     return found
