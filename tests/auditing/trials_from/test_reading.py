@@ -66,6 +66,24 @@ def test_arrays_that_are_missing_or_none_of_ours(tmp_path: Path) -> None:
         assert str(caught.value) == f"{path}: {what}; {how}"
 
 
+def test_arrays_of_h5py_have_no_axes_and_go_by_place(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    arrays = {"theta_true": THETA, "draws": DRAWS, **FURTHER}
+    with h5py.File(tmp_path / "t.h5", "w") as file:
+        for name, values in arrays.items():
+            file.create_dataset(name, data=values, compression="gzip")
+        file["names"] = ["a", "b"]
+    made = any_trials(tmp_path / "t.h5")
+    assert made["parameter"].values.tolist() == ["a", "b"]
+    for name, values in arrays.items():
+        np.testing.assert_array_equal(made[name].values, values)
+    assert any_trials(tmp_path / "t.h5", names=["c", "d"])["parameter"].values.tolist() == ["c", "d"]
+    with h5py.File(tmp_path / "t.h5", "a") as file:
+        file["wieght"] = X
+    with pytest.raises(InputError, match="t.h5: an array wieght that is none of ours; save theta_true"):
+        any_trials(tmp_path / "t.h5")
+
+
 @pytest.mark.parametrize("name", ["draws.npy", "draws.csv", "DRAWS.PT"])
 def test_files_of_other_formats_are_told_how_to_be_saved(tmp_path: Path, name: str) -> None:
     path = tmp_path / name

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -17,6 +17,7 @@ from gaugeblock.core.errors import InputError
 from gaugeblock.core.foreign import check_format, read_arrays
 from gaugeblock.core.hdf5 import check_hdf5
 from gaugeblock.validate.check import check_trials
+from gaugeblock.validate.storage import read_groups
 from gaugeblock.validate.trials import make_trials, read_trials, trials_tree
 
 OPTIONAL = (
@@ -31,8 +32,8 @@ SAVE = "save theta_true (trial, parameter) and draws (trial, draw, parameter) wi
 def any_trials(source: Any, *, names: Sequence[str] | None = None) -> xr.DataTree:
     """A Trials tree from a path or from an object in memory.
 
-    A path: NetCDF with Trials or with ArviZ's group ``posterior``, or ``.npz`` with arrays of the names that
-    `make_trials` takes and `names`. An object: Trials as a Dataset or DataTree, or whatever
+    A path: NetCDF with Trials or with ArviZ's group ``posterior``, or ``.npz`` or HDF5 with arrays of the
+    names that `make_trials` takes and `names`. An object: Trials as a Dataset or DataTree, or whatever
     `trials_from_arviz` takes. `names` chooses variables of ArviZ's, and names the parameters of ``.npz``.
 
     Raises
@@ -44,8 +45,13 @@ def any_trials(source: Any, *, names: Sequence[str] | None = None) -> xr.DataTre
         path = Path(source)
         check_format(path, reads=".npz", remedy=SAVE)
         if zipfile.is_zipfile(path):
-            return trials_tree(_npz(path, names))
-        if not _has_groups_of_arviz(path):
+            return trials_tree(_by_place(read_arrays(path), names, path=path))
+        kind = _kind(path)
+        if kind == "bare":
+            bare = read_groups(path, what="Trials file")[""]
+            held = {str(name): array.values for name, array in bare.variables.items()}
+            return trials_tree(_by_place(held, names, path=path))
+        if kind == "trials":
             return read_trials(path)
     elif isinstance(source, xr.Dataset | xr.DataTree) and set(source.data_vars) >= TRIALS:
         if isinstance(source, xr.DataTree):
@@ -54,21 +60,23 @@ def any_trials(source: Any, *, names: Sequence[str] | None = None) -> xr.DataTre
     return trials_tree(trials_from_arviz(source, names=names))
 
 
-def _has_groups_of_arviz(path: Path) -> bool:
+def _kind(path: Path) -> Literal["trials", "arviz", "bare"]:
+    """Whether a file holds Trials, groups of ArviZ's, or arrays whose axes have no names, as of h5py."""
     import netCDF4
 
     try:
         check_hdf5(path, inflate=False)
         with netCDF4.Dataset(path) as file:
-            ours = TRIALS & set(file.variables)
-            return not ours and bool({POSTERIOR, *RANKS} & set(file.groups))
+            if not TRIALS & set(file.variables):
+                return "arviz" if {POSTERIOR, *RANKS} & set(file.groups) else "trials"
+            axes = {axis for name in TRIALS & set(file.variables) for axis in file.variables[name].dimensions}
+            return "bare" if all(axis.startswith("phony_dim_") for axis in axes) else "trials"
     except Exception:  # of many kinds for a damaged file; what it is instead, `read_trials` says
-        return False
+        return "trials"
 
 
-def _npz(path: Path, names: Sequence[str] | None) -> xr.Dataset:
-    """Trials of arrays by name, as `numpy.savez` writes them."""
-    held = read_arrays(path)
+def _by_place(held: Mapping[str, Any], names: Sequence[str] | None, *, path: Path) -> xr.Dataset:
+    """Trials of arrays by name whose axes have none, as `numpy.savez` writes them."""
     missing = sorted(TRIALS - set(held))
     unknown = sorted(set(held) - TRIALS - {*OPTIONAL, *NAMES})
     if missing or unknown:
