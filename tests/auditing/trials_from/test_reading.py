@@ -80,7 +80,7 @@ def test_arrays_of_h5py_have_no_axes_and_go_by_place(tmp_path: Path) -> None:
     assert any_trials(tmp_path / "t.h5", names=["c", "d"])["parameter"].values.tolist() == ["c", "d"]
     with h5py.File(tmp_path / "t.h5", "a") as file:
         file["wieght"] = X
-    with pytest.raises(InputError, match="t.h5: an array wieght that is none of ours; save theta_true"):
+    with pytest.raises(InputError, match=r"t\.h5: an array wieght that is none of ours; save theta_true"):
         any_trials(tmp_path / "t.h5")
 
 
