@@ -207,12 +207,16 @@ def test_a_function_or_a_factory_by_its_name(tmp_path: Path, monkeypatch: pytest
     (tmp_path / "two_of_them.py").write_text(
         "import numpy as np\n"
         "def draw(x, n, rng):\n    return np.zeros((len(x), n, 2))\n"
+        "def name(x, n, rng):\n"
+        "    return {'b': np.zeros((len(x), n)), 'a': np.ones((len(x), n))}\n"
         "def make(simulator, size=1.0):\n"
         "    return type('Made', (), {'size': size, 'sample': lambda self, x, n, rng: draw(x, n, rng)})()\n"
     )
     monkeypatch.chdir(tmp_path)
     simulator: Any = Simulator()
     assert isinstance(as_estimator("two_of_them:draw", simulator), FunctionEstimator)
+    drawn = as_estimator("two_of_them:name", simulator).sample(X, 5, np.random.default_rng(1))
+    assert drawn.tolist() == [[[1.0, 0.0]] * 5] * len(X)
     assert as_estimator("two_of_them:make", simulator).size == 1.0  # type: ignore[attr-defined]
     made = as_estimator({"name": "two_of_them:make", "size": 2.0}, simulator)
     assert made.size == 2.0  # type: ignore[attr-defined]

@@ -219,6 +219,19 @@ def test_make_trials_says_what_does_not_fit():
         make_trials(theta, draws, NAMES, log_q=np.zeros(4))
 
 
+@pytest.mark.parametrize("name", ["theta_true", "draws", "x", "weight", "log_likelihood_true"])
+def test_masked_arrays_and_those_of_words_are_refused(name):
+    shapes = {"theta_true": (4, 2), "draws": (4, 5, 2), "x": (4, 3), "weight": (4, 5)}
+    sound = {key: np.arange(np.prod(shape)).reshape(shape) for key, shape in shapes.items()}
+    sound["log_likelihood_true"] = np.zeros(4)
+    assert make_trials(**sound)[name].shape == sound[name].shape
+    hidden = np.ma.masked_array(sound[name], mask=sound[name] == sound[name].max())
+    with pytest.raises(InputError, match=rf"^{name} has \d masked values"):
+        make_trials(**{**sound, name: hidden})
+    with pytest.raises(InputError, match=f"^{name} holds <U21 values|^{name} holds <U32 values"):
+        make_trials(**{**sound, name: sound[name].astype(str)})
+
+
 def test_nan_draws_and_log_q_are_not_bad_input():
     log_q = np.full((6, 9), np.nan)
     kept = check_trials(trials(log_q=log_q), source="t")

@@ -58,6 +58,7 @@ def test_xarray_goes_by_the_names_of_axes_and_parameters(arrays):
     turned = drawn.isel(parameter=[1, 0]).transpose("draw", "parameter", "trial")
     holds(trials_in_hand(truths.T, turned), theta, draws)
     # Without names of parameters the axes still have theirs.
+    holds(trials_in_hand(truths.drop_vars("parameter").T, draws), theta, draws, ["theta_1", "theta_2"])
     bare = trials_in_hand(theta, drawn.drop_vars("parameter").transpose("parameter", "draw", "trial"))
     holds(bare, theta, draws, ["theta_1", "theta_2"])
     # Other names of axes say nothing: they are taken as they lie.

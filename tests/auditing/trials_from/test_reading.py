@@ -78,6 +78,16 @@ def test_arrays_of_h5py_have_no_axes_and_go_by_place(tmp_path: Path) -> None:
     for name, values in arrays.items():
         np.testing.assert_array_equal(made[name].values, values)
     assert any_trials(tmp_path / "t.h5", names=["c", "d"])["parameter"].values.tolist() == ["c", "d"]
+    # Where one has names and another none, nothing is guessed.
+    with h5py.File(tmp_path / "half.h5", "w") as file:
+        for name, axes in {"theta_true": ("trial", "parameter"), "draws": ()}.items():
+            file[name] = arrays[name]
+            for at, axis in enumerate(axes):
+                file[axis] = np.arange(arrays[name].shape[at])
+                file[axis].make_scale(axis)
+                file[name].dims[at].attach_scale(file[axis])
+    with pytest.raises(InputError, match=r"draws has the axes .*phony_dim_\d.*; it needs"):
+        any_trials(tmp_path / "half.h5")
     with h5py.File(tmp_path / "t.h5", "a") as file:
         file["wieght"] = X
     with pytest.raises(InputError, match=r"t\.h5: an array wieght that is none of ours; save theta_true"):
