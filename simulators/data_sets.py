@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 from gaugeblock.core.errors import InputError
 
 
-def as_data_sets(data: NDArray[Any], shape: tuple[int, ...], *, what: str) -> NDArray[Any]:
+def as_data_sets(
+    data: NDArray[Any], shape: tuple[int, ...], *, what: str, finite: bool = True
+) -> NDArray[Any]:
     """One data set or several as ``(n, *shape)``, `shape` being that of one that is simulated.
 
     Raises
     ------
     InputError
-        If they have another shape, or hold NaN; `what` names them.
+        If they have another shape, or hold NaN where all must be `finite`; `what` names them.
 
     >>> as_data_sets(np.zeros(3), (3,), what="x").shape, as_data_sets(np.zeros((2, 3)), (3,), what="x").shape
     ((1, 3), (2, 3))
@@ -28,7 +30,7 @@ def as_data_sets(data: NDArray[Any], shape: tuple[int, ...], *, what: str) -> ND
             f"several of them, (n, {', '.join(map(str, shape))})"
         )
     wrong = int(np.count_nonzero(~np.isfinite(sets)))
-    if wrong:
+    if finite and wrong:
         raise InputError(
             f"{what}: {wrong} of {sets.size} numbers are NaN or infinite; leave them out, here and in what "
             "the simulator gives"

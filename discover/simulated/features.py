@@ -183,8 +183,12 @@ def coordinates_of(x: ArrayLike, summaries: Summaries | None = None) -> Array:
             f"discover: {rows.shape[1]} numbers a data set are too many to learn from; give summaries of at "
             f"most {MOST_COORDINATES}"
         )
-    if not np.isfinite(rows).all():
-        raise InputError("discover: data hold NaN or infinite values; leave those data sets out")
+    wrong = np.count_nonzero(~np.isfinite(rows).all(axis=1))
+    if wrong:
+        raise InputError(
+            f"discover: NaN or infinite numbers in {wrong} of {len(rows)} data sets or their summaries: mend "
+            "what simulates them, narrow its prior, or give summaries that do without"
+        )
     return rows
 
 

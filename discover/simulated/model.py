@@ -76,13 +76,6 @@ def simulated(simulator: Any, theta: Array, rng: np.random.Generator) -> NDArray
         data = numbers(simulator.simulate(theta, rng), what="the simulator's data")
     if data.shape[:1] != theta.shape[:1]:
         raise InputError(f"the simulator gave data of shape {data.shape} for {len(theta)} parameter vectors")
-    wrong = ~np.isfinite(data.reshape(len(data), -1)).all(axis=1)
-    if wrong.any():
-        first = np.array2string(theta[np.argmax(wrong)], precision=4)
-        raise InputError(
-            f"the simulator gave NaN or infinite data for {np.count_nonzero(wrong)} of {len(data)} parameter "
-            f"vectors, first for theta = {first}; mend it, or narrow its prior"
-        )
     return data
 
 

@@ -184,7 +184,7 @@ def bent(change):
         (lambda theta, rng: 1 / 0, OWN, "the simulator failed on 1 parameter vectors: ZeroDivisionError"),
         (
             lambda theta, rng: np.where(theta[:, :1] > 0.0, np.nan, readings(theta, rng)), OWN,
-            r"NaN or infinite data for \d+ of \d+ parameter vectors, first for theta = \[[\d.]+\]; mend it",
+            r"NaN or infinite numbers in \d+ of 1500 data sets or their summaries: mend what simulates them",
         ),
     ],
 )  # fmt: skip

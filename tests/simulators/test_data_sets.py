@@ -16,6 +16,8 @@ def test_one_or_several():
     assert as_data_sets(ROWS[0], (2, 3), what="x").shape == (1, 2, 3)
     assert as_data_sets(np.zeros(3, dtype=int), (), what="x").shape == (3,)
     assert as_data_sets(np.zeros(()), (), what="x").shape == (1,)
+    missing = np.where(ROWS > 3.0, np.nan, ROWS)
+    np.testing.assert_array_equal(as_data_sets(missing, (2, 3), what="x", finite=False), missing)
 
 
 @pytest.mark.parametrize(

@@ -277,6 +277,16 @@ def test_one_data_set_may_come_without_its_axis(ruler):
         discover_simulated(ruler, np.zeros(8), only=("glow",), simulations=1000)
 
 
+def test_missing_data_are_left_to_summaries(ruler):
+    x = np.where(np.arange(320).reshape(40, 8) % 9 == 0, np.nan, 0.1)
+
+    def of_what_is_there(data):
+        return np.stack([np.nanmean(data, axis=1), np.nanstd(data, axis=1)], axis=1)
+
+    with pytest.raises(InputError, match="no effect glow"):
+        discover_simulated(ruler, x, only=("glow",), simulations=1000, summaries=of_what_is_there)
+
+
 def test_a_simulator_without_effects_is_told_so():
     with pytest.raises(InputError, match="TwoMoons has no with_effect"):
         discover_simulated(build_simulator("two_moons"), np.zeros((40, 2)))
