@@ -154,7 +154,7 @@ def proposed(
     if not entries:
         raise InputError(
             f"discover: {type(simulators[0]).__name__} has no effect_library(theta) and no effect was given: "
-            "name what may be missing, effects=[LibraryEffect(...)]"
+            "name what may be missing, effects=[gaugeblock.LibraryEffect(...)]"
         )
     chosen = {key: entry for key, entry in entries.items() if not only or key in only}
     if energy is not None:

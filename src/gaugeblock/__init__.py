@@ -28,18 +28,10 @@ _PLACES = {
     ),
     "core.errors": ("InputError",),
     "simulators": (
-        *(
-            "Beta",
-            "Dirichlet",
-            "Discrete",
-            "Effect",
-            "Gamma",
-            "LogNormal",
-            "LogUniform",
-            "MultivariateNormal",
-        ),
+        *("Beta", "Dirichlet", "Discrete", "Effect", "Gamma", "LogNormal", "LogUniform"),
         *("MultivariateNormal", "Normal", "Prior", "TruncatedNormal", "Uniform", "as_prior", "truncated"),
     ),
+    "simulators.library": ("LibraryEffect",),
     "validate.policy": ("Policy",),
     "validate.trials": ("make_trials", "read_trials", "write_trials"),
 }
@@ -77,6 +69,7 @@ if TYPE_CHECKING:
     from gaugeblock.simulators import Uniform as Uniform
     from gaugeblock.simulators import as_prior as as_prior
     from gaugeblock.simulators import truncated as truncated
+    from gaugeblock.simulators.library import LibraryEffect as LibraryEffect
     from gaugeblock.validate.policy import Policy as Policy
     from gaugeblock.validate.trials import make_trials as make_trials
     from gaugeblock.validate.trials import read_trials as read_trials

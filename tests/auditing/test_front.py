@@ -220,9 +220,17 @@ def test_the_package_shows_its_public_names_and_no_other():
     assert shown == sorted(shown)
     for name in shown:
         assert not inspect.ismodule(getattr(gb, name)), name
-    assert {"audit", "audit_draws", "discover", "judge", "plan", "load", "Prior", "Policy", "Effect"} <= set(
-        shown
-    )
+    assert {
+        "audit",
+        "audit_draws",
+        "discover",
+        "judge",
+        "plan",
+        "load",
+        "Prior",
+        "Policy",
+        "LibraryEffect",
+    } <= set(shown)
     assert isinstance(gb.__version__, str)
     with pytest.raises(AttributeError, match="there are Audit"):
         _ = gb.nothing
