@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gaugeblock.core.arrays import numbers
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.library import Candidates
 from gaugeblock.discovery.simulated.closing_in import close_in
@@ -52,9 +51,8 @@ def prepare(
             raise InputError(f"discover: {type(simulator).__name__} has no {method}(...), which naming needs")
     rng = np.random.default_rng(budget.seed)
     one = simulated(simulator, simulator.prior.sample(1, rng), rng)
-    given = numbers(x, what="discover: x")
     # Summaries may know what to do with data that are missing.
-    data = as_data_sets(given, one.shape[1:], what="discover: x", finite=summaries is None)
+    data = as_data_sets(x, one.shape[1:], what="discover: x", finite=summaries is None)
     if 1 < len(data) < FEWEST:
         raise InputError(
             f"discover: x: a population cannot be fitted to {len(data)} data sets; give one, or at least "

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array, numbers
-from gaugeblock.core.errors import InputError, blamed
+from gaugeblock.core.errors import blamed
 from gaugeblock.discovery.simulated.population import LearnedPopulation
+from gaugeblock.simulators.data_sets import check_rows
 
 MARGIN = 1e-3
 """Effects keep this share of their prior's width away from its ends, but where the neutral value is one."""
@@ -74,8 +75,7 @@ def simulated(simulator: Any, theta: Array, rng: np.random.Generator) -> NDArray
     """
     with blamed("the simulator", f"{len(theta)} parameter vectors"):
         data = numbers(simulator.simulate(theta, rng), what="the simulator's data")
-    if data.shape[:1] != theta.shape[:1]:
-        raise InputError(f"the simulator gave data of shape {data.shape} for {len(theta)} parameter vectors")
+    check_rows(data, len(theta))
     return data
 
 

@@ -18,6 +18,7 @@ from gaugeblock.core.atomic import atomic_path, write_atomically
 from gaugeblock.core.digest import digest
 from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.npe.coordinates import to_scores
+from gaugeblock.simulators.data_sets import check_rows
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.protocol import Described, HasExposures, HasNoise, Simulator
 
@@ -119,8 +120,7 @@ def _simulate_chunk(
 ) -> tuple[NDArray[np.float64], NDArray[Any]]:
     theta = simulator.prior.sample(rows, rng)
     data = np.asarray(simulator.expected(theta) if fresh else simulator.simulate(theta, rng))
-    if data.shape[:1] != (rows,):
-        raise InputError(f"the simulator gave data of shape {data.shape} for {rows} parameter vectors")
+    check_rows(data, rows)
     if not np.all(np.isfinite(data)):
         bad = int(np.flatnonzero(~np.isfinite(data.reshape(rows, -1)).all(axis=1))[0])
         values = ", ".join(f"{k}={v:.6g}" for k, v in zip(simulator.prior.names, theta[bad], strict=True))

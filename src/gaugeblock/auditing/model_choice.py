@@ -83,8 +83,7 @@ def audit_models(
     labels = names if names is not None else column_names(probabilities) or None
     chosen = check_names(labels, probability.shape[1])
     index = _index(model_true, chosen, len(probability))
-    data = None if x is None else numbers(x, what="x")
-    trials = make_trials(index, _drawn(probability, seed), [PARAMETER], x=data)
+    trials = make_trials(index, _drawn(probability, seed), [PARAMETER], x=x)
     trials[PROBABILITY] = xr.DataArray(probability, dims=("trial", PARAMETER), coords={PARAMETER: chosen})
     rules = as_policy(policy)
     kept = [entry for entry in rules.required if entry.partition(".")[0] in VALIDATORS]
