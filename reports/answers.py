@@ -79,10 +79,6 @@ def _learned(verdict: Verdict, findings: Sequence[Finding]) -> tuple[str, ...]:
         Outcome.FAIL: "A regression on the data finds more than the draws hold.",
         Outcome.INCONCLUSIVE: "Whether the data hold more is not settled.",
     }
-    if skill:
-        return (*said, *([more[asked]] if asked is not None else []))
-    return tuple(filter(None, [of_the_data(verdict)])) or (
-        ("Whether it uses the data could not be checked: the trials hold none.",)
-        if any(item.without_data for item in verdict.not_checked)
-        else ()
-    )
+    if asked is not None and skill:
+        return (*said, more[asked])
+    return tuple(filter(None, [*said, of_the_data(verdict)]))

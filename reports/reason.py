@@ -17,11 +17,8 @@ DATA = "informed.rank"
 def reason(verdict: Verdict) -> str:
     """A few sentences that say why the verdict is what it is."""
     data = of_the_data(verdict) if verdict.outcome is Outcome.PASS else ""
-    unknown = ELSEWHERE if verdict.looks.number > 1 else UNKNOWN
-    before = of_the_ledger(verdict.provenance, unknown=unknown)
     trust = of_trust(verdict.provenance)
-    said = [f"{_why(verdict)}{_stopped(verdict)}", data, of_looks(verdict), before, trust]
-    return " ".join(filter(None, said))
+    return " ".join(filter(None, [f"{_why(verdict)}{_stopped(verdict)}", data, *before(verdict), trust]))
 
 
 def of_the_data(verdict: Verdict) -> str:
@@ -30,10 +27,17 @@ def of_the_data(verdict: Verdict) -> str:
     Calibration alone is no answer: the prior is calibrated. Empty where the gate did not PASS or was not run.
     """
     if any(item.without_data for item in verdict.not_checked):
-        head = "Whether" if verdict.outcome is Outcome.FAIL else "Calibrated; whether"
+        head = "Calibrated; whether" if verdict.outcome is Outcome.PASS else "Whether"
         return f"{head} it uses the data could not be checked: the trials hold none."
     said = [gate.message for gate in verdict.gates if gate.id == DATA and gate.outcome is Outcome.PASS]
     return f"On the data: {said[0]}." if said else ""
+
+
+def before(verdict: Verdict) -> list[str]:
+    """What was looked at before: at this audit, and at others, as far as a ledger knows of them."""
+    unknown = ELSEWHERE if verdict.looks.number > 1 else UNKNOWN
+    said = [of_looks(verdict), of_the_ledger(verdict.provenance, unknown=unknown)]
+    return [sentence for sentence in said if sentence]
 
 
 def of_looks(verdict: Verdict) -> str:

@@ -9,8 +9,7 @@ from typing import Any
 from gaugeblock.core.errors import one_line
 from gaugeblock.reports.baseline import comparison
 from gaugeblock.reports.controls import caught
-from gaugeblock.reports.ledger import of_the_ledger
-from gaugeblock.reports.reason import of_looks, of_the_data, of_trust
+from gaugeblock.reports.reason import before, of_the_data, of_trust
 from gaugeblock.validate import Outcome, Verdict
 
 SHOWN = 20
@@ -24,12 +23,9 @@ def terminal_summary(
     `resources` are what each child of a stranger used, as `resources.json` holds it.
     """
     lines = verdict_lines(verdict, shown=SHOWN)
-    if looks := of_looks(verdict):
-        lines.append(looks)
+    lines += before(verdict)
     if trust := of_trust(verdict.provenance):
         lines.append(f"Caveat: {trust}")
-    if verdict.provenance.get("ledger"):
-        lines.append(of_the_ledger(verdict.provenance))
     lines += [f"  not checked  {item.id}: {item.why}" for item in verdict.not_checked]
     lines += [f"{'  ' * bool(place)}{line}" for place, line in enumerate(caught(verdict))]
     if verdict.diagnosis is not None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -119,14 +121,19 @@ def test_without_data_nothing_is_required_and_it_is_said(tmp_path):
     gates, findings, not_checked, verdict = judged(trials)
     assert "informed.rank" not in gates
     assert "informed.crps[theta_1]" in findings
-    said = "Calibrated; whether it uses the data could not be checked"
-    assert said in verdict_lines(verdict, shown=5)[1]
-    # As stored, and judged again.
+    said = "hether it uses the data could not be checked: the trials hold none."
+    # Other gates are required and were not computed.
+    assert verdict.outcome is Outcome.INCONCLUSIVE
+    assert of_the_data(verdict) == f"W{said}"
+    # As stored, and judged again; "calibrated" is what a PASS alone says.
     write_findings(list(findings.values()), not_checked, tmp_path / "findings.nc")
-    again = judge(*read_findings(tmp_path / "findings.nc"), DEFAULT, seed=1)
+    again = judge(*read_findings(tmp_path / "findings.nc"), only("informed.rank"), seed=1)
     assert "informed.rank" not in {gate.id for gate in again.gates}
-    passing = judge(*read_findings(tmp_path / "findings.nc"), only("informed.rank"), seed=1)
-    assert said in verdict_lines(passing, shown=5)[1]
+    for outcome, head in ((Outcome.PASS, "Calibrated; w"), (Outcome.FAIL, "W"), (Outcome.INCONCLUSIVE, "W")):
+        shown = replace(again, outcome=outcome)
+        assert of_the_data(shown) == f"{head}{said}"
+        assert verdict_lines(shown, shown=5)[1] == f"  {head}{said}"
+        assert ("Calibrated" in reason(shown)) is (outcome is Outcome.PASS)
 
 
 def only(*required):
