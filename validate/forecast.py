@@ -22,26 +22,28 @@ from gaugeblock.validate.finding import MeanFinding, QuantileFinding
 from gaugeblock.validate.marginal.half_widths import NEAR
 
 FUTURES = 500
-# Looks at numbers of trials that grow by this factor, until there are some 5,000 times as many.
-GROWTH, LOOKS = 1.15, 61
+# Looks at a tenth more trials, then at numbers that grow by this factor, until there are 5,000 times as many.
+GROWTH, LOOKS = 1.05, 175
 LOW, HELD = 0.1, 0.8
+# Ends so many times apart: the estimate is within its error of the edge, where any number may be too few.
+WIDE = 50
+EDGE = "it may lie on the edge of what is tolerated"
 
 
 class Forecast(NamedTuple):
     """Numbers of trials between which eight futures of ten are settled, and one or none before `low`.
 
-    None where no number of trials that was looked at settles it: the fault may lie on the edge.
+    None where no number of trials that was looked at settles it.
     """
 
     low: int | None
     high: int | None
 
     def __str__(self) -> str:
-        if self.low is None:
-            return "it lies on the edge of what is tolerated, which no number of trials may settle"
-        if self.high is None:
-            return f"{self.low:,} might, but it may lie on the edge of what is tolerated"
-        return f"{self.low:,} to {self.high:,} would"
+        if self.low is None or self.high is None:
+            return f"{EDGE}, which no number of trials would settle"
+        said = f"{self.low:,} to {self.high:,} would"
+        return said if self.high <= WIDE * self.low else f"{said}, but {EDGE}"
 
 
 def forecast(item: Judgeable, bound: Bounds, *, look: int, seed: int) -> Forecast:
@@ -58,7 +60,7 @@ def forecast(item: Judgeable, bound: Bounds, *, look: int, seed: int) -> Forecas
         return rng.standard_normal((futures, root.shape[1])) @ noise.T
 
     fault = known * estimate + math.sqrt(known) * drawn(FUTURES)
-    number = n * GROWTH ** np.arange(LOOKS + 1)
+    number = n * GROWTH ** np.array([0, *range(2, LOOKS)])
     pass_reach = float(special.ndtri(pass_level(look + 1)))
     total, settled = np.broadcast_to(n * estimate, fault.shape), np.full(FUTURES, np.inf)
     for before, after in itertools.pairwise(number):
@@ -74,10 +76,11 @@ def forecast(item: Judgeable, bound: Bounds, *, look: int, seed: int) -> Forecas
         total, fault = total[~(passes | fails)], fault[~(passes | fails)]
         if not len(fault):
             break
-    first = np.quantile(settled, LOW, method="higher")
-    # Many may be settled at the very first look, and none before it: what the range holds counts from there.
-    last = np.quantile(settled, np.mean(settled < first) + HELD, method="higher")
-    return Forecast(_rounded(float(first), math.floor), _rounded(float(last), math.ceil))
+    first = _rounded(float(np.quantile(settled, LOW, method="higher")), math.floor)
+    # What the range holds counts from its end as it is said: many may be settled at the very first look.
+    earlier = 1.0 if first is None else float(np.mean(settled < first))
+    last = np.quantile(settled, min(earlier + HELD, 1.0), method="higher")
+    return Forecast(first, _rounded(float(last), math.ceil))
 
 
 def _reduced(item: Judgeable) -> tuple[Array, Array, Array | float, Array | float]:

@@ -1,8 +1,8 @@
 """What an INCONCLUSIVE audit foretells, and what comes: is it settled in the range of trials that it names?
 
-A fault is drawn around what is tolerated, audits of it are made until one is INCONCLUSIVE, and its trials are
-added to, in steps of 15%, until the second look would settle it. As in `looks`, the judging alone is
-repeated, on findings made of each trial's part.
+A fault is drawn around what is tolerated, or lies exactly on its edge; audits of it are made until one is
+INCONCLUSIVE, and its trials are added to, a tenth and then in steps of 5%, until the second look would settle
+it. As in `looks`, the judging alone is repeated, on findings made of each trial's part.
 """
 
 from __future__ import annotations
@@ -23,11 +23,12 @@ from studies.error_rates.summary import indicators
 
 # Faults, in tolerances: a standard deviation around none.
 SPREAD = 1.5
-GROWTH, MOST = 1.15, 500_000
+FIRST, GROWTH, MOST = 1.1, 1.05, 500_000
+ON_EDGE = ", exactly on the edge"
 WITHIN, BEFORE, AFTER, EDGED = "in the range", "earlier", "later", "said to be on the edge"
 
 
-def foretold(shape: str) -> Replicate:
+def foretold(shape: str, *, on_edge: bool = False) -> Replicate:
     """One forecast, and when the audit was settled."""
 
     def verdict(seed: int) -> Values:
@@ -35,21 +36,22 @@ def foretold(shape: str) -> Replicate:
         foreseen = None
         while foreseen is None:
             parts = trials(shape, FEWEST, rng)
-            fault = rng.normal(0, SPREAD * EDGE, size=len(parts))
-            # What `trials` makes lies on the edge in its first component.
-            fault[0] -= EDGE
+            # What `trials` makes lies on the edge in its first component, and elsewhere on none.
+            fault = np.zeros(len(parts))
+            if not on_edge:
+                fault = rng.normal(0, SPREAD * EDGE, size=len(parts))
+                fault[0] -= EDGE
             parts = parts + fault[:, None]
             with quick_bootstrap(futures=FUTURES):
                 foreseen = judge([finding(parts)], [], POLICY, seed=seed).gates[0].trials_to_settle_range
         low, high = (math.inf if end is None else end for end in foreseen)
-        when = settled_at(shape, fault, parts, rng)
-        known = when < math.inf or not MOST < high < math.inf
+        when = settled_at(shape, fault, parts, rng) if high <= MOST else math.nan
+        known = not math.isnan(when)
         return {
-            # Looks are 15% apart: it may have been settled since the one before.
-            WITHIN: float(low <= when and when <= high * GROWTH) if known else math.nan,
+            WITHIN: float(low <= when <= high) if known else math.nan,
             BEFORE: float(when < low) if known else math.nan,
-            AFTER: float(when > high * GROWTH) if known else math.nan,
-            EDGED: float(math.isinf(high)),
+            AFTER: float(when > high) if known else math.nan,
+            EDGED: float("edge" in str(foreseen)),
         }
 
     return verdict
@@ -57,9 +59,10 @@ def foretold(shape: str) -> Replicate:
 
 def settled_at(shape: str, fault: Array, parts: Array, rng: np.random.Generator) -> float:
     """How many trials the second look needs; infinite where half a million do not do."""
+    growth = FIRST
     while (number := parts.shape[1]) < MOST:
-        more = trials(shape, math.ceil(number * GROWTH) - number, rng) + fault[:, None]
-        parts = np.concatenate([parts, more], axis=1)
+        more = trials(shape, math.ceil(number * growth) - number, rng) + fault[:, None]
+        parts, growth = np.concatenate([parts, more], axis=1), GROWTH
         with quick_bootstrap():
             (bound,) = bounds([_judged(parts)], budget=POLICY.error_budget, number=1, seed=1, look=2)
         if _settled(bound):
@@ -79,7 +82,9 @@ def _settled(bound: Bounds) -> bool:
 
 def part() -> Part:
     """The part of the study that waits for what was foretold."""
-    cases: Mapping[str, Replicate] = {shape: foretold(shape) for shape in SHAPES}
+    cases: Mapping[str, Replicate] = {shape: foretold(shape) for shape in SHAPES} | {
+        f"{shape}{ON_EDGE}": foretold(shape, on_edge=True) for shape in ("normal", "ten parameters")
+    }
     return Part(
         name="forecasts",
         says=f"forecasts of INCONCLUSIVE audits of {FEWEST:,} trials, and when the next look settled them",
