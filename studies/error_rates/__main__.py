@@ -11,6 +11,7 @@ from typing import Any
 from gaugeblock.core.progress import Bars
 from studies.error_rates import (
     anytime,
+    blind,
     curves,
     forecasts,
     gate,
@@ -23,10 +24,10 @@ from studies.error_rates import (
     size,
 )
 from studies.error_rates.document import document
-from studies.error_rates.replicates import Part, run
+from studies.error_rates.replicates import CODE, Part, run
 from studies.error_rates.summary import added, has
 from studies.kit.command import carried_out, given, parser
-from studies.kit.results import RESULTS, command_of_both, record, stored, write
+from studies.kit.results import RESULTS, command_of_both, measured, record, stored, write
 
 NAME = "studies error-rates"
 
@@ -44,6 +45,7 @@ def parts(work: Path, seed: int, **options: Any) -> dict[str, Callable[[], Part]
         "forecasts": forecasts.part,
         "retraining": retraining.part,
         "power": power.part,
+        "blind-spots": blind.part,
         "curves": curves.part,
         "anytime": anytime.part,
     } | {
@@ -86,7 +88,7 @@ def _part(name: str, chosen: Any, command: str, bars: Bars) -> None:
     first = 0 if earlier is None else has(earlier)
     if earlier is not None and first >= number:
         return
-    said = {"part": name, "says": part.says, "settings": part.settings}
+    said = {"part": name, "says": part.says, "settings": part.settings, **measured(*CODE)}
     attributes = record(command, chosen.seed, **said)
     if earlier is not None:
         command_of_both(earlier.attrs, attributes)  # refused before hours of work, not after

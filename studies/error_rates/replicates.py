@@ -16,6 +16,9 @@ from gaugeblock.core.digest import digest
 from studies.kit import resume
 from studies.kit.resume import Pieces, Progress, code_of, stream
 
+CODE = (validate, studies.error_rates)
+"""What decides the numbers: replicates of other code are never counted together."""
+
 Values = Mapping[str, float]
 Replicate = Callable[[int], Values]
 """From a seed to what one replicate shows: numbers by name, NaN where there is none."""
@@ -72,7 +75,7 @@ def run(
     The results depend on the seed alone, not on `workers` or on where an earlier run stopped.
     """
     number = part.replicates if replicates is None else replicates
-    key = {"seed": seed, "settings": part.settings, "code": code_of(validate, studies.error_rates)}
+    key = {"seed": seed, "settings": part.settings, "code": code_of(*CODE)}
     pieces = Pieces(folder, key, name=part.name, progress=progress, workers=workers)
     blocks = {
         f"{digest(case)[:8]}-{start}-{min(start + part.together, number)}": (case, start)

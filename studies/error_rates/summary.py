@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.core.errors import InputError
-from studies.kit.results import clopper_pearson, command_of_both
+from studies.kit.results import clopper_pearson, command_of_both, measured_of_both
 
 Values = Mapping[str, float]
 
@@ -67,8 +67,9 @@ def added(earlier: xr.Dataset, later: xr.Dataset) -> xr.Dataset:
     ]
     numbers = [has(table) for table in (earlier, later)]
     took = np.average([table.attrs["seconds_per_replicate"] for table in (earlier, later)], weights=numbers)
+    alike = {name: value for name, value in later.attrs.items() if name not in ("commit", "code")}
     more = {"command": command, "seconds_per_replicate": round(float(took), 4)}
-    return _rates(both[0] + both[1]).assign_attrs(later.attrs | more)
+    return _rates(both[0] + both[1]).assign_attrs(alike | measured_of_both(earlier.attrs, later.attrs) | more)
 
 
 def _rates(counted: xr.Dataset) -> xr.Dataset:

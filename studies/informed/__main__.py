@@ -18,10 +18,11 @@ from gaugeblock.validate import Outcome, Policy, judge, make_trials, read_policy
 from studies.informed.document import document
 from studies.informed.problems import AFTERWARDS, AGAIN, BLIND, EXACT, TOLERATED, Problem
 from studies.kit.command import carried_out, given, parser
-from studies.kit.results import clopper_pearson, read, record, write
-from studies.kit.resume import Arrays, Pieces, code_of
+from studies.kit.results import clopper_pearson, measured, read, record, write
+from studies.kit.resume import Arrays, Pieces
 
 NAME = "studies informed"
+CODE = (gaugeblock.validate, studies.informed)
 KINDS = {
     "blind": BLIND,
     "blind, made up afterwards": AFTERWARDS,
@@ -112,7 +113,8 @@ def _run(chosen: Any, command: str) -> None:
     }
     every = {name: problem for problems in KINDS.values() for name, problem in problems.items()}
     settings = {"trials": chosen.trials, "draws": chosen.draws, "policy": policy.model_dump(mode="json")}
-    key = {"seed": chosen.seed, **settings, "code": code_of(gaugeblock.validate, studies.informed)}
+    code = measured(*CODE)  # before hours of work: files may be changed by others meanwhile
+    key = {"seed": chosen.seed, **settings, "code": code["code"]}
     with Bars() as bars:
         pieces = Pieces(chosen.work or chosen.out / "checkpoints", key, "informed", bars.show, chosen.workers)
         for number in [*(each for each in ROUNDS if each < chosen.audits), chosen.audits]:
@@ -122,7 +124,7 @@ def _run(chosen: Any, command: str) -> None:
                 found[name] = pieces.rows(name, number, min(CHUNK, chosen.audits), make, chosen.seed)
             table = summary(found, kinds)
             if not start:
-                attributes = record(command, chosen.seed, **settings)
+                attributes = record(command, chosen.seed, **settings, **code)
                 write({"": table.assign_attrs(attributes)}, chosen.out / "informed.nc")
     for name, kind in kinds.items():
         row = table.sel(case=name)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import subprocess
 from collections.abc import Mapping
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ from gaugeblock.auditing.identity import versions
 from gaugeblock.core.atomic import atomic_path, made_folder
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate import storage
+from studies.kit.resume import code_of
 
 STUDIES = Path(__file__).resolve().parents[1]
 RESULTS = STUDIES / "results"
@@ -41,6 +44,19 @@ def record(command: str, seed: int, **more: Any) -> dict[str, Any]:
     return {"command": command, "seed": seed, **plain, "versions": json.dumps(versions())}
 
 
+def measured(*packages: ModuleType) -> dict[str, str]:
+    """Which code a table measures: the commit, `-dirty` if files were changed, and the digest of packages.
+
+    Without git the commit is "".
+    """
+    describe = ["git", "-C", str(STUDIES), "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty"]
+    try:
+        commit = subprocess.run(describe, capture_output=True, text=True, check=False).stdout.strip()
+    except OSError:
+        commit = ""
+    return {"commit": commit, "code": code_of(*packages)}
+
+
 def renamed(command: str) -> str:
     """A command of 0.1.0 as it is called today.
 
@@ -59,21 +75,40 @@ def command_of(table: xr.Dataset) -> str:
 def command_of_both(earlier: Mapping[str, Any], later: Mapping[str, Any]) -> str:
     """The command behind one table of two that were made alike, from the attributes of both.
 
+    Tables that say which code they measure may be of several commits that have it; one that is older than
+    that takes what it is given.
+
     Raises
     ------
     InputError
-        If they were made of other seeds, settings, commits or versions.
+        If they were made of other seeds, settings, code, commits or versions.
 
     >>> command_of_both({"command": "a", "seed": 1}, {"command": "b", "seed": 1, "seconds_per_replicate": 2})
     'a && b'
     """
-    for name in later.keys() - VARY:
+    vary = VARY | ({"commit"} if "code" in later else set()) | ({"code"} - earlier.keys())
+    for name in later.keys() - vary:
         if earlier.get(name) != later[name]:
+            same = f"check out {earlier['commit']}" if name == "code" else "give the same"
             raise InputError(
                 f"--add: {name} is {later[name]!s:.60}, and in the table that is there "
-                f"{earlier.get(name)!s:.60}; give the same, or another --out"
+                f"{earlier.get(name)!s:.60}; {same}, or another --out"
             )
     return f"{earlier['command']} && {later['command']}"
+
+
+def measured_of_both(earlier: Mapping[str, Any], later: Mapping[str, Any]) -> dict[str, str]:
+    """What `measured` is of one table of two: every commit once; nothing, where one of them does not know.
+
+    >>> measured_of_both({"commit": "a", "code": "1"}, {"commit": "b", "code": "1"})
+    {'commit': 'a, b', 'code': '1'}
+    >>> measured_of_both({}, {"commit": "b", "code": "1"})
+    {}
+    """
+    if "code" not in earlier or "code" not in later:
+        return {}
+    commits = dict.fromkeys([*earlier["commit"].split(", "), later["commit"]])
+    return {"commit": ", ".join(commits), "code": later["code"]}
 
 
 def measured_commit(table: xr.Dataset) -> str:
