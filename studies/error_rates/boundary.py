@@ -63,15 +63,15 @@ def kink(gap: float, *, draws: int, radial: bool = False) -> Kink:
         before = Kink(steep).inverse(1 - v)
         level = 1 - before
         share = level if radial else 0.5 + 0.5 * level
-        below = _blurred(HALF if radial else 0.75, draws, share)
+        below = blurred(HALF if radial else 0.75, draws, share)
         if not radial:
-            below = below - _blurred(0.25, draws, share)
+            below = below - blurred(0.25, draws, share)
         return float(below.mean())
 
     return Kink(float(optimize.brentq(lambda steep: covered(steep) - (HALF - gap), 0.0, 0.3)))
 
 
-def _blurred(level: float, draws: int, share: Array) -> Array:
+def blurred(level: float, draws: int, share: Array) -> Array:
     """Probability that the randomised PIT is below `level`, for truths with these shares of draws below."""
     reach = level * (draws + 1)
     whole = int(np.floor(reach))

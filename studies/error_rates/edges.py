@@ -1,0 +1,232 @@
+"""Trials on the edge of tolerances that no shift or stretch of all truths puts them on, of several shapes.
+
+Only the validator of this gate looks at them, as it does in audits. How large a fault has to be is told
+without it wherever that can be: where truths lie among a shape's own quantiles says how often ranks among so
+many draws come out where (`boundary.blurred`), log densities and probabilities are off by what is tolerated.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache, partial
+
+import numpy as np
+import xarray as xr
+from scipy import optimize, stats
+
+from gaugeblock.core.arrays import Array
+from gaugeblock.validate import Outcome, Policy, make_trials, run_validators
+from gaugeblock.validate.levels import LEVELS
+from gaugeblock.validate.messages import SHARE
+from studies.error_rates.audits import audited
+from studies.error_rates.boundary import blurred
+from studies.error_rates.policies import DEFAULT, alone
+from studies.error_rates.replicates import Part, Replicate, Values
+from studies.error_rates.shapes import SHAPES
+from studies.error_rates.shortcut import Case, faulty, middle, sample_of
+from studies.error_rates.summary import indicators
+
+SHAPED = ("normal", "Cauchy", "lognormal, sigma 2", "bounded U")
+# The level that so many draws resolve.
+TAILS, TAILS_DRAWS = (0.99,), 400
+# Truths at so many quantiles of a shape.
+QUANTILES = 20_000
+# Share of the trials in the one region that is off, and what is looked at there.
+REGION, REGIONAL = 0.2, (0.8, 0.95)
+# Trials, in so many parts, from which it is told what a joint that is wholly wrong shows.
+TRIALS, PARTS = 10_000, 10
+# Of the trials these have the highest stated probabilities, which are too high: all of the uppermost fifth.
+OVERSTATED = 0.22
+LOG_DENSITY: Mapping[str, Callable[[Array], Array]] = {
+    "normal": stats.norm.logpdf,
+    "Cauchy": stats.cauchy.logpdf,
+    "lognormal, sigma 2": stats.lognorm(2).logpdf,
+    "bimodal": lambda theta: (
+        np.logaddexp(stats.norm.logpdf(theta, -4), stats.norm.logpdf(theta, 4)) - np.log(2)
+    ),
+}
+STATED: Mapping[str, Callable[[np.random.Generator, int], Array]] = {
+    "uniform": lambda rng, n: rng.random(n),
+    "mostly certain": lambda rng, n: rng.beta(0.3, 0.3, n),
+    "mostly undecided": lambda rng, n: rng.beta(8, 8, n),
+    "rare": lambda rng, n: rng.beta(0.3, 1.5, n),
+}
+
+
+@dataclass(frozen=True)
+class Edge:
+    """Trials with a known fault, what looks at them, and the policy that they lie on the edge of."""
+
+    policy: Policy
+    select: str
+    trials: Callable[[np.random.Generator], xr.Dataset]
+    region: str = ""
+    """Where the fault lies, if that has to be learned: without, a PASS is neither right nor wrong."""
+
+
+def cases() -> dict[str, Callable[[], Edge]]:
+    """One gate on its edge, alone, of several shapes each."""
+    made: dict[str, Callable[[str], Edge]] = {
+        "coverage": coverage, "tails": tails, "joint": joint, "local": local
+    }  # fmt: skip
+    shaped = {f"{name}, {shape}": partial(each, shape) for name, each in made.items() for shape in SHAPED}
+    dense = {f"normalisation, {shape}": partial(normalisation, shape) for shape in LOG_DENSITY}
+    return shaped | dense | {f"models, {stated}": partial(models, stated) for stated in STATED}
+
+
+def replicate(built: Callable[[], Edge]) -> Replicate:
+    """Verdicts as indicators."""
+
+    def verdict(seed: int) -> Values:
+        edge = built()
+        trials = edge.trials(np.random.default_rng(seed))
+        audit = audited(trials, edge.policy, seed, select=[edge.select])
+        said = {name.value: float(audit.verdict.outcome is name) for name in Outcome}
+        learned = [name for one in audit.findings if edge.region for name in one.details.get("region", [])]
+        return said if edge.region in ["", *map(str, learned)] else said | {"PASS": math.nan}
+
+    return verdict
+
+
+def coverage(shape: str) -> Edge:
+    """Posteriors so much too narrow that the worst of all central intervals is on its edge."""
+    policy = alone("coverage", "coverage.central")
+    width = log_width(shape, LEVELS, policy.tolerance.coverage, draws=100)
+    return _narrow(Case(policy, shape, log_width=width), "coverage")
+
+
+def tails(shape: str) -> Edge:
+    """The same of the outermost interval that the draws resolve."""
+    policy = alone("tails", "tails.coverage")
+    width = log_width(shape, TAILS, policy.tolerance.tails, draws=TAILS_DRAWS)
+    return _narrow(Case(policy, shape, log_width=width, draws=TAILS_DRAWS), "tails")
+
+
+def _narrow(case: Case, select: str) -> Edge:
+    return Edge(case.policy, select, lambda rng: make_trials(*faulty(case, rng)))
+
+
+def held(share: Array, levels: Sequence[float], draws: int) -> Array:
+    """How often central intervals of so many draws hold truths with these shares of the draws below."""
+    ends = [(0.5 - level / 2, 0.5 + level / 2) for level in levels]
+    return np.array(
+        [float(np.mean(blurred(high, draws, share) - blurred(low, draws, share))) for low, high in ends]
+    )
+
+
+def share_below(shape: str, moved: Callable[[Array], Array]) -> Array:
+    """Shares of a shape that lie below its own quantiles once these are moved."""
+    sample = sample_of(shape)
+    truth = moved(np.quantile(sample, (np.arange(QUANTILES) + 0.5) / QUANTILES))
+    return np.asarray(np.searchsorted(sample, truth) / len(sample))
+
+
+@lru_cache
+def log_width(shape: str, levels: tuple[float, ...], tolerated: float, *, draws: int) -> float:
+    """Log of the width at which the worst of the gaps at these levels is what is tolerated; negative."""
+    centre, _ = middle(shape)
+
+    def worst(size: float) -> float:
+        share = share_below(shape, lambda truth: centre + (truth - centre) * np.exp(size))
+        return float(np.abs(held(share, levels, draws) - levels).max()) - tolerated
+
+    return -float(optimize.brentq(worst, 0.0, 1.0, rtol=1e-4))
+
+
+@lru_cache
+def displacement(shape: str, tolerated: float, *, draws: int) -> float:
+    """Half-widths of a shift of which the worst of what `local` looks at is what is tolerated."""
+    _, unit = middle(shape)
+
+    def worst(size: float) -> float:
+        share = share_below(shape, lambda truth: truth + size * unit)
+        central = held(share, REGIONAL, draws) - REGIONAL
+        return float(max(np.abs(central).max(), abs(blurred(0.5, draws, share).mean() - 0.5))) - tolerated
+
+    return float(optimize.brentq(worst, 1e-3, 10.0, rtol=1e-4))
+
+
+def local(shape: str) -> Edge:
+    """Displaced in a fifth of the trials, which the data tell apart, as far as is tolerated of a fifth."""
+    policy, draws = alone("local", "local"), 50
+    size = displacement(shape, policy.tolerance.local * float(np.sqrt(SHARE / REGION)), draws=draws)
+    moved = size * middle(shape)[1]
+
+    def trials(rng: np.random.Generator) -> xr.Dataset:
+        pool = SHAPES[shape](rng, (4000, 1 + draws, 1))
+        x = (rng.random((4000, 1)) < REGION).astype(float)
+        return make_trials(pool[:, 0] + moved * x, pool[:, 1:], x=x)
+
+    return Edge(policy, "local", trials, region="total > 0")
+
+
+def joint(shape: str) -> Edge:
+    """Of two parameters without correlation, of which in some trials both truths are the same."""
+    policy = alone("joint", "joint.projections")
+    share = policy.tolerance.joint / wholly_wrong(shape)
+    return Edge(policy, "joint", lambda rng: _copied(shape, rng, 1000, share))
+
+
+@lru_cache
+def wholly_wrong(shape: str) -> float:
+    """The worst gap where both truths are the same in all of many trials; in some, their share of it."""
+    rng = np.random.default_rng(1)
+    gaps = []
+    for part in range(PARTS):
+        found, _ = run_validators(_copied(shape, rng, TRIALS, 1.0), seed=part, select=["joint"])
+        gaps.append(next(one.estimate for one in found if one.id == "joint.projections"))
+    return float(np.abs(np.mean(gaps, axis=0)).max())
+
+
+def _copied(shape: str, rng: np.random.Generator, number: int, share: float) -> xr.Dataset:
+    pool = SHAPES[shape](rng, (number, 101, 2))
+    truth = pool[:, 0].copy()
+    same = rng.random(number) < share
+    truth[same, 1] = truth[same, 0]
+    return make_trials(truth, pool[:, 1:])
+
+
+def normalisation(shape: str) -> Edge:
+    """A log density that is too low by what is tolerated."""
+    policy = alone("normalisation", "density.normalisation")
+
+    def trials(rng: np.random.Generator) -> xr.Dataset:
+        pool = SHAPES[shape](rng, (1000, 101, 1))
+        log_q = LOG_DENSITY[shape](pool[:, 1:, 0]) - policy.tolerance.normalisation
+        return make_trials(pool[:, 0], pool[:, 1:], log_q=log_q)
+
+    return Edge(policy, "density", trials)
+
+
+def models(stated: str) -> Edge:
+    """Of two models; where the first is called most probable, that is too high by what is tolerated."""
+    policy = alone("models", "models")
+    drawn, number = STATED[stated], 5000
+    cut = float(np.quantile(drawn(np.random.default_rng(1), 1_000_000), 1 - OVERSTATED))
+
+    def trials(rng: np.random.Generator) -> xr.Dataset:
+        first = drawn(rng, number)
+        true = rng.random(number) >= first - np.where(first > cut, policy.tolerance.models, 0.0)
+        probability = np.stack([first, 1 - first], axis=1)
+        made = make_trials(
+            true[:, None].astype(float), np.repeat(true[:, None, None], 2, axis=1).astype(float), ["model"]
+        )
+        return made.assign(model_probability=(("trial", "model"), probability))
+
+    return Edge(policy, "models", trials)
+
+
+def part() -> Part:
+    """The part of the study."""
+    return Part(
+        name="edge-gates",
+        says="one gate on its edge, computed by its validator, "
+        "1,000 trials (of local 4,000, of models 5,000) x 50 to 400 draws",
+        cases={name: replicate(built) for name, built in cases().items()},
+        replicates=1000,
+        together=50,
+        settings={"shapes": SHAPED, "stated": list(STATED), "policy": DEFAULT.model_dump()},
+        summarise=indicators,
+    )

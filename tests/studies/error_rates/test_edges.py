@@ -1,0 +1,128 @@
+"""Trials lie on the edges where they should, and are rarely judged wrongly: twin of the part `edge-gates`."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+from studies.error_rates import edges
+from studies.error_rates.boundary import kink
+from studies.error_rates.edges import LEVELS, SHAPED, TAILS, TAILS_DRAWS, cases, displacement, held, replicate
+from studies.error_rates.policies import DEFAULT
+from studies.error_rates.shortcut import Case, faulty, middle
+
+from gaugeblock.validate import run_validators
+
+EDGE = DEFAULT.tolerance
+
+
+def ranks_below(truth, draws):
+    """How many draws of its trial each truth exceeds, and a random place among those it equals."""
+    rng = np.random.default_rng(3)
+    below, equal = ((op(draws, truth[:, None])).sum(axis=1) for op in (np.less, np.equal))
+    return (below + rng.random(below.shape) * (1 + equal)) / (draws.shape[1] + 1)
+
+
+@pytest.mark.parametrize("shape", SHAPED)
+def test_worst_central_intervals_of_narrow_posteriors_are_short_by_what_is_tolerated(shape):
+    """Ranks of 80,000 truths (tails: 40,000) counted by hand: 5 binomial sd of the worst of the levels."""
+    for levels, tolerated, draws, number in (
+        (LEVELS, EDGE.coverage, 100, 80_000),
+        (TAILS, EDGE.tails, TAILS_DRAWS, 40_000),
+    ):
+        case = Case(
+            shape=shape,
+            log_width=edges.log_width(shape, levels, tolerated, draws=draws),
+            draws=draws,
+            trials=20_000,
+        )
+        u = np.concatenate(
+            [ranks_below(*faulty(case, np.random.default_rng(k))) for k in range(number // 20_000)]
+        )
+        gap = np.array([np.mean(np.abs(u - 0.5) <= level / 2) - level for level in levels])
+        assert np.abs(gap).max() == pytest.approx(
+            tolerated, abs=5 * np.sqrt(0.25 if draws == 100 else 0.015) / np.sqrt(number)
+        )
+
+
+def test_shares_held_are_binomial():
+    """Of an exact posterior the level, and of a kinked one what `kink` found for it."""
+    u = (np.arange(40_000) + 0.5) / 40_000
+    np.testing.assert_allclose(held(u, (0.5, 0.8, 0.95), 60), [0.5, 0.8, 0.95], atol=1e-4)
+    level = np.abs(2 * u - 1)
+    before = 1 - kink(0.05, draws=60).inverse(1 - level)
+    share = 0.5 + 0.5 * np.sign(u - 0.5) * before
+    assert held(share, (0.5,), 60)[0] == pytest.approx(0.45, abs=1e-3)
+
+
+@pytest.mark.parametrize("shape", SHAPED)
+def test_a_fifth_of_the_trials_is_displaced_by_what_is_tolerated_of_a_fifth(shape):
+    """0.21 of a twentieth is 0.105 of a fifth; 40,000 truths' ranks, 5 binomial sd; the others are exact."""
+    trials = [edges.local(shape).trials(np.random.default_rng(seed)) for seed in range(10)]
+    x = np.concatenate([each["x"].values[:, 0] for each in trials])
+    u = np.concatenate(
+        [ranks_below(each["theta_true"].values, each["draws"].values)[:, 0] for each in trials]
+    )
+    assert x.mean() == pytest.approx(0.2, abs=5 * 0.4 / 200)
+    checks = {
+        value: [u[x == value] <= 0.5, *(np.abs(u[x == value] - 0.5) <= at / 2 for at in (0.8, 0.95))]
+        for value in (0, 1)
+    }
+    gaps = {
+        value: [np.mean(one) - at for one, at in zip(each, (0.5, 0.8, 0.95), strict=True)]
+        for value, each in checks.items()
+    }
+    assert np.abs(gaps[1]).max() == pytest.approx(0.105, abs=5 * 0.5 / np.sqrt((x == 1).sum()))
+    assert np.abs(gaps[0]).max() < 5 * 0.5 / np.sqrt((x == 0).sum())
+    assert displacement(shape, 0.05, draws=50) < displacement(shape, 0.105, draws=50)
+
+
+def test_both_truths_are_the_same_as_often_as_puts_the_worst_projection_or_product_on_its_edge():
+    """Mean of 60 audits of 1,000 trials: 5 errors."""
+    edge = edges.joint("normal")
+    found = []
+    for seed in range(60):
+        findings, _ = run_validators(edge.trials(np.random.default_rng(seed)), seed=seed, select=["joint"])
+        found.append(next(one.estimate for one in findings if one.id == "joint.projections"))
+    assert np.abs(np.mean(found, axis=0)).max() == pytest.approx(EDGE.joint, abs=5 * 0.5 / np.sqrt(60_000))
+
+
+@pytest.mark.parametrize("shape", edges.LOG_DENSITY)
+def test_log_densities_are_those_of_the_draws_less_what_is_tolerated(shape):
+    trials = edges.normalisation(shape).trials(np.random.default_rng(1))
+    draws, log_q = trials["draws"].values[..., 0].ravel(), trials["log_q"].values.ravel()
+    centre, unit = middle(shape)
+    near = np.abs(draws - centre) < unit
+    # Mass near the middle, by the trapezoid rule over the draws in order; 5 binomial sd.
+    order = np.argsort(draws[near])
+    mass = np.trapezoid(np.exp(log_q[near][order] + EDGE.normalisation), draws[near][order])
+    assert mass == pytest.approx(near.mean(), abs=5 * 0.5 / np.sqrt(len(draws)) + 1e-3)
+
+
+@pytest.mark.parametrize("stated", edges.STATED)
+def test_the_highest_fifth_of_stated_probabilities_is_too_high_by_what_is_tolerated(stated):
+    """The others are right; 5 binomial sd of 50,000 trials."""
+    trials = [edges.models(stated).trials(np.random.default_rng(seed)) for seed in range(10)]
+    first = np.concatenate([each["model_probability"].values[:, 0] for each in trials])
+    true = np.concatenate([each["theta_true"].values[:, 0] for each in trials]) == 0
+    high, low = first >= np.quantile(first, 0.8), first < np.quantile(first, 0.77)
+    assert np.mean(true[high] - first[high]) == pytest.approx(-EDGE.models, abs=5 * 0.5 / np.sqrt(10_000))
+    assert np.mean(true[low] - first[low]) == pytest.approx(0, abs=5 * 0.5 / np.sqrt(38_000))
+
+
+@pytest.mark.parametrize("name", ["coverage, Cauchy", "normalisation, bimodal", "models, rare"])
+def test_on_the_edge_of_one_gate_both_verdicts_are_rare(name):
+    """Of 40 audits: 0.999 binomial quantile of 5%; and a cell asks for one gate that can be judged."""
+    edge = cases()[name]()
+    said = [replicate(lambda: edge)(seed) for seed in range(40)]
+    most = stats.binom.ppf(0.999, 40, 0.05)
+    assert max(sum(one[verdict] for one in said) for verdict in ("FAIL", "PASS")) <= most
+
+
+def test_a_pass_where_the_region_was_not_learned_is_not_counted(monkeypatch):
+    edge = edges.local("normal")
+    assert np.isfinite(replicate(lambda: edge)(1)["PASS"])
+    other = edges.Edge(edge.policy, edge.select, edge.trials, region="total > 7")
+    said = replicate(lambda: other)(1)
+    assert np.isnan(said["PASS"])
+    assert np.isfinite(said["FAIL"])
