@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import xarray as xr
@@ -54,6 +55,7 @@ def cases() -> dict[str, Case]:
     }
 
 
+@cache
 def fixed_number(case: Case) -> int | None:
     """Trials that `gaugeblock plan` asks for in place of watching: to PASS, or to FAIL for what is wrong.
 

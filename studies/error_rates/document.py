@@ -1,4 +1,4 @@
-"""``docs/error-rates.md`` and its figures, made of the stored results."""
+"""``docs/error-rates.md``, its figures, and the blind spots of ``docs/validators.md``, of stored results."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ from studies.error_rates import anytime, forecasts, retraining, shapes
 from studies.kit import page, plots
 from studies.kit.page import table as rows
 from studies.kit.plots import BLUE, GREY, ORANGE, pyplot
-from studies.kit.results import DOCS, command_of
+from studies.kit.results import DOCS, clopper_pearson, command_of, of_commit
+
+PAGES = ("error-rates.md", "validators.md")
 
 
 def _dots(axis: Any, table: xr.Dataset, y: Any, *, colour: str, label: str | None = None) -> None:
@@ -164,8 +166,12 @@ def size_table(table: xr.Dataset) -> str:
         lines.append((f"`{test}`", *cells))
     number = int(table["replicates"].max())
     low, high = (100 * stats.binom.ppf(q, number, 0.05) / number for q in (0.025, 0.975))
+    chance = stats.binom.sf(number * high / 100, number, 0.05)
+    rates = 100 * table["rate"].sel(level=0.05).values
     said = (
-        f"With {number} replicates, a test of exact size shows {low:.1f}% to {high:.1f}% in 95 cases of 100."
+        f"With {number} replicates, a test of exact size shows {low:.1f}% to {high:.1f}% in 95 cases of 100. "
+        f"Of these {len(rates)} rates {np.count_nonzero(rates > high)} lie above that, where chance puts "
+        f"{chance * len(rates):.1f} of as many exact tests, and {np.count_nonzero(rates < low)} below."
     )
     return rows(("p-value at most 0.05", *cases), lines) + "\n\n" + said
 
@@ -220,6 +226,74 @@ def power_table(table: xr.Dataset) -> str:
     return rows(header, lines)
 
 
+SEEN, SILENT = 0.9, 0.1
+"""Gates see a fault that FAIL in as large a share of audits or more, and are silent where it is so small."""
+
+
+def blind_table(table: xr.Dataset) -> str:
+    """Which gates see each fault, and which are silent."""
+    lines = []
+    for case in table["case"].values.tolist():
+        cells: list[list[str]] = [[], [], []]
+        found = table.sel(case=case).drop_sel(thing="FAIL")
+        for gate in found.isel(thing=np.argsort(-found["count"].values, kind="stable"))["thing"].values:
+            count, number = (int(found[name].sel(thing=gate)) for name in ("count", "replicates"))
+            if number:
+                place = 0 if count >= SEEN * number else 1 if count > SILENT * number else 2
+                cells[place].append(f"`{gate}`" + (f" ({count})" if 0 < count < number else ""))
+        lines.append((case, percent(table, case=case, thing="FAIL"), *map(", ".join, cells)))
+    number = int(table["replicates"].max())
+    least, most = clopper_pearson(number, number)[0], clopper_pearson(0, number)[1]
+    said = (
+        f"*Sees it*: FAILs in {SEEN:.0%} of the audits or more; *silent*: in {SILENT:.0%} or fewer. In "
+        f"brackets: in how many, where neither in all nor in none. All of {number} are a rate of {least:.1%} "
+        f"or more, none one of {most:.1%} or less (exact 95% limits). What is not named could not be judged."
+    )
+    return rows(("estimator", "verdict FAIL", "sees it", "in between", "silent"), lines) + "\n\n" + said
+
+
+def wrong_verdicts(tables: Mapping[str, xr.Dataset]) -> str:
+    """What rates of wrong verdicts on edges support: how many are refuted, and the largest upper limit."""
+    cells = [
+        (name, table.sel(case=case, thing=thing))
+        for name, table in tables.items()
+        for case in (table["case"].values.tolist() if name in ON_EDGES else ())
+        for thing in ("FAIL", "PASS")
+        if ON_EDGES[name](case)
+    ]
+    refuted = sum(int(cell["count"]) > most_of(int(cell["replicates"])) for _, cell in cells)
+    said = [
+        f"Of {len(cells)} rates on an edge {refuted or 'none'} is refuted ({most_of(1000)} of 1,000 are not)."
+    ]
+    for number in sorted({int(cell["replicates"]) for _, cell in cells}, reverse=True):
+        some = [(name, cell) for name, cell in cells if int(cell["replicates"]) == number]
+        name, worst = max(some, key=lambda one: float(one[1]["high"]))
+        above = sum(float(cell["rate"]) > 0.05 for _, cell in some)
+        said.append(
+            f"Measured above 5%: {above or 'none'} of {len(some)} rates of {number:,} replicates; the largest "
+            f"upper limit is {float(worst['high']):.1%}: {worst['thing'].item()} of {worst['case'].item()} "
+            f"(`{name}`), {percent(worst)}."
+        )
+    return " ".join(said)
+
+
+ON_EDGES: Mapping[str, Callable[[str], bool]] = {
+    **dict.fromkeys(("gate", "shortcut", "edge-gates", "edges"), lambda case: case != "exact"),
+    "looks": lambda case: not case.endswith("looks not counted"),
+    "anytime": lambda case: not anytime.fixed_number(anytime.cases()[case]),
+}
+"""Parts with estimators on an edge, where both verdicts are wrong, and which of their cases are."""
+
+
+def most_of(replicates: int) -> int:
+    """Wrong verdicts among so many that a rate of 5% shows no more than, but for once in 10,000.
+
+    >>> most_of(1000)
+    77
+    """
+    return int(stats.binom.ppf(1 - 1e-4, replicates, 0.05))
+
+
 def anytime_table(table: xr.Dataset) -> str:
     """Decisions of the anytime mode, and when they fell."""
     lines = []
@@ -239,7 +313,7 @@ def made_by(table: xr.Dataset) -> str:
     number, seconds = int(table["replicates"].max()), table.attrs["seconds_per_replicate"]
     return (
         f"{table.attrs['says'].capitalize()}; {number:,} replicates of each. Made by "
-        f"`{command_of(table)}`, {seconds:.2g} s of CPU a replicate."
+        f"`{command_of(table)}`{of_commit(table)}, {seconds:.2g} s of CPU a replicate."
     )
 
 
@@ -248,7 +322,9 @@ TABLES: Mapping[str, Callable[[xr.Dataset], str]] = {
     "gate": _rates("estimator on the edge of", FAIL="FAIL", PASS="PASS"),
     "planned": lambda table: "",  # noqa: ARG005  (stands beside what was measured)
     "intervals": _rates("estimator", inside="all true values in the intervals"),
-    **dict.fromkeys(("shortcut", "edges", "looks"), _rates("on the edge of", FAIL="FAIL", PASS="PASS")),
+    **dict.fromkeys(
+        ("shortcut", "edge-gates", "edges", "looks"), _rates("on the edge of", FAIL="FAIL", PASS="PASS")
+    ),
     "forecasts": _rates(
         "fault around what is tolerated, of a",
         **{name: name for name in (forecasts.WITHIN, forecasts.BEFORE, forecasts.AFTER, forecasts.EDGED)},
@@ -259,6 +335,7 @@ TABLES: Mapping[str, Callable[[xr.Dataset], str]] = {
         released="release of the best",
     ),
     "power": power_table,
+    "blind-spots": blind_table,
     "anytime": anytime_table,
     "curves": lambda table: "",  # noqa: ARG005  (a figure says it)
 }
@@ -272,14 +349,16 @@ def blocks(tables: Mapping[str, xr.Dataset]) -> dict[str, str]:
         for kind in shapes.KINDS
     }
     made = {**TABLES, **of_shapes}
-    return {
+    said = {
         name: "\n\n".join(part for part in (made[name](table), made_by(table)) if part)
         for name, table in tables.items()
     }
+    return said | ({"wrong-verdicts": wrong_verdicts(tables)} if ON_EDGES.keys() & tables.keys() else {})
 
 
 def document(tables: Mapping[str, xr.Dataset], docs: Path = DOCS) -> None:
     """Draw the figures and fill in the tables."""
     figures = {name: partial(FIGURE[name], table) for name, table in tables.items() if name in FIGURE}
     plots.draw(figures, docs / "figures", prefix="error-rates-")
-    page.fill(docs / "error-rates.md", blocks(tables))
+    for name in PAGES:
+        page.fill(docs / name, blocks(tables))

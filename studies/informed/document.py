@@ -7,7 +7,7 @@ from pathlib import Path
 import xarray as xr
 
 from studies.kit import page
-from studies.kit.results import command_of
+from studies.kit.results import command_of, of_commit
 
 
 def text(table: xr.Dataset) -> str:
@@ -26,7 +26,7 @@ def text(table: xr.Dataset) -> str:
     made = (
         f"`informed.rank` alone, judged by the default policy as one of two families that share its budget; "
         f"{int(table.attrs['trials']):,} trials x {int(table.attrs['draws'])} draws, "
-        f"{int(table['replicates'])} audits of each. Made by `{command_of(table)}`."
+        f"{int(table['replicates'])} audits of each. Made by `{command_of(table)}`{of_commit(table)}."
     )
     return f"{made}\n\n{page.table(header, rows)}"
 

@@ -111,6 +111,18 @@ def measured_of_both(earlier: Mapping[str, Any], later: Mapping[str, Any]) -> di
     return {"commit": ", ".join(commits), "code": later["code"]}
 
 
+def of_commit(table: xr.Dataset) -> str:
+    """The commits whose code a table measures, after its command; nothing where it does not know them.
+
+    >>> of_commit(xr.Dataset(attrs={"commit": f"{'0' * 40}, {'f' * 40}-dirty"}))
+    ' at 0000000, fffffff-dirty'
+    >>> of_commit(xr.Dataset())
+    ''
+    """
+    short = [name[:7] + name[40:] for name in table.attrs.get("commit", "").split(", ") if name]
+    return " at " + ", ".join(short) if short else ""
+
+
 def measured_commit(table: xr.Dataset) -> str:
     """Which code a table measures, and the command, in a sentence."""
     return f"Measured is commit `{table.attrs['commit']}`, `{table.attrs['command']}`."

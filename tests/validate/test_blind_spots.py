@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from gaugeblock.validate import Outcome, judge, make_trials, read_policy, run_validators
+from gaugeblock.validate.local.posterior_sbc import pool_weights, weighted_pit
 
 DEFAULT, STRICT = read_policy("default"), read_policy("strict")
 
@@ -130,3 +132,23 @@ def test_a_fault_within_tolerance_is_reported_and_not_blocked(zoo_trials):
     )
     assert findings["sbc.log_width[theta_1]"].p_value < 1e-2
     assert blind(outcomes, *MARGINAL)
+
+
+def test_posterior_sbc_of_its_own_truths_takes_another_prior_for_the_right_one():
+    """theta ~ N(0, 1), x ~ N(theta, 1); the estimator is exact under N(2, 1).
+
+    A false alarm of the first line has a chance of 1e-4. Truths of the exact posterior show it.
+    """
+    rng, observed = np.random.default_rng(11), 1.0
+    sd = np.sqrt(0.5)
+
+    def p_value(prior_mean):
+        theta = (observed + prior_mean) / 2 + sd * rng.normal(size=(4000, 1))
+        x = theta + rng.normal(size=theta.shape)
+        draws = (x[:, None] + 2.0) / 2 + sd * rng.normal(size=(4000, 100, 1))
+        at_draws, at_truth = (-0.5 * ((observed - v) ** 2)[..., 0] for v in (draws, theta))
+        u = weighted_pit(theta, draws, pool_weights(at_draws, at_truth), rng)
+        return stats.kstest(u[:, 0], "uniform").pvalue
+
+    assert p_value(2.0) > 1e-4
+    assert p_value(0.0) < 1e-10
