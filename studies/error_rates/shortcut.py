@@ -100,13 +100,13 @@ def middle(shape: str) -> tuple[float, float]:
 
 
 @lru_cache
-def on_the_edge(name: str, shape: str) -> Case:
+def on_the_edge(name: str, shape: str, *, draws: int = 100) -> Case:
     """The case in which the gate alone, told from so many draws, reads exactly what is tolerated.
 
     Truths lie in strata, and what the same pools show of an exact posterior, 0 on the average, is taken off.
     """
     quantity, sign = EDGES[name]
-    case = Case(alone(quantity, GATES[quantity]), shape=shape)
+    case = Case(alone(quantity, GATES[quantity]), shape=shape, draws=draws)
     tolerated, rng = getattr(case.policy.tolerance, quantity), np.random.default_rng(1)
     stratum = (np.arange(STRATA) + rng.random((POOLS, STRATA))) / STRATA
     truth = np.quantile(sample_of(shape), stratum).reshape(-1, 1)

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy import stats
-from studies.error_rates.looks import EDGE, POLICY, enlarged, finding
+from studies.error_rates.looks import DRAWS, EDGE, GATES, POLICY, enlarged, finding, gate, parts
+from studies.error_rates.shortcut import faulty, on_the_edge
 
-from gaugeblock.validate import judge
+from gaugeblock.validate import judge, make_trials, run_validators
 from gaugeblock.validate.looks import Looks, share
 
 
 def wrong(counted: bool, number: int) -> dict[str, float]:
-    replicate = enlarged("normal", counted=counted)
+    replicate = enlarged(partial(parts, "normal"), counted=counted)
     found = [replicate(seed) for seed in range(number)]
     return {name: float(np.mean([one[name] for one in found])) for name in ("FAIL", "PASS")}
 
@@ -41,3 +44,28 @@ def test_intervals_at_a_look_are_those_of_its_share(look):
     half, bound = (gate.interval[1] - gate.interval[0]) / 2, gate.pass_interval[1] - gate.statistic
     assert bound / error == pytest.approx(stats.t.isf(0.05 * share(look), 399), rel=1e-6)
     assert half / error == pytest.approx(stats.t.isf(0.025 * share(look), 399), rel=0.05)
+
+
+@pytest.mark.parametrize(("name", "shape"), GATES)
+def test_a_gate_that_grows_reads_what_an_audit_of_its_truths_and_draws_does(name, shape):
+    """1,000 trials of a growing one and an audit's own: apart by what chance does to two of them, 5 errors."""
+    growing = gate(name, shape)
+    shown = np.concatenate(
+        [growing.more(number, np.random.default_rng(number)) for number in (600, 400)], axis=1
+    )
+    found = growing.found(shown)
+    case = on_the_edge(name, shape, draws=DRAWS)
+    findings, _ = run_validators(make_trials(*faulty(case, np.random.default_rng(5))), seed=1, select=["sbc"])
+    theirs = next(one for one in findings if one.quantity == found.quantity)
+    assert (type(found), found.n_trials) == (type(theirs), theirs.n_trials) == (type(found), 1000)
+    np.testing.assert_allclose(found.standard_error, theirs.standard_error, rtol=0.35)
+    error = np.hypot(found.standard_error, theirs.standard_error)
+    assert (np.abs(found.estimate - theirs.estimate) < 5 * error).all()
+
+
+@pytest.mark.parametrize(("name", "shape"), [("bias", "normal"), ("narrow", "lognormal, sigma 2")])
+def test_an_audit_s_gate_that_is_enlarged_on_its_edge_keeps_the_error_rates(name, shape):
+    """More than 6 of 30 happens in under 0.1% at 5% (binomial)."""
+    growing = gate(name, shape)
+    found = [enlarged(lambda: growing)(seed) for seed in range(30)]
+    assert max(sum(one[verdict] for one in found) for verdict in ("FAIL", "PASS")) <= 6
