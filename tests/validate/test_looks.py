@@ -48,7 +48,7 @@ def test_intervals_at_a_look_are_those_of_its_share(look):
 
 @pytest.mark.parametrize(("name", "shape"), GATES)
 def test_a_gate_that_grows_reads_what_an_audit_of_its_truths_and_draws_does(name, shape):
-    """1,000 trials of a growing one and an audit's own: apart by what chance does to two of them, 5 errors."""
+    """1,000 trials of each: apart by what chance does to two of them, 5 errors."""
     growing = gate(name, shape)
     shown = np.concatenate(
         [growing.more(number, np.random.default_rng(number)) for number in (600, 400)], axis=1
