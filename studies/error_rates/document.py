@@ -165,13 +165,13 @@ def size_table(table: xr.Dataset) -> str:
         ]
         lines.append((f"`{test}`", *cells))
     number = int(table["replicates"].max())
-    low, high = (100 * stats.binom.ppf(q, number, 0.05) / number for q in (0.025, 0.975))
-    chance = stats.binom.sf(number * high / 100, number, 0.05)
-    rates = 100 * table["rate"].sel(level=0.05).values
+    low, high = (stats.binom.ppf(q, number, 0.05) for q in (0.025, 0.975))
+    rejected = table["rejected"].sel(level=0.05).values
     said = (
-        f"With {number} replicates, a test of exact size shows {low:.1f}% to {high:.1f}% in 95 cases of 100. "
-        f"Of these {len(rates)} rates {np.count_nonzero(rates > high)} lie above that, where chance puts "
-        f"{chance * len(rates):.1f} of as many exact tests, and {np.count_nonzero(rates < low)} below."
+        f"With {number} replicates, a test of exact size shows {low / number:.1%} to {high / number:.1%} in 95 "
+        f"cases of 100. Of these {len(rejected)} rates {np.count_nonzero(rejected > high)} lie above that, where "
+        f"chance puts {stats.binom.sf(high, number, 0.05) * len(rejected):.1f} of as many exact tests, and "
+        f"{np.count_nonzero(rejected < low)} below."
     )
     return rows(("p-value at most 0.05", *cases), lines) + "\n\n" + said
 
@@ -270,8 +270,8 @@ def wrong_verdicts(tables: Mapping[str, xr.Dataset]) -> str:
         name, worst = max(some, key=lambda one: float(one[1]["high"]))
         above = sum(float(cell["rate"]) > 0.05 for _, cell in some)
         said.append(
-            f"Measured above 5%: {above or 'none'} of {len(some)} rates of {number:,} replicates; the largest "
-            f"upper limit is {float(worst['high']):.1%}: {worst['thing'].item()} of {worst['case'].item()} "
+            f"Measured above 5%: {above or 'none'} of {len(some)} rates of {number:,} replicates; the "
+            f"largest upper limit is {float(worst['high']):.1%}: {worst['thing'].item()} of {worst['case'].item()} "
             f"(`{name}`), {percent(worst)}."
         )
     return " ".join(said)
