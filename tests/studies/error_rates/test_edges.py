@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+import xarray as xr
 from scipy import stats
 from studies.error_rates import edges
 from studies.error_rates.boundary import kink
@@ -11,7 +14,7 @@ from studies.error_rates.edges import LEVELS, SHAPED, TAILS, TAILS_DRAWS, cases,
 from studies.error_rates.policies import DEFAULT
 from studies.error_rates.shortcut import Case, faulty, middle
 
-from gaugeblock.validate import run_validators
+from gaugeblock.validate import Outcome, run_validators
 
 EDGE = DEFAULT.tolerance
 
@@ -121,8 +124,16 @@ def test_on_the_edge_of_one_gate_both_verdicts_are_rare(name):
 
 def test_a_pass_where_the_region_was_not_learned_is_not_counted(monkeypatch):
     edge = edges.local("normal")
-    assert np.isfinite(replicate(lambda: edge)(1)["PASS"])
-    other = edges.Edge(edge.policy, edge.select, edge.trials, region="total > 7")
-    said = replicate(lambda: other)(1)
-    assert np.isnan(said["PASS"])
-    assert np.isfinite(said["FAIL"])
+    monkeypatch.setattr(edges, "audited", lambda *_, **__: audit("total > 0"))
+    assert replicate(lambda: edge)(1) == {**PASSED, edges.LEARNED: 1.0}
+    monkeypatch.setattr(edges, "audited", lambda *_, **__: audit("total > 0 and something"))
+    assert replicate(lambda: edge)(1) == {**PASSED, "PASS": 0.0, edges.LEARNED: 0.0}
+
+
+PASSED = {"PASS": 1.0, "FAIL": 0.0, "INCONCLUSIVE": 0.0, edges.ANY: 1.0}
+
+
+def audit(region):
+    """One that PASSes, and found a fault in this region alone."""
+    found = SimpleNamespace(details=xr.Dataset({"region": ("region", [region])}))
+    return SimpleNamespace(findings=[found], verdict=SimpleNamespace(outcome=Outcome.PASS))
