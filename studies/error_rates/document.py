@@ -167,11 +167,12 @@ def size_table(table: xr.Dataset) -> str:
     number = int(table["replicates"].max())
     low, high = (stats.binom.ppf(q, number, 0.05) for q in (0.025, 0.975))
     rejected = table["rejected"].sel(level=0.05).values
+    above, below = (np.count_nonzero(beyond) for beyond in (rejected > high, rejected < low))
+    chance = stats.binom.sf(high, number, 0.05) * len(rejected)
     said = (
-        f"With {number} replicates, a test of exact size shows {low / number:.1%} to {high / number:.1%} in 95 "
-        f"cases of 100. Of these {len(rejected)} rates {np.count_nonzero(rejected > high)} lie above that, where "
-        f"chance puts {stats.binom.sf(high, number, 0.05) * len(rejected):.1f} of as many exact tests, and "
-        f"{np.count_nonzero(rejected < low)} below."
+        f"With {number} replicates, a test of exact size shows {low / number:.1%} to {high / number:.1%} in "
+        f"95 cases of 100. Of these {len(rejected)} rates {above} lie above that, where chance puts "
+        f"{chance:.1f} of as many exact tests, and {below} below."
     )
     return rows(("p-value at most 0.05", *cases), lines) + "\n\n" + said
 
@@ -271,8 +272,8 @@ def wrong_verdicts(tables: Mapping[str, xr.Dataset]) -> str:
         above = sum(float(cell["rate"]) > 0.05 for _, cell in some)
         said.append(
             f"Measured above 5%: {above or 'none'} of {len(some)} rates of {number:,} replicates; the "
-            f"largest upper limit is {float(worst['high']):.1%}: {worst['thing'].item()} of {worst['case'].item()} "
-            f"(`{name}`), {percent(worst)}."
+            f"largest upper limit is {float(worst['high']):.1%}: {worst['thing'].item()} of "
+            f"{worst['case'].item()} (`{name}`), {percent(worst)}."
         )
     return " ".join(said)
 
