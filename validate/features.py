@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from gaugeblock.core.arrays import Array
 
 COMPONENTS = 8
+COMPONENT = "component "  # and its number
 # Trials that the components are fitted on, and inputs that they are fitted to at most.
 FITTED = 2000
 INPUTS = 512
@@ -46,7 +47,7 @@ class Summariser:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the columns."""
-        return ("total", *(f"component {number + 1}" for number in range(self.loadings.shape[1])))
+        return ("total", *(f"{COMPONENT}{number + 1}" for number in range(self.loadings.shape[1])))
 
     def __call__(self, x: NDArray[Any]) -> Array:
         """Features ``(n, column)`` of data ``(n, ...)``."""

@@ -178,6 +178,11 @@ def _informed(item: Judgeable, bound: Bounds, shown: list[int], level: str) -> s
         said = f"{item.finding.components[index]}: a challenger tells truths from draws {gap}"
     else:
         said = f"no challenger of {CHALLENGERS} does better by more than the tolerance {gap}"
+    if "nats" in details:
+        nats, least, most = (float(details[name].values) for name in ("nats", "nats_low", "nats_high"))
+        said += f"; in log score it gains {nats:+.3f} nats a trial ({least:+.3f} to {most:+.3f})"
+    if "parameter" not in details:
+        return said
     skills = zip(
         details["parameter"].values, details["skill"].values, details["challenger_skill"].values, strict=True
     )

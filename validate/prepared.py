@@ -18,7 +18,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import Rows
 from gaugeblock.validate.autocorrelation import DrawOrder, draw_order, measured_trials
 from gaugeblock.validate.check import PER_DRAW, PER_TRIAL, QUANTITY, circular_parameters, is_autocorrelated
-from gaugeblock.validate.features import FITTED, TrialFeatures, features_of
+from gaugeblock.validate.features import COMPONENT, FITTED, TrialFeatures, features_of
 from gaugeblock.validate.policy import Levels
 from gaugeblock.validate.ranks import randomised_pit, unwrap_circular
 from gaugeblock.validate.standardised import standardised_errors
@@ -115,7 +115,7 @@ def effective_draws(block: TrialBlock) -> Array:
 class Prepared:
     """A Trials tree, the seed of everything random in its validation, and the levels of its intervals.
 
-    Each property is computed once.
+    Each property is computed once. `part` says that these are some trials of more, which others came before.
 
     Whatever has a row per trial is of the *unaffected* trials: those whose draws are all finite. In blocks,
     circular parameters are cut open and correlated draws thinned; `caveats` says so.
@@ -124,6 +124,7 @@ class Prepared:
     tree: xr.DataTree
     seed: int
     levels: Levels = field(default_factory=Levels)
+    part: bool = False
     _known: dict[Statistic, NDArray[Any]] = field(default_factory=dict, repr=False, compare=False)
     _made: dict[Callable[[Prepared], Any], Any] = field(default_factory=dict, repr=False, compare=False)
 
@@ -141,7 +142,7 @@ class Prepared:
         # A slice is read faster than as many single rows.
         wanted = slice(int(rows[0]), int(rows[-1]) + 1) if rows[-1] - rows[0] == most - 1 else rows
         tree = xr.DataTree(self.main.isel(trial=wanted))
-        return Prepared(tree, self.seed, self.levels)
+        return Prepared(tree, self.seed, self.levels, self.part)
 
     def group(self, name: str) -> xr.Dataset | None:
         """The Trials of a group beside the main ones (importance, joint, posterior), or None."""
@@ -235,6 +236,12 @@ class Prepared:
         chosen = np.flatnonzero(self.unaffected)[:FITTED]
         first = self.main["x"].isel(trial=slice(0, chosen[-1] + 1)).values[chosen]
         return features_of(self.data(), first, own)
+
+    @property
+    def fitted_features(self) -> list[str]:
+        """Names of the features that other trials have a say in: the principal components."""
+        found = () if self.features is None else self.features.names
+        return [name for name in found if name.startswith(COMPONENT) and name not in self._own_features()]
 
     def data(self) -> Iterator[NDArray[Any]]:
         """Data x of the unaffected trials, some at a time; nothing else of them is read."""

@@ -85,11 +85,13 @@ def run_validators(
     seed: int,
     select: Iterable[str] | None = None,
     levels: Levels | None = None,
+    part: bool = False,
 ) -> tuple[tuple[Finding, ...], tuple[NotChecked, ...]]:
     """Findings of every default validator (or of `select`), and exactly what could not be checked and why.
 
-    `levels` says which central intervals are looked at; without, those of the default policy. The same trials
-    and seed give the same bits, in whatever order or chunks the trials were made.
+    `levels` says which central intervals are looked at; without, those of the default policy. Of a `part`,
+    some trials of more, what rests on those before is left out. The same trials and seed give the same bits,
+    in whatever order or chunks the trials were made.
 
     Raises
     ------
@@ -99,7 +101,7 @@ def run_validators(
     chosen = default_validators() if select is None else list(select)
     check_validators(chosen)
     whole = xr.DataTree(tree) if isinstance(tree, xr.Dataset) else tree
-    prepared = Prepared(whole, seed, levels or Levels())
+    prepared = Prepared(whole, seed, levels or Levels(), part)
     validators = [VALIDATORS[name] for name in VALIDATORS if name in chosen]
     shown = {most: prepared.first(most) for most in {validator.most for validator in validators}}
     for trials in {id(each): each for each in shown.values()}.values():

@@ -15,10 +15,11 @@ from gaugeblock.auditing.collect import collect, fingerprint
 from gaugeblock.auditing.config import AuditConfig
 from gaugeblock.auditing.result import Audit
 from gaugeblock.auditing.samples import Plan
-from gaugeblock.auditing.watch import Watch, watched
+from gaugeblock.auditing.watch import WATCHED, Watch, watched
 from gaugeblock.estimators.exact import Exact
 from gaugeblock.simulators import build_simulator
-from gaugeblock.validate import Outcome, make_policy, make_trials, read_policy
+from gaugeblock.validate import Outcome, make_policy, make_trials, read_policy, run_validators
+from gaugeblock.validate import judge as judged
 
 PLAN = Plan(
     number=4000,
@@ -181,3 +182,33 @@ def test_a_watch_looks_again_after_a_twentieth_more() -> None:
         looked.append(watch.looks > before)
     # At 100, 105 and 111 trials.
     assert looked == [True, False, True, False, True]
+
+
+def test_a_watch_does_not_stop_before_challengers_are_settled() -> None:
+    """The prior, which all that is seen block by block PASSes; asked again after a fifth more trials."""
+    rng = np.random.default_rng(2)
+    theta = rng.normal(size=(3000, 1))
+    x = np.column_stack([rng.normal(size=(3000, 5)), theta + 0.4 * rng.normal(size=(3000, 1)) ** 3])
+    x[:, 0] -= x[:, 1:].sum(axis=1)  # and their total says nothing
+    trials = make_trials(theta, rng.normal(size=(3000, 60, 1)), ["a"], x=x)
+    watch, settled = Watch(DEFAULT, 1), []
+    for stop in range(100, 3001, 100):
+        if watch.see(trials.isel(trial=slice(stop - 100, stop))):
+            settled.append((stop, watch.confirm(trials.isel(trial=slice(0, stop)))))
+            if settled[-1][1]:
+                break
+    assert settled[-1][1]
+    findings, not_checked = run_validators(
+        trials.isel(trial=slice(0, settled[-1][0])), seed=1, select=WATCHED
+    )
+    gates = {gate.id: gate.outcome for gate in judged(findings, not_checked, DEFAULT, seed=1).gates}
+    assert gates.pop("anytime.informed") is Outcome.FAIL
+    assert Outcome.FAIL not in gates.values()
+    wide = {"bias": 0.5, "log_width": 0.5, "coverage": 0.4, "joint": 0.4}
+    watch = Watch(make_policy({"required": ["informed.rank"], "tolerance": wide}, source="test"), 1)
+    assert watch.see(trials.isel(trial=slice(0, 700))) is True
+    assert watch.confirm(trials.isel(trial=slice(0, 40))) is False
+    assert watch.see(trials.isel(trial=slice(700, 701))) is True
+    watch.confirm(trials.isel(trial=slice(0, 701)))
+    assert watch.see(trials.isel(trial=slice(701, 840))) is False  # of 841.2
+    assert watch.see(trials.isel(trial=slice(840, 842))) is True

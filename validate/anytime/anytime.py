@@ -15,6 +15,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.validate.anytime.anytime_informed import informed_sequence
 from gaugeblock.validate.anytime.anytime_joint import STATISTICS, joint_sequences
 from gaugeblock.validate.anytime.normal_process import log_evidence_against_uniform
 from gaugeblock.validate.anytime.sequence import REFERENCE, gap_sequence, sequence_finding
@@ -34,10 +35,13 @@ def cut_scores(block: TrialBlock) -> Array:
 
 
 def anytime(prepared: Prepared) -> list[Finding | NotChecked]:
-    """Sequences of scores for every gate that may be watched, and the evidence against exact calibration."""
+    """Sequences of scores for every gate that may be watched, and the evidence against exact calibration.
+
+    Of a part of the trials without the one that rests on those before.
+    """
     if not len(prepared.trial):
         why = "no trial has finite draws"
-        names = ("bias", "log_width", "coverage", "joint", "hpd", "uniform")
+        names = ("bias", "log_width", "coverage", "joint", "hpd", "informed", "uniform")
         return [NotChecked(f"anytime.{what}", why) for what in names]
     scores = WinsorisedScores(*np.moveaxis(prepared.per_trial(cut_scores), 1, 0))
     parameters, caveats = prepared.parameters, prepared.caveats
@@ -57,6 +61,7 @@ def anytime(prepared: Prepared) -> list[Finding | NotChecked]:
         *findings,
         coverage_sequence(prepared.pit, parameters, levels=prepared.levels.coverage, caveats=caveats),
         *joint_sequences(prepared),
+        *([] if prepared.part else [informed_sequence(prepared)]),
         uniform_evidence(prepared.pit, caveats=caveats),
     ]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate.finding import SequenceFinding
+from gaugeblock.validate.finding import Sense, SequenceFinding
 
 REFERENCE = "betting: Waudby-Smith & Ramdas 2024, arXiv:2010.09686"
 
@@ -27,8 +27,9 @@ def sequence_finding(
     components: tuple[str, ...],
     caveats: tuple[str, ...],
     draws: float = np.inf,
+    sense: Sense = "two-sided",
 ) -> SequenceFinding:
-    """A finding from scores ``(component, trial)`` and what an exact estimator scores.
+    """A finding from scores ``(component, trial)``, NaN where there is none, and what an exact one scores.
 
     `expected` has as many columns as trials, or one; `error` is the standard deviation of one trial's part in
     the estimate, `draws` the number in each pool, where it matters.
@@ -37,6 +38,7 @@ def sequence_finding(
     return SequenceFinding(
         id=identifier,
         quantity=quantity,
+        sense=sense,
         claim=claim,
         null=null,
         reference=REFERENCE,

@@ -24,7 +24,7 @@ _ANSWERS = {
     "joint.tarp": "anytime.joint",
     "joint.projections": "anytime.joint",
     "joint.hpd": "anytime.hpd",
-    "informed.rank": "anytime.joint",
+    "informed.rank": "anytime.informed",
 }
 # Validators all of whose gates are answered so.
 _WHOLE = ("sbc", "coverage")
@@ -69,7 +69,7 @@ def _gate(finding: SequenceFinding, found: Evidence, policy: Policy, outcome: Ou
     worst = int(np.argmax(grown.max(axis=1))) if fail else int(np.argmin(found.outside.min(axis=1)))
     bound = _bounds(found, worst, threshold)
     tolerance = float(getattr(policy.tolerance, finding.quantity))
-    item = Judgeable(finding=finding, low=-tolerance, high=tolerance)
+    item = Judgeable(finding=finding, low=-tolerance if two_sided(finding) else -math.inf, high=tolerance)
     detectable = tolerance + _reach(finding, worst, threshold, policy.planning.power)
     settle = (
         None if outcome is not Outcome.INCONCLUSIVE else _settle(found, finding, worst, tolerance, policy)
@@ -103,10 +103,15 @@ def _gate(finding: SequenceFinding, found: Evidence, policy: Policy, outcome: Ou
     )
 
 
+def two_sided(finding: Finding) -> bool:
+    """Whether the finding may lie too low as well as too high."""
+    return finding.sense == "two-sided"
+
+
 def _bounds(found: Evidence, worst: int, threshold: float) -> Bounds:
     """Bounds of the worst component, valid at any trial; not a number for the others, which nobody reads."""
     asked = found.question
-    wager = asked.wager.only(worst)
+    wager, hopeful = asked.wager.only(worst), asked.hopeful.only(worst)
     rows = slice(worst, worst + 1)
     low, high = (edge[rows] for edge in asked.tolerable)
     # Bets at the edges decide; the same bets at other edges give bounds that agree with the decision.
@@ -114,9 +119,9 @@ def _bounds(found: Evidence, worst: int, threshold: float) -> Bounds:
         (wager.bold(high)[0], BOLD, threshold), (wager.bold(low)[1], BOLD, threshold), asked.edges
     )
     low, high = (edge[rows] for edge in asked.passable)
-    narrow = wager.bounds(
-        (wager.aimed(low, asked.exact)[0], AIMED, PASS_THRESHOLD),
-        (wager.aimed(high, asked.exact)[1], AIMED, PASS_THRESHOLD),
+    narrow = hopeful.bounds(
+        (hopeful.aimed(low, asked.exact)[0], AIMED, PASS_THRESHOLD),
+        (hopeful.aimed(high, asked.exact)[1], AIMED, PASS_THRESHOLD),
         asked.edges,
     )
     spread = np.full((5, len(found.outside)), np.nan)
@@ -157,7 +162,8 @@ def _reach(finding: Finding, worst: int, threshold: float, power: float) -> floa
 
 def _settle(found: Evidence, finding: Finding, worst: int, tolerance: float, policy: Policy) -> int | None:
     """Trials at which the estimate, if it is the truth, would PASS or FAIL with the planning power, about."""
-    margin = tolerance - abs(float(finding.estimate[worst]))
+    off = float(finding.estimate[worst])
+    margin = tolerance - (abs(off) if two_sided(finding) else off)
     growth = (
         PASS_THRESHOLD + math.log(2)
         if margin > 0

@@ -77,7 +77,7 @@ def decide(gathered: Sequence[Evidence], budget: float) -> list[Outcome]:
 def _evidence(finding: SequenceFinding, policy: Policy, share: float) -> Evidence:
     """All bets on one sequence, `share` of the capital against "within tolerance"."""
     asked = question(finding, policy)
-    wager = asked.wager
+    wager, hopeful = asked.wager, asked.hopeful
     low, high = asked.tolerable
     inside = np.stack(
         [wager.against(low, wager.bold(low)[1], BOLD), wager.against(high, wager.bold(high)[0], BOLD)], axis=1
@@ -85,8 +85,8 @@ def _evidence(finding: SequenceFinding, policy: Policy, share: float) -> Evidenc
     low, high = asked.passable
     outside = np.stack(
         [
-            wager.against(low, wager.aimed(low, asked.exact)[0], AIMED).max(axis=1),
-            wager.against(high, wager.aimed(high, asked.exact)[1], AIMED).max(axis=1),
+            hopeful.against(low, hopeful.aimed(low, asked.exact)[0], AIMED).max(axis=1),
+            hopeful.against(high, hopeful.aimed(high, asked.exact)[1], AIMED).max(axis=1),
         ],
         axis=1,
     )

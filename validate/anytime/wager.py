@@ -37,7 +37,8 @@ class Wager:
     Attributes
     ----------
     score, expected
-        ``(component, trial)``; `expected` may have one column only, and has where scores are hits or misses.
+        ``(component, trial)``; a score that is NaN is no bet; `expected` may have one column only, and has
+        where scores are hits or misses.
     score_range, expected_range
         What they cannot leave: pairs of numbers or of arrays ``(component,)``.
     spread
@@ -64,6 +65,13 @@ class Wager:
             expected_range=(low, high),
             spread=self.spread[rows],
         )
+
+    def after(self, trials: int) -> Wager:
+        """The wager without its first trials."""
+        if not trials:
+            return self
+        kept = np.arange(self.score.shape[1]) >= trials
+        return replace(self, score=np.where(kept, self.score, np.nan))
 
     def room(self, edge: ArrayLike) -> tuple[Array, Array]:
         """How far one trial can lie below, and above, what `edge` ``(component,)`` claims."""
@@ -98,7 +106,8 @@ class Wager:
         scaled = self.expected * claimed[:, None] if self.ratio else self.expected + claimed[:, None]
         if self.score.dtype == np.bool_:
             return log_capital_of_hits(self.score, 1 - scaled[:, 0], -scaled[:, 0], staked, kept)
-        return log_capital(self.score - scaled, staked, kept)
+        excess = self.score - scaled
+        return log_capital(np.where(np.isnan(excess), 0.0, excess), staked, kept)
 
     def bounds(
         self, lower: tuple[Array, Array, float], upper: tuple[Array, Array, float], edges: tuple[float, float]

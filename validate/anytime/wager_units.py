@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.anytime.wager import Wager
 from gaugeblock.validate.finding import SequenceFinding
+from gaugeblock.validate.learned.informed.learning import MOST_WEIGHT
 from gaugeblock.validate.marginal.winsorised import CUT, cut_mean, cut_square_ratio
 from gaugeblock.validate.policy import Policy
 
@@ -18,6 +19,10 @@ from gaugeblock.validate.policy import Policy
 _GRID = np.linspace(-6.0, 6.0, 4801)
 # Variances of an exact Gaussian estimator's scores: of the cut error, and of the cut square.
 _ERROR_SPREAD, _SQUARE_SPREAD = 0.99, 1.77
+# And of the mean of three weighted ranks with little in common, as bets need it.
+_INFORMED_SPREAD = 1 / 12 / 3
+# Trials that have to have taught the challengers of a PASS.
+LEARNED = 1000
 
 
 def bias_of(difference: ArrayLike) -> Array:
@@ -51,7 +56,7 @@ class Question:
     FAILs. `passable` lie inside of every estimator out of this tolerance: refuting both sides is PASS. The
     two differ for the width alone, because a mean square holds the squared bias too. `exact` is the edge of
     an exact estimator, `unit` turns edges into the tolerance's unit; `falls` says that it does so upside
-    down.
+    down. Only trials from `since` on count for PASS.
     """
 
     wager: Wager
@@ -61,6 +66,12 @@ class Question:
     edges: tuple[float, float]
     unit: Callable[[Array], Array]
     falls: bool = False
+    since: int = 0
+
+    @property
+    def hopeful(self) -> Wager:
+        """The wager of bets against "outside"."""
+        return self.wager.after(self.since)
 
 
 def question(finding: SequenceFinding, policy: Policy) -> Question:
@@ -118,6 +129,32 @@ def _log_width(score: Array, expected: Array, draws: float, policy: Policy) -> Q
     )
 
 
+def _informed(score: Array, expected: Array, draws: float, policy: Policy) -> Question:  # noqa: ARG001
+    """Below 0 nothing is wrong: the low edge is where no mean can be, and is refuted by any trial.
+
+    A challenger that has hardly learned anything finds nothing, whatever there is: for PASS it has to have
+    met `LEARNED` trials.
+    """
+    most = MOST_WEIGHT / 2
+    edge, none = np.full(len(score), policy.tolerance.informed), np.full(len(score), -most)
+    wager = Wager(
+        score=score,
+        expected=expected,
+        score_range=(-most, most),
+        expected_range=(0.0, 0.0),
+        spread=np.full(len(score), _INFORMED_SPREAD),
+    )
+    return Question(
+        wager=wager,
+        tolerable=(none, edge),
+        passable=(none, edge),
+        exact=0.0,
+        edges=(-most, most),
+        unit=lambda edge: np.asarray(edge),
+        since=LEARNED,
+    )
+
+
 def _gap(score: Array, expected: Array, tolerance: float) -> Question:
     level = expected[:, 0]
     edge = np.full(len(score), tolerance)
@@ -141,4 +178,5 @@ def _gap(score: Array, expected: Array, tolerance: float) -> Question:
 _QUESTIONS: dict[str, Callable[[Array, Array, float, Policy], Question]] = {
     "bias": _bias,
     "log_width": _log_width,
+    "informed": _informed,
 }

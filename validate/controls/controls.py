@@ -179,7 +179,7 @@ def _loss(prepared: Prepared) -> list[Finding | NotChecked]:
         wider = wider[np.isfinite(wider)]
         if not wider.any():
             return [NotChecked(KIND["loss"], "no trial's draws have a width that noise could add to")]
-        told = learn(Known(pooled, data, pooled.summaries, prepared.parameters), order=order)
+        told = learn(Known(pooled, data, pooled.summaries(), prepared.parameters), order=order)
         value = told.weight * (0.5 - told.pit)
         error = math.sqrt(max(float(np.mean(told.weight**2)) / 12, float(value.var())) / len(value))
         found[noise] = float(wider.mean()), (float(value.mean()), error)

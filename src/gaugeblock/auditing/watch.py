@@ -15,8 +15,9 @@ from gaugeblock.validate.verdict import Outcome, combine
 
 # What may stop an audit: a draw that is no number, and the bets.
 WATCHED = ("draws", "anytime")
-# Bets are reckoned again once there are so many times more trials; their error rates hold at every look.
-SPACING = 1.05
+# Bets are reckoned again once there are so many times more trials, and those of challengers, which learn from
+# all trials together, once there are so many; their error rates hold at every look.
+SPACING, TOGETHER = 1.05, 1.2
 
 
 def watched(select: Iterable[str] | None) -> tuple[str, ...]:
@@ -38,7 +39,7 @@ class Watch:
 
     def see(self, block: xr.Dataset) -> bool:
         """Whether, with this block, it seems settled; `confirm` makes it certain."""
-        findings = self._findings(block)
+        findings = self._findings(block, part=True)
         for finding in findings:
             if isinstance(finding, SequenceFinding):
                 earlier = self._sequences.get(finding.id)
@@ -52,12 +53,17 @@ class Watch:
         return self._settled(self._sequences.values())
 
     def confirm(self, trials: xr.Dataset) -> bool:
-        """Whether all trials so far settle it together: Markov chains are thinned by what all of them say."""
-        findings = self._findings(trials)
-        return _not_finite(findings) or self._settled(f for f in findings if isinstance(f, SequenceFinding))
+        """Whether all trials so far settle it together.
 
-    def _findings(self, trials: xr.Dataset) -> tuple[Finding, ...]:
-        return run_validators(trials, seed=self.seed, select=WATCHED, levels=self.policy.levels)[0]
+        Markov chains are thinned by what all of them say, and challengers learn from all of them.
+        """
+        findings = self._findings(trials)
+        settled = self._settled(f for f in findings if isinstance(f, SequenceFinding))
+        self._next = TOGETHER * trials.sizes["trial"]
+        return _not_finite(findings) or settled
+
+    def _findings(self, trials: xr.Dataset, *, part: bool = False) -> tuple[Finding, ...]:
+        return run_validators(trials, seed=self.seed, select=WATCHED, levels=self.policy.levels, part=part)[0]
 
     def _settled(self, sequences: Iterable[SequenceFinding]) -> bool:
         decided = decide(gather(list(sequences), self.policy), self.policy.error_budget)

@@ -97,7 +97,7 @@ def test_sequences_of_trials_are_of_their_own_weighted_scores():
     found = {one.id: one for one in anytime(made)}
     assert list(found) == [
         "anytime.bias[a]", "anytime.log_width[a]", "anytime.bias[b]", "anytime.log_width[b]",
-        "anytime.coverage", "anytime.joint", "anytime.hpd", "anytime.uniform",
+        "anytime.coverage", "anytime.joint", "anytime.hpd", "anytime.informed", "anytime.uniform",
     ]  # fmt: skip
     scores = winsorised_scores(
         truth, draws, Rows(3, "cut scores", np.arange(40)), weight=trials["weight"].values
@@ -118,5 +118,5 @@ def test_sequences_of_trials_are_of_their_own_weighted_scores():
     nothing = anytime(Prepared(trials_tree(trials.assign(draws=trials["draws"] * np.nan)), 3))
     assert [(one.id, one.why) for one in nothing if isinstance(one, NotChecked)] == [
         (f"anytime.{what}", "no trial has finite draws")
-        for what in ("bias", "log_width", "coverage", "joint", "hpd", "uniform")
+        for what in ("bias", "log_width", "coverage", "joint", "hpd", "informed", "uniform")
     ]

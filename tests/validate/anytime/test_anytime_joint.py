@@ -45,6 +45,7 @@ def test_faults_that_no_single_parameter_shows(fault, enough):
     found, _ = run_validators(trials(enough, fault=fault), seed=1, select=["anytime"])
     decided = outcome(found)
     assert decided.pop("anytime.joint") is Outcome.FAIL
+    assert (decided.pop("anytime.informed") is Outcome.FAIL) == (fault == "prior")
     assert Outcome.FAIL not in decided.values()
 
 

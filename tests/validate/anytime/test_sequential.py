@@ -196,6 +196,7 @@ def test_beside_sequences_only_counts_are_judged(gaussian_trials):
     verdict = judge(findings, not_checked, read_policy("default"), seed=1)
     assert {g.id for g in verdict.gates} == {
         "draws.finite", "anytime.bias[p0]", "anytime.log_width[p0]", "anytime.coverage", "anytime.joint",
+        "anytime.informed",
     }  # fmt: skip
     why = {item.id: item.why for item in verdict.not_checked}
     assert {"sbc.bias", "coverage.central", "importance.ess"} <= set(why)
@@ -358,7 +359,8 @@ def test_what_answers_what():
     assert says("coverage.central", "anytime.coverage")
     assert says("joint.tarp", "anytime.joint")
     assert says("joint.projections", "anytime.joint")
-    assert says("informed.rank", "anytime.joint")
+    assert says("informed.rank", "anytime.informed")
+    assert not says("informed.rank", "anytime.joint")
     assert says("joint.hpd", "anytime.hpd")
     assert not says("joint.hpd", "anytime.joint")
     assert not says("joint", "anytime.joint", "anytime.hpd")

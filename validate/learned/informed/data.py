@@ -49,32 +49,40 @@ def usable(features: Array) -> Array:
     return features[:, np.isfinite(features).all(axis=0)]
 
 
-def data_of(prepared: Prepared, rows: NDArray[np.int64]) -> Data:
-    """Data of the unaffected trials `rows`, as challengers see them; what is the same in all is left out."""
+def data_of(prepared: Prepared, rows: NDArray[np.int64], *, taught: int | None = None) -> Data:
+    """Data of the unaffected trials `rows`, as challengers see them; what is the same in all is left out.
+
+    With `taught` their units are those of the first so many of `rows`, and principal components, which are of
+    all trials, are left out: what is said of a trial then depends on no later one.
+    """
     found = prepared.once(all_channels)[rows] if "x" in prepared.main else np.empty((len(rows), 0))
     features = prepared.features or TrialFeatures((), np.empty((len(prepared.trial), 0)))
-    finite = [bool(np.isfinite(features.column(name)).all()) for name in features.names]
-    named = [name for name, known in zip(features.names, finite, strict=True) if known]
+    left_out = [] if taught is None else prepared.fitted_features
+    known = np.isfinite(features.values[rows[:taught]]).all(axis=0) & ~np.isin(features.names, left_out)
+    named = [name for name, usable in zip(features.names, known.tolist(), strict=True) if usable]
     shape = prepared.main["x"].shape[1:] if "x" in prepared.main else (0,)
-    return make_data(found, usable(features.values)[rows], shape=shape, names=named)
+    return make_data(found, features.values[rows][:, known], shape=shape, names=named, taught=taught)
 
 
-def make_data(values: Array, features: Array, *, shape: tuple[int, ...], names: list[str]) -> Data:
+def make_data(
+    values: Array, features: Array, *, shape: tuple[int, ...], names: list[str], taught: int | None = None
+) -> Data:
     """Data from sums of neighbouring values ``(trial, channel)`` of x of some `shape`, and named features.
 
     >>> make_data(np.array([[1.0, 7.0], [3.0, 7.0]]), np.empty((2, 0)), shape=(2,), names=[]).names
     ('x[0]',)
     """
-    varies = np.ptp(values, axis=0) > 0 if len(values) else np.zeros(values.shape[1], dtype=bool)
+    varies = np.ptp(values[:taught], axis=0) > 0 if len(values) else np.zeros(values.shape[1], dtype=bool)
     kept = values[:, varies]
     called = [name for name, known in zip(channel_names(shape), varies, strict=True) if known]
-    if (values >= 0).all():
-        kept = np.sqrt(kept)
-    standard = (kept - kept.mean(axis=0)) / kept.std(axis=0)
-    low, high = np.quantile(standard, [0.25, 0.75], axis=0) if len(kept) else np.zeros((2, 0))
+    if (values[:taught] >= 0).all():
+        kept = np.sqrt(np.maximum(kept, 0))
+    own = kept[:taught]
+    standard = (kept - own.mean(axis=0)) / own.std(axis=0)
+    low, high = np.quantile(standard[:taught], [0.25, 0.75], axis=0) if len(kept) else np.zeros((2, 0))
     heavy = HEAVY * (high - low) < QUARTILES
-    standard[:, heavy] = normal_scores(kept[:, heavy], kept[:, heavy])
-    values = np.concatenate([standard, normal_scores(features, features)], axis=1)
+    standard[:, heavy] = normal_scores(kept[:, heavy], own[:, heavy])
+    values = np.concatenate([standard, normal_scores(features, features[:taught])], axis=1)
     return Data(values, standard.shape[1], (*called, *names))
 
 

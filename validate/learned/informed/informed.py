@@ -14,7 +14,7 @@ phase, in a texture, in fewer than some hundred trials.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import xarray as xr
@@ -22,12 +22,20 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.streams import generator
+from gaugeblock.validate.anytime.betting import mean_bounds
 from gaugeblock.validate.finding import Finding, MeanFinding, NotChecked
 from gaugeblock.validate.learned.c2st import spread_out
 from gaugeblock.validate.learned.informed.challenger import Challenger, Known
 from gaugeblock.validate.learned.informed.data import data_of
-from gaugeblock.validate.learned.informed.learning import NOTHING, Learned, learn, together
-from gaugeblock.validate.learned.informed.pools import Pools, pools_of
+from gaugeblock.validate.learned.informed.learning import (
+    NOTHING,
+    Learned,
+    Told,
+    learn,
+    log_score_range,
+    together,
+)
+from gaugeblock.validate.learned.informed.pools import SCORED, Pools, pools_of
 from gaugeblock.validate.learned.informed.skill import Skill, forecast_crps, skill, skill_finding
 from gaugeblock.validate.learned.informed.terms import MOST_REGRESSED, Term, described
 from gaugeblock.validate.learned.learned import LEAST_TRIALS
@@ -62,15 +70,21 @@ def informed(prepared: Prepared) -> list[Finding | NotChecked]:
     pools = pools_of(prepared).taken(by_number)
     found: list[Learned] = []
     if prepared.features is not None:
-        known = Known(pools, data_of(prepared, by_number), pools.summaries, prepared.parameters)
+        known = Known(pools, data_of(prepared, by_number), pools.summaries(), prepared.parameters)
         rng = generator(prepared.seed, "order of the challenged", n)
         found = [learn(known, order=rng.permutation(n)) for _ in range(orders(len(prepared.parameters)))]
     said, skills = _skills(prepared, pools, found)
     if not found:
         return [NotChecked(RANK, WITHOUT_DATA, without_data=True), *said]
     numbered = [each._replace(row=by_number[each.row]) for each in found]
+    told = {key: together([each.told.get(key, NOTHING) for each in found]) for key in found[-1].told}
     rank = rank_finding(
-        numbered, prepared.trial, blame=blame(found, known), skills=skills, caveats=prepared.caveats
+        numbered,
+        prepared.trial,
+        blame=blame(told, found[-1].last, known),
+        skills=skills,
+        candidates=pools.scores.shape[1],
+        caveats=prepared.caveats,
     )
     return [rank, *said]
 
@@ -80,10 +94,8 @@ def orders(parameters: int) -> int:
     return ORDERS if parameters <= MOST_REGRESSED else ORDERS_OF_MANY
 
 
-def blame(found: Sequence[Learned], known: Known) -> str:
+def blame(told: Mapping[tuple[Term, str], Told], last: Challenger, known: Known) -> str:
     """What told truths from draws best, in words: of which parameter, and from what of the data."""
-    told = {key: together([each.told.get(key, NOTHING) for each in found]) for key in found[-1].told}
-    last = found[-1].last
 
     def strength(key: tuple[Term, str]) -> float:
         return abs(told[key].z) if key[1] == "alone" else told[key].z
@@ -110,13 +122,15 @@ def rank_finding(
     *,
     blame: str,
     skills: dict[str, tuple[float, float]],
+    candidates: int = 1 + SCORED,
     caveats: tuple[str, ...] = (),
 ) -> Finding:
     """Weighted mean of 1/2 - PIT of the truth in a challenger's score, averaged over orders of learning.
 
     Weights have a root mean square of 1: a gap d everywhere counts d, one in a share f of the trials, once
     the challenger has found which, d sqrt(f). `skills` holds, by parameter, the CRPS skill of the draws and
-    of a regression on the data; rows of what was `found` number the trials.
+    of a regression on the data; rows of what was `found` number the trials; `candidates` is how many there
+    are in a pool, the truth among them.
 
     For an exact posterior and one order the variance is known. Orders share their trials, so how far they
     agree is not; but whatever they share, an average's standard deviation is at most the average of theirs,
@@ -134,6 +148,10 @@ def rank_finding(
         axis=0,
     )
     names = list(skills)
+    least, most = log_score_range(candidates)
+    # Of one order: those of several share their trials.
+    nats = found[0].nats
+    low, high = mean_bounds(nats[None], lower=least, upper=most)
     return MeanFinding(
         id=RANK,
         quantity="informed",
@@ -152,6 +170,9 @@ def rank_finding(
         details=xr.Dataset(
             {
                 "gap": ("order", np.array([float(value.mean()) for value in values])),
+                "nats": ((), float(nats.mean())),
+                "nats_low": ((), float(low[0])),
+                "nats_high": ((), float(high[0])),
                 "skill": ("parameter", np.array([skills[name][0] for name in names])),
                 "challenger_skill": ("parameter", np.array([skills[name][1] for name in names])),
             },

@@ -40,6 +40,8 @@ LEAST_Z = 2.0
 ROUNDS = 2
 # No trial weighs more: a fault of less than 4% of trials counts with its share, not with the root of it.
 MOST_WEIGHT = 5.0
+# How much of each chance in a log score is a guess: one truth that was held impossible costs 3 nats at most.
+GUESSED = 0.05
 
 
 class Told(NamedTuple):
@@ -62,12 +64,36 @@ def together(each: Sequence[Told]) -> Told:
     return Told(*np.mean(each, axis=0).tolist())
 
 
+class Scorer(NamedTuple):
+    """A score that was learned: a challenger, the terms, and the log odds of each column.
+
+    `gain` ``(taught,)`` is what it expects of the trials that taught it, by columns of challengers that did
+    not see them.
+    """
+
+    challenger: Challenger
+    terms: Terms
+    coefficient: Array
+    gain: Array
+
+
+class Scored(NamedTuple):
+    """Of trials that a scorer did not learn from: PIT of the truth, expected gain, and the log score in nats,
+    ``(n,)``; what a regression on the data expected, and its error, ``(n, parameter)``."""
+
+    pit: Array
+    gain: Array
+    nats: Array
+    location: Array
+    spread: Array
+
+
 class Learned(NamedTuple):
     """Of the trials that were scored: which, ranks, weights, and what the challenger expected.
 
     `row`, `pit`, `weight` ``(scored,)``, weights of root mean square 1; `location` ``(scored, parameter)``
     the normal scores that a regression on the data expected, `spread` ``(scored, parameter)`` its error;
-    `told` by term and family, and the last challenger, who saw most.
+    `told` by term and family, and the last challenger, who saw most; `nats` ``(scored,)``, see `log_score`.
     """
 
     row: NDArray[np.int64]
@@ -77,28 +103,45 @@ class Learned(NamedTuple):
     spread: Array
     told: dict[tuple[Term, str], Told]
     last: Challenger
+    nats: Array
 
 
 def learn(known: Known, *, order: ArrayLike) -> Learned:
     """Challenge trials stage by stage, in an `order` that depends on neither truths nor draws."""
     sequence = np.asarray(order)
-    n, p = len(sequence), known.pools.values.shape[2]
-    plain = regressed_terms(p)
     told: dict[tuple[Term, str], Told] = {}
-    parts: list[tuple[Array, Array, Array, Array]] = []
-    edges = stage_edges(n)
+    parts: list[Scored] = []
+    edges = stage_edges(len(sequence))
     for start, stop in itertools.pairwise(edges):
-        taught, scored = sequence[max(0, start - MOST_TAUGHT) : start], sequence[start:stop]
-        terms = with_triples(plain, known.pools.scores[taught])
-        coefficient = coefficients(
-            centred_columns(known, terms, taught, foretold_unseen(known, plain, taught), TAUGHT_CANDIDATES)
-        )
-        last = fit_challenger(known, plain, taught)
-        parts += [scored_by(last, known, terms, coefficient, piece, told) for piece in pieces(scored)]
-    pit, gain, location, spread = (np.concatenate(column) for column in zip(*parts, strict=True))
+        scorer = fit_scorer(known, sequence[max(0, start - MOST_TAUGHT) : start])
+        parts.append(scored_by(scorer, known, sequence[start:stop], told))
+    found = joined(parts)
     row = sequence[edges[0] :]
     back = np.argsort(row)
-    return Learned(row[back], pit[back], weights(gain)[back], location[back], spread[back], told, last)
+    return Learned(
+        row[back], found.pit[back], weights(found.gain)[back], found.location[back], found.spread[back], told,
+        scorer.challenger, found.nats[back],
+    )  # fmt: skip
+
+
+def fit_scorer(known: Known, taught: Rows) -> Scorer:
+    """Learn a score from the trials `taught`."""
+    plain = regressed_terms(known.pools.values.shape[2])
+    terms = with_triples(plain, known.pools.scores[taught])
+    columns = centred_columns(known, terms, taught, foretold_unseen(known, plain, taught), TAUGHT_CANDIDATES)
+    coefficient = coefficients(columns)
+    challenger = fit_challenger(known, plain, taught)
+    return Scorer(challenger, terms, coefficient, expected_gain(columns @ coefficient))
+
+
+def scored_by(scorer: Scorer, known: Known, rows: Rows, told: dict[tuple[Term, str], Told]) -> Scored:
+    """What a score says of trials `rows`, some at a time; adds to `told`."""
+    return joined([_scored(scorer, known, piece, told) for piece in pieces(rows)])
+
+
+def joined(parts: Sequence[Scored]) -> Scored:
+    """What was said of several sets of trials, in a row."""
+    return Scored(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 def pieces(rows: Rows) -> Iterator[Rows]:
@@ -106,21 +149,15 @@ def pieces(rows: Rows) -> Iterator[Rows]:
     return (rows[start : start + AT_ONCE] for start in range(0, len(rows), AT_ONCE))
 
 
-def scored_by(
-    challenger: Challenger,
-    known: Known,
-    terms: Terms,
-    coefficient: Array,
-    rows: Rows,
-    told: dict[tuple[Term, str], Told],
-) -> tuple[Array, Array, Array, Array]:
-    """PIT and expected gain ``(n,)`` of trials, location and spread ``(n, parameter)``; adds to `told`."""
-    columns = centred_columns(known, terms, rows, challenger(known, rows))
-    account(told, terms, columns)
-    values = columns @ coefficient
-    expected = challenger.location(known.data.values[rows])[:, : known.pools.values.shape[2]]
-    spread = np.broadcast_to(np.linalg.norm(challenger.location.root, axis=1), expected.shape)
-    return pit_of_truth(values, known.pools.ties[rows]), expected_gain(values), expected, spread
+def _scored(scorer: Scorer, known: Known, rows: Rows, told: dict[tuple[Term, str], Told]) -> Scored:
+    location = scorer.challenger.location
+    columns = centred_columns(known, scorer.terms, rows, scorer.challenger(known, rows))
+    account(told, scorer.terms, columns)
+    values = columns @ scorer.coefficient
+    expected = location(known.data.values[rows])[:, : known.pools.values.shape[2]]
+    spread = np.broadcast_to(np.linalg.norm(location.root, axis=1), expected.shape)
+    pit = pit_of_truth(values, known.pools.ties[rows])
+    return Scored(pit, expected_gain(values), log_score(values), expected, spread)
 
 
 def stage_edges(n: int) -> list[int]:
@@ -132,21 +169,25 @@ def stage_edges(n: int) -> list[int]:
     return [int(edge) for edge in np.geomspace(n // FIRST, n, STAGES).round()]
 
 
-def weights(gain: ArrayLike) -> Array:
+def weights(gain: ArrayLike, like: ArrayLike | None = None) -> Array:
     """Weights ``(n,)`` in proportion to expected gains, of root mean square 1 and at most 5.
 
-    Of less than 1, where less than 4% of the trials are expected to gain anything.
+    Of less than 1, where less than 4% of the trials are expected to gain anything. With other gains `like`
+    these it is theirs whose mean square is 1: what a trial weighs is known before those beside it.
 
     >>> weights([0.0, 0.0, 0.2, 0.2]).round(2).tolist(), weights([0.0, 0.0]).tolist()
     ([0.0, 0.0, 1.41, 1.41], [1.0, 1.0])
+    >>> weights([0.2, 1.0], like=[0.1, 0.1]).tolist()
+    [2.0, 5.0]
     """
     size = np.asarray(gain, dtype=float)
-    if not (size > 0).any():
+    measure = size if like is None else np.asarray(like, dtype=float)
+    if not (measure > 0).any():
         return np.ones(len(size))
-    for _ in range(2):
-        size = size / np.sqrt(np.mean(size**2))
-        size = np.minimum(size, MOST_WEIGHT)
-    return np.asarray(np.minimum(size / np.sqrt(np.mean(size**2)), MOST_WEIGHT))
+    for _ in range(3):
+        unit = np.sqrt(np.mean(measure**2))
+        size, measure = (np.minimum(each / unit, MOST_WEIGHT) for each in (size, measure))
+    return np.asarray(size)
 
 
 def foretold_unseen(known: Known, terms: Terms, taught: Rows) -> tuple[Array, Array]:
@@ -218,3 +259,19 @@ def expected_gain(values: Array) -> Array:
     chance = np.sort(softmax(values), axis=1)
     number = values.shape[1]
     return np.asarray(chance @ ((np.arange(number) + 0.5) / number - 0.5))
+
+
+def log_score(values: Array) -> Array:
+    """Log score of the truth over that of a guess, ``(n,)`` in nats, from the log odds of all candidates.
+
+    Its mean is 0 for an exact posterior at best, and below for a score that has learned from noise; otherwise
+    at most what the estimator's own log density loses, in the mean over trials, to the exact one's. A
+    twentieth of each chance is a guess, so that it is bounded.
+    """
+    number = values.shape[1]
+    return np.asarray(np.log((1 - GUESSED) * number * softmax(values)[:, 0] + GUESSED))
+
+
+def log_score_range(number: int) -> tuple[float, float]:
+    """The least and the largest `log_score` of a truth among so many candidates."""
+    return float(np.log(GUESSED)), float(np.log((1 - GUESSED) * number + GUESSED))

@@ -48,12 +48,14 @@ class Pools(NamedTuple):
             self.ties[rows], self.periods,
         )  # fmt: skip
 
-    @property
-    def summaries(self) -> Array:
-        """What the estimator itself says of each trial: sd, and mean or angle, ``(trial, k)``."""
+    def summaries(self, taught: int | None = None) -> Array:
+        """What the estimator itself says of each trial: sd, and mean or angle, ``(trial, k)``.
+
+        As normal scores of their ranks among all trials, or among the first that are `taught`.
+        """
         mean = self.mean + self.centre
         known = np.concatenate([self.sd, mean], axis=1)
-        found = normal_scores(known, known)
+        found = normal_scores(known, known[:taught])
         parameters = mean.shape[1]
         for column, period in self.periods.items():
             angle = 2 * np.pi * mean[:, column] / period

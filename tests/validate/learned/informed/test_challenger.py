@@ -27,7 +27,7 @@ def known(n=90, *, channels=3, periods=None, features=0):
     )  # fmt: skip
     names = [f"own {k}" for k in range(features)]
     data = make_data(x, rng.normal(size=(n, features)), shape=(channels,), names=names)
-    return Known(pools, data, pools.summaries, ("a", "b"))
+    return Known(pools, data, pools.summaries(), ("a", "b"))
 
 
 def test_a_place_among_the_candidates_is_a_normal_score():

@@ -14,11 +14,12 @@ from gaugeblock.core.streams import generator
 from gaugeblock.reports.reason import of_the_data, reason
 from gaugeblock.reports.terminal import verdict_lines
 from gaugeblock.validate import Outcome, judge, make_trials, read_policy, run_validators
+from gaugeblock.validate.anytime.betting import mean_bounds
 from gaugeblock.validate.findings_file import read_findings, write_findings
 from gaugeblock.validate.learned.informed.challenger import Known, fit_challenger
 from gaugeblock.validate.learned.informed.data import channels, data_of
 from gaugeblock.validate.learned.informed.informed import blame, informed, orders, rank_finding
-from gaugeblock.validate.learned.informed.learning import Learned, Told, learn
+from gaugeblock.validate.learned.informed.learning import Learned, Told, learn, together
 from gaugeblock.validate.learned.informed.pools import pools, pools_of
 from gaugeblock.validate.learned.informed.skill import forecast_crps, skill
 from gaugeblock.validate.learned.informed.terms import regressed_terms
@@ -140,6 +141,25 @@ def only(*required):
     return DEFAULT.model_copy(update={"required": required})
 
 
+def test_nats_are_no_more_than_is_lost():
+    """The prior for a posterior of sd 0.2 in it loses 1.6 nats; the exact posterior nothing."""
+    rng = np.random.default_rng(30)
+    theta = rng.normal(size=(1500, 1))
+    x = theta + 0.204 * rng.normal(size=(1500, 1))
+    lost = -np.log(np.sqrt(1 / (1 + 1 / 0.204**2)))
+    for draws, least, most in (
+        (rng.normal(size=(1500, 40, 1)), 0.3, lost),
+        (0.96 * x[:, None] + 0.2 * rng.normal(size=(1500, 40, 1)), -0.05, 0.0),
+    ):
+        gates, found, *_ = judged(make_trials(theta, draws, ["a"], x=x))
+        details = found["informed.rank"].details
+        assert least < float(details["nats"]) < most + 0.01
+        assert float(details["nats_low"]) < most
+        said = f"in log score it gains {float(details['nats']):+.3f} nats a trial "
+        said += f"({float(details['nats_low']):+.3f} to {float(details['nats_high']):+.3f})"
+        assert said in gates["informed.rank"].message
+
+
 def test_too_few_trials_are_no_excuse():
     *_, verdict = judged(trials_of(EXACT["Cauchy"], 40, 20, seed=6))
     gate = next(gate for gate in verdict.gates if gate.id == "informed.rank")
@@ -253,7 +273,7 @@ def scored(rng, rows, last=None, told=None):
     n = len(rows)
     return Learned(
         row=np.array(rows), pit=rng.random(n), weight=rng.uniform(0.5, 1.5, n), location=np.zeros((n, 1)),
-        spread=np.ones((n, 1)), told=told or {}, last=last,
+        spread=np.ones((n, 1)), told=told or {}, last=last, nats=rng.normal(0.2, 0.1, n),
     )  # fmt: skip
 
 
@@ -281,6 +301,15 @@ def test_a_rank_of_two_orders_by_hand():
     assert found.caveats == (
         "said", "in each of 2 orders of learning: learned on 5 trials and on, ranked in the other 5",
     )  # fmt: skip
+    # Nats of the first order, bounded by what a log score of one in 33 can be, or of one in 5.
+    assert float(found.details["nats"]) == pytest.approx(one.nats.mean())
+    few = rank_finding([one, other], np.arange(10), blame="b", skills={}, candidates=5)
+    for each, number in ((found, 33), (few, 5)):
+        ends = {"lower": np.log(0.05), "upper": np.log(0.95 * number + 0.05)}
+        low, high = mean_bounds(one.nats[None], **ends)
+        assert float(each.details["nats_low"]) == pytest.approx(low[0])
+        assert float(each.details["nats_high"]) == pytest.approx(high[0])
+        assert low[0] < one.nats.mean() < high[0]
     far = one._replace(pit=np.array([0.0, 1.0, 0.0, 1.0, 0.0]))
     wide = rank_finding([far], np.arange(10), blame="", skills={})
     assert wide.standard_error[0] == pytest.approx(wide.influence.std() / np.sqrt(10))
@@ -293,7 +322,7 @@ def test_who_is_blamed():
     theta = x[:, :1] + (np.abs(x[:, 1:]) - 0.8) + 0.3 * rng.normal(size=(400, 1))
     trials = make_trials(theta, rng.choice(theta[:, 0], (400, 20, 1)), ["a"], x=x)
     ready = Prepared(xr.DataTree(trials), 1)
-    seen = Known(pools_of(ready), data_of(ready, np.arange(400)), pools_of(ready).summaries, ("a",))
+    seen = Known(pools_of(ready), data_of(ready, np.arange(400)), pools_of(ready).summaries(), ("a",))
     last = fit_challenger(seen, regressed_terms(1), np.arange(400))
     place, wide = (0,), (0, 0)
 
@@ -304,7 +333,8 @@ def test_who_is_blamed():
             scored(rng, [0], last, zero | {keys[name]: Told(share * size, 1.0) for name, size in z.items()})
             for share in (0.5, 1.5)
         ]
-        return blame(several, seen)
+        told = {key: together([each.told[key] for each in several]) for key in several[0].told}
+        return blame(told, last, seen)
 
     ridge = f"where a lies, by a ridge regression on {last.looked_at(0, seen, trees=False)[0]}"
     trees = "boosted trees on " + " and ".join(last.looked_at(0, seen, trees=True))
@@ -326,7 +356,7 @@ def test_the_gate_is_made_of_its_pieces_by_number():
     found = {one.id: one for one in informed(ready)}
     by_number = np.argsort(number)
     pools_ = pools_of(ready).taken(by_number)
-    seen = Known(pools_, data_of(ready, by_number), pools_.summaries, ("a", "b"))
+    seen = Known(pools_, data_of(ready, by_number), pools_.summaries(), ("a", "b"))
     lot = generator(4, "order of the challenged", 70)
     learned = [learn(seen, order=lot.permutation(70)) for _ in range(3)]
     numbered = [each._replace(row=by_number[each.row]) for each in learned]
@@ -340,7 +370,9 @@ def test_the_gate_is_made_of_its_pieces_by_number():
         one = found[f"informed.crps[{name}]"]
         assert one.estimate[0] == pytest.approx(skills[name][0])
         assert float(one.details["challenger"]) == pytest.approx(skills[name][1])
-    wanted = rank_finding(numbered, number, blame=blame(learned, seen), skills=skills)
+    told = {key: together([each.told[key] for each in learned]) for key in learned[-1].told}
+    said = blame(told, learned[-1].last, seen)
+    wanted = rank_finding(numbered, number, blame=said, skills=skills, candidates=13)
     rank = found["informed.rank"]
     np.testing.assert_allclose(rank.estimate, wanted.estimate)
     np.testing.assert_allclose(rank.influence, wanted.influence)

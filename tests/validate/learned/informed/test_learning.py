@@ -22,6 +22,8 @@ from gaugeblock.validate.learned.informed.learning import (
     expected_gain,
     foretold_unseen,
     learn,
+    log_score,
+    log_score_range,
     pit_of_truth,
     stage_edges,
     together,
@@ -42,7 +44,7 @@ def known(values, x, rng):
         np.zeros((n, p)), rng.random(n), {},
     )  # fmt: skip
     data = make_data(x, np.empty((n, 0)), shape=x.shape[1:], names=[])
-    return Known(pools, data, pools.summaries, tuple("abc"[:p]))
+    return Known(pools, data, pools.summaries(), tuple("abc"[:p]))
 
 
 SHAPES = {
@@ -303,6 +305,10 @@ def test_ranks_and_gains_of_a_few_candidates():
     np.testing.assert_allclose(expected_gain(values), wanted)
     assert wanted[1] == 0.0
     np.testing.assert_allclose(softmax(values + 1e4), chance)
+    # A twentieth of each chance is a guess: a fourth of it each.
+    np.testing.assert_allclose(log_score(values), np.log((0.95 * chance[:, 0] + 0.05 / 4) / (1 / 4)))
+    sure = np.array([[900.0, 0.0, 0.0, 0.0], [0.0, 900.0, 0.0, 0.0]])
+    np.testing.assert_allclose(log_score(sure), log_score_range(4)[::-1])
 
 
 def test_weights_are_cut_and_scaled_twice():
@@ -312,6 +318,14 @@ def test_weights_are_cut_and_scaled_twice():
         size = np.minimum(size / np.sqrt(np.mean(size**2)), 5.0)
     np.testing.assert_allclose(weights(gain), np.minimum(size / np.sqrt(np.mean(size**2)), 5.0))
     assert weights([-1.0, 0.0]).tolist() == [1.0, 1.0]
+    # In the units of others it is theirs whose mean square is 1, cut as theirs are.
+    other, own = np.r_[0.0, 0.02, 3.0, gain[-2:]], gain.copy()
+    for _ in range(3):
+        unit = np.sqrt(np.mean(own**2))
+        own, other = np.minimum(own / unit, 5.0), np.minimum(other / unit, 5.0)
+    np.testing.assert_allclose(weights([0.0, 0.02, 3.0, 1.0, 0.5], like=gain), other)
+    np.testing.assert_allclose(weights(gain, like=gain), weights(gain))
+    assert weights([0.3, 0.1], like=[0.0, 0.0]).tolist() == [1.0, 1.0]
 
 
 def test_each_stage_is_scored_by_what_was_learned_before_it(monkeypatch):
@@ -335,15 +349,19 @@ def test_each_stage_is_scored_by_what_was_learned_before_it(monkeypatch):
         expected = last.location(seen.data.values[scored])[:, :2]
         spread = np.tile(np.sqrt((last.location.root**2).sum(axis=1)), (len(scored), 1))
         parts.append(
-            (scored, pit_of_truth(score, seen.pools.ties[scored]), expected_gain(score), expected, spread)
-        )
-    row, pit, gain, location, spread = (np.concatenate(part) for part in zip(*parts, strict=True))
+            (
+                scored, pit_of_truth(score, seen.pools.ties[scored]), expected_gain(score), expected, spread,
+                log_score(score),
+            )
+        )  # fmt: skip
+    row, pit, gain, location, spread, nats = (np.concatenate(part) for part in zip(*parts, strict=True))
     back = np.argsort(row)
     np.testing.assert_array_equal(found.row, row[back])
     np.testing.assert_allclose(found.pit, pit[back])
     np.testing.assert_allclose(found.weight, weights(gain)[back], rtol=1e-5)
     np.testing.assert_allclose(found.location, location[back])
     np.testing.assert_allclose(found.spread, spread[back])
+    np.testing.assert_allclose(found.nats, nats[back], rtol=1e-5)
     assert found.told == told
     np.testing.assert_array_equal(found.last.ridge.coefficient, last.ridge.coefficient)
 
