@@ -69,7 +69,9 @@ def added(earlier: xr.Dataset, later: xr.Dataset) -> xr.Dataset:
     took = np.average([table.attrs["seconds_per_replicate"] for table in (earlier, later)], weights=numbers)
     alike = {name: value for name, value in later.attrs.items() if name not in ("commit", "code")}
     more = {"command": command, "seconds_per_replicate": round(float(took), 4)}
-    return _rates(both[0] + both[1]).assign_attrs(alike | measured_of_both(earlier.attrs, later.attrs) | more)
+    return _rates((both[0] + both[1]).drop_attrs()).assign_attrs(
+        alike | measured_of_both(earlier.attrs, later.attrs) | more
+    )
 
 
 def _rates(counted: xr.Dataset) -> xr.Dataset:

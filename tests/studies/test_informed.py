@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from studies.informed.__main__ import KINDS, audits, main, summary
-from studies.informed.document import text
+from studies.informed.document import FILES, text
 from studies.informed.problems import AFTERWARDS, AGAIN, BLIND, EXACT, TOLERATED
 from studies.kit.results import DOCS, RESULTS, clopper_pearson, read
 
@@ -31,8 +31,34 @@ def test_blind_fails_and_exact_does_not():
     assert line.startswith("| blind | a | 100.0% (15.8% - 100.0%) | 0.0% (0.0% - 84.2%)")
 
 
-def test_the_page_says_what_was_found():
-    assert text(read(RESULTS / "informed.nc")) in (DOCS / "error-rates.md").read_text(encoding="utf-8")
+@pytest.mark.parametrize("name", ["informed.nc"])
+def test_the_page_says_what_was_found(name):
+    assert text(read(RESULTS / name)) in (DOCS / "error-rates.md").read_text(encoding="utf-8")
+
+
+def test_the_gate_of_the_anytime_mode_has_the_whole_budget_and_a_table_of_its_own(tmp_path, monkeypatch):
+    made = [
+        audits(BLIND["best channel ignored"], 2, np.random.default_rng(1), **SIZE, validator=name)
+        for name in FILES
+    ]
+    assert [found["fail"].tolist() for found in made] == [[1, 1], [1, 1]]
+    assert not np.isclose(made[0]["gap"], made[1]["gap"]).any()
+    for kind in set(KINDS).difference({"not blind"}):
+        monkeypatch.setitem(KINDS, kind, {})
+    few = ["--anytime", "--trials", "300", "--draws", "5", "--audits", "1", "--out", str(tmp_path)]
+    assert main(few) == 0
+    table = read(tmp_path / "informed-anytime.nc")
+    assert "`anytime.informed` after every trial" in text(table)
+    assert not (tmp_path / "informed.nc").exists()
+    docs = tmp_path / "docs"
+    docs.mkdir()
+    page = docs / "error-rates.md"
+    page.write_text(
+        "<!-- informed --> <!-- /informed --> <!-- informed-anytime --> <!-- /informed-anytime -->"
+    )
+    assert main(["--report", "--out", str(tmp_path), "--docs", str(docs)]) == 0
+    assert page.read_text().startswith("<!-- informed --> <!-- /informed -->")
+    assert text(table) in page.read_text()
 
 
 @pytest.mark.parametrize("name", [*AFTERWARDS, *AGAIN, *TOLERATED])
@@ -64,3 +90,6 @@ def test_all_problems_together_make_a_table(monkeypatch, tmp_path, capsys):
     assert table["case"].values.tolist() == list(EXACT)
     assert int(table["replicates"]) == 2
     assert table.attrs["command"].startswith("python -m studies informed --trials 60")
+    assert len(table.attrs["code"]) == 64
+    known = text(table.assign_attrs(commit="0123456789" * 4))
+    assert known.partition("\n")[0].endswith("--audits 2` at 0123456.")

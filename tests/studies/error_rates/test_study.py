@@ -33,7 +33,7 @@ from studies.error_rates.problem import problem
 from studies.error_rates.replicates import Part, run
 from studies.error_rates.summary import added, has, indicators, p_values
 from studies.kit import command, page, results, resume
-from studies.kit.results import clopper_pearson, read
+from studies.kit.results import clopper_pearson, read, write
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.validate import Outcome, judge, make_trials, read_policy, run_validators
@@ -103,9 +103,45 @@ def test_a_table_that_is_added_to_is_the_one_of_a_single_run(tmp_path, monkeypat
     # What it has already is not made again, nor counted twice.
     assert main([*asked, str(tmp_path / "again"), "--replicates", "7", "--add"]) == 0
     assert read(tmp_path / "both" / "toy.nc").identical(both)
+    assert len(both.attrs["code"]) == 64
+    assert both.attrs["commit"] == one.attrs["commit"]
     # Of another seed it is refused before anything is run.
     assert main([*asked, str(tmp_path / "other"), "--seed", "5", "--replicates", "9", "--add"]) == 2
     assert not (tmp_path / "other").exists()
+
+
+def test_a_table_that_knows_its_code_is_added_to_by_no_other(tmp_path, monkeypatch, capsys):
+    """A table that is older than that takes what it is given, and claims no code for all of it."""
+    monkeypatch.setattr("studies.error_rates.__main__.parts", lambda *_, **__: {"toy": lambda: PART})
+    asked = ["toy", "--out", str(tmp_path), "--work", str(tmp_path / "work"), "--replicates"]
+
+    def of(commit, code):
+        monkeypatch.setattr(
+            "studies.error_rates.__main__.measured", lambda *_: {"commit": commit, "code": code}
+        )
+
+    of("a" * 40, "1")
+    assert main([*asked, "3"]) == 0
+    before = read(tmp_path / "toy.nc")
+    of("b" * 40, "2")
+    capsys.readouterr()
+    assert main([*asked, "5", "--add"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("--add: code is 2, and in the table that is there 1; check out aaaa")
+    assert said.count("\n") == 1
+    assert read(tmp_path / "toy.nc").identical(before)
+    # Of another commit with the same code it is taken, and both are named.
+    of("b" * 40, "1")
+    assert main([*asked, "5", "--add"]) == 0
+    assert main([*asked, "7", "--add"]) == 0
+    after = read(tmp_path / "toy.nc").attrs
+    assert (after["commit"], after["code"]) == (f"{'a' * 40}, {'b' * 40}", "1")
+    old = {name: value for name, value in before.attrs.items() if name not in ("commit", "code")}
+    write({"": before.drop_attrs().assign_attrs(old)}, tmp_path / "toy.nc")
+    of("b" * 40, "2")
+    assert main([*asked, "5", "--add"]) == 0
+    assert not {"commit", "code"} & read(tmp_path / "toy.nc").attrs.keys()
+    assert int(read(tmp_path / "toy.nc")["replicates"].max()) == 5
 
 
 def test_seconds_are_of_the_replicates_that_were_made(tmp_path, monkeypatch):

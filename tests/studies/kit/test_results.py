@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import subprocess
+from types import ModuleType
+
 import numpy as np
 import pytest
 import xarray as xr
-from studies.kit.results import read, read_groups, write
+from studies.kit import results
+from studies.kit.results import measured, read, read_groups, write
 
 
 def test_groups_keep_coordinates_that_the_root_has_otherwise(tmp_path):
@@ -28,3 +32,32 @@ def test_a_file_that_cannot_be_written_leaves_what_was_there(tmp_path):
         write({"": root + 1, "wrong": wrong}, tmp_path / "made.nc")
     assert read(tmp_path / "made.nc").identical(root)
     assert [path.name for path in tmp_path.iterdir()] == ["made.nc"]
+
+
+def test_code_that_is_measured_is_a_commit_and_what_was_changed_since_is_said(tmp_path, monkeypatch):
+    folder, package = tmp_path / "studies", ModuleType("measured")
+    package.__path__ = [str(folder)]
+    folder.mkdir()
+    (folder / "a.py").write_text("1\n")
+    monkeypatch.setattr(results, "STUDIES", folder)
+    monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(tmp_path.parent))
+    before = measured(package)
+    assert before["commit"] == ""
+
+    def git(*words):
+        named = ["-c", "user.name=a", "-c", "user.email=a@b"]
+        done = subprocess.run(
+            ["git", *named, *words], cwd=tmp_path, check=True, capture_output=True, text=True
+        )
+        return done.stdout.strip()
+
+    git("init", "-q")
+    git("add", "."), git("commit", "-q", "-m", "one"), git("tag", "-a", "-m", "named", "v1")
+    first = measured(package)
+    assert first == {"commit": git("rev-parse", "HEAD"), "code": before["code"]}
+    (folder / "a.py").write_text("2\n")
+    changed = measured(package)
+    assert changed["commit"] == first["commit"] + "-dirty"
+    assert changed["code"] != first["code"]
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert measured(package) == {"commit": "", "code": changed["code"]}
