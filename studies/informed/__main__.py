@@ -15,10 +15,10 @@ import gaugeblock.validate
 import studies.informed
 from gaugeblock.core.progress import Bars
 from gaugeblock.validate import Outcome, Policy, judge, make_trials, read_policy, run_validators
-from studies.informed.document import document
+from studies.informed.document import FILES, document
 from studies.informed.problems import AFTERWARDS, AGAIN, BLIND, EXACT, TOLERATED, Problem
 from studies.kit.command import carried_out, given, parser
-from studies.kit.results import clopper_pearson, measured, read, record, write
+from studies.kit.results import clopper_pearson, measured, record, write
 from studies.kit.resume import Arrays, Pieces
 
 NAME = "studies informed"
@@ -30,21 +30,31 @@ KINDS = {
     "not blind": TOLERATED,
     "exact": EXACT,
 }
-# In an audit the gate shares the error budget with all that is measured on the same trials.
+# In an audit the gate shares the error budget with all that is measured on the same trials; watched, with the
+# other sequences, which are bet on as well.
 FAMILIES = 2
+GATES = {"informed": "informed.rank", "anytime": "anytime.informed"}
 # Audits in a piece, and after how many of each problem there is a table: each has equally many at any time.
 CHUNK = 10
 ROUNDS = (20, 50, *range(60, 1000, 10))
 
 
 def audits(
-    problem: Problem, number: int, rng: np.random.Generator, *, trials: int, draws: int, policy: Policy
+    problem: Problem,
+    number: int,
+    rng: np.random.Generator,
+    *,
+    trials: int,
+    draws: int,
+    policy: Policy,
+    validator: str = "informed",
 ) -> Arrays:
     """Outcomes of the gate, as one of two families that share the budget, ``(number,)`` each.
 
-    `fail`, `passed`, the `gap`, its `z`, and CPU `seconds` of the gate. No other validator is run.
+    `fail`, `passed`, the `gap`, its `z`, and CPU `seconds` of the validator. No other one is run.
     """
-    shared = policy.model_copy(update={"error_budget": policy.error_budget / FAMILIES})
+    families = FAMILIES if validator == "informed" else 1
+    shared = policy.model_copy(update={"error_budget": policy.error_budget / families})
     said = []
     for _ in range(number):
         made = problem(rng, trials, draws)
@@ -52,11 +62,11 @@ def audits(
         tree = make_trials(made.theta_true, made.draws, names, x=made.x)
         seed = int(rng.integers(2**31))
         began = time.process_time()
-        findings, not_checked = run_validators(tree, seed=seed, select=["informed"])
+        findings, not_checked = run_validators(tree, seed=seed, select=[validator])
         seconds = time.process_time() - began
         verdict = judge(findings, not_checked, shared, seed=seed)
-        gate = next(gate for gate in verdict.gates if gate.id == "informed.rank")
-        error = next(f for f in findings if f.id == "informed.rank").standard_error[0]
+        gate = next(gate for gate in verdict.gates if gate.id == GATES[validator])
+        error = next(f for f in findings if f.id == GATES[validator]).standard_error[0]
         passed = gate.outcome is Outcome.PASS
         said.append((gate.outcome is Outcome.FAIL, passed, gate.statistic, gate.statistic / error, seconds))
     columns = np.array(said, dtype=float).T
@@ -95,10 +105,11 @@ def main(arguments: Sequence[str]) -> int:
     for name, value in (("audits", 20), ("trials", 4000), ("draws", 250)):
         options.add_argument(f"--{name}", type=int, default=value)
     options.add_argument("--policy", default="default")
+    options.add_argument("--anytime", action="store_true", help="the gate of the anytime mode")
     options.add_argument("--report", action="store_true", help="text from OUT; nothing is run")
     chosen = options.parse_args(arguments)
     if chosen.report:
-        return carried_out(lambda: document(read(chosen.out / "informed.nc"), chosen.docs))
+        return carried_out(lambda: document(chosen.out, chosen.docs))
     return carried_out(lambda: _run(chosen, given(NAME, arguments)))
 
 
@@ -112,7 +123,14 @@ def _run(chosen: Any, command: str) -> None:
         if not start or name.startswith(start)
     }
     every = {name: problem for problems in KINDS.values() for name, problem in problems.items()}
-    settings = {"trials": chosen.trials, "draws": chosen.draws, "policy": policy.model_dump(mode="json")}
+    validator = "anytime" if chosen.anytime else "informed"
+    settings: dict[str, Any] = {
+        "trials": chosen.trials,
+        "draws": chosen.draws,
+        "policy": policy.model_dump(mode="json"),
+    }
+    if chosen.anytime:
+        settings["validator"] = validator
     code = measured(*CODE)  # before hours of work: files may be changed by others meanwhile
     key = {"seed": chosen.seed, **settings, "code": code["code"]}
     with Bars() as bars:
@@ -120,12 +138,12 @@ def _run(chosen: Any, command: str) -> None:
         for number in [*(each for each in ROUNDS if each < chosen.audits), chosen.audits]:
             found = {}
             for name in kinds:
-                make = partial(_rows, every[name], chosen, policy)
+                make = partial(_rows, every[name], chosen, policy, validator)
                 found[name] = pieces.rows(name, number, min(CHUNK, chosen.audits), make, chosen.seed)
             table = summary(found, kinds)
             if not start:
                 attributes = record(command, chosen.seed, **settings, **code)
-                write({"": table.assign_attrs(attributes)}, chosen.out / "informed.nc")
+                write({"": table.assign_attrs(attributes)}, chosen.out / FILES[validator])
     for name, kind in kinds.items():
         row = table.sel(case=name)
         failed, passed = row["rate"].values
@@ -135,10 +153,11 @@ def _run(chosen: Any, command: str) -> None:
         )
 
 
-def _rows(problem: Problem, chosen: Any, policy: Policy, rows: slice, rng: np.random.Generator) -> Arrays:
-    return audits(
-        problem, rows.stop - rows.start, rng, trials=chosen.trials, draws=chosen.draws, policy=policy
-    )
+def _rows(
+    problem: Problem, chosen: Any, policy: Policy, validator: str, rows: slice, rng: np.random.Generator
+) -> Arrays:
+    size = {"trials": chosen.trials, "draws": chosen.draws, "policy": policy, "validator": validator}
+    return audits(problem, rows.stop - rows.start, rng, **size)
 
 
 if __name__ == "__main__":

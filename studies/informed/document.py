@@ -7,7 +7,14 @@ from pathlib import Path
 import xarray as xr
 
 from studies.kit import page
-from studies.kit.results import command_of, of_commit
+from studies.kit.results import command_of, of_commit, read
+
+# Which file is of which validator, and how its gate is judged.
+FILES = {"informed": "informed.nc", "anytime": "informed-anytime.nc"}
+JUDGED = {
+    "informed": "`informed.rank` alone, judged by the default policy as one of two families sharing its budget",
+    "anytime": "`anytime.informed` after every trial, judged by the default policy beside the other bets",
+}
 
 
 def text(table: xr.Dataset) -> str:
@@ -24,13 +31,14 @@ def text(table: xr.Dataset) -> str:
         rows.append([str(row["kind"].item()), case, *rates, f"{float(row['gap']):+.3f}", z, cost])
     header = ("estimator", "case", "FAIL", "PASS", "mean gap", "mean z (sd)", "CPU s")
     made = (
-        f"`informed.rank` alone, judged by the default policy as one of two families that share its budget; "
-        f"{int(table.attrs['trials']):,} trials x {int(table.attrs['draws'])} draws, "
-        f"{int(table['replicates'])} audits of each. Made by `{command_of(table)}`{of_commit(table)}."
+        f"{JUDGED[str(table.attrs.get('validator', 'informed'))]}; {int(table.attrs['trials']):,} trials x "
+        f"{int(table.attrs['draws'])} draws, {int(table['replicates'])} audits of each. Made by "
+        f"`{command_of(table)}`{of_commit(table)}."
     )
     return f"{made}\n\n{page.table(header, rows)}"
 
 
-def document(table: xr.Dataset, docs: Path) -> None:
-    """Fill the page in the folder `docs`."""
-    page.fill(docs / "error-rates.md", {"informed": text(table)})
+def document(folder: Path, docs: Path) -> None:
+    """Fill the page in the folder `docs` from the results in another."""
+    made = {file.stem: text(read(file)) for name in FILES.values() if (file := folder / name).exists()}
+    page.fill(docs / "error-rates.md", made)
