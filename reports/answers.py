@@ -9,28 +9,30 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaugeblock.reports.controls import caught
+from gaugeblock.reports.learned import Learned, learned
 from gaugeblock.reports.reason import DATA, of_the_data, settled_by
-from gaugeblock.reports.words import listed, number, parameter_of
+from gaugeblock.reports.words import listed
 from gaugeblock.validate import Finding, Outcome, Verdict
 
-# Parameters whose skill is told.
-SKILLS = 6
 UNNAMED = "Look at the pictures of the gates that failed; with more trials a diagnosis may name the fault."
 
 
 @dataclass(frozen=True)
 class Answers:
-    """`cause` in sentences, `todo` as (where it applies, what to do), `learned` in sentences."""
+    """`cause` in sentences, `todo` as (where it applies, what to do), `learned` likewise, with a `table`."""
 
     cause: tuple[str, ...]
     todo: tuple[tuple[str, str], ...]
     learned: tuple[str, ...]
+    table: Learned | None
 
 
 def answers(verdict: Verdict, findings: Sequence[Finding]) -> Answers:
     """Cause, next steps and what was learned."""
     would = () if verdict.outcome is Outcome.FAIL else caught(verdict)
-    return Answers(_cause(verdict), _todo(verdict), (*_learned(verdict, findings), *would))
+    table = learned(findings)
+    said = _learned(verdict, known=table is not None)
+    return Answers(_cause(verdict), _todo(verdict), (*said, *would), table)
 
 
 def _cause(verdict: Verdict) -> tuple[str, ...]:
@@ -65,20 +67,13 @@ def _todo(verdict: Verdict) -> tuple[tuple[str, str], ...]:
     return tuple(steps)
 
 
-def _learned(verdict: Verdict, findings: Sequence[Finding]) -> tuple[str, ...]:
-    """How much of the prior's error is gone, by parameter, and whether the data hold more."""
-    skill = [
-        f"{parameter_of(finding.id)} {number(float(finding.estimate[0]), 2)}"
-        for finding in findings
-        if finding.id.startswith("informed.crps[") and np.isfinite(finding.estimate[0])
-    ]
-    said = [f"Skill over the prior (CRPS; 1 is all): {listed(skill, most=SKILLS)}."] if skill else []
+def _learned(verdict: Verdict, *, known: bool) -> tuple[str, ...]:
+    """Whether the data hold more than was learned, where that is `known`; or whether they are used at all."""
     asked = {gate.id: gate.outcome for gate in verdict.gates}.get(DATA)
     more = {
         Outcome.PASS: "No regression on the data finds more.",
         Outcome.FAIL: "A regression on the data finds more than the draws hold.",
         Outcome.INCONCLUSIVE: "Whether the data hold more is not settled.",
     }
-    if asked is not None and skill:
-        return (*said, more[asked])
-    return tuple(filter(None, [*said, of_the_data(verdict)]))
+    said = more[asked] if known and asked is not None else of_the_data(verdict)
+    return (said,) if said else ()

@@ -143,6 +143,10 @@ def _intervals(shown: Intervals, axes: Axes, gate: Gate | None) -> None:
     for name, (low, high) in shown.inner.items():
         if name in shown.rows:
             axes.plot([low, high], [place[shown.rows.index(name)]] * 2, color=colour, lw=6, alpha=0.35)
+    if shown.beside is not None:
+        said, others = shown.beside
+        axes.plot(others, place, "o", mfc="none", mec="black", ms=9, label=said)
+        axes.legend(fontsize="small", framealpha=0.7)
     axes.set_yticks(place, shown.rows)
     axes.set_ylim(-0.7, len(place) - 0.3)
     axes.set_xlabel(shown.x_label)

@@ -10,7 +10,7 @@ from markupsafe import Markup
 from numpy.typing import ArrayLike
 
 from gaugeblock.reports.pictures import Curve, Histogram, Intervals
-from gaugeblock.reports.svg import Frame, tag
+from gaugeblock.reports.svg import Frame, round_ticks, tag, tick_label
 from gaugeblock.reports.words import count, cut, number, short
 from gaugeblock.validate.finding import Sense
 
@@ -68,10 +68,11 @@ def _told(curve: Curve, x: float, y: float) -> str:
 
 
 def forest(picture: Intervals, *, key: str, failed: bool) -> Markup:
-    """Components' estimates with their intervals, against what is tolerated."""
-    bounds = [*picture.low, *picture.high, *picture.estimate, 0.0]
+    """Components' estimates with their intervals, what is marked beside them, and what is tolerated."""
+    others = np.full(len(picture.rows), math.nan) if picture.beside is None else picture.beside[1]
+    shown = [*picture.low, *picture.high, *picture.estimate, *others, *(picture.spans or (0.0,))]
     limits = [edge for edge in picture.tolerated or () if math.isfinite(edge)]
-    finite = [float(value) for value in (*bounds, *limits) if math.isfinite(value)]
+    finite = [float(value) for value in (*shown, *limits) if math.isfinite(value)]
     margin = 0.06 * (max(finite) - min(finite) or 1.0)
     number_of = len(picture.rows)
     frame = Frame(
@@ -84,26 +85,43 @@ def forest(picture: Intervals, *, key: str, failed: bool) -> Markup:
         marks.append(frame.band([low, high], [0.0, 0.0], [frame.y[1]] * 2, "tolerated"))
     places = [number_of - index - 0.5 for index in range(number_of)]
     names = dict(zip(places, (cut(name, 20) for name in picture.rows), strict=True))
-    marks.append(frame.axes(picture.x_label, "", y_ticks=names))
+    ticks = {at: tick_label(at) for at in round_ticks(min(finite), max(finite))} if picture.spans else None
+    marks.append(frame.axes(picture.x_label, "", x_ticks=ticks, y_ticks=names))
     marks += [frame.upright(edge, "", "tolerance") for edge in limits]
     if frame.x[0] < 0 < frame.x[1]:
         marks.append(frame.upright(0.0, "", "zero"))
-    rows = zip(places, picture.estimate, picture.low, picture.high, strict=True)
-    for at, estimate, low, high in rows:
+    rows = zip(places, picture.rows, picture.estimate, picture.low, picture.high, strict=True)
+    for at, name, estimate, low, high in rows:
         if not math.isfinite(estimate):
             continue
         off = failed and not _meets((low, high), picture.tolerated)
-        ends = [low if math.isfinite(low) else frame.x[0], high if math.isfinite(high) else frame.x[1]]
+        ends = _closed((low, high), frame.x)
         marks.append(frame.line(ends, [at, at], "line astray" if off else "line"))
+        if name in picture.inner:
+            bounds = _closed(picture.inner[name], frame.x)
+            marks.append(frame.line(bounds, [at, at], "inner astray" if off else "inner"))
         marks.append(frame.dots([estimate], [at], "points astray" if off else "points"))
+    marks += [
+        tag("circle", cx=f"{float(frame.across(other)):.1f}", cy=f"{float(frame.down(at)):.1f}", r="4.5",
+            class_="beside")
+        for at, other in zip(places, others, strict=True)
+        if math.isfinite(other)
+    ]  # fmt: skip
     texts = [
-        f"{short(float(value))} ({short(float(low))} to {short(float(high))})"
-        for value, low, high in zip(picture.estimate, picture.low, picture.high, strict=True)
+        _row_told(picture, *numbers)
+        for numbers in zip(picture.estimate, picture.low, picture.high, others, strict=True)
     ]
     marks.append(frame.rows_hovered(places, texts))
     told = [f"{name}: {text}" for name, text in zip(picture.rows, texts, strict=True)]
     description = f"{picture.x_label}. {'; '.join(told)}."
     return frame.drawing(marks, key=key, title=picture.name, description=description)
+
+
+def _row_told(picture: Intervals, value: float, low: float, high: float, other: float) -> str:
+    """What a row says when a pointer is over it."""
+    within = f" ({short(float(low))} to {short(float(high))})" if low < high else ""
+    mark = f"; {picture.beside[0]} {short(float(other))}" if picture.beside and math.isfinite(other) else ""
+    return f"{short(float(value))}{within}{mark}"
 
 
 def _meets(interval: tuple[float, float], tolerated: tuple[float, float] | None) -> bool:

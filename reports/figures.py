@@ -9,6 +9,7 @@ import numpy as np
 
 from gaugeblock.reports.calibration import calibration_picture
 from gaugeblock.reports.charts import curve_with_band, half_height_of, histogram, scatter
+from gaugeblock.reports.information import information_section
 from gaugeblock.reports.pictures import (
     REGIONS,
     Curve,
@@ -18,7 +19,8 @@ from gaugeblock.reports.pictures import (
     ranks,
     weights,
 )
-from gaugeblock.reports.section import Panel, Section
+from gaugeblock.reports.section import Panel, Section, failed
+from gaugeblock.reports.tails import tails_section
 from gaugeblock.reports.words import p_equals, short
 from gaugeblock.reports.worst import TrialErrors
 from gaugeblock.validate import Finding, Gate, Outcome, Verdict
@@ -34,17 +36,14 @@ def sections(verdict: Verdict, findings: Sequence[Finding], errors: TrialErrors 
     made = [
         _ranks(findings, gates),
         _coverage(by_id.get("coverage.central"), gates),
+        tails_section(verdict, findings),
         joint_section(findings, gates),
         local_section(findings, gates),
+        information_section(findings, gates),
         _weights(by_id, gates),
         _errors(errors),
     ]
     return [section for section in made if section is not None]
-
-
-def failed(gates: Mapping[str, Gate], *stems: str) -> bool:
-    """Whether a gate of one of these beginnings FAILs."""
-    return any(gate.outcome is Outcome.FAIL and name.startswith(stems) for name, gate in gates.items())
 
 
 def _panels(

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 from scipy import special
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.reports.learned import REGRESSION, challenger
 from gaugeblock.reports.words import number, parameter_of, short, unit
 from gaugeblock.validate import Finding, Gate
 from gaugeblock.validate.local.regions import as_in_a_twentieth
@@ -96,7 +98,11 @@ class CalibrationMap:
 
 @dataclass(frozen=True, kw_only=True)
 class Intervals:
-    """Estimates of components ``(component,)`` with intervals, and the range that is tolerated, if one is."""
+    """Estimates of components ``(component,)`` with intervals, and the range that is tolerated, if one is.
+
+    `beside` is what is marked beside each estimate, in words, and where, ``(component,)``; `spans` is what
+    the frame shows at least.
+    """
 
     name: str
     rows: tuple[str, ...]
@@ -106,6 +112,21 @@ class Intervals:
     x_label: str
     tolerated: tuple[float, float] | None = None
     inner: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    beside: tuple[str, Array] | None = None
+    spans: tuple[float, float] | None = None
+
+    def of(self, kept: NDArray[np.int64]) -> Intervals:
+        """Some of the rows."""
+        return replace(
+            self, rows=tuple(self.rows[i] for i in kept), estimate=self.estimate[kept], low=self.low[kept],
+            high=self.high[kept], beside=self.beside and (self.beside[0], self.beside[1][kept]),
+        )  # fmt: skip
+
+    def called(self, names: Sequence[str]) -> Intervals:
+        """The same rows under other names."""
+        named = dict(zip(self.rows, names, strict=True))
+        inner = {named[row]: bounds for row, bounds in self.inner.items() if row in named}
+        return replace(self, rows=tuple(names), inner=inner)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -244,11 +265,7 @@ def farthest(shown: Intervals, most: int) -> Intervals:
     """The rows that lie farthest outside of what is tolerated, at most so many, in their order."""
     low, high = shown.tolerated or (0.0, 0.0)
     outside = np.maximum(low - shown.estimate, shown.estimate - high)
-    kept = np.sort(np.argsort(-np.nan_to_num(outside, nan=-np.inf), kind="stable")[:most])
-    return replace(
-        shown, rows=tuple(shown.rows[i] for i in kept), estimate=shown.estimate[kept], low=shown.low[kept],
-        high=shown.high[kept],
-    )  # fmt: skip
+    return shown.of(np.sort(np.argsort(-np.nan_to_num(outside, nan=-np.inf), kind="stable")[:most]))
 
 
 def intervals(finding: Finding | None, gate: Gate | None) -> Intervals | None:
@@ -274,11 +291,16 @@ def intervals(finding: Finding | None, gate: Gate | None) -> Intervals | None:
     shown = np.sort(np.argsort(-beyond, kind="stable")[:MOST])
     return Intervals(
         name=gate.id if gate is not None else finding.id,
-        rows=tuple(rows[i] for i in shown),
-        estimate=estimate[shown],
-        low=low[shown],
-        high=high[shown],
+        rows=rows,
+        estimate=estimate,
+        low=low,
+        high=high,
         x_label=unit(finding.quantity) or "estimate",
         tolerated=tolerated(gate, finding.sense) if gate is not None and judged else None,
         inner=inner,
-    )
+        beside=None if math.isnan(skill := challenger(finding)) else (REGRESSION, _first(skill, estimate)),
+    ).of(shown)
+
+
+def _first(value: float, like: Array) -> Array:
+    return np.where(np.arange(len(like)) == 0, value, np.nan)

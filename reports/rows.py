@@ -154,9 +154,7 @@ def _behind(index: int, gate: Gate, finding: Finding | None) -> tuple[Panel, ...
         left = len(shown.rows) - len(few.rows)
         remark = f"the {len(few.rows)} farthest out; {left} more" if left else ""
         return (
-            Panel(
-                "Estimates and their intervals", remark, forest(replace(few, rows=rows), key=key, failed=True)
-            ),
+            Panel("Estimates and their intervals", remark, forest(few.called(rows), key=key, failed=True)),
         )
     return ()
 

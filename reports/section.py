@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from markupsafe import Markup
+
+from gaugeblock.validate import Gate, Outcome
 
 
 @dataclass(frozen=True)
@@ -32,3 +35,8 @@ class Section:
     panels: tuple[Panel, ...]
     wide: bool = False
     failed: bool = False
+
+
+def failed(gates: Mapping[str, Gate], *stems: str) -> bool:
+    """Whether a gate of one of these beginnings FAILs."""
+    return any(gate.outcome is Outcome.FAIL and name.startswith(stems) for name, gate in gates.items())

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from gaugeblock.reports.baseline import comparison
 from gaugeblock.reports.controls import caught
+from gaugeblock.reports.learned import learned
 from gaugeblock.reports.markdown import code as _code
 from gaugeblock.reports.markdown import text as _text
 from gaugeblock.reports.reason import reason
 from gaugeblock.reports.words import count, decimals_of, interval, number, short
-from gaugeblock.validate import Gate, Outcome, Verdict
+from gaugeblock.validate import Finding, Gate, Outcome, Verdict
 
 MAXIMUM_BYTES = 1_000_000  # a GitHub step summary may hold 1 MiB
 
@@ -17,13 +20,17 @@ _WORST_FIRST = {Outcome.FAIL: 0, Outcome.INCONCLUSIVE: 1, Outcome.PASS: 2}
 _LINES = 50  # lines of one suggestion, or of a comparison
 
 
-def summary_markdown(verdict: Verdict, *, title: str) -> str:
-    """The verdict, a table of gates (the worst first) and what was not checked, as GitHub's Markdown."""
+def summary_markdown(verdict: Verdict, *, title: str, findings: Sequence[Finding] = ()) -> str:
+    """The verdict, a table of gates (the worst first) and what was not checked, as GitHub's Markdown.
+
+    Of a PASS also how much was learned, by the `findings`.
+    """
     head = [
         f"## {_MARKS[verdict.outcome]} {verdict.outcome.value}: {_text(title)}",
         "",
         _text(reason(verdict)),
         "",
+        *(_learned(findings) if verdict.outcome is Outcome.PASS else []),
     ]
     if verdict.gates:
         head += [
@@ -44,6 +51,16 @@ def summary_markdown(verdict: Verdict, *, title: str) -> str:
     if missing_left_out:
         missing += ["", f"… and {missing_left_out:,} more not checked."]
     return "\n".join([*head, *rows, *missing, *foot]) + "\n"
+
+
+def _learned(findings: Sequence[Finding]) -> list[str]:
+    """How much of each parameter is learned."""
+    table = learned(findings)
+    if table is None:
+        return []
+    rows = [f"| {' | '.join([f'`{_code(name)}`', *cells])} |" for name, *cells in table.rows]
+    head = [f"| {' | '.join(table.head)} |", f"|---|{'---:|' * (len(table.head) - 1)}"]
+    return [f"**{_text(table.said)}**", "", *head, *rows, ""]
 
 
 def _caught(verdict: Verdict) -> list[str]:

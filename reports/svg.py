@@ -195,12 +195,14 @@ class Frame:
         """A strip over each row at `y`, of height 1, that shows its text under a pointer."""
         ends = (self.left, self.width - self.right)
         edges = [(float(self.down(at + 0.5)), float(self.down(at - 0.5))) for at in np.asarray(y)]
+        # A text longer than its axis has the whole picture's width.
+        fits = 6.5 * max(map(len, texts), default=0) < ends[1] - ends[0] - 6
         return _tips(
             (
                 (f"M{ends[0]:g} {a:.1f}H{ends[1]:g}V{b:.1f}H{ends[0]:g}Z", "", text)
                 for (a, b), text in zip(edges, texts, strict=True)
             ),
-            f"{self.left + 6:g}",
+            f"{self.left + 6 if fits else 6:g}",
         )
 
     def upright(self, x: float, text: str, class_: str = "mark", *, row: int = 0) -> Markup:

@@ -2,27 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from gaugeblock.core.errors import one_line
 from gaugeblock.reports.baseline import comparison
 from gaugeblock.reports.controls import caught
+from gaugeblock.reports.learned import learned_lines
 from gaugeblock.reports.reason import before, of_the_data, of_trust
-from gaugeblock.validate import Outcome, Verdict
+from gaugeblock.validate import Finding, Outcome, Verdict
 
 SHOWN = 20
 
 
 def terminal_summary(
-    verdict: Verdict, folder: Path, *, resources: Mapping[str, Mapping[str, Any]] | None = None
+    verdict: Verdict,
+    folder: Path,
+    *,
+    findings: Sequence[Finding] = (),
+    resources: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> str:
     """The verdict, the gates that did not PASS with their messages, and where to read on.
 
-    `resources` are what each child of a stranger used, as `resources.json` holds it.
+    Of a PASS also how much was learned, by the `findings`. `resources` are what each child of a stranger
+    used, as `resources.json` holds it.
     """
     lines = verdict_lines(verdict, shown=SHOWN)
+    if verdict.outcome is Outcome.PASS:
+        lines += learned_lines(findings)
     lines += before(verdict)
     if trust := of_trust(verdict.provenance):
         lines.append(f"Caveat: {trust}")

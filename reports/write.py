@@ -46,7 +46,7 @@ def rendered(
     card = {"model_card.md": model_card(verdict, title=title)} if audited else {}
     contents = {
         "junit.xml": junit_xml(verdict, title=title),
-        "summary.md": summary_markdown(verdict, title=title),
+        "summary.md": summary_markdown(verdict, title=title, findings=findings),
         "report.html": report_html(verdict, findings, trials, title=title),
         **card,
         # Last, so that a verdict never stands beside an older report.

@@ -336,7 +336,7 @@ def _finish(result: Audit, out: Path) -> None:
     from gaugeblock.reports.machine import verdict_json
     from gaugeblock.reports.terminal import terminal_summary
 
-    say(terminal_summary(result.verdict, out, resources=result.resources))
+    say(terminal_summary(result.verdict, out, findings=result.findings, resources=result.resources))
     for each in result.verdict.gates:
         detail(f"  {each.outcome.value:<12} {each.id}: {each.message}")
     hand_over(json.loads(verdict_json(result.verdict, result.findings)))
