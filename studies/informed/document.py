@@ -12,7 +12,7 @@ from studies.kit.results import command_of, of_commit, read
 # Which file is of which validator, and how its gate is judged.
 FILES = {"informed": "informed.nc", "anytime": "informed-anytime.nc"}
 JUDGED = {
-    "informed": "`informed.rank` alone, judged by the default policy as one of two families sharing its budget",
+    "informed": "`informed.rank` alone, judged by the default policy as one of two that share its budget",
     "anytime": "`anytime.informed` after every trial, judged by the default policy beside the other bets",
 }
 

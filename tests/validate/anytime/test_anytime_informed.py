@@ -116,16 +116,22 @@ def test_exact_posteriors_are_rarely_blocked_and_score_nothing(name):
     assert low < np.var(z, ddof=1) < high
 
 
-def test_what_was_said_of_a_trial_stands():
-    """Bets hold at any trial only if no later one changes scores: also of heavy, odd and late-coming data."""
+@pytest.mark.parametrize("counts", [False, True])
+def test_what_was_said_of_a_trial_stands(counts):
+    """Bets hold at any trial only if no later one changes scores: also of heavy, odd and late-coming data,
+    and of counts that fall below 0."""
     rng = np.random.default_rng(6)
     n = 900
     theta = rng.normal(size=(n, 2))
     x = np.column_stack(
         [theta[:, 0] + rng.normal(size=n), rng.standard_cauchy(n) ** 3, np.ones(n), 5 + rng.normal(size=n)]
     )
+    quiet = rng.normal(size=n)
+    quiet[450:] *= 0.01
+    x = np.column_stack([x, quiet])
     x[700:] *= 100
     x[800:, 2] = -4.0
+    x[:820] = np.abs(x[:820]) if counts else x[:820]
     own = rng.normal(size=n)
     own[850] = np.nan
     trials = make_trials(theta, rng.normal(size=(n, 30, 2)), ["a", "b"], x=x).assign(mood=("trial", own))
