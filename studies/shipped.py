@@ -170,7 +170,7 @@ def _families(gates: Iterable[Any]) -> str:
 def run(chosen: argparse.Namespace) -> None:
     """Two audits of every flow and one of both, whose verdict is put beside the flow's weights.
 
-    Of a flow in parts, that is the verdict of the worst. What was found of other flows stays in the table.
+    Of a flow in parts, that is the verdict of the `worst`. What was found of other flows stays in the table.
 
     Raises
     ------
@@ -200,11 +200,26 @@ def run(chosen: argparse.Namespace) -> None:
         made = _as_table([one for one in kept if one["flow"] != name] + rows)
         made_by = record(f"python -m {NAME} NAME --commit COMMIT", int(rows[0]["seed"]))
         write({"": made.assign_attrs(made_by)}, file)
-        outcome = combine(one.outcome for one in verdicts)
-        worst = next(one for one in verdicts if one.outcome is outcome)
-        said = verdict_json(worst.verdict, worst.findings)
+        kept_one = worst(verdicts)
+        said = verdict_json(kept_one.verdict, kept_one.findings)
         write_atomically(chosen.models / name / "verdict.json", said.encode())
         sys.stdout.write(shown(_as_table(rows)) + "\n")
+
+
+def worst(audits: Sequence[Audit]) -> Audit:
+    """The audit with the worst outcome; of several, the one whose worst gate uses most of its tolerance."""
+    outcome = combine(one.outcome for one in audits)
+    return max(
+        (one for one in audits if one.outcome is outcome), key=lambda one: max(_used(one), default=0.0)
+    )
+
+
+def _used(audit: Audit) -> Iterable[float]:
+    """Shares of their tolerances that gates use, as estimated; of an efficiency, what is asked of what is."""
+    for gate in audit.gates.values():
+        if gate.tolerance and gate.statistic:
+            share = abs(gate.statistic) / gate.tolerance
+            yield 1 / share if gate.id == "importance.ess" else share
 
 
 def develop(chosen: argparse.Namespace) -> None:
@@ -244,9 +259,12 @@ def shown(made: xr.Dataset) -> str:
     return table(header, lines)
 
 
-def flows(made: xr.Dataset) -> str:
+def flows(made: xr.Dataset, models: Path) -> str:
     """A line for every flow that ships: how it was made, and what both audits together say."""
-    header = ["`shipped:`", "network", "simulations", "steps", "redraws", "loss", "verdict", "efficiency"]
+    header = [
+        *("`shipped:`", "network", "simulations", "steps", "redraws", "loss", "verdict", "efficiency"),
+        "joint likelihood",
+    ]
     lines = []
     for one in _rows(made):
         if one["audit"] == AUDITS[2]:
@@ -256,8 +274,23 @@ def flows(made: xr.Dataset) -> str:
                 _called(one), kind, f"{trained['simulations']:,}", f"{trained['steps']:,}",
                 str(trained.get("redraws") or "-"), f"{model['validation_loss']:.3f}",
                 "{outcome}, {policy}, {trials:,} trials".format_map(one), EFFICIENCY.format_map(one),
+                _likelihood(one, models),
             ])  # fmt: skip
     return table(header, lines)
+
+
+def _likelihood(one: Mapping[str, Any], models: Path) -> str:
+    """The gate `joint.likelihood` of the verdict beside the weights, bold where it is beyond as estimated.
+
+    Of a flow in parts that verdict is of one of them, and the others have none.
+    """
+    said = json.loads((models / one["flow"] / "verdict.json").read_text(encoding="utf-8"))
+    own = PROMISES[one["flow"]].parts[one["part"]]
+    if said["provenance"]["simulator"].get("exposure") != own.get("exposure"):
+        return ""
+    gate = next(gate for gate in said["gates"] if gate["id"] == "joint.likelihood")
+    shown = "{statistic:.3f} ({interval[0]:.3f} to {interval[1]:.3f}) of {tolerance:g}".format_map(gate)
+    return f"**{shown}**" if abs(gate["statistic"]) > gate["tolerance"] else shown
 
 
 def logged(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -293,9 +326,9 @@ def _rows(made: xr.Dataset) -> list[dict[str, Any]]:
     ]
 
 
-def _page(page: Path, file: Path) -> None:
+def _page(page: Path, file: Path, models: Path) -> None:
     made = read(file)
-    fill(page, {"shipped flows": flows(made), "shipped audits": shown(made)})
+    fill(page, {"shipped flows": flows(made, models), "shipped audits": shown(made)})
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -314,7 +347,7 @@ def main(arguments: Sequence[str]) -> int:
         sys.stdout.write(logged(_rows(read(file)) if file.exists() else []) + "\n")
         return 0
     if chosen.page:
-        return carried_out(partial(_page, chosen.docs / "training.md", file))
+        return carried_out(partial(_page, chosen.docs / "training.md", file, chosen.models))
     if chosen.development:
         return carried_out(partial(develop, chosen))
     return carried_out(partial(run, chosen))

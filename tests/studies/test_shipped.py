@@ -1,7 +1,9 @@
 """The flows that ship and their final audits: promised for all, opened once, put together whole."""
 
 import json
+import re
 import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from studies.kit.results import DOCS, RESULTS, read
 import gaugeblock as gb
 from gaugeblock.core.errors import InputError
 from gaugeblock.estimators.npe.shipped import reference_model_path
+from gaugeblock.validate import Outcome
 from gaugeblock.validate.trials import group_trials
 
 MODELS = reference_model_path().parent
@@ -181,6 +184,47 @@ def test_a_flow_for_many_exposures_is_audited_in_each_range_and_judged_by_the_wo
     assert shipped._called(rows[0]) == f"`{FLOW}`, 1 to 10 s"
 
 
+def test_the_worst_of_several_audits_is_the_nearest_to_a_tolerance_of_those_with_the_worst_outcome():
+    class Said:
+        def __init__(self, outcome, **gates):
+            self.outcome = Outcome(outcome)
+            self.gates = {
+                name: SimpleNamespace(id=name.replace("_", "."), statistic=statistic, tolerance=tolerance)
+                for name, (statistic, tolerance) in gates.items()
+            }
+
+    near = Said("PASS", joint_likelihood=(-0.039, 0.03), draws_finite=(0.0, 0.0), sbc_bias=(0.04, 0.1))
+    far = Said("PASS", joint_likelihood=(0.02, 0.03), importance_ess=(0.9, 0.1), sbc_bias=(-0.08, 0.1))
+    assert shipped.worst([far, near]) is shipped.worst([near, far]) is near
+    # Half of what is asked for is twice as far as may be.
+    wasteful = Said("PASS", importance_ess=(0.05, 0.1), sbc_bias=(0.0, 0.1))
+    assert shipped.worst([near, wasteful]) is wasteful
+    failed = Said("FAIL", sbc_bias=(0.01, 0.1))
+    assert shipped.worst([near, failed, wasteful]) is failed
+
+
+def test_an_estimate_beyond_its_tolerance_is_bold_and_of_parts_one_has_a_verdict(tmp_path, monkeypatch):
+    ranges = ((1.0, 10.0), (10.0, 100.0))
+    monkeypatch.setattr(shipped, "PROMISES", {FLOW: shipped.Promise("strict", 60, 400, exposures=ranges)})
+    own = {"distribution": "log_uniform", "low": 10.0, "high": 100.0}
+    (tmp_path / FLOW).mkdir()
+
+    def told(statistic):
+        gate = {
+            "id": "joint.likelihood",
+            "statistic": statistic,
+            "interval": [-0.05, 0.01],
+            "tolerance": 0.03,
+        }
+        said = {"provenance": {"simulator": {"exposure": own}}, "gates": [gate]}
+        (tmp_path / FLOW / "verdict.json").write_text(json.dumps(said))
+        parts = ("1 to 10 s", "10 to 100 s")
+        return [shipped._likelihood({"flow": FLOW, "part": part}, tmp_path) for part in parts]
+
+    assert told(-0.0301) == ["", "**-0.030 (-0.050 to 0.010) of 0.03**"]
+    assert told(-0.03) == ["", "-0.030 (-0.050 to 0.010) of 0.03"]
+
+
 def test_an_audit_of_a_range_has_its_simulator_and_a_folder_of_its_own(tmp_path, monkeypatch):
     ranges = ((1.0, 10.0), (10.0, 100.0))
     monkeypatch.setattr(shipped, "PROMISES", {FLOW: shipped.Promise("strict", 60, 400, exposures=ranges)})
@@ -205,8 +249,14 @@ def test_an_audit_of_a_range_has_its_simulator_and_a_folder_of_its_own(tmp_path,
 
 def test_the_page_shows_what_is_stored(twin, tmp_path):
     shutil.copy(DOCS / "training.md", tmp_path)
-    assert main(["shipped", "--page", "--out", str(twin), "--docs", str(tmp_path)]) == 0
+    folders = ["--out", str(twin), "--docs", str(tmp_path), "--models", str(twin / "models")]
+    assert main(["shipped", "--page", *folders]) == 0
     page = (tmp_path / "training.md").read_text()
+    gates = json.loads((twin / "models" / FLOW / "verdict.json").read_text())["gates"]
+    gate = next(one for one in gates if one["id"] == "joint.likelihood")
+    low, high = gate["interval"]
+    said = f"{gate['statistic']:.3f} ({low:.3f} to {high:.3f}) of 0.03"
+    assert f" | {said} |" in page or f" | **{said}** |" in page
     assert f"| `{FLOW}` | both | strict | 120 | INCONCLUSIVE | - | sbc" in page
     assert (
         f"| `{FLOW}` | default | 400,000 | 12,000 | - | -0.410 | INCONCLUSIVE, strict, 120 trials |" in page
@@ -217,6 +267,16 @@ def test_the_page_is_of_what_is_committed(tmp_path):
     shutil.copy(DOCS / "training.md", tmp_path)
     assert main(["shipped", "--page", "--docs", str(tmp_path)]) == 0
     assert (tmp_path / "training.md").read_text() == (DOCS / "training.md").read_text()
+
+
+def test_flows_whose_joint_likelihood_lies_beyond_what_is_tolerated_are_named_on_the_page():
+    page = (DOCS / "training.md").read_text()
+    bold = {line.split("`")[1] for line in page.splitlines() if re.match(r"\| `.*\*\*-0\.\d+ ", line)}
+    others = {"epic-pn-medium", "epic-pn-bright", "nicer-medium"}
+    assert bold == others | {"epic-pn-bright-gain", "epic-pn-exposures"}
+    named = page.partition("Of five flows of nine")[2].partition("\n\n")[0]
+    assert others == set(re.findall("`(.*?)`", named))
+    assert len(shipped.PROMISES) == 9
 
 
 @pytest.mark.parametrize("name", shipped.PROMISES)
@@ -231,8 +291,12 @@ def test_a_flow_ships_with_the_verdict_of_its_final_audits(name):
     assert {row["policy"] for row in rows} == {promise.policy}
     number = verdict["provenance"]["trials"]["number"]
     assert {row["trials"] for row in rows} == {2 * promise.trials} == {number}
-    # The worst of its parts speaks for it.
+    # The worst of its parts speaks for it, and of those alike the one that leaves most open.
     worst = next(
         said for said in ("FAIL", "INCONCLUSIVE", "PASS") if said in {row["outcome"] for row in rows}
     )
     assert verdict["verdict"] == worst
+    own = verdict["provenance"]["simulator"].get("exposure")
+    part = next(part for part, given in promise.parts.items() if given.get("exposure") == own)
+    open_beside = {row["part"]: row["open_beside"] for row in rows if row["outcome"] == worst}
+    assert len(open_beside[part].split(", ")) == max(len(said.split(", ")) for said in open_beside.values())
