@@ -77,10 +77,11 @@ def forecast(item: Judgeable, bound: Bounds, *, look: int, seed: int) -> Forecas
         if not len(fault):
             break
     first = _rounded(float(np.quantile(settled, LOW, method="higher")), math.floor)
-    # What the range holds counts from its end as it is said: many may be settled at the very first look.
+    # What the range holds counts from its ends as they are said: many may be settled at the very first look.
     earlier = 1.0 if first is None else float(np.mean(settled < first))
-    last = np.quantile(settled, min(earlier + HELD, 1.0), method="higher")
-    return Forecast(first, _rounded(float(last), math.ceil))
+    last = float(np.quantile(settled, min(earlier + HELD, 1.0), method="higher"))
+    ends = [_rounded(last, outward) for outward in (math.floor, math.ceil)]
+    return Forecast(first, min(ends, key=lambda end: abs(np.mean(settled <= (end or 0)) - earlier - HELD)))
 
 
 def _reduced(item: Judgeable) -> tuple[Array, Array, Array | float, Array | float]:
@@ -108,7 +109,7 @@ def _root(item: Judgeable, components: int) -> Array:
 
 
 def _rounded(number: float, outward: Callable[[float], int]) -> int | None:
-    """An end of a range, outward to two digits: nobody plans 1,637 trials.
+    """An end of a range, to two digits: nobody plans 1,637 trials.
 
     >>> _rounded(4123.0, math.ceil), _rounded(4123.0, math.floor), _rounded(1.05e6, math.ceil)
     (4200, 4100, 1100000)

@@ -89,13 +89,16 @@ def test_a_range_is_that_of_futures_followed_one_by_one(components, known, monke
         far, spread, before = np.abs(total / after).max(axis=1), sd / np.sqrt(after), after
         ends = (far + reach * spread <= TOLERANCE) | (far - bound.next_critical * spread > TOLERANCE)
         settled = np.where(ends, np.minimum(settled, after), settled)
-    # Four errors of shares of 40,000 beside as many: 0.009. The share is that of the ends as they are said.
+    # Four errors of shares of 40,000 beside as many: 0.009.
     unit = {end: 10 ** (len(str(end)) - 2) for end in found}
     assert np.mean(settled < found.low) <= 0.1 + 0.009
     assert np.mean(settled < found.low + unit[found.low]) >= 0.1 - 0.009
-    held = found.low <= settled
-    assert np.mean(held & (settled <= found.high)) >= 0.8 - 0.009
-    assert np.mean(held & (settled <= found.high - unit[found.high])) <= 0.8 + 0.009
+    # Of all numbers of two digits the upper end holds the share that is nearest to eight of ten.
+    off = [
+        abs(np.mean((found.low <= settled) & (settled <= found.high + step * unit[found.high])) - 0.8)
+        for step in (-1, 0, 1)
+    ]
+    assert off[1] <= min(off) + 0.009
 
 
 @pytest.mark.parametrize("sense", ["at-least", "at-most"])
