@@ -19,6 +19,7 @@ from studies.error_rates import (
     intervals,
     looks,
     power,
+    regions,
     retraining,
     shapes,
     shortcut,
@@ -48,6 +49,7 @@ def parts(work: Path, seed: int, **options: Any) -> dict[str, Callable[[], Part]
         "retraining": retraining.part,
         "power": power.part,
         "blind-spots": blind.part,
+        "regions": regions.part,
         "curves": curves.part,
         "anytime": anytime.part,
     } | {

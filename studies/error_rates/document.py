@@ -336,6 +336,7 @@ TABLES: Mapping[str, Callable[[xr.Dataset], str]] = {
         released="release of the best",
     ),
     "power": power_table,
+    "regions": _rates("exact posterior, trials", FAIL="FAIL", PASS="PASS"),
     "blind-spots": blind_table,
     "anytime": anytime_table,
     "curves": lambda table: "",  # noqa: ARG005  (a figure says it)

@@ -1,0 +1,33 @@
+"""Exact posteriors in every region, and one that is not: twin of the part `regions`."""
+
+from __future__ import annotations
+
+import numpy as np
+from studies.error_rates import regions
+from studies.error_rates.replicates import run
+from studies.informed.problems import EXACT, Made
+
+
+def bright_half(rng, trials, draws):
+    """Right on average, too wide where x is large and too narrow elsewhere."""
+    x = rng.normal(size=(trials, 1))
+    away = rng.normal(size=(trials, draws + 1, 1))
+    away[:, 1:] *= np.where(x[:, :, None] > 0, 1.6, 0.6)
+    return Made(x + away[:, 0], x[:, None] + away[:, 1:], x)
+
+
+def test_half_of_the_data_wrong_fails_and_a_wide_tolerance_passes():
+    assert regions.audited(bright_half, 1500, 0.21, 1)["FAIL"] == 1.0
+    assert regions.audited(EXACT["counts"], 1500, 4.0, 1) == {"PASS": 1.0, "FAIL": 0.0, "INCONCLUSIVE": 0.0}
+    assert regions.audited(EXACT["counts"], 300, 0.01, 1, draws=20)["INCONCLUSIVE"] == 1.0
+
+
+def test_the_tolerance_of_each_size_is_its_own(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(regions, "audited", lambda *given: asked.append(given) or {"PASS": 1.0})
+    part = regions.part()
+    run(part, tmp_path, seed=3, replicates=1)
+    assert len(part.cases) == 2 * len(EXACT) == len(asked)
+    assert {given[1:3] for given in asked} == {(4000, 0.21), (10_000, 0.12)}
+    assert {given[0] for given in asked} == set(EXACT.values())
+    assert len({given[3] for given in asked}) == len(asked)
