@@ -1,5 +1,7 @@
 """Bets against claims by hand: products trial by trial, what ruins them, and edges that stay tenable."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -89,3 +91,15 @@ def test_bounds_are_where_the_best_moment_just_refutes():
     nothing = Wager(**{**vars(of), "score": of.score[:, :1], "expected": of.expected[:, :1]})
     low, high = nothing.bounds((lower, BOLD, 20.0), (upper, BOLD, 20.0), (-1.5, 2.5))
     assert (low.tolist(), high.tolist()) == ([-1.5] * 3, [2.5] * 3)
+
+
+@pytest.mark.parametrize("hits", [False, True])
+def test_trials_without_a_score_are_no_bets(hits):
+    """After the first four the capital is that of a wager on the others alone."""
+    of = wager(hits=hits)
+    rest = replace(of, score=of.score[:, 4:], expected=of.expected if hits else of.expected[:, 4:])
+    bets = of.bold(EDGE)[0]
+    found, wanted = of.after(4).against(EDGE, bets, BOLD), rest.against(EDGE, bets, BOLD)
+    np.testing.assert_allclose(found[:, :4], 0.0, atol=1e-12)
+    np.testing.assert_allclose(found[:, 4:], wanted)
+    assert of.after(0) is of
