@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 from tests.reports.test_learned import MANY, TWO
 
 from gaugeblock.reports.figures import sections
@@ -80,6 +81,34 @@ def test_shares_far_out_and_what_is_tolerated_of_them(strayed):
     thick = places(outside, "thick")[0]
     assert thick == pytest.approx(np.array([[-gate.pass_interval[1], -gate.pass_interval[0]]]), abs=pixel)
     assert "Not judged: 99.7% intervals need 1,333 draws a trial; there are 420." in section.what
+
+
+def test_where_nothing_lies_far_out_the_frame_is_as_wide_as_twice_what_is_tolerated(strayed):
+    findings, verdict = strayed
+    calm = next(f for f in findings if f.id == "tails.outliers[a]")
+    far = str(tails_section(verdict, [calm]).panels[0].picture)
+    assert ">0.002</text>" in far
+    assert ">0.003</text>" not in far
+
+
+def test_of_many_parameters_the_farthest_out_are_drawn(strayed):
+    """Shares of draws and truths are told apart from what one exceeds the other by."""
+    findings, verdict = strayed
+    one = next(f for f in findings if f.id == "tails.outliers[a]")
+
+    def shares(k):
+        held = xr.Dataset({"draws": ((), 0.004 + 0.001 * k), "truths": ((), 0.003)})
+        excess = np.array([0.001 + 0.001 * k])
+        return replace(one, id=f"tails.outliers[p{k}]", components=(f"p{k}",), estimate=excess, details=held)
+
+    panels = tails_section(verdict, [shares(k) for k in range(20)]).panels
+    assert [panel.remark.rpartition("; ")[2] for panel in panels] == ["the 16 farthest out of 20"] * 2
+    for panel, least in zip(panels, (0.008, 0.005), strict=True):
+        picture = str(panel.picture)
+        assert re.findall(r'text-anchor="end">(p\d+)</text>', picture) == [f"p{k}" for k in range(4, 20)]
+        dots, pixel = places(picture, "dot")
+        assert dots == pytest.approx(least + 0.001 * np.arange(16), abs=pixel)
+    assert "farthest" not in tails_section(verdict, [shares(k) for k in range(16)]).panels[0].remark
 
 
 def test_without_findings_there_is_no_section(strayed):
