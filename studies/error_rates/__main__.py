@@ -12,6 +12,7 @@ from gaugeblock.core.progress import Bars
 from studies.error_rates import (
     anytime,
     blind,
+    caught,
     curves,
     edges,
     forecasts,
@@ -50,6 +51,7 @@ def parts(work: Path, seed: int, **options: Any) -> dict[str, Callable[[], Part]
         "power": power.part,
         "blind-spots": blind.part,
         "regions": regions.part,
+        "caught": caught.part,
         "curves": curves.part,
         "anytime": anytime.part,
     } | {

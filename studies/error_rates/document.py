@@ -236,7 +236,8 @@ def blind_table(table: xr.Dataset) -> str:
     lines = []
     for case in table["case"].values.tolist():
         cells: list[list[str]] = [[], [], []]
-        found = table.sel(case=case).drop_sel(thing="FAIL")
+        # Finite draws are no news where none of the faults is of them.
+        found = table.sel(case=case).drop_sel(thing=["FAIL", "draws.finite"], errors="ignore")
         for gate in found.isel(thing=np.argsort(-found["count"].values, kind="stable"))["thing"].values:
             count, number = (int(found[name].sel(thing=gate)) for name in ("count", "replicates"))
             if number:
@@ -295,6 +296,18 @@ def most_of(replicates: int) -> int:
     return int(stats.binom.ppf(1 - 1e-4, replicates, 0.05))
 
 
+def caught_table(table: xr.Dataset) -> str:
+    """How often a fault that was said to be caught FAILs, and of how many pilots that said so of one."""
+    kinds = {"bias": "bias", "width": "width", "region": "bias in a region", "loss": "loss of information"}
+    number = table["replicates"]
+
+    def cell(case: str, kind: str) -> str:
+        return f"{percent(table, case=case, thing=kind)} of {int(number.sel(case=case, thing=kind))}"
+
+    lines = [(case, *(cell(case, kind) for kind in kinds)) for case in table["case"].values.tolist()]
+    return rows(("posterior", *kinds.values()), lines)
+
+
 def anytime_table(table: xr.Dataset) -> str:
     """Decisions of the anytime mode, and when they fell."""
     lines = []
@@ -337,6 +350,7 @@ TABLES: Mapping[str, Callable[[xr.Dataset], str]] = {
     ),
     "power": power_table,
     "regions": _rates("exact posterior, trials", FAIL="FAIL", PASS="PASS"),
+    "caught": caught_table,
     "blind-spots": blind_table,
     "anytime": anytime_table,
     "curves": lambda table: "",  # noqa: ARG005  (a figure says it)

@@ -41,6 +41,14 @@ def tables():
         "intervals": indicators({"exact": [{"inside": 1.0}]}),
         **dict.fromkeys(("shortcut", "edge-gates", "edges", "looks"), indicators({"bias": verdict})),
         "regions": indicators({"Cauchy, 4,000": verdict}),
+        "caught": indicators(
+            {
+                "Cauchy": [
+                    dict.fromkeys(("bias", "width", "loss"), 1.0) | {"region": 0.0 if k < 3 else np.nan}
+                    for k in range(8)
+                ]
+            }
+        ),
         "forecasts": indicators({"normal": [dict.fromkeys((WITHIN, BEFORE, AFTER, EDGED), 1.0)]}),
         "retraining": indicators({"on the edge": [{"released": 1.0, **ANY_OF}]}),
         **dict.fromkeys(SHAPES, indicators({"Cauchy": unsettled, "chain": unsettled})),
@@ -53,7 +61,7 @@ def tables():
         "power": indicators({"exact": verdict, "narrow": verdict}),
         "blind-spots": blind.summarise(
             {
-                "nothing": [{"FAIL": 0.0, "sbc.bias": 0.0, "joint.tarp": 0.0}] * 10,
+                "nothing": [{"FAIL": 0.0, "sbc.bias": 0.0, "draws.finite": 0.0, "joint.tarp": 0.0}] * 10,
                 "much": [{"FAIL": 1.0, "sbc.bias": float(k == 0), "models": 1.0} for k in range(9)]
                 + [{"FAIL": 0.0, "sbc.bias": 0.0, "models": 0.0}],
                 "something": [
@@ -91,7 +99,7 @@ def test_every_part_has_a_table(tables):
         "intervals",
         *SHAPES,
     }
-    without |= {"blind-spots", "regions"}
+    without |= {"blind-spots", "regions", "caught"}
     assert set(FIGURE) == set(NAMES) - without
 
 
@@ -109,6 +117,8 @@ def test_tables_stand_where_the_document_wants_them(tables):
         assert once.count(f"| Cauchy | {none} | {promised}`sbc.log_width` |") == 2
     assert once.count(f"| chain | {none} | nothing | `sbc.log_width` |") == 4
     assert "| `mmd` |  | 0.0% (0.0 to 8.8) |" in once
+    always, never = "100.0% (63.1 to 100.0) of 8", "0.0% (0.0 to 70.8) of 3"
+    assert f"| Cauchy | {always} | {always} | {never} | {always} |" in once
     assert "| nothing | 0.0% (0.0 to 30.8) |  |  | `joint.tarp`, `sbc.bias` |" in once
     assert "| much | 90.0% (55.5 to 99.7) | `models` (9) |  | `sbc.bias` (1) |" in once
     assert "| something | 100.0% (69.2 to 100.0) |  | `models` (8), `sbc.bias` (2) |  |" in once

@@ -95,7 +95,10 @@ def test_an_exact_estimator_passes_after_a_thousand_trials_and_never_before():
     assert gate.pass_interval[1] < 0.018
     # As good as can be for 1,000 trials, and nothing known of the others: no bet has been made.
     calm = np.r_[np.full(250, np.nan), np.full(750, -0.05), np.full(500, np.nan)]
-    assert decide(gather([of(calm)], DEFAULT), 0.05) == [Outcome.INCONCLUSIVE]
+    (evidence,) = gather([of(calm)], DEFAULT)
+    assert (evidence.outside <= 0.0).all()
+    (gate,) = sequence_gates([of(calm)], DEFAULT)
+    assert (gate.outcome, gate.pass_interval) == (Outcome.INCONCLUSIVE, (-2.5, 2.5))
     later = np.r_[np.full(1000, np.nan), np.full(500, -0.05)]
     assert decide(gather([of(later)], DEFAULT), 0.05) == [Outcome.PASS]
 

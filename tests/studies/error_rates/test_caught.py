@@ -1,0 +1,101 @@
+"""Faults are as large as pilots state them, and fresh audits of them FAIL: twin of the part `caught`."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+from studies.error_rates import caught
+from studies.error_rates.shapes import SHAPES
+from studies.error_rates.shortcut import middle
+
+from gaugeblock.validate import Outcome
+
+
+def away(pool, x):
+    """Draws less their data, in half-widths of a Cauchy posterior, and the truths likewise."""
+    return pool[:, 1:, 0] - x, pool[:, 0] - x
+
+
+@pytest.mark.parametrize("kind", ["bias", "width", "region"])
+def test_a_fault_is_as_large_as_it_says(kind):
+    """Of Cauchy posteriors, of half-width 1.82: medians and quantiles of 100,000 draws, within 4 errors."""
+    rng = np.random.default_rng(1)
+    pool, x = caught.faulty(kind, 0.5, "Cauchy", rng)
+    unit = stats.cauchy.ppf(0.84)
+    assert middle("Cauchy")[1] == pytest.approx(unit, rel=0.01)
+    draws, truth = away(pool, x)
+    wrong = x[:, 0] >= np.quantile(x, 7 / 8) if kind == "region" else np.ones(len(x), dtype=bool)
+    assert wrong.sum() == (125 if kind == "region" else 1000)
+    error = np.pi / 2 / np.sqrt(100 * wrong.sum())
+    wanted = 0.0 if kind == "width" else 0.5 * unit
+    assert abs(np.median(draws[wrong]) - wanted) < 4 * error + 0.005
+    if not wrong.all():
+        assert abs(np.median(draws[~wrong])) < 4 * np.pi / 2 / np.sqrt(100 * 875)
+    low, high = np.quantile(draws[wrong], [0.16, 0.84])
+    stretched = abs(np.log((high - low) / 2 / unit))
+    assert stretched == pytest.approx(0.5 if kind == "width" else 0.0, abs=0.06)
+    assert abs(np.median(truth)) < 4 * np.pi / 2 / np.sqrt(1000)
+
+
+def test_a_loss_is_calibrated_and_as_wide_as_it_says():
+    """Normal: noise of sd s makes intervals sqrt(1 + s^2) as wide; truths rank uniformly among the draws."""
+    assert caught.noise_of("normal", 0.2) == pytest.approx(np.sqrt(np.exp(0.4) - 1), abs=0.01)
+    pool, x = caught.faulty("loss", 0.2, "normal", np.random.default_rng(2))
+    draws = pool[:, 1:, 0]
+    assert draws.std(axis=1).mean() == pytest.approx(np.exp(0.2), rel=0.01)
+    rank = (draws < pool[:, :1, 0]).sum(axis=1)
+    assert stats.kstest((rank + 0.5) / 101, "uniform").pvalue > 1e-3
+    # And the datum says more: the truth is as near to it as an exact posterior's.
+    assert (pool[:, 0] - x).std() == pytest.approx(1.0, abs=4 / np.sqrt(2000))
+    exact, x = caught.pools("normal", np.random.default_rng(3))
+    assert (exact[:, 1:] - x[:, None]).std() == pytest.approx(1.0, rel=0.01)
+    assert x.std() == pytest.approx(3.0, abs=12 / np.sqrt(2000))
+
+
+def test_what_a_pilot_states_is_put_in_and_counted(monkeypatch):
+    """Each kind by its own gate, in trials of their own; a size that would not be caught is not to be had."""
+    asked, seeds = [], []
+
+    class Control:
+        def __init__(self, kind):
+            self.kind, self.size, self.caught = kind, 0.1 * len(kind), kind != "region"
+
+    class Gate:
+        def __init__(self, name, outcome):
+            self.id, self.outcome = name, outcome
+
+    class Verdict:
+        controls = tuple(Control(kind) for kind in caught.GATES)
+        gates = tuple(
+            Gate(name, Outcome.PASS if name == "informed.rank" else Outcome.FAIL)
+            for name in caught.GATES.values()
+        )
+
+    def faulty(kind, size, shape, rng):
+        asked.append((kind, size, shape))
+        return rng.normal(size=2), None
+
+    monkeypatch.setattr(caught, "faulty", faulty)
+    monkeypatch.setattr(
+        caught, "judged", lambda pool, x, seed: seeds.append((float(pool.ravel()[0]), seed)) or Verdict()
+    )
+    found = caught.once("normal", 7)
+    assert asked == [(kind, pytest.approx(0.1 * len(kind)), "normal") for kind in caught.GATES]
+    assert {kind: found[kind] for kind in ("bias", "width", "loss")} == {
+        "bias": 1.0,
+        "width": 1.0,
+        "loss": 0.0,
+    }
+    assert np.isnan(found["region"])
+    assert len({first for first, _ in seeds}) == 5
+    assert [seed for _, seed in seeds] == [7, 8, 8, 8, 8]
+    assert set(caught.SHOWN) <= set(SHAPES)
+
+
+def test_one_replicate_of_few_trials(monkeypatch):
+    """The real thing: all four kinds are stated, and a bias that is caught in nine of ten FAILs."""
+    monkeypatch.setattr(caught, "TRIALS", 600)
+    found = caught.once("normal", 3)
+    assert set(found) == set(caught.GATES)
+    assert found["bias"] == found["width"] == 1.0
