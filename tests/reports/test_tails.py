@@ -63,6 +63,9 @@ def test_shares_far_out_and_what_is_tolerated_of_them(strayed):
     assert places(far, "ring")[0] == pytest.approx(
         [float(f.details["truths"].values) for f in held], abs=pixel
     )
+    # Of a share no error is known.
+    lines = places(far, "line")[0]
+    assert lines[:, 0] == pytest.approx(lines[:, 1])
     gates = {gate.id: gate for gate in verdict.gates}
     judged = [gates[f.id] for f in held]
     dots, pixel = places(excess, "dot")
@@ -152,8 +155,13 @@ def test_the_gap_to_a_challenger_and_what_is_tolerated_of_it(strayed):
     assert places(gap, "line")[0] == pytest.approx(np.array([gate.interval]), abs=pixel)
     assert places(gap, "edge")[0] == pytest.approx([gate.tolerance], abs=pixel)
     assert not section.failed
-    failing = gates | {"informed.rank": replace(gate, outcome=Outcome.FAIL)}
+    assert ">gap</text>" in gap
+    failing = gates | {"informed.rank": replace(gate, outcome=Outcome.FAIL, tolerance=-0.2)}
     assert information_section(findings, failing).failed
+    assert ("astray" in gap, "astray" in information_section(findings, failing).panels[-1].picture) == (
+        False,
+        True,
+    )
 
 
 def test_of_many_parameters_some_are_drawn_and_it_says_which():
