@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.reports.test_learned import TWO
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.reports.axes import draw
@@ -93,3 +94,14 @@ def test_a_check_that_could_not_be_made_is_refused_with_its_reason(undecided):
     missing = next(g for g in undecided.verdict.gates if not np.isfinite(g.statistic))
     with pytest.raises(InputError, match=r"nothing to draw: .* could not be checked"):
         draw(None, missing)
+
+
+def test_a_regression_is_marked_beside_the_skill_alone():
+    axes = draw(TWO[0], None)
+    (ring,) = [line for line in axes.get_lines() if line.get_label() == "a regression on the data"]
+    known = np.isfinite(ring.get_xdata())
+    assert ring.get_xdata()[known] == pytest.approx([0.61])
+    assert np.array(ring.get_ydata())[known] == axes.get_yticks()[0]
+    assert axes.get_yticklabels()[0].get_text() == "CRPS skill"
+    assert axes.get_legend() is not None
+    assert draw(TWO[1], None).get_legend() is None
