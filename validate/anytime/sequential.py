@@ -69,7 +69,7 @@ def _gate(finding: SequenceFinding, found: Evidence, policy: Policy, outcome: Ou
     worst = int(np.argmax(grown.max(axis=1))) if fail else int(np.argmin(found.outside.min(axis=1)))
     bound = _bounds(found, worst, threshold)
     tolerance = float(getattr(policy.tolerance, finding.quantity))
-    item = Judgeable(finding=finding, low=-tolerance if two_sided(finding) else -math.inf, high=tolerance)
+    item = Judgeable(finding=finding, low=-tolerance, high=tolerance)
     detectable = tolerance + _reach(finding, worst, threshold, policy.planning.power)
     settle = (
         None if outcome is not Outcome.INCONCLUSIVE else _settle(found, finding, worst, tolerance, policy)
@@ -101,11 +101,6 @@ def _gate(finding: SequenceFinding, found: Evidence, policy: Policy, outcome: Ou
         component=finding.components[worst],
         message=message,
     )
-
-
-def two_sided(finding: Finding) -> bool:
-    """Whether the finding may lie too low as well as too high."""
-    return finding.sense == "two-sided"
 
 
 def _bounds(found: Evidence, worst: int, threshold: float) -> Bounds:
@@ -163,7 +158,7 @@ def _reach(finding: Finding, worst: int, threshold: float, power: float) -> floa
 def _settle(found: Evidence, finding: Finding, worst: int, tolerance: float, policy: Policy) -> int | None:
     """Trials at which the estimate, if it is the truth, would PASS or FAIL with the planning power, about."""
     off = float(finding.estimate[worst])
-    margin = tolerance - (abs(off) if two_sided(finding) else off)
+    margin = tolerance - (off if finding.sense == "at-most" else abs(off))
     growth = (
         PASS_THRESHOLD + math.log(2)
         if margin > 0

@@ -234,4 +234,5 @@ def test_a_part_of_the_trials_says_nothing_of_it():
         )
     )
     assert whole - part == {"anytime.informed"}
+    assert ready(trials, part=True).first(100).part
     assert isinstance(informed_sequence(ready(trials.drop_vars("x"))), NotChecked)

@@ -376,6 +376,8 @@ def test_the_gate_is_made_of_its_pieces_by_number():
     rank = found["informed.rank"]
     np.testing.assert_allclose(rank.estimate, wanted.estimate)
     np.testing.assert_allclose(rank.influence, wanted.influence)
+    for name in ("nats", "nats_low", "nats_high"):
+        assert float(rank.details[name]) == pytest.approx(float(wanted.details[name]))
     assert rank.components == wanted.components
     np.testing.assert_allclose(rank.details["skill"], wanted.details["skill"])
     np.testing.assert_allclose(rank.details["challenger_skill"], wanted.details["challenger_skill"])
