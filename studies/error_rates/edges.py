@@ -16,10 +16,10 @@ import xarray as xr
 from scipy import optimize, stats
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate import Outcome, Policy, make_trials, run_validators
+from gaugeblock.validate import Outcome, Policy, judge, make_policy, make_trials, run_validators
 from gaugeblock.validate.levels import LEVELS
 from gaugeblock.validate.messages import SHARE
-from studies.error_rates.audits import audited
+from studies.error_rates.audits import quick_bootstrap
 from studies.error_rates.boundary import blurred
 from studies.error_rates.policies import DEFAULT, alone
 from studies.error_rates.replicates import Part, Replicate, Values
@@ -83,11 +83,13 @@ def replicate(built: Callable[[], Edge]) -> Replicate:
     def verdict(seed: int) -> Values:
         edge = built()
         trials = edge.trials(np.random.default_rng(seed))
-        audit = audited(trials, edge.policy, seed, select=[edge.select])
-        said = {name.value: float(audit.verdict.outcome is name) for name in Outcome}
+        audit = run_validators(trials, seed=seed, select=[edge.select], levels=edge.policy.levels)
+        with quick_bootstrap():
+            outcome = judge(*audit, edge.policy, seed=seed).outcome
+        said = {name.value: float(outcome is name) for name in Outcome}
         if not edge.region:
             return said
-        found = [one.details["region"].values for one in audit.findings if "region" in one.details]
+        found = [one.details["region"].values for one in audit[0] if "region" in one.details]
         learned = float(any(edge.region in regions for regions in found))
         return said | {"PASS": learned * said["PASS"], LEARNED: learned, ANY: said["PASS"]}
 
@@ -103,7 +105,9 @@ def coverage(shape: str) -> Edge:
 
 def tails(shape: str) -> Edge:
     """The same of the outermost interval that the draws resolve."""
-    policy = alone("tails", "tails.coverage")
+    # Of levels that the draws do not resolve a PASS would be asked in vain.
+    levels = {"levels": {"tails": list(TAILS)}}
+    policy = make_policy(levels, source="study", base=alone("tails", "tails.coverage"))
     width = log_width(shape, TAILS, policy.tolerance.tails, draws=TAILS_DRAWS)
     case = Case(policy, shape, log_width=width, draws=TAILS_DRAWS, trials=TAILS_TRIALS)
     return _narrow(case, "tails")

@@ -14,7 +14,7 @@ from studies.error_rates.edges import LEVELS, SHAPED, TAILS, TAILS_DRAWS, cases,
 from studies.error_rates.policies import DEFAULT
 from studies.error_rates.shortcut import Case, faulty, middle
 
-from gaugeblock.validate import Outcome, run_validators
+from gaugeblock.validate import Outcome, make_trials, run_validators
 
 EDGE = DEFAULT.tolerance
 
@@ -124,16 +124,43 @@ def test_on_the_edge_of_one_gate_both_verdicts_are_rare(name):
 
 def test_a_pass_where_the_region_was_not_learned_is_not_counted(monkeypatch):
     edge = edges.local("normal")
-    monkeypatch.setattr(edges, "audited", lambda *_, **__: audit("total > 0"))
+    monkeypatch.setattr(edges, "judge", lambda *_, **__: SimpleNamespace(outcome=Outcome.PASS))
+    monkeypatch.setattr(edges, "run_validators", lambda *_, **__: found("total > 0"))
     assert replicate(lambda: edge)(1) == {**PASSED, edges.LEARNED: 1.0}
-    monkeypatch.setattr(edges, "audited", lambda *_, **__: audit("total > 0 and something"))
+    monkeypatch.setattr(edges, "run_validators", lambda *_, **__: found("total > 0 and something"))
     assert replicate(lambda: edge)(1) == {**PASSED, "PASS": 0.0, edges.LEARNED: 0.0}
 
 
 PASSED = {"PASS": 1.0, "FAIL": 0.0, "INCONCLUSIVE": 0.0, edges.ANY: 1.0}
 
 
-def audit(region):
-    """One that PASSes, and found a fault in this region alone."""
-    found = SimpleNamespace(details=xr.Dataset({"region": ("region", [region])}))
-    return SimpleNamespace(findings=[found], verdict=SimpleNamespace(outcome=Outcome.PASS))
+def found(region):
+    """Findings of this region alone, and nothing that was not checked."""
+    return [SimpleNamespace(details=xr.Dataset({"region": ("region", [region])}))], []
+
+
+@pytest.mark.parametrize("name", ["coverage", "tails", "joint", "local", "normalisation", "models"])
+def test_what_is_exact_can_pass_at_the_size_of_each_edge(name):
+    """Else a PASS on the edge would be rare for a reason of no interest: one of 20 audits at least does."""
+    assert any(replicate(lambda: exact(name))(seed)["PASS"] for seed in range(20))
+
+
+def exact(name):
+    """The case of an edge with truths that are exact."""
+    edge = {case.partition(",")[0]: built for case, built in reversed(cases().items())}[name]()
+
+    def trials(rng):
+        made = edge.trials(rng)
+        if name == "models":
+            first = made["model_probability"].values[:, 0]
+            return made.assign(
+                theta_true=(made["theta_true"].dims, 1.0 * (rng.random((len(first), 1)) >= first[:, None]))
+            )
+        if name == "normalisation":
+            return made.assign(log_q=made["log_q"] + EDGE.normalisation)
+        # A draw in its place: of an exact posterior the truth is one.
+        draws = made["draws"].isel(draw=slice(1, None)).values
+        x = {"x": made["x"].values} if "x" in made else {}
+        return make_trials(made["draws"].values[:, 0], draws, **x)
+
+    return edges.Edge(edge.policy, edge.select, trials)
