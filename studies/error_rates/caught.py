@@ -13,6 +13,7 @@ import numpy as np
 from scipy import optimize
 
 from gaugeblock.validate import Outcome, Verdict, judge, make_trials, run_validators
+from gaugeblock.validate.controls.control_trials import half_width
 from studies.error_rates.policies import DEFAULT
 from studies.error_rates.problem import Array
 from studies.error_rates.replicates import Part, Values
@@ -69,17 +70,19 @@ def noise_of(shape: str, log_wider: float) -> float:
 
 
 def faulty(kind: str, size: float, shape: str, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Pools and data of an estimator with one fault, its `size` in the unit of the control that states it."""
+    """Pools and data of an estimator with one fault, its `size` in the unit of the control that states it.
+
+    That is the draws' own: their half-width, and their distance from their median.
+    """
     if kind == "loss":
         return pools(shape, rng, noise=noise_of(shape, round(size, 3)))
     pool, x = pools(shape, rng)
-    centre, unit = middle(shape)
     if kind == "width":
-        about = x[:, None] + centre
-        pool[:, 1:] = about + np.exp(rng.choice([-size, size])) * (pool[:, 1:] - about)
+        median = np.median(pool[:, 1:], axis=1, keepdims=True)
+        pool[:, 1:] = median + np.exp(rng.choice([-size, size])) * (pool[:, 1:] - median)
     else:
         where = np.ones(TRIALS, dtype=bool) if kind == "bias" else x[:, 0] >= np.quantile(x, 1 - 1 / SHARE)
-        pool[where, 1:] += size * unit
+        pool[where, 1:] += size * half_width(pool[where, 1:])
     return pool, x
 
 

@@ -41,7 +41,7 @@ from gaugeblock.validate.prepared import Prepared, effective_draws, pit
 
 LEAST_TRIALS, LEAST_DRAWS = 100, 20
 SHARE = 8  # the region is one in so many trials
-SHIFTS = (0.5, 0.8, 1.3)
+SHIFTS = (0.5, 0.8, 1.3, 2.0, 3.0)
 # Noise in each parameter, in half-widths over the root of the number of parameters; the first to be tried.
 NOISE, FIRST = (0.12, 0.18, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4), 0.5
 # About how many standard errors beyond the tolerance a fault is caught nine times in ten.
