@@ -14,8 +14,8 @@ from gaugeblock.validate import Outcome
 
 @pytest.mark.parametrize("kind", ["bias", "width", "region"])
 def test_a_fault_is_as_large_as_it_says(kind):
-    """Of Cauchy posteriors: what the draws were moved by, in the half-widths of exact ones, to 5%, which is what
-    these are of 100 draws; and each trial's by its own."""
+    """Of Cauchy posteriors: what the draws were moved by, in the half-widths of exact ones, to 10% (of 100
+    draws these are 7% wider); and each trial's by its own."""
     pool, x = caught.faulty(kind, 0.5, "Cauchy", np.random.default_rng(1))
     exact, data = caught.pools("Cauchy", np.random.default_rng(1))
     np.testing.assert_array_equal(x, data)
@@ -33,7 +33,7 @@ def test_a_fault_is_as_large_as_it_says(kind):
     np.testing.assert_allclose(draws - right, np.broadcast_to(moved[:, None], draws.shape), atol=1e-9)
     wrong = x[:, 0] >= np.quantile(x, 7 / 8) if kind == "region" else np.ones(len(x), dtype=bool)
     assert wrong.sum() == (125 if kind == "region" else 1000)
-    assert moved[wrong].mean() == pytest.approx(0.5 * unit, rel=0.05)
+    assert moved[wrong].mean() == pytest.approx(0.5 * unit, rel=0.1)
     assert moved[wrong].std() > 0.05 * unit
     assert (moved[~wrong] == 0).all()
 
