@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from scipy import stats
 
-from studies.error_rates import anytime, forecasts, retraining, shapes
+from studies.error_rates import anytime, forecasts, regions, retraining, shapes
 from studies.kit import page, plots
 from studies.kit.page import table as rows
 from studies.kit.plots import BLUE, GREY, ORANGE, pyplot
@@ -349,7 +349,15 @@ TABLES: Mapping[str, Callable[[xr.Dataset], str]] = {
         released="release of the best",
     ),
     "power": power_table,
-    "regions": _rates("exact posterior, trials", FAIL="FAIL", PASS="PASS"),
+    "regions": _rates(
+        "exact posterior, trials",
+        **{
+            f"{said} at {tolerance:g}": f"{said}, {tolerance:g} tolerated"
+            for each in regions.SIZES.values()
+            for tolerance in each
+            for said in ("FAIL", "PASS")
+        },
+    ),
     "caught": caught_table,
     "blind-spots": blind_table,
     "anytime": anytime_table,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from scipy import stats
-from studies.error_rates import blind, shapes
+from studies.error_rates import blind, regions, shapes
 from studies.error_rates.__main__ import main, parts
 from studies.error_rates.anytime import summarise
 from studies.error_rates.document import FIGURE, PAGES, TABLES, blocks, document, percent
@@ -40,7 +40,14 @@ def tables():
         "gate": indicators({"exact": verdict, "bias": verdict}),
         "intervals": indicators({"exact": [{"inside": 1.0}]}),
         **dict.fromkeys(("shortcut", "edge-gates", "edges", "looks"), indicators({"bias": verdict})),
-        "regions": indicators({"Cauchy, 4,000": verdict}),
+        "regions": regions.summarise(
+            {
+                f"Cauchy, {trials:,}": [
+                    {f"{said} at {one:g}": float(said == "PASS") for one in each for said in ("FAIL", "PASS")}
+                ]
+                for trials, each in regions.SIZES.items()
+            }
+        ),
         "caught": indicators(
             {
                 "Cauchy": [
@@ -117,6 +124,9 @@ def test_tables_stand_where_the_document_wants_them(tables):
         assert once.count(f"| Cauchy | {none} | {promised}`sbc.log_width` |") == 2
     assert once.count(f"| chain | {none} | nothing | `sbc.log_width` |") == 4
     assert "| `mmd` |  | 0.0% (0.0 to 8.8) |" in once
+    never, always = "0.0% (0.0 to 97.5)", "100.0% (2.5 to 100.0)"
+    everywhere = f"| Cauchy, 10,000 |  |  | {never} | {always} | {never} | {always} |"
+    assert everywhere in once
     always, never = "100.0% (63.1 to 100.0) of 8", "0.0% (0.0 to 70.8) of 3"
     assert f"| Cauchy | {always} | {always} | {never} | {always} |" in once
     assert "| nothing | 0.0% (0.0 to 30.8) |  |  | `joint.tarp`, `sbc.bias` |" in once

@@ -17,17 +17,27 @@ def bright_half(rng, trials, draws):
 
 
 def test_half_of_the_data_wrong_fails_and_a_wide_tolerance_passes():
-    assert regions.audited(bright_half, 1500, 0.21, 1)["FAIL"] == 1.0
-    assert regions.audited(EXACT["counts"], 1500, 4.0, 1) == {"PASS": 1.0, "FAIL": 0.0, "INCONCLUSIVE": 0.0}
-    assert regions.audited(EXACT["counts"], 300, 0.01, 1, draws=20)["INCONCLUSIVE"] == 1.0
+    wrong = regions.audited(bright_half, 1500, (0.21, 4.0), 1)
+    assert {name for name, said in wrong.items() if said} == {"FAIL at 0.21", "PASS at 4"}
+    exact = regions.audited(EXACT["counts"], 300, (0.01,), 1, draws=20)
+    assert exact == {"PASS at 0.01": 0.0, "FAIL at 0.01": 0.0, "INCONCLUSIVE at 0.01": 1.0}
 
 
-def test_the_tolerance_of_each_size_is_its_own(tmp_path, monkeypatch):
+def test_the_tolerances_of_each_size_are_its_own(tmp_path, monkeypatch):
     asked = []
-    monkeypatch.setattr(regions, "audited", lambda *given: asked.append(given) or {"PASS": 1.0})
+    monkeypatch.setattr(
+        regions,
+        "audited",
+        lambda *given: asked.append(given) or {f"PASS at {each:g}": 1.0 for each in given[2]},
+    )
     part = regions.part()
-    run(part, tmp_path, seed=3, replicates=1)
-    assert len(part.cases) == 2 * len(EXACT) == len(asked)
-    assert {given[1:3] for given in asked} == {(4000, 0.21), (10_000, 0.12)}
+    table = part.summarise(run(part, tmp_path, seed=3, replicates=2).values)
+    assert len(part.cases) == 2 * len(EXACT) == len(asked) / 2
+    assert {given[1:3] for given in asked} == {(4000, (0.21,)), (10_000, (0.15, 0.12))}
     assert {given[0] for given in asked} == set(EXACT.values())
     assert len({given[3] for given in asked}) == len(asked)
+    counted = table["replicates"].sel(case=["counts, 4,000", "counts, 10,000"])
+    assert counted.sel(thing=["PASS at 0.12", "PASS at 0.15", "PASS at 0.21"]).values.tolist() == [
+        [0, 0, 2],
+        [2, 2, 0],
+    ]
