@@ -8,6 +8,7 @@ from scipy import stats
 from studies.error_rates import caught
 from studies.error_rates.shapes import SHAPES
 from studies.error_rates.shortcut import middle
+from studies.kit.results import DOCS, RESULTS, read
 
 from gaugeblock.validate import Outcome
 
@@ -108,3 +109,15 @@ def test_one_replicate_of_few_trials(monkeypatch):
     found = caught.once("normal", 3)
     assert set(found) == set(caught.GATES)
     assert found["bias"] == found["width"] == 1.0
+
+
+def test_what_was_measured_is_on_the_page():
+    """Of what is said to be caught nine times in ten at least two thirds are, of every kind and shape."""
+    table, page = read(RESULTS / "caught.nc"), (DOCS / "validators.md").read_text(encoding="utf-8")
+    assert f"{int(table['replicates'].max())} replicates of each" in page
+    for case in caught.SHOWN:
+        assert f"| {case} |" in page
+        for kind in ("bias", "width", "loss"):
+            cell = table.sel(case=case, thing=kind)
+            assert int(cell["replicates"]) >= 60
+            assert float(cell["rate"]) > 2 / 3

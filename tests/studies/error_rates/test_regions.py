@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy import stats
 from studies.error_rates import regions
 from studies.error_rates.replicates import run
 from studies.informed.problems import EXACT, Made
+from studies.kit.results import DOCS, RESULTS, read
 
 
 def bright_half(rng, trials, draws):
@@ -41,3 +43,20 @@ def test_the_tolerances_of_each_size_are_its_own(tmp_path, monkeypatch):
         [0, 0, 2],
         [2, 2, 0],
     ]
+
+
+def test_what_was_measured_is_on_the_page():
+    """By the default policy no cell refutes nine PASSes of ten, nor 5% of FAILs: limits of 99.9%."""
+    table, page = read(RESULTS / "regions.nc"), (DOCS / "error-rates.md").read_text(encoding="utf-8")
+    number, counts = table["replicates"], table["count"]
+    for case in table["case"].values.tolist():
+        assert f"| {case} |" in page
+    for trials, tolerances in regions.SIZES.items():
+        cases = [f"{name}, {trials:,}" for name in EXACT]
+        for tolerance in tolerances:
+            of = number.sel(case=cases, thing=f"FAIL at {tolerance:g}").values
+            assert (of >= 40).all()
+            failed = counts.sel(case=cases, thing=f"FAIL at {tolerance:g}").values
+            assert (failed <= stats.binom.ppf(0.999, of, 0.05)).all()
+    by_default = counts.sel(case=[f"{name}, 4,000" for name in EXACT], thing="PASS at 0.21")
+    assert (by_default >= stats.binom.ppf(0.001, int(number.max()), 0.9)).all()
