@@ -45,8 +45,9 @@ from gaugeblock.validate.prepared import Prepared
 
 RANK = "informed.rank"
 # What a challenger learns depends on which trials it meets first: as many begin anew, fewer where there are
-# many parameters. That is what three to five CPU seconds allow.
+# many parameters, or many values of x. That is what three CPU seconds allow at the default size.
 ORDERS, ORDERS_OF_MANY = 3, 2
+FEW_CHANNELS = 64
 # Standard errors from which a second way to tell is worth naming.
 CERTAIN = 4.0
 POPULATION = "informed"
@@ -72,7 +73,8 @@ def informed(prepared: Prepared) -> list[Finding | NotChecked]:
     if prepared.features is not None:
         known = Known(pools, data_of(prepared, by_number), pools.summaries(), prepared.parameters)
         rng = generator(prepared.seed, "order of the challenged", n)
-        found = [learn(known, order=rng.permutation(n)) for _ in range(orders(len(prepared.parameters)))]
+        number = orders(len(prepared.parameters), known.data.channels)
+        found = [learn(known, order=rng.permutation(n)) for _ in range(number)]
     said, skills = _skills(prepared, pools, found)
     if not found:
         return [NotChecked(RANK, WITHOUT_DATA, without_data=True), *said]
@@ -89,9 +91,9 @@ def informed(prepared: Prepared) -> list[Finding | NotChecked]:
     return [rank, *said]
 
 
-def orders(parameters: int) -> int:
+def orders(parameters: int, channels: int) -> int:
     """How many orders of learning the rank is averaged over."""
-    return ORDERS if parameters <= MOST_REGRESSED else ORDERS_OF_MANY
+    return ORDERS if parameters <= MOST_REGRESSED and channels <= FEW_CHANNELS else ORDERS_OF_MANY
 
 
 def blame(told: Mapping[tuple[Term, str], Told], last: Challenger, known: Known) -> str:

@@ -381,4 +381,4 @@ def test_the_gate_is_made_of_its_pieces_by_number():
     assert rank.components == wanted.components
     np.testing.assert_allclose(rank.details["skill"], wanted.details["skill"])
     np.testing.assert_allclose(rank.details["challenger_skill"], wanted.details["challenger_skill"])
-    assert [orders(p) for p in (1, 6, 7)] == [3, 3, 2]
+    assert [orders(*size) for size in ((1, 64), (6, 64), (7, 1), (1, 65))] == [3, 3, 2, 2]
