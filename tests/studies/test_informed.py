@@ -31,7 +31,7 @@ def test_blind_fails_and_exact_does_not():
     assert line.startswith("| blind | a | 100.0% (15.8% - 100.0%) | 0.0% (0.0% - 84.2%)")
 
 
-@pytest.mark.parametrize("name", ["informed.nc"])
+@pytest.mark.parametrize("name", FILES.values())
 def test_the_page_says_what_was_found(name):
     assert text(read(RESULTS / name)) in (DOCS / "error-rates.md").read_text(encoding="utf-8")
 
