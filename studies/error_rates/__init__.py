@@ -2,6 +2,6 @@
 
 `problem.py` and `boundary.py` make estimators whose faults are known exactly, `audits.py` audits them in
 memory, `replicates.py` repeats that with seeds of their own; `size.py`, `gate.py`, `intervals.py`,
-`shortcut.py`, `retraining.py`, `power.py`, `curves.py` and `anytime.py` are the parts of the study;
-`plots.py` and `document.py` make figures and text from the results.
+`shortcut.py`, `edges.py`, `regions.py`, `caught.py`, `blind.py`, `retraining.py`, `power.py`, `curves.py` and
+`anytime.py` are the parts of the study; `plots.py` and `document.py` make figures and text from the results.
 """
