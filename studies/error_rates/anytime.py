@@ -23,7 +23,7 @@ from studies.error_rates.boundary import Moved, kink
 from studies.error_rates.policies import DEFAULT, fewest
 from studies.error_rates.problem import problem
 from studies.error_rates.replicates import Part, Replicate, Values
-from studies.error_rates.summary import indicators
+from studies.error_rates.summary import indicators, verdicts
 
 TRIALS, DRAWS = 4000, 50
 QUANTILES = (0.1, 0.5, 0.9)
@@ -123,7 +123,7 @@ def replicate(case: Case) -> Replicate:
         when = float("nan") if outcome is Outcome.INCONCLUSIVE else float(stopped(found, case.trials))
         if outcome is not Outcome.INCONCLUSIVE:
             outcome = said(found, int(when))  # one that FAILs later may have PASSed before, or the reverse
-        return {"trials": when, **{name.value: float(outcome is name) for name in Outcome}}
+        return {"trials": when} | verdicts(outcome)
 
     return once
 

@@ -6,7 +6,7 @@ of trials, is shown by equal bits in `tests/validate/test_blind_spots.py`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,7 +28,7 @@ from studies.error_rates.policies import DEFAULT
 from studies.error_rates.power import DRAWS, GROUPS, zoo
 from studies.error_rates.problem import Array, problem
 from studies.error_rates.replicates import Part, Replicate, Values
-from studies.error_rates.summary import indicators
+from studies.error_rates.summary import indicators_where_asked
 from studies.informed.problems import hidden_product
 
 TRIALS = 1000
@@ -241,15 +241,6 @@ def seen(verdict: Verdict) -> Values:
     return failed
 
 
-def summarise(results: Mapping[str, Sequence[Values]]) -> xr.Dataset:
-    """Counts of FAILs by gate, among the audits of a case in which it could be judged."""
-    gates = {name for replicates in results.values() for values in replicates for name in values}
-    none = dict.fromkeys(gates, np.nan)
-    return indicators(
-        {case: [{**none, **values} for values in replicates] for case, replicates in results.items()}
-    )
-
-
 def _replicate(case: Case) -> Replicate:
     return lambda seed: seen(case(seed))
 
@@ -262,5 +253,5 @@ def part() -> Part:
         cases={name: _replicate(case) for name, case in cases().items()},
         replicates=40,
         settings={"trials": TRIALS, "draws": DRAWS, "models": MODELS, **GROUPS},
-        summarise=summarise,
+        summarise=indicators_where_asked,
     )

@@ -14,6 +14,7 @@ from scipy import optimize
 
 from gaugeblock.validate import Outcome, Verdict, judge, make_trials, run_validators
 from gaugeblock.validate.controls.control_trials import half_width
+from gaugeblock.validate.controls.controls import SHARE
 from studies.error_rates.policies import DEFAULT
 from studies.error_rates.problem import Array
 from studies.error_rates.replicates import Part, Values
@@ -33,8 +34,6 @@ GATES = {
 SHOWN = ("normal", "Cauchy", "lognormal, sigma 2")
 # A datum is drawn from so many half-widths of a posterior.
 SPREAD = 3.0
-# One trial in so many has the fault of a region: those with the largest data.
-SHARE = 8
 
 
 def pools(shape: str, rng: np.random.Generator, *, noise: float = 0.0) -> tuple[Array, Array]:

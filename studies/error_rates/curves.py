@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gaugeblock.estimators import build_estimator
-from gaugeblock.validate import Policy, read_policy
+from gaugeblock.validate import Policy
 from studies.error_rates.audits import audit, plan
 from studies.error_rates.boundary import Moved
 from studies.error_rates.gate import outcome
-from studies.error_rates.policies import DEFAULT
+from studies.error_rates.policies import DEFAULT, STRICT
 from studies.error_rates.problem import problem
 from studies.error_rates.replicates import Part, Replicate, Values
 from studies.error_rates.summary import indicators
@@ -40,12 +40,12 @@ class Fault:
 
 def faults() -> dict[str, Fault]:
     """The curves by name."""
-    both, strict = problem(2), read_policy("strict")
+    both = problem(2)
     dropped = build_estimator("broken", both.simulator, fault="uncorrelated")
     bright = build_estimator("broken", both.simulator, fault="wrong_when_bright", size=0.6)
     return {
-        "width 0.9, strict policy": Fault(Moved(both, ratio=0.9), strict, SMALL),
-        "shift 0.1 sd, strict policy": Fault(Moved(both, shift=0.1), strict, SMALL),
+        "width 0.9, strict policy": Fault(Moved(both, ratio=0.9), STRICT, SMALL),
+        "shift 0.1 sd, strict policy": Fault(Moved(both, shift=0.1), STRICT, SMALL),
         "correlations dropped, default policy": Fault(dropped, DEFAULT, GROSS),
         "wrong when bright, default policy": Fault(bright, DEFAULT, SMALL),
     }

@@ -16,7 +16,7 @@ import xarray as xr
 from scipy import optimize, stats
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate import Outcome, Policy, judge, make_policy, make_trials, run_validators
+from gaugeblock.validate import Policy, judge, make_policy, make_trials, run_validators
 from gaugeblock.validate.levels import LEVELS
 from gaugeblock.validate.messages import SHARE
 from studies.error_rates.audits import quick_bootstrap
@@ -25,7 +25,7 @@ from studies.error_rates.policies import DEFAULT, alone
 from studies.error_rates.replicates import Part, Replicate, Values
 from studies.error_rates.shapes import SHAPES
 from studies.error_rates.shortcut import Case, faulty, middle, sample_of
-from studies.error_rates.summary import indicators
+from studies.error_rates.summary import indicators, verdicts
 
 SHAPED = ("normal", "Cauchy", "lognormal, sigma 2", "bounded U")
 # The level that so many draws resolve; of fewer trials it is known too badly for any PASS.
@@ -86,7 +86,7 @@ def replicate(built: Callable[[], Edge]) -> Replicate:
         audit = run_validators(trials, seed=seed, select=[edge.select], levels=edge.policy.levels)
         with quick_bootstrap():
             outcome = judge(*audit, edge.policy, seed=seed).outcome
-        said = {name.value: float(outcome is name) for name in Outcome}
+        said = verdicts(outcome)
         if not edge.region:
             return said
         found = [one.details["region"].values for one in audit[0] if "region" in one.details]

@@ -18,7 +18,7 @@ from studies.error_rates.boundary import HALF_WIDTH, Moved, kink, rippled
 from studies.error_rates.policies import DEFAULT, alone
 from studies.error_rates.problem import problem
 from studies.error_rates.replicates import Part, Replicate
-from studies.error_rates.summary import indicators
+from studies.error_rates.summary import indicators, verdicts
 
 TRIALS, DRAWS = 400, 80
 GROUPS: dict[str, tuple[int, int]] = {"importance": (50, 100), "joint": (200, 50)}
@@ -72,7 +72,7 @@ def blamed(audited: Audited) -> dict[str, float]:
 def outcome(audited: Audited) -> dict[str, float]:
     """The verdict as indicators, with the gates to blame."""
     said = audited.verdict.outcome
-    return {name.value: float(said is name) for name in Outcome} | blamed(audited)
+    return verdicts(said) | blamed(audited)
 
 
 def _replicate(case: Case) -> Replicate:

@@ -24,7 +24,7 @@ from studies.error_rates.audits import quick_bootstrap
 from studies.error_rates.policies import alone
 from studies.error_rates.replicates import Part, Replicate, Values
 from studies.error_rates.shortcut import Case, faulty, on_the_edge
-from studies.error_rates.summary import indicators
+from studies.error_rates.summary import indicators, verdicts
 
 POLICY = make_policy(
     {"levels": {"coverage": [0.5]}}, source="study", base=alone("coverage", "coverage.central")
@@ -121,7 +121,7 @@ def enlarged(made: Callable[[], Growing], *, counted: bool = True) -> Replicate:
             more = int(np.clip(advised, 1.1 * number, growing.most * number))
             seen = (*seen, more)
             shown = np.concatenate([shown, growing.more(more - number, rng)], axis=-1)
-        return {name.value: float(said.outcome is name) for name in Outcome}
+        return verdicts(said.outcome)
 
     return verdict
 

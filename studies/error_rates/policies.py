@@ -8,7 +8,7 @@ from gaugeblock.validate import Policy, make_policy, read_policy
 from gaugeblock.validate.planning.planner import StudyPlan, plan
 from gaugeblock.validate.policy import Tolerance
 
-DEFAULT = read_policy("default")
+DEFAULT, STRICT = read_policy("default"), read_policy("strict")
 # What the default policy requires of trials that hold no data.
 WITHOUT_DATA = DEFAULT.model_copy(
     update={"required": tuple(entry for entry in DEFAULT.required if not entry.startswith("informed"))}

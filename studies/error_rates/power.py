@@ -23,7 +23,7 @@ from gaugeblock.validate.planning.planner import plan as planned
 from studies.error_rates.audits import JUDGED, audit, plan
 from studies.error_rates.boundary import Moved, kink
 from studies.error_rates.gate import outcome
-from studies.error_rates.policies import DEFAULT, fewest
+from studies.error_rates.policies import DEFAULT, STRICT, fewest
 from studies.error_rates.problem import problem
 from studies.error_rates.replicates import Part, Replicate, Values
 from studies.error_rates.summary import indicators
@@ -87,7 +87,7 @@ def zoo() -> dict[str, Member]:
 def detectable(quantity: str, effect: float) -> int:
     """Fewest trials, in hundreds, from which the planner calls the effect detectable by the strict policy."""
     return fewest(
-        read_policy("strict"),
+        STRICT,
         lambda promise: promise.smallest_detectable[quantity] <= effect,
         params=2,
         draws=DRAWS,

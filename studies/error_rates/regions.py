@@ -6,19 +6,16 @@ a tolerance must be for it to PASS depends on how many trials there are.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-import xarray as xr
 
-from gaugeblock.validate import judge, make_trials, read_policy, run_validators
-from gaugeblock.validate.verdict import Outcome
-from studies.error_rates.policies import DEFAULT, alone
+from gaugeblock.validate import judge, make_trials, run_validators
+from studies.error_rates.policies import DEFAULT, STRICT, alone
 from studies.error_rates.replicates import Part, Replicate, Values
-from studies.error_rates.summary import indicators
+from studies.error_rates.summary import indicators_where_asked, verdicts
 from studies.informed.problems import EXACT, Problem
 
-STRICT = read_policy("strict")
 DRAWS = 100
 # Trials, and what is tolerated of them: by the default policy at its size; of a longer audit by the strict
 # one, and less than that.
@@ -31,14 +28,13 @@ def audited(
     """What `local.coverage` of all parameters together says of one audit, at each tolerance."""
     rng = np.random.default_rng(seed)
     made = problem(rng, trials, draws)
-    names = [f"theta_{column + 1}" for column in range(made.theta_true.shape[1])]
-    tree = make_trials(made.theta_true, made.draws, names, x=made.x)
+    tree = make_trials(made.theta_true, made.draws, x=made.x)
     findings, not_checked = run_validators(tree, seed=seed, select=["local"])
     said: dict[str, float] = {}
     for tolerance in tolerances:
         policy = alone("local", "local.coverage", local=tolerance)
         outcome = judge(findings, not_checked, policy, seed=seed).outcome
-        said |= {f"{name.value} at {tolerance:g}": float(outcome is name) for name in Outcome}
+        said |= {f"{name} at {tolerance:g}": value for name, value in verdicts(outcome).items()}
     return said
 
 
@@ -55,13 +51,6 @@ def cases() -> dict[str, Replicate]:
     }
 
 
-def summarise(results: Mapping[str, Sequence[Values]]) -> xr.Dataset:
-    """How often each was said; what was not asked of a size counts for nothing."""
-    things = {name for replicates in results.values() for values in replicates for name in values}
-    nothing = dict.fromkeys(things, np.nan)
-    return indicators({case: [nothing | values for values in made] for case, made in results.items()})
-
-
 def part() -> Part:
     """The part of the study."""
     return Part(
@@ -70,5 +59,5 @@ def part() -> Part:
         cases=cases(),
         replicates=200,
         settings={"sizes": {str(trials): list(each) for trials, each in SIZES.items()}, "draws": DRAWS},
-        summarise=summarise,
+        summarise=indicators_where_asked,
     )

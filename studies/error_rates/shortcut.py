@@ -15,7 +15,7 @@ import numpy as np
 from scipy import optimize, stats
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate import Finding, Outcome, Policy, judge, make_policy, make_trials
+from gaugeblock.validate import Finding, Policy, judge, make_policy, make_trials
 from gaugeblock.validate.joint.importance import importance_findings
 from gaugeblock.validate.marginal.coverage import central_finding
 from gaugeblock.validate.marginal.half_widths import UNIT, bias_finding, half_width_scores, log_width_finding
@@ -27,7 +27,7 @@ from studies.error_rates.gate import outcome
 from studies.error_rates.policies import alone
 from studies.error_rates.replicates import Part, Replicate, Values
 from studies.error_rates.shapes import SHAPES
-from studies.error_rates.summary import indicators
+from studies.error_rates.summary import indicators, verdicts
 
 # What the simulated audits can show.
 DEFAULT = make_policy({"required": ["sbc", "coverage"]}, source="study")
@@ -174,7 +174,7 @@ def replicate(built: Built) -> Replicate:
         found = findings(case, np.random.default_rng(seed))
         with quick_bootstrap():
             said = judge(found, [], case.policy, seed=seed).outcome
-        return {name.value: float(said is name) for name in Outcome}
+        return verdicts(said)
 
     return verdict
 

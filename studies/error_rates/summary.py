@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from gaugeblock.core.errors import InputError
+from gaugeblock.validate import Outcome
 from studies.kit.results import clopper_pearson, command_of_both, measured_of_both
 
 Values = Mapping[str, float]
@@ -31,6 +32,22 @@ def indicators(results: Mapping[str, Sequence[Values]]) -> xr.Dataset:
     dims = ("case", "thing")
     counted = {"count": (dims, count), "replicates": (dims, number)}
     return _rates(xr.Dataset(counted, coords={"case": list(results), "thing": things}))
+
+
+def indicators_where_asked(results: Mapping[str, Sequence[Values]]) -> xr.Dataset:
+    """The same, where not every replicate was asked everything: what is not mentioned was not to be had."""
+    things = {name for replicates in results.values() for values in replicates for name in values}
+    none = dict.fromkeys(things, np.nan)
+    return indicators({case: [none | dict(values) for values in made] for case, made in results.items()})
+
+
+def verdicts(outcome: Outcome) -> Values:
+    """A verdict as indicators.
+
+    >>> verdicts(Outcome.FAIL)
+    {'PASS': 0.0, 'FAIL': 1.0, 'INCONCLUSIVE': 0.0}
+    """
+    return {name.value: float(outcome is name) for name in Outcome}
 
 
 def has(table: xr.Dataset) -> int:

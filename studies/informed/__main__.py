@@ -58,8 +58,7 @@ def audits(
     said = []
     for _ in range(number):
         made = problem(rng, trials, draws)
-        names = [f"theta_{column + 1}" for column in range(made.theta_true.shape[1])]
-        tree = make_trials(made.theta_true, made.draws, names, x=made.x)
+        tree = make_trials(made.theta_true, made.draws, x=made.x)
         seed = int(rng.integers(2**31))
         began = time.process_time()
         findings, not_checked = run_validators(tree, seed=seed, select=[validator])

@@ -34,7 +34,7 @@ INFORMED = "anytime.informed"
 # The first trials only teach; each stage ends when there are two thirds more.
 FIRST, GROWTH = 250, 5 / 3
 # Three challengers each leave out another third of what teaches: of an exact posterior their ranks have
-# little in common, and the variance of their mean is a third of that of one.
+# little in common, and their weighted mean has a third of the variance of a uniform rank, or less.
 ENSEMBLE = 3
 
 

@@ -6,7 +6,7 @@ quantity that looks at all parameters and at x, so the prior returned as posteri
 mode or a fault of bright data alone show. ``c2st.accuracy`` is the classical number, with an exact p-value.
 
 Blind to a fault that changes neither means, widths nor correlations (nor how they vary with the data), and
-to draws that know theta* but are exchangeable with it: only a likelihood tells.
+to draws that know theta* but are exchangeable with it, of which a likelihood tells some.
 """
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ import pytest
 from scipy import integrate, stats
 from studies.error_rates import blind
 from studies.error_rates.problem import problem
+from studies.error_rates.summary import indicators_where_asked
 from studies.kit.results import RESULTS, read
 
 from gaugeblock.estimators.broken import WithTruth
@@ -109,7 +110,9 @@ def test_a_group_fails_with_any_of_its_gates_and_what_is_not_judged_is_not_count
         )
 
     assert blind.seen(Whole()) == {"FAIL": 1.0, "sbc.bias": 1.0, "ess": 0.0}
-    table = blind.summarise({"a": [blind.seen(Whole())] * 2, "b": [{"FAIL": 0.0, "ess": 1.0}, {"FAIL": 0.0}]})
+    table = indicators_where_asked(
+        {"a": [blind.seen(Whole())] * 2, "b": [{"FAIL": 0.0, "ess": 1.0}, {"FAIL": 0.0}]}
+    )
     assert table["count"].sel(case="a").to_pandas().to_dict() == {"FAIL": 2, "ess": 0, "sbc.bias": 2}
     assert table["replicates"].sel(case="b").to_pandas().to_dict() == {"FAIL": 2, "ess": 1, "sbc.bias": 0}
 

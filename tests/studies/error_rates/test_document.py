@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import xarray as xr
 from scipy import stats
-from studies.error_rates import blind, regions, shapes
+from studies.error_rates import regions, shapes
 from studies.error_rates.__main__ import main, parts
 from studies.error_rates.anytime import summarise
 from studies.error_rates.document import FIGURE, PAGES, TABLES, blocks, document, percent
 from studies.error_rates.forecasts import AFTER, BEFORE, EDGED, WITHIN
-from studies.error_rates.summary import indicators, p_values
+from studies.error_rates.summary import indicators, indicators_where_asked, p_values
 from studies.kit.page import filled
 from studies.kit.results import DOCS, RESULTS, stored
 
@@ -40,7 +40,7 @@ def tables():
         "gate": indicators({"exact": verdict, "bias": verdict}),
         "intervals": indicators({"exact": [{"inside": 1.0}]}),
         **dict.fromkeys(("shortcut", "edge-gates", "edges", "looks"), indicators({"bias": verdict})),
-        "regions": regions.summarise(
+        "regions": indicators_where_asked(
             {
                 f"Cauchy, {trials:,}": [
                     {f"{said} at {one:g}": float(said == "PASS") for one in each for said in ("FAIL", "PASS")}
@@ -66,7 +66,7 @@ def tables():
             }
         ),
         "power": indicators({"exact": verdict, "narrow": verdict}),
-        "blind-spots": blind.summarise(
+        "blind-spots": indicators_where_asked(
             {
                 "nothing": [{"FAIL": 0.0, "sbc.bias": 0.0, "draws.finite": 0.0, "joint.tarp": 0.0}] * 10,
                 "much": [{"FAIL": 1.0, "sbc.bias": float(k == 0), "models": 1.0} for k in range(9)]

@@ -25,6 +25,7 @@ from studies.error_rates import (
     shapes,
     shortcut,
     size,
+    summary,
 )
 from studies.error_rates.__main__ import main, parts
 from studies.error_rates.audits import all_inside, audited, judged, quick_bootstrap
@@ -57,7 +58,9 @@ PART = Part(
 
 
 def test_examples_in_docstrings_run():
-    ran = [doctest.testmod(module) for module in (policies, replicates, command, page, resume, results)]
+    ran = [
+        doctest.testmod(module) for module in (policies, replicates, summary, command, page, resume, results)
+    ]
     assert all(result.attempted and not result.failed for result in ran)
 
 

@@ -59,7 +59,7 @@ def data_of(prepared: Prepared, rows: NDArray[np.int64], *, taught: int | None =
     features = prepared.features or TrialFeatures((), np.empty((len(prepared.trial), 0)))
     left_out = [] if taught is None else prepared.fitted_features
     known = np.isfinite(features.values[rows[:taught]]).all(axis=0) & ~np.isin(features.names, left_out)
-    named = [name for name, usable in zip(features.names, known.tolist(), strict=True) if usable]
+    named = [name for name, kept in zip(features.names, known.tolist(), strict=True) if kept]
     shape = prepared.main["x"].shape[1:] if "x" in prepared.main else (0,)
     return make_data(found, features.values[rows][:, known], shape=shape, names=named, taught=taught)
 
