@@ -20,7 +20,7 @@ from gaugeblock.validate.learned.informed.data import Data
 from gaugeblock.validate.learned.informed.location import Location, fit_location
 from gaugeblock.validate.learned.informed.pools import Pools
 from gaugeblock.validate.learned.informed.ridge import Ridge, fit_ridge
-from gaugeblock.validate.learned.informed.terms import Terms, values_of
+from gaugeblock.validate.learned.informed.terms import Terms, parameters_of, values_of
 from gaugeblock.validate.learned.informed.trees import Trees, fit_trees
 
 Rows = NDArray[np.int64]
@@ -78,7 +78,7 @@ class Challenger:
         if not trees:
             first = int(np.abs(self.ridge.coefficient[1:, term]).argmax())
             own = len(known.data.names)
-            if first < own or not (parameters := self.terms.every[term]) or not own:
+            if first < own or not (parameters := parameters_of(self.terms.every[term])) or not own:
                 return (names[first],)
             # A regression of a regression, or of what the estimator says: the data that it comes from.
             weight = np.abs(self.location.ridge.coefficient[1:, list(parameters)]).sum(axis=1)

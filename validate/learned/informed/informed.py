@@ -3,10 +3,11 @@
 An estimator that returns the prior, leaves a channel out or rounds its data can be calibrated in every
 average: what it loses shows only to somebody who looks at data and truths together. Challengers do, on
 earlier trials: ridge regressions on all of x, and boosted trees of depth two on x, its features and on what
-the estimator itself says. ``informed.rank`` is how much lower than 1/2 the truth's rank comes out in their
-score, on later trials: 0, exactly, for an exact posterior of any shape. A bias, a width or a correlation that
-is the same whatever the data has gates and tolerances of its own, and is no news here. ``informed.crps`` is
-how much of each parameter is learned at all, over the prior; it is judged by nothing.
+the estimator itself says. They foretell a truth's place, width and shape. ``informed.rank`` is how much lower
+than 1/2 the truth's rank comes out in their score, on later trials: 0, exactly, for an exact posterior of any
+shape. A bias, a width or a correlation that is the same whatever the data has gates and tolerances of its
+own, and is no news here. ``informed.crps`` is how much of each parameter is learned at all, over the prior;
+it is judged by nothing.
 
 Blind to what no such challenger can learn from the trials at hand: a fault in a sign of three inputs, in a
 phase, in a texture, in fewer than some hundred trials.
@@ -37,7 +38,7 @@ from gaugeblock.validate.learned.informed.learning import (
 )
 from gaugeblock.validate.learned.informed.pools import SCORED, Pools, pools_of
 from gaugeblock.validate.learned.informed.skill import Skill, forecast_crps, skill, skill_finding
-from gaugeblock.validate.learned.informed.terms import MOST_REGRESSED, Term, described
+from gaugeblock.validate.learned.informed.terms import Term, described
 from gaugeblock.validate.learned.learned import LEAST_TRIALS
 from gaugeblock.validate.messages import CHALLENGERS
 from gaugeblock.validate.p_values import lower_tail
@@ -47,7 +48,7 @@ RANK = "informed.rank"
 # What a challenger learns depends on which trials it meets first: as many begin anew, fewer where there are
 # many parameters, or many values of x. That is what three CPU seconds allow at the default size.
 ORDERS, ORDERS_OF_MANY = 3, 2
-FEW_CHANNELS = 64
+FEW_PARAMETERS, FEW_CHANNELS = 4, 32
 # Standard errors from which a second way to tell is worth naming.
 CERTAIN = 4.0
 POPULATION = "informed"
@@ -93,7 +94,7 @@ def informed(prepared: Prepared) -> list[Finding | NotChecked]:
 
 def orders(parameters: int, channels: int) -> int:
     """How many orders of learning the rank is averaged over."""
-    return ORDERS if parameters <= MOST_REGRESSED and channels <= FEW_CHANNELS else ORDERS_OF_MANY
+    return ORDERS if parameters <= FEW_PARAMETERS and channels <= FEW_CHANNELS else ORDERS_OF_MANY
 
 
 def blame(told: Mapping[tuple[Term, str], Told], last: Challenger, known: Known) -> str:

@@ -36,7 +36,7 @@ TAUGHT_CANDIDATES = 17
 # Trials that are scored at a time: with five parameters some 60 MB of columns.
 AT_ONCE = 8192
 # Columns that chance explains, within so many standard errors, stay out of the score.
-LEAST_Z = 2.0
+LEAST_Z = 3.0
 ROUNDS = 2
 # No trial weighs more: a fault of less than 4% of trials counts with its share, not with the root of it.
 MOST_WEIGHT = 5.0

@@ -10,7 +10,7 @@ from gaugeblock.validate.learned.informed.data import make_data
 from gaugeblock.validate.learned.informed.location import fit_location
 from gaugeblock.validate.learned.informed.pools import Pools, rank_scores
 from gaugeblock.validate.learned.informed.ridge import fit_ridge
-from gaugeblock.validate.learned.informed.terms import regressed_terms, values_of
+from gaugeblock.validate.learned.informed.terms import parameters_of, regressed_terms, values_of
 from gaugeblock.validate.learned.informed.trees import fit_trees
 
 
@@ -100,10 +100,11 @@ def test_what_a_term_is_foretold_from_is_named_in_terms_of_the_data():
     for term in range(len(terms.every)):
         largest = int(np.argmax(np.abs(found.ridge.coefficient[1:, term])))
         said = found.looked_at(term, seen, trees=False)
-        if largest < 3 or not terms.every[term]:
+        parameters = list(parameters_of(terms.every[term]))
+        if largest < 3 or not parameters:
             assert said == (names[largest],)
         else:
-            weight = np.abs(found.location.ridge.coefficient[1:, list(terms.every[term])]).sum(axis=1)
+            weight = np.abs(found.location.ridge.coefficient[1:, parameters]).sum(axis=1)
             assert said == (f"x[{int(np.argmax(weight))}]",)
     assert found.looked_at(0, seen, trees=False) == ("x[0]",)
     assert found.looked_at(1, seen, trees=False) == ("x[1]",)

@@ -32,7 +32,7 @@ from gaugeblock.validate.learned.informed.learning import (
 from gaugeblock.validate.learned.informed.pools import Pools, rank_scores
 from gaugeblock.validate.learned.informed.ridge import fit_ridge
 from gaugeblock.validate.learned.informed.skill import fair_crps, forecast_crps, share_below, skill
-from gaugeblock.validate.learned.informed.terms import regressed_terms, values_of, with_triples
+from gaugeblock.validate.learned.informed.terms import Share, regressed_terms, values_of, with_triples
 from gaugeblock.validate.learned.informed.trees import fit_trees
 from gaugeblock.validate.marginal.uniformity import ecdf_test
 
@@ -239,13 +239,13 @@ def test_columns_are_terms_times_what_is_foretold_of_them():
     rng = np.random.default_rng(21)
     seen, rows = known(rng.normal(size=(20, 9, 3)), rng.normal(size=(20, 3)), rng), np.array([3, 11, 4])
     terms = with_triples(regressed_terms(3), seen.pools.scores)
-    linear, trees = rng.normal(size=(3, 10)), rng.normal(size=(3, 7))
+    linear, trees = rng.normal(size=(3, 22)), rng.normal(size=(3, 7))
     for candidates in (None, 4):
         scores = seen.pools.scores[rows, :candidates]
         values = values_of(terms.every, scores)
         values = values - values.mean(axis=1, keepdims=True)
-        wanted = [values[..., 10]]
-        wanted += [values[..., k] * linear[:, [k]] for k in range(10)]
+        wanted = [values[..., 22]]
+        wanted += [values[..., k] * linear[:, [k]] for k in range(22)]
         wanted += [values[..., k] * trees[:, [k]] for k in range(7)]
         found = centred_columns(seen, terms, rows, (linear, trees), candidates)
         np.testing.assert_allclose(found, np.stack(wanted, axis=2), atol=1e-5)
@@ -253,6 +253,7 @@ def test_columns_are_terms_times_what_is_foretold_of_them():
     for _ in range(2):
         account(told, terms, found)
     ridge = [(0,), (1,), (2,), (0, 0), (1, 1), (2, 2), (), (0, 1), (0, 2), (1, 2)]
+    ridge += [Share(k, level) for k in range(3) for level in (0.05, 0.25, 0.75, 0.95)]
     every = {"alone": [(0, 1, 2)], "ridge": ridge, "trees": ridge[:7]}
     keys = [(term, how) for how, some in every.items() for term in some]
     assert list(told) == keys
@@ -264,7 +265,7 @@ def test_columns_are_terms_times_what_is_foretold_of_them():
 
 
 def test_columns_that_chance_explains_stay_out():
-    """Kept: beyond two standard errors, alone or beside the kept; what was kept is fitted together."""
+    """Kept: beyond three standard errors, alone or beside the kept; what was kept is fitted together."""
     rng = np.random.default_rng(22)
     columns = rng.normal(size=(300, 8, 6)) * np.array([1.0, 1e4, 1e-3, 1.0, 1.0, 0.0])
     columns[:, 0, 0] += 0.5
@@ -275,10 +276,10 @@ def test_columns_that_chance_explains_stay_out():
     found = coefficients(columns)
     scale = np.sqrt((columns**2).mean(axis=(0, 1)))
     standard = columns / np.where(scale > 0, scale, 1.0)
-    kept = np.abs(score_z(standard, np.zeros(6))) >= 2
+    kept = np.abs(score_z(standard, np.zeros(6))) >= 3
     first = np.zeros(6)
     first[kept] = fit_choice(standard[:, :, kept])
-    both = kept | (np.abs(score_z(standard, first)) >= 2)
+    both = kept | (np.abs(score_z(standard, first)) >= 3)
     both[5] = False
     wanted = np.zeros(6)
     wanted[both] = fit_choice(standard[:, :, both])
