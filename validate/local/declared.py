@@ -14,9 +14,16 @@ from scipy import special
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.check import circular_parameters
+from gaugeblock.validate.features import COMPONENT
 from gaugeblock.validate.learned.discriminant import normal_scores
 from gaugeblock.validate.learned.informed.challenger import SPLIT_CHANNELS
-from gaugeblock.validate.learned.informed.data import all_channels, channel_names, data_of
+from gaugeblock.validate.learned.informed.data import (
+    all_channels,
+    channel_names,
+    correlation,
+    data_of,
+    mostly,
+)
 from gaugeblock.validate.learned.informed.ridge import fit_ridge
 from gaugeblock.validate.prepared import Prepared, TrialBlock
 from gaugeblock.validate.ranks import truth_weight
@@ -94,19 +101,12 @@ def _channels(prepared: Prepared, taught: Rows) -> Declared:
         rank = prepared.pit[taught] - 0.5
         told = np.concatenate([rank, np.abs(rank), prepared.theta_true[taught]], axis=1)
         place = normal_scores(values[taught], values[taught])
-        strength = np.stack([_correlation(part, told).max(axis=1) for part in (place, place**2)]).max(axis=0)
+        strength = np.stack([correlation(part, told).max(axis=1) for part in (place, place**2)]).max(axis=0)
         kept = np.sort(np.argsort(-strength, kind="stable")[:SPLIT_CHANNELS])
         values, names = values[:, kept], names[kept]
     if values.shape[1] == 1:  # it is the total
         return Declared((), np.empty((len(values), 0)), ())
     return Declared(tuple(names.tolist()), values, ())
-
-
-def _correlation(one: Array, other: Array) -> Array:
-    """Absolute correlations of columns, ``(k, l)``; 0 with a constant."""
-    first, second = ((part - part.mean(axis=0)) for part in (one, other))
-    scale = np.outer(*(np.sqrt((part**2).sum(axis=0)) for part in (first, second)))
-    return np.asarray(np.abs(first.T @ second) / np.where(scale > 0, scale, np.inf))
 
 
 def in_terms_of_x(prepared: Prepared, name: str, column: Array, taught: Rows) -> str:
@@ -115,10 +115,9 @@ def in_terms_of_x(prepared: Prepared, name: str, column: Array, taught: Rows) ->
 
 
 def _named(name: str, column: Array, seen: Declared, taught: Rows) -> str:
-    if not name.startswith("component ") or not seen.names:
+    if not name.startswith(COMPONENT):
         return name
-    most = int(_correlation(column[taught, None], seen.values[taught])[0].argmax())
-    return f"{name} (most of it {seen.names[most]})"
+    return mostly(name, column[taught], seen.names, seen.values[taught])
 
 
 def _expected(prepared: Prepared, taught: Rows) -> tuple[Array, list[str]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -61,7 +62,12 @@ def data_of(prepared: Prepared, rows: NDArray[np.int64], *, taught: int | None =
     known = np.isfinite(features.values[rows[:taught]]).all(axis=0) & ~np.isin(features.names, left_out)
     named = [name for name, kept in zip(features.names, known.tolist(), strict=True) if kept]
     shape = prepared.main["x"].shape[1:] if "x" in prepared.main else (0,)
-    return make_data(found, features.values[rows][:, known], shape=shape, names=named, taught=taught)
+    made = make_data(found, features.values[rows][:, known], shape=shape, names=named, taught=taught)
+    names, seen = made.names[: made.channels], made.values[:, : made.channels]
+    further = zip(made.names[made.channels :], made.values[:, made.channels :].T, strict=True)
+    fitted = prepared.fitted_features
+    called = [mostly(each, column, names, seen) if each in fitted else each for each, column in further]
+    return made._replace(names=(*names, *called))
 
 
 def make_data(
@@ -84,6 +90,25 @@ def make_data(
     standard[:, heavy] = normal_scores(kept[:, heavy], own[:, heavy])
     values = np.concatenate([standard, normal_scores(features, features[:taught])], axis=1)
     return Data(values, standard.shape[1], (*called, *names))
+
+
+def mostly(name: str, column: Array, channels: Sequence[str], values: Array) -> str:
+    """Name of a principal component ``(n,)``, with which of the channels ``(n, channel)`` it goes most.
+
+    >>> values = np.random.default_rng(0).normal(size=(9, 2))
+    >>> mostly("component 1", values[:, 1], ("x[0]", "x[1]"), values)
+    'component 1 (most of it x[1])'
+    """
+    if not channels:
+        return name
+    return f"{name} (most of it {channels[int(correlation(column[:, None], values)[0].argmax())]})"
+
+
+def correlation(one: Array, other: Array) -> Array:
+    """Absolute correlations of columns ``(n, k)`` and ``(n, l)``, as ``(k, l)``; 0 with a constant."""
+    first, second = ((part - part.mean(axis=0)) for part in (one, other))
+    scale = np.outer(*(np.sqrt((part**2).sum(axis=0)) for part in (first, second)))
+    return np.asarray(np.abs(first.T @ second) / np.where(scale > 0, scale, np.inf))
 
 
 def channel_names(shape: tuple[int, ...]) -> list[str]:

@@ -90,7 +90,16 @@ def test_data_of_some_trials_leave_out_features_that_are_no_numbers():
         x.reshape(30, 4)[rows], features.values[rows][:, kept], shape=(2, 2),
         names=[features.names[k] for k in kept],
     )  # fmt: skip
-    assert (found.names, found.channels) == (wanted.names, 4)
+    assert (found.names[:5], found.channels) == (wanted.names[:5], 4)
+    # Components say with which value of x they go most, the user's own keep their names.
+    for name, was, column in zip(found.names[5:], wanted.names[5:], wanted.values[:, 5:].T, strict=True):
+        alike = [abs(np.corrcoef(column, value)[0, 1]) for value in wanted.values[:, :4].T]
+        main = wanted.names[int(np.argmax(alike))]
+        assert name == (was if was == "own" else f"{was} (most of it {main})")
+    assert [name.split(" (")[0] for name in found.names[5:]] == [
+        *(f"component {k + 1}" for k in range(4)),
+        "own",
+    ]
     np.testing.assert_allclose(found.values, wanted.values)
     np.testing.assert_array_equal(usable(features.values), features.values[:, kept])
     alone = data_of(Prepared(trials_tree(trials.drop_vars("x")), 1), rows)
