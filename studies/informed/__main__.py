@@ -16,7 +16,16 @@ import studies.informed
 from gaugeblock.core.progress import Bars
 from gaugeblock.validate import Outcome, Policy, judge, make_trials, read_policy, run_validators
 from studies.informed.document import FILES, document
-from studies.informed.problems import AFTERWARDS, AGAIN, BLIND, EXACT, TOLERATED, Problem
+from studies.informed.problems import (
+    AFTERWARDS,
+    AGAIN,
+    BLIND,
+    EXACT,
+    LAST,
+    SHAPES,
+    TOLERATED,
+    Problem,
+)
 from studies.kit.command import carried_out, given, parser
 from studies.kit.results import clopper_pearson, measured, record, write
 from studies.kit.resume import Arrays, Pieces
@@ -27,6 +36,8 @@ KINDS = {
     "blind": BLIND,
     "blind, made up afterwards": AFTERWARDS,
     "blind, made up since": AGAIN,
+    "blind, of a shape": SHAPES,
+    "blind, made up last": LAST,
     "not blind": TOLERATED,
     "exact": EXACT,
 }

@@ -234,6 +234,70 @@ def polarity(rng: Rng, n: int, draws: int) -> Made:
     return Made(theta, found * rng.choice([-1.0, 1.0], (n, draws, 1)), x)
 
 
+# Blind, and tried while challengers were taught to foretell shapes: normal, of the right mean and sd.
+
+
+def skew_ignored(rng: Rng, n: int, draws: int) -> Made:
+    """A gamma of shape 4 about x1, skewed to the side that the sign of x2 tells."""
+    x = rng.standard_normal((n, 4))
+    truth = x[:, :1] + np.sign(x[:, 1:2]) * (rng.gamma(4.0, 1.0, (n, 1)) - 4) / 2
+    return Made(truth, _gaussian(rng, x[:, :1], 1.0, draws), x)
+
+
+def peaks_ignored(rng: Rng, n: int, draws: int) -> Made:
+    """Two peaks at 0.9 to both sides of x1, in the quarter of all trials with the largest x2."""
+    x = rng.standard_normal((n, 4))
+    peaks = 0.9 * rng.choice([-1.0, 1.0], (n, 1)) + np.sqrt(1 - 0.9**2) * rng.standard_normal((n, 1))
+    truth = x[:, :1] + np.where(x[:, 1:2] > 0.67, peaks, rng.standard_normal((n, 1)))
+    return Made(truth, _gaussian(rng, x[:, :1], 1.0, draws), x)
+
+
+# Blind, and made up once that gate was frozen (a4e6dc2): nothing was changed after they had been tried.
+
+
+def stale(rng: Rng, n: int, draws: int) -> Made:
+    """One posterior in ten is of the data set before."""
+    made, _ = _two(rng, n, draws)
+    late = np.flatnonzero(rng.random(n) < 0.1)
+    found = made.draws.copy()
+    found[late] = made.draws[late - 1]
+    return made._replace(draws=found)
+
+
+def one_peak(rng: Rng, n: int, draws: int) -> Made:
+    """x = |theta| + 0.3 e; one normal posterior about 0 where the exact one has two peaks."""
+    theta = rng.standard_normal((n, 1))
+    x = np.abs(theta) + 0.3 * rng.standard_normal((n, 1))
+    sd = np.sqrt((x / 1.09) ** 2 + 0.09 / 1.09)
+    return Made(theta, _gaussian(rng, np.zeros((n, 1)), sd, draws), x)
+
+
+def mean_field(rng: Rng, n: int, draws: int) -> Made:
+    """Two parameters whose correlation, tanh of x3, is taken for 0."""
+    x = rng.standard_normal((n, 4))
+    z, correlation = rng.standard_normal((n, 2)), np.tanh(x[:, 2])
+    away = np.column_stack([z[:, 0], correlation * z[:, 0] + np.sqrt(1 - correlation**2) * z[:, 1]])
+    return Made(x[:, :2] + away, _gaussian(rng, x[:, :2], 1.0, draws), x)
+
+
+def outliers_trusted(rng: Rng, n: int, draws: int) -> Made:
+    """Ten channels theta + 0.5 e with e of Student's t, 3 degrees of freedom; their mean alone is used."""
+    theta = rng.standard_normal((n, 1))
+    x = theta + 0.5 * rng.standard_t(3, (n, 10))
+    variance = 0.25 * 3 / 10
+    mean, sd = x.mean(axis=1, keepdims=True) / (1 + variance), np.sqrt(variance / (1 + variance))
+    return Made(theta, _gaussian(rng, mean, sd, draws), x)
+
+
+def exposure_ignored(rng: Rng, n: int, draws: int) -> Made:
+    """The counts of `counts` over exposures of 0.5 to 1.5, which the last value of x is; 1 is taken."""
+    theta = rng.gamma(2.0, 1.0, (n, 1))
+    share, exposure = np.linspace(0.05, 0.5, 30), rng.uniform(0.5, 1.5, (n, 1))
+    counted = rng.poisson(theta * share * exposure)
+    found = rng.gamma(2.0 + counted.sum(axis=1)[:, None], 1 / (1 + share.sum()), (n, draws))
+    return Made(theta, found[:, :, None], np.column_stack([counted, exposure]))
+
+
 # Not blind: faults that are the same whatever the data, about as large as the default policy tolerates.
 
 
@@ -346,6 +410,19 @@ AGAIN: dict[str, Problem] = {
     "likelihood to the power 0.3 at one end": tempered,
     "mean of a series alone": average_alone,
     "polarity ignored": polarity,
+}
+
+SHAPES: dict[str, Problem] = {
+    "a skew that x2 tells": skew_ignored,
+    "two peaks that x2 tells": peaks_ignored,
+}
+
+LAST: dict[str, Problem] = {
+    "posterior of the data before, 10%": stale,
+    "two peaks taken for one": one_peak,
+    "a correlation that x3 tells": mean_field,
+    "mean of heavy-tailed channels": outliers_trusted,
+    "exposures taken for 1": exposure_ignored,
 }
 
 TOLERATED: dict[str, Problem] = {

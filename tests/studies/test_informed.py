@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from studies.informed.__main__ import KINDS, audits, main, summary
 from studies.informed.document import FILES, text
-from studies.informed.problems import AFTERWARDS, AGAIN, BLIND, EXACT, TOLERATED
+from studies.informed.problems import AFTERWARDS, AGAIN, BLIND, EXACT, LAST, SHAPES, TOLERATED
 from studies.kit.results import DOCS, RESULTS, clopper_pearson, read
 
 from gaugeblock.validate import read_policy
@@ -61,10 +61,10 @@ def test_the_gate_of_the_anytime_mode_has_the_whole_budget_and_a_table_of_its_ow
     assert text(table) in page.read_text()
 
 
-@pytest.mark.parametrize("name", [*AFTERWARDS, *AGAIN, *TOLERATED])
+@pytest.mark.parametrize("name", [*AFTERWARDS, *AGAIN, *SHAPES, *LAST, *TOLERATED])
 def test_what_was_made_up_afterwards_makes_trials(name):
     """Shapes, and numbers that are finite; how often each is blocked, the study says."""
-    made = {**AFTERWARDS, **AGAIN, **TOLERATED}[name](np.random.default_rng(2), 50, 7)
+    made = {**AFTERWARDS, **AGAIN, **SHAPES, **LAST, **TOLERATED}[name](np.random.default_rng(2), 50, 7)
     assert made.draws.shape == (50, 7, made.theta_true.shape[1])
     assert len(made.x) == len(made.theta_true) == 50
     assert all(np.isfinite(part).all() for part in made)
