@@ -77,7 +77,7 @@ def declared_features(prepared: Prepared, taught: Rows) -> Declared:
                 left_out.append(f"{name}: NaN or infinite values; no regions of it")
                 continue
             parts.append(column[:, None])
-            names.append(_named(name, column, seen, taught))
+            names.append(_named(name, column, seen))
         parts.append(seen.values)
         names += seen.names
     if "x" in prepared.main:
@@ -111,13 +111,11 @@ def _channels(prepared: Prepared, taught: Rows) -> Declared:
 
 def in_terms_of_x(prepared: Prepared, name: str, column: Array, taught: Rows) -> str:
     """The name of a feature `column` ``(trial,)``; a principal component names its main channel."""
-    return _named(name, column, _channels(prepared, taught), taught)
+    return _named(name, column, _channels(prepared, taught))
 
 
-def _named(name: str, column: Array, seen: Declared, taught: Rows) -> str:
-    if not name.startswith(COMPONENT):
-        return name
-    return mostly(name, column[taught], seen.names, seen.values[taught])
+def _named(name: str, column: Array, seen: Declared) -> str:
+    return mostly(name, column, seen.names, seen.values) if name.startswith(COMPONENT) else name
 
 
 def _expected(prepared: Prepared, taught: Rows) -> tuple[Array, list[str]]:

@@ -142,10 +142,10 @@ def test_channels_that_stay_are_those_most_correlated_with_ranks_or_truths():
     assert names == [f"x[{k}]" for k in kept if k != 9]
     for k in (0, 7):
         np.testing.assert_array_equal(found.values[:, found.names.index(f"x[{k}]")], x[:, k])
-    # A component is named by the channel that it goes with on the trials that teach.
+    # A component is named by the channel that it goes with, of those that are kept.
     for number in (1, 2):
         column = ready.features.column(f"component {number}")
-        main = kept[np.argmax([correlation(column[taught], x[taught, k]) for k in kept])]
+        main = kept[np.argmax([correlation(column, x[:, k]) for k in kept])]
         assert f"component {number} (most of it x[{main}])" in found.names
         said = in_terms_of_x(ready, f"component {number}", column, taught)
         assert said == f"component {number} (most of it x[{main}])"

@@ -102,6 +102,8 @@ def test_data_of_some_trials_leave_out_features_that_are_no_numbers():
     ]
     np.testing.assert_allclose(found.values, wanted.values)
     np.testing.assert_array_equal(usable(features.values), features.values[:, kept])
+    silent = data_of(Prepared(trials_tree(trials.assign(x=0 * trials["x"])), 1), rows)
+    assert (silent.names[:2], silent.channels) == (("total", "component 1"), 0)
     alone = data_of(Prepared(trials_tree(trials.drop_vars("x")), 1), rows)
     assert (alone.names, alone.channels, alone.values.shape) == (("own",), 0, (5, 1))
     none = data_of(Prepared(trials_tree(trials.drop_vars(["x", "own", "bad"])), 1), rows)
