@@ -40,7 +40,7 @@ def parts(work: Path, seed: int, **options: Any) -> dict[str, Callable[[], Part]
     return {
         "size": size.part,
         "gate": gate.part,
-        "edges": shortcut.whole_part,
+        "edges": edges.whole_part,
         "planned": shapes.planned_part,
         "intervals": lambda: intervals.part(work, seed=seed, **options),
         "shortcut": shortcut.part,

@@ -96,7 +96,7 @@ def audited(
     trials: xr.DataTree | xr.Dataset, policy: Policy, seed: int, *, select: Iterable[str] = JUDGED
 ) -> Audited:
     """Validate and judge trials that are there already."""
-    findings, not_checked = run_validators(trials, seed=seed, select=select)
+    findings, not_checked = run_validators(trials, seed=seed, select=select, levels=policy.levels)
     with quick_bootstrap():
         return Audited(findings, not_checked, judge(findings, not_checked, policy, seed=seed))
 

@@ -1,8 +1,9 @@
 """Trials on the edge of tolerances that no shift or stretch of all truths puts them on, of several shapes.
 
-Only the validator of this gate looks at them, as it does in audits. How large a fault has to be is told
-without it wherever that can be: where truths lie among a shape's own quantiles says how often ranks among so
-many draws come out where (`boundary.blurred`), log densities and probabilities are off by what is tolerated.
+The validator of this gate looks at them, as it does in audits; or whole audits do. How large a fault has to
+be is told without it wherever that can be: where truths lie among a shape's own quantiles says how often
+ranks among so many draws come out where (`boundary.blurred`), log densities and probabilities are off by what
+is tolerated.
 """
 
 from __future__ import annotations
@@ -16,11 +17,13 @@ import xarray as xr
 from scipy import optimize, stats
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate import Policy, judge, make_policy, make_trials, run_validators
+from gaugeblock.validate import Policy, make_policy, make_trials, run_validators
 from gaugeblock.validate.levels import LEVELS
 from gaugeblock.validate.messages import SHARE
-from studies.error_rates.audits import quick_bootstrap
+from studies.error_rates import shortcut
+from studies.error_rates.audits import JUDGED, audited
 from studies.error_rates.boundary import blurred
+from studies.error_rates.gate import outcome
 from studies.error_rates.policies import DEFAULT, alone
 from studies.error_rates.replicates import Part, Replicate, Values
 from studies.error_rates.shapes import SHAPES
@@ -30,6 +33,7 @@ from studies.error_rates.summary import indicators, verdicts
 SHAPED = ("normal", "Cauchy", "lognormal, sigma 2", "bounded U")
 # The level that so many draws resolve; of fewer trials it is known too badly for any PASS.
 TAILS, TAILS_DRAWS, TAILS_TRIALS = (0.99,), 400, 3000
+SIZES = "1,000 trials x 100 draws (of tails 3,000 x 400, of local 4,000 x 50{})"
 # Truths at so many quantiles of a shape.
 QUANTILES = 20_000
 # Share of the trials in the one region that is off, and what is looked at there.
@@ -46,6 +50,8 @@ LOG_DENSITY: Mapping[str, Callable[[Array], Array]] = {
         np.logaddexp(stats.norm.logpdf(theta, -4), stats.norm.logpdf(theta, 4)) - np.log(2)
     ),
 }
+# Of the cases of `shortcut` these are on more edges than one, or on one that trials alone do not show.
+NO_TRIALS = ("ess", "all at once")
 LEARNED, ANY = "the region was learned", "PASS of any regions"
 STATED: Mapping[str, Callable[[np.random.Generator, int], Array]] = {
     "uniform": lambda rng, n: rng.random(n),
@@ -77,19 +83,17 @@ def cases() -> dict[str, Callable[[], Edge]]:
     return shaped | dense | {f"models, {stated}": partial(models, stated) for stated in STATED}
 
 
-def replicate(built: Callable[[], Edge]) -> Replicate:
-    """Verdicts as indicators."""
+def replicate(built: Callable[[], Edge], *, whole: bool = False) -> Replicate:
+    """Verdicts as indicators, of the gate's own validator or of whole audits, with the gates to blame."""
 
     def verdict(seed: int) -> Values:
         edge = built()
         trials = edge.trials(np.random.default_rng(seed))
-        audit = run_validators(trials, seed=seed, select=[edge.select], levels=edge.policy.levels)
-        with quick_bootstrap():
-            outcome = judge(*audit, edge.policy, seed=seed).outcome
-        said = verdicts(outcome)
+        audit = audited(trials, edge.policy, seed, select=JUDGED if whole else [edge.select])
+        said = outcome(audit) if whole else verdicts(audit.verdict.outcome)
         if not edge.region:
             return said
-        found = [one.details["region"].values for one in audit[0] if "region" in one.details]
+        found = [one.details["region"].values for one in audit.findings if "region" in one.details]
         learned = float(any(edge.region in regions for regions in found))
         return said | {"PASS": learned * said["PASS"], LEARNED: learned, ANY: said["PASS"]}
 
@@ -231,11 +235,29 @@ def part() -> Part:
     """The part of the study."""
     return Part(
         name="edge-gates",
-        says="one gate on its edge, computed by its validator, "
-        "1,000 trials x 100 draws (of tails 3,000 x 400, of local 4,000 x 50, of models 5,000)",
+        says=f"one gate on its edge, computed by its validator, {SIZES.format(', of models 5,000')}",
         cases={name: replicate(built) for name, built in cases().items()},
         replicates=1000,
         together=50,
         settings={"shapes": SHAPED, "stated": list(STATED), "policy": DEFAULT.model_dump()},
+        summarise=indicators,
+    )
+
+
+def whole_part() -> Part:
+    """The part of the study that audits all that lies on an edge by its trials alone.
+
+    But for models, whose audits have no other gate.
+    """
+    made = {name: shortcut.whole(built) for name, built in shortcut.cases().items() if name not in NO_TRIALS}
+    for name, edge in cases().items():
+        if not name.startswith("models"):
+            made[name] = replicate(edge, whole=True)
+    return Part(
+        name="edges",
+        says=f"whole audits with one gate on its edge, {SIZES.format('')}",
+        cases=made,
+        replicates=100,
+        settings={"edges": shortcut.EDGES, "shapes": shortcut.EDGED, "policy": DEFAULT.model_dump()},
         summarise=indicators,
     )

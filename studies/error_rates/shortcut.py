@@ -189,19 +189,6 @@ def whole(built: Built) -> Replicate:
     return verdict
 
 
-def whole_part() -> Part:
-    """The part of the study that runs whole audits of what needs truths and draws alone."""
-    built = {name: each for name, each in cases().items() if name not in ("ess", "all at once")}
-    return Part(
-        name="edges",
-        says="whole audits with one gate on its edge, 1,000 trials x 100 draws",
-        cases={name: whole(each) for name, each in built.items()},
-        replicates=100,
-        settings={"edges": EDGES, "shapes": EDGED, "policy": DEFAULT.model_dump()},
-        summarise=indicators,
-    )
-
-
 def part() -> Part:
     """The part of the study."""
     return Part(

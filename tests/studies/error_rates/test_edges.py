@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 from scipy import stats
 from studies.error_rates import edges
+from studies.error_rates.audits import audited
 from studies.error_rates.boundary import kink
 from studies.error_rates.edges import LEVELS, SHAPED, TAILS, TAILS_DRAWS, cases, displacement, held, replicate
 from studies.error_rates.policies import DEFAULT
@@ -123,12 +124,32 @@ def test_on_the_edge_of_one_gate_both_verdicts_are_rare(name):
     assert max(sum(one[verdict] for one in said) for verdict in ("FAIL", "PASS")) <= most
 
 
+@pytest.mark.parametrize("name", ["tails, bounded U", "local, Cauchy", "normalisation, normal"])
+def test_whole_audits_have_no_other_gate_to_fail_by(name, monkeypatch):
+    """By every validator that can look at such trials, and the one gate says what it says alone."""
+    edge, audits = cases()[name](), []
+
+    def kept(*given, **more):
+        audits.append(audited(*given, **more))
+        return audits[-1]
+
+    monkeypatch.setattr(edges, "audited", kept)
+    whole, alone = replicate(lambda: edge, whole=True)(3), replicate(lambda: edge)(3)
+    every, one = ({gate.id: gate for gate in audit.verdict.gates} for audit in audits)
+    assert {"sbc.bias[theta_1]", "joint.tarp", *one} < set(every)
+    failed = {gate.id.partition("[")[0] for gate in every.values() if gate.outcome is Outcome.FAIL}
+    assert failed <= set(edge.policy.required)
+    assert {thing for thing in whole if thing.startswith("fail: ")} == {f"fail: {gate}" for gate in failed}
+    looked_at = [gate for gate in one if gate.startswith(edge.policy.required)]
+    assert [every[gate].statistic for gate in looked_at] == [one[gate].statistic for gate in looked_at] != []
+    assert set(alone) <= set(whole)
+
+
 def test_a_pass_where_the_region_was_not_learned_is_not_counted(monkeypatch):
     edge = edges.local("normal")
-    monkeypatch.setattr(edges, "judge", lambda *_, **__: SimpleNamespace(outcome=Outcome.PASS))
-    monkeypatch.setattr(edges, "run_validators", lambda *_, **__: found("total > 0"))
+    monkeypatch.setattr(edges, "audited", lambda *_, **__: found("total > 0"))
     assert replicate(lambda: edge)(1) == {**PASSED, edges.LEARNED: 1.0}
-    monkeypatch.setattr(edges, "run_validators", lambda *_, **__: found("total > 0 and something"))
+    monkeypatch.setattr(edges, "audited", lambda *_, **__: found("total > 0 and something"))
     assert replicate(lambda: edge)(1) == {**PASSED, "PASS": 0.0, edges.LEARNED: 0.0}
 
 
@@ -136,8 +157,9 @@ PASSED = {"PASS": 1.0, "FAIL": 0.0, "INCONCLUSIVE": 0.0, edges.ANY: 1.0}
 
 
 def found(region):
-    """Findings of this region alone, and nothing that was not checked."""
-    return [SimpleNamespace(details=xr.Dataset({"region": ("region", [region])}))], []
+    """An audit that PASSed, with findings of this region alone."""
+    finding = SimpleNamespace(details=xr.Dataset({"region": ("region", [region])}))
+    return SimpleNamespace(findings=[finding], verdict=SimpleNamespace(outcome=Outcome.PASS, gates=()))
 
 
 @pytest.mark.parametrize("name", ["coverage", "tails", "joint", "local", "normalisation", "models"])
