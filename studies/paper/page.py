@@ -17,14 +17,15 @@ from studies.kit.results import command_of, renamed
 from studies.paper import words
 from studies.paper.beyond import beyond
 from studies.paper.claim import SINGLE, Claim, Counted
-from studies.paper.experiment import trained_since
+from studies.paper.experiment import Setting, trained_since
 from studies.paper.experiments import load
 from studies.paper.experiments.calibration_published import FAILS
+from studies.paper.experiments.cross_claims import THREE
 from studies.paper.family import FAMILIES, TOO_MANY, Family
 from studies.paper.judge import Agreement, Judgement
 from studies.paper.numbers import by_claim
 from studies.paper.paper_flow.shipped import FLOWS, record_of
-from studies.paper.paper_flow.variants import TRAININGS
+from studies.paper.paper_flow.variants import TRAININGS, VARIANTS
 from studies.paper.registry import DETECTORS, claims, repeats
 
 INTRODUCTION = """\
@@ -119,6 +120,7 @@ def _front(judgements: Sequence[Judgement], tables: Mapping[str, xr.Dataset]) ->
         table_of(("what would settle it", "judged claims"), [(k, str(v)) for k, v in settled.most_common()]),
         *_picked(judgements, tables),
         *_one_network(judgements),
+        *_not_made(tables),
         "## By kind, judged claims alone",
         _summary(judged, lambda item: item.claim.kind.value, "kind"),
         "## By section, judged claims alone",
@@ -141,6 +143,31 @@ def _one_network(judgements: Sequence[Judgement]) -> list[str]:
         return []
     fails = float(p["uncapped bright"] < FAILS)
     return [ONE_NETWORK.format(twice=twice["value"], once=twice["value"] - fails)]
+
+
+NOT_MADE = """\
+Of {planned} trainings of the study's network that were fixed beforehand {made} are made. Not made are
+{lacking}. Flow claims on these networks (`gm.*`, `cf.*`, `xc.*`, and all on NICER) are held against flows of
+our own, of another architecture: what they say, they say of ours."""
+CURVE = "Its learning curve, {number} more trainings, is not made either."
+ONE_TRAINING = ("-uncapped", "-cut")
+"""Where the bright training was stopped: no trainings of their own."""
+
+
+def _not_made(tables: Mapping[str, xr.Dataset]) -> list[str]:
+    """What was planned and is not there: networks by recipe, and the learning curve."""
+    planned = [name for name in VARIANTS if not name.endswith(ONE_TRAINING)]
+    made = {path.stem for path in FLOWS.glob("*.json")}
+    lacking = Counter(name.partition("-seed")[0] for name in planned if name not in made)
+    said = []
+    if lacking:
+        recipes = ", ".join(f"{number} of `{recipe}`" for recipe, number in lacking.items())
+        number = len(planned) - lacking.total()
+        said.append(NOT_MADE.format(planned=len(planned), made=number, lacking=recipes))
+    if "learning_curve" not in tables:
+        sizes = load("learning_curve").sizes[Setting.FULL]
+        said.append(CURVE.format(number=len(sizes["spectra"]) * len(sizes["seeds"])))
+    return ["## What is not made", " ".join(said)] if said else []
 
 
 def _settled(item: Judgement) -> str:
@@ -213,26 +240,41 @@ def _row_by_row(found: Sequence[Judgement]) -> str:
 
 PICKED = """\
 Three claims are of spectra that we chose by the outcome, and are undecided for that. Beside them what is not
-chosen: the population's median of `xc.bright.sigma_eff` is {median:.2f}; shrinks of all medium spectra, for
-`xc.med.shrink`, have a median of {shrink:.3f} and a mean of {mean:.3f} by Fisher information, their exact
-posteriors are in no kept result; `xc.i22.flat` is {box:.1f} nats in the study's box and
-{wider:.2f} in the wider one."""
+chosen: the population's median of `xc.bright.sigma_eff` is {median:.2f}; shrinks of {pool} medium spectra,
+for `xc.med.shrink`, have a median of {shrink:.3f} by importance weights, and {inside:.0%} of them lie in its
+{low:g} to {high:g} (by Fisher information a median of {fisher:.3f}); `xc.i22.flat` is {box:.1f} nats in the
+study's box and {wider:.2f} in the wider one. `xc.i22.shrink` is of the spectrum that shrinks most among those
+loaded against the ceiling, `xc.bright.shrink_NS` and `xc.bright.range` of three with the published errors of
+the gain: that they agree says that there are such spectra, not how many. A share of {rare:.1%} of the medium
+ones shrink to the published number or below; of the bright ones {shares} shrink more than the published
+three."""
 
 
 def _picked(judgements: Sequence[Judgement], tables: Mapping[str, xr.Dataset]) -> list[str]:
     """Values whose spectra were chosen by the outcome, beside those that were not."""
+    every = {item.claim.id: item.ours for item in judgements if item.ours}
     ours = {item.claim.id: item.ours for item in judgements if item.claim.chosen and item.ours}
-    if len(ours) < 3 or "information" not in tables:
+    if len(ours) < 3 or not {"information", "cross_check"} <= set(tables):
         return []
-    fisher = tables["information"].pipe(by_claim)["xc.fisher"]
+    fisher = tables["information"].pipe(by_claim)["xc.fisher"]["value"]
     sigma, box = ours["xc.bright.sigma_eff"], ours["xc.i22.flat"]
+    pool = tables["cross_check"]["pool_medium"].values
+    claim = claims()["xc.med.shrink"]
+    margin = claim.rules[0].margins(claim.parts)[0]
+    bright = every["xc.bright.shrink_NS"]
     return [
         PICKED.format(
             median=sigma["median"],
-            shrink=fisher["value"],
-            mean=fisher["mean"],
+            pool=len(pool),
+            shrink=np.median(pool),
+            inside=np.mean((pool >= margin.low) & (pool <= margin.high)),
+            low=margin.low,
+            high=margin.high,
+            fisher=fisher,
             box=box["box"],
             wider=box["value"],
+            rare=every["xc.i22.shrink"]["rank"],
+            shares=", ".join(f"{bright[f'{name} rank']:.0%}" for name in THREE),
         )
     ]
 

@@ -18,8 +18,10 @@ from studies.paper import (
 )
 from studies.paper.claim import Counted
 from studies.paper.document import DOCS, adopt, document
+from studies.paper.experiment import committed
 from studies.paper.family import Family
 from studies.paper.page import page
+from studies.paper.paper_flow.shipped import FLOWS
 from studies.paper.run import Reproduction, as_dataset, needed
 
 from gaugeblock.core.errors import InputError
@@ -160,7 +162,26 @@ def test_what_is_committed_differs_and_the_exit_code_says_so():
 def test_the_front_page_says_what_was_counted_twice_and_what_was_picked():
     text = (DOCS / "reproduction.md").read_text()
     assert "its 3 of 5 are 2 of 4 networks" in text
-    assert "`xc.i22.flat` is 5.4 nats in the study's box and\n0.37 in the wider one" in text
+    said = " ".join(text.split())
+    assert "`xc.i22.flat` is 5.4 nats in the study's box and 0.37 in the wider one" in said
+    # Counted from the kept shrinks of the pool.
+    pool = committed("cross_check")["pool_medium"].values
+    share = sum(0.9 <= value <= 1.03 for value in pool) / len(pool)
+    assert f"a median of {sorted(pool)[len(pool) // 2]:.3f} by importance weights, and {share:.0%} of" in said
+    rare = sum(value < 0.723 for value in pool) / len(pool)
+    assert f"A share of {rare:.1%} of the medium ones" in said
+
+
+def test_the_front_page_says_which_trainings_there_are_not():
+    """34 were fixed: five on EPIC-pn and three on NICER at each level, five with a gain at two of them."""
+    said = " ".join((DOCS / "reproduction.md").read_text().split())
+    stopped = ("cut", "uncapped")
+    made = [path.stem for path in FLOWS.glob("*.json") if path.stem.rpartition("-")[2] not in stopped]
+    assert f"Of 34 trainings of the study's network that were fixed beforehand {len(made)} are made." in said
+    for recipe, planned in (("epic-pn-bright", 5), ("nicer-medium", 3), ("epic-pn-bright-gain", 5)):
+        there = sum(name.partition("-seed")[0] == recipe for name in made)
+        assert f"{planned - there} of `{recipe}`" in said
+    assert "9 more trainings, is not made either" in said
 
 
 def test_the_page_names_flows_that_were_trained_again(monkeypatch):
