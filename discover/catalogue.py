@@ -54,6 +54,7 @@ from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.library import LibraryEffect
 
 CATALOGUE = Thresholds(
+    parts=1,  # only the library decides
     profiled=5,  # each fits every source again
     later=5,
     at_least=3,  # sources together leave less doubt of what their scores promise than one alone
@@ -142,7 +143,8 @@ class CatalogueCounts(Engine):
     ):
         if not groups:
             raise InputError("discover: a catalogue needs sources")
-        self.blocks, self.replicates, self._told, self._each = blocks_of(groups), replicates, told, each
+        self.replicates = self.thresholds.enough(replicates)
+        self.blocks, self._told, self._each = blocks_of(groups), told, each
         self.sources = groups[0]
         self.simulator = groups[0].simulator
         names = ("search", "held_out", "decoys", "beside")
@@ -318,6 +320,7 @@ class CatalogueCounts(Engine):
         alone = {first.key: self.entries[first.key]}
         candidates = by_response(groups, lambda simulator: Candidates(simulator, alone))
         members = list(map(Members, groups, fits, candidates))
+        # Its scores are what is asked for, and no p of them: the null stays small.
         found = search_shared(members, nuisances, replicates=99, rng=self._streams["beside"], each=self._each)
         at = int(self._first.node[first.template])
         self._beside = BesideNuisances(nuisances, amplitude, found, at)

@@ -15,7 +15,7 @@ from gaugeblock.discovery.arrays import channel_arrays, counted_arrays
 from gaugeblock.discovery.confirm.amplitude import Place, estimates, held_out_amplitude
 from gaugeblock.discovery.confirm.floated import floated, near
 from gaugeblock.discovery.confirm.thinned import ScoredModel, random_shapes, thinned_scores
-from gaugeblock.discovery.engine import Comparison, Engine, Look, Round, Thresholds
+from gaugeblock.discovery.engine import Comparison, Engine, Look, Round, Thresholds, together
 from gaugeblock.discovery.fitting import Fit, fit
 from gaugeblock.discovery.held_out import BEFORE, NAMED, RIVAL, UNNAMED, HeldOut, deviance
 from gaugeblock.discovery.library import Candidates, amplitude_places
@@ -59,6 +59,11 @@ class Counts(Engine):
     ----------
     proposed : Candidates, optional
         That an earlier search of the same simulator has worked in; without it, `own` beside the simulator's.
+
+    Raises
+    ------
+    InputError
+        If there are too few replicates, or no effects to propose.
     """
 
     thresholds = Thresholds()
@@ -76,7 +81,7 @@ class Counts(Engine):
         energy: float | None = None,
         proposed: Candidates | None = None,
     ):
-        self.sources, self.replicates = sources, replicates
+        self.sources, self.replicates = sources, self.thresholds.enough(replicates)
         self.simulator = sources.simulator
         names = ("look", "quantiles", "held_out", "decoys", "amplitude")
         self._streams = dict(zip(names, rng.spawn(len(names)), strict=True))
@@ -144,7 +149,7 @@ class Counts(Engine):
             smallest_detectable=tested.smallest_detectable()[0],
             null=null,
             # Windows and cumulative counts share what the library leaves of the chance of a false alarm.
-            p_rest=min(1.0, 2.0 * min(scanned.p_overall, curve.p_global)),
+            p_rest=together(scanned.p_overall, curve.p_global),
             state=CountsState(here, fitted, found, tested, scanned, curve),
         )
 

@@ -6,6 +6,7 @@ can only simulate. The workflow, the decision and the record are the same for al
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -15,6 +16,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
+from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.held_out import HeldOut
 from gaugeblock.discovery.library import gaps
 from gaugeblock.discovery.result import (
@@ -39,6 +41,9 @@ class Thresholds:
 
     level: float = 0.01
     """Global p at which a disagreement counts."""
+    parts: int = 4
+    """Equal parts of the chance of a false alarm of which the look with the least has one: windows and
+    cumulative counts share what the library leaves them."""
     adequate: float = 0.05
     """Global p of what the named effects leave below which they are not the whole story."""
     further: float = 1.0
@@ -84,6 +89,22 @@ class Thresholds:
     """Random shapes that are scored beside the name."""
     folds: int = 5
     """Parts of the data, each of which judges what the others taught."""
+
+    def enough(self, replicates: int) -> int:
+        """So many replicates, if every look can reach `level`: a p of 1 / (replicates + 1) times `parts`.
+
+        Raises
+        ------
+        InputError
+            If there are fewer.
+        """
+        fewest = math.ceil(self.parts / self.level) - 1
+        if replicates < fewest:
+            raise InputError(
+                f"discover: needs at least {fewest} replicates, got {replicates}: with fewer not every look "
+                f"could reach a global p of {self.level}"
+            )
+        return replicates
 
 
 @dataclass(frozen=True)
@@ -137,7 +158,7 @@ class Look:
     @property
     def p_global(self) -> float:
         """Global p of any disagreement (Bonferroni, where more is looked at than the library)."""
-        return self.p_effects if self.p_rest is None else min(1.0, 2.0 * min(self.p_effects, self.p_rest))
+        return self.p_effects if self.p_rest is None else together(self.p_effects, self.p_rest)
 
     @property
     def strength(self) -> float:
@@ -178,6 +199,15 @@ class Look:
             if self.smallest_detectable[self.owner == key].min() > farthest:
                 made.append(key)
         return made
+
+
+def together(*p: float) -> float:
+    """Global p of several looks that share the chance of a false alarm equally (Bonferroni).
+
+    >>> together(0.5, 0.01), together(0.9, 0.6)
+    (0.02, 1.0)
+    """
+    return min(1.0, len(p) * min(p))
 
 
 def beyond(null: Array, value: float) -> float:

@@ -52,7 +52,8 @@ def discover_source(
     library : Candidates, optional
         Candidates that an earlier search of the same simulator has worked in: nothing is compiled again.
     replicates : int
-        Simulated data sets behind every global p, which is never below 1 / (replicates + 1).
+        Simulated data sets behind every global p, which is never below 1 / (replicates + 1): at least 399, so
+        that every look at the data can reach 0.01.
     evidence : bool
         Whether to run nested sampling with and without the first named effect: minutes, for many counts.
     e_value : bool
@@ -63,7 +64,8 @@ def discover_source(
     Raises
     ------
     InputError
-        If the simulator proposes no effect, or `only` names one that is not there.
+        If the simulator proposes no effect, `only` names one that is not there, or there are fewer than 399
+        replicates.
     """
     step("fitting the model as it is")
     first, second, third = np.random.default_rng(seed).spawn(3)
@@ -95,7 +97,7 @@ def discover_catalogue(
     """The same over many sources: an effect that all of them share, confirmed on held-out sources.
 
     Parameters are those of `discover_source`; `groups` holds the sources of each response, and
-    `each` asks blocks of them.
+    `each` asks blocks of them. 99 replicates are enough: the library alone decides.
     """
     step(f"fitting {sum(map(len, groups)):,} sources")
     first, second = np.random.default_rng(seed).spawn(2)

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtri
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.arrays import places
 from gaugeblock.discovery.engine import Comparison, Engine, Look, Round, Thresholds, beyond
 from gaugeblock.discovery.held_out import HeldOut
@@ -55,9 +54,6 @@ LEAST = 2.0
 
 INTERVAL = 0.9
 
-FEWEST_REPLICATES = 399
-"""Four p-values are combined, and each is at least 1 / (replicates + 1)."""
-
 
 class Simulations(Engine):
     """Independent data sets of a simulator that has neither likelihood nor mean.
@@ -96,13 +92,8 @@ class Simulations(Engine):
         summaries: Summaries | None,
         step: Callable[[str], None],
     ):
-        if replicates < FEWEST_REPLICATES:
-            raise InputError(
-                f"discover: needs at least {FEWEST_REPLICATES} replicates, got {replicates}: with fewer no "
-                f"disagreement could reach a global p of {SIMULATIONS.level}"
-            )
-        self.simulator, self.replicates = simulator, replicates
         self.thresholds = replace(SIMULATIONS, most=most)
+        self.simulator, self.replicates = simulator, self.thresholds.enough(replicates)
         budget = Budget(simulations, int(np.random.default_rng(seed).integers(2**31)))
         self._streams = np.random.default_rng(seed).spawn(3)
         step("fitting the population of theta")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.discovery.engine import Look, beyond
+from gaugeblock.discovery.engine import Look, beyond, together
 from gaugeblock.discovery.library import Candidate, Candidates
 from gaugeblock.discovery.name.score import allowed
 from gaugeblock.discovery.simulated.learning import Base, derivative
@@ -137,7 +137,7 @@ class LearnedTests:
     def p_moments(self) -> float:
         """Global p over the moments: the largest one, and all together (Bonferroni)."""
         largest = beyond(self.null_moment, float(np.abs(self.moment_z).max()))
-        return min(1.0, 2.0 * min(largest, beyond(self.null_square, float((self.moment_z**2).mean()))))
+        return together(largest, beyond(self.null_square, float((self.moment_z**2).mean())))
 
     def look(self, entries: Mapping[str, LibraryEffect], data_sets: int) -> Look:
         """Score tests of the effects on so many data sets."""

@@ -106,7 +106,7 @@ def towns():
 )
 def test_the_engine_follows_from_simulator_and_data(towns, rows, engine, scheme):
     epidemic, x = towns
-    options = FEW if scheme == "simulations" else {"replicates": 99}
+    options = FEW if scheme == "simulations" else {"replicates": 399}
     only = ("missed_week", "reporting_delay")
     found = discover(epidemic, x[:rows], engine=engine, only=only, **options)
     measure = "mean square of the moments" if scheme == "simulations" else "mean Poisson deviance per channel"
@@ -155,6 +155,7 @@ def test_an_effect_of_the_epidemic_that_somebody_wrote(towns):
     [
         (readings, np.zeros((40, 6)), {}, "readings simulates, and comes without a prior"),
         (readings, None, {}, "a function without data; give discover"),
+        ("epidemic", np.ones((1, 12)), {"replicates": 398}, "at least 399 replicates, got 398"),
         ([], None, {}, "a list without data"),
         ("no-such.pha", None, {}, "no-such.pha"),
         (readings, np.zeros((40, 6)), {"prior": PRIOR, "engine": "magic"}, "engine must be one of counts"),
@@ -165,7 +166,7 @@ def test_mistakes_are_one_clear_line(what, x, options, words):
     if what == "no-such.pha":
         pytest.importorskip("jaxspec")
     with pytest.raises(InputError, match=words) as caught:
-        discover(what, x, replicates=399, **{"simulations": 1000, **options})
+        discover(what, x, **{"simulations": 1000, "replicates": 399, **options})
     assert "\n" not in str(caught.value)
 
 

@@ -92,13 +92,13 @@ def test_a_search_tells_them_in_its_record_and_in_the_terminal(files, tmp_path):
 
     (note,) = read(files).simulator.notes
     told = ["--rmf", files["rmf"], "--arf", files["arf"], "--background", "none", "--model", "powerlaw"]
-    few = ["--effect", "emission_line", "--replicates", 99, "--out", tmp_path / "found"]
+    few = ["--effect", "emission_line", "--replicates", 399, "--out", tmp_path / "found"]
     ran = CliRunner().invoke(app, [str(one) for one in ("discover", files["pha"], *told, *few)])
     assert ran.exit_code == 0, ran.output
     assert f"note: {note}" in " ".join(ran.output.split())
     found = discover(
         files["pha"], rmf=files["rmf"], arf=files["arf"], background=["none"], model="powerlaw",
-        only=["emission_line"], replicates=99, progress=False,
+        only=["emission_line"], replicates=399, progress=False,
     )  # fmt: skip
     assert found.provenance["notes"] == [note]
     assert note in found.remarks

@@ -261,7 +261,7 @@ def test_a_search(calls: Calls, tmp_path: Path) -> None:
     words = (
         "discover --catalog many --model powerlaw --priors p.toml --band 0.5 7 --rmf r --arf a "
         "--background none --redshift 0.3 --regroup always --effect gauss --energy 6.4 --own m:e "
-        "--replicates 99 --evidence --out o --seed 3 --quiet"
+        "--replicates 98 --evidence --out o --seed 3 --quiet"
     )
     asked(tmp_path, *words.split())
     assert calls.given == (Path("many"),)
@@ -269,7 +269,7 @@ def test_a_search(calls: Calls, tmp_path: Path) -> None:
     assert calls.named == {
         "model": "powerlaw", "priors": Path("p.toml"), "band": (0.5, 7.0), "rmf": [Path("r")],
         "arf": [Path("a")], "background": ["none"], "redshift": 0.3, "regroup": "always", "effects": ["m:e"],
-        "only": ["gauss"], "energy": 6.4, "evidence": True, "replicates": 99, "seed": 3, "out": Path("o"),
+        "only": ["gauss"], "energy": 6.4, "evidence": True, "replicates": 98, "seed": 3, "out": Path("o"),
         "progress": False, "executor": None,
     }  # fmt: skip
     asked(tmp_path, "discover", "a.pha", "b.pha", "--bands", "0.3-10", "--bands", "3-7.9e1", "--quiet")

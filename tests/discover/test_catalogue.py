@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gaugeblock.core.errors import InputError
 from gaugeblock.core.executors import threads
 from gaugeblock.discovery import Sources, blocks, discover_catalogue
 from gaugeblock.discovery.catalogue import CatalogueCounts, shared_nuisances
@@ -73,6 +74,12 @@ def test_says_that_it_stays_with_the_detector(power_law, dip):
     assert said["sandwich_error"] == pytest.approx(error, rel=0.4)
     assert (said["z_beside_nuisances"], said["floor"]) == (pytest.approx(said["z"]), 0.0)
     assert (table["amplitude"] == dip.to_json()["amplitude"][0]["value"]).all()
+
+
+def test_fewer_replicates_than_the_library_needs_are_refused(power_law):
+    sources = catalogue(power_law, None, number=2)
+    with pytest.raises(InputError, match=r"needs at least 99 replicates, got 98: .* global p of 0\.01$"):
+        discover_catalogue([sources], replicates=98)
 
 
 def test_an_error_of_the_amplitude_that_falls_with_the_number(dip):

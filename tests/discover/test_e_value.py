@@ -20,7 +20,7 @@ def searched(library, hidden, **options):
     for effect in hidden:
         true = true.with_effect(effect)
     sources = Sources.of(library.simulator, true.simulate(THETA[None], np.random.default_rng(11)))
-    return discover_source(sources, library=library, replicates=299, **options)
+    return discover_source(sources, library=library, replicates=399, **options)
 
 
 def test_it_is_reported_with_the_choice_paid_for(library):

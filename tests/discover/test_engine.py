@@ -5,7 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaugeblock.discovery.engine import Extension, Look, Thresholds, promising
+from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.catalogue import CATALOGUE
+from gaugeblock.discovery.engine import Extension, Look, Thresholds, promising, together
+from gaugeblock.discovery.simulations import SIMULATIONS
 from gaugeblock.simulators import Uniform
 from gaugeblock.simulators.library import LibraryEffect
 
@@ -99,3 +102,36 @@ def test_a_model_pays_for_parameters_and_what_they_cost():
     one = Extension(("line", "dip"), 20.0, 3, cost=2.5)
     assert (one.label, one.merit) == ("line + dip", 14.5)
     assert Extension(("line",), 20.0, 3).merit == 17.0
+
+
+@pytest.mark.parametrize(
+    ("thresholds", "parts", "fewest"),
+    [
+        (Thresholds(), 4, 399),
+        (CATALOGUE, 1, 99),
+        (SIMULATIONS, 4, 399),
+        (Thresholds(level=0.05), 4, 79),
+        (Thresholds(level=0.3), 4, 13),
+    ],
+)
+def test_replicates_are_enough_from_where_every_look_can_reach_the_level(thresholds, parts, fewest):
+    """The look with the least part: alone, or half of what has half of the chance."""
+
+    def least(replicates):
+        looks = [1.0] * (parts - 1) + [1 / (replicates + 1)]
+        return together(*looks)
+
+    assert least(fewest) <= thresholds.level < least(fewest - 1)
+    assert thresholds.enough(fewest) == fewest
+    with pytest.raises(
+        InputError, match=rf"at least {fewest} replicates, got {fewest - 1}: .* {thresholds.level}$"
+    ):
+        thresholds.enough(fewest - 1)
+
+
+def test_windows_and_library_share_the_chance_of_a_false_alarm():
+    seen = replace(look(np.random.default_rng(1), 3.0), null=np.full(399, 9.0), p_rest=together(1 / 400, 1.0))
+    assert seen.p_effects == 1.0
+    assert seen.p_global == pytest.approx(0.01)
+    assert replace(seen, p_rest=None).p_global == 1.0
+    assert together(0.6, 0.7) == 1.0

@@ -26,7 +26,7 @@ def searched(power_law):
     for depth in (0.25, 0.0):
         true = library.simulator.with_effect(Effect("edge", {"energy": 2.4, "depth": depth}))
         sources = Sources.of(library.simulator, np.round(true.expected(THETA[None])))
-        engine = Counts(sources, rng=np.random.default_rng(1), replicates=249, proposed=library)
+        engine = Counts(sources, rng=np.random.default_rng(1), replicates=399, proposed=library)
         made.append((engine, search(engine)))
     return made
 
@@ -105,7 +105,7 @@ def test_what_was_found_is_told_with_its_model(searched):
         assert one.held_out_error == found.held_out.error_of(one.name)
     shown = said.disagreement
     assert (shown.p_effects, shown.p_left, shown.replicates) == (
-        found.first.p_effects, found.last.p_global, 249,
+        found.first.p_effects, found.last.p_global, 399,
     )  # fmt: skip
     assert (shown.p_windows, shown.p_quantiles, shown.p_moments) == (*engine.located().values(), None)
     assert (shown.regions, said.data) == (engine.regions(), engine.data())
@@ -117,7 +117,7 @@ def test_what_was_found_is_told_with_its_model(searched):
         "source",
         {"energy": "keV"},
     )
-    assert said.disagreement.p_global == found.first.p_global == pytest.approx(2 / 250)
+    assert said.disagreement.p_global == found.first.p_global == pytest.approx(2 / 400)
     assert said.fit.before == engine.state(None)
     assert said.fit.after == engine.state(best)
     assert quiet.fit.after is None

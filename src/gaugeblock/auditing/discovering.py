@@ -111,7 +111,8 @@ def discover(
         Whether to run nested sampling for the evidence of the named effect of "counts": it may take as long
         as everything else, or much longer.
     replicates : int
-        Simulated data sets behind every global p, which is never below 1 / (replicates + 1).
+        Simulated data sets behind every global p, which is never below 1 / (replicates + 1): at least 399, of
+        a catalogue 99, so that every look at the data can reach 0.01.
     seed : int
         Of everything random.
     out : path, optional

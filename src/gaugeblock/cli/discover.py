@@ -78,7 +78,7 @@ def discover(
         list[str] | None,
         typer.Option(metavar="MODULE:OBJECT", help="An effect of your own beside the library; repeatable."),
     ] = None,
-    replicates: Annotated[int, typer.Option(min=99, help="Simulated data sets behind a global p.")] = 999,
+    replicates: Annotated[int, typer.Option(help="Simulated data sets behind a global p.")] = 999,
     evidence: Annotated[
         bool,
         typer.Option("--evidence", help="Add the evidence of the named effect: nested sampling, slow."),

@@ -26,7 +26,7 @@ def beside(library, effect, key):
     """What the named effect loses its significance beside, and the fit of it, on noise-free counts."""
     mean = library.simulator.with_effect(effect).expected(THETA[None])
     sources = Sources.of(library.simulator, np.round(mean))
-    engine = Counts(sources, rng=np.random.default_rng(1), replicates=99, proposed=library)
+    engine = Counts(sources, rng=np.random.default_rng(1), replicates=399, proposed=library)
     (model,) = engine.fitted(engine.look(), [key], None)
     made = [Round(engine.look(), (Comparison(model, 0.0, 0.0),))]
     return engine.lost(made)[0], model, mean, engine

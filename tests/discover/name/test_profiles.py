@@ -31,7 +31,7 @@ def covered():
     counts = np.random.default_rng(5).poisson(hidden.expected(THETA) * scale[:, None]).astype(float)
     sources = Sources.of(model, counts, scale=scale)
     library = Candidates.of(model, THETA, only=("partial_covering", "effective_area", "high_energy_cutoff"))
-    engine = Counts(sources, rng=np.random.default_rng(6), replicates=99, proposed=library)
+    engine = Counts(sources, rng=np.random.default_rng(6), replicates=399, proposed=library)
     return sources, engine.look()
 
 
