@@ -172,6 +172,18 @@ def test_the_front_page_says_what_was_counted_twice_and_what_was_picked():
     assert f"A share of {rare:.1%} of the medium ones" in said
 
 
+def test_the_front_page_says_what_scripts_and_outputs_have_otherwise():
+    text = (DOCS / "reproduction.md").read_text()
+    wrong = text.partition("## What was wrong")[2].partition("\n## ")[0]
+    assert "`tab2.reseed101` (another seed, 101" in wrong
+    assert "drew training sets of their own, against the caption" in wrong
+    assert "`pair.sd`" in wrong
+    assert "the same seed is not the same noise" in wrong
+    for section in ("Count-controlled residuals", "Time"):
+        assert f"(*{section}*)" in " ".join(wrong.split())
+        assert f"\n**{section}" in text
+
+
 def test_the_front_page_says_which_trainings_there_are_not():
     """34 were fixed: five on EPIC-pn and three on NICER at each level, five with a gain at two of them."""
     said = " ".join((DOCS / "reproduction.md").read_text().split())
