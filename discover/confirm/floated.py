@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from gaugeblock.discovery.reshaped import Adapted, Reshaped
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.marginals import Normal
 from gaugeblock.simulators.prior import Prior
+from gaugeblock.simulators.segments import segments
 
 GAIN = {"gain_slope": 0.01, "gain_offset": 0.01}
 """Prior standard deviations: of the slope, and of the offset in keV."""
@@ -21,8 +23,28 @@ AREA, BUMPS = 0.02, 8
 """Prior standard deviation of the area's logarithm along each of so many smooth curves."""
 
 
+GAINS = (*GAIN, "gain_curve")
+"""Effects that move recorded energies."""
+
+LEVEL = 1.645
+"""Standard deviations of the gain's prior within which it may be said to be."""
+
 FAR = 5.0
 """Prior standard deviations from which on what floats has taken up what the model lacks: no calibration."""
+
+
+def gain_reach(energy: float) -> float:
+    """By how much (keV) a gain within its prior's 90% may move an energy.
+
+    >>> round(gain_reach(6.4), 3)
+    0.107
+    """
+    return LEVEL * math.hypot(GAIN["gain_slope"] * energy, GAIN["gain_offset"])
+
+
+def has_gain(entries: Iterable[LibraryEffect]) -> bool:
+    """Whether effects of a model, of any instrument, move recorded energies."""
+    return any(entry.name in GAINS for entry in entries)
 
 
 def near(prior: Prior, theta: Array, own: int) -> bool:
@@ -37,18 +59,22 @@ def floated(
 ) -> tuple[Any, Array]:
     """The simulator with an instrument that is known to a per cent or two, and where its fits begin.
 
-    `path` are the effects that it has, which do not float besides. A background that is measured is free
+    `path` are the effects that it has, which do not float besides: of several instruments each by itself, its
+    effects being called ``<effect>[<instrument>]``. A background that is measured is free
     already: its region is fitted together with the source's.
     """
     shape = curves(simulator, channels, most=BUMPS)
+    for part in segments(simulator, channels):
+        if "effective_area" in path or f"effective_area[{part.name}]" in path:
+            shape = shape[:, ~shape[part.start : part.stop].any(axis=0)]
     priors: dict[str, Normal] = {}
-    for name, sd in GAIN.items():
-        if name in entries and name not in path:
-            simulator = simulator.with_effect(entries[name].effect())
-            priors[simulator.prior.names[-1]] = Normal(entries[name].neutral, sd)
+    for key, entry in entries.items():
+        if entry.name in GAIN and key not in path:
+            simulator = simulator.with_effect(entry.effect())
+            priors[simulator.prior.names[-1]] = Normal(entry.neutral, GAIN[entry.name])
     made = Adapted(simulator, prior=simulator.prior.replace(**priors)) if priors else simulator
     neutral = np.array([one.mean for one in priors.values()])
-    if "effective_area" not in path and shape.shape[1]:
+    if shape.shape[1]:
         made = Reshaped(
             made, shape, {f"area_1.curve_{i + 1}": Normal(0.0, AREA) for i in range(shape.shape[1])}
         )

@@ -1,11 +1,14 @@
 """An instrument that floats beside an effect: as free as its priors say, and nothing at neutral."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from gaugeblock.discovery.confirm.floated import AREA, FAR, floated, near
+from gaugeblock.discovery.confirm.floated import AREA, FAR, floated, has_gain, near
 from gaugeblock.simulators import Uniform
 from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators.segments import Segment
 
 THETA = np.array([[20_000.0, 1.5]])
 SHIFT = LibraryEffect(
@@ -34,6 +37,34 @@ def test_a_gain_that_the_library_has_floats_with_a_normal_prior(power_law):
     assert made.prior.marginals["gain_slope_1.slope"].sd == pytest.approx(0.01)
     named = floated(power_law(), {"gain_slope": SHIFT}, ("gain_slope",), THETA, channels=60)[0]
     assert "gain_slope_1.slope" not in named.prior.names
+
+
+def test_of_several_instruments_each_floats_unless_it_is_named(power_law):
+    class Two(power_law):
+        def segments(self):
+            (whole,) = super().segments()
+            return (Segment("a", 0, 30, whole.edges[:30]), Segment("b", 30, 60, whole.edges[30:]))
+
+    entries = {"gain_slope[a]": SHIFT, "gain_slope[b]": replace(SHIFT, neutral=1.01)}
+    made, start = floated(Two(), entries, ("line",), THETA, channels=60)
+    assert made.prior.names[2:4] == ("gain_slope_1.slope", "gain_slope_2.slope")
+    assert start[0, 2:4].tolist() == [1.0, 1.01]
+    assert start.shape == (1, 20)
+    named, start = floated(Two(), entries, ("line", "gain_slope[b]"), THETA, channels=60)
+    assert (named.prior.names[2], start[0, 2], start.shape) == ("gain_slope_1.slope", 1.0, (1, 19))
+    # The area of the one that is named does not float besides, the other's does.
+    area, start = floated(Two(), {}, ("effective_area[b]",), THETA, channels=60)
+    assert start.shape == (1, 10)
+    moved = start.copy()
+    moved[:, 2:] = AREA
+    ratio = area.expected(moved) / area.expected(start)
+    np.testing.assert_allclose(ratio[0], np.repeat([np.exp(AREA), 1.0], 30))
+
+
+def test_what_has_a_gain_has_it_of_any_instrument_and_kind():
+    assert has_gain([replace(SHIFT, name="line"), SHIFT])
+    assert has_gain([replace(SHIFT, name="gain_curve")])
+    assert not has_gain([replace(SHIFT, name="effective_area")])
 
 
 def test_an_instrument_far_from_neutral_is_no_calibration(power_law):
