@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.arrays import channel_arrays, counted_arrays
 from gaugeblock.discovery.confirm.amplitude import Place, estimates, held_out_amplitude
-from gaugeblock.discovery.confirm.floated import floated, near
+from gaugeblock.discovery.confirm.energies import profiled_energies
+from gaugeblock.discovery.confirm.floated import floated, gain_reach, has_gain, near
 from gaugeblock.discovery.confirm.thinned import ScoredModel, random_shapes, thinned_scores
 from gaugeblock.discovery.engine import Comparison, Engine, Look, Round, Thresholds, together
 from gaugeblock.discovery.fitting import Fit, fit
@@ -23,15 +25,15 @@ from gaugeblock.discovery.locate.quantiles import CumulativeCounts, cumulative_c
 from gaugeblock.discovery.locate.windows import WindowScan, scan_windows
 from gaugeblock.discovery.name.beside import LEAST, effect_part, loses
 from gaugeblock.discovery.name.cox import confidence_set
-from gaugeblock.discovery.name.identified import identified
+from gaugeblock.discovery.name.identified import identified, within
 from gaugeblock.discovery.name.null import largest_null
 from gaugeblock.discovery.name.profiles import Profile, profile
 from gaugeblock.discovery.name.score import ScoreTests, allowed, scores
 from gaugeblock.discovery.name.shapes import Templates, templates
 from gaugeblock.discovery.name.unnamed import Correction, correction, curves
-from gaugeblock.discovery.result import Amplitude, DataSaid, FitState, Identification, Region
+from gaugeblock.discovery.result import Amplitude, DataSaid, Estimate, FitState, Identification, Region
 from gaugeblock.discovery.sources import Sources
-from gaugeblock.simulators.library import LibraryEffect
+from gaugeblock.simulators.library import Known, LibraryEffect
 
 SAME = 1.0
 """Nats within which the same effects in another order are the same fit, and the order tried first stands."""
@@ -91,6 +93,7 @@ class Counts(Engine):
         )
         self.entries = self.candidates.entries
         self.scheme = f"Poisson thinning, {self.thresholds.folds} folds"
+        self._energies: dict[Profile, dict[int, Estimate]] = {}
 
     @cached_property
     def _first(self) -> Look:
@@ -205,7 +208,7 @@ class Counts(Engine):
         return thinned_scores(models, self.sources, rng=self._streams["held_out"], folds=folds)
 
     def amplitudes(self, rounds: Sequence[Round]) -> tuple[Amplitude, ...]:
-        """From the half of the counts that had no say."""
+        """From the half of the counts that had no say; energies and widths from all, as recorded."""
         best: Profile = rounds[-1].best
         simulator, start = best.candidate.simulator, best.fit.theta
         if any(entry.origin == "source" for entry in best.entries):
@@ -221,9 +224,20 @@ class Counts(Engine):
         places = [Place(*one, simulator) for one in found]
         streams = self._streams["amplitude"].spawn(len(places))
         return tuple(
-            held_out_amplitude(place, self.sources, start, rng=stream)
+            _with_energies(
+                held_out_amplitude(place, self.sources, start, rng=stream), place, self._profiled(best)
+            )
             for place, stream in zip(places, streams, strict=True)
         )
+
+    def _profiled(self, model: Profile) -> dict[int, Estimate]:
+        """Energies and widths of a model's effects by the likelihood of all counts, where no gain floats."""
+        if model not in self._energies:
+            counts, scale = self.sources.counts[0], float(self.sources.scale[0])
+            self._energies[model] = profiled_energies(
+                model.candidate.simulator, model.entries, counts, scale, model.fit
+            )
+        return self._energies[model]
 
     def at_edge(self, rounds: Sequence[Round]) -> list[tuple[str, str]]:
         """Parameters that stand at a hard limit."""
@@ -281,27 +295,38 @@ class Counts(Engine):
 
     def place(self, model: Profile, at: int) -> tuple[float, float] | None:
         """The channels that hold the middle 80% of what an effect changes, by its significance."""
-        parts = [part for part in self.sources.segments if part.role == "source" and part.unit == "keV"]
-        if not parts:
+        channels = energy_channels(self.sources)
+        if not len(channels):
             return None
-        part = parts[0]
-        change = effect_part(model, at).change[part.start : part.stop]
-        mean = np.maximum(model.fit.expected[0, part.start : part.stop], 1e-12)
-        share = np.cumsum(change**2 / mean)
-        edges = self.sources.edges[part.start : part.stop]
+        change = effect_part(model, at).change[channels]
+        share = np.cumsum(change**2 / np.maximum(model.fit.expected[0, channels], 1e-12))
+        edges = self.sources.edges[channels]
         first, stop = np.searchsorted(share, [0.1 * share[-1], 0.9 * share[-1]])
         return float(edges[first].min()), float(edges[min(stop, len(edges) - 1)].max())
 
     def identified(self, model: Profile, at: int) -> tuple[Identification, ...]:
-        """By the energy of the fit to all counts, at rest: no gain floats beside it."""
-        parts = [part for part in self.sources.segments if part.role == "source" and part.unit == "keV"]
-        entry, values = model.entries[at], model.added[at]
-        if not parts or not entry.known:
+        """By the energy of the fit to all counts: no gain floats beside it."""
+        asked = self._asked(model, at)
+        return () if asked is None else identified(*asked, stretch=1.0 + float(self.sources.redshift[0]))
+
+    def within_gain(self, model: Profile, at: int) -> tuple[Identification, ...]:
+        """By the same energy; none where the model has a gain of its own."""
+        asked = self._asked(model, at)
+        if asked is None or has_gain(model.entries):
             return ()
         stretch = 1.0 + float(self.sources.redshift[0])
-        edges = self.sources.edges[parts[0].start : parts[0].stop]
-        band = (stretch * float(edges.min()), stretch * float(edges.max()))
-        return identified(stretch * values["energy"], entry.known, band)
+        return within(*asked, gain_reach(asked[0]), stretch=stretch)
+
+    def _asked(self, model: Profile, at: int) -> tuple[float, tuple[Known, ...], tuple[float, float]] | None:
+        """The energy of an effect and the band, as recorded, with what it may be."""
+        entry, channels = model.entries[at], energy_channels(self.sources)
+        if not len(channels) or not entry.known:
+            return None
+        first = model.candidate.simulator.prior.size - sum(len(one.parameters) for one in model.entries[at:])
+        said = self._profiled(model).get(first + list(entry.parameters).index("energy"))
+        energy = model.added[at]["energy"] if said is None else said.value
+        edges = self.sources.edges[channels]
+        return energy, entry.known, (float(edges.min()), float(edges.max()))
 
     def located(self) -> Mapping[str, float]:
         """Global p of windows and of cumulative counts."""
@@ -324,6 +349,8 @@ class Counts(Engine):
         simulator = self.simulator if model is None else model.candidate.simulator
         fitted, counts = (self.base if model is None else model.fit), self.sources.counts[0]
         found = estimates(simulator.prior, fitted)
+        if model is not None:
+            found |= {simulator.prior.names[i]: one for i, one in self._profiled(model).items()}
         return FitState(found, float(deviance(counts, fitted.expected[0]) * len(counts)), len(counts))
 
     def regions_of(self, seen: Look) -> tuple[Region, ...]:
@@ -351,6 +378,21 @@ class Counts(Engine):
             shape = {name: ("channel", getattr(one, name)) for name in ("factor", "low", "high")}
             groups["shape"] = xr.Dataset(shape | channel_arrays(self.sources))
         return groups
+
+
+def energy_channels(sources: Sources) -> NDArray[np.int64]:
+    """The channels of every instrument that hold the source and have an energy, from low to high."""
+    parts = [part for part in sources.segments if part.role == "source" and part.unit == "keV"]
+    channels = np.array([i for part in parts for i in range(part.start, part.stop)], dtype=int)
+    return channels[np.argsort(sources.edges[channels].min(axis=1), kind="stable")]
+
+
+def _with_energies(measured: Amplitude, place: Place, energies: Mapping[int, Estimate]) -> Amplitude:
+    """An amplitude beside which the effect's energies and widths are others."""
+    names = list(place.entry.parameters)
+    first = place.index - names.index(place.entry.amplitude)
+    own = {names[i - first]: one for i, one in energies.items() if 0 <= i - first < len(names)}
+    return replace(measured, others={**measured.others, **own})
 
 
 def counted(sources: Sources, fitted: Fit, replicates: int) -> dict[str, Any]:

@@ -361,6 +361,10 @@ class Engine(Protocol):
         """Known lines or edges that an effect of a model may be; none where nothing has an energy."""
         return ()
 
+    def within_gain(self, model: Any, at: int) -> tuple[Identification, ...]:  # noqa: ARG002
+        """Known lines or edges that it may be if the gain, or what moves, is off by no more than is usual."""
+        return ()
+
     def amplitudes(self, rounds: Sequence[Round]) -> tuple[Amplitude, ...]:
         """The amplitude of every effect of the last round's best model."""
 

@@ -10,6 +10,7 @@ import xarray as xr
 from gaugeblock.core.errors import InputError, MissingExtraError
 from gaugeblock.discovery.arrays import held_out_arrays, likeness_arrays, scan_arrays
 from gaugeblock.discovery.confirm.evidence import delta_log_evidence
+from gaugeblock.discovery.confirm.floated import has_gain
 from gaugeblock.discovery.confirm.split_ratio import split_likelihood_ratio
 from gaugeblock.discovery.counts import Counts
 from gaugeblock.discovery.engine import Engine, Look
@@ -102,9 +103,11 @@ def _statements(engine: Engine, found: Searched) -> tuple[Statement, ...]:
     made: list[Statement] = []
     model = found.rounds[-1].best if found.decision.added else None
     limits = engine.at_edge(found.rounds) if model is not None else []
+    gains = [engine.entries[key] for key in found.decision.added]
     for claim in found.decision.claims:
         entry, parameters, place, region = None, {}, None, None
         known: tuple[Identification, ...] = ()
+        near: tuple[Identification, ...] = ()
         if claim.at is None:
             shown = engine.regions_of(found.last) if made else engine.regions()
             region = next(iter(shown), None)
@@ -118,17 +121,19 @@ def _statements(engine: Engine, found: Searched) -> tuple[Statement, ...]:
             both = {**one.others, **size}
             parameters = {name: both[name] for name in entry.parameters if name in both}
             known = engine.identified(model, claim.at) if claim.certain else ()
+            near = engine.within_gain(model, claim.at) if claim.certain and not known else ()
         text = sentence(
             claim.alike, evidence=claim.evidence, certain=claim.certain, probability=claim.probability,
             parameters=parameters, units={} if entry is None else entry.units,
-            place=place, region=region, beyond=bool(made), known=known,
+            place=place, region=region, beyond=bool(made), known=known, near=near,
+            corrected=entry is not None and bool(entry.energies) and has_gain(gains),
             limits=[name for effect, name in limits if effect == claim.effect],
         )  # fmt: skip
         low, high = (None, None) if place is None else place
         made.append(
             Statement(
                 claim.effect, claim.alike, claim.certain, claim.probability, claim.evidence, known,
-                parameters, low, high, text,
+                parameters, low, high, text, near,
             )
         )  # fmt: skip
     return tuple(made)

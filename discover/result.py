@@ -91,11 +91,15 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Identification:
-    """A known line or edge at an energy at rest, and the chance that one of the list is as near by chance."""
+    """A known line or edge at an energy at rest, and the chance that one of the list is as near by chance.
+
+    `shift_ev` is by how much what was recorded lies above where it would be, gain neutral and nothing moving.
+    """
 
     name: str
     energy_kev: float
     chance: float
+    shift_ev: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -103,9 +107,10 @@ class Statement:
     """One thing that is claimed: an effect, or ``"unnamed"``, and those that data cannot tell from it.
 
     `certain` says that the excess is there, whatever its name; `probability` that one of `indistinguishable`
-    is right; `evidence` what it wins in nats. `parameters` with 90% intervals, energies as recorded, from
-    counts that chose neither name nor energy where `text` says so; `energy_lo_kev` and `energy_hi_kev` are
-    where it acts.
+    is right; `evidence` what it wins in nats. `parameters` with 90% intervals: the amplitude from counts that
+    chose neither name nor energy, an effect's energies and widths from all, as recorded. `energy_lo_kev` and
+    `energy_hi_kev` are where it acts. `within_gain` are known lines or edges at a distance that an error of
+    the gain would bridge, where none is identified.
     """
 
     effect: str
@@ -118,6 +123,7 @@ class Statement:
     energy_lo_kev: float | None
     energy_hi_kev: float | None
     text: str
+    within_gain: tuple[Identification, ...] = ()
 
 
 @dataclass(frozen=True)

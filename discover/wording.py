@@ -32,18 +32,30 @@ LISTED, SHOWN = 7, 5
 def effect_phrase(name: str) -> str:
     """An effect with its article.
 
-    >>> effect_phrase("emission_line"), effect_phrase("time_bin"), effect_phrase("pileup")
-    ('an emission line', 'a time bin', 'pile-up')
+    >>> effect_phrase("emission_line"), effect_phrase("time_bin"), effect_phrase("pileup[acis]")
+    ('an emission line', 'a time bin', 'pile-up of acis')
     """
+    name, instrument = _of_instrument(name)
     if name in _PHRASES:
-        return _PHRASES[name]
+        return f"{_PHRASES[name]}{instrument}"
     words = name.replace("_", " ")
-    return f"{'an' if words[:1].lower() in 'aeiou' else 'a'} {words}"
+    return f"{'an' if words[:1].lower() in 'aeiou' else 'a'} {words}{instrument}"
 
 
 def effect_words(name: str) -> str:
-    """An effect's name as words."""
-    return name.replace("_", " ")
+    """An effect's name as words.
+
+    >>> effect_words("gain_offset"), effect_words("gain_offset[fpm_b]")
+    ('gain offset', 'gain offset of fpm_b')
+    """
+    name, instrument = _of_instrument(name)
+    return name.replace("_", " ") + instrument
+
+
+def _of_instrument(name: str) -> tuple[str, str]:
+    """The effect of a name like ``pileup[pn]``, and whose it is in words."""
+    effect, bracket, instrument = name.partition("[")
+    return (effect, f" of {instrument[:-1]}") if bracket and name.endswith("]") else (name, "")
 
 
 def sentence(
@@ -59,11 +71,14 @@ def sentence(
     limits: Sequence[str],
     beyond: bool,
     known: Sequence[Identification] = (),
+    near: Sequence[Identification] = (),
+    corrected: bool = False,
 ) -> str:
     """One claim in a sentence or two: what, how sure, how large, where.
 
     `region` is where something without a name stands out most; `beyond` says
-    that other claims came before it.
+    that other claims came before it; `near` are what it may be if the gain is off; `corrected` says that the
+    model has a gain beside it, so that its energies are not those recorded.
     """
     many = len(alike) > 1
     *others, final = map(effect_phrase, alike)
@@ -92,14 +107,31 @@ def sentence(
     shown = ", ".join(_amount(name, one, units.get(name, "")) for name, one in parameters.items())
     if shown:
         whose = f"As {effect_phrase(alike[0])}:" if many else "With"
-        said += f" {whose} {shown} (90%, energies as recorded)."
+        said += (
+            f" {whose} {shown} (90%, energies {'with that gain put right' if corrected else 'as recorded'})."
+        )
     if place is not None:
         said += f" It acts at {place[0]:.4g} to {place[1]:.4g} keV."
     for one in known[:1]:
         said += f" At rest it would be {one.name} ({one.energy_kev:.5g} keV; chance {one.chance:.2g})."
+    if near:
+        said += f" At rest, {_shifts(near, parameters.get('energy'))}."
     for name in limits:
         said += f" Its {name} stands at its limit: something larger, or of another kind, may be behind it."
     return said
+
+
+def _shifts(near: Sequence[Identification], energy: Estimate | None) -> str:
+    """What known lines are away, and what that would take."""
+    told, away = [], False
+    low, high = (None, None) if energy is None else (energy.low, energy.high)
+    for one in near:
+        at = None if energy is None else energy.value - one.shift_ev / 1000.0
+        inside = at is not None and low is not None and high is not None and low <= at <= high
+        shift = "lies within that interval" if inside else f"would need {one.shift_ev:+.0f} eV"
+        away |= not inside
+        told.append(f"{one.name} ({one.energy_kev:.5g} keV) {shift}")
+    return " and ".join(told) + (", by gain or by motion, which these data do not separate" if away else "")
 
 
 def _start(words: str) -> str:

@@ -71,20 +71,28 @@ def profile_interval(
     grid = np.unique(np.clip(value + np.linspace(-REACH, REACH, POINTS) * error, low, high))
     theta = np.repeat(fitted.theta, len(grid), axis=0)
     theta[:, index] = grid
-    rows = fit(
-        place.simulator,
-        np.repeat(counts[None], len(grid), axis=0),
-        scale=np.full(len(grid), scale),
-        start=theta,
-        fixed=(place.simulator.prior.names[index],),
-    )
-    rise = 2.0 * (rows.objective - min(rows.objective.min(), fitted.objective[0]))
+    rise = risen(place.simulator, counts, scale, fitted, index, theta)
+    rise -= min(float(rise.min()), 0.0)
     interval = _crossings(grid, rise, value, float(chi2.ppf(level, 1)))
     first = index - list(entry.parameters).index(entry.amplitude)
     all_of = list(estimates(place.simulator.prior, fitted, level=level).values())
     others = dict(zip(entry.parameters, all_of[first : first + len(entry.parameters)], strict=True))
     del others[entry.amplitude]
     return Amplitude.of(place.key, entry, value, interval, level=level, held_out=held_out, others=others)
+
+
+def risen(simulator: Any, counts: Array, scale: float, fitted: Fit, index: int, theta: Array) -> Array:
+    """Rise ``(row,)`` of the deviance above a fit's, a parameter held where rows of theta put it, the others
+    fitted again from there.
+    """
+    rows = fit(
+        simulator,
+        np.repeat(counts[None], len(theta), axis=0),
+        scale=np.full(len(theta), scale),
+        start=theta,
+        fixed=(simulator.prior.names[index],),
+    )
+    return np.asarray(2.0 * (rows.objective - fitted.objective[0]))
 
 
 def estimates(prior: Any, fitted: Fit, *, level: float = 0.9) -> dict[str, Estimate]:

@@ -29,7 +29,7 @@ The summary (discovery.json)
                 "delta_log_evidence": {"value", "error", "sensitivity": [{"prior", "value"}]}}
         "statements": [{"effect", "indistinguishable", "certain", "probability", "evidence", "identification",
                         "parameters": {name: {"value", "low", "high", "at_limit"}}, "energy_lo_kev",
-                        "energy_hi_kev", "text"}]   what is claimed, in order
+                        "energy_hi_kev", "text", "within_gain"}]   what is claimed, in order
         "fit": {"before": {"parameters": {name: {"value", "low", "high", "at_limit"}}, "statistic", "bins"},
                 "after"}
                                                     of many sources their median, 16 and 84%

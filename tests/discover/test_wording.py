@@ -1,7 +1,7 @@
 """Claims in words: what, how sure, how large, where; a set is never told as one name."""
 
-from gaugeblock.discovery.result import Estimate, Region
-from gaugeblock.discovery.wording import sentence
+from gaugeblock.discovery.result import Estimate, Identification, Region
+from gaugeblock.discovery.wording import effect_phrase, effect_words, sentence
 
 GIVEN = {
     "evidence": 33.5, "certain": True, "probability": 0.95, "units": {"energy": "keV"},
@@ -15,6 +15,38 @@ def test_a_name_alone_is_a_sentence_with_its_size_and_place():
         "An emission line is certain (0.95; 33.5 nats). With energy 6.4371 (6.435 to 6.4392) keV, "
         "sigma 0.001 (90%, energies as recorded). It acts at 6.31 to 6.57 keV."
     )
+
+
+def test_what_the_gain_allows_is_told_with_what_it_takes():
+    one, two = Identification("Fe K alpha", 6.4008, 0.1, 36.3), Identification("toy", 6.4368, 0.2, 0.3)
+    apart = ", by gain or by motion, which these data do not separate."
+    for near, said in (
+        ((one,), f"At rest, Fe K alpha (6.4008 keV) would need +36 eV{apart}"),
+        ((two,), "At rest, toy (6.4368 keV) lies within that interval."),
+        (
+            (two, one),
+            "At rest, toy (6.4368 keV) lies within that interval and Fe K alpha (6.4008 keV) would need "
+            f"+36 eV{apart}",
+        ),
+    ):
+        assert sentence(("emission_line",), **GIVEN, near=near).endswith(f"6.57 keV. {said}")
+    # Without an interval nothing lies inside one.
+    unsure = {**GIVEN, "parameters": {"energy": Estimate(6.4371)}}
+    assert sentence(("emission_line",), **unsure, near=(two,)).endswith(
+        f"At rest, toy (6.4368 keV) would need +0 eV{apart}"
+    )
+
+
+def test_beside_a_gain_energies_are_not_those_recorded():
+    said = sentence(("emission_line",), **GIVEN, corrected=True)
+    assert "sigma 0.001 (90%, energies with that gain put right)." in said
+    assert "recorded" not in said
+
+
+def test_an_instruments_effect_is_told_with_the_instrument():
+    assert effect_phrase("gain_slope[fpm_b]") == "a gain slope (channel energies off by a factor) of fpm_b"
+    assert effect_phrase("time_bin[pn]") == "a time bin of pn"
+    assert (effect_words("pileup[acis]"), effect_words("a_b[c")) == ("pileup of acis", "a b[c")
 
 
 def test_a_set_is_never_told_as_one_name():

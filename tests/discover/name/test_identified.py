@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.constants import alpha, physical_constants
 
-from gaugeblock.discovery.name.identified import identified
+from gaugeblock.discovery.name.identified import identified, within
 from gaugeblock.simulators.library import Known
 from gaugeblock.simulators.xray.library.known import absorption_edges, absorption_lines, emission_lines
 
@@ -51,6 +51,24 @@ def test_the_surest_name_stands_first():
     assert [one.name for one in found] == ["second", "first"]
     # Two lists; shares of ten keV within 0.1 eV of two lines, and within 0.5 eV of one.
     assert [one.chance for one in found] == pytest.approx([2 * 4e-4 / 10, 2 * 1e-3 / 10], rel=1e-6)
+
+
+def test_within_reach_are_common_lines_as_recorded_whatever_their_chance():
+    known = (Known("a", 4.0, 0), Known("b", 4.2, 1), Known("c", 4.19, 2), Known("d", 9.0, 0))
+    found = within(2.08, known, (1.0, 6.0), 0.085, stretch=2.0)
+    assert [one.name for one in found] == ["b", "a"]
+    # At rest 4.16; by recorded energies 20 eV below the one, 80 above the other, of two lists.
+    assert [one.shift_ev for one in found] == pytest.approx([-20.0, 80.0])
+    assert [one.chance for one in found] == pytest.approx([2 * 3 * 0.08 / 10.0, 2 * 2 * 0.32 / 10.0])
+    assert [one.name for one in within(2.08, known, (1.0, 6.0), 0.079, stretch=2.0)] == ["b"]
+    assert within(2.05, known, (1.0, 6.0), 0.02, stretch=2.0) == ()
+
+
+def test_circinus_iron_is_told_with_its_shift():
+    iron = within(6.431, emission_lines(), (3.0, 10.0), 0.107, stretch=1.001448)[0]
+    assert (iron.name, round(iron.shift_ev)) == ("Fe K alpha", 39)
+    beta = within(7.073, emission_lines(), (3.0, 10.0), 0.117, stretch=1.001448)[0]
+    assert (beta.name, round(beta.shift_ev)) == ("Fe K beta", 24)
 
 
 def test_iron_has_its_names():
