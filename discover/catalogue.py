@@ -14,6 +14,7 @@ from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
 from gaugeblock.discovery.arrays import counted_arrays
 from gaugeblock.discovery.blocks import Each, blocks_of, by_response, here
+from gaugeblock.discovery.confirm.excess import Excess, summed_excess
 from gaugeblock.discovery.confirm.shared_models import (
     SharedModel,
     before_model,
@@ -23,7 +24,7 @@ from gaugeblock.discovery.confirm.shared_models import (
     source_scores,
 )
 from gaugeblock.discovery.counts import counted, window_regions
-from gaugeblock.discovery.engine import Comparison, Engine, Extension, Look, Round, Thresholds
+from gaugeblock.discovery.engine import Comparison, Engine, Extension, Look, Round, Thresholds, afresh
 from gaugeblock.discovery.fitting import Fit, joined
 from gaugeblock.discovery.held_out import BEFORE, NAMED, RIVAL, UNNAMED, HeldOut, deviance
 from gaugeblock.discovery.library import Candidates, proposed
@@ -147,8 +148,8 @@ class CatalogueCounts(Engine):
         self.blocks, self._told, self._each = blocks_of(groups), told, each
         self.sources = groups[0]
         self.simulator = groups[0].simulator
-        names = ("search", "held_out", "decoys", "beside")
-        self._streams = dict(zip(names, rng.spawn(4), strict=True))
+        names = ("search", "held_out", "decoys", "beside", "excess")
+        self._streams = dict(zip(names, rng.spawn(len(names)), strict=True))
         self.fits = tuple(Fit(**answer) for answer in each(afar, self.blocks))
         theta = np.concatenate([found.theta for found in self.fits])
         self.entries = proposed(self.simulators, theta, own=own, only=only)
@@ -338,6 +339,19 @@ class CatalogueCounts(Engine):
             value, interval, error = found.value, found.interval(), found.standard_error
             made.append(Amplitude.of(one.key, entry, value, interval, error=error, beside=beside))
         return tuple(made)
+
+    def excess(self, rounds: Sequence[Round], path: Sequence[str]) -> Excess | None:
+        """Where one half of the first response's sources stands out most, from the other half."""
+        groups, fits, left = self.blocks, self.fits, list(path)
+        for one in rounds[-1].best.chain if path else ():
+            if one.key in left:
+                left.remove(one.key)
+                term = one.term
+                fixed = {term.entry.amplitude: one.amplitude.value, **term.values}
+                groups = with_effect(groups, term.entry.effect(**fixed))
+                near = [old.theta for old in fits]
+                fits = tuple(Fit(**answer) for answer in self._each(afar, groups, near))
+        return summed_excess(self.sources, self._summed(fits), rng=afresh(self._streams["excess"]))
 
     def at_edge(self, rounds: Sequence[Round]) -> list[tuple[str, str]]:
         """Amplitudes that their priors stopped."""

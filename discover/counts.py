@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.arrays import channel_arrays, counted_arrays
 from gaugeblock.discovery.confirm.amplitude import Place, estimates, held_out_amplitude
+from gaugeblock.discovery.confirm.excess import Excess, held_out_excess
 from gaugeblock.discovery.confirm.energies import profiled_energies
 from gaugeblock.discovery.confirm.floated import floated, gain_reach, has_gain, near
 from gaugeblock.discovery.confirm.thinned import ScoredModel, random_shapes, thinned_scores
-from gaugeblock.discovery.engine import Comparison, Engine, Look, Round, Thresholds, together
+from gaugeblock.discovery.engine import Comparison, Engine, Look, Round, Thresholds, afresh, together
 from gaugeblock.discovery.fitting import Fit, fit
 from gaugeblock.discovery.held_out import BEFORE, NAMED, RIVAL, UNNAMED, HeldOut, deviance
 from gaugeblock.discovery.library import Candidates, amplitude_places
@@ -85,7 +86,7 @@ class Counts(Engine):
     ):
         self.sources, self.replicates = sources, self.thresholds.enough(replicates)
         self.simulator = sources.simulator
-        names = ("look", "quantiles", "held_out", "decoys", "amplitude")
+        names = ("look", "quantiles", "held_out", "decoys", "amplitude", "excess")
         self._streams = dict(zip(names, rng.spawn(len(names)), strict=True))
         self.base = fit(self.simulator, sources.counts, scale=sources.scale, bank=16384, tries=16)
         self.candidates = proposed or Candidates.of(
@@ -238,6 +239,15 @@ class Counts(Engine):
                 model.candidate.simulator, model.entries, counts, scale, model.fit
             )
         return self._energies[model]
+
+    def excess(self, rounds: Sequence[Round], path: Sequence[str]) -> Excess:
+        """Where one half of the counts stands out most, from the other half."""
+        simulator, theta = self.simulator, self.base.theta
+        if path:
+            best: Profile = rounds[-1].best
+            model = best if tuple(path) == tuple(best.path) else self._chain(path)
+            simulator, theta = model.candidate.simulator, model.fit.theta
+        return held_out_excess(simulator, self.sources, theta, rng=afresh(self._streams["excess"]))
 
     def at_edge(self, rounds: Sequence[Round]) -> list[tuple[str, str]]:
         """Parameters that stand at a hard limit."""

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.core.errors import InputError
+from gaugeblock.discovery.confirm.excess import Excess
 from gaugeblock.discovery.held_out import HeldOut
 from gaugeblock.discovery.library import gaps
 from gaugeblock.discovery.result import (
@@ -201,6 +202,12 @@ class Look:
         return made
 
 
+def afresh(rng: np.random.Generator) -> np.random.Generator:
+    """The same stream from its beginning."""
+    seed: Any = rng.bit_generator.seed_seq
+    return np.random.default_rng(seed)
+
+
 def together(*p: float) -> float:
     """Global p of several looks that share the chance of a false alarm equally (Bonferroni).
 
@@ -367,6 +374,12 @@ class Engine(Protocol):
 
     def amplitudes(self, rounds: Sequence[Round]) -> tuple[Amplitude, ...]:
         """The amplitude of every effect of the last round's best model."""
+
+    def excess(self, rounds: Sequence[Round], path: Sequence[str]) -> Excess | None:  # noqa: ARG002
+        """How much stands out of the model with some of the last round's effects, on data that did not choose
+        where; None where data are no counts.
+        """
+        return None
 
     def at_edge(self, rounds: Sequence[Round]) -> list[tuple[str, str]]:  # noqa: ARG002
         """Effects, with their amplitude's name, whose amplitude was stopped by its prior."""

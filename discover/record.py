@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,12 +11,14 @@ import xarray as xr
 from gaugeblock.core.errors import InputError, MissingExtraError
 from gaugeblock.discovery.arrays import held_out_arrays, likeness_arrays, scan_arrays
 from gaugeblock.discovery.confirm.evidence import delta_log_evidence
+from gaugeblock.discovery.confirm.excess import EXCESS, Excess
 from gaugeblock.discovery.confirm.floated import has_gain
 from gaugeblock.discovery.confirm.split_ratio import split_likelihood_ratio
 from gaugeblock.discovery.counts import Counts
 from gaugeblock.discovery.engine import Engine, Look
 from gaugeblock.discovery.held_out import BEFORE, NAMED, UNNAMED
 from gaugeblock.discovery.result import (
+    Amplitude,
     CandidateSaid,
     Decoy,
     Disagreement,
@@ -57,8 +60,9 @@ def recorded(engine: Engine, found: Searched) -> Discovery:
         for effect, parameter in stopped
     ]
     left = [LEFT] if found.last.p_global <= engine.thresholds.level else []
+    statements = _statements(engine, found)
     return Discovery(
-        statements=_statements(engine, found),
+        statements=statements,
         named=decision.named,
         named_all=added,
         indistinguishable=decision.indistinguishable,
@@ -76,7 +80,7 @@ def recorded(engine: Engine, found: Searched) -> Discovery:
         candidates=_candidates(engine, found),
         gap=_gap(engine, found),
         decoys=_decoys(found),
-        amplitude=found.amplitudes,
+        amplitude=(*found.amplitudes, *_nameless(statements)),
         fit=FitSaid(engine.state(None), None if model is None else engine.state(model)),
         catalogue=engine.catalogue(found.rounds),
         e_value=None,
@@ -129,6 +133,12 @@ def _statements(engine: Engine, found: Searched) -> tuple[Statement, ...]:
             corrected=entry is not None and bool(entry.energies) and has_gain(gains),
             limits=[name for effect, name in limits if effect == claim.effect],
         )  # fmt: skip
+        if claim.effect == UNNAMED:
+            measured = engine.excess(found.rounds, _beside(found, claim.alike))
+            if measured is not None:
+                parameters = {EXCESS: measured.size}
+                place = (measured.lo, measured.hi) if measured.unit == "keV" else None
+            text += _size(measured)
         low, high = (None, None) if place is None else place
         made.append(
             Statement(
@@ -137,6 +147,40 @@ def _statements(engine: Engine, found: Searched) -> tuple[Statement, ...]:
             )
         )  # fmt: skip
     return tuple(made)
+
+
+def _beside(found: Searched, nameless: Sequence[str]) -> tuple[str, ...]:
+    """The effects of the model that is shown, without those that gave way to what has no name."""
+    path, gone = [], list(nameless)
+    for key in found.decision.added[::-1]:
+        if key in gone:
+            gone.remove(key)
+        else:
+            path.append(key)
+    return tuple(path[::-1])
+
+
+def _size(measured: Excess | None) -> str:
+    """How much there is of what has no name, in a sentence."""
+    if measured is None:
+        return " How large it is has not been measured: there are no counts of which one half could choose."
+    size, half = measured.size, measured.halves
+    unit = f" {measured.unit}" if measured.unit != "channel" else ""
+    return (
+        f" At {measured.lo:.4g} to {measured.hi:.4g}{unit}, which one half of the {half} chose, the other "
+        f"half has an excess of {size.value:.4g} counts ({size.low:.4g} to {size.high:.4g}; 90%, as of all "
+        f"{half})."
+    )
+
+
+def _nameless(statements: Sequence[Statement]) -> tuple[Amplitude, ...]:
+    """The sizes of what has no name, beside the amplitudes of what has one."""
+    sizes = [one.parameters[EXCESS] for one in statements if EXCESS in one.parameters]
+    return tuple(
+        Amplitude(UNNAMED, EXCESS, one.value, (one.low, one.high), 0.9, "counts", 0.0, held_out=True)
+        for one in sizes
+        if one.low is not None and one.high is not None
+    )
 
 
 def _candidates(engine: Engine, found: Searched) -> tuple[CandidateSaid, ...]:

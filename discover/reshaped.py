@@ -13,6 +13,9 @@ from gaugeblock.simulators.marginals import Marginal
 from gaugeblock.simulators.prior import Prior
 from gaugeblock.simulators.protocol import HasJacobian
 
+LEAST = 1e-6
+"""Share of its mean that a channel keeps whatever is taken from it."""
+
 
 class Adapted:
     """A simulator with another prior, or its expected counts times a fixed `factor` ``(channel,)``."""
@@ -71,3 +74,26 @@ class Reshaped:
         return np.concatenate(
             [self._simulator.jacobian(inner) * factor[..., None], mean[..., None] * self._curves], axis=-1
         )
+
+
+class Raised:
+    """``simulator.expected(theta) + b * shape``, b being one more parameter, and nothing below 0.
+
+    Parameters
+    ----------
+    simulator
+        With ``prior`` and ``expected``.
+    shape : array, shape (channel,)
+    marginals : mapping of str to Marginal
+        Prior of b, by its name.
+    """
+
+    def __init__(self, simulator: Any, shape: ArrayLike, marginals: Mapping[str, Marginal]):
+        self._simulator, self._shape = simulator, np.asarray(shape, dtype=float)
+        self.prior = simulator.prior * Prior(marginals)
+
+    def expected(self, theta: ArrayLike) -> Array:
+        """Expected counts ``(..., channel)``."""
+        values = np.asarray(theta, dtype=float)
+        mean = np.asarray(self._simulator.expected(values[..., :-1]))
+        return np.asarray(np.maximum(mean + values[..., -1:] * self._shape, LEAST * mean))

@@ -18,7 +18,8 @@ The summary (discovery.json)
         "amplitude": [{"effect", "parameter", "value", "interval": [lo, hi], "level", "unit", "neutral",
                        "held_out": bool, "standard_error",
                        "beside_nuisances": {"value", "interval", "nuisances": [text]}}]
-                                                    of every named effect
+                                                    of every named effect, and excess_counts of "unnamed"
+                                                    (in counts, in its statement's parameters too)
         "candidates": [{..., "held_out", "held_out_error", "held_out_model", "in_set": bool, "amplitude",
                         "unit", "gain", "cause"}]
                                                     held_out: gain in log score over the model before, nats,

@@ -1,6 +1,7 @@
 """The workflow on many sources that share an instrument."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from gaugeblock.core.executors import threads
 from gaugeblock.discovery import Sources, blocks, discover_catalogue
 from gaugeblock.discovery.catalogue import CatalogueCounts, shared_nuisances
 from gaugeblock.discovery.held_out import HeldOut
+from gaugeblock.discovery.name.shared import Term
 from gaugeblock.simulators import Uniform
 from gaugeblock.simulators.effects import Effect
 from gaugeblock.simulators.library import LibraryEffect
@@ -80,6 +82,22 @@ def test_fewer_replicates_than_the_library_needs_are_refused(power_law):
     sources = catalogue(power_law, None, number=2)
     with pytest.raises(InputError, match=r"needs at least 99 replicates, got 98: .* global p of 0\.01$"):
         discover_catalogue([sources], replicates=98)
+
+
+def test_what_has_no_name_is_measured_on_the_half_of_the_sources_that_did_not_choose_where(power_law):
+    effect = Effect("dip", {"energy": 1.7, "depth": -0.12})
+    rng, told = np.random.default_rng(3).spawn(2)
+    engine = CatalogueCounts([catalogue(power_law, effect)], rng=rng, told=told, replicates=99)
+    found = engine.excess((), ())
+    assert found.lo < 1.7 < found.hi
+    assert found.size.low < found.size.value < found.size.high < 0.0
+    assert (found.halves, found) == ("sources", engine.excess((), ()))
+    term = Term(engine.entries["dip"], {"energy": 1.7})
+    one = SimpleNamespace(key="dip", term=term, amplitude=SimpleNamespace(value=-0.12))
+    rounds = [SimpleNamespace(best=SimpleNamespace(chain=(one,)))]
+    left = engine.excess(rounds, ("dip",))
+    assert left.size.low < 0.0 < left.size.high
+    assert engine.excess(rounds, ()) == found
 
 
 def test_an_error_of_the_amplitude_that_falls_with_the_number(dip):

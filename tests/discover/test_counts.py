@@ -237,8 +237,33 @@ def test_what_the_library_lacks_has_no_name(power_law, library):
     assert found.named == "unnamed"
     assert found.named_all == ()
     assert found.p_global < 0.01
+    (said,) = [one for one in found.to_json()["statements"] if one["effect"] == "unnamed"]
+    size = said["parameters"]["excess_counts"]
+    assert said["certain"]
+    assert size["low"] < size["value"] < size["high"]
+    assert not size["low"] < 0.0 < size["high"]
+    assert (said["energy_lo_kev"], said["energy_hi_kev"]) != (None, None)
+    assert [one["parameter"] for one in found.to_json()["amplitude"]] == ["excess_counts"]
     factor = found.tree["shape"]["factor"].values
     assert np.corrcoef(factor[8:-8], np.sin(np.arange(60) * 0.5)[8:-8])[0, 1] > 0.8
+
+
+def test_an_excess_beside_effects_is_what_they_leave(library):
+    """Beside an edge the line is left, and nothing beside both."""
+    edge, line = (
+        Effect("edge", {"energy": 1.2, "depth": 0.3}), Effect("line", {"energy": 5.0, "counts": 1500.0}),
+    )  # fmt: skip
+    engine, counts = noise_free(library, edge, line)
+    (one,) = engine.fitted(engine.look(), ["edge"], None)
+    (both,) = engine.fitted(engine.after(one), ["line"], one)
+    rounds = [Round(engine.look(), (Comparison(both, 0.0, 0.0),))]
+    left, whole, bare = (engine.excess(rounds, path) for path in (("edge",), ("edge", "line"), ()))
+    assert left.lo < 5.0 < left.hi
+    inside = (engine.sources.edges[:, 0] >= left.lo - 1e-9) & (engine.sources.edges[:, 1] <= left.hi + 1e-9)
+    truth = (counts - library.simulator.with_effect(edge).expected(THETA))[inside].sum()
+    assert 0.0 < left.size.low < truth < left.size.high
+    assert whole.size.low < 0.0 < whole.size.high
+    assert engine.excess(rounds, ("edge",)) == left != bare
 
 
 def test_neighbours_that_data_cannot_tell_apart_are_a_set(library):

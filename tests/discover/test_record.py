@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from gaugeblock.discovery import Candidates, Sources, record
+from gaugeblock.discovery.confirm.excess import Excess
 from gaugeblock.discovery.counts import Counts
 from gaugeblock.discovery.decision import Claim
 from gaugeblock.discovery.record import LEFT, recorded, with_e_value, with_evidence
-from gaugeblock.discovery.result import Gap, Region, Sides, Withdrawn
+from gaugeblock.discovery.result import Estimate, Gap, Region, Sides, Withdrawn
 from gaugeblock.discovery.workflow import search
 from gaugeblock.simulators.effects import Effect
 
@@ -39,8 +40,61 @@ def test_an_excess_without_a_name_is_where_its_first_region_is_and_energies_are_
     found = replace(found, decision=replace(found.decision, claims=(unnamed,)))
     for unit, place in (("keV", (first.lo, first.hi)), ("channel", (None, None))):
         monkeypatch.setattr(engine, "regions", lambda unit=unit: (replace(first, unit=unit),))
-        (said,) = recorded(engine, found).statements
+        monkeypatch.setattr(engine, "excess", lambda *_: None)
+        made = recorded(engine, found)
+        (said,) = made.statements
         assert (said.energy_lo_kev, said.energy_hi_kev) == place
+        assert said.text.endswith("there are no counts of which one half could choose.")
+        assert (said.parameters, made.amplitude) == ({}, found.amplitudes)
+
+
+def test_an_excess_without_a_name_has_a_size_from_counts_that_did_not_choose_where(searched, monkeypatch):
+    engine, found = searched[0]
+    claims = (Claim("unnamed", ("unnamed",), 30.0, True, 0.9, None),)
+    found = replace(found, amplitudes=(), decision=replace(found.decision, claims=claims, added=()))
+    made = recorded(engine, found)
+    (said,), measured = made.statements, engine.excess((), ())
+    assert said.parameters == {"excess_counts": measured.size}
+    assert (said.energy_lo_kev, said.energy_hi_kev) == (measured.lo, measured.hi)
+    assert made.to_json()["amplitude"] == [
+        {
+            "effect": "unnamed", "parameter": "excess_counts", "value": measured.size.value,
+            "interval": [measured.size.low, measured.size.high], "level": 0.9, "unit": "counts",
+            "neutral": 0.0, "held_out": True, "standard_error": None, "beside_nuisances": None, "others": {},
+        }
+    ]  # fmt: skip
+    told = Excess(Estimate(-412.3, -474.2, -350.1), 2.2, 2.41, "keV", "counts")
+    words = (
+        " At 2.2 to 2.41 keV, which one half of the counts chose, the other half has an excess of -412.3 "
+        "counts (-474.2 to -350.1; 90%, as of all counts)."
+    )
+    bare = words.replace(" keV", "")
+    for unit, spoken, place in (("keV", words, (2.2, 2.41)), ("channel", bare, (None, None))):
+        monkeypatch.setattr(engine, "excess", lambda *_, unit=unit: replace(told, unit=unit))
+        (said,) = recorded(engine, found).statements
+        assert said.text.endswith(spoken)
+        assert (said.energy_lo_kev, said.energy_hi_kev) == place
+
+
+@pytest.mark.parametrize(
+    ("added", "alike", "path"),
+    [
+        ((), ("unnamed", "edge"), ()),
+        (("edge", "line"), ("unnamed",), ("edge", "line")),
+        (("edge", "line"), ("unnamed", "edge"), ("line",)),
+        (("edge", "line", "edge"), ("unnamed", "edge"), ("edge", "line")),
+    ],
+)
+def test_what_has_no_name_stands_beside_the_effects_that_did_not_give_way_to_it(
+    searched, monkeypatch, added, alike, path
+):
+    engine, found = searched[0]
+    asked = []
+    claims = (Claim("unnamed", alike, 30.0, True, 0.9, None),)
+    found = replace(found, decision=replace(found.decision, claims=claims, added=added))
+    monkeypatch.setattr(engine, "excess", lambda rounds, beside: asked.append((rounds, beside)))
+    recorded(engine, found)
+    assert asked == [(found.rounds, path)]
 
 
 def test_only_a_name_that_did_not_hold_is_withdrawn(searched):

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from gaugeblock.discovery.reshaped import Adapted, Reshaped
+from gaugeblock.discovery.reshaped import Adapted, Raised, Reshaped
 from gaugeblock.simulators import Normal, Prior, Uniform
 
 CHANNELS = np.linspace(0.0, 1.0, 5)
@@ -88,3 +88,13 @@ def test_without_a_derivative_there_is_none():
     for made in (Adapted(Silent(), factor=2.0), Reshaped(Silent(), CURVES[:, :1], {"b": Normal(0.0, 1.0)})):
         assert not hasattr(made, "jacobian")
         assert made.expected(made.prior.center).shape == (5,)
+
+
+def test_a_shape_is_added_and_nothing_falls_below_a_millionth_of_what_was_there():
+    made = Raised(Slope(), [0.0, 0.25, 0.75, 0.0, 0.0], {"more": Uniform(-50.0, 50.0)})
+    assert made.prior.names == ("norm", "slope", "more")
+    theta = np.array([[3.0, 0.5, 8.0], [10.0, -0.2, -20.0]])
+    mean = Slope().expected(theta[:, :2])
+    np.testing.assert_allclose(made.expected(theta)[0], mean[0] + [0.0, 2.0, 6.0, 0.0, 0.0])
+    left = mean[1] * [1.0, 1.0, 1e-6, 1.0, 1.0] - [0.0, 5.0, 0.0, 0.0, 0.0]
+    np.testing.assert_allclose(made.expected(theta)[1], left)
