@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from gaugeblock.core.errors import InputError
 from gaugeblock.core.foreign import SPECTRUM, opened_fits
+from gaugeblock.simulators.xray.count_errors import poisson_errors, statistical, systematic
 from gaugeblock.simulators.xray.files import FilePath, load
 
 
@@ -43,7 +44,7 @@ def pha_file(name: FilePath) -> Path:
     return Path(re.sub(r"\{\d+\}$", "", str(name)))
 
 
-def load_pha(role: str, name: FilePath) -> Pha:
+def load_pha(role: str, name: FilePath, *, ignore_sys_err: bool = False) -> Pha:
     """Read a spectrum, or one of those in a file of type II: ``source.pha{3}`` is the third.
 
     Raises
@@ -52,21 +53,23 @@ def load_pha(role: str, name: FilePath) -> Pha:
         In one line that names the file, as `read_pha`.
     """
     number = re.search(r"\{(\d+)\}$", str(name))
-    return load(role, pha_file(name), partial(read_pha, number=int(number[1]) if number else None))
+    read = partial(read_pha, number=int(number[1]) if number else None, ignore_sys_err=ignore_sys_err)
+    return load(role, pha_file(name), read)
 
 
-def read_pha(path: Path, *, number: int | None = None) -> Pha:
+def read_pha(path: Path, *, number: int | None = None, ignore_sys_err: bool = False) -> Pha:
     """Raw counts per detector channel with their flags and scales.
 
     Not jaxspec's reader, which takes seconds to import, and refuses what loses nothing: absent GROUPING,
     QUALITY, BACKSCAL and AREASCAL take the values that OGIP gives them, and a spectrum stored as a rate
-    becomes counts again if rate times exposure are whole numbers.
+    becomes counts again if rate times exposure are whole numbers. `ignore_sys_err` leaves SYS_ERR out.
 
     Raises
     ------
     InputError
         For a file of several spectra without a `number`, one that is background-subtracted, has no exposure,
-        no counts, errors that are not Poisson's, or columns that do not hold one sound value per channel.
+        no counts, errors that are not Poisson's, systematic ones above 0, or columns that do not hold one
+        sound value per channel.
     """
     with opened_fits(path, most=SPECTRUM) as hdus:
         table = hdus["SPECTRUM"]
@@ -77,7 +80,10 @@ def read_pha(path: Path, *, number: int | None = None) -> Pha:
         data = _row(table, number, path.name) if _several(table) else _columns(table, number)
 
         def value(key: str, default: Any) -> Any:
-            return np.asarray(data[key], dtype=float) if key in data else header.get(key, default)
+            if key in data:
+                return np.asarray(data[key], dtype=float)
+            # A keyword without a value says nothing.
+            return default if header.get(key) is None else header[key]
 
         def said(key: str) -> str | None:
             return str(data[key]) if key in data else header.get(key)
@@ -98,6 +104,10 @@ def read_pha(path: Path, *, number: int | None = None) -> Pha:
         flags = value("GROUPING", 0)
         grouping = None if np.ndim(flags) == 0 else _per_channel("GROUPING", flags, len(counts), whole=True)
         group_matrix(grouping, len(counts))
+        beyond = _per_channel("SYS_ERR", value("SYS_ERR", 0.0), len(counts))
+        error = _per_channel("STAT_ERR", value("STAT_ERR", 0.0), len(counts))
+        error = error * (1.0 if "COUNTS" in data else exposure)
+        poisson = poisson_errors(data.get("POISSERR", header.get("POISSERR")))
         channel = _per_channel("CHANNEL", value("CHANNEL", None), len(counts), whole=True)
         if np.any(np.diff(channel) <= 0):
             raise InputError("CHANNEL does not ascend; put the channels in order, each once")
@@ -115,7 +125,10 @@ def read_pha(path: Path, *, number: int | None = None) -> Pha:
             area_file=said("ANCRFILE"),
             instrument=header.get("INSTRUME"),
             frame_time=_frame_time(header, hdus[0].header),
-            notes=(*_systematic(value("SYS_ERR", 0.0)), *_errors(counts, header, data)),
+            notes=(
+                *systematic(beyond, ignored=ignore_sys_err),
+                *statistical(channel, counts, error, poisson),
+            ),
         )
 
 
@@ -171,36 +184,6 @@ def _row(table: Any, number: int | None, file: str) -> dict[str, Any]:
     if np.ndim(row.get("CHANNEL", 0)) == 0:
         row["CHANNEL"] = np.arange(length) + int(row.get("CHANNEL", 1))
     return row
-
-
-def _systematic(error: Any) -> tuple[str, ...]:
-    middle = float(np.median(error))
-    if not np.any(np.asarray(error) > 0):
-        return ()
-    return (
-        f"SYS_ERR (median {middle:.3g}) is not used: the likelihood is Poisson's, without scatter beyond it; "
-        "let the effect effective_area float, which they stand for",
-    )
-
-
-def _errors(counts: NDArray[np.int64], header: Any, data: Mapping[str, Any]) -> tuple[str, ...]:
-    """A note where errors are said not to be Poisson's, but are; an error where they are not."""
-    if header.get("POISSERR", True) is not False:
-        return ()
-    if "STAT_ERR" not in data or not np.any(data["STAT_ERR"]):
-        return ("POISSERR is F and no errors are given; whole counts are taken for Poisson's",)
-    error = np.asarray(data["STAT_ERR"], dtype=float) * (
-        1.0 if "COUNTS" in data else float(header["EXPOSURE"])
-    )
-    # The square root of counts, or Gehrels' 1 + sqrt(N + 0.75) for it.
-    root, gehrels = np.sqrt(counts), 1.0 + np.sqrt(counts + 0.75)
-    seen = counts > 0
-    if np.all(np.minimum(np.abs(error - root), np.abs(error - gehrels))[seen] <= 0.02 * root[seen]):
-        return ("POISSERR is F, but STAT_ERR are those of Poisson counts, which they are taken for",)
-    raise InputError(
-        "POISSERR is F and STAT_ERR are not the errors of Poisson counts, which the likelihood needs; "
-        "give the raw spectrum, neither weighted nor background-subtracted"
-    )
 
 
 def _frame_time(*headers: Any) -> float | None:

@@ -195,6 +195,7 @@ class Response:
         grouping: ArrayLike | None = None,
         exposure: float | None = None,
         name: str | None = None,
+        ignore_sys_err: bool = False,
     ) -> Response:
         """Response from OGIP files, which may be gzipped.
 
@@ -210,6 +211,8 @@ class Response:
             OGIP grouping flags per detector channel (1 starts a group, -1 continues it), in place of `pha`'s.
         exposure : float, optional
             Seconds, in place of `pha`'s.
+        ignore_sys_err : bool
+            Whether a `pha` with SYS_ERR above 0 is read without them, and not refused.
 
         Raises
         ------
@@ -217,7 +220,7 @@ class Response:
             In one line that names the file, if one is missing or unreadable, or they do not fit together.
         """
         detector = read_detector(rmf, arf)
-        spectrum = None if pha is None else load_pha("PHA", pha)
+        spectrum = None if pha is None else load_pha("PHA", pha, ignore_sys_err=ignore_sys_err)
         made = respond(detector, spectrum, band=band, grouping=grouping, name=name, pha=pha)
         if exposure is None:
             exposure = 1.0 if spectrum is None else spectrum.exposure
@@ -246,7 +249,7 @@ def respond(
     Raises
     ------
     InputError
-        If the spectrum is of another detector, or no usable channel lies in the band.
+        If the spectrum is of another detector, has no good channel, or none that is usable in the band.
     """
     fine, redistribution = detector.fine_channels, detector.redistribution
     usable = np.ones(len(fine), dtype=bool)
@@ -255,6 +258,11 @@ def respond(
         rows = match_channels(spectrum, detector.channel, f"PHA {pha}", f"RMF {detector.rmf}")
         redistribution = redistribution[rows].multiply(spectrum.areascal[:, None]).tocsr()
         fine, usable = fine[rows], spectrum.quality == 0
+        if not usable.any():
+            raise InputError(
+                f"PHA {pha}: QUALITY says that all of its {len(usable)} channels are bad; set it to 0 for "
+                "those that are good"
+            )
         flags = spectrum.grouping if flags is None else flags
     groups = group_matrix(flags, len(fine)).multiply(usable[None, :]).tocsr()
 
