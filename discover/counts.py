@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from gaugeblock.core.arrays import Array
 from gaugeblock.discovery.arrays import channel_arrays, counted_arrays
 from gaugeblock.discovery.confirm.amplitude import Place, estimates, held_out_amplitude
-from gaugeblock.discovery.confirm.excess import Excess, held_out_excess
 from gaugeblock.discovery.confirm.energies import profiled_energies
+from gaugeblock.discovery.confirm.excess import Excess, held_out_excess
 from gaugeblock.discovery.confirm.floated import floated, gain_reach, has_gain, near
 from gaugeblock.discovery.confirm.thinned import ScoredModel, random_shapes, thinned_scores
 from gaugeblock.discovery.engine import Comparison, Engine, Look, Round, Thresholds, afresh, together
