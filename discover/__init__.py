@@ -3,7 +3,7 @@
 One workflow (`workflow`, `decision`, `record`, `result`) over three engines: `counts` of one source, a
 `catalogue` of sources, `simulations` of a simulator without a likelihood. `engine` says what an engine does
 and holds the thresholds on which answers hang. Tools: `locate` (where), `name` (which effect), `extend` (the
-simulator with it), `confirm` (does it hold on data that did not choose it), `simulated` (scores learned from
+simulator with it), `confirm` (does it hold on data held out of its fits), `simulated` (scores learned from
 simulations).
 """
 

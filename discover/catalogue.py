@@ -1,4 +1,4 @@
-"""The engine for a catalogue: an effect that all sources share, judged on those that did not choose it."""
+"""The engine for a catalogue: an effect that all sources share, judged on sources held out of its fits."""
 
 from __future__ import annotations
 

@@ -209,7 +209,7 @@ class Counts(Engine):
         return thinned_scores(models, self.sources, rng=self._streams["held_out"], folds=folds)
 
     def amplitudes(self, rounds: Sequence[Round]) -> tuple[Amplitude, ...]:
-        """From the half of the counts that had no say; energies and widths from all, as recorded."""
+        """From one half of the counts; energies and widths from all, as recorded."""
         best: Profile = rounds[-1].best
         simulator, start = best.candidate.simulator, best.fit.theta
         if any(entry.origin == "source" for entry in best.entries):

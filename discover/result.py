@@ -107,8 +107,9 @@ class Statement:
     """One thing that is claimed: an effect, or ``"unnamed"``, and those that data cannot tell from it.
 
     `certain` says that the excess is there, whatever its name; `probability` that one of `indistinguishable`
-    is right; `evidence` what it wins in nats. `parameters` with 90% intervals: the amplitude from counts that
-    chose neither name nor energy, an effect's energies and widths from all, as recorded. `energy_lo_kev` and
+    is right; `evidence` what it wins in nats. `parameters` with 90% intervals: the amplitude from one
+    half of the counts (all of them chose the name), an effect's energies and widths from all, as recorded; of
+    what has no name `excess_counts`, from a half that did not choose where. `energy_lo_kev` and
     `energy_hi_kev` are where it acts. `within_gain` are known lines or edges at a distance that an error of
     the gain would bridge, where none is identified.
     """
@@ -137,7 +138,7 @@ class Beside:
 
 @dataclass(frozen=True)
 class Amplitude:
-    """An amplitude with its interval; `held_out` says whether from data that did not choose the effect.
+    """An amplitude with its interval; `held_out` says whether from one half of the counts.
 
     `others` are the effect's other parameters in the same fit.
     """

@@ -1,1 +1,1 @@
-"""Does the name hold on data that did not choose it."""
+"""Does the name hold on data held out of its fits."""

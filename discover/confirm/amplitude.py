@@ -1,4 +1,4 @@
-"""The amplitude from counts that did not choose the effect, with its profile likelihood interval."""
+"""The amplitude from one half of the counts, with its profile likelihood interval."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ class Place:
 def held_out_amplitude(
     place: Place, sources: Sources, start: Array, *, rng: np.random.Generator, level: float = 0.9
 ) -> Amplitude:
-    """Choose the effect's other parameters on one half of the counts, take its amplitude from the other.
+    """Take an effect's amplitude from one half of the counts, every parameter free; the other half's fit is
+    where it begins, beside `start` ``(1, parameter)``.
 
     An amplitude from the data that singled the effect out is biased away from neutral (a true 3 sigma seen
-    past a threshold of 4 reads 1.5 times too large); the half that had no say is not. Fits begin at `start`
-    ``(1, parameter)``.
+    past a threshold of 4 reads 1.5 times too large). All counts did, so that of either half is, as much.
     """
     first, second = thin(sources.counts[0], 2, rng)
     half = sources.scale / 2.0

@@ -39,7 +39,7 @@ def candidate_chapter(tree: xr.DataTree, summary: Mapping[str, Any]) -> Chapter 
     lead = (
         "Every effect of the library, its shape freed of all that the fitted parameters could imitate. z is "
         "the size of its signal; a global p counts all effects and all values tried. A high z alone is no "
-        "name: the held-out score tells how much better it predicts data that did not choose it."
+        "name: the held-out score tells how much better it predicts data held out of its fits."
     )
     if unseen:
         lead += f" Not shown: {'; '.join(unseen)}."

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
+from gaugeblock.discovery.held_out import UNNAMED
 from gaugeblock.discovery.wording import effect_phrase, effect_words
 from gaugeblock.reports.discovery.phrases import digits_of, energy_range, finite, global_p, pick, with_unit
 from gaugeblock.reports.headline import Headline
@@ -12,6 +13,14 @@ from gaugeblock.reports.words import listed, number
 
 MEASURE = "mean Poisson deviance per channel"
 """What a gap is, unless a discovery says otherwise."""
+
+Measured = Literal["apart", "half", "all"]
+
+MEASURED_ON: Mapping[Measured, str] = {
+    "apart": "from a half of the data that did not choose where",
+    "half": "from one half of the counts; all of them chose the name",
+    "all": "in sample",
+}
 
 Kind = Literal["named", "set", "unnamed", "withdrawn", "nothing"]
 
@@ -62,12 +71,19 @@ def figures(summary: Mapping[str, Any]) -> tuple[tuple[str, str, str], ...]:
     elif before is not None:
         found.append(("Held-out gap", number(before, 3), measure))
     for one in amplitudes(summary)[:1]:
-        where = "from data that did not choose the name" if one.get("held_out") else "in sample"
+        where = MEASURED_ON[measured_on(one)]
         low, high = (finite(end) for end in (one.get("interval") or (None, None)))
         amount = finite(one.get("value"))
         value = with_unit(amount, str(one.get("unit") or ""), digits_of(amount, low, high))
         found.append((f"{effect_words(str(one.get('effect')))}: {one.get('parameter')}", value, where))
     return tuple(found)
+
+
+def measured_on(amplitude: Mapping[str, Any]) -> Measured:
+    """What an amplitude was measured on: what has no name on data that did not choose where it is."""
+    if amplitude.get("effect") == UNNAMED:
+        return "apart"
+    return "half" if amplitude.get("held_out") else "all"
 
 
 def amplitudes(summary: Mapping[str, Any]) -> list[Mapping[str, Any]]:
@@ -136,9 +152,9 @@ def _gap(summary: Mapping[str, Any]) -> list[str]:
     if before is None or after is None:
         return []
     verb = "shrinks" if after < before else "does not shrink"
-    it = "it" if len(summary.get("named_all") or []) < 2 else "them"
+    it, its = ("it", "its") if len(summary.get("named_all") or []) < 2 else ("them", "their")
     measure = pick(summary, "gap", "measure") or MEASURE
     return [
-        f"With {it} in the model, the gap on data that did not choose {it} {verb}: {measure} "
+        f"With {it} in the model, the gap on data held out of {its} fits {verb}: {measure} "
         f"{number(before, 3)} before, {number(after, 3)} after."
     ]

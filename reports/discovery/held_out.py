@@ -1,4 +1,4 @@
-"""The chapter that asks whether the name holds: scores on data that did not choose it, and decoys."""
+"""The chapter that asks whether the name holds: scores on data held out of its fits, and decoys."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ _MODELS = {"before": "nothing added", "unnamed": "smooth correction"}
 
 
 def held_out_chapter(tree: xr.DataTree, summary: Mapping[str, Any]) -> Chapter | LeftOut:
-    """The gap on data that did not choose the name, before, after and with decoys."""
+    """The gap on data held out of the fits, before, after and with decoys."""
     data = group(tree, "held_out")
-    title = "Does it hold on data that did not choose it"
+    title = "Does it hold on data held out of its fits"
     if isinstance(data, Missing):
         return LeftOut(title, data.why)
     scheme = data.attrs.get("scheme")
@@ -41,7 +41,7 @@ def held_out_chapter(tree: xr.DataTree, summary: Mapping[str, Any]) -> Chapter |
         "Each model was fitted to one part of the data and scored on the rest"
         f"{f' ({scheme})' if scheme else ''}. The name holds if it predicts better than the model before, "
         "than its rivals, and than decoys: random shapes with as much freedom, and a smooth correction that "
-        "fits anything."
+        "fits anything. The name itself was chosen on all data."
     )
     said = _e_value(summary)
     names, kinds = texts(data, "model"), texts(data, "kind")

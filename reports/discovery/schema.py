@@ -110,7 +110,7 @@ GROUPS: Mapping[str, Group] = {
         attributes=("threshold",),
     ),
     "held_out": Group(
-        "Models scored on data that did not choose them: mean Poisson deviance per channel, and gain in log "
+        "Models scored on data held out of their fits: mean Poisson deviance per channel, and gain in log "
         "score (nats) over the model before, with standard errors. `kind` is one of before, named, rival, "
         "unnamed, random.",
         _along("model", "model kind deviance"),

@@ -11,12 +11,18 @@ import xarray as xr
 from gaugeblock.discovery.wording import effect_words
 from gaugeblock.reports.discovery.axes import energy_axis
 from gaugeblock.reports.discovery.chapter import Chapter, Heading, LeftOut, RowGroup, RowTable
-from gaugeblock.reports.discovery.headline import amplitudes
+from gaugeblock.reports.discovery.headline import Measured, amplitudes, measured_on
 from gaugeblock.reports.discovery.phrases import digits_of, finite, pick
 from gaugeblock.reports.discovery.read import Missing, floats, group, parts
 from gaugeblock.reports.section import Panel
 from gaugeblock.reports.svg import Frame
 from gaugeblock.reports.words import NOTHING, number, short
+
+SOURCES: Mapping[Measured, str] = {
+    "apart": "a half that did not choose where",
+    "half": "one half of the counts, everything fitted again",
+    "all": "all data",
+}
 
 
 def amplitude_chapter(summary: Mapping[str, Any]) -> Chapter | LeftOut:
@@ -24,7 +30,7 @@ def amplitude_chapter(summary: Mapping[str, Any]) -> Chapter | LeftOut:
     rows = []
     for one in amplitudes(summary):
         parameter, unit = str(one.get("parameter")), one.get("unit")
-        source = "yes" if one.get("held_out") else "no, in sample: too large on average"
+        source = SOURCES[measured_on(one)]
         name = effect_words(str(one.get("effect")))
         rows.append(_amplitude(name, f"{parameter} ({unit})" if unit else parameter, one, one, source))
         beside = one.get("beside_nuisances")
@@ -37,11 +43,11 @@ def amplitude_chapter(summary: Mapping[str, Any]) -> Chapter | LeftOut:
         return LeftOut(title, "discovery.json holds no amplitude, because nothing was named")
     columns = (
         Heading("Effect", False), Heading("Parameter", False), Heading("Value"), Heading("Interval"),
-        Heading("Level"), Heading("No effect at"), Heading("From data that did not choose it", False),
+        Heading("Level"), Heading("No effect at"), Heading("Measured on", False),
     )  # fmt: skip
     lead = (
-        "Measured on data that did not choose the name: an amplitude from the data that did is too large, "
-        "because only large ones get chosen."
+        "An amplitude from the data that chose its name is too large on average, because only large ones get "
+        "chosen. The name was chosen on all data; a half of them that is fitted again had its part in that."
     )
     table = RowTable("Amplitudes", columns, (RowGroup("", tuple(rows)),))
     return Chapter("amplitude", "Amplitude", title, lead, tables=(table,))

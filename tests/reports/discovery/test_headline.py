@@ -3,6 +3,7 @@ import pytest
 from gaugeblock.reports.discovery.best_fit import fit_rows
 from gaugeblock.reports.discovery.headline import headline
 from gaugeblock.reports.discovery.phrases import energy_range, global_p
+from gaugeblock.reports.discovery.size import amplitude_chapter
 
 
 def test_each_ending_has_its_kind_and_word(ending):
@@ -26,6 +27,33 @@ def test_a_name_says_what_where_how_sure_and_how_much_the_gap_shrinks(summary):
         "shrinks: mean Poisson deviance per channel 1.420 before, 1.020 after",
     ):  # fmt: skip
         assert part in said, part
+
+
+def test_an_amplitude_says_what_it_was_measured_on(summary):
+    """All counts chose the name, and a half of them the range of what has none."""
+    (one,) = summary["amplitude"]
+    for change, shown, row in (
+        ({"held_out": True}, "from one half of the counts; all of them chose the name", "fitted again"),
+        ({"held_out": False}, "in sample", "all data"),
+        (
+            {"held_out": True, "effect": "unnamed"},
+            "from a half of the data that did not choose where",
+            "a half",
+        ),
+    ):
+        summary["amplitude"] = [one | change]
+        assert headline(summary).figures[-1][2] == shown
+        (table,) = amplitude_chapter(summary).tables
+        assert row in table.groups[0].cells[0][-1]
+        assert table.columns[-1].head == "Measured on"
+
+
+def test_nothing_is_said_to_come_of_data_that_had_no_part_in_choosing_the_name(ending):
+    made = headline(ending[1])
+    said = " ".join([made.paragraph, *(word for figure in made.figures for word in figure)])
+    assert "did not choose" not in said
+    assert ("held out of its fits" in said) == (ending[0] in ("named", "set"))
+    assert ("held out of their fits" in said) == (ending[0] == "two")
 
 
 def test_a_gap_that_grows_is_not_said_to_shrink(summary):
