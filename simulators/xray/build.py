@@ -34,7 +34,6 @@ def build(
     rmf: FilePath | None = None,
     arf: FilePath | None = None,
     band: Sequence[float] | None = None,
-    ignore_sys_err: bool = False,
     effects: Sequence[Effect | Description] = (),
     integration: str = "jaxspec",
 ) -> XraySpectrum:
@@ -55,8 +54,6 @@ def build(
         OGIP files in place of a built-in response; the spectrum gives its grouping, quality and exposure.
     band : two floats, optional
         Energies in keV; needs `rmf`.
-    ignore_sys_err : bool
-        Whether a `pha` with SYS_ERR above 0 is read without them, and not refused.
     effects : list of tables
         ``{name = "emission_line", energy = 6.4, sigma = 0.05, norm = {distribution = ...}}``: numbers are
         fixed, tables are priors of free parameters.
@@ -82,9 +79,7 @@ def build(
         raise InputError(f"simulator xray: band needs two energies in keV, got {list(band)}")
     else:
         limits = None if band is None else (float(band[0]), float(band[1]))
-        instrument = Response.from_ogip(
-            rmf, arf, pha, band=limits, exposure=exposure, ignore_sys_err=ignore_sys_err
-        )
+        instrument = Response.from_ogip(rmf, arf, pha, band=limits, exposure=exposure)
     made = tuple(map(read_effect, effects))
     model, prior = settled(model, priors)
     if prior is None:

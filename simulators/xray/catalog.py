@@ -166,7 +166,6 @@ def read_catalog(
     background: bool = True,
     band: tuple[float, float] | None = None,
     regroup: str = "ungrouped",
-    ignore_sys_err: bool = False,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> tuple[Observation, ...]:
@@ -181,7 +180,7 @@ def read_catalog(
     ----------
     folder : path
         See `entries`.
-    model, priors, band, regroup, ignore_sys_err
+    model, priors, band, regroup
         See `read_observation`. Default norms suit the faintest and the brightest source.
     rmf, arf : path, optional
         For all spectra, instead of those that headers name.
@@ -199,7 +198,7 @@ def read_catalog(
     """
     model, given = settled(model, priors)
     listed = entries(folder)
-    reader = Reader(band=band, regroup=regroup, reached=True, ignore_sys_err=ignore_sys_err)
+    reader = Reader(band=band, regroup=regroup, reached=True)
     sources = []
     for done, entry in enumerate(listed, start=1):
         without = None if background else "none"

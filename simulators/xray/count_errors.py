@@ -40,27 +40,20 @@ def poisson_errors(said: Any) -> bool | None:
     return POISSERR[text]
 
 
-def systematic(error: Array, *, ignored: bool) -> tuple[str, ...]:
-    """A note for fractional systematic errors ``(channel,)`` that are `ignored`; above 0 others are refused.
+def systematic(error: Array) -> tuple[str, ...]:
+    """A note for fractional systematic errors ``(channel,)`` above 0; pipelines put them into most spectra.
 
     Raises
     ------
     InputError
-        For errors above 0 that are not `ignored`, and for negative ones.
+        For negative ones.
     """
     _nonnegative("SYS_ERR", error)
     if not error.any():
         return ()
-    what = f"SYS_ERR (median {np.median(error):.3g}, up to {error.max():.3g})"
-    if ignored:
-        return (
-            f"{what} is not used, as was asked: the likelihood is Poisson's, without scatter beyond it; let "
-            "the effect effective_area float, which they stand for",
-        )
-    raise InputError(
-        f"{what} asks for scatter beyond Poisson's, which the likelihood has not; --ignore-sys-err "
-        "(ignore_sys_err = true) reads the spectrum without, and the effect effective_area, left to float, "
-        "stands for such errors"
+    return (
+        f"SYS_ERR (median {np.median(error):.3g}, up to {error.max():.3g}) is not used: the likelihood is "
+        "Poisson's, without scatter beyond it; what is found at this level may be the calibration's",
     )
 
 

@@ -67,7 +67,6 @@ def read_observation(
     redshift: float = 0.0,
     names: Sequence[str] | None = None,
     regroup: str = "ungrouped",
-    ignore_sys_err: bool = False,
 ) -> Observation:
     """One source from its spectrum, or from several instruments' spectra.
 
@@ -90,8 +89,6 @@ def read_observation(
         Of the instruments; else what the headers call them, or the files.
     regroup : {"ungrouped", "never", "always"}
         Whether channels are grouped by the detector's resolution; existing groups are kept by default.
-    ignore_sys_err : bool
-        Whether spectra with SYS_ERR above 0 are read without them, and not refused.
 
     Raises
     ------
@@ -103,10 +100,7 @@ def read_observation(
         raise InputError("spectra: none given; name at least one PHA file")
     if exposure is not None and len(paths) > 1:
         raise InputError("exposure: can be given for a single spectrum only; correct the headers instead")
-    readers = [
-        Reader(band=one, regroup=regroup, reached=True, ignore_sys_err=ignore_sys_err)
-        for one in _bands(band, len(paths))
-    ]
+    readers = [Reader(band=one, regroup=regroup, reached=True) for one in _bands(band, len(paths))]
     columns = [_each(role, files, len(paths)) for role, files in (("rmf", rmf), ("arf", arf))]
     behind = _each("background", background, len(paths))
     readings = [

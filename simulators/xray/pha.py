@@ -44,7 +44,7 @@ def pha_file(name: FilePath) -> Path:
     return Path(re.sub(r"\{\d+\}$", "", str(name)))
 
 
-def load_pha(role: str, name: FilePath, *, ignore_sys_err: bool = False) -> Pha:
+def load_pha(role: str, name: FilePath) -> Pha:
     """Read a spectrum, or one of those in a file of type II: ``source.pha{3}`` is the third.
 
     Raises
@@ -53,23 +53,22 @@ def load_pha(role: str, name: FilePath, *, ignore_sys_err: bool = False) -> Pha:
         In one line that names the file, as `read_pha`.
     """
     number = re.search(r"\{(\d+)\}$", str(name))
-    read = partial(read_pha, number=int(number[1]) if number else None, ignore_sys_err=ignore_sys_err)
+    read = partial(read_pha, number=int(number[1]) if number else None)
     return load(role, pha_file(name), read)
 
 
-def read_pha(path: Path, *, number: int | None = None, ignore_sys_err: bool = False) -> Pha:
+def read_pha(path: Path, *, number: int | None = None) -> Pha:
     """Raw counts per detector channel with their flags and scales.
 
     Not jaxspec's reader, which takes seconds to import, and refuses what loses nothing: absent GROUPING,
     QUALITY, BACKSCAL and AREASCAL take the values that OGIP gives them, and a spectrum stored as a rate
-    becomes counts again if rate times exposure are whole numbers. `ignore_sys_err` leaves SYS_ERR out.
+    becomes counts again if rate times exposure are whole numbers.
 
     Raises
     ------
     InputError
         For a file of several spectra without a `number`, one that is background-subtracted, has no exposure,
-        no counts, errors that are not Poisson's, systematic ones above 0, or columns that do not hold one
-        sound value per channel.
+        no counts, errors that are not Poisson's, or columns that do not hold one sound value per channel.
     """
     with opened_fits(path, most=SPECTRUM) as hdus:
         table = hdus["SPECTRUM"]
@@ -125,10 +124,7 @@ def read_pha(path: Path, *, number: int | None = None, ignore_sys_err: bool = Fa
             area_file=said("ANCRFILE"),
             instrument=header.get("INSTRUME"),
             frame_time=_frame_time(header, hdus[0].header),
-            notes=(
-                *systematic(beyond, ignored=ignore_sys_err),
-                *statistical(channel, counts, error, poisson),
-            ),
+            notes=(*systematic(beyond), *statistical(channel, counts, error, poisson)),
         )
 
 

@@ -141,19 +141,17 @@ class Spectrum:
         background: FilePath | None = None,
         *,
         band: tuple[float, float] | None = None,
-        ignore_sys_err: bool = False,
     ) -> Spectrum:
         """Spectrum from OGIP files; files that are not given are those that the spectrum's header names.
 
-        ``background="none"`` does without the background that the header names; with `ignore_sys_err`
-        spectra with SYS_ERR above 0 are read without them, and not refused.
+        ``background="none"`` does without the background that the header names.
 
         Raises
         ------
         InputError
             In one line that names the file, if one is missing or unreadable, or they do not fit together.
         """
-        return Reader(band=band, ignore_sys_err=ignore_sys_err).read(pha, rmf, arf, background).spectrum
+        return Reader(band=band).read(pha, rmf, arf, background).spectrum
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,23 +178,15 @@ class Reader:
         Which spectra are grouped by the detector's resolution (`resolution_grouping`).
     reached : bool
         Whether channels beyond the response's last photons are left out where no band is given.
-    ignore_sys_err : bool
-        Whether spectra with SYS_ERR above 0 are read without them, and not refused.
     """
 
     def __init__(
-        self,
-        *,
-        band: tuple[float, float] | None = None,
-        regroup: str = "never",
-        reached: bool = False,
-        ignore_sys_err: bool = False,
+        self, *, band: tuple[float, float] | None = None, regroup: str = "never", reached: bool = False
     ):
         if regroup not in {"never", "ungrouped", "always"}:
             raise InputError(f"grouping: must be never, ungrouped or always, got {regroup!r}")
         self._band = band
         self._regroup = regroup
-        self._ignore_sys_err = ignore_sys_err
         self._reached = reached and band is None
         self._digests: dict[tuple[str, int, int], str] = {}
         self._detectors: dict[tuple[str, str], Detector] = {}
@@ -218,7 +208,7 @@ class Reader:
         InputError
             In one line that names the file, if one is missing or unreadable, or they do not fit together.
         """
-        raw = load_pha("PHA", pha, ignore_sys_err=self._ignore_sys_err)
+        raw = load_pha("PHA", pha)
         rmf = rmf if rmf is not None else _named(pha, "RESPFILE", raw.response_file)
         arf = arf if arf is not None else _named(pha, "ANCRFILE", raw.area_file)
         background = background if background is not None else _named(pha, "BACKFILE", raw.background_file)
@@ -240,7 +230,7 @@ class Reader:
 
     def _with_background(self, spectrum: Spectrum, raw: Pha, pha: FilePath, background: FilePath) -> Spectrum:
         try:
-            other = load_pha("background", background, ignore_sys_err=self._ignore_sys_err)
+            other = load_pha("background", background)
         except InputError as error:
             raise InputError(f"{error}; background 'none' does without it") from None
         if not np.array_equal(other.channel, raw.channel):

@@ -195,7 +195,6 @@ class Response:
         grouping: ArrayLike | None = None,
         exposure: float | None = None,
         name: str | None = None,
-        ignore_sys_err: bool = False,
     ) -> Response:
         """Response from OGIP files, which may be gzipped.
 
@@ -211,8 +210,6 @@ class Response:
             OGIP grouping flags per detector channel (1 starts a group, -1 continues it), in place of `pha`'s.
         exposure : float, optional
             Seconds, in place of `pha`'s.
-        ignore_sys_err : bool
-            Whether a `pha` with SYS_ERR above 0 is read without them, and not refused.
 
         Raises
         ------
@@ -220,7 +217,7 @@ class Response:
             In one line that names the file, if one is missing or unreadable, or they do not fit together.
         """
         detector = read_detector(rmf, arf)
-        spectrum = None if pha is None else load_pha("PHA", pha, ignore_sys_err=ignore_sys_err)
+        spectrum = None if pha is None else load_pha("PHA", pha)
         made = respond(detector, spectrum, band=band, grouping=grouping, name=name, pha=pha)
         if exposure is None:
             exposure = 1.0 if spectrum is None else spectrum.exposure

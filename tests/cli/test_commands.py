@@ -254,12 +254,12 @@ def test_a_search(calls: Calls, tmp_path: Path) -> None:
         "model": "tbabs*powerlaw", "priors": None, "band": None, "rmf": (), "arf": (), "background": (),
         "redshift": 0.0, "regroup": "ungrouped", "effects": (), "only": (), "energy": None, "evidence": False,
         "replicates": 999, "seed": 0, "out": Path("gaugeblock-discovery"), "progress": True, "executor": None,
-        "command": "gaugeblock discover a.pha b.pha", "ignore_sys_err": False,
+        "command": "gaugeblock discover a.pha b.pha",
     }  # fmt: skip
     assert calls.named == plain
     (tmp_path / "many").mkdir()
     words = (
-        "discover --catalog many --ignore-sys-err "
+        "discover --catalog many "
         "--model powerlaw --priors p.toml --band 0.5 7 --rmf r --arf a "
         "--background none --redshift 0.3 --regroup always --effect gauss --energy 6.4 --own m:e "
         "--replicates 98 --evidence --out o --seed 3 --quiet"
@@ -268,7 +268,6 @@ def test_a_search(calls: Calls, tmp_path: Path) -> None:
     assert calls.given == (Path("many"),)
     del calls.named["command"]
     assert calls.named == {
-        "ignore_sys_err": True,
         "model": "powerlaw", "priors": Path("p.toml"), "band": (0.5, 7.0), "rmf": [Path("r")],
         "arf": [Path("a")], "background": ["none"], "redshift": 0.3, "regroup": "always", "effects": ["m:e"],
         "only": ["gauss"], "energy": 6.4, "evidence": True, "replicates": 98, "seed": 3, "out": Path("o"),

@@ -71,16 +71,14 @@ def test_files_of_ones_own():
     assert np.array_equal(from_files.expected(theta), reference().expected(theta))
 
 
-def test_systematic_errors_of_a_spectrum_are_ignored_if_asked(tmp_path):
+def test_systematic_errors_of_a_spectrum_are_noted(tmp_path):
     from astropy.io import fits
 
     with fits.open(data.path(data.EXAMPLE + "PN_spectrum_grp20.fits")) as file:
         file["SPECTRUM"].header["SYS_ERR"] = 0.02
         file.writeto(tmp_path / "s.pha")
     options = {**files("PN.rmf", "PN.arf"), "pha": tmp_path / "s.pha", "band": [0.5, 8.0]}
-    with pytest.raises(InputError, match=r"s\.pha: SYS_ERR .*ignore_sys_err = true"):
-        build_simulator("xray", **options)
-    assert "SYS_ERR" in build_simulator("xray", **options, ignore_sys_err=True).notes[0]
+    assert "SYS_ERR" in build_simulator("xray", **options).notes[0]
 
 
 def test_an_effect_is_read_as_it_is_or_from_its_table():

@@ -184,18 +184,14 @@ def test_ungrouped_spectra_are_grouped_by_resolution_and_groups_are_kept(write):
         read_observation(write("a.pha"), model=MODEL, priors=PRIOR, regroup="perhaps")
 
 
-def test_systematic_errors_are_refused_unless_they_are_to_be_ignored(write, tmp_path):
+def test_systematic_errors_are_noted_of_one_source_and_of_many(write, tmp_path):
     pha = write("a.pha", SYS_ERR=0.02)
     options = {"model": MODEL, "priors": PRIOR, "band": (0.5, 8.0)}
-    with pytest.raises(InputError, match=r"a\.pha: SYS_ERR"):
-        read_observation(pha, **options)
-    with pytest.raises(InputError, match=r"a\.pha: SYS_ERR"):
-        read(tmp_path)
-    one = read_observation(pha, **options, ignore_sys_err=True)
-    (many,) = read(tmp_path, ignore_sys_err=True)
+    one = read_observation(pha, **options)
+    (many,) = read(tmp_path)
     for found in (one, many):
         (note,) = found.simulator.notes
-        assert note.startswith("SYS_ERR (median 0.02, up to 0.02) is not used, as was asked")
+        assert note.startswith("SYS_ERR (median 0.02, up to 0.02) is not used: ")
 
 
 def test_sources_of_one_response_share_a_simulator_and_the_response_is_read_once(

@@ -258,7 +258,6 @@ def test_broken_files_each_give_one_line_with_their_name(tmp_path, rmf, arf, rol
             "neither weighted",
         ),
         (lambda p: write_pha(p, columns=[column("STAT_ERR", "E", [5, 5, 5, 5])]), "POISSERR is absent and"),
-        (lambda p: write_pha(p, SYS_ERR=0.01), "ignore-sys-err"),
         (
             lambda p: write_pha(p, columns=[column("QUALITY", "I", [1, 2, 5, 5])]),
             "QUALITY says that all of its 4 channels are bad; set it to 0 for those that are good",
@@ -479,17 +478,13 @@ def test_errors_that_are_not_used_are_told_and_those_of_poisson_are_fine(tmp_pat
 
     def notes(columns=(), **header):
         pha = write_pha(tmp_path / "s.pha", counts, columns=columns, **header)
-        told = Spectrum.from_ogip(pha, rmf, arf, ignore_sys_err=True).response.notes
-        assert Response.from_ogip(rmf, arf, pha, ignore_sys_err=True).notes == told
+        told = Spectrum.from_ogip(pha, rmf, arf).response.notes
+        assert Response.from_ogip(rmf, arf, pha).notes == told
         return told
 
     assert notes() == notes(SYS_ERR=0) == notes(POISSERR=True, STAT_ERR=0) == ()
     assert "SYS_ERR (median 0.03, up to 0.03) is not used" in notes(SYS_ERR=0.03)[0]
     assert "(median 0.02, up to 1)" in notes([column("SYS_ERR", "E", [0, 0.02, 0.02, 1])])[0]
-    pha = tmp_path / "s.pha"
-    for read in (lambda: Spectrum.from_ogip(pha, rmf, arf), lambda: Response.from_ogip(rmf, arf, pha)):
-        with pytest.raises(InputError, match="asks for scatter beyond Poisson's"):
-            read()
     assert "whole counts are taken" in notes(POISSERR=False)[0]
     for error in (np.sqrt(counts), 1 + np.sqrt(counts + 0.75)):
         assert "those of Poisson counts" in notes([column("STAT_ERR", "E", error)], POISSERR=False)[0]
@@ -498,12 +493,13 @@ def test_errors_that_are_not_used_are_told_and_those_of_poisson_are_fine(tmp_pat
 def test_the_errors_of_a_background_are_read_as_those_of_a_spectrum(tmp_path, rmf, arf):
     pha = write_pha(tmp_path / "s.pha", SYS_ERR=0.25)
     behind = write_pha(tmp_path / "b.pha", SYS_ERR=0.5, POISSERR=True, STAT_ERR=9)
-    notes = Spectrum.from_ogip(pha, rmf, arf, behind, ignore_sys_err=True).response.notes
+    notes = Spectrum.from_ogip(pha, rmf, arf, behind).response.notes
     assert [note[:32] for note in notes] == [
         "SYS_ERR (median 0.25, up to 0.25",
         "background: SYS_ERR (median 0.5,",
         "background: STAT_ERR (channel 0:",
     ]
+    behind = write_pha(behind, SYS_ERR=-0.5)
     with pytest.raises(InputError, match=r"background .*b\.pha: SYS_ERR .*; background 'none' does"):
         Spectrum.from_ogip(write_pha(pha), rmf, arf, behind)
 

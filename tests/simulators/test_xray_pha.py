@@ -16,14 +16,14 @@ from gaugeblock.simulators.xray.pha import group_matrix, load_pha
 def read(tmp_path):
     """What is read of a spectrum of three channels with these columns and keywords."""
 
-    def made(columns=(), primary=(), counts=(4, 9, 0), ignore_sys_err=False, **header):
+    def made(columns=(), primary=(), counts=(4, 9, 0), **header):
         usual = column("CHANNEL", "I", [2, 3, 5])
         path = write_pha(
             tmp_path / "s.pha", counts, columns=[usual, *columns], **{"EXPOSURE": 10.0, **header}
         )
         with fits.open(path, mode="update") as hdus:
             hdus[0].header.update(dict(primary))
-        return load_pha("PHA", path, ignore_sys_err=ignore_sys_err)
+        return load_pha("PHA", path)
 
     return made
 
@@ -106,10 +106,10 @@ ROOT, GEHRELS = np.sqrt(COUNTS), 1.0 + np.sqrt(COUNTS + 0.75)
 def notes(read):
     """What is noted of five channels with these columns, by name, and keywords."""
 
-    def made(columns=(), *, ignore_sys_err=False, counts=COUNTS, **header):
+    def made(columns=(), *, counts=COUNTS, **header):
         channel = column("CHANNEL", "I", np.arange(3, 3 + len(counts)))
         given = [column(name, "D", values) for name, values in dict(columns).items()]
-        return read([channel, *given], counts=counts, ignore_sys_err=ignore_sys_err, **header).notes
+        return read([channel, *given], counts=counts, **header).notes
 
     return made
 
@@ -194,26 +194,22 @@ def test_errors_may_be_keywords(notes):
 def test_errors_that_are_none_are_refused(notes, name, poisson):
     nan, negative = np.where(COUNTS == 5, np.nan, ROOT), np.where(COUNTS == 5, -0.25, 0.0)
     with pytest.raises(InputError, match=f"{name} is not one finite number for each of 5 channels"):
-        notes({name: nan}, POISSERR=poisson, ignore_sys_err=True)
+        notes({name: nan}, POISSERR=poisson)
     with pytest.raises(InputError, match=rf"{name} is negative \(-0.25\), which no error is; make it anew"):
-        notes({name: negative}, POISSERR=poisson, ignore_sys_err=True)
+        notes({name: negative}, POISSERR=poisson)
 
 
 @pytest.mark.parametrize("poisson", [True, False, None])
-def test_systematic_errors_are_refused_unless_they_are_to_be_ignored(notes, poisson):
+def test_systematic_errors_are_noted(notes, poisson):
+    """Most spectra of NICER have them."""
     least = {"SYS_ERR": np.where(COUNTS == 16, 0.25, 0.0)}
     for columns, header, size in (
         (least, {}, "median 0, up to 0.25"),
         ({}, {"SYS_ERR": 0.03}, "median 0.03, up to 0.03"),
         ({"SYS_ERR": np.array([0.01, 0.02, 0.02, 0.02, 1.0])}, {}, "median 0.02, up to 1"),
     ):
-        with pytest.raises(InputError) as caught:
-            notes(columns, POISSERR=poisson, **header)
-        assert f"SYS_ERR ({size}) asks for scatter beyond Poisson's" in str(caught.value)
-        assert "--ignore-sys-err (ignore_sys_err = true) reads the spectrum without" in str(caught.value)
-        told = notes(columns, POISSERR=poisson, ignore_sys_err=True, **header)
-        assert told[0].startswith(f"SYS_ERR ({size}) is not used, as was asked: ")
-        assert "effective_area" in told[0]
+        told = notes(columns, POISSERR=poisson, **header)
+        assert told[0].startswith(f"SYS_ERR ({size}) is not used: the likelihood is Poisson's")
         assert len(told) == (2 if poisson is False else 1)
     assert notes({"SYS_ERR": 0.0 * ROOT}) == notes(SYS_ERR=0) == ()
 
@@ -265,9 +261,7 @@ def test_each_spectrum_of_a_file_has_errors_of_its_own(tmp_path):
     table.header["EXPOSURE"] = 10.0
     path = tmp_path / "many.pha"
     fits.HDUList([fits.PrimaryHDU(), table]).writeto(path)
-    with pytest.raises(InputError, match="SYS_ERR"):
-        load_pha("PHA", f"{path}{{1}}")
-    assert len(load_pha("PHA", f"{path}{{1}}", ignore_sys_err=True).notes) == 1
+    assert len(load_pha("PHA", f"{path}{{1}}").notes) == 1
     with pytest.raises(InputError, match="POISSERR is F and STAT_ERR"):
         load_pha("PHA", f"{path}{{2}}")
     assert "POISSERR is T" in load_pha("PHA", f"{path}{{3}}").notes[0]

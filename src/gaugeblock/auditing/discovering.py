@@ -59,7 +59,6 @@ def discover(
     background: Sequence[str] = (),
     redshift: float = 0.0,
     regroup: str = "ungrouped",
-    ignore_sys_err: bool = False,
     prior: Any = None,
     engine: Kind | None = None,
     effects: Mapping[str, LibraryEffect] | Sequence[LibraryEffect | str] = (),
@@ -86,10 +85,10 @@ def discover(
         `prior`. Or `Sources`, one group or several.
     x : array, optional
         ``(n, ...)`` independent data sets that share the effect, or a single one, ``(...)``.
-    model, priors, band, rmf, arf, background, redshift, regroup, ignore_sys_err
+    model, priors, band, rmf, arf, background, redshift, regroup
         Of measured spectra: the model as in XSPEC, a TOML file of priors, energies ``(low, high)`` in keV for
         all spectra or for one each, responses and backgrounds in place of the headers', channels to be
-        grouped, spectra with SYS_ERR above 0 read without them; see docs/xray.md.
+        grouped; see docs/xray.md.
     prior
         Of a simulator that has none, or in place of its own: whatever `as_prior` takes.
     engine : "counts", "catalogue" or "simulations", optional
@@ -151,7 +150,6 @@ def discover(
             groups = read_measured(
                 what, rmf=rmf, arf=arf, background=tuple(background), redshift=redshift, seed=seed,
                 progress=show, model=model, priors=priors, band=band, regroup=regroup,
-                ignore_sys_err=ignore_sys_err,
             )  # fmt: skip
         elif _all(what, Sources):
             groups = list(what)
@@ -317,7 +315,7 @@ def read_measured(
 ) -> list[Sources]:
     """The sources that PHA files, or a folder with a catalogue, hold: one group a response.
 
-    `further` is what both readers take: model, priors, band, regroup, ignore_sys_err.
+    `further` is what both readers take: model, priors, band, regroup.
 
     Raises
     ------

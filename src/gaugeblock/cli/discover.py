@@ -65,10 +65,6 @@ def discover(
             help="Group channels by the resolution: ungrouped (where there are none), never, always."
         ),
     ] = "ungrouped",
-    ignore_sys_err: Annotated[
-        bool,
-        typer.Option("--ignore-sys-err", help="Read spectra with SYS_ERR above 0 without; else refused."),
-    ] = False,
     effect: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Search for this effect only; repeatable.")
     ] = None,
@@ -122,7 +118,6 @@ def discover(
             background=background or (),
             redshift=redshift,
             regroup=regroup,
-            ignore_sys_err=ignore_sys_err,
             effects=own or (),
             only=effect or (),
             energy=energy,
