@@ -9,7 +9,7 @@ from gaugeblock.discovery.confirm.amplitude import estimates
 from gaugeblock.discovery.confirm.energies import profiled_energies
 from gaugeblock.discovery.fitting import fit
 from gaugeblock.discovery.library import Candidates
-from gaugeblock.simulators import LogUniform, Prior, Uniform
+from gaugeblock.simulators import LogUniform, Normal, Prior, Uniform
 from gaugeblock.simulators.library import LibraryEffect
 
 THETA = np.array([20_000.0, 1.5])
@@ -140,3 +140,25 @@ def test_a_width_has_an_upper_end_by_the_likelihood_and_its_priors_end_below():
     assert (found.low, found.value) == pytest.approx((1e-3, 1e-3), rel=1e-3)
     # Four channels of a thousand: where 8000 (x - log(1 + x)) has risen by 2.706.
     assert found.high == pytest.approx(0.1 + np.sqrt(LIMIT / 4000.0), rel=0.03)
+
+
+class Shifted(Stepped):
+    """A line whose recorded energy another parameter moves too, by a tenth of a keV as it is known."""
+
+    def __init__(self):
+        super().__init__(1)
+        self.prior = Prior({"shift": Normal(0.0, 0.1)}) * self.prior
+
+    def expected(self, theta):
+        values = np.asarray(theta, dtype=float)
+        bell = np.exp(-0.5 * ((CENTRES - values[..., 2:3] - values[..., :1]) / 0.09) ** 2)
+        return values[..., 1:2] + values[..., 3:4] * bell / bell.sum(axis=-1, keepdims=True)
+
+
+def test_an_energy_is_as_uncertain_as_what_moves_with_it():
+    """Much wider than with everything else held, which is where the scan begins."""
+    simulator, true = Shifted(), np.array([[0.0, 10.0, 5.0, 4000.0]])
+    counts = simulator.expected(true)
+    fitted = fit(simulator, counts, start=true)
+    found = profiled_energies(simulator, [LINE], counts[0], 1.0, fitted)[2]
+    assert (5.0 - found.low, found.high - 5.0) == pytest.approx((0.1645, 0.1645), rel=0.02)
