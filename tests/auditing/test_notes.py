@@ -8,6 +8,7 @@ pytest.importorskip("astropy")
 from astropy.io import fits
 
 from gaugeblock.auditing.discovering import discover
+from gaugeblock.core.errors import InputError
 from gaugeblock.simulators.protocol import HasNotes
 from gaugeblock.simulators.xray import read_observation
 from gaugeblock.simulators.xray.data import EXAMPLE, path
@@ -96,6 +97,11 @@ def test_a_search_tells_them_in_its_record_and_in_the_terminal(files, tmp_path):
     ran = CliRunner().invoke(app, [str(one) for one in ("discover", files["pha"], *told, *few)])
     assert ran.exit_code == 0, ran.output
     assert f"note: {note}" in " ".join(ran.output.split())
+    few[3] = 198
+    ran = CliRunner().invoke(app, [str(one) for one in ("discover", files["pha"], *told, *few)])
+    # Of which the entry point makes one line and exit code 2.
+    assert isinstance(ran.exception, InputError)
+    assert "needs at least 399 replicates, got 198" in str(ran.exception)
     found = discover(
         files["pha"], rmf=files["rmf"], arf=files["arf"], background=["none"], model="powerlaw",
         only=["emission_line"], replicates=399, progress=False,
