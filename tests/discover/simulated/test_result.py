@@ -28,7 +28,7 @@ def all_three(power_law, ruler, readings, told):
     theta = np.stack([1e4 * np.exp(rng.uniform(-1, 1, 40)), rng.uniform(0.5, 2.5, 40)], axis=1)
     dipped = plain.with_effect(Effect("dip", {"energy": 1.7, "depth": -0.12}))
     alone = dipped.simulate(np.array([[20_000.0, 1.5]]), np.random.default_rng(11))
-    one = discover_source(Sources.of(plain, alone), replicates=199, step=told["counts"].append)
+    one = discover_source(Sources.of(plain, alone), replicates=399, step=told["counts"].append)
     forty = [Sources.of(plain, dipped.simulate(theta, rng))]
     many = discover_catalogue(forty, replicates=199, step=told["catalogue"].append)
     x = readings(200, 11, spike={"height": 0.5, "mark": 2.0})
