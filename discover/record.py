@@ -11,7 +11,7 @@ import xarray as xr
 from gaugeblock.core.errors import InputError, MissingExtraError
 from gaugeblock.discovery.arrays import held_out_arrays, likeness_arrays, scan_arrays
 from gaugeblock.discovery.confirm.evidence import delta_log_evidence
-from gaugeblock.discovery.confirm.excess import EXCESS, Excess
+from gaugeblock.discovery.confirm.excess import EXCESS, LEVEL, Excess
 from gaugeblock.discovery.confirm.floated import has_gain
 from gaugeblock.discovery.confirm.split_ratio import split_likelihood_ratio
 from gaugeblock.discovery.counts import Counts
@@ -177,7 +177,7 @@ def _nameless(statements: Sequence[Statement]) -> tuple[Amplitude, ...]:
     """The sizes of what has no name, beside the amplitudes of what has one."""
     sizes = [one.parameters[EXCESS] for one in statements if EXCESS in one.parameters]
     return tuple(
-        Amplitude(UNNAMED, EXCESS, one.value, (one.low, one.high), 0.9, "counts", 0.0, held_out=True)
+        Amplitude(UNNAMED, EXCESS, one.value, (one.low, one.high), LEVEL, "counts", 0.0, held_out=True)
         for one in sizes
         if one.low is not None and one.high is not None
     )

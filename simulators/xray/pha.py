@@ -53,8 +53,7 @@ def load_pha(role: str, name: FilePath) -> Pha:
         In one line that names the file, as `read_pha`.
     """
     number = re.search(r"\{(\d+)\}$", str(name))
-    read = partial(read_pha, number=int(number[1]) if number else None)
-    return load(role, pha_file(name), read)
+    return load(role, pha_file(name), partial(read_pha, number=int(number[1]) if number else None))
 
 
 def read_pha(path: Path, *, number: int | None = None) -> Pha:

@@ -104,7 +104,7 @@ def coverage(shape: str) -> Edge:
     """Posteriors so much too narrow that the worst of all central intervals is on its edge."""
     policy = alone("coverage", "coverage.central")
     width = log_width(shape, LEVELS, policy.tolerance.coverage, draws=100)
-    return _narrow(Case(policy, shape, log_width=width), "coverage")
+    return moved(Case(policy, shape, log_width=width), "coverage")
 
 
 def tails(shape: str) -> Edge:
@@ -114,10 +114,11 @@ def tails(shape: str) -> Edge:
     policy = make_policy(levels, source="study", base=alone("tails", "tails.coverage"))
     width = log_width(shape, TAILS, policy.tolerance.tails, draws=TAILS_DRAWS)
     case = Case(policy, shape, log_width=width, draws=TAILS_DRAWS, trials=TAILS_TRIALS)
-    return _narrow(case, "tails")
+    return moved(case, "tails")
 
 
-def _narrow(case: Case, select: str) -> Edge:
+def moved(case: Case, select: str = "") -> Edge:
+    """Truths of a case of `shortcut`, and what looks at them where that is not a whole audit."""
     return Edge(case.policy, select, lambda rng: make_trials(*faulty(case, rng)))
 
 
@@ -244,19 +245,23 @@ def part() -> Part:
     )
 
 
+def _moved(built: shortcut.Built) -> Edge:
+    return moved(built())
+
+
 def whole_part() -> Part:
     """The part of the study that audits all that lies on an edge by its trials alone.
 
     But for models, whose audits have no other gate.
     """
-    made = {name: shortcut.whole(built) for name, built in shortcut.cases().items() if name not in NO_TRIALS}
-    for name, edge in cases().items():
-        if not name.startswith("models"):
-            made[name] = replicate(edge, whole=True)
+    every = {
+        name: partial(_moved, built) for name, built in shortcut.cases().items() if name not in NO_TRIALS
+    }
+    every |= {name: edge for name, edge in cases().items() if not name.startswith("models")}
     return Part(
         name="edges",
         says=f"whole audits with one gate on its edge, {SIZES.format('')}",
-        cases=made,
+        cases={name: replicate(edge, whole=True) for name, edge in every.items()},
         replicates=100,
         settings={"edges": shortcut.EDGES, "shapes": shortcut.EDGED, "policy": DEFAULT.model_dump()},
         summarise=indicators,

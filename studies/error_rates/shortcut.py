@@ -15,15 +15,14 @@ import numpy as np
 from scipy import optimize, stats
 
 from gaugeblock.core.arrays import Array
-from gaugeblock.validate import Finding, Policy, judge, make_policy, make_trials
+from gaugeblock.validate import Finding, Policy, judge, make_policy
 from gaugeblock.validate.joint.importance import importance_findings
 from gaugeblock.validate.marginal.coverage import central_finding
 from gaugeblock.validate.marginal.half_widths import UNIT, bias_finding, half_width_scores, log_width_finding
 from gaugeblock.validate.marginal.tails import outlier_finding, outlier_shares
 from gaugeblock.validate.ranks import randomised_pit
-from studies.error_rates.audits import audited, quick_bootstrap
+from studies.error_rates.audits import quick_bootstrap
 from studies.error_rates.boundary import kink
-from studies.error_rates.gate import outcome
 from studies.error_rates.policies import alone
 from studies.error_rates.replicates import Part, Replicate, Values
 from studies.error_rates.shapes import SHAPES
@@ -175,16 +174,6 @@ def replicate(built: Built) -> Replicate:
         with quick_bootstrap():
             said = judge(found, [], case.policy, seed=seed).outcome
         return verdicts(said)
-
-    return verdict
-
-
-def whole(built: Built) -> Replicate:
-    """Verdicts of whole audits of the same truths and draws, with the gates to blame."""
-
-    def verdict(seed: int) -> Values:
-        case = built()
-        return outcome(audited(make_trials(*faulty(case, np.random.default_rng(seed))), case.policy, seed))
 
     return verdict
 

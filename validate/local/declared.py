@@ -14,7 +14,6 @@ from scipy import special
 
 from gaugeblock.core.arrays import Array
 from gaugeblock.validate.check import circular_parameters
-from gaugeblock.validate.features import COMPONENT
 from gaugeblock.validate.learned.discriminant import normal_scores
 from gaugeblock.validate.learned.informed.challenger import SPLIT_CHANNELS
 from gaugeblock.validate.learned.informed.data import (
@@ -77,7 +76,7 @@ def declared_features(prepared: Prepared, taught: Rows) -> Declared:
                 left_out.append(f"{name}: NaN or infinite values; no regions of it")
                 continue
             parts.append(column[:, None])
-            names.append(_named(name, column, seen))
+            names.append(_named(prepared, name, column, seen))
         parts.append(seen.values)
         names += seen.names
     if "x" in prepared.main:
@@ -111,11 +110,11 @@ def _channels(prepared: Prepared, taught: Rows) -> Declared:
 
 def in_terms_of_x(prepared: Prepared, name: str, column: Array, taught: Rows) -> str:
     """The name of a feature `column` ``(trial,)``; a principal component names its main channel."""
-    return _named(name, column, _channels(prepared, taught))
+    return _named(prepared, name, column, _channels(prepared, taught))
 
 
-def _named(name: str, column: Array, seen: Declared) -> str:
-    return mostly(name, column, seen.names, seen.values) if name.startswith(COMPONENT) else name
+def _named(prepared: Prepared, name: str, column: Array, seen: Declared) -> str:
+    return mostly(name, column, seen.names, seen.values) if name in prepared.fitted_features else name
 
 
 def _expected(prepared: Prepared, taught: Rows) -> tuple[Array, list[str]]:

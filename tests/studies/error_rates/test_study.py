@@ -17,6 +17,7 @@ from studies.error_rates import (
     anytime,
     audits,
     curves,
+    edges,
     gate,
     intervals,
     policies,
@@ -286,7 +287,8 @@ def test_whole_audits_judge_the_one_gate_on_its_edge(name):
     assert {"local.coverage", "coverage.central"} <= set(known)
     failed = {name for name, gate in known.items() if gate.outcome is Outcome.FAIL}
     assert failed <= set(case.policy.required)
-    assert shortcut.whole(lambda: case)(2)["FAIL"] == (said.verdict.outcome is Outcome.FAIL)
+    whole = edges.replicate(lambda: edges.moved(case), whole=True)
+    assert whole(2)["FAIL"] == (said.verdict.outcome is Outcome.FAIL)
 
 
 def test_of_an_exact_posterior_every_component_is_zero_however_many_an_audit_learns(monkeypatch):
