@@ -35,6 +35,7 @@ from gaugeblock.discovery.name.unnamed import Correction, correction, curves
 from gaugeblock.discovery.result import Amplitude, DataSaid, Estimate, FitState, Identification, Region
 from gaugeblock.discovery.sources import Sources
 from gaugeblock.simulators.library import Known, LibraryEffect
+from gaugeblock.simulators.protocol import HasWStatistic
 
 SAME = 1.0
 """Nats within which the same effects in another order are the same fit, and the order tried first stands."""
@@ -361,7 +362,13 @@ class Counts(Engine):
         found = estimates(simulator.prior, fitted)
         if model is not None:
             found |= {simulator.prior.names[i]: one for i, one in self._profiled(model).items()}
-        return FitState(found, float(deviance(counts, fitted.expected[0]) * len(counts)), len(counts))
+        cash = float(deviance(counts, fitted.expected[0]) * len(counts))
+        parts = self.sources.segments
+        if not isinstance(simulator, HasWStatistic) or all(part.role == "source" for part in parts):
+            return FitState(found, cash, len(counts))
+        w = simulator.w_statistic(fitted.theta, self.sources.counts, float(self.sources.scale[0]))
+        bins = sum(part.stop - part.start for part in parts if part.role == "source")
+        return FitState(found, cash, len(counts), float(w[0]), bins)
 
     def regions_of(self, seen: Look) -> tuple[Region, ...]:
         """The windows that stand out in a look."""

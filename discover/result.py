@@ -249,11 +249,15 @@ class DataSaid:
 class FitState:
     """A fit: `parameters` by name with 90% intervals (of many sources or data sets their median, 16 and 84%);
     `statistic` the deviance over all `bins`, which is Cash's where counts are Poisson; None where not taken.
+    `w_statistic` is XSPEC's W over the `w_bins` of the source there, where a background was measured: for
+    comparison, nothing is decided by it.
     """
 
     parameters: Mapping[str, Estimate]
     statistic: float | None = None
     bins: int | None = None
+    w_statistic: float | None = None
+    w_bins: int | None = None
 
 
 @dataclass(frozen=True)

@@ -130,6 +130,14 @@ class HasGaps(Protocol):
 
 
 @runtime_checkable
+class HasWStatistic(Protocol):
+    """Knows XSPEC's statistic of counts beside a background, which is printed for comparison."""
+
+    def w_statistic(self, theta: ArrayLike, x: ArrayLike, scale: float = 1.0) -> NDArray[np.float64]:
+        """W of data ``(..., channel)`` seen for `scale` times the exposure, ``(...)``."""
+
+
+@runtime_checkable
 class HasNotes(Protocol):
     """Knows what was repaired or left out when its files were read."""
 
@@ -173,7 +181,7 @@ class Described(Protocol):
 CAPABILITIES: tuple[type, ...] = (
     *(Simulator, HasExpected, HasJacobian, HasNoise, HasExposures, Holdable),
     *(HasLikelihood, LikelihoodSimulator, HasTraceableLikelihood, Extensible, HasEffectLibrary, HasGaps),
-    *(Segmented, HasNotes, HasExactPosterior, HasExactDensity, HasExactEvidence, Described),
+    *(Segmented, HasWStatistic, HasNotes, HasExactPosterior, HasExactDensity, HasExactEvidence, Described),
 )
 
 

@@ -24,6 +24,7 @@ NAMES = {
     "measured": "measured",
     "planted": "planted",
     "nulls": "nulls",
+    "w-bias": "w_bias",
     "shipped": "shipped",
     "informed": "informed.__main__",
     "check": "check.__main__",

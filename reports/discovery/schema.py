@@ -31,9 +31,11 @@ The summary (discovery.json)
         "statements": [{"effect", "indistinguishable", "certain", "probability", "evidence", "identification",
                         "parameters": {name: {"value", "low", "high", "at_limit"}}, "energy_lo_kev",
                         "energy_hi_kev", "text", "within_gain"}]   what is claimed, in order
-        "fit": {"before": {"parameters": {name: {"value", "low", "high", "at_limit"}}, "statistic", "bins"},
+        "fit": {"before": {"parameters": {name: {"value", "low", "high", "at_limit"}}, "statistic", "bins",
+                           "w_statistic", "w_bins"},
                 "after"}
-                                                    of many sources their median, 16 and 84%
+                                                    of many sources their median, 16 and 84%; W over the
+                                                    source's bins where it has a measured background
         "e_value": {"log", "p", "log_own", "paths"} split likelihood ratio, natural log: log_own of the named
                                                     effects, log with the choice among all paid for
         "disagreement": {..., "p_effects", "p_windows", "p_quantiles", "p_moments", "p_left", "replicates",

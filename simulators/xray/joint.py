@@ -15,6 +15,7 @@ from gaugeblock.simulators.effects import Effect, labelled
 from gaugeblock.simulators.library import LibraryEffect
 from gaugeblock.simulators.poisson import PoissonCounts
 from gaugeblock.simulators.prior import Prior
+from gaugeblock.simulators.protocol import HasWStatistic, poisson_log_likelihood
 from gaugeblock.simulators.segments import Segment, Segmented
 from gaugeblock.simulators.xray.effects.instrument import INSTRUMENT
 from gaugeblock.simulators.xray.joint_library import OnInstrument, joint_library
@@ -92,6 +93,22 @@ class JointSpectra(PoissonCounts):
         """Expected counts ``(..., channel)``, float64, at least 1e-6 each."""
         own = self._own(theta)
         return np.concatenate([part.simulator.expected(own[part.name]) for part in self.parts], axis=-1)
+
+    def w_statistic(self, theta: ArrayLike, x: ArrayLike, scale: float = 1.0) -> Array:
+        """W of every instrument with a background and Cash's C of the others, as XSPEC adds them, ``(...)``.
+
+        `scale` is the exposure of the data in units of the simulator's.
+        """
+        own, data = self._own(theta), np.asarray(x, dtype=float)
+        found = []
+        for part, place in zip(self.parts, self._slices, strict=True):
+            mine, simulator = data[..., place], part.simulator
+            if isinstance(simulator, HasWStatistic):
+                found.append(simulator.w_statistic(own[part.name], mine, scale))
+                continue
+            reached = poisson_log_likelihood(scale * simulator.expected(own[part.name]), mine)
+            found.append(2.0 * (poisson_log_likelihood(mine, mine) - reached))
+        return np.asarray(np.sum(found, axis=0))
 
     def jacobian(self, theta: ArrayLike) -> Array:
         """Derivative of the expected counts by the parameters, ``(..., channel, parameter)``."""

@@ -35,7 +35,7 @@ def w_statistic(source: ArrayLike, background: ArrayLike, expected: ArrayLike, s
     -2 log of the profile likelihood over that of the saturated model: XSPEC's W. As every channel spends a
     parameter on its own background, it is *biased where channels hold few background counts*: counts that
     exceed a faint model in a channel without any background count are put down to background, so that the
-    fitted flux comes out low (a quarter of the true one at 0.3 counts of each a channel). It is no
+    fitted flux comes out low (docs/xray.md has by how much). It is no
     likelihood: use it neither for evidence nor for posterior draws; `with_background` is for those.
 
     Parameters

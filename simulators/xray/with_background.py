@@ -20,6 +20,7 @@ from gaugeblock.simulators.segments import Segment
 from gaugeblock.simulators.xray.forward import FLOOR
 from gaugeblock.simulators.xray.measured_background import MeasuredBackground
 from gaugeblock.simulators.xray.siblings import Siblings
+from gaugeblock.simulators.xray.w_statistic import w_statistic
 
 UNLIKE = 0.2
 """Share of the measured background by which that under the source may be larger: regions differ."""
@@ -89,6 +90,16 @@ class WithBackground(PoissonCounts):
         behind = self.exposure * self.background.shape.rate(array[..., self._background_columns])
         alone = np.maximum(behind / self.background.scale, FLOOR)
         return np.concatenate([source + behind, alone], axis=-1)
+
+    def w_statistic(self, theta: ArrayLike, x: ArrayLike, scale: float = 1.0) -> Array:
+        """XSPEC's W of data ``(..., 2 channel)``, ``(...)``: the fitted background is not asked.
+
+        `scale` is the exposure of the data in units of the simulator's.
+        """
+        array, data = self.prior.array(np.asarray(theta, dtype=float)), np.asarray(x, dtype=float)
+        channels, mean = len(self.background.scale), self.source.expected(array[..., self._source_columns])
+        found, other = data[..., :channels], data[..., channels:]
+        return w_statistic(found, other, scale * mean, self.background.scale)
 
     def jacobian(self, theta: ArrayLike) -> Array:
         """Derivative of the expected counts by the parameters, ``(..., 2 channel, parameter)``."""

@@ -95,6 +95,36 @@ def test_what_is_stored_follows_from_counts_and_fits(library):
     assert 2.8 < said["energy_lo_kev"] < 3.3 < said["energy_hi_kev"] < 3.8
 
 
+def test_w_stands_beside_the_statistic_where_a_background_was_measured(power_law):
+    class Beside(power_law):
+        role = "background"
+
+        def with_effect(self, effect):
+            more = super().with_effect(effect)
+            return Beside(more.effects, more.prior)
+
+        def segments(self):
+            (source,) = super().segments()
+            return (replace(source, stop=40, edges=source.edges[:40]),
+                    replace(source, start=40, edges=source.edges[40:], role=self.role))  # fmt: skip
+
+        def w_statistic(self, theta, x, scale=1.0):
+            return scale * (np.asarray(theta)[:, 1] + np.asarray(x).sum(axis=1))
+
+    simulator = Beside()
+    counts = np.round(simulator.expected(THETA[None]))
+    library = Candidates.of(simulator, THETA[None], only=("edge",))
+    sources = Sources.of(simulator, counts, scale=0.5)
+    engine = Counts(sources, rng=np.random.default_rng(1), replicates=399, proposed=library)
+    said = engine.state(None)
+    assert said.w_statistic == pytest.approx(0.5 * (engine.base.theta[0, 1] + counts.sum()))
+    assert (said.w_bins, said.bins) == (40, 60)
+    (edge,) = engine.fitted(engine.look(), ["edge"], None)
+    assert engine.state(edge).w_statistic == pytest.approx(0.5 * (edge.fit.theta[0, 1] + counts.sum()))
+    simulator.role = "source"
+    assert (engine.state(None).w_statistic, engine.state(None).w_bins) == (None, None)
+
+
 def test_nothing_hidden_is_nothing_named(library):
     # Global p of 0.01 is asked for: of 60 quiet sources 0.6 would be named; 4 or more happen in 0.3%.
     named = [run(library, [], seed).named for seed in range(60)]

@@ -77,6 +77,16 @@ def test_it_is_a_simulator_of_both_regions(both, source, theta):
     assert np.array_equal(first.edges, source.channels)
 
 
+def test_w_is_of_the_source_alone_and_of_both_regions_counts(both, source, theta, pn):
+    x = both.simulate(theta[:3], np.random.default_rng(4))
+    mean = 1.5 * source.expected(theta[:3, :5])
+    wanted = w_statistic(x[:, :102], x[:, 102:], mean, pn.background_scale)
+    np.testing.assert_allclose(both.w_statistic(theta[:3], x, 1.5), wanted, rtol=1e-12)
+    # Whatever the background was fitted with.
+    other = np.concatenate([theta[:3, :5], theta[3:6, 5:]], axis=1)
+    assert np.array_equal(both.w_statistic(other, x, 1.5), both.w_statistic(theta[:3], x, 1.5))
+
+
 def test_expected_is_the_source_plus_the_scaled_background(both, source, theta, pn):
     expected = both.expected(theta)
     behind = expected[:, :102] - source.expected(theta[:, :5])

@@ -22,6 +22,7 @@ from gaugeblock.simulators.xray import (
     joint_spectra,
     on_instrument,
     reference,
+    w_statistic,
     with_background,
 )
 from gaugeblock.simulators.xray.joint_library import joint_library
@@ -95,6 +96,19 @@ def test_it_is_its_parts_side_by_side_and_the_constant_acts_on_the_source(joint,
     assert np.array_equal(expected[:, 102 + number :], alone[:, number:])
     extra = (factor - 1.0) * mos.source.expected(own)
     np.testing.assert_allclose(expected[:, 102 : 102 + number], alone[:, :number] + extra, rtol=1e-9)
+
+
+def test_w_of_instruments_with_and_without_a_background_adds_up(joint, pn, mos, theta):
+    x = joint.simulate(theta[:4], np.random.default_rng(2))
+    own, factor = theta[:4, :5], theta[:4, 5:6]
+    number = mos.data_shape[0] // 2
+    mean, counts = 2.0 * pn.expected(own), x[:, :102].astype(float)
+    ratio = np.where(counts > 0, counts / mean, 1.0)
+    cash = 2.0 * (mean - counts + counts * np.log(ratio)).sum(axis=1)
+    behind = w_statistic(
+        x[:, 102 : 102 + number], x[:, 102 + number :], 2.0 * factor * mos.source.expected(own), 0.5
+    )
+    np.testing.assert_allclose(joint.w_statistic(theta[:4], x, 2.0), cash + behind, rtol=1e-9)
 
 
 @pytest.mark.parametrize("shifted", [False, True])

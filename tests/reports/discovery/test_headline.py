@@ -1,9 +1,10 @@
 import pytest
 
-from gaugeblock.reports.discovery.best_fit import fit_rows
+from gaugeblock.reports.discovery.best_fit import fit_chapter, fit_rows
 from gaugeblock.reports.discovery.headline import headline
 from gaugeblock.reports.discovery.phrases import energy_range, global_p
 from gaugeblock.reports.discovery.size import amplitude_chapter
+from gaugeblock.reports.words import NOTHING
 
 
 def test_each_ending_has_its_kind_and_word(ending):
@@ -121,6 +122,11 @@ def test_the_best_fit_is_told_with_errors_before_and_after(summary):
         ("C / bins", "284.0 / 200", "204.0 / 200"),
     ]
     assert fit_rows({}) == []
+    summary["fit"]["before"] |= {"w_statistic": 131.26, "w_bins": 100}
+    assert fit_rows(summary)[2:] == [("W / bins, for comparison", "131.3 / 100", NOTHING)]
+    assert "W, which XSPEC prints" in fit_chapter(summary).lead
+    del summary["fit"]["before"]["w_statistic"]
+    assert "XSPEC" not in fit_chapter(summary).lead
     shape = {
         f"background_{k}.{part}": {"value": 1.0} for k in (1, 3) for part in ("rate_1", "line_12", "level")
     }
