@@ -30,6 +30,7 @@ from gaugeblock.discovery.result import (
     FitSaid,
     Gap,
     Identification,
+    PriorSaid,
     Sides,
     Statement,
     UnderPrior,
@@ -87,7 +88,7 @@ def recorded(engine: Engine, found: Searched) -> Discovery:
         remarks=tuple(dict.fromkeys([decision.why, *edges, *left])),
         not_checked=(*engine.not_checked(), *_beyond_sight(first)),
         effects={
-            key: EffectSaid(entry.cause, entry.typical, entry.origin, dict(entry.units))
+            key: EffectSaid(entry.cause, entry.typical, entry.origin, dict(entry.units), PriorSaid.of(entry))
             for key, entry in engine.entries.items()
         },
         data=engine.data(),

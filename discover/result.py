@@ -226,6 +226,25 @@ class Withdrawn:
 
 
 @dataclass(frozen=True)
+class PriorSaid:
+    """What is known of an effect beforehand: its `odds`, those of the commonest being 1; `range` of every
+    parameter's prior; `usual` ranges, of parameters or sizes derived from them, beyond which it falls as the
+    cube; `limits` at which a value is stopped.
+    """
+
+    odds: float
+    range: Mapping[str, tuple[float, float]]
+    usual: Mapping[str, tuple[float, float]]
+    limits: Mapping[str, tuple[float, ...]]
+
+    @classmethod
+    def of(cls, entry: LibraryEffect) -> PriorSaid:
+        """Of an effect of the library."""
+        spans = {name: one.support for name, one in entry.parameters.items()}
+        return cls(entry.odds, spans, dict(entry.usual), entry.limits)
+
+
+@dataclass(frozen=True)
 class EffectSaid:
     """What the library says of an effect."""
 
@@ -233,6 +252,7 @@ class EffectSaid:
     typical: str
     origin: str
     units: Mapping[str, str]
+    prior: PriorSaid
 
 
 @dataclass(frozen=True)

@@ -70,7 +70,7 @@ class LibraryEffect(Value):
     scanned : mapping of str to ndarray
         Values at which each of the other parameters is tried first; all combinations are.
     units : mapping of str to str
-        Unit of every parameter; "" where it has none.
+        Unit of every parameter, "" where it has none; of what is `derived` too, where that has one.
     cause : str
         One paragraph: what in nature or in the instrument does this.
     typical : str
@@ -163,12 +163,11 @@ class LibraryEffect(Value):
         At means within a thousandth of the prior's range.
         """
         found = []
-        for name in (self.amplitude, *self.ends):
+        for name, ends in self.limits.items():
             marginal = self.parameters[name]
             low, high = marginal.support
             at = float(np.asarray(marginal.to_unit(np.clip(values[name], low, high))))
-            below = at < AT and name == self.amplitude and low != self.neutral
-            if below or (at > 1.0 - AT and high != self.neutral):
+            if (at < AT and low in ends) or (at > 1.0 - AT and high in ends):
                 found.append(name)
         return tuple(found)
 
@@ -190,6 +189,12 @@ class LibraryEffect(Value):
             below = np.log(low / max(value, TINY)) if low > 0 else 0.0
             total += FALL * max(float(below), float(np.log(max(value, TINY) / high)), 0.0)
         return total
+
+    @property
+    def limits(self) -> dict[str, tuple[float, ...]]:
+        """Hard limits by parameter: the amplitude's ends but neutral, and the upper ones of `ends`."""
+        own = tuple(end for end in self.support if end != self.neutral)
+        return {self.amplitude: own} | {name: (self.parameters[name].support[1],) for name in self.ends}
 
     @property
     def support(self) -> tuple[float, float]:

@@ -21,6 +21,7 @@ from gaugeblock.reports.discovery.headline import headline
 from gaugeblock.reports.discovery.held_out import held_out_chapter
 from gaugeblock.reports.discovery.located import located_chapter
 from gaugeblock.reports.discovery.phrases import finite, pick
+from gaugeblock.reports.discovery.priors import prior_chapter
 from gaugeblock.reports.discovery.size import amplitude_chapter, evidence_chapter, shape_chapter
 from gaugeblock.reports.machine import plain
 from gaugeblock.reports.page import render
@@ -89,6 +90,7 @@ def _chapters(tree: xr.DataTree, summary: Mapping[str, Any]) -> list[Chapter | L
         else None,
         located_chapter(tree, summary),
         candidate_chapter(tree, summary),
+        prior_chapter(summary) if summary.get("statements") else None,
         fit_chapter(summary),
         shape_chapter(tree) if counted and (unnamed or joined) else None,
         held_out_chapter(tree, summary) if added or "held_out" in tree.children else None,

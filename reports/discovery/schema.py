@@ -47,7 +47,8 @@ The summary (discovery.json)
         "remarks": [text]                           said under the headline, why it was decided first
         "not_checked": [{"id", "why"}]
         "data": {"name", "n_sources", "n_channels", "counts"}
-        "effects": {name: {"cause", "typical", "origin", "units"}}
+        "effects": {name: {"cause", "typical", "origin", "units",
+                           "prior": {"odds", "range", "usual", "limits"}}}    the last three by parameter
 """
 
 from __future__ import annotations

@@ -298,7 +298,11 @@ def test_what_a_search_says(calls: Calls, tmp_path: Path, monkeypatch: pytest.Mo
     )
     monkeypatch.setattr(best_fit, "fit_rows", lambda summary, *, backgrounds: rows[backgrounds])
     for named, after in ((["gauss"], ("; after: 1.9", "; after: 3")), ([], ("", ""))):
-        summary = {"named_all": named, "provenance": {"notes": ["grouped", "as it is"]}}
+        priors = {
+            "gain_slope": {"units": {}, "prior": {"odds": 0.5, "usual": {}, "limits": {"slope": [0.9, 1.1]}}}
+        }
+        said = {"statements": [{"indistinguishable": ["gain_slope"]}], "effects": priors} if named else {}
+        summary = said | {"named_all": named, "provenance": {"notes": ["grouped", "as it is"]}}
         calls.answer = SimpleNamespace(to_json=lambda kept=summary: kept)
         assert inside("discover", "a.pha", "--out", "o", cwd=tmp_path).stdout.splitlines() == [
             "1. it is seen",
@@ -306,6 +310,10 @@ def test_what_a_search_says(calls: Calls, tmp_path: Path, monkeypatch: pytest.Mo
             "All in all.",
             f"  index: 1.7{after[0]}",
             f"  kT: 2{after[1]}",
+            *(
+                ["  prior of gain slope: odds 0.5; usually \N{EN DASH}; hard limits: slope 0.9 to 1.1"]
+                * len(named)
+            ),
             "note: grouped",
             "note: as it is",
             "report: o/report.html",

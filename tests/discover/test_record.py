@@ -171,6 +171,10 @@ def test_what_was_found_is_told_with_its_model(searched):
         "source",
         {"energy": "keV"},
     )
+    assert said.to_json()["effects"]["line"]["prior"] == {
+        "odds": 1.0, "range": {"energy": [0.6, 7.5], "counts": list(engine.entries["line"].support)},
+        "usual": {}, "limits": {"counts": [engine.entries["line"].support[1]]},
+    }  # fmt: skip
     assert said.disagreement.p_global == found.first.p_global == pytest.approx(2 / 400)
     assert said.fit.before == engine.state(None)
     assert said.fit.after == engine.state(best)

@@ -35,6 +35,7 @@ def test_an_amplitude_counts_from_neutral_on_either_side():
     assert slope.cost({"slope": 1.06}) == pytest.approx(3.0 * np.log(2.0))
     assert slope.at_limit({"slope": 0.9}) == slope.at_limit({"slope": 1.1}) == ("slope",)
     assert slope.at_limit({"slope": 0.901}) == ()
+    assert slope.limits == {"slope": (0.9, 1.1)}
 
 
 def test_the_wider_side_of_what_is_usual_counts_and_nothing_at_all_is_far_below():
@@ -49,6 +50,8 @@ def test_the_wider_side_of_what_is_usual_counts_and_nothing_at_all_is_far_below(
     assert loss.cost({"loss": 0.0}) == pytest.approx(3.0 * np.log(0.25 / 1e-300))
     assert loss.at_limit({"loss": 0.0}) == ()
     assert loss.at_limit({"loss": -2.0}) == ("loss",)
+    assert loss.limits == {"loss": (-2.0,)}
+    assert effect(ends=("width",)).limits == {"size": (4.0,), "width": (1.0,)}
     assert (loss.two_sided, loss.support) == (False, (-2.0, 0.0))
 
 

@@ -104,7 +104,7 @@ def test_every_effect_is_there(library, simulator):
 def test_an_entry_is_sound(library, extended, placed, simulator, theta, name):
     entry = library[name]
     assert list(entry.parameters) == list(EFFECTS[name].parameters)
-    assert set(entry.units) == set(entry.parameters)
+    assert set(entry.parameters) <= set(entry.units) <= {*entry.parameters, *entry.derived}
     assert set(entry.energies) <= set(entry.parameters)
     assert isinstance(entry.parameters[entry.amplitude], Uniform)
     assert entry.two_sided == (name in {"gain_slope", "gain_offset", "gain_curve", "effective_area"})

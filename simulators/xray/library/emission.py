@@ -55,7 +55,7 @@ def emission(scale: Scale) -> Iterator[LibraryEffect]:
         amplitude="norm",
         step=0.1 * float(np.median(density)),
         scanned={"energy": energies, "sigma": np.array([0.02, 0.15, 0.5])},
-        units={"energy": "keV", "sigma": "keV", "norm": PHOTONS},
+        units={"energy": "keV", "sigma": "keV", "norm": PHOTONS, "equivalent width": "keV"},
         cause="Atoms or ions give off photons of one energy: iron that is lit by a hard continuum "
         "fluoresces at 6.4 keV (6.7 and 6.97 keV where it is ionised), hot thin gas and photoionised gas "
         "shine in lines of oxygen, neon, magnesium, silicon and sulphur. Motion, and gravity near a black "

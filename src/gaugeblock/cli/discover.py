@@ -98,6 +98,7 @@ def discover(
     from gaugeblock.core.executors import opened
     from gaugeblock.reports.discovery.best_fit import fit_rows
     from gaugeblock.reports.discovery.headline import headline
+    from gaugeblock.reports.discovery.priors import prior_rows
 
     if bool(pha) == (catalog is not None):
         raise InputError("discover: name either PHA files of one source, or --catalog with a folder of many")
@@ -136,6 +137,8 @@ def discover(
     say(top.paragraph)
     for name, before, after in fit_rows(summary, backgrounds=False):
         say(f"  {name}: {before}" + (f"; after: {after}" if summary["named_all"] else ""))
+    for name, odds, usual, limits in prior_rows(summary):
+        say(f"  prior of {name}: odds {odds}; usually {usual}; hard limits: {limits}")
     for note in summary["provenance"]["notes"]:
         say(f"note: {note}")
     say(f"report: {out / 'report.html'}")

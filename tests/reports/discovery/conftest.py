@@ -200,7 +200,14 @@ def named_summary() -> dict[str, Any]:
         "e_value": {"log": 30.2, "p": 7.6e-14, "log_own": 32.8, "paths": 13.0},
         "not_checked": [{"id": "pileup", "why": "the file names no frame time"}],
         "effects": {
-            "emission_line": {"cause": "Atoms shine.", "typical": "50 eV", "units": {"energy": "keV"}}
+            "emission_line": {
+                "cause": "Atoms shine.", "typical": "50 eV", "units": {"energy": "keV", "sigma": "keV"},
+                "prior": {
+                    "odds": 1.0, "range": {"energy": [0.5, 8.0]},
+                    "usual": {"equivalent width": [0.0, 0.3], "energy": [2.0, 7.0]},
+                    "limits": {"norm": [0.0125], "sigma": [1.0]},
+                },
+            }
         },
         "data": {"name": "src.pha", "n_sources": 1, "n_channels": 200, "counts": 30000},
         "provenance": {"seed": 7, "sha256": {"src.pha": "ab" * 32}, "not a number": float("nan")},

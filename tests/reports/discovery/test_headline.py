@@ -1,8 +1,10 @@
 import pytest
 
 from gaugeblock.reports.discovery.best_fit import fit_chapter, fit_rows
+from gaugeblock.reports.discovery.chapter import LeftOut
 from gaugeblock.reports.discovery.headline import headline
 from gaugeblock.reports.discovery.phrases import energy_range, global_p
+from gaugeblock.reports.discovery.priors import prior_chapter, prior_rows
 from gaugeblock.reports.discovery.size import amplitude_chapter
 from gaugeblock.reports.words import NOTHING
 
@@ -137,3 +139,18 @@ def test_the_best_fit_is_told_with_errors_before_and_after(summary):
     assert len(fit_rows(summary)) == 2 + len(shape)
     summary["fit"]["before"]["parameters"]["powerlaw_1.alpha"]["at_limit"] = True
     assert fit_rows(summary)[0][1] == "1.7 (1.65 to 1.75), at its prior's end"
+
+
+def test_what_a_name_costs_beforehand_is_told_of_every_name_of_a_statement(summary):
+    rows = [("emission line", "1", "equivalent width up to 0.3, energy 2 to 7 keV",
+             "norm up to 0.0125, sigma up to 1 keV")]  # fmt: skip
+    summary["statements"] = [
+        {"indistinguishable": ["emission_line", "unnamed"]}, {"indistinguishable": ["emission_line", "edge"]}
+    ]  # fmt: skip
+    assert prior_rows(summary) == rows
+    (table,) = prior_chapter(summary).tables
+    assert table.groups[0].cells == tuple(rows)
+    summary["effects"]["edge"] = {"prior": {"odds": 0.2, "usual": {}, "limits": {"depth": [-0.9, 0.9]}}}
+    assert prior_rows(summary)[1] == ("edge", "0.2", NOTHING, "depth −0.9 to 0.9")
+    del summary["statements"][0], summary["effects"]["edge"], summary["effects"]["emission_line"]
+    assert isinstance(prior_chapter(summary), LeftOut)
