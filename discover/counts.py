@@ -96,6 +96,7 @@ class Counts(Engine):
         self.entries = self.candidates.entries
         self.scheme = f"Poisson thinning, {self.thresholds.folds} folds"
         self._energies: dict[Profile, dict[int, Estimate]] = {}
+        self._pulled: dict[Profile | None, tuple[Any, Fit]] = {}
 
     @cached_property
     def _first(self) -> Look:
@@ -214,14 +215,10 @@ class Counts(Engine):
         best: Profile = rounds[-1].best
         simulator, start = best.candidate.simulator, best.fit.theta
         if any(entry.origin == "source" for entry in best.entries):
-            # What catalogues leave free beside whatever they claim of a source.
-            made, begin = floated(
-                simulator, self.entries, best.path, start, channels=self.sources.counts.shape[1]
-            )
-            pulled = fit(made, self.sources.counts, scale=self.sources.scale, start=begin)
+            made, pulled = self._floated(best)
             # A model that is far off drags an instrument along, and a line's energy with it.
             if near(made.prior, pulled.theta[0], simulator.prior.size):
-                simulator, start = made, begin
+                simulator, start = made, pulled.theta
         found = amplitude_places(self.entries, best.path, self.simulator.prior.size)
         places = [Place(*one, simulator) for one in found]
         streams = self._streams["amplitude"].spawn(len(places))
@@ -258,25 +255,42 @@ class Counts(Engine):
         """What the model loses without each effect, the others fitted again.
 
         Of two of a kind each is what it won when it was added: without the first the other takes its place.
+        Of an effect of the source only that counts which an instrument known to a per cent or two cannot do.
         """
         best: Profile = rounds[-1].best
-        if len(best.path) == 1:
-            return (best.merit,)
         alone = {one.path: one for one in (model for made in rounds for model in made.models)}
         found, before = [], 0.0
         for at, key in enumerate(best.path):
-            rest = best.path[:at] + best.path[at + 1 :]
-            if best.path.count(key) > 1 or at == len(best.path) - 1:
-                head = alone.get(best.path[: at + 1])
-                won = (best if head is None else head).merit - before
-            elif rest in alone:
-                won = best.merit - alone[rest].merit
-            else:
-                won = best.merit - self._chain(rest).merit
-            found.append(won)
-            head = alone.get(best.path[: at + 1])
-            before = before if head is None else head.merit
+            head, rest = alone[best.path[: at + 1]], best.path[:at] + best.path[at + 1 :]
+            without = alone.get(rest) or (self._chain(rest) if rest else None)
+            added = best.path.count(key) > 1 or at == len(best.path) - 1
+            won = head.merit - before if added else best.merit - (without.merit if without else 0.0)
+            found.append(won - self._instrument_does(best, at, without))
+            before = head.merit
         return tuple(found)
+
+    def _instrument_does(self, best: Profile, at: int, without: Profile | None) -> float:
+        """Nats of an effect that gain and area, within what is known of them, would explain beside the model
+        without it.
+        """
+        if best.entries[at].origin != "source":
+            return 0.0
+        bare = self.base if without is None else without.fit
+        won = bare.objective[0] - best.fit.objective[0]
+        left = self._floated(without)[1].objective[0] - self._floated(best)[1].objective[0]
+        return max(float(won - left), 0.0)
+
+    def _floated(self, model: Profile | None) -> tuple[Any, Fit]:
+        """A model, None as it was given, beside whose effects what catalogues leave free of an instrument is
+        fitted too.
+        """
+        if model not in self._pulled:
+            path = () if model is None else model.path
+            simulator = self.simulator if model is None else model.candidate.simulator
+            start = (self.base if model is None else model.fit).theta
+            made, begin = floated(simulator, self.entries, path, start, channels=self.sources.counts.shape[1])
+            self._pulled[model] = made, fit(made, self.sources.counts, scale=self.sources.scale, start=begin)
+        return self._pulled[model]
 
     def _chain(self, path: Sequence[str]) -> Profile:
         """The model with some effects, fitted one after the other."""

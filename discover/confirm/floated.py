@@ -61,11 +61,13 @@ def floated(
 
     `path` are the effects that it has, which do not float besides: of several instruments each by itself, its
     effects being called ``<effect>[<instrument>]``. A background that is measured is free
-    already: its region is fitted together with the source's.
+    already: its region is fitted together with the source's. Where channels have no energy nothing is known of
+    an area, and none floats.
     """
     shape = curves(simulator, channels, most=BUMPS)
     for part in segments(simulator, channels):
-        if "effective_area" in path or f"effective_area[{part.name}]" in path:
+        named = "effective_area" in path or f"effective_area[{part.name}]" in path
+        if named or part.unit != "keV":
             shape = shape[:, ~shape[part.start : part.stop].any(axis=0)]
     priors: dict[str, Normal] = {}
     for key, entry in entries.items():

@@ -30,6 +30,14 @@ def test_gain_and_area_float_and_change_nothing_at_neutral(power_law):
     assert floated(simulator, {}, ("effective_area",), THETA, channels=60)[1].shape == (1, 2)
 
 
+def test_no_area_floats_where_channels_have_no_energy(power_law):
+    class Weeks(power_law):
+        def segments(self):
+            return (replace(super().segments()[0], unit="week"),)
+
+    assert floated(Weeks(), {}, ("line",), THETA, channels=60)[1].tolist() == THETA.tolist()
+
+
 def test_a_gain_that_the_library_has_floats_with_a_normal_prior(power_law):
     made, start = floated(power_law(), {"gain_slope": SHIFT}, ("line",), THETA, channels=60)
     assert made.prior.names[2] == "gain_slope_1.slope"
